@@ -1,0 +1,71 @@
+//! Triangle meshes: topology, measures, refinement, generated shapes.
+
+use nalgebra::Point3;
+
+/// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TriangleMesh {
+    /// Vertex positions [m], shape `[vertex_count]`.
+    pub vertices: Vec<Point3<f64>>,
+    /// Vertex indices of each triangle, shape `[triangle_count]`.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Why a list of triangles is no mesh.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MeshError {
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {index}, but there are {count} vertices")]
+    IndexOutOfRange {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The index found.
+        index: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// A triangle names the same vertex twice.
+    #[error("triangle {triangle} names vertex {index} twice")]
+    RepeatedCorner {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The index found twice.
+        index: u32,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("vertex {vertex} has a coordinate that is not finite")]
+    NonFinite {
+        /// Index of the vertex.
+        vertex: usize,
+    },
+}
+
+impl TriangleMesh {
+    /// Checks every index and coordinate.
+    ///
+    /// # Errors
+    /// An index out of range, a triangle with a repeated corner, a coordinate that is not finite.
+    pub fn new(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        let count = vertices.len();
+        if let Some(vertex) = vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
+            return Err(MeshError::NonFinite { vertex });
+        }
+        for (triangle, &[a, b, c]) in triangles.iter().enumerate() {
+            for index in [a, b, c] {
+                if index as usize >= count {
+                    return Err(MeshError::IndexOutOfRange { triangle, index, count });
+                }
+            }
+            if a == b || a == c || b == c {
+                let index = if a == b || a == c { a } else { b };
+                return Err(MeshError::RepeatedCorner { triangle, index });
+            }
+        }
+        Ok(Self { vertices, triangles })
+    }
+
+    /// The corner positions of a triangle [m].
+    pub fn corners(&self, triangle: usize) -> [Point3<f64>; 3] {
+        self.triangles[triangle].map(|i| self.vertices[i as usize])
+    }
+}

@@ -1,0 +1,271 @@
+//! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked.
+
+use std::path::PathBuf;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// A checked scene: SI units, every path resolved, every name found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Name, used for the folder of results.
+    pub name: String,
+    /// Number of frames after the start; frame 0 is the start.
+    pub frames: usize,
+    /// Frames a second [1/s].
+    pub frame_rate: f64,
+    /// Rigid bodies that move as prescribed.
+    pub bones: Vec<Bone>,
+    /// Optional covers of joints that muscles are kept out of.
+    pub capsules: Vec<Capsule>,
+    /// Bodies that deform.
+    pub muscles: Vec<Muscle>,
+    /// What acts. An effect that is `None` allocates nothing and runs nothing.
+    pub effects: Effects,
+    /// How the motion is computed.
+    pub solver: Solver,
+}
+
+/// Where a surface comes from.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Source {
+    /// A mesh file.
+    File {
+        /// Resolved path.
+        path: PathBuf,
+        /// Length of the file's unit [m].
+        scale: f64,
+    },
+    /// A shape made by code, by its name in [`shapes`].
+    Shape(String),
+}
+
+/// A rigid body that moves as prescribed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bone {
+    /// Unique among bones and capsules.
+    pub name: String,
+    /// Its surface.
+    pub surface: Source,
+    /// Its motion; empty for a bone at rest.
+    pub motion: Motion,
+}
+
+/// Key frames of a rigid motion, interpolated as a screw.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Motion {
+    /// Sorted by frame; before the first and after the last the pose is held.
+    pub keys: Vec<Key>,
+}
+
+/// One pose at one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// Frame number, may be fractional.
+    pub frame: f64,
+    /// Pose that maps the bone's file coordinates [m] to the world [m].
+    pub pose: Isometry3<f64>,
+}
+
+/// A sphere swept along a segment that covers a joint, carried by a bone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Capsule {
+    /// Unique among bones and capsules.
+    pub name: String,
+    /// Index of the bone that carries it.
+    pub bone: usize,
+    /// End points in the bone's file coordinates [m].
+    pub segment: [Point3<f64>; 2],
+    /// Radius [m].
+    pub radius: f64,
+}
+
+/// A body that deforms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Muscle {
+    /// Unique among muscles.
+    pub name: String,
+    /// Its surface.
+    pub surface: Source,
+    /// Wanted edge length [m]; `None` keeps the mesh as it is.
+    pub edge_length: Option<f64>,
+    /// Material constants.
+    pub material: Material,
+    /// Where it is held by bones.
+    pub attachments: Vec<Attachment>,
+    /// Polylines that run along its fibres.
+    pub fibres: Option<Source>,
+    /// Constant forces on chosen vertices.
+    pub forces: Vec<Force>,
+    /// Displacement of chosen vertices at the start.
+    pub displacements: Vec<Displacement>,
+}
+
+/// Material constants of a surface muscle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// What the mass comes from.
+    pub mass: Mass,
+    /// In-plane stiffness of the surface [N/m]; zero leaves the effect out.
+    pub stretch: f64,
+    /// Bending stiffness of the surface [N m]; zero leaves the effect out.
+    pub bending: f64,
+    /// Bulk modulus [Pa]; `None` is incompressible.
+    pub bulk: Option<f64>,
+}
+
+/// What the mass of a vertex comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mass {
+    /// Density of the enclosed volume [kg/m^3], shared among vertices by area.
+    Density(f64),
+    /// The same mass for each vertex [kg].
+    PerVertex(f64),
+}
+
+/// Where and to which bone a muscle is held.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attachment {
+    /// Index of the bone.
+    pub bone: usize,
+    /// Which vertices.
+    pub area: Area,
+    /// At most this share of the muscle's vertices, nearest first (0..1).
+    pub limit: f64,
+}
+
+/// Which vertices of a muscle an attachment takes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Area {
+    /// All vertices at most so far from the bone's surface [m].
+    Near(f64),
+    /// All vertices at most `within` [m] from a patch.
+    Patch {
+        /// The patch's file.
+        source: Source,
+        /// One component of the patch, by falling area; `None` takes all.
+        component: Option<usize>,
+        /// Largest distance [m].
+        within: f64,
+    },
+    /// Indices into the muscle's vertices, in the file's order.
+    Vertices(Vec<u32>),
+}
+
+/// A constant force on each of some vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Force {
+    /// Indices into the muscle's vertices.
+    pub vertices: Vec<u32>,
+    /// Force on each [N].
+    pub force: Vector3<f64>,
+}
+
+/// A displacement of each of some vertices at the start.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Displacement {
+    /// Indices into the muscle's vertices.
+    pub vertices: Vec<u32>,
+    /// Displacement [m].
+    pub by: Vector3<f64>,
+}
+
+/// What acts in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Effects {
+    /// Edges resist a change of length (material constant `stretch`).
+    pub stretch: bool,
+    /// Neighbouring triangles resist a change of their angle (material constant `bending`).
+    pub bending: bool,
+    /// The enclosed volume is kept (material constant `bulk`).
+    pub volume: Option<Volume>,
+    /// Stretching along fibres is easier.
+    pub anisotropy: Option<Anisotropy>,
+    /// Muscles are kept out of bones and bones out of muscles.
+    pub contact: Option<ContactEffect>,
+    /// Acceleration [m/s^2].
+    pub gravity: Option<Vector3<f64>>,
+    /// Rate at which velocities decay [1/s].
+    pub damping: Option<f64>,
+}
+
+/// The enclosed volume is kept at `pressure` times its start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Pressure factor, 0.5 to 2.
+    pub pressure: f64,
+}
+
+/// Stiffness of an edge is scaled by `1 - strength |u.v|^power`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anisotropy {
+    /// A in 0..1.
+    pub strength: f64,
+    /// Exponent, at least 1.
+    pub power: f64,
+}
+
+/// Contact with Coulomb friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactEffect {
+    /// Distance kept between muscle and bone [m].
+    pub thickness: f64,
+    /// Coefficient of Coulomb friction.
+    pub friction: f64,
+}
+
+/// How the motion is computed.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Solver {
+    /// Extended position-based dynamics with small steps and material stiffness.
+    Xpbd(Xpbd),
+    /// Classic position-based dynamics with stiffness 0..1, for comparison.
+    Pbd(Pbd),
+}
+
+/// Settings of small-step XPBD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Xpbd {
+    /// Steps a frame.
+    pub substeps: u32,
+    /// Sweeps a step.
+    pub iterations: u32,
+    /// Order of a sweep.
+    pub order: Order,
+    /// Largest relative residual at which a frame counts as converged.
+    pub tolerance: f64,
+}
+
+/// Settings of classic PBD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pbd {
+    /// Steps a frame.
+    pub substeps: u32,
+    /// Sweeps a step.
+    pub iterations: u32,
+    /// Stiffness of edges, 0..1.
+    pub stretch: f64,
+    /// Stiffness of hinges, 0..1.
+    pub bending: f64,
+    /// Stiffness of the volume, 0..1.
+    pub volume: f64,
+    /// Factor on velocities each frame, 0..1.
+    pub velocity_damping: f64,
+    /// Order of a sweep.
+    pub order: Order,
+    /// Largest relative residual at which a frame counts as converged.
+    pub tolerance: f64,
+}
+
+/// Order in which a sweep visits constraints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// As stored.
+    Stored,
+    /// Last to first.
+    Reversed,
+    /// By distance in edges from the loaded or displaced vertices.
+    FromLoadedEnd,
+    /// By colour: no two constraints of a colour share a vertex.
+    #[default]
+    Coloured,
+}
