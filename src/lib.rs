@@ -6,8 +6,20 @@
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
-pub mod io;
+// In the order in which they may import each other, not by letter.
+#[rustfmt::skip]
 pub mod mesh;
-pub mod render;
-pub mod report;
+#[rustfmt::skip]
+pub mod io;
+#[rustfmt::skip]
+pub mod particles;
+#[rustfmt::skip]
+pub mod constraints;
+#[rustfmt::skip]
 pub mod scene;
+#[rustfmt::skip]
+pub mod render;
+#[rustfmt::skip]
+pub mod report;
+#[cfg(any(test, feature = "testing"))]
+pub mod testing;

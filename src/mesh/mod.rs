@@ -1,6 +1,15 @@
 //! Triangle meshes: topology, measures, refinement, generated shapes.
 
+pub mod measures;
+pub mod order;
+pub mod shapes;
+pub mod sum;
+pub mod topology;
+
 use nalgebra::Point3;
+
+pub use measures::Aabb;
+pub use topology::Topology;
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -1,0 +1,268 @@
+//! Many constraints of one kind, in sweep order, and the one projection that all kinds share.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::Constraint;
+use super::order::{Order, Schedule, schedule};
+use crate::particles::Particles;
+
+/// Fewer constraints of a colour than this are projected by one thread: below it the hand-over costs more than it gains.
+const PARALLEL: usize = 2048;
+
+/// How far constraints are from being satisfied, as distances in space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Residual {
+    /// Root of the mean square of |C + alpha lambda| / |grad C| [m].
+    pub rms: f64,
+    /// Largest of them [m].
+    pub max: f64,
+    /// Number of constraints.
+    pub count: usize,
+}
+
+/// A set of constraints that a solver can sweep over: one dynamic call a sweep.
+pub trait Project: Send + Sync {
+    /// The effect's name.
+    fn name(&self) -> &'static str;
+    /// Number of constraints.
+    fn len(&self) -> usize;
+    /// Whether there is none.
+    fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+    /// Heap memory held [bytes].
+    fn bytes(&self) -> usize;
+    /// Forgets the multipliers: a new step begins.
+    fn begin_step(&mut self);
+    /// One sweep with time step `dt` [s].
+    fn project(&mut self, particles: &mut Particles, dt: f64);
+    /// Distance from satisfaction after the last sweep.
+    fn residual(&self, particles: &Particles, dt: f64) -> Residual;
+    /// Sweeps done so far.
+    fn calls(&self) -> u64;
+    /// Projections left out so far because the gradient was undefined.
+    fn skipped(&self) -> u64;
+}
+
+/// Constraints of one kind in the order in which they are swept.
+///
+/// With compliance `alpha` [unit of C squared per J] a projection is the XPBD update \[macklin2016\]
+/// `dlambda = (-C - alpha/dt^2 lambda) / (sum w |g|^2 + alpha/dt^2)`, `dx_i = w_i dlambda g_i`; with zero compliance
+/// and a relaxation k in 0..1 it is the classic one \[mueller2007\] with stiffness k on the displacement (erratum A05).
+#[derive(Clone, Debug)]
+pub struct Batch<C, const K: usize> {
+    constraints: Vec<C>,
+    compliance: Vec<f64>,
+    relaxation: Vec<f64>,
+    multipliers: Vec<f64>,
+    schedule: Schedule,
+    corrections: Vec<Option<(f64, [Vector3<f64>; K])>>,
+    calls: u64,
+    skipped: u64,
+}
+
+/// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
+#[inline]
+fn correction<C: Constraint<K>, const K: usize>(
+    constraint: &C,
+    position: &[Point3<f64>],
+    inverse_mass: &[f64],
+    (compliance, relaxation, multiplier): (f64, f64, f64),
+) -> Option<(f64, [Vector3<f64>; K])> {
+    let points = constraint.points();
+    let (c, mut g) = constraint.value_and_gradient(&points.map(|p| position[p as usize]))?;
+    let w = points.map(|p| inverse_mass[p as usize]);
+    let mut weight = 0.0;
+    for k in 0..K {
+        weight += w[k] * g[k].norm_squared();
+    }
+    // All points held, or a gradient of zero: nothing that moves could change C.
+    if weight <= 0.0 {
+        return None;
+    }
+    let change = relaxation * (-c - compliance * multiplier) / (weight + compliance);
+    for k in 0..K {
+        g[k] *= w[k] * change;
+    }
+    Some((change, g))
+}
+
+impl<C: Constraint<K>, const K: usize> Batch<C, K> {
+    /// Constraints with a compliance each, to be swept in `order` over `count` particles.
+    ///
+    /// # Panics
+    /// If the number of compliances differs from that of constraints.
+    pub fn new(constraints: Vec<C>, compliance: Vec<f64>, order: Order, count: usize, loaded: &[u32]) -> Self {
+        assert_eq!(constraints.len(), compliance.len(), "one compliance for each constraint");
+        let points: Vec<[u32; K]> = constraints.iter().map(Constraint::points).collect();
+        let schedule = schedule(order, &points, count, loaded);
+        let sorted = |i: &u32| *i as usize;
+        Self {
+            constraints: schedule.sequence.iter().map(|i| constraints[sorted(i)]).collect(),
+            compliance: schedule.sequence.iter().map(|i| compliance[sorted(i)]).collect(),
+            relaxation: vec![1.0; constraints.len()],
+            multipliers: vec![0.0; constraints.len()],
+            corrections: Vec::new(),
+            schedule,
+            calls: 0,
+            skipped: 0,
+        }
+    }
+
+    /// Classic stiffness: scales the displacement of each constraint by its factor in 0..1.
+    ///
+    /// # Panics
+    /// If the number of factors differs from that of constraints.
+    #[must_use]
+    pub fn with_relaxation(mut self, factor: &[f64]) -> Self {
+        assert_eq!(factor.len(), self.constraints.len(), "one factor for each constraint");
+        self.relaxation = self.schedule.sequence.iter().map(|&i| factor[i as usize]).collect();
+        self
+    }
+
+    /// The constraints in sweep order.
+    pub fn constraints(&self) -> &[C] {
+        &self.constraints
+    }
+
+    /// The constraints in sweep order, to be changed between steps; their points must stay the same.
+    pub fn constraints_mut(&mut self) -> &mut [C] {
+        &mut self.constraints
+    }
+
+    /// Multipliers in sweep order.
+    pub fn multipliers(&self) -> &[f64] {
+        &self.multipliers
+    }
+
+    /// The order and its colours.
+    pub fn schedule(&self) -> &Schedule {
+        &self.schedule
+    }
+
+    fn project_serial(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
+        let mut skipped = 0;
+        let n = range.len();
+        let constraints = &self.constraints[range.clone()];
+        let compliance = &self.compliance[range.clone()];
+        let relaxation = &self.relaxation[range.clone()];
+        let multipliers = &mut self.multipliers[range];
+        for j in 0..n {
+            let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
+            match correction(&constraints[j], &particles.position, &particles.inverse_mass, numbers) {
+                Some((change, move_by)) => {
+                    multipliers[j] += change;
+                    for (p, by) in constraints[j].points().into_iter().zip(move_by) {
+                        particles.position[p as usize] += by;
+                    }
+                }
+                None => skipped += 1,
+            }
+        }
+        self.skipped += skipped;
+    }
+
+    /// Computes all corrections of a colour in parallel, then applies them: no two touch the same particle, so the
+    /// bits are those of the serial sweep.
+    fn project_parallel(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
+        let (position, inverse_mass) = (&particles.position, &particles.inverse_mass);
+        let constraints = &self.constraints[range.clone()];
+        let compliance = &self.compliance[range.clone()];
+        let relaxation = &self.relaxation[range.clone()];
+        let multipliers = &mut self.multipliers[range];
+        (0..constraints.len())
+            .into_par_iter()
+            .with_min_len(PARALLEL / 4)
+            .map(|j| {
+                let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
+                correction(&constraints[j], position, inverse_mass, numbers)
+            })
+            .collect_into_vec(&mut self.corrections);
+        for (j, correction) in self.corrections.iter().enumerate() {
+            match correction {
+                Some((change, move_by)) => {
+                    multipliers[j] += change;
+                    for (p, by) in constraints[j].points().into_iter().zip(move_by) {
+                        particles.position[p as usize] += by;
+                    }
+                }
+                None => self.skipped += 1,
+            }
+        }
+    }
+}
+
+impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
+    fn name(&self) -> &'static str {
+        C::NAME
+    }
+
+    fn len(&self) -> usize {
+        self.constraints.len()
+    }
+
+    fn bytes(&self) -> usize {
+        use std::mem::size_of;
+        self.constraints.capacity() * size_of::<C>()
+            + (self.compliance.capacity() + self.relaxation.capacity() + self.multipliers.capacity()) * 8
+            + self.schedule.sequence.capacity() * 4
+            + self.schedule.colours.capacity() * size_of::<std::ops::Range<usize>>()
+            + self.corrections.capacity() * size_of::<Option<(f64, [Vector3<f64>; K])>>()
+    }
+
+    fn begin_step(&mut self) {
+        self.multipliers.fill(0.0);
+    }
+
+    fn project(&mut self, particles: &mut Particles, dt: f64) {
+        self.calls += 1;
+        // A step of no length moves nothing.
+        if dt == 0.0 {
+            return;
+        }
+        let per_dt2 = 1.0 / (dt * dt);
+        let threads = rayon::current_num_threads();
+        for colour in 0..self.schedule.colours.len() {
+            let range = self.schedule.colours[colour].clone();
+            if self.schedule.independent && threads > 1 && range.len() >= PARALLEL {
+                self.project_parallel(range, particles, per_dt2);
+            } else {
+                self.project_serial(range, particles, per_dt2);
+            }
+        }
+    }
+
+    fn residual(&self, particles: &Particles, dt: f64) -> Residual {
+        let per_dt2 = 1.0 / (dt * dt);
+        let (mut sum, mut max) = (0.0, 0.0_f64);
+        for (j, constraint) in self.constraints.iter().enumerate() {
+            let points = constraint.points();
+            let x = points.map(|p| particles.position[p as usize]);
+            let Some((c, g)) = constraint.value_and_gradient(&x) else { continue };
+            if points.iter().all(|&p| particles.inverse_mass[p as usize] == 0.0) {
+                continue;
+            }
+            let steepness = g.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+            if steepness == 0.0 {
+                continue;
+            }
+            let distance = (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
+            sum += distance * distance;
+            // Not `f64::max`, which would hide a NaN.
+            if !(distance <= max) {
+                max = distance;
+            }
+        }
+        let count = self.constraints.len();
+        Residual { rms: (sum / count.max(1) as f64).sqrt(), max, count }
+    }
+
+    fn calls(&self) -> u64 {
+        self.calls
+    }
+
+    fn skipped(&self) -> u64 {
+        self.skipped
+    }
+}

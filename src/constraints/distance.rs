@@ -1,0 +1,46 @@
+//! Distance of two points: C = |p1 - p2| - d.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Constraint, Parameter, Scalar, safe_norm};
+
+/// Keeps two particles `rest` [m] apart: C = |p1 - p2| - d \[mueller2007\], gradient (u, -u) with
+/// u = (p1 - p2) / |p1 - p2|. Undefined where both points coincide.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Distance {
+    /// The two particles.
+    pub points: [u32; 2],
+    /// Rest length [m].
+    pub rest: f64,
+}
+
+impl Constraint<2> for Distance {
+    const NAME: &'static str = "distance";
+    const DEGREE: i32 = 1;
+    const PARAMETERS: &'static [Parameter] = &[Parameter::Length];
+
+    fn from_parameters(points: [u32; 2], parameters: &[f64]) -> Self {
+        Self { points, rest: parameters[0] }
+    }
+
+    #[inline]
+    fn points(&self) -> [u32; 2] {
+        self.points
+    }
+
+    fn value<S: Scalar>(&self, x: &[Point3<S>; 2]) -> S {
+        let d = x[0] - x[1];
+        d.dot(&d).sqrt() - S::of(self.rest)
+    }
+
+    #[inline]
+    fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
+        let d = x[0] - x[1];
+        let length = safe_norm(&d);
+        if length == 0.0 {
+            return None;
+        }
+        let u = d / length;
+        Some((length - self.rest, [u, -u]))
+    }
+}

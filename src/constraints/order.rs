@@ -1,0 +1,150 @@
+//! Orders in which a sweep visits constraints, and the colouring that lets a sweep run in parallel.
+
+use std::ops::Range;
+
+/// Order in which a sweep visits constraints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// As stored.
+    Stored,
+    /// Last to first.
+    Reversed,
+    /// By distance in constraints from the loaded or displaced particles.
+    FromLoadedEnd,
+    /// By colour: no two constraints of a colour share a particle.
+    #[default]
+    Coloured,
+}
+
+/// Visiting order of constraints, and the ranges of it in which no two constraints share a particle.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Schedule {
+    /// Index of the constraint at each place of the sweep.
+    pub sequence: Vec<u32>,
+    /// Ranges of places; constraints of one range are independent. A range for each constraint where they are not.
+    pub colours: Vec<Range<usize>>,
+    /// Whether the ranges are colours.
+    pub independent: bool,
+}
+
+/// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
+pub fn schedule<const K: usize>(order: Order, points: &[[u32; K]], count: usize, loaded: &[u32]) -> Schedule {
+    let stored = 0..points.len() as u32;
+    match order {
+        Order::Coloured => colour(points, count),
+        Order::Stored => sequential(stored.collect()),
+        Order::Reversed => sequential(stored.rev().collect()),
+        Order::FromLoadedEnd => {
+            let level = levels(points, count, loaded);
+            let mut sequence: Vec<u32> = stored.collect();
+            // Stable: constraints at the same distance stay in stored order.
+            sequence.sort_by_key(|&c| {
+                let of = points[c as usize].map(|p| level[p as usize]);
+                let nearest = of.into_iter().min().unwrap_or(0);
+                (nearest, of.into_iter().map(u64::from).sum::<u64>())
+            });
+            sequential(sequence)
+        }
+    }
+}
+
+fn sequential(sequence: Vec<u32>) -> Schedule {
+    let all = 0..sequence.len();
+    Schedule { sequence, colours: vec![all], independent: false }
+}
+
+/// Number of constraints between each particle and the nearest of `from`; `u32::MAX` where there is no path.
+fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Vec<u32> {
+    let mut at: Vec<Vec<u32>> = vec![Vec::new(); count];
+    for (c, p) in points.iter().enumerate() {
+        p.iter().for_each(|&p| at[p as usize].push(c as u32));
+    }
+    let mut level = vec![u32::MAX; count];
+    let mut queue = std::collections::VecDeque::new();
+    for &p in from {
+        level[p as usize] = 0;
+        queue.push_back(p);
+    }
+    while let Some(p) = queue.pop_front() {
+        for &c in &at[p as usize] {
+            for &q in &points[c as usize] {
+                if level[q as usize] == u32::MAX {
+                    level[q as usize] = level[p as usize] + 1;
+                    queue.push_back(q);
+                }
+            }
+        }
+    }
+    level
+}
+
+/// Greedy colouring by index: each constraint takes the first colour that none of its particles has yet.
+fn colour<const K: usize>(points: &[[u32; K]], count: usize) -> Schedule {
+    const BITS: usize = 64;
+    let mut words = 1;
+    let mut used = vec![0u64; count];
+    let mut colour_of = Vec::with_capacity(points.len());
+    for p in points {
+        let taken = |used: &[u64], w: usize, words: usize| p.iter().fold(0, |t, &p| t | used[p as usize * words + w]);
+        let mut free = None;
+        for w in 0..words {
+            let t = taken(&used, w, words);
+            if t != u64::MAX {
+                free = Some(w * BITS + t.trailing_ones() as usize);
+                break;
+            }
+        }
+        let colour = free.unwrap_or_else(|| {
+            // A hub with more constraints than colours so far: one more word for every particle.
+            used = used.chunks(words).flat_map(|c| c.iter().copied().chain([0])).collect();
+            words += 1;
+            (words - 1) * BITS
+        });
+        p.iter().for_each(|&p| used[p as usize * words + colour / BITS] |= 1 << (colour % BITS));
+        colour_of.push(colour as u32);
+    }
+    let count_colours = colour_of.iter().max().map_or(0, |&c| c as usize + 1);
+    let mut sequence: Vec<u32> = (0..points.len() as u32).collect();
+    // Within a colour by smallest particle: neighbours in memory are visited together.
+    sequence.sort_by_key(|&c| (colour_of[c as usize], points[c as usize].into_iter().min()));
+    let mut colours = Vec::with_capacity(count_colours);
+    let mut start = 0;
+    for k in 0..count_colours as u32 {
+        let end = start + sequence[start..].iter().take_while(|&&c| colour_of[c as usize] == k).count();
+        colours.push(start..end);
+        start = end;
+    }
+    Schedule { sequence, colours, independent: true }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_share_no_particle_and_lose_no_constraint() {
+        // A hub with 200 spokes needs 200 colours: more than one word of them.
+        let spokes: Vec<[u32; 2]> = (1..=200).map(|i| [0, i]).chain((1..200).map(|i| [i, i + 1])).collect();
+        let schedule = schedule(Order::Coloured, &spokes, 201, &[]);
+        let mut seen = schedule.sequence.clone();
+        seen.sort_unstable();
+        assert_eq!(seen, (0..spokes.len() as u32).collect::<Vec<_>>());
+        assert!(schedule.colours.len() >= 200);
+        for range in &schedule.colours {
+            let mut particles: Vec<u32> =
+                schedule.sequence[range.clone()].iter().flat_map(|&c| spokes[c as usize]).collect();
+            let all = particles.len();
+            particles.sort_unstable();
+            particles.dedup();
+            assert_eq!(particles.len(), all);
+        }
+    }
+
+    #[test]
+    fn from_the_loaded_end_is_by_distance() {
+        let chain: Vec<[u32; 2]> = (0..5).map(|i| [i, i + 1]).collect();
+        assert_eq!(schedule(Order::FromLoadedEnd, &chain, 6, &[5]).sequence, [4, 3, 2, 1, 0]);
+        assert_eq!(schedule(Order::FromLoadedEnd, &chain, 6, &[0]).sequence, [0, 1, 2, 3, 4]);
+        assert_eq!(schedule(Order::Reversed, &chain, 6, &[]).sequence, [4, 3, 2, 1, 0]);
+    }
+}

@@ -1,0 +1,63 @@
+//! Shapes made by code, by name: test bodies, the press, the built-in hip. All in metres.
+
+mod primitives;
+
+use nalgebra::Point3;
+
+use super::TriangleMesh;
+
+pub use primitives::{box_surface, icosphere, tetrahedron, tube};
+
+/// A shape made by code.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shape {
+    /// Its surface [m]; no triangles for a chain.
+    pub mesh: TriangleMesh,
+    /// Edges beside those of the triangles, vertex indices of each.
+    pub edges: Vec<[u32; 2]>,
+    /// Polylines along the fibres [m], each from origin to insertion.
+    pub fibres: Vec<Vec<Point3<f64>>>,
+}
+
+/// The names that [`make`] knows.
+pub const NAMES: &[&str] = &["tetrahedron", "chain", "icosphere", "tube", "box"];
+
+/// Makes the shape of that name; `None` for a name not in [`NAMES`].
+pub fn make(name: &str) -> Option<Shape> {
+    let closed = |mesh| Shape { mesh, ..Shape::default() };
+    Some(match name {
+        "tetrahedron" => closed(tetrahedron()),
+        "chain" => primitives::chain(6),
+        "icosphere" => closed(icosphere(1.0, 3)),
+        "tube" => closed(tube(0.25, 2.0, 24)),
+        "box" => closed(box_surface([1.0, 1.0, 1.0], 0.25)),
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Topology;
+
+    #[test]
+    fn every_name_makes_a_sound_shape() {
+        for name in NAMES {
+            let shape = make(name).expect("a listed name");
+            assert_eq!(make(name).as_ref(), Some(&shape), "{name} is not deterministic");
+            TriangleMesh::new(shape.mesh.vertices.clone(), shape.mesh.triangles.clone()).expect("valid indices");
+            if *name == "chain" {
+                continue;
+            }
+            let topology = Topology::new(&shape.mesh);
+            assert!(topology.is_closed() && topology.is_oriented(), "{name}");
+            assert_eq!(topology.euler_characteristic(), 2, "{name}");
+            assert_eq!(topology.components().count, 1, "{name}");
+            assert!(topology.non_manifold_vertices(&shape.mesh).is_empty(), "{name}");
+            assert!(shape.mesh.volume() > 0.0, "{name} is inside out");
+            let used = topology.components().labels.iter().all(|&l| l == 0);
+            assert!(used, "{name} has vertices without triangles");
+        }
+        assert_eq!(make("no such shape"), None);
+    }
+}
