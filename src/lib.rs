@@ -16,6 +16,10 @@ pub mod particles;
 #[rustfmt::skip]
 pub mod constraints;
 #[rustfmt::skip]
+pub mod contact;
+#[rustfmt::skip]
+pub mod solvers;
+#[rustfmt::skip]
 pub mod scene;
 #[rustfmt::skip]
 pub mod render;

@@ -1,0 +1,41 @@
+//! A sphere swept along a segment: the cover of a joint.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Closest, Obstacle};
+use crate::mesh::measures::Aabb;
+
+/// All points at most `radius` [m] from the segment between `ends` [m].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Capsule {
+    /// End points [m].
+    pub ends: [Point3<f64>; 2],
+    /// Radius [m].
+    pub radius: f64,
+}
+
+impl Obstacle for Capsule {
+    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+        let along = self.ends[1] - self.ends[0];
+        let squared = along.norm_squared();
+        let t = if squared > 0.0 { ((point - self.ends[0]).dot(&along) / squared).clamp(0.0, 1.0) } else { 0.0 };
+        let axis = self.ends[0] + along * t;
+        let out = point - axis;
+        let height = out.norm();
+        // On the axis every direction is as good; take one that does not depend on rounding.
+        let normal = if height > 0.0 { out / height } else { Vector3::x() };
+        Some(Closest { distance: height - self.radius, normal, point: axis + normal * self.radius })
+    }
+
+    fn bounding_box(&self) -> Aabb {
+        Aabb::of_points(&self.ends).inflate(self.radius)
+    }
+
+    fn vertices(&self) -> &[Point3<f64>] {
+        &[]
+    }
+
+    fn bytes(&self) -> usize {
+        std::mem::size_of::<Self>()
+    }
+}

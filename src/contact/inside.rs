@@ -1,0 +1,144 @@
+//! Which points lie inside a closed surface, by counting signed crossings with exact predicates.
+//!
+//! Independent of the contact code on purpose: it audits the frames that were written.
+
+use nalgebra::Point3;
+use robust::{Coord, Coord3D, orient2d, orient3d};
+
+use crate::mesh::measures::Aabb;
+
+/// A surface sorted into a grid over y and z, for rays along +x.
+#[derive(Debug)]
+pub struct Inside<'a> {
+    vertices: &'a [Point3<f64>],
+    triangles: &'a [[u32; 3]],
+    bounds: Aabb,
+    cells: usize,
+    start: Vec<u32>,
+    listed: Vec<u32>,
+}
+
+impl<'a> Inside<'a> {
+    /// Sorts the triangles; about as many cells as triangles.
+    pub fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
+        let cells = ((triangles.len() as f64).sqrt() as usize).max(1);
+        let bounds = Aabb::of_points(vertices);
+        let mut this = Self { vertices, triangles, bounds, cells, start: vec![0; cells * cells + 1], listed: Vec::new() };
+        let ranges: Vec<_> = (0..triangles.len()).map(|t| this.cells_of(t)).collect();
+        let visit = |deed: &mut dyn FnMut(usize, usize)| {
+            for (t, &[y0, y1, z0, z1]) in ranges.iter().enumerate() {
+                (y0..=y1).for_each(|y| (z0..=z1).for_each(|z| deed(t, y * cells + z)));
+            }
+        };
+        let mut start = vec![0u32; cells * cells + 1];
+        visit(&mut |_, cell| start[cell + 1] += 1);
+        (0..cells * cells).for_each(|c| start[c + 1] += start[c]);
+        let mut next = start.clone();
+        let mut listed = vec![0u32; start[cells * cells] as usize];
+        visit(&mut |t, cell| {
+            listed[next[cell] as usize] = t as u32;
+            next[cell] += 1;
+        });
+        (this.start, this.listed) = (start, listed);
+        this
+    }
+
+    fn cell(&self, value: f64, axis: usize) -> usize {
+        let (low, extent) = (self.bounds.min[axis], self.bounds.extents()[axis]);
+        let share = if extent > 0.0 { (value - low) / extent } else { 0.0 };
+        // Monotone in `value`, so a point is in a cell that its triangle is listed in; `as` saturates.
+        ((share * self.cells as f64) as usize).min(self.cells - 1)
+    }
+
+    fn cells_of(&self, t: usize) -> [usize; 4] {
+        let c = self.triangles[t].map(|v| self.vertices[v as usize]);
+        let (low, high) = (c[0].inf(&c[1]).inf(&c[2]), c[0].sup(&c[1]).sup(&c[2]));
+        [self.cell(low.y, 1), self.cell(high.y, 1), self.cell(low.z, 2), self.cell(high.z, 2)]
+    }
+
+    /// The winding number of a closed surface about `p`: signed crossings of the ray from `p` along +x. Points on
+    /// shared edges are counted once by a half-open rule; a point on the surface counts as outside or inside.
+    pub fn winding(&self, p: &Point3<f64>) -> i32 {
+        if !self.bounds.contains(p) {
+            return 0;
+        }
+        let cell = self.cell(p.y, 1) * self.cells + self.cell(p.z, 2);
+        let list = &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize];
+        list.iter().map(|&t| self.crossing(p, t as usize)).sum()
+    }
+
+    fn crossing(&self, p: &Point3<f64>, t: usize) -> i32 {
+        let c = self.triangles[t].map(|v| self.vertices[v as usize]);
+        if c.iter().all(|v| v.x < p.x) {
+            return 0;
+        }
+        let turns: i32 = (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum();
+        if turns == 0 {
+            return 0;
+        }
+        // The triangle covers p in projection; ahead of it or behind, exactly. `orient3d` is positive where p lies
+        // below the plane, seen with a, b, c counter-clockwise.
+        let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
+        let below = orient3d(at(&c[0]), at(&c[1]), at(&c[2]), at(p));
+        let ahead = if turns > 0 { below > 0.0 } else { below < 0.0 };
+        if ahead { turns } else { 0 }
+    }
+}
+
+/// Contribution of a directed edge to the turns about p in the y-z plane: +-1 where it crosses the half line z >= p.z,
+/// y = p.y. The edge is always tested from its lower to its higher end, so both of its triangles agree.
+fn half_open(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> i32 {
+    let rises = a.y <= p.y && p.y < b.y;
+    let falls = b.y <= p.y && p.y < a.y;
+    if !(rises || falls) {
+        return 0;
+    }
+    let (low, high) = if rises { (a, b) } else { (b, a) };
+    let at = |v: &Point3<f64>| Coord { x: v.y, y: v.z };
+    // Left of the rising edge, or on it: the half line towards -z is not crossed.
+    let left = orient2d(at(low), at(high), at(p)) >= 0.0;
+    match (left, rises) {
+        (true, _) => 0,
+        (false, true) => -1,
+        (false, false) => 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::winding::winding_number_direct;
+    use crate::mesh::shapes::icosphere;
+    use crate::testing::Draw;
+
+    #[test]
+    fn agrees_with_the_solid_angle() {
+        let mesh = icosphere(1.0, 3);
+        let inside = Inside::new(&mesh.vertices, &mesh.triangles);
+        let mut draw = Draw::new(6);
+        let mut seen = [0, 0];
+        for _ in 0..4000 {
+            let p = Point3::from(draw.direction() * draw.between(0.8, 1.2));
+            let expected = winding_number_direct(&mesh, &p).round() as i32;
+            assert_eq!(inside.winding(&p), expected, "at {p}");
+            seen[expected as usize] += 1;
+        }
+        assert!(seen[0] > 100 && seen[1] > 100);
+    }
+
+    #[test]
+    fn points_in_line_with_vertices_and_edges_are_counted_once() {
+        let mesh = icosphere(1.0, 2);
+        let inside = Inside::new(&mesh.vertices, &mesh.triangles);
+        for v in &mesh.vertices {
+            // The ray along x passes exactly through this vertex.
+            for x in [-1.5, 1.5] {
+                assert_eq!(inside.winding(&Point3::new(x, v.y, v.z)), 0);
+            }
+            let within = Point3::new(0.0, v.y, v.z);
+            if winding_number_direct(&mesh, &within) > 0.99 {
+                assert_eq!(inside.winding(&within), 1);
+            }
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Muscles kept out of bones, and bones out of muscles.
+//!
+//! Every near bone gives a vertex a row of its own; a vertex is looked up again before it can have moved further,
+//! relative to the bone, than its last distance, so that nothing tunnels and far vertices cost nothing.
+
+pub mod capsule;
+pub mod inside;
+mod nearest;
+mod response;
+pub mod surface;
+mod triangles;
+pub mod untangle;
+mod vertices;
+pub mod winding;
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+pub use response::{Contacts, Counts};
+pub use surface::Surface;
+
+use crate::mesh::measures::Aabb;
+
+/// The place of an obstacle's surface that is nearest to a point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Closest {
+    /// Signed distance [m], negative inside.
+    pub distance: f64,
+    /// Unit direction in which the distance grows.
+    pub normal: Vector3<f64>,
+    /// The nearest point of the surface [m].
+    pub point: Point3<f64>,
+}
+
+/// Something rigid that muscles are kept out of, in its own frame.
+pub trait Obstacle: Send + Sync {
+    /// The nearest place of the surface; `None` for an obstacle without surface.
+    fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
+    /// Bounds of the surface [m].
+    fn bounding_box(&self) -> Aabb;
+    /// Vertices that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
+    fn vertices(&self) -> &[Point3<f64>];
+    /// Heap memory held [bytes].
+    fn bytes(&self) -> usize;
+}
+
+/// An obstacle and where it is at the begin and at the end of a step.
+#[derive(Clone)]
+pub struct Placed {
+    /// Name of the bone or capsule.
+    pub name: String,
+    /// The obstacle.
+    pub obstacle: Arc<dyn Obstacle>,
+    /// Pose at the begin of the step.
+    pub before: Isometry3<f64>,
+    /// Pose at the end of the step.
+    pub now: Isometry3<f64>,
+}
+
+impl Placed {
+    /// An upper bound on how far the step carries any point of `bounds` with the obstacle [m].
+    pub fn motion_within(&self, bounds: &Aabb) -> f64 {
+        let step = self.now * self.before.inverse();
+        // Displacement is an affine function of the point, so its length is greatest at a corner.
+        bounds.corners().into_iter().map(|c| (step * c - c).norm()).fold(0.0, f64::max)
+    }
+}

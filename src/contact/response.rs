@@ -1,0 +1,284 @@
+//! One muscle against all of its obstacles: lookups, pushes, friction, pinched vertices.
+
+use nalgebra::{Point3, Vector3};
+
+use super::surface::Surface;
+use super::triangles::{TriangleContacts, plane_row};
+use super::vertices::{Row, VertexContacts};
+use super::{Obstacle, Placed};
+use crate::constraints::Constraint;
+use crate::mesh::TriangleMesh;
+use crate::mesh::measures::Aabb;
+use crate::particles::Particles;
+
+/// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
+/// bone, so that a triangle whose corners rest on a gently curved bone is left alone.
+const OVER_VERTEX: f64 = 0.5;
+
+/// Rounds of pushing in which a vertex between two bones must find room before it is given less of it.
+const ROUNDS: usize = 8;
+
+/// Numbers of one muscle's contact.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Counts {
+    /// Vertices that touch a bone (within 1.5 thicknesses).
+    pub touching: usize,
+    /// Vertices between bones closer than twice the thickness.
+    pub pinched: usize,
+    /// Lookups of closest points so far.
+    pub lookups: u64,
+    /// Paths that were stopped before a bone so far.
+    pub stopped: u64,
+    /// Calls so far.
+    pub calls: u64,
+}
+
+/// One muscle's contact with every obstacle in its reach.
+pub struct Contacts {
+    /// Indices into the scene's obstacles.
+    obstacles: Vec<usize>,
+    vertices: Vec<VertexContacts>,
+    triangles: Vec<TriangleContacts>,
+    surface: Surface,
+    thickness: f64,
+    friction: f64,
+    /// Bound on the motion of every vertex relative to every obstacle since the begin [m].
+    travel: f64,
+    start: Vec<Point3<f64>>,
+    pinched: Vec<u32>,
+    calls: u64,
+}
+
+impl Contacts {
+    /// Contact of a muscle with the `obstacles` among `placed`; vertices with zero inverse mass are left out.
+    pub fn new(
+        mesh: &TriangleMesh,
+        particles: &Particles,
+        placed: &[Placed],
+        obstacles: Vec<usize>,
+        thickness: f64,
+        friction: f64,
+    ) -> Self {
+        let free: Vec<u32> =
+            (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0).collect();
+        let vertices = obstacles
+            .iter()
+            .map(|&o| VertexContacts::new(&placed[o], &free, &particles.position, thickness))
+            .collect();
+        let triangles = obstacles
+            .iter()
+            .map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX))
+            .collect();
+        let mut surface = Surface::new(mesh);
+        surface.refit(&particles.position);
+        Self {
+            obstacles,
+            vertices,
+            triangles,
+            surface,
+            thickness,
+            friction,
+            travel: 0.0,
+            start: particles.position.clone(),
+            pinched: Vec::new(),
+            calls: 0,
+        }
+    }
+
+    /// Indices of the obstacles.
+    pub fn obstacles(&self) -> &[usize] {
+        &self.obstacles
+    }
+
+    /// Takes the positions at the begin of a step.
+    pub fn begin_step(&mut self, x: &[Point3<f64>]) {
+        self.start.copy_from_slice(x);
+        self.vertices.iter_mut().for_each(|v| v.rows.clear());
+    }
+
+    /// Looks up what may have used up its bound, then pushes every vertex over its rows and every triangle off bone
+    /// vertices. To be called after the other constraints, once a sweep.
+    pub fn project(&mut self, placed: &[Placed], particles: &mut Particles) {
+        self.calls += 1;
+        let moved = self.travel + self.motion(placed, &particles.position);
+        for (contacts, &o) in self.vertices.iter_mut().zip(&self.obstacles) {
+            contacts.update(&placed[o], &mut particles.position, moved);
+        }
+        self.push_triangles(placed, particles, moved);
+        self.push_vertices(particles);
+    }
+
+    /// Bound on the motion of any vertex relative to any obstacle since the begin of the step [m].
+    fn motion(&self, placed: &[Placed], x: &[Point3<f64>]) -> f64 {
+        let squared = x.iter().zip(&self.start).map(|(x, s)| (x - s).norm_squared()).fold(0.0, f64::max);
+        let bounds = Aabb::of_points(x).union(&Aabb::of_points(&self.start));
+        let bones = self.obstacles.iter().map(|&o| placed[o].motion_within(&bounds)).fold(0.0, f64::max);
+        squared.sqrt() + bones
+    }
+
+    fn push_triangles(&mut self, placed: &[Placed], particles: &mut Particles, moved: f64) {
+        if self.triangles.iter().any(|t| t.is_due(moved)) {
+            self.surface.refit(&particles.position);
+            for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
+                contacts.update(&placed[o], &self.surface, moved);
+            }
+        }
+        for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
+            contacts.project(&placed[o], &self.surface, particles);
+        }
+    }
+
+    fn push_vertices(&mut self, particles: &mut Particles) {
+        let x = &mut particles.position;
+        for contacts in &mut self.vertices {
+            for row in &mut contacts.rows {
+                push(row, x, self.thickness);
+            }
+        }
+        self.find_pinched(x);
+        for k in 0..self.pinched.len() {
+            self.make_room(self.pinched[k], x);
+        }
+    }
+
+    /// Vertices that one bone pushed back under the thickness of another.
+    fn find_pinched(&mut self, x: &[Point3<f64>]) {
+        self.pinched.clear();
+        if self.vertices.len() < 2 {
+            return;
+        }
+        for contacts in &self.vertices {
+            let low = contacts.rows.iter().filter(|r| r.height(x) < self.thickness * (1.0 - 1e-9));
+            self.pinched.extend(low.map(|r| r.vertex));
+        }
+        self.pinched.sort_unstable();
+        self.pinched.dedup();
+    }
+
+    /// Between two bones a vertex gets the largest share of the thickness that both leave it.
+    fn make_room(&mut self, vertex: u32, x: &mut [Point3<f64>]) {
+        for share in [1.0, 0.5, 0.25, 0.1, 0.02] {
+            let wanted = self.thickness * share;
+            for _ in 0..ROUNDS {
+                for contacts in &mut self.vertices {
+                    if let Ok(k) = contacts.rows.binary_search_by_key(&vertex, |r| r.vertex) {
+                        push(&mut contacts.rows[k], x, wanted);
+                    }
+                }
+            }
+            let clear = self.vertices.iter().all(|c| {
+                let k = c.rows.binary_search_by_key(&vertex, |r| r.vertex);
+                k.map_or(true, |k| c.rows[k].height(x) >= wanted * 0.999)
+            });
+            if clear {
+                return;
+            }
+        }
+    }
+
+    /// Takes out of a field of displacements, of which vertices will go `sign` times a positive multiple, what would
+    /// push them into a bone.
+    pub fn restrict(&self, x: &[Point3<f64>], field: &mut [Vector3<f64>], sign: f64) {
+        // The second pass undoes what one bone's row changed for another's; what then is left over stays put.
+        for pass in 0..3 {
+            for contacts in &self.vertices {
+                let touching = contacts.rows.iter().filter(|r| r.height(x) < 1.5 * self.thickness);
+                touching.for_each(|r| bar(&mut field[r.vertex as usize], sign, &r.normal, pass == 2));
+            }
+            for contacts in &self.triangles {
+                for (points, normal) in &contacts.active {
+                    points.iter().for_each(|&v| bar(&mut field[v as usize], -sign, normal, pass == 2));
+                }
+            }
+        }
+    }
+
+    /// After the step: velocities do not keep what pushing added, and friction slows the sliding of pushed vertices.
+    pub fn end_step(&mut self, placed: &[Placed], particles: &mut Particles, dt: f64) {
+        for (contacts, &o) in self.vertices.iter().zip(&self.obstacles) {
+            let carried = placed[o].before * placed[o].now.inverse();
+            for row in contacts.rows.iter().filter(|r| r.push > 0.0) {
+                let v = row.vertex as usize;
+                let x = particles.position[v];
+                let bone = (x - carried * x) / dt;
+                let relative = particles.velocity[v] - bone;
+                let along = relative.dot(&row.normal);
+                let mut sliding = relative - row.normal * along;
+                // Coulomb: at most friction times the normal impulse, here as a change of speed.
+                let speed = sliding.norm();
+                let limit = self.friction * row.push / dt;
+                if speed > 0.0 && limit > 0.0 {
+                    sliding *= (1.0 - limit / speed).max(0.0);
+                }
+                particles.velocity[v] = bone + sliding + row.normal * along.min(0.0);
+            }
+        }
+        self.travel += self.motion(placed, &particles.position);
+    }
+
+    /// How far below the contact thickness the deepest vertex or bone vertex is, in metres below the surface.
+    pub fn deepest(&self, x: &[Point3<f64>]) -> f64 {
+        self.vertices.iter().map(|c| c.deepest(x)).fold(0.0, f64::max)
+    }
+
+    /// Root mean square of what rows lack to the thickness [m].
+    pub fn residual(&self, x: &[Point3<f64>]) -> f64 {
+        let (mut sum, mut count) = (0.0, 0_usize);
+        for row in self.vertices.iter().flat_map(|c| &c.rows) {
+            let c = plane_row(row.vertex, row.origin, row.normal, self.thickness).value(&[x[row.vertex as usize]]);
+            sum += c.min(0.0).powi(2);
+            count += 1;
+        }
+        (sum / count.max(1) as f64).sqrt()
+    }
+
+    /// Numbers of the last step.
+    pub fn counts(&self, x: &[Point3<f64>]) -> Counts {
+        let mut heights = std::collections::BTreeMap::<u32, Vec<f64>>::new();
+        for row in self.vertices.iter().flat_map(|c| &c.rows) {
+            heights.entry(row.vertex).or_default().push(row.height(x));
+        }
+        Counts {
+            touching: heights.values().filter(|h| h.iter().any(|h| *h <= 1.5 * self.thickness)).count(),
+            pinched: heights.values().filter(|h| h.len() > 1 && two_lowest(h) < 2.0 * self.thickness).count(),
+            lookups: self.vertices.iter().map(|c| c.lookups).sum::<u64>()
+                + self.triangles.iter().map(|c| c.lookups).sum::<u64>(),
+            stopped: self.vertices.iter().map(|c| c.stopped).sum(),
+            calls: self.calls,
+        }
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.vertices.iter().map(VertexContacts::bytes).sum::<usize>()
+            + self.triangles.iter().map(TriangleContacts::bytes).sum::<usize>()
+            + Obstacle::bytes(&self.surface)
+            + self.start.capacity() * 24
+    }
+}
+
+fn two_lowest(heights: &[f64]) -> f64 {
+    let mut sorted = heights.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[0] + sorted[1]
+}
+
+fn push(row: &mut Row, x: &mut [Point3<f64>], thickness: f64) {
+    let lack = thickness - row.height(x);
+    if lack > 0.0 {
+        x[row.vertex as usize] += row.normal * lack;
+        row.push += lack;
+    }
+}
+
+/// Removes from `d` its part against `normal`; with `still`, all of `d` if any such part is left.
+fn bar(d: &mut Vector3<f64>, sign: f64, normal: &Vector3<f64>, still: bool) {
+    let along = sign * d.dot(normal);
+    if along < 0.0 {
+        if still && along < -1e-9 * d.norm() {
+            *d = Vector3::zeros();
+        } else {
+            *d -= normal * (sign * along);
+        }
+    }
+}

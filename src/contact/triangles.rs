@@ -1,0 +1,130 @@
+//! Vertices of one obstacle against the triangles of a muscle.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::surface::{OnTriangle, Surface};
+use super::{Obstacle, Placed};
+use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
+use crate::particles::Particles;
+
+/// A bone vertex further from the muscle than this many thicknesses is asleep.
+const NEAR: f64 = 6.0;
+
+/// A bone vertex and the muscle's triangles that it may meet before it is looked up again.
+#[derive(Clone, Debug)]
+struct Watched {
+    point: u32,
+    /// Travel at which it is looked up again.
+    until: f64,
+    triangles: Vec<u32>,
+}
+
+/// What is known about each vertex of an obstacle with respect to the muscle.
+#[derive(Clone, Debug)]
+pub(super) struct TriangleContacts {
+    /// Travel at which each sleeping vertex is looked up again.
+    wake: Vec<f64>,
+    watched: Vec<Watched>,
+    /// Triangles pushed in this step, with the direction that is barred to them.
+    pub active: Vec<([u32; 3], Vector3<f64>)>,
+    thickness: f64,
+    /// Lookups done.
+    pub lookups: u64,
+}
+
+impl TriangleContacts {
+    pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
+        let wake = vec![f64::NEG_INFINITY; obstacle.vertices().len()];
+        Self { wake, watched: Vec::new(), active: Vec::new(), thickness, lookups: 0 }
+    }
+
+    /// Whether some vertex must be looked up, for which the surface has to be refitted.
+    pub fn is_due(&self, travel: f64) -> bool {
+        self.wake.iter().any(|w| *w <= travel)
+    }
+
+    /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
+    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: f64) {
+        let near = NEAR * self.thickness;
+        let points = placed.obstacle.vertices();
+        // A vertex that wakes soon is looked up now: the refit is paid for.
+        let due: Vec<u32> =
+            (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel + 0.5 * self.thickness).collect();
+        let found: Vec<(f64, Option<Watched>)> = due
+            .par_iter()
+            .with_min_len(32)
+            .map(|&k| {
+                let p = placed.now * points[k as usize];
+                let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::INFINITY, None) };
+                let distance = on.closest.distance;
+                if distance > near {
+                    return (travel + (distance - near / 2.0).max(distance / 2.0), None);
+                }
+                let margin = (distance.abs() / 2.0).max(2.0 * self.thickness);
+                let mut triangles = Vec::new();
+                surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
+                (travel + margin, Some(Watched { point: k, until: travel + margin, triangles }))
+            })
+            .collect();
+        self.lookups += due.len() as u64;
+        let mut fresh = vec![false; points.len()];
+        due.iter().for_each(|&k| fresh[k as usize] = true);
+        self.watched.retain(|w| !fresh[w.point as usize]);
+        for (&k, (wake, watched)) in due.iter().zip(found) {
+            self.wake[k as usize] = wake;
+            self.watched.extend(watched);
+        }
+        self.watched.sort_unstable_by_key(|w| w.point);
+        debug_assert!(self.watched.iter().all(|w| w.until >= travel));
+    }
+
+    /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
+    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles) -> f64 {
+        self.active.clear();
+        let points = placed.obstacle.vertices();
+        let mut largest = 0.0_f64;
+        for watched in &self.watched {
+            let p = placed.now * points[watched.point as usize];
+            let Some(on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
+            if on.closest.distance >= self.thickness {
+                continue;
+            }
+            let row = self.row(surface, &p, &on);
+            let x = row.points.map(|v| particles.position[v as usize]);
+            let Some((c, gradient)) = row.value_and_gradient(&x) else { continue };
+            let w = row.points.map(|v| particles.inverse_mass[v as usize]);
+            let weight: f64 = gradient.iter().zip(w).map(|(g, w)| w * g.norm_squared()).sum();
+            if weight <= 0.0 || c >= 0.0 {
+                continue;
+            }
+            for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
+                particles.position[v as usize] -= g * (w * c / weight);
+            }
+            largest = largest.max(-c);
+            self.active.push((row.points, row.normal));
+        }
+        largest
+    }
+
+    fn row(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
+        TriangleContact {
+            points: surface.triangles()[on.triangle as usize],
+            origin: *p,
+            normal: on.closest.normal,
+            weights: on.weights,
+            thickness: self.thickness,
+        }
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.wake.capacity() * 8
+            + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
+            + self.active.capacity() * std::mem::size_of::<([u32; 3], Vector3<f64>)>()
+    }
+}
+
+/// The row of a vertex as a constraint, for residuals and for the conformance suite.
+pub(super) fn plane_row(vertex: u32, origin: Point3<f64>, normal: Vector3<f64>, thickness: f64) -> PlaneContact {
+    PlaneContact { points: [vertex], origin, normal, thickness }
+}
