@@ -1,0 +1,192 @@
+//! A position in the bytes of a file that knows its line, for readers of text and of binary data.
+
+use super::error::{Place, Problem, ReadError, quote};
+
+/// The bytes of a file and how far they were read.
+///
+/// `mark` and `mark_line` remember where the last item began, so that an error names the item and not what follows.
+#[derive(Clone, Copy)]
+pub(super) struct Cursor<'a> {
+    name: &'a str,
+    bytes: &'a [u8],
+    position: usize,
+    line: usize,
+    mark: usize,
+    mark_line: usize,
+    /// Errors name an offset instead of a line.
+    pub(super) binary: bool,
+}
+
+impl<'a> Cursor<'a> {
+    /// Starts at the beginning of a text.
+    pub(super) fn new(name: &'a str, bytes: &'a [u8]) -> Self {
+        Self { name, bytes, position: 0, line: 1, mark: 0, mark_line: 1, binary: false }
+    }
+
+    /// The bytes that were not read yet.
+    pub(super) fn rest(&self) -> &'a [u8] {
+        self.bytes.get(self.position..).unwrap_or_default()
+    }
+
+    /// Number of bytes that were read.
+    pub(super) fn position(&self) -> usize {
+        self.position
+    }
+
+    /// The line of the last item, from 1.
+    pub(super) fn item_line(&self) -> usize {
+        self.mark_line
+    }
+
+    fn set_mark(&mut self) {
+        self.mark = self.position;
+        self.mark_line = self.line;
+    }
+
+    /// Steps over one byte; a lone CR, a lone LF and the pair each end one line.
+    fn step(&mut self) {
+        let here = self.bytes.get(self.position).copied();
+        let next = self.bytes.get(self.position + 1).copied();
+        if here == Some(b'\n') || (here == Some(b'\r') && next != Some(b'\n')) {
+            self.line += 1;
+        }
+        self.position += 1;
+    }
+
+    /// The next line without its end; `None` at the end of the file.
+    pub(super) fn next_line(&mut self) -> Option<&'a [u8]> {
+        self.set_mark();
+        let rest = self.rest();
+        if rest.is_empty() {
+            return None;
+        }
+        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        self.position += length;
+        match rest.get(length..length + 2) {
+            Some(b"\r\n") => self.position += 2,
+            _ if length < rest.len() => self.position += 1,
+            _ => {}
+        }
+        self.line += 1;
+        Some(&rest[..length])
+    }
+
+    /// The next word between white space; `None` at the end of the file.
+    pub(super) fn token(&mut self) -> Option<&'a [u8]> {
+        while self.rest().first().is_some_and(u8::is_ascii_whitespace) {
+            self.step();
+        }
+        self.set_mark();
+        let rest = self.rest();
+        let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        self.position += length;
+        if length == 0 { None } else { Some(&rest[..length]) }
+    }
+
+    /// Skips words; the last of them is the item of the next error.
+    pub(super) fn skip_tokens(&mut self, count: usize) {
+        for _ in 0..count {
+            if self.token().is_none() {
+                return;
+            }
+        }
+    }
+
+    /// Skips lines.
+    pub(super) fn skip_lines(&mut self, count: usize) {
+        for _ in 0..count {
+            if self.next_line().is_none() {
+                return;
+            }
+        }
+    }
+
+    /// The next word, without reading it.
+    pub(super) fn peek(&self) -> Option<&'a [u8]> {
+        let mut ahead = *self;
+        ahead.token()
+    }
+
+    /// The next `count` bytes of binary data.
+    pub(super) fn take(&mut self, count: usize, what: &'static str) -> Result<&'a [u8], ReadError> {
+        self.set_mark();
+        match self.rest().get(..count) {
+            Some(bytes) => {
+                self.position += count;
+                Ok(bytes)
+            }
+            None => Err(self.fail(Problem::Truncated { what }, b"")),
+        }
+    }
+
+    /// Moves the mark to an offset, so that the next error names it.
+    pub(super) fn mark_at(&mut self, offset: usize) {
+        self.mark = offset;
+    }
+
+    /// An error at the last item.
+    pub(super) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
+        let place = if self.binary { Place::Offset(self.mark) } else { Place::Line(self.mark_line) };
+        self.fail_at(place, problem, found)
+    }
+
+    /// An error at a place.
+    pub(super) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
+        ReadError::Content { file: self.name.to_owned(), place, problem, found: quote(found) }
+    }
+}
+
+/// A coordinate of vertex `vertex` in a text.
+pub(super) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
+    finite(number(token)?, vertex)
+}
+
+/// Refuses NaN and infinities, also those of a text such as `1e400`.
+pub(super) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
+    if value.is_finite() { Ok(value) } else { Err(Problem::NotFinite { vertex }) }
+}
+
+/// Any number in a text.
+pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
+    let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: "a number" })?;
+    text.parse().map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
+        Ok(_) => Problem::DecimalComma,
+        Err(_) => Problem::Expected { what: "a number" },
+    })
+}
+
+/// A whole number in a text; one too large for 64 bits is an error, it never wraps.
+pub(super) fn integer(token: &[u8]) -> Result<i64, Problem> {
+    let text = std::str::from_utf8(token).unwrap_or_default();
+    text.parse().map_err(|_| Problem::Expected { what: "a whole number of at most 63 bits" })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_line_ends_count_once() {
+        let mut cursor = Cursor::new("", b"a\rb\r\nc\nd");
+        for (line, text) in [b"a", b"b", b"c", b"d"].iter().enumerate() {
+            assert_eq!(cursor.next_line(), Some(&text[..]));
+            assert_eq!(cursor.item_line(), line + 1);
+        }
+        assert_eq!(cursor.next_line(), None);
+        let mut cursor = Cursor::new("", b"a\rb\r\nc\n \n d");
+        let lines: Vec<usize> = std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.item_line())).collect();
+        assert_eq!(lines, [1, 2, 3, 5]);
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_refused() {
+        assert_eq!(coordinate(b"1,5", 0), Err(Problem::DecimalComma));
+        assert_eq!(coordinate(b"nan", 3), Err(Problem::NotFinite { vertex: 3 }));
+        assert_eq!(coordinate(b"1e400", 3), Err(Problem::NotFinite { vertex: 3 }));
+        assert_eq!(coordinate(b"1e-400", 0), Ok(0.0));
+        assert_eq!(coordinate(b"-2.e1", 0), Ok(-20.0));
+        assert!(coordinate(b"x", 0).is_err());
+        assert!(integer(b"99999999999999999999").is_err());
+        assert!(integer(&[0xff]).is_err());
+    }
+}

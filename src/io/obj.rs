@@ -1,0 +1,222 @@
+//! Wavefront OBJ: `v`, `f` and `l`; other statements carry no surface and are skipped.
+
+use nalgebra::Point3;
+
+use super::MeshFile;
+use super::cursor::{Cursor, coordinate, integer};
+use super::error::{Place, Problem, ReadError};
+use super::surface::Surface;
+
+/// Words that begin a line of an OBJ file.
+const KEYWORDS: [&[u8]; 13] =
+    [b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call"];
+
+/// Whether the first line that is no comment begins with a word of OBJ.
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    let mut cursor = Cursor::new("", bytes);
+    while let Some(line) = cursor.next_line() {
+        match words(line).next() {
+            None => {}
+            Some(word) if word.starts_with(b"#") => {}
+            Some(word) => return KEYWORDS.contains(&word),
+        }
+    }
+    false
+}
+
+/// Reads an OBJ file; indices count from 1, or from the last vertex backwards where negative.
+///
+/// A positive index may name a vertex that follows later; colours and weights behind the coordinates are skipped.
+///
+/// # Errors
+/// A malformed number, an index out of range, a face of fewer than three corners, a file without faces and lines.
+pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
+    let mut reader = Reader { cursor: Cursor::new(name, bytes), surface: Surface::default(), pending: Vec::new() };
+    let mut joined = Vec::new();
+    while let Some(first) = reader.cursor.next_line() {
+        let first_line = reader.cursor.item_line();
+        if first.contains(&0) {
+            return Err(reader.cursor.fail(Problem::NulByte, first));
+        }
+        let line = match first.trim_ascii_end().strip_suffix(b"\\") {
+            None => first,
+            Some(begin) => {
+                joined.clear();
+                joined.extend_from_slice(begin);
+                continue_line(&mut reader.cursor, &mut joined)?;
+                &joined
+            }
+        };
+        reader
+            .statement(line)
+            .map_err(|(problem, found)| reader.cursor.fail_at(Place::Line(first_line), problem, &found))?;
+    }
+    reader.check_pending()?;
+    reader.surface.finish(&reader.cursor)
+}
+
+/// Appends the lines that a backslash at the end of a line joins to it.
+fn continue_line(cursor: &mut Cursor<'_>, joined: &mut Vec<u8>) -> Result<(), ReadError> {
+    loop {
+        let Some(next) = cursor.next_line() else {
+            return Err(cursor.fail(Problem::Truncated { what: "a line that ends in a backslash" }, b""));
+        };
+        joined.push(b' ');
+        match next.trim_ascii_end().strip_suffix(b"\\") {
+            Some(more) => joined.extend_from_slice(more),
+            None => {
+                joined.extend_from_slice(next);
+                return Ok(());
+            }
+        }
+    }
+}
+
+fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+}
+
+/// What is wrong with a statement, and the words to quote.
+type Complaint = (Problem, Vec<u8>);
+
+struct Reader<'a> {
+    cursor: Cursor<'a>,
+    surface: Surface,
+    /// Indices of vertices that had not been read when they were named, with the line.
+    pending: Vec<(usize, i64)>,
+}
+
+impl Reader<'_> {
+    fn statement(&mut self, line: &[u8]) -> Result<(), Complaint> {
+        let mut words = words(line);
+        match words.next() {
+            Some(b"v") => self.vertex(words, line),
+            Some(b"f") => {
+                let corners = self.corners(words)?;
+                self.surface.polygon(&corners).map_err(|problem| (problem, line.to_vec()))
+            }
+            Some(b"l") => {
+                let corners = self.corners(words)?;
+                self.surface.line(&corners).map_err(|problem| (problem, line.to_vec()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn vertex<'w>(&mut self, mut words: impl Iterator<Item = &'w [u8]>, line: &[u8]) -> Result<(), Complaint> {
+        let mut position = Point3::origin();
+        for got in 0..3 {
+            let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
+                return Err((Problem::TooFewNumbers { got, wanted: 3 }, line.to_vec()));
+            };
+            position[got] =
+                coordinate(word, self.surface.vertices.len()).map_err(|problem| (problem, word.to_vec()))?;
+        }
+        self.surface.vertices.push(position);
+        Ok(())
+    }
+
+    fn corners<'w>(&mut self, words: impl Iterator<Item = &'w [u8]>) -> Result<Vec<u32>, Complaint> {
+        words
+            .take_while(|word| !word.starts_with(b"#"))
+            .map(|word| self.corner(word).map_err(|problem| (problem, word.to_vec())))
+            .collect()
+    }
+
+    /// A corner is `v`, `v/t`, `v//n` or `v/t/n`; only `v` matters here.
+    fn corner(&mut self, word: &[u8]) -> Result<u32, Problem> {
+        let mut parts = word.split(|&b| b == b'/');
+        let index = integer(parts.next().unwrap_or_default())?;
+        let others_are_indices = parts.clone().all(|part| part.is_empty() || integer(part).is_ok());
+        if !others_are_indices || parts.count() > 2 {
+            return Err(Problem::Expected { what: "a corner such as 1, 1/2, 1//3 or 1/2/3" });
+        }
+        let count = self.surface.vertices.len();
+        let out_of_range = Problem::IndexOutOfRange { index, count, from_one: true };
+        match index {
+            0 => Err(Problem::ZeroIndex),
+            1.. => {
+                let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
+                if from_zero as usize >= count {
+                    self.pending.push((self.cursor.item_line(), index));
+                }
+                Ok(from_zero)
+            }
+            _ => {
+                let from_zero = i64::try_from(count).ok().and_then(|n| n.checked_add(index));
+                from_zero.and_then(|i| u32::try_from(i).ok()).ok_or(out_of_range)
+            }
+        }
+    }
+
+    fn check_pending(&self) -> Result<(), ReadError> {
+        let count = self.surface.vertices.len();
+        match self.pending.iter().find(|&&(_, index)| index > count as i64) {
+            None => Ok(()),
+            Some(&(line, index)) => {
+                let problem = Problem::IndexOutOfRange { index, count, from_one: true };
+                Err(self.cursor.fail_at(Place::Line(line), problem, index.to_string().as_bytes()))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+
+    fn error(tail: &str) -> String {
+        read(format!("{TRIANGLE}{tail}").as_bytes(), "a.obj").unwrap_err().to_string()
+    }
+
+    #[test]
+    fn faces_lines_negative_and_forward_indices() {
+        let text =
+            "f 4 1 2 # forward\nv 0 0 0 1 0 0\nv 1 0 0\r\nv 0 1 0\rv 0 0 1\nf -4/1 -3//2 \\\n -2/1/1 -1\nl 1/1 2\n";
+        let file = read(text.as_bytes(), "").unwrap();
+        assert_eq!(file.mesh.triangles, [[3, 0, 1], [0, 1, 2], [0, 2, 3]]);
+        assert_eq!(file.lines, [[0, 1]]);
+        assert_eq!(file.mesh.vertices.len(), 4);
+    }
+
+    #[test]
+    fn errors_name_the_line() {
+        let count = "there are 3 vertices, counted from 1";
+        assert_eq!(error("f 0 1 2"), "a.obj:4: vertex index 0, but OBJ counts from 1 (found '0')");
+        assert_eq!(error("\nf 1 2"), "a.obj:5: too few corners: 2, at least 3 are needed (found 'f 1 2')");
+        assert_eq!(error("f 1 2 99"), format!("a.obj:4: vertex index 99 is out of range: {count} (found '99')"));
+        assert_eq!(error("f 1 2 4"), format!("a.obj:4: vertex index 4 is out of range: {count} (found '4')"));
+        assert_eq!(error("f -4 1 2"), format!("a.obj:4: vertex index -4 is out of range: {count} (found '-4')"));
+        assert!(error("f 99999999999 1 2").contains("out of range"));
+        assert!(error("f 99999999999999999999 1 2").contains("63 bits"));
+        assert!(error("f -9223372036854775808 1 2").contains("out of range"));
+        assert!(error("f 1/1/1/1 2 3").contains("expected a corner"));
+        assert!(error("f 1/x 2 3").contains("expected a corner"));
+        assert!(error("l 1").contains("too few corners: 1, at least 2"));
+        assert_eq!(error("v 1 2"), "a.obj:4: too few numbers: 2 of 3 (found 'v 1 2')");
+        assert_eq!(error("v 1,5 2 3"), "a.obj:4: not a number; decimal comma? Write a point (found '1,5')");
+        assert_eq!(error("v nan 0 0"), "a.obj:4: vertex 3 has a coordinate that is not finite (found 'nan')");
+        assert_eq!(error("v 1e400 0 0"), "a.obj:4: vertex 3 has a coordinate that is not finite (found '1e400')");
+        assert_eq!(error("f 1 2 \\"), "a.obj:5: the file ends too early, in a line that ends in a backslash");
+        assert!(error("g \0").contains("NUL byte"));
+    }
+
+    #[test]
+    fn every_truncation_is_an_error_or_a_mesh() {
+        let text = format!("{TRIANGLE}v 1 1 1\nf 1 2 3\nf 2 4 3 1\nl 1 2 3 4\n");
+        for length in 0..text.len() {
+            let file = crate::io::read_bytes(&text.as_bytes()[..length], "a.obj");
+            if let Ok(MeshFile { mesh, .. }) = file {
+                crate::mesh::TriangleMesh::new(mesh.vertices, mesh.triangles).unwrap();
+            }
+        }
+    }
+
+    #[test]
+    fn a_repeated_corner_is_left_out_and_counted() {
+        let file = read(format!("{TRIANGLE}f 1 1 2\nf 1 2 3").as_bytes(), "").unwrap();
+        assert_eq!((file.mesh.triangles.len(), file.degenerate), (1, 1));
+    }
+}

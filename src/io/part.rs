@@ -1,0 +1,89 @@
+//! Files that appear only when they are whole.
+
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+/// Writes to `NAME.part` and renames it to `NAME` at the end, so that an interrupted run leaves no half a file.
+///
+/// # Errors
+/// What `fill` returns, or what the operating system refuses; the partial file is then removed.
+pub(super) fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+    let Some(name) = path.file_name() else {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a path that ends in a file name is needed"));
+    };
+    let mut part_name = name.to_owned();
+    part_name.push(".part");
+    let part = path.with_file_name(part_name);
+    let done = (|| {
+        let mut writer = BufWriter::new(File::create(&part)?);
+        fill(&mut writer)?;
+        writer.flush()?;
+        drop(writer);
+        fs::rename(&part, path)
+    })();
+    if done.is_err() {
+        // The first error is the one to report; a part that cannot be removed adds nothing to it.
+        let _ = fs::remove_file(&part);
+    }
+    done
+}
+
+/// An error of the caller's data.
+pub(super) fn invalid(what: impl Into<String>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidInput, what.into())
+}
+
+/// Refuses an index that a reader of the file could not follow.
+pub(super) fn check_indices(count: usize, triangles: &[[u32; 3]], lines: &[Vec<u32>]) -> io::Result<()> {
+    let used = triangles.iter().flatten().chain(lines.iter().flatten());
+    match used.copied().find(|&i| i as usize >= count) {
+        Some(i) => Err(invalid(format!("vertex index {i} is out of range: there are {count} vertices"))),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use std::ops::Deref;
+    use std::path::PathBuf;
+
+    /// A file name of its own for one test, in the folder for temporary files; the file goes with it.
+    pub(in crate::io) struct Scratch(PathBuf);
+
+    pub(in crate::io) fn scratch(name: &str) -> Scratch {
+        let path = std::env::temp_dir().join(format!("pliant-io-{}-{name}", std::process::id()));
+        let _ = fs::remove_file(&path);
+        Scratch(path)
+    }
+
+    impl Deref for Scratch {
+        type Target = Path;
+
+        fn deref(&self) -> &Path {
+            &self.0
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            // Not every test creates its file.
+            let _ = fs::remove_file(&self.0);
+        }
+    }
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file() {
+        let path = scratch("old.txt");
+        write_whole(&path, |w| w.write_all(b"old")).unwrap();
+        let failed = write_whole(&path, |w| {
+            w.write_all(b"ne")?;
+            Err(invalid("stop"))
+        });
+        assert!(failed.is_err());
+        assert_eq!(fs::read(&*path).unwrap(), b"old");
+        assert!(!path.with_extension("txt.part").exists());
+        assert!(write_whole(Path::new("/"), |_| Ok(())).is_err());
+    }
+}

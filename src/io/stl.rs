@@ -1,0 +1,215 @@
+//! STL, text and binary.
+
+use std::collections::HashMap;
+
+use nalgebra::Point3;
+
+use super::MeshFile;
+use super::cursor::{Cursor, coordinate, finite};
+use super::error::{Problem, ReadError};
+use super::surface::Surface;
+
+const HEADER_BYTES: usize = 84;
+const FACET_BYTES: usize = 50;
+
+/// The number of triangles that a binary file declares.
+fn declared(bytes: &[u8]) -> Option<u64> {
+    let count = bytes.get(80..HEADER_BYTES)?;
+    Some(u64::from(u32::from_le_bytes(count.try_into().ok()?)))
+}
+
+/// Whether the size of the file is that of a binary STL of the declared number of triangles.
+pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
+    declared(bytes).is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
+}
+
+/// A surface whose corners are merged where they are equal.
+#[derive(Default)]
+struct Corners {
+    surface: Surface,
+    known: HashMap<[u64; 3], u32>,
+}
+
+impl Corners {
+    /// The vertex of a corner; writers differ in the sign of zero from facet to facet, so -0 becomes 0 first.
+    fn vertex(&mut self, position: [f64; 3]) -> u32 {
+        let position = position.map(|c| c + 0.0);
+        // A file of at most 2 GiB has fewer corners than 32 bits count.
+        let next = self.surface.vertices.len() as u32;
+        *self.known.entry(position.map(f64::to_bits)).or_insert_with(|| {
+            self.surface.vertices.push(Point3::from(position));
+            next
+        })
+    }
+}
+
+/// Reads binary STL; normals and attributes are skipped.
+///
+/// # Errors
+/// A size that contradicts the declared count, a coordinate that is not finite.
+pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
+    let mut cursor = Cursor::new(name, bytes);
+    cursor.binary = true;
+    cursor.take(80, "the header of a binary STL")?;
+    let count = u64::from(u32::from_le_bytes(array(cursor.take(4, "the count of a binary STL")?)));
+    let possible = (cursor.rest().len() / FACET_BYTES) as u64;
+    if count > possible {
+        return Err(cursor.fail(Problem::CountExceedsFile { declared: count, possible }, b""));
+    }
+    if !has_binary_size(bytes) {
+        let problem = Problem::SizeMismatch { what: "the number of triangles", declared: count, used: possible };
+        return Err(cursor.fail(problem, b""));
+    }
+    let mut corners = Corners::default();
+    for _ in 0..count {
+        let facet = cursor.take(FACET_BYTES, "a triangle")?;
+        let start = cursor.position() - FACET_BYTES;
+        let mut triangle = [0; 3];
+        for (k, corner) in triangle.iter_mut().enumerate() {
+            let mut position = [0.0; 3];
+            for (axis, value) in position.iter_mut().enumerate() {
+                let at = 12 + 12 * k + 4 * axis;
+                let found = f32::from_le_bytes(array(&facet[at..at + 4]));
+                *value = finite(f64::from(found), corners.surface.vertices.len()).map_err(|problem| {
+                    cursor.mark_at(start + at);
+                    cursor.fail(problem, found.to_string().as_bytes())
+                })?;
+            }
+            *corner = corners.vertex(position);
+        }
+        corners.surface.polygon(&triangle).map_err(|problem| cursor.fail(problem, b""))?;
+    }
+    corners.surface.finish(&cursor)
+}
+
+/// Copies bytes into an array; what is missing is zero, which the callers have excluded by the length.
+fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    bytes.try_into().unwrap_or([0; N])
+}
+
+/// Reads STL text; normals and names are skipped, further solids are part of the same surface.
+///
+/// # Errors
+/// A malformed number, a loop of fewer than three corners, a solid that does not end.
+pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
+    let mut cursor = Cursor::new(name, bytes);
+    let mut corners = Corners::default();
+    let mut open_loop: Option<Vec<u32>> = None;
+    let mut in_solid = false;
+    while let Some(line) = cursor.next_line() {
+        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let Some(word) = words.next() else { continue };
+        match word.to_ascii_lowercase().as_slice() {
+            b"solid" => in_solid = true,
+            b"endsolid" => in_solid = false,
+            b"facet" | b"endfacet" => {}
+            b"outer" => open_loop = Some(Vec::new()),
+            b"vertex" => {
+                let Some(open) = &mut open_loop else {
+                    return Err(cursor.fail(Problem::Expected { what: "'outer loop' before a vertex" }, line));
+                };
+                let mut position = [0.0; 3];
+                for (got, value) in position.iter_mut().enumerate() {
+                    let Some(word) = words.next() else {
+                        return Err(cursor.fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
+                    };
+                    *value = coordinate(word, corners.surface.vertices.len())
+                        .map_err(|problem| cursor.fail(problem, word))?;
+                }
+                open.push(corners.vertex(position));
+            }
+            b"endloop" => {
+                let closed = open_loop.take().unwrap_or_default();
+                corners.surface.polygon(&closed).map_err(|problem| cursor.fail(problem, line))?;
+            }
+            _ => {
+                let what = "solid, facet, outer loop, vertex, endloop, endfacet or endsolid";
+                return Err(cursor.fail(Problem::Expected { what }, line));
+            }
+        }
+    }
+    if in_solid || open_loop.is_some() {
+        return Err(cursor.fail(Problem::Truncated { what: "a solid without 'endsolid'" }, b""));
+    }
+    corners.surface.finish(&cursor)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::io::read_bytes;
+
+    fn binary(header: &[u8], triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
+        let mut bytes = header.to_vec();
+        bytes.resize(80, b' ');
+        bytes.extend((triangles.len() as u32).to_le_bytes());
+        for triangle in triangles {
+            bytes.extend([0; 12]);
+            bytes.extend(triangle.iter().flatten().flat_map(|c| c.to_le_bytes()));
+            bytes.extend([0; 2]);
+        }
+        bytes
+    }
+
+    const TWO: [[[f32; 3]; 3]; 2] =
+        [[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], [[1., 0., 0.], [1., 1., 0.], [-0., 1., 0.]]];
+
+    fn text() -> String {
+        let mut text = String::from("solid facet of something\n");
+        for triangle in TWO {
+            text += " facet normal 0 0 1\n  OUTER loop\n";
+            for [x, y, z] in triangle {
+                text += &format!("   vertex {x:?} {y:?} {z:?}\n");
+            }
+            text += "  endloop\n endfacet\n";
+        }
+        text + "endsolid\n"
+    }
+
+    #[test]
+    fn binary_that_begins_with_solid_is_binary_and_equals_text() {
+        let file = read_bytes(&binary(b"solid", &TWO), "a.stl").unwrap();
+        assert_eq!(file.mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
+        assert_eq!(file, read_bytes(text().as_bytes(), "b").unwrap());
+    }
+
+    #[test]
+    fn every_truncation_is_an_error() {
+        for whole in [binary(b"header", &TWO), text().trim_end().as_bytes().to_vec()] {
+            for length in 0..whole.len() {
+                read_bytes(&whole[..length], "a.stl").unwrap_err();
+            }
+        }
+    }
+
+    #[test]
+    fn counts_and_numbers_are_checked() {
+        let mut bytes = binary(b"header", &TWO);
+        bytes[80..84].copy_from_slice(&u32::MAX.to_le_bytes());
+        let text = "a.stl: offset 0x50: 4294967295 items are declared, but the file has room for at most 2";
+        assert_eq!(read_bytes(&bytes, "a.stl").unwrap_err().to_string(), text);
+        let mut nan = TWO;
+        nan[1][0][2] = f32::NAN;
+        let error = read_bytes(&binary(b"", &nan), "a.stl").unwrap_err().to_string();
+        assert_eq!(error, "a.stl: offset 0x9a: vertex 3 has a coordinate that is not finite (found 'NaN')");
+    }
+
+    #[test]
+    fn errors_in_text_name_the_line() {
+        let error = |text: &str| read_bytes(text.as_bytes(), "a.stl").unwrap_err().to_string();
+        let two = "solid\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n";
+        assert_eq!(error(two), "a.stl:5: too few corners: 2, at least 3 are needed (found 'endloop')");
+        assert!(error("solid\nvertex 0 0 0\n").contains("'outer loop' before a vertex"));
+        assert!(error("solid\nouter loop\nvertex 0,5 0 0\n").contains("decimal comma"));
+        assert!(error("solid\nouter loop\nvertex 0 inf 0\n").contains("not finite"));
+        assert!(error("solid\nouter loop\nvertex 0 0\n").contains("2 of 3"));
+        assert!(error("solid\nhello\n").contains("a.stl:2: expected solid, facet"));
+        assert_eq!(error("solid\nendsolid\n"), "a.stl: the file has no vertices");
+    }
+
+    #[test]
+    fn a_facet_without_area_is_counted() {
+        let flat = [TWO[0], [[0., 0., 0.], [1., 0., 0.], [1., 0., 0.]]];
+        let file = read_bytes(&binary(b"", &flat), "a.stl").unwrap();
+        assert_eq!((file.mesh.triangles.len(), file.degenerate), (1, 1));
+    }
+}
