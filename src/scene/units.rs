@@ -406,7 +406,7 @@ mod tests {
             ("2 min", Dimension::Time, 120.0),
         ];
         for (text, dimension, wanted) in cases {
-            assert_eq!(parse(text, dimension).map(f64::to_bits), Ok(wanted.to_bits()), "{text}");
+            assert_eq!(parse(text, dimension).map(f64::to_bits), Ok(f64::to_bits(wanted)), "{text}");
         }
         assert_relative_eq!(parse("30deg", Dimension::Angle).unwrap_or(0.0), 0.5_f64.asin(), max_relative = 1e-15);
         assert_eq!(scale("mm", Dimension::Length), Ok(1e-3));
