@@ -1,4 +1,27 @@
 //! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked.
+//!
+//! [`parse`] documents the TOML layout, [`overrides`] the changes from the command line, [`builtin`] has the scenes
+//! that need no file.
+
+pub mod builtin;
+pub mod error;
+pub mod motion;
+pub mod overrides;
+pub mod parse;
+mod parse_effects;
+mod parse_muscle;
+mod paths;
+mod reader;
+mod schema;
+mod shapes_known;
+mod spelling;
+mod tree;
+pub mod units;
+
+pub use error::{Problem, SceneError};
+pub use parse::{Surroundings, parse, parse_with};
+pub use paths::environment;
+pub use shapes_known::{FIBRE_SHAPES, SHAPES};
 
 use std::path::PathBuf;
 
@@ -35,7 +58,7 @@ pub enum Source {
         /// Length of the file's unit [m].
         scale: f64,
     },
-    /// A shape made by code, by its name in [`shapes`].
+    /// A shape made by code, by its name in [`SHAPES`].
     Shape(String),
 }
 

@@ -1,0 +1,78 @@
+//! The scenes that need no file, and the choice between a file and one of them.
+
+use std::io::Read;
+use std::path::Path;
+
+use super::error::{Problem, SceneError};
+use super::parse::{Surroundings, parse_with, unknown_name};
+use super::{Scene, paths};
+
+/// Largest scene file [bytes]; a larger one is no scene.
+const LARGEST: u64 = 4 << 20;
+
+/// Each built-in scene: its name, its TOML, and what it shows, in one line.
+pub const BUILTIN: &[(&str, &str, &str)] = &[
+    ("hip", include_str!("builtin/hip.toml"), "a gluteus-like muscle over a turning femur"),
+    ("press", include_str!("builtin/press.toml"), "a muscle between two plates that close to 10 % and open again"),
+    ("distance", include_str!("builtin/distance.toml"), "a tetrahedron that swings about an edge, distance only"),
+    ("shape", include_str!("builtin/shape.toml"), "a tetrahedron that grows evenly, bending only"),
+    ("volume", include_str!("builtin/volume.toml"), "a tetrahedron that flattens, volume only"),
+    ("chain", include_str!("builtin/chain.toml"), "six points on a line, the order of a sweep"),
+];
+
+/// The TOML of a built-in scene.
+///
+/// ```
+/// assert!(pliant::scene::builtin::builtin("hip").is_some_and(|toml| toml.contains("hip-gluteus")));
+/// ```
+#[must_use]
+pub fn builtin(name: &str) -> Option<&'static str> {
+    BUILTIN.iter().find(|(known, ..)| *known == name).map(|&(_, toml, _)| toml)
+}
+
+/// Reads a scene by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
+/// built-in scene, whose relative paths begin in the working folder.
+///
+/// # Errors
+/// No such file or scene, a file that cannot be read, or whatever is wrong with the scene.
+///
+/// ```
+/// use pliant::scene::{Solver, builtin::load};
+/// let scene = load("hip", &["substeps=40".to_owned()]).unwrap();
+/// assert!(matches!(scene.solver, Solver::Xpbd(s) if s.substeps == 40));
+/// ```
+pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneError> {
+    let path = Path::new(name_or_path);
+    let here = Path::new(".");
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(here);
+    let ends_in_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    if path.is_file() || ends_in_toml {
+        let text = read(path).map_err(|reason| {
+            let problem = Problem::MissingFile { path: super::spelling::shown(name_or_path), reason };
+            SceneError::of_name(problem, name_or_path)
+        })?;
+        return parse_with(&text, name_or_path, &Surroundings { folder, variable: &paths::environment, overrides });
+    }
+    let Some(text) = builtin(name_or_path) else {
+        let problem = unknown_name("scene", name_or_path, BUILTIN.iter().map(|&(name, ..)| name));
+        return Err(SceneError::of_name(problem, name_or_path));
+    };
+    let surroundings = Surroundings { folder: here, variable: &paths::environment, overrides };
+    parse_with(text, &format!("{name_or_path}.toml"), &surroundings)
+}
+
+/// The text of a file, or why there is none (`None` when it is not there).
+fn read(path: &Path) -> Result<String, Option<String>> {
+    let reason = |e: std::io::Error| (e.kind() != std::io::ErrorKind::NotFound).then(|| e.to_string());
+    if path.is_dir() {
+        return Err(Some("it is a folder".to_owned()));
+    }
+    let file = std::fs::File::open(path).map_err(reason)?;
+    let mut bytes = Vec::new();
+    // Read by size and not by the length that the system tells, which is wrong for pipes.
+    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reason)?;
+    if bytes.len() as u64 > LARGEST {
+        return Err(Some("it is larger than 4 MiB and so no scene".to_owned()));
+    }
+    String::from_utf8(bytes).map_err(|_| Some("it is not text in UTF-8".to_owned()))
+}

@@ -1,0 +1,335 @@
+//! What can be wrong with a scene, where, and what to do about it.
+
+use std::fmt;
+use std::sync::Arc;
+
+use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
+
+use super::spelling::shown;
+use super::tree::{Sources, Span};
+use super::units::{Dimension, UnitError};
+
+/// What is wrong with a scene.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Problem {
+    /// E050: a quantity, or a mesh, without its unit.
+    #[error("{found} has no unit")]
+    UnitsRequired {
+        /// What was found.
+        found: String,
+        /// How it is written.
+        example: String,
+        /// What it measures.
+        dimension: Dimension,
+    },
+    /// E051: a number that the key does not allow, NaN and infinity among them.
+    #[error("{found} is not allowed here")]
+    OutOfRange {
+        /// The number as written.
+        found: String,
+        /// What is allowed.
+        allowed: String,
+    },
+    /// E052: a key that is not known where it stands.
+    #[error("unknown key `{key}`{}", meant(.nearest.as_deref()))]
+    UnknownKey {
+        /// The key as written.
+        key: String,
+        /// The known key that was probably meant.
+        nearest: Option<String>,
+        /// All keys known there.
+        known: String,
+    },
+    /// E053: a key or a section given twice.
+    #[error("`{key}` is given twice")]
+    DuplicateKey {
+        /// The key as written.
+        key: String,
+    },
+    /// E054: a value of another type.
+    #[error("expected {wanted}, found {found}")]
+    WrongType {
+        /// What is expected, with an example.
+        wanted: String,
+        /// What was found.
+        found: String,
+    },
+    /// E055: something is not there that must be.
+    #[error("{what} is missing")]
+    Missing {
+        /// What is missing.
+        what: String,
+        /// What to add.
+        add: String,
+    },
+    /// E056: two things of which one may be there.
+    #[error("`{first}` and `{second}` exclude each other")]
+    Conflict {
+        /// One of them.
+        first: String,
+        /// The other.
+        second: String,
+    },
+    /// E057: not TOML.
+    #[error("{message}")]
+    Syntax {
+        /// What the reader of TOML says.
+        message: String,
+    },
+    /// E058: a text that is no quantity.
+    #[error(transparent)]
+    Quantity(#[from] UnitError),
+    /// E059: key frames that do not follow one another.
+    #[error("frame {frame} does not come after frame {before}")]
+    KeysOutOfOrder {
+        /// Frame of the later key.
+        frame: f64,
+        /// Frame of the key before it.
+        before: f64,
+    },
+    /// E060: a file that is not there or cannot be read.
+    #[error("no file `{path}`{}", because(.reason.as_deref()))]
+    MissingFile {
+        /// Where it was looked for.
+        path: String,
+        /// Why it cannot be read.
+        reason: Option<String>,
+    },
+    /// E061: a relative path that leaves the scene's folder.
+    #[error("`{path}` lies outside the scene's folder")]
+    OutsideFolder {
+        /// The path as written.
+        path: String,
+    },
+    /// E062: a variable in a path that is not set.
+    #[error("the variable `{name}` is not set")]
+    UnsetVariable {
+        /// Its name, without the `$`.
+        name: String,
+    },
+    /// E063: a name that nothing has.
+    #[error("there is no {what} `{name}`{}", meant(.nearest.as_deref()))]
+    UnknownName {
+        /// What was looked for.
+        what: &'static str,
+        /// The name as written.
+        name: String,
+        /// The name that was probably meant.
+        nearest: Option<String>,
+        /// All names there are.
+        known: String,
+    },
+    /// E064: a name given to two things.
+    #[error("the name `{name}` is given twice")]
+    DuplicateName {
+        /// The name.
+        name: String,
+    },
+    /// E065: a list without elements.
+    #[error("the list is empty")]
+    EmptyList {
+        /// What it must hold.
+        wanted: String,
+    },
+    /// E066: a vertex held by two bones.
+    #[error("vertex {vertex} is already held by the bone `{bone}`")]
+    HeldTwice {
+        /// Index of the vertex.
+        vertex: u32,
+        /// The other bone.
+        bone: String,
+    },
+    /// E067: values nested too deep.
+    #[error("values are nested deeper than {deepest}")]
+    TooDeep {
+        /// Deepest nesting accepted.
+        deepest: usize,
+    },
+    /// E068: an override that is not `path.key=value`, or whose path leads nowhere.
+    #[error("{message}")]
+    Override {
+        /// What is wrong with it.
+        message: String,
+        /// What to do.
+        hint: String,
+    },
+    /// E069: a turn between two key frames whose way is not clear.
+    #[error("the way from the key before to this one is not clear: {why}")]
+    UnclearTurn {
+        /// Why.
+        why: &'static str,
+    },
+}
+
+fn meant(nearest: Option<&str>) -> String {
+    nearest.map_or_else(String::new, |n| format!(", did you mean `{n}`?"))
+}
+
+fn because(reason: Option<&str>) -> String {
+    reason.map_or_else(String::new, |r| format!(": {r}"))
+}
+
+impl Problem {
+    pub(super) fn out_of_range(found: &str, allowed: &str) -> Self {
+        Self::OutOfRange { found: format!("`{}`", shown(found)), allowed: allowed.to_owned() }
+    }
+
+    pub(super) fn missing(key: &str, add: impl Into<String>) -> Self {
+        Self::Missing { what: format!("`{key}`"), add: add.into() }
+    }
+
+    /// The code of the kind, `E050` to `E069`, as `docs/verification.md` lists them.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::UnitsRequired { .. } => "E050",
+            Self::OutOfRange { .. } => "E051",
+            Self::UnknownKey { .. } => "E052",
+            Self::DuplicateKey { .. } => "E053",
+            Self::WrongType { .. } => "E054",
+            Self::Missing { .. } => "E055",
+            Self::Conflict { .. } => "E056",
+            Self::Syntax { .. } => "E057",
+            Self::Quantity(UnitError::Bare { .. }) => "E050",
+            Self::Quantity(UnitError::NotFinite { .. } | UnitError::Overflow { .. }) => "E051",
+            Self::Quantity(_) => "E058",
+            Self::KeysOutOfOrder { .. } => "E059",
+            Self::MissingFile { .. } => "E060",
+            Self::OutsideFolder { .. } => "E061",
+            Self::UnsetVariable { .. } => "E062",
+            Self::UnknownName { .. } => "E063",
+            Self::DuplicateName { .. } => "E064",
+            Self::EmptyList { .. } => "E065",
+            Self::HeldTwice { .. } => "E066",
+            Self::TooDeep { .. } => "E067",
+            Self::Override { .. } => "E068",
+            Self::UnclearTurn { .. } => "E069",
+        }
+    }
+
+    /// What to do about it.
+    #[must_use]
+    pub fn help(&self) -> String {
+        match self {
+            Self::UnitsRequired { example, dimension, .. } => {
+                format!("write {example}; known units of {dimension}: {}", dimension.known())
+            }
+            Self::OutOfRange { allowed, .. } => format!("give {allowed}"),
+            Self::UnknownKey { known, .. } => format!("known keys here: {known}"),
+            Self::DuplicateKey { .. } => "keep one of the two".to_owned(),
+            Self::WrongType { wanted, .. } => format!("write {wanted}"),
+            Self::Missing { add, .. } => format!("add {add}"),
+            Self::Conflict { first, second } => format!("keep either `{first}` or `{second}`"),
+            Self::Syntax { .. } => "write the scene as TOML, see https://toml.io".to_owned(),
+            Self::Quantity(error) => error.help(),
+            Self::KeysOutOfOrder { .. } => "sort the keys by frame, each frame once".to_owned(),
+            Self::MissingFile { .. } => "check the path; it is relative to the scene's folder".to_owned(),
+            Self::OutsideFolder { .. } => {
+                "write an absolute path, or one that begins with a variable such as $PLIANT_DATA".to_owned()
+            }
+            Self::UnsetVariable { name } => format!("set it: export {name}=FOLDER"),
+            Self::UnknownName { known, .. } if known.is_empty() => "there are none yet".to_owned(),
+            Self::UnknownName { what, known, .. } => format!("give a {what} among: {known}"),
+            Self::DuplicateName { .. } => "give each its own name".to_owned(),
+            Self::EmptyList { wanted } => format!("give {wanted}, or leave the key out"),
+            Self::HeldTwice { .. } => "name each vertex in one attachment".to_owned(),
+            Self::TooDeep { .. } => "a scene needs no more than a few levels".to_owned(),
+            Self::Override { hint, .. } => hint.clone(),
+            Self::UnclearTurn { .. } => "add key frames between the two".to_owned(),
+        }
+    }
+}
+
+/// A problem of a scene and its place, shown with the source line and a caret by [`miette`].
+#[derive(Clone)]
+pub struct SceneError(Box<Placed>);
+
+#[derive(Clone)]
+struct Placed {
+    problem: Problem,
+    key: String,
+    source: NamedSource<Arc<str>>,
+    span: Span,
+    /// Line and column, both from 1; `None` where the text is no file (an override, a name).
+    place: Option<(usize, usize)>,
+}
+
+impl SceneError {
+    pub(super) fn new(problem: Problem, key: &str, span: &Span, sources: &Sources) -> Self {
+        let (name, text, span) = sources.locate(span);
+        let before = text.get(..span.start).unwrap_or(&text);
+        let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+        // The text of an override is its own name, one line, and needs no place.
+        let place = (!name.starts_with("--set ")).then(|| (before.matches('\n').count() + 1, column));
+        let source = NamedSource::new(name, text);
+        Self(Box::new(Placed { problem, key: key.to_owned(), source, span, place }))
+    }
+
+    /// An error of a name or a path that was given outside of any file.
+    pub(super) fn of_name(problem: Problem, name: &str) -> Self {
+        let source = NamedSource::new("SCENE", Arc::from(name));
+        Self(Box::new(Placed { problem, key: String::new(), source, span: 0..name.len(), place: None }))
+    }
+
+    /// What is wrong.
+    #[must_use]
+    pub fn problem(&self) -> &Problem {
+        &self.0.problem
+    }
+
+    /// The key in question, such as `muscle.0.material.density`; empty for the document itself.
+    #[must_use]
+    pub fn key(&self) -> &str {
+        &self.0.key
+    }
+
+    /// Line and column in the file, both from 1; `None` for an override or the name of a scene.
+    #[must_use]
+    pub fn place(&self) -> Option<(usize, usize)> {
+        self.0.place
+    }
+
+    /// One line, `file:line:column: error[E052]: key: what is wrong; what to do`, for pipes and logs.
+    #[must_use]
+    pub fn terse(&self) -> String {
+        let at = match self.0.place {
+            Some((line, column)) => format!("{}:{line}:{column}", self.0.source.name()),
+            None => self.0.source.name().to_owned(),
+        };
+        let key = if self.0.key.is_empty() { String::new() } else { format!("{}: ", self.0.key) };
+        format!("{at}: error[{}]: {key}{}; {}", self.0.problem.code(), self.0.problem, self.0.problem.help())
+    }
+}
+
+impl fmt::Display for SceneError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.problem.fmt(f)
+    }
+}
+
+impl fmt::Debug for SceneError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.terse())
+    }
+}
+
+impl std::error::Error for SceneError {}
+
+impl Diagnostic for SceneError {
+    fn code<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        Some(Box::new(self.0.problem.code()))
+    }
+
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        Some(Box::new(self.0.problem.help()))
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&self.0.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let label = if self.0.key.is_empty() { "here".to_owned() } else { self.0.key.clone() };
+        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(Some(label), self.0.span.clone()))))
+    }
+}

@@ -1,0 +1,277 @@
+//! Rigid motion by key frames, interpolated as a screw: between two keys the body turns about one axis in space and
+//! slides along it, both evenly.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+
+use super::error::{Problem, SceneError};
+use super::reader::{Limit, Section};
+use super::units::Dimension;
+use super::{Key, Motion};
+
+/// A turn about one axis between two keys is split into parts of at most this angle [rad], well below the half turn
+/// at which the axis of the relative pose is lost.
+const LARGEST_TURN: f64 = 2.0;
+/// Largest relative angle between two keys about different axes [rad], short of the half turn.
+const CLEAR_TURN: f64 = 3.0;
+/// Largest angle of a key [rad]; bounds the number of keys put in between.
+const LARGEST_ANGLE: f64 = 1000.0;
+
+impl Motion {
+    /// The pose at a frame, which may be fractional: the identity without keys, the first or the last key's pose
+    /// outside of them, at a key exactly its pose, and between two keys their screw.
+    ///
+    /// ```
+    /// use nalgebra::{Isometry3, Vector3};
+    /// use pliant::scene::{Key, Motion};
+    /// let turned = Isometry3::rotation(Vector3::z());
+    /// let keys = vec![Key { frame: 0.0, pose: Isometry3::identity() }, Key { frame: 10.0, pose: turned }];
+    /// assert!((Motion { keys }.pose(5.0).rotation.angle() - 0.5).abs() < 1e-15);
+    /// ```
+    #[must_use]
+    pub fn pose(&self, frame: f64) -> Isometry3<f64> {
+        let next = self.keys.partition_point(|k| k.frame <= frame);
+        match (next.checked_sub(1).and_then(|last| self.keys.get(last)), self.keys.get(next)) {
+            (None, None) => Isometry3::identity(),
+            (Some(only), None) | (None, Some(only)) => only.pose,
+            // At a key the pose is the key's, to the bit.
+            (Some(before), Some(_)) if before.frame == frame => before.pose,
+            (Some(before), Some(after)) => {
+                let share = (frame - before.frame) / (after.frame - before.frame);
+                before.pose * screw_part(&(before.pose.inverse() * after.pose), share)
+            }
+        }
+    }
+}
+
+/// The part `share` (0..1) of the screw that leads from the identity to `pose`, `exp(share log(pose))`.
+///
+/// Along the axis the translation is scaled. Across it a turn by `a` about a distant axis moves the body along a
+/// chord of length `2 r sin(a/2)` at the angle `a/2` to the start, so the part's chord is the whole one times
+/// `sin(share a/2) / sin(a/2)`, turned back by `(1 - share) a/2`. No logarithm is formed, and nothing is lost near
+/// `a = 0`.
+fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    let quaternion = pose.rotation.quaternion();
+    // Of the two quaternions of a rotation, the one of the shorter way.
+    let sign = if quaternion.w < 0.0 { -1.0 } else { 1.0 };
+    let (cosine, vector) = (sign * quaternion.w, sign * quaternion.imag());
+    let sine = vector.norm();
+    let moved = pose.translation.vector;
+    // Below this, squares underflow and the direction of the axis is lost; so small a turn moves nothing.
+    if sine < 1e-150 {
+        return Isometry3::from_parts(Translation3::from(moved * share), UnitQuaternion::identity());
+    }
+    let axis = Unit::new_unchecked(vector / sine);
+    let half = libm::atan2(sine, cosine);
+    let along = axis.as_ref() * axis.dot(&moved);
+    let ratio = libm::sin(share * half) / sine;
+    let across = turn(&axis, -(1.0 - share) * half) * (moved - along) * ratio;
+    Isometry3::from_parts(Translation3::from(along * share + across), turn(&axis, 2.0 * share * half))
+}
+
+/// Rotation by an angle [rad]; with libm's functions, which give the same bits on every system.
+fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
+    let (sine, cosine) = libm::sincos(0.5 * angle);
+    UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
+}
+
+/// One key as written: where a body is that turned about an axis through the joint's centre, slid along the axis, and
+/// then moved.
+#[derive(Clone, Copy, Debug)]
+struct Written {
+    frame: f64,
+    axis: Unit<Vector3<f64>>,
+    angle: f64,
+    slide: f64,
+    translation: Vector3<f64>,
+}
+
+impl Written {
+    fn pose(&self, centre: &Vector3<f64>) -> Isometry3<f64> {
+        let rotation = turn(&self.axis, self.angle);
+        let back = if self.angle == 0.0 { Vector3::zeros() } else { centre - rotation * centre };
+        let moved = back + self.axis.as_ref() * self.slide + self.translation;
+        Isometry3::from_parts(Translation3::from(moved), rotation)
+    }
+
+    /// The same axis, or no turn at all and so any axis.
+    fn shares_axis(&self, other: &Self) -> bool {
+        self.axis == other.axis || self.angle == 0.0 && self.slide == 0.0 || other.angle == 0.0 && other.slide == 0.0
+    }
+}
+
+/// Reads a section `[bone.motion]`.
+pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
+    let centre = section.get("centre").map(|i| i.vector(Dimension::Length)).transpose()?;
+    let axis = section.get("axis").map(|i| i.direction()).transpose()?;
+    let keys = section.need("keys", "[{ frame = 0, angle = \"0 rad\" }, { frame = 100, angle = \"1 rad\" }]")?;
+    let sections = section.sections("keys")?;
+    if sections.is_empty() {
+        return keys.fail(Problem::EmptyList { wanted: "at least one key".to_owned() });
+    }
+    let point = centre.unwrap_or_default();
+    let mut motion = Motion::default();
+    let mut before: Option<Written> = None;
+    for key in sections {
+        let written = read_key(&key, axis)?;
+        if written.angle != 0.0 && centre.is_none() {
+            return section.fail(Problem::missing("centre", "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`"));
+        }
+        if let Some(before) = before {
+            between(&before, &written, &point, &key, &mut motion)?;
+        }
+        motion.keys.push(Key { frame: written.frame, pose: written.pose(&point) });
+        before = Some(written);
+    }
+    Ok(motion)
+}
+
+fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Written, SceneError> {
+    let frame = key.need("frame", "0")?.number(Limit::Within(0.0, 1e9))?;
+    let limit = Limit::Within(-LARGEST_ANGLE, LARGEST_ANGLE);
+    let angle = key.quantity_or("angle", Dimension::Angle, limit, 0.0)?;
+    let slide = key.quantity_or("slide", Dimension::Length, Limit::Any, 0.0)?;
+    let axis = match key.get("axis") {
+        Some(item) => Some(item.direction()?),
+        None => axis,
+    };
+    if axis.is_none() && (angle != 0.0 || slide != 0.0) {
+        return key.fail(Problem::missing("axis", "`axis = [-1, 0, 0]` to the motion"));
+    }
+    let translation = key.get("translation").map(|i| i.vector(Dimension::Length)).transpose()?;
+    Ok(Written {
+        frame,
+        axis: axis.unwrap_or_else(Vector3::x_axis),
+        angle,
+        slide,
+        translation: translation.unwrap_or_default(),
+    })
+}
+
+/// Checks the way between two keys, and puts keys in between where it is a wide turn about one axis.
+fn between(
+    before: &Written,
+    after: &Written,
+    centre: &Vector3<f64>,
+    section: &Section<'_>,
+    motion: &mut Motion,
+) -> Result<(), SceneError> {
+    if after.frame <= before.frame {
+        let problem = Problem::KeysOutOfOrder { frame: after.frame, before: before.frame };
+        return section.need("frame", "0")?.fail(problem);
+    }
+    if !before.shares_axis(after) {
+        let relative = before.pose(centre).inverse() * after.pose(centre);
+        let wide = before.angle.abs().max(after.angle.abs()) > std::f64::consts::PI;
+        if wide || relative.rotation.angle() > CLEAR_TURN {
+            return section
+                .fail(Problem::UnclearTurn { why: "the axis changes and the turn is near half a turn or more" });
+        }
+        return Ok(());
+    }
+    // Angles are at most 1000 rad, so there are at most 1000 parts.
+    let parts = ((after.angle - before.angle).abs() / LARGEST_TURN).ceil().max(1.0);
+    let axis = if before.angle == 0.0 && before.slide == 0.0 { after.axis } else { before.axis };
+    let mut part = 1.0;
+    while part < parts {
+        let share = part / parts;
+        let mix = |from: f64, to: f64| from + (to - from) * share;
+        let written = Written {
+            frame: mix(before.frame, after.frame),
+            axis,
+            angle: mix(before.angle, after.angle),
+            slide: mix(before.slide, after.slide),
+            translation: before.translation + (after.translation - before.translation) * share,
+        };
+        motion.keys.push(Key { frame: written.frame, pose: written.pose(centre) });
+        part += 1.0;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+    use nalgebra::Point3;
+    use proptest::prelude::*;
+
+    fn off_origin(angle: f64, slide: f64) -> Isometry3<f64> {
+        let axis = Unit::new_normalize(Vector3::new(1.0, -2.0, 0.5));
+        let written = Written { frame: 0.0, axis, angle, slide, translation: Vector3::zeros() };
+        written.pose(&Vector3::new(-0.083, 0.86, -0.005))
+    }
+
+    fn two(first: Isometry3<f64>, last: Isometry3<f64>) -> Motion {
+        Motion { keys: vec![Key { frame: 10.0, pose: first }, Key { frame: 30.0, pose: last }] }
+    }
+
+    #[test]
+    fn half_way_of_a_turn_about_a_distant_axis_is_half_the_turn() {
+        for angle in [1e-12, 1e-6, 0.1, 1.0, 2.0, 3.0, -1.0] {
+            let motion = two(Isometry3::identity(), off_origin(angle, 0.0));
+            assert_relative_eq!(motion.pose(20.0), off_origin(angle / 2.0, 0.0), epsilon = 1e-15, max_relative = 1e-14);
+            assert_relative_eq!(motion.pose(15.0), off_origin(angle / 4.0, 0.0), epsilon = 1e-15, max_relative = 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_slide_is_even() {
+        let motion = two(off_origin(0.3, 0.0), off_origin(1.3, 0.02));
+        for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+            let wanted = off_origin(0.3 + share, 0.02 * share);
+            assert_relative_eq!(motion.pose(10.0 + 20.0 * share), wanted, epsilon = 1e-15, max_relative = 1e-14);
+        }
+        let moved = Isometry3::translation(0.1, 0.2, 0.3);
+        assert_relative_eq!(two(Isometry3::identity(), moved).pose(15.0), Isometry3::translation(0.025, 0.05, 0.075));
+    }
+
+    #[test]
+    fn at_and_outside_the_keys_the_pose_is_the_keys_to_the_bit() {
+        let (first, last) = (off_origin(0.7, 0.01), off_origin(-0.4, 0.02));
+        let motion = two(first, last);
+        for frame in [f64::NEG_INFINITY, 0.0, 10.0] {
+            assert_eq!(motion.pose(frame), first);
+        }
+        for frame in [30.0, 31.0, f64::INFINITY] {
+            assert_eq!(motion.pose(frame), last);
+        }
+        assert_eq!(Motion::default().pose(3.0), Isometry3::identity());
+        assert!(motion.pose(f64::NAN).translation.vector.iter().all(|x| x.is_finite()));
+    }
+
+    #[test]
+    fn the_longer_quaternion_takes_the_same_way() {
+        let pose = off_origin(1.0, 0.0);
+        let other = UnitQuaternion::new_unchecked(-pose.rotation.into_inner());
+        let negative = Isometry3::from_parts(pose.translation, other);
+        assert_relative_eq!(screw_part(&negative, 0.5), screw_part(&pose, 0.5), epsilon = 1e-15);
+    }
+
+    #[test]
+    fn a_zero_turn_keeps_the_centre_to_the_bit() {
+        assert_eq!(off_origin(0.0, 0.0), Isometry3::identity());
+    }
+
+    proptest! {
+        /// Parts of a screw follow one another: `screw(a + b) = screw(a) screw(b)`, and the whole is the pose.
+        #[test]
+        fn parts_of_a_screw_add_up(
+            angle in -3.1..3.1_f64, turn in 0.0..1.0_f64, rest in 0.0..1.0_f64,
+            axis in prop::array::uniform3(-1.0..1.0_f64), moved in prop::array::uniform3(-2.0..2.0_f64),
+            point in prop::array::uniform3(-2.0..2.0_f64),
+        ) {
+            let axis = Vector3::from(axis);
+            prop_assume!(axis.norm() > 1e-3);
+            let pose = Isometry3::from_parts(
+                Translation3::from(Vector3::from(moved)),
+                super::turn(&Unit::new_normalize(axis), angle),
+            );
+            let point = Point3::from(point);
+            let sum = screw_part(&pose, turn) * (screw_part(&pose, rest) * point);
+            // Near the half turn the chord of a screw with a given translation is long, but never longer than this.
+            let bound = 1e-13 * (10.0 + 2.0 / libm::cos(angle / 2.0).abs());
+            prop_assert!((sum - screw_part(&pose, turn + rest) * point).norm() <= bound);
+            prop_assert!((screw_part(&pose, 1.0) * point - pose * point).norm() <= bound);
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! Changes of a scene from the command line, `--set path.key=value`, applied to the TOML before it is checked.
+//!
+//! Every key has its path; a list's element is named by its number from 0, by its `name`, or is `*` for all:
+//! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`, `muscle.*.material.density=1 g/cm3`. A path that
+//! begins with a key of `effects`, of the solver in use or of `solver` may leave out what stands before it:
+//! `contact.friction=0.3`, `substeps=40`. The value is TOML, but texts need no quotes; `none` or `off` removes a key
+//! or a whole section, `on` switches on a section that needs no keys, and `solver=pbd` changes the solver.
+
+use super::error::{Problem, SceneError};
+use super::reader::unknown_key;
+use super::schema::{EFFECTS, Kind, ROOT, SOLVER, Schema};
+use super::spelling::{nearest, shown};
+use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
+
+/// What the help text of `--set` says.
+pub const HELP: &str = "\
+Change the scene before it is checked: PATH=VALUE
+  --set effects.contact.friction=0.3      a key by its path
+  --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
+  --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
+  --set effects.contact=off               remove a section or a key (none or off)
+  --set effects.stretch=on                add a section that needs no keys
+  --set solver=pbd                        change the solver, with its default settings
+Texts need no quotes. May be given several times; the last one wins.";
+
+/// One segment of a path.
+struct Segment {
+    text: String,
+    span: Span,
+    /// In quotes, and so neither a number nor `*`.
+    quoted: bool,
+}
+
+/// An override being applied.
+struct Change<'a> {
+    sources: &'a Sources,
+    whole: Span,
+    value: &'a str,
+    value_start: usize,
+}
+
+type Done = Result<(), SceneError>;
+
+/// Applies one text `path.key=value` to the document.
+pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> Done {
+    let start = sources.add(&format!("--set {}", shown(text)), text);
+    let whole = start..start + text.len();
+    let sources = &*sources;
+    let malformed = |message: &str| {
+        let hint = "write PATH=VALUE, for example effects.contact.friction=0.3".to_owned();
+        SceneError::new(Problem::Override { message: message.to_owned(), hint }, "", &whole, sources)
+    };
+    let equals = equals_sign(text).ok_or_else(|| malformed("there is no `=`"))?;
+    let path = segments(&text[..equals], start).ok_or_else(|| malformed("the path is not one"))?;
+    let value = text[equals + 1..].trim_start();
+    let value_start = start + text.len() - value.len();
+    let value = value.trim_end();
+    if value.is_empty() {
+        return Err(malformed("there is no value"));
+    }
+    let Value::Table(root) = &mut document.value else {
+        return Ok(());
+    };
+    let path = in_full(path, root);
+    Change { sources, whole: whole.clone(), value, value_start }.table(root, &ROOT, &path, "")
+}
+
+/// The first `=` outside of quotes.
+fn equals_sign(text: &str) -> Option<usize> {
+    let mut quote = None;
+    for (at, c) in text.char_indices() {
+        match (quote, c) {
+            (None, '=') => return Some(at),
+            (None, '"' | '\'') => quote = Some(c),
+            (Some(open), _) if open == c => quote = None,
+            _ => {}
+        }
+    }
+    None
+}
+
+/// Splits a path at its dots outside of quotes; `None` if a segment is empty or a quote is left open.
+fn segments(path: &str, start: usize) -> Option<Vec<Segment>> {
+    let mut out = Vec::new();
+    let mut quote = None;
+    let mut begin = 0;
+    for (at, c) in path.char_indices().chain([(path.len(), '.')]) {
+        match (quote, c) {
+            (None, '.') => {
+                out.push(segment(path.get(begin..at)?, start + begin)?);
+                begin = at + 1;
+            }
+            (None, '"' | '\'') => quote = Some(c),
+            (Some(open), _) if open == c && at < path.len() => quote = None,
+            _ => {}
+        }
+    }
+    quote.is_none().then_some(out)
+}
+
+fn segment(written: &str, start: usize) -> Option<Segment> {
+    let trimmed = written.trim();
+    let start = start + (written.len() - written.trim_start().len());
+    let span = start..start + trimmed.len();
+    let inner = ['"', '\''].iter().find_map(|&q| trimmed.strip_prefix(q)?.strip_suffix(q));
+    let text = inner.unwrap_or(trimmed).to_owned();
+    (!text.is_empty()).then_some(Segment { text, span, quoted: inner.is_some() })
+}
+
+/// Puts what may be left out before a path.
+fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
+    let Some(first) = path.first() else {
+        return path;
+    };
+    let span = first.span.start..first.span.start;
+    let put = |names: &[&str], path: Vec<Segment>| {
+        let before = names.iter().map(|n| Segment { text: (*n).to_owned(), span: span.clone(), quoted: false });
+        before.chain(path).collect()
+    };
+    let key = first.text.as_str();
+    if ROOT.get(key).is_some() {
+        return path;
+    }
+    if EFFECTS.get(key).is_some() {
+        return put(&["effects"], path);
+    }
+    if SOLVER.get(key).is_some() {
+        return put(&["solver"], path);
+    }
+    let in_use = match root.get("solver").map(|e| &e.node.value) {
+        Some(Value::Table(solver)) if solver.get("pbd").is_some() => "pbd",
+        _ => "xpbd",
+    };
+    match SOLVER.get(in_use) {
+        Some(Kind::Table(schema)) if schema.get(key).is_some() => put(&["solver", in_use], path),
+        _ => path,
+    }
+}
+
+impl Change<'_> {
+    fn fail(&self, problem: Problem, key: &str, span: &Span) -> Done {
+        Err(SceneError::new(problem, key, span, self.sources))
+    }
+
+    fn nowhere(&self, message: String, hint: String, key: &str, span: &Span) -> Done {
+        self.fail(Problem::Override { message, hint }, key, span)
+    }
+
+    /// Follows the path into a table.
+    fn table(&self, table: &mut Table, schema: &Schema, path: &[Segment], above: &str) -> Done {
+        let Some((first, rest)) = path.split_first() else {
+            return Ok(());
+        };
+        let key = first.text.as_str();
+        let Some(kind) = schema.get(key) else {
+            return self.fail(unknown_key(key, schema), above, &first.span);
+        };
+        let here = if above.is_empty() { key.to_owned() } else { format!("{above}.{key}") };
+        if rest.is_empty() {
+            return self.put(table, first, kind, &here);
+        }
+        match kind {
+            Kind::Table(schema) => {
+                let node = match table.get_mut(key) {
+                    Some(entry) => &mut entry.node,
+                    None => table.set(key, first.span.clone(), self.empty_table()),
+                };
+                match &mut node.value {
+                    Value::Table(table) => self.table(table, schema, rest, &here),
+                    // The reader will say what is wrong with it.
+                    _ => Ok(()),
+                }
+            }
+            Kind::List(schema) => self.list(table.get_mut(key), schema, rest, &here, &first.span),
+            Kind::Text | Kind::Plain => {
+                let span = &rest[0].span;
+                let message = format!("`{here}` is a single value; nothing is below it");
+                self.nowhere(message, format!("write {here}=VALUE"), &here, span)
+            }
+        }
+    }
+
+    /// Follows the path into one element of a list, or into all.
+    fn list(&self, entry: Option<&mut Entry>, schema: &Schema, path: &[Segment], here: &str, span: &Span) -> Done {
+        let Some((first, rest)) = path.split_first() else {
+            return Ok(());
+        };
+        let Some(Node { value: Value::List(list), .. }) = entry.map(|e| &mut e.node) else {
+            return self.nowhere(format!("the scene has no `{here}`"), format!("add [[{here}]] to it"), here, span);
+        };
+        if rest.is_empty() {
+            let message = format!("`{here}.{}` is a section, not a value", shown(&first.text));
+            let hint = format!("name one of its keys: {}", schema.known());
+            return self.nowhere(message, hint, here, &first.span);
+        }
+        let chosen = match chosen(list, first) {
+            Ok(chosen) => chosen,
+            Err(problem) => return self.fail(problem, here, &first.span),
+        };
+        for index in chosen {
+            if let Some(Node { value: Value::Table(table), .. }) = list.get_mut(index) {
+                self.table(table, schema, rest, &format!("{here}.{index}"))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Sets or removes the value at the end of the path.
+    fn put(&self, table: &mut Table, segment: &Segment, kind: Kind, here: &str) -> Done {
+        let key = segment.text.as_str();
+        let span = segment.span.clone();
+        match (kind, self.value) {
+            (_, "none" | "off") => table.remove(key),
+            (Kind::Table(schema), "on") if schema.get("xpbd").is_none() => {
+                if table.get(key).is_none() {
+                    table.set(key, span, self.empty_table());
+                }
+            }
+            (Kind::Table(schema), name) if schema.get("xpbd").is_some() && schema.get(name).is_some() => {
+                let mut inner = Table::default();
+                inner.set(name, span.clone(), self.empty_table());
+                table.set(key, span, Node { span: self.value_span(), value: Value::Table(inner) });
+            }
+            _ => {
+                let node = self.node(kind)?;
+                // The values of a section or a list are set one by one, so that a typing error cannot drop the rest.
+                if matches!(kind, Kind::Table(_)) && !matches!(node.value, Value::Table(_)) {
+                    let message = format!("`{here}` is a section, not a value");
+                    let hint = "give a key below it, or `on`, or `off` to remove it".to_owned();
+                    return self.nowhere(message, hint, here, &segment.span);
+                }
+                table.set(key, span, node);
+            }
+        }
+        Ok(())
+    }
+
+    fn value_span(&self) -> Span {
+        self.value_start..self.value_start + self.value.len()
+    }
+
+    fn empty_table(&self) -> Node {
+        Node { span: self.whole.clone(), value: Value::Table(Table::default()) }
+    }
+
+    /// The value: TOML, or a text without quotes.
+    fn node(&self, kind: Kind) -> Result<Node, SceneError> {
+        let plain = || Node { span: self.value_span(), value: Value::Text(self.value.to_owned()) };
+        let quoted = self.value.starts_with(['"', '\'']);
+        // A name such as `7` or `true` is a text where a text is due; a quantity without a unit stays a number there
+        // too, and is refused for its unit.
+        if matches!(kind, Kind::Text) && !quoted {
+            return Ok(plain());
+        }
+        Ok(tree::value(self.value, self.value_start, self.sources)?.unwrap_or_else(plain))
+    }
+}
+
+/// Indices of the elements that a segment names.
+fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
+    let text = segment.text.as_str();
+    if !segment.quoted {
+        if text == "*" {
+            return Ok((0..list.len()).collect());
+        }
+        if let Ok(index) = text.parse::<usize>() {
+            if index < list.len() {
+                return Ok(vec![index]);
+            }
+            return Err(Problem::OutOfRange {
+                found: format!("the number {index}"),
+                allowed: format!("a number below {}, they are counted from 0", list.len()),
+            });
+        }
+    }
+    let names: Vec<Option<&str>> = list.iter().map(name).collect();
+    match names.iter().position(|n| *n == Some(text)) {
+        Some(index) => Ok(vec![index]),
+        None => Err(Problem::UnknownName {
+            what: "element",
+            name: shown(text),
+            nearest: nearest(text, names.iter().copied().flatten()).map(shown),
+            known: names.into_iter().flatten().map(shown).collect::<Vec<_>>().join(", "),
+        }),
+    }
+}
+
+fn name(node: &Node) -> Option<&str> {
+    match &node.value {
+        Value::Table(table) => match &table.get("name")?.node.value {
+            Value::Text(name) => Some(name),
+            _ => None,
+        },
+        _ => None,
+    }
+}

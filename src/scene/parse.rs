@@ -1,0 +1,239 @@
+//! Reads a scene from TOML, checks it, and gives it in SI units.
+//!
+//! # The layout
+//! Every key there is, the optional ones marked. Quantities are texts with their [unit](super::units); ratios without
+//! a dimension are plain numbers. Files stay in the scene's folder, or are absolute, or begin with a variable.
+#![doc = concat!("```toml\n", include_str!("layout.toml"), "```")]
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::error::{Problem, SceneError};
+use super::reader::{Context, Item, Limit, Section};
+use super::schema::ROOT;
+use super::shapes_known::SHAPES;
+use super::spelling::{nearest, shown};
+use super::tree::{self, Sources};
+use super::units::{self, Dimension};
+use super::{Bone, Capsule, Muscle, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
+
+/// Longest name [bytes]; it becomes part of the names of files.
+const LONGEST_NAME: usize = 100;
+
+/// What a scene's text does not say itself.
+#[derive(Clone, Copy)]
+pub struct Surroundings<'a> {
+    /// Folder of the scene file: relative paths begin here and stay here.
+    pub folder: &'a Path,
+    /// Value of a variable that a path begins with, [`paths::environment`](super::environment) as a rule.
+    pub variable: &'a dyn Fn(&str) -> Option<OsString>,
+    /// Texts `path.key=value`, applied in turn before the scene is checked.
+    pub overrides: &'a [String],
+}
+
+impl<'a> Surroundings<'a> {
+    /// A folder, the variables of the environment, no overrides.
+    #[must_use]
+    pub fn of(folder: &'a Path) -> Self {
+        Self { folder, variable: &paths::environment, overrides: &[] }
+    }
+}
+
+/// Reads and checks a scene; `name` stands for the text in messages, `folder` is where its relative paths begin.
+///
+/// # Errors
+/// The first thing that is wrong, with its place; see [`Problem`].
+///
+/// ```
+/// let text = "
+/// frames = 300
+/// frame_rate = '60 Hz'
+/// [[muscle]]
+/// name = 'calf'
+/// shape = 'tetrahedron'
+/// [effects.gravity]
+/// acceleration = ['0 m/s2', '-9.81 m/s2', '0 m/s2']
+/// ";
+/// let scene = pliant::scene::parse(text, "calf.toml", std::path::Path::new(".")).unwrap();
+/// assert_eq!(scene.name, "calf");
+/// let error = pliant::scene::parse(&text.replace("frames", "farmes"), "calf.toml", std::path::Path::new("."));
+/// assert_eq!(error.unwrap_err().to_string(), "unknown key `farmes`, did you mean `frames`?");
+/// ```
+pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError> {
+    parse_with(text, name, &Surroundings::of(folder))
+}
+
+/// As [`parse`], with overrides and with variables from elsewhere.
+///
+/// # Errors
+/// The first thing that is wrong, with its place; see [`Problem`].
+pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Result<Scene, SceneError> {
+    let mut sources = Sources::new(name, text);
+    let mut document = tree::document(&sources)?;
+    for text in surroundings.overrides {
+        overrides::apply(text, &mut document, &mut sources)?;
+    }
+    let context = Context { sources: &sources, surroundings };
+    let root = Item { context, node: &document, key: String::new() };
+    let file_stem = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+    scene(&root.section(&ROOT)?, file_stem)
+}
+
+fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
+    let name = match root.get("name") {
+        Some(item) => checked_name(&item)?,
+        None if name_fault(file_stem).is_none() => file_stem.to_owned(),
+        None => return root.fail(Problem::missing("name", "`name = \"...\"`")),
+    };
+    let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
+    let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
+    let bones = bones(root)?;
+    let capsules = capsules(root, &bones)?;
+    let mut muscles: Vec<Muscle> = Vec::new();
+    for section in root.sections("muscle")? {
+        let name = unique_name(&section, |n| muscles.iter().any(|m| m.name == n))?;
+        muscles.push(parse_muscle::muscle(&section, name, &bones)?);
+    }
+    if muscles.is_empty() {
+        return root.fail(Problem::missing("muscle", "a section [[muscle]]"));
+    }
+    Ok(Scene {
+        name,
+        frames: usize::try_from(frames).unwrap_or(usize::MAX),
+        frame_rate,
+        bones,
+        capsules,
+        muscles,
+        effects: parse_effects::effects(root)?,
+        solver: parse_effects::solver(root)?,
+    })
+}
+
+fn bones(root: &Section<'_>) -> Result<Vec<Bone>, SceneError> {
+    let mut bones: Vec<Bone> = Vec::new();
+    for section in root.sections("bone")? {
+        let name = unique_name(&section, |n| bones.iter().any(|b| b.name == n))?;
+        let surface = surface(&section)?;
+        let motion = match section.section("motion")? {
+            Some(section) => motion::read(&section)?,
+            None => super::Motion::default(),
+        };
+        bones.push(Bone { name, surface, motion });
+    }
+    Ok(bones)
+}
+
+fn capsules(root: &Section<'_>, bones: &[Bone]) -> Result<Vec<Capsule>, SceneError> {
+    let mut capsules: Vec<Capsule> = Vec::new();
+    for section in root.sections("capsule")? {
+        let taken = |n: &str| bones.iter().any(|b| b.name == n) || capsules.iter().any(|c| c.name == n);
+        let name = unique_name(&section, taken)?;
+        let bone = bone_index(&section, bones)?;
+        let point = |key| -> Result<_, SceneError> {
+            Ok(Point3::from(section.need(key, "[\"0 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?))
+        };
+        let segment = [point("from")?, point("to")?];
+        let radius = section.need_quantity("radius", Dimension::Length, Limit::Positive)?;
+        capsules.push(Capsule { name, bone, segment, radius });
+    }
+    Ok(capsules)
+}
+
+/// The index of the bone that the key `bone` names.
+pub(super) fn bone_index(section: &Section<'_>, bones: &[Bone]) -> Result<usize, SceneError> {
+    let item = section.need("bone", "\"NAME\"")?;
+    let name = item.text("femur")?;
+    match bones.iter().position(|b| b.name == name) {
+        Some(index) => Ok(index),
+        None => item.fail(unknown_name("bone", name, bones.iter().map(|b| b.name.as_str()))),
+    }
+}
+
+/// The error for a name that nothing has.
+pub(super) fn unknown_name<'a>(
+    what: &'static str,
+    name: &str,
+    known: impl Iterator<Item = &'a str> + Clone,
+) -> Problem {
+    Problem::UnknownName {
+        what,
+        name: shown(name),
+        nearest: nearest(name, known.clone()).map(shown),
+        known: known.map(shown).collect::<Vec<_>>().join(", "),
+    }
+}
+
+/// `mesh` with its `unit`, or `shape`.
+pub(super) fn surface(section: &Section<'_>) -> Result<Source, SceneError> {
+    section.exclusive("mesh", "shape")?;
+    if let Some(item) = section.get("shape") {
+        section.exclusive("shape", "unit")?;
+        return shape(&item, SHAPES);
+    }
+    match section.get("mesh") {
+        Some(item) => file(&item, section),
+        None => section.fail(Problem::Missing {
+            what: "the surface".to_owned(),
+            add: "`mesh = \"FILE\"` with its `unit`, or `shape = \"NAME\"`".to_owned(),
+        }),
+    }
+}
+
+/// The file of a value, with the key `unit` of its section.
+pub(super) fn file(item: &Item<'_>, section: &Section<'_>) -> Result<Source, SceneError> {
+    let text = item.text("$PLIANT_DATA/body/bones/Femur.r.obj")?;
+    file_at(text, item, section)
+}
+
+/// As [`file`], where the path is only a part of the value.
+pub(super) fn file_at(text: &str, item: &Item<'_>, section: &Section<'_>) -> Result<Source, SceneError> {
+    let Some(unit) = section.get("unit") else {
+        return item.fail(Problem::UnitsRequired {
+            found: format!("`{}`", shown(text)),
+            example: "`unit = \"m\"`, \"cm\" or \"mm\" below it".to_owned(),
+            dimension: Dimension::Length,
+        });
+    };
+    let name = unit.text("mm")?;
+    let scale = units::scale(name, Dimension::Length).map_err(|e| unit.error(e.into()))?;
+    let around = item.context.surroundings;
+    let path = paths::resolve(text, around.folder, around.variable).map_err(|p| item.error(p))?;
+    Ok(Source::File { path, scale })
+}
+
+/// One of the shapes made by code.
+pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneError> {
+    let name = item.text("tetrahedron")?;
+    if known.contains(&name) {
+        return Ok(Source::Shape(name.to_owned()));
+    }
+    item.fail(unknown_name("shape", name, known.iter().copied()))
+}
+
+fn unique_name(section: &Section<'_>, taken: impl Fn(&str) -> bool) -> Result<String, SceneError> {
+    let item = section.need("name", "\"...\"")?;
+    let name = checked_name(&item)?;
+    if taken(&name) { item.fail(Problem::DuplicateName { name }) } else { Ok(name) }
+}
+
+fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
+    let name = item.text("femur")?;
+    match name_fault(name) {
+        Some(allowed) => item.fail(Problem::out_of_range(name, allowed)),
+        None => Ok(name.to_owned()),
+    }
+}
+
+/// Why a name cannot be one: it becomes the name of a file or folder on any system.
+fn name_fault(name: &str) -> Option<&'static str> {
+    if name.trim() != name || name.is_empty() || name.len() > LONGEST_NAME {
+        return Some("a name of 1 to 100 bytes without space at its ends");
+    }
+    let bad = |c: char| c.is_control() || r#"/\:*?"<>|"#.contains(c);
+    if name.contains(bad) || name.starts_with('.') {
+        return Some(r#"a name without / \ : * ? " < > | that does not begin with a dot"#);
+    }
+    None
+}

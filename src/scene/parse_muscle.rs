@@ -1,0 +1,156 @@
+//! Reads the sections `[[muscle]]`.
+
+use super::error::{Problem, SceneError};
+use super::parse::{bone_index, file, file_at, shape, surface};
+use super::reader::{Item, Limit, Section};
+use super::shapes_known::FIBRE_SHAPES;
+use super::tree::Value;
+use super::units::Dimension;
+use super::{Area, Attachment, Bone, Displacement, Force, Mass, Material, Muscle, Source};
+
+/// Density of muscle [kg/m^3].
+const DENSITY: f64 = 1060.0;
+/// In-plane stiffness [N/m].
+const STRETCH: f64 = 300.0;
+/// Bending stiffness [N m].
+const BENDING: f64 = 2e-4;
+/// Share of the vertices that an attachment may hold.
+const LIMIT: f64 = 0.1;
+
+/// One muscle whose name is already checked.
+pub(super) fn muscle(section: &Section<'_>, name: String, bones: &[Bone]) -> Result<Muscle, SceneError> {
+    let surface = surface(section)?;
+    let edge_length = section.get("edge_length").map(|i| i.quantity(Dimension::Length, Limit::Positive)).transpose()?;
+    let material = match section.section("material")? {
+        Some(section) => material(&section)?,
+        None => Material { mass: Mass::Density(DENSITY), stretch: STRETCH, bending: BENDING, bulk: None },
+    };
+    let attachments = attachments(section, bones)?;
+    let fibres = section.section("fibres")?.map(|s| fibres(&s, &surface)).transpose()?;
+    let mut forces = Vec::new();
+    for section in section.sections("force")? {
+        let vertices = section.need("vertices", "[0]")?.vertices()?;
+        let force = section.need("force", "[\"0 N\", \"-10 N\", \"0 N\"]")?.vector(Dimension::Force)?;
+        forces.push(Force { vertices, force });
+    }
+    let mut displacements = Vec::new();
+    for section in section.sections("displace")? {
+        let vertices = section.need("vertices", "[0]")?.vertices()?;
+        let by = section.need("by", "[\"1 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?;
+        displacements.push(Displacement { vertices, by });
+    }
+    Ok(Muscle { name, surface, edge_length, material, attachments, fibres, forces, displacements })
+}
+
+fn material(section: &Section<'_>) -> Result<Material, SceneError> {
+    section.exclusive("density", "vertex_mass")?;
+    let mass = match section.get("vertex_mass") {
+        Some(item) => Mass::PerVertex(item.quantity(Dimension::Mass, Limit::Positive)?),
+        None => Mass::Density(section.quantity_or("density", Dimension::Density, Limit::Positive, DENSITY)?),
+    };
+    Ok(Material {
+        mass,
+        stretch: section.quantity_or("stretch", Dimension::Stiffness, Limit::NotNegative, STRETCH)?,
+        bending: section.quantity_or("bending", Dimension::Moment, Limit::NotNegative, BENDING)?,
+        bulk: section.get("bulk").map(|i| i.quantity(Dimension::Pressure, Limit::Positive)).transpose()?,
+    })
+}
+
+fn attachments(muscle: &Section<'_>, bones: &[Bone]) -> Result<Vec<Attachment>, SceneError> {
+    let mut attachments = Vec::new();
+    // Only lists can be checked here; areas need the mesh.
+    let mut held = std::collections::HashMap::new();
+    for section in muscle.sections("attachment")? {
+        let bone = bone_index(&section, bones)?;
+        let area = area(&section)?;
+        if let Area::Vertices(vertices) = &area {
+            for &vertex in vertices {
+                if let Some(other) = held.insert(vertex, bone) {
+                    let bone = bones.get(other).map_or_else(String::new, |b| b.name.clone());
+                    return section.need("vertices", "[0]")?.fail(Problem::HeldTwice { vertex, bone });
+                }
+            }
+        }
+        let limit = section.get("limit").map_or(Ok(LIMIT), |i| share(&i))?;
+        attachments.push(Attachment { bone, area, limit });
+    }
+    Ok(attachments)
+}
+
+/// A share above zero and up to the whole.
+fn share(item: &Item<'_>) -> Result<f64, SceneError> {
+    let share = item.quantity(Dimension::Ratio, Limit::Positive)?;
+    if share <= 1.0 {
+        return Ok(share);
+    }
+    let found = match &item.node.value {
+        Value::Text(text) => text.clone(),
+        _ => share.to_string(),
+    };
+    item.fail(Problem::out_of_range(&found, "a ratio greater than zero and at most 100 %"))
+}
+
+fn area(section: &Section<'_>) -> Result<Area, SceneError> {
+    for (first, second) in [("near", "patch"), ("near", "vertices"), ("patch", "vertices")] {
+        section.exclusive(first, second)?;
+    }
+    if let Some(item) = section.get("patch") {
+        return patch(&item, section);
+    }
+    let area = match (section.get("near"), section.get("vertices")) {
+        (Some(item), _) => Area::Near(item.quantity(Dimension::Length, Limit::NotNegative)?),
+        (None, Some(item)) => Area::Vertices(item.vertices()?),
+        (None, None) => {
+            return section.fail(Problem::Missing {
+                what: "the area of the attachment".to_owned(),
+                add: "`near = \"3 mm\"`, `patch = \"FILE\"` or `vertices = [0, 1]`".to_owned(),
+            });
+        }
+    };
+    // These two say something about a patch only.
+    for key in ["unit", "within"] {
+        section.exclusive(if section.get("near").is_some() { "near" } else { "vertices" }, key)?;
+    }
+    Ok(area)
+}
+
+/// `patch = "FILE#component"` with its `unit` and `within`.
+fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<Area, SceneError> {
+    let text = item.text("FILE#0")?;
+    let (path, component) = match text.rsplit_once('#') {
+        None => (text, None),
+        Some((path, number)) => match number.parse() {
+            Ok(number) if number < u32::MAX as usize => (path, Some(number)),
+            _ => {
+                let allowed = "the number of a component behind the `#`, 0 for the largest";
+                return item.fail(Problem::out_of_range(&format!("#{number}"), allowed));
+            }
+        },
+    };
+    let source = file_at(path, item, section)?;
+    let within = section.need_quantity("within", Dimension::Length, Limit::NotNegative)?;
+    Ok(Area::Patch { source, component, within })
+}
+
+/// `lines` with its `unit`, or `shape`: a name, or `true` for that of the muscle.
+fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> {
+    section.exclusive("lines", "shape")?;
+    if let Some(item) = section.get("lines") {
+        return file(&item, section);
+    }
+    let Some(item) = section.get("shape") else {
+        return section.fail(Problem::Missing {
+            what: "the fibres' source".to_owned(),
+            add: "`lines = \"FILE\"` with its `unit`, or `shape = true`".to_owned(),
+        });
+    };
+    section.exclusive("shape", "unit")?;
+    match (&item.node.value, muscle) {
+        (Value::Boolean(true), Source::Shape(name)) if FIBRE_SHAPES.contains(&name.as_str()) => Ok(muscle.clone()),
+        (Value::Boolean(_), _) => item.fail(Problem::OutOfRange {
+            found: "this".to_owned(),
+            allowed: format!("a text; only muscles of the shape {} have fibres of their own", FIBRE_SHAPES.join(", ")),
+        }),
+        _ => shape(&item, FIBRE_SHAPES),
+    }
+}

@@ -1,0 +1,125 @@
+//! Paths of a scene: relative to its folder and inside it, or absolute, or beginning with a variable.
+
+use std::ffi::OsString;
+use std::path::{Component, Path, PathBuf};
+
+use super::error::Problem;
+use super::spelling::shown;
+
+/// The variable that names the folder of measured data.
+const DATA: &str = "PLIANT_DATA";
+
+/// Value of an environment variable; for `PLIANT_DATA` that is not set, the folder `shared/data` beside the working
+/// folder, or beside the folder of the crate that cargo runs, if there is one.
+#[must_use]
+pub fn environment(name: &str) -> Option<OsString> {
+    let set = std::env::var_os(name).filter(|v| !v.is_empty());
+    if set.is_some() || name != DATA {
+        return set;
+    }
+    let crate_folder = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
+    let folders = [std::env::current_dir().ok(), crate_folder];
+    folders
+        .into_iter()
+        .flatten()
+        .filter_map(|folder| Some(folder.parent()?.join("shared").join("data")))
+        .find(|data| data.is_dir())
+        .map(OsString::from)
+}
+
+/// The file that a text of a scene in `folder` means; it must exist.
+pub(super) fn resolve(
+    text: &str,
+    folder: &Path,
+    variable: &dyn Fn(&str) -> Option<OsString>,
+) -> Result<PathBuf, Problem> {
+    let path = match text.strip_prefix('$') {
+        Some(rest) => with_variable(rest, variable)?,
+        None if Path::new(text).is_absolute() => PathBuf::from(text),
+        None => inside(text, folder)?,
+    };
+    let missing = |reason: Option<&str>| Problem::MissingFile {
+        path: shown(&path.display().to_string()),
+        reason: reason.map(str::to_owned),
+    };
+    match std::fs::metadata(&path) {
+        Ok(found) if found.is_dir() => Err(missing(Some("it is a folder"))),
+        Ok(_) => Ok(path),
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => Err(missing(None)),
+        Err(e) => Err(missing(Some(&e.to_string()))),
+    }
+}
+
+/// `NAME/rest` or `{NAME}/rest`, the text behind the `$`.
+fn with_variable(rest: &str, variable: &dyn Fn(&str) -> Option<OsString>) -> Result<PathBuf, Problem> {
+    let (name, rest) = match rest.strip_prefix('{').and_then(|r| r.split_once('}')) {
+        Some(split) => split,
+        None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
+    };
+    let word = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    // Asking the system for a name with `=` or NUL in it is an error of its own kind.
+    let value = if word { variable(name) } else { None };
+    let Some(value) = value else {
+        return Err(Problem::UnsetVariable { name: shown(name) });
+    };
+    Ok(PathBuf::from(value).join(rest.trim_start_matches('/')))
+}
+
+/// A relative path that stays in the folder, whatever `..` it has.
+fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
+    let outside = || Problem::OutsideFolder { path: shown(text) };
+    let mut parts: Vec<&std::ffi::OsStr> = Vec::new();
+    for part in Path::new(text).components() {
+        match part {
+            Component::Normal(name) => parts.push(name),
+            Component::CurDir => {}
+            // Taken away here and not by the system, for which `link/..` may lie elsewhere.
+            Component::ParentDir => {
+                parts.pop().ok_or_else(outside)?;
+            }
+            Component::RootDir | Component::Prefix(_) => return Err(outside()),
+        }
+    }
+    let mut path = folder.to_path_buf();
+    path.extend(parts);
+    Ok(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(text: &str) -> Result<PathBuf, Problem> {
+        inside(text, Path::new("scenes"))
+    }
+
+    #[test]
+    fn relative_paths_stay_in_the_folder() {
+        assert_eq!(at("a.obj"), Ok(PathBuf::from("scenes/a.obj")));
+        assert_eq!(at("./b/../a.obj"), Ok(PathBuf::from("scenes/a.obj")));
+        for text in ["../a.obj", "b/../../a.obj", ".."] {
+            assert_eq!(at(text), Err(Problem::OutsideFolder { path: text.to_owned() }));
+        }
+    }
+
+    #[test]
+    fn variables_are_put_in() {
+        let variable = |name: &str| (name == "HERE").then(|| OsString::from("/data"));
+        for text in ["HERE/a.obj", "{HERE}/a.obj", "{HERE}a.obj", "HERE//a.obj"] {
+            assert_eq!(with_variable(text, &variable), Ok(PathBuf::from("/data/a.obj")), "{text}");
+        }
+        for (text, name) in [("THERE/a.obj", "THERE"), ("", ""), ("/a", ""), ("A=B/a", "A=B"), ("{HERE/a", "{HERE")] {
+            assert_eq!(with_variable(text, &variable), Err(Problem::UnsetVariable { name: name.to_owned() }), "{text}");
+        }
+    }
+
+    #[test]
+    fn folders_and_missing_files_are_refused() {
+        let none = |_: &str| None;
+        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+        assert_eq!(resolve("Cargo.toml", here, &none), Ok(here.join("Cargo.toml")));
+        assert!(matches!(resolve("src", here, &none), Err(Problem::MissingFile { reason: Some(_), .. })));
+        assert!(matches!(resolve("no.obj", here, &none), Err(Problem::MissingFile { reason: None, .. })));
+        assert!(matches!(resolve("a\0b", here, &none), Err(Problem::MissingFile { .. })));
+    }
+}

@@ -1,0 +1,303 @@
+//! Reads checked values out of the tree: each wrong one becomes an error with its place and key.
+
+use nalgebra::{Unit, Vector3};
+
+use super::error::{Problem, SceneError};
+use super::parse::Surroundings;
+use super::schema::{Kind, Schema};
+use super::spelling::{nearest, shown};
+use super::tree::{Entry, Node, Sources, Span, Table, Value};
+use super::units::{self, Dimension};
+
+/// What reading needs to know.
+#[derive(Clone, Copy)]
+pub(super) struct Context<'a> {
+    pub(super) sources: &'a Sources,
+    pub(super) surroundings: &'a Surroundings<'a>,
+}
+
+/// A value, its key, and what reading needs to know.
+#[derive(Clone)]
+pub(super) struct Item<'a> {
+    pub(super) context: Context<'a>,
+    pub(super) node: &'a Node,
+    pub(super) key: String,
+}
+
+/// A table all of whose keys are known.
+#[derive(Clone)]
+pub(super) struct Section<'a> {
+    context: Context<'a>,
+    table: &'a Table,
+    schema: &'static Schema,
+    span: Span,
+    pub(super) key: String,
+}
+
+/// What a number must be besides finite.
+#[derive(Clone, Copy)]
+pub(super) enum Limit {
+    Any,
+    Positive,
+    NotNegative,
+    Within(f64, f64),
+}
+
+impl Limit {
+    fn allows(self, value: f64) -> bool {
+        match self {
+            Self::Any => value.is_finite(),
+            Self::Positive => value.is_finite() && value > 0.0,
+            Self::NotNegative => value.is_finite() && value >= 0.0,
+            Self::Within(low, high) => (low..=high).contains(&value),
+        }
+    }
+
+    fn describe(self, what: &str) -> String {
+        match self {
+            Self::Any => format!("a finite {what}"),
+            Self::Positive => format!("a {what} greater than zero"),
+            Self::NotNegative => format!("a {what} of at least zero"),
+            Self::Within(low, high) => format!("a {what} from {low} to {high}"),
+        }
+    }
+}
+
+type Read<T> = Result<T, SceneError>;
+
+impl<'a> Item<'a> {
+    /// An error at this value.
+    pub(super) fn fail<T>(&self, problem: Problem) -> Read<T> {
+        Err(self.error(problem))
+    }
+
+    pub(super) fn error(&self, problem: Problem) -> SceneError {
+        SceneError::new(problem, &self.key, &self.node.span, self.context.sources)
+    }
+
+    fn wrong_type<T>(&self, wanted: impl Into<String>) -> Read<T> {
+        self.fail(Problem::WrongType { wanted: wanted.into(), found: self.node.value.kind().to_owned() })
+    }
+
+    pub(super) fn text(&self, example: &str) -> Read<&'a str> {
+        match &self.node.value {
+            Value::Text(text) => Ok(text),
+            _ => self.wrong_type(format!("a text such as \"{example}\"")),
+        }
+    }
+
+    /// A plain number within a limit.
+    pub(super) fn number(&self, limit: Limit) -> Read<f64> {
+        let value = match &self.node.value {
+            // Beyond 2^53 the nearest number is as good as any.
+            Value::Integer(number) => *number as f64,
+            Value::Float(number) => *number,
+            _ => return self.wrong_type(limit.describe("number")),
+        };
+        self.limited(value, limit, "number")
+    }
+
+    fn limited(&self, value: f64, limit: Limit, what: &str) -> Read<f64> {
+        if limit.allows(value) {
+            // Minus zero would show as `-0` in reports and change the sign of products.
+            return Ok(value + 0.0);
+        }
+        let found = match &self.node.value {
+            Value::Text(text) => format!("`{}`", shown(text)),
+            _ => format!("`{value}`"),
+        };
+        self.fail(Problem::OutOfRange { found, allowed: limit.describe(what) })
+    }
+
+    pub(super) fn whole(&self, low: u32, high: u32) -> Read<u32> {
+        let allowed = format!("a whole number from {low} to {high}");
+        match self.node.value {
+            Value::Integer(number) => match u32::try_from(number).ok().filter(|n| (low..=high).contains(n)) {
+                Some(number) => Ok(number),
+                None => self.fail(Problem::out_of_range(&number.to_string(), &allowed)),
+            },
+            _ => self.wrong_type(allowed),
+        }
+    }
+
+    /// A quantity with its unit, within a limit, in SI units.
+    pub(super) fn quantity(&self, dimension: Dimension, limit: Limit) -> Read<f64> {
+        let number = match &self.node.value {
+            Value::Text(text) => {
+                let value = units::parse(text, dimension).map_err(|e| self.error(e.into()))?;
+                return self.limited(value, limit, &dimension.to_string());
+            }
+            Value::Integer(number) => number.to_string(),
+            Value::Float(number) => number.to_string(),
+            _ => return self.wrong_type(format!("a {dimension} such as \"{}\"", dimension.example())),
+        };
+        if dimension == Dimension::Ratio {
+            return self.number(limit);
+        }
+        self.fail(units::UnitError::Bare { number, dimension }.into())
+    }
+
+    /// Three quantities.
+    pub(super) fn vector(&self, dimension: Dimension) -> Read<Vector3<f64>> {
+        let example = dimension.example();
+        let [x, y, z] = self.three(&format!("a list of three: [\"{example}\", \"{example}\", \"{example}\"]"))?;
+        Ok(Vector3::new(
+            x.quantity(dimension, Limit::Any)?,
+            y.quantity(dimension, Limit::Any)?,
+            z.quantity(dimension, Limit::Any)?,
+        ))
+    }
+
+    /// A direction of three plain numbers, of any length but zero.
+    pub(super) fn direction(&self) -> Read<Unit<Vector3<f64>>> {
+        let [x, y, z] = self.three("a list of three numbers such as [-1, 0, 0]")?;
+        let vector = Vector3::new(x.number(Limit::Any)?, y.number(Limit::Any)?, z.number(Limit::Any)?);
+        let largest = vector.amax();
+        if largest == 0.0 {
+            return self.fail(Problem::OutOfRange {
+                found: "`[0, 0, 0]`".to_owned(),
+                allowed: "a direction, one of whose numbers is not zero".to_owned(),
+            });
+        }
+        // Scaled first, because squares of numbers above 1e154 are infinite.
+        Ok(Unit::new_normalize(vector / largest))
+    }
+
+    fn three(&self, wanted: &str) -> Read<[Self; 3]> {
+        let found = match &self.node.value {
+            Value::List(list) => match <[Self; 3]>::try_from(self.elements(list)) {
+                Ok(three) => return Ok(three),
+                Err(_) => format!("a list of {}", list.len()),
+            },
+            other => other.kind().to_owned(),
+        };
+        self.fail(Problem::WrongType { wanted: wanted.to_owned(), found })
+    }
+
+    fn elements(&self, list: &'a [Node]) -> Vec<Self> {
+        let item = |(at, node)| Item { context: self.context, node, key: format!("{}.{at}", self.key) };
+        list.iter().enumerate().map(item).collect()
+    }
+
+    /// The elements of a list.
+    pub(super) fn list(&self, wanted: &str) -> Read<Vec<Self>> {
+        match &self.node.value {
+            Value::List(list) => Ok(self.elements(list)),
+            _ => self.wrong_type(wanted),
+        }
+    }
+
+    /// Indices of vertices: at least one, none twice.
+    pub(super) fn vertices(&self) -> Read<Vec<u32>> {
+        let items = self.list("a list of vertices such as [0, 1]")?;
+        if items.is_empty() {
+            return self.fail(Problem::EmptyList { wanted: "at least one vertex".to_owned() });
+        }
+        let mut seen = std::collections::HashSet::new();
+        let mut vertices = Vec::with_capacity(items.len());
+        for item in items {
+            let vertex = item.whole(0, u32::MAX)?;
+            if !seen.insert(vertex) {
+                return item.fail(Problem::out_of_range(&vertex.to_string(), "each vertex once"));
+            }
+            vertices.push(vertex);
+        }
+        Ok(vertices)
+    }
+
+    /// A table, after a check that the schema knows all its keys.
+    pub(super) fn section(&self, schema: &'static Schema) -> Read<Section<'a>> {
+        let Value::Table(table) = &self.node.value else {
+            return self.wrong_type(format!("a section [{}]", self.key));
+        };
+        let section =
+            Section { context: self.context, table, schema, span: self.node.span.clone(), key: self.key.clone() };
+        for entry in &table.entries {
+            if schema.get(&entry.key).is_none() {
+                let problem = unknown_key(&entry.key, schema);
+                return Err(SceneError::new(problem, &self.key, &entry.span, self.context.sources));
+            }
+        }
+        Ok(section)
+    }
+}
+
+/// The error for a key that a table does not have.
+pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
+    let known = if schema.keys.is_empty() { "none".to_owned() } else { schema.known() };
+    Problem::UnknownKey { key: shown(key), nearest: nearest(key, schema.names()).map(str::to_owned), known }
+}
+
+impl<'a> Section<'a> {
+    /// An error of the table as a whole.
+    pub(super) fn fail<T>(&self, problem: Problem) -> Read<T> {
+        Err(SceneError::new(problem, &self.key, &self.span, self.context.sources))
+    }
+
+    fn below(&self, key: &str) -> String {
+        if self.key.is_empty() { key.to_owned() } else { format!("{}.{key}", self.key) }
+    }
+
+    fn item(&self, entry: &'a Entry) -> Item<'a> {
+        Item { context: self.context, node: &entry.node, key: self.below(&entry.key) }
+    }
+
+    /// The value at a key that may be absent.
+    pub(super) fn get(&self, key: &str) -> Option<Item<'a>> {
+        // A key that the schema lacks would always be absent, since `section` refuses it.
+        debug_assert!(self.schema.get(key).is_some(), "{key} is not in the schema");
+        self.table.get(key).map(|entry| self.item(entry))
+    }
+
+    /// The value at a key that must be there; `example` is what to add.
+    pub(super) fn need(&self, key: &str, example: &str) -> Read<Item<'a>> {
+        match self.get(key) {
+            Some(item) => Ok(item),
+            None => self.fail(Problem::missing(key, format!("`{key} = {example}`"))),
+        }
+    }
+
+    /// The section at a key that may be absent.
+    pub(super) fn section(&self, key: &str) -> Read<Option<Section<'a>>> {
+        match (self.get(key), self.schema.get(key)) {
+            (Some(item), Some(Kind::Table(schema))) => item.section(schema).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// The sections of a list `[[key]]`, none if it is absent.
+    pub(super) fn sections(&self, key: &str) -> Read<Vec<Section<'a>>> {
+        match (self.get(key), self.schema.get(key)) {
+            (Some(item), Some(Kind::List(schema))) => {
+                let wanted = format!("a list of sections [[{}]]", self.below(key));
+                item.list(&wanted)?.iter().map(|i| i.section(schema)).collect()
+            }
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    /// A quantity, or what holds when it is absent.
+    pub(super) fn quantity_or(&self, key: &str, dimension: Dimension, limit: Limit, default: f64) -> Read<f64> {
+        self.get(key).map_or(Ok(default), |item| item.quantity(dimension, limit))
+    }
+
+    /// A quantity that must be there.
+    pub(super) fn need_quantity(&self, key: &str, dimension: Dimension, limit: Limit) -> Read<f64> {
+        self.need(key, &format!("\"{}\"", dimension.example()))?.quantity(dimension, limit)
+    }
+
+    /// A plain number, or what holds when it is absent.
+    pub(super) fn number_or(&self, key: &str, limit: Limit, default: f64) -> Read<f64> {
+        self.get(key).map_or(Ok(default), |item| item.number(limit))
+    }
+
+    /// Refuses a second of two keys of which one may be there.
+    pub(super) fn exclusive(&self, first: &str, second: &str) -> Read<()> {
+        match (self.get(first), self.get(second)) {
+            (Some(_), Some(item)) => {
+                item.fail(Problem::Conflict { first: first.to_owned(), second: second.to_owned() })
+            }
+            _ => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! Every key a scene may have and where it may stand, known to the reader and to the overrides alike.
+
+/// The keys of one table.
+#[derive(Debug)]
+pub(super) struct Schema {
+    pub(super) keys: &'static [(&'static str, Kind)],
+}
+
+/// What stands at a key.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind {
+    /// A text; an override needs no quotes.
+    Text,
+    /// Any other value.
+    Plain,
+    /// A table.
+    Table(&'static Schema),
+    /// A list of tables.
+    List(&'static Schema),
+}
+
+impl Schema {
+    pub(super) fn get(&self, key: &str) -> Option<Kind> {
+        self.keys.iter().find(|(name, _)| *name == key).map(|&(_, kind)| kind)
+    }
+
+    pub(super) fn names(&self) -> impl Iterator<Item = &'static str> {
+        self.keys.iter().map(|&(name, _)| name)
+    }
+
+    /// All keys, as messages list them.
+    pub(super) fn known(&self) -> String {
+        self.names().collect::<Vec<_>>().join(", ")
+    }
+}
+
+use Kind::{List, Plain, Text};
+
+/// The document.
+pub(super) const ROOT: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("frames", Plain),
+        ("frame_rate", Text),
+        ("bone", List(&BONE)),
+        ("capsule", List(&CAPSULE)),
+        ("muscle", List(&MUSCLE)),
+        ("effects", Kind::Table(&EFFECTS)),
+        ("solver", Kind::Table(&SOLVER)),
+    ],
+};
+
+const BONE: Schema = Schema {
+    keys: &[("name", Text), ("mesh", Text), ("shape", Text), ("unit", Text), ("motion", Kind::Table(&MOTION))],
+};
+
+const MOTION: Schema = Schema { keys: &[("centre", Plain), ("axis", Plain), ("keys", List(&KEY))] };
+
+const KEY: Schema =
+    Schema { keys: &[("frame", Plain), ("angle", Text), ("slide", Text), ("axis", Plain), ("translation", Plain)] };
+
+const CAPSULE: Schema =
+    Schema { keys: &[("name", Text), ("bone", Text), ("from", Plain), ("to", Plain), ("radius", Text)] };
+
+const MUSCLE: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("mesh", Text),
+        ("shape", Text),
+        ("unit", Text),
+        ("edge_length", Text),
+        ("material", Kind::Table(&MATERIAL)),
+        ("attachment", List(&ATTACHMENT)),
+        ("fibres", Kind::Table(&FIBRES)),
+        ("force", List(&FORCE)),
+        ("displace", List(&DISPLACE)),
+    ],
+};
+
+const MATERIAL: Schema =
+    Schema { keys: &[("density", Text), ("vertex_mass", Text), ("stretch", Text), ("bending", Text), ("bulk", Text)] };
+
+const ATTACHMENT: Schema = Schema {
+    keys: &[
+        ("bone", Text),
+        ("near", Text),
+        ("patch", Text),
+        ("unit", Text),
+        ("within", Text),
+        ("vertices", Plain),
+        ("limit", Plain),
+    ],
+};
+
+const FIBRES: Schema = Schema { keys: &[("lines", Text), ("unit", Text), ("shape", Plain)] };
+
+const FORCE: Schema = Schema { keys: &[("vertices", Plain), ("force", Plain)] };
+
+const DISPLACE: Schema = Schema { keys: &[("vertices", Plain), ("by", Plain)] };
+
+/// What acts.
+pub(super) const EFFECTS: Schema = Schema {
+    keys: &[
+        ("stretch", Kind::Table(&NOTHING)),
+        ("bending", Kind::Table(&NOTHING)),
+        ("volume", Kind::Table(&VOLUME)),
+        ("anisotropy", Kind::Table(&ANISOTROPY)),
+        ("contact", Kind::Table(&CONTACT)),
+        ("gravity", Kind::Table(&GRAVITY)),
+        ("damping", Kind::Table(&DAMPING)),
+    ],
+};
+
+const NOTHING: Schema = Schema { keys: &[] };
+const VOLUME: Schema = Schema { keys: &[("pressure", Plain)] };
+const ANISOTROPY: Schema = Schema { keys: &[("strength", Plain), ("power", Plain)] };
+const CONTACT: Schema = Schema { keys: &[("thickness", Text), ("friction", Plain)] };
+const GRAVITY: Schema = Schema { keys: &[("acceleration", Plain)] };
+const DAMPING: Schema = Schema { keys: &[("rate", Text)] };
+
+/// How the motion is computed.
+pub(super) const SOLVER: Schema = Schema { keys: &[("xpbd", Kind::Table(&XPBD)), ("pbd", Kind::Table(&PBD))] };
+
+const XPBD: Schema =
+    Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("order", Text), ("tolerance", Plain)] };
+
+const PBD: Schema = Schema {
+    keys: &[
+        ("substeps", Plain),
+        ("iterations", Plain),
+        ("stretch", Plain),
+        ("bending", Plain),
+        ("volume", Plain),
+        ("velocity_damping", Plain),
+        ("order", Text),
+        ("tolerance", Plain),
+    ],
+};

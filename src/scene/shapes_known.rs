@@ -1,0 +1,8 @@
+//! Names of the shapes that a scene may ask for instead of a file.
+
+/// Every name that `shape = "..."` accepts; the shapes are made by code, in metres.
+pub const SHAPES: &[&str] =
+    &["tetrahedron", "chain", "press-muscle", "press-plate", "hip-socket", "hip-femur", "hip-gluteus"];
+
+/// The shapes that also have polylines along their fibres.
+pub const FIBRE_SHAPES: &[&str] = &["hip-gluteus"];

@@ -1,0 +1,86 @@
+//! How texts of the user are shown, and which known name a misspelt one is nearest to.
+
+/// Longest text that a message repeats [characters].
+const SHOWN: usize = 64;
+
+/// The text as a message shows it: control characters escaped, at most 64 characters.
+pub(super) fn shown(text: &str) -> String {
+    let mut out = String::new();
+    for (count, c) in text.chars().enumerate() {
+        if count == SHOWN {
+            out.push('…');
+            break;
+        }
+        if c.is_control() {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+    }
+    out
+}
+
+/// The known name that differs least from `name`, if it differs so little that it may have been meant.
+pub(super) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // A text of any length may come in; beyond the longest key no distance can be small.
+    if name.chars().count() > SHOWN {
+        return None;
+    }
+    let lower = name.to_lowercase();
+    known
+        .into_iter()
+        .filter(|k| k.chars().count() <= SHOWN)
+        .map(|k| (edits(&lower, &k.to_lowercase()), k))
+        .filter(|&(edits, k)| edits <= (k.chars().count().max(lower.chars().count()) / 3).max(1))
+        .min_by_key(|&(edits, _)| edits)
+        .map(|(_, k)| k)
+}
+
+/// Number of insertions, deletions, replacements and swaps of neighbours between two texts
+/// (optimal string alignment).
+fn edits(a: &str, b: &str) -> usize {
+    let a: Vec<char> = a.chars().collect();
+    let b: Vec<char> = b.chars().collect();
+    let mut before = vec![0; b.len() + 1];
+    let mut last: Vec<usize> = (0..=b.len()).collect();
+    for i in 1..=a.len() {
+        let mut row = vec![i; b.len() + 1];
+        for j in 1..=b.len() {
+            let differs = usize::from(a[i - 1] != b[j - 1]);
+            row[j] = (last[j] + 1).min(row[j - 1] + 1).min(last[j - 1] + differs);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                row[j] = row[j].min(before[j - 2] + 1);
+            }
+        }
+        before = std::mem::replace(&mut last, row);
+    }
+    last[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edits_are_counted() {
+        for (a, b, count) in [("", "", 0), ("", "ab", 2), ("kitten", "sitting", 3), ("ab", "ba", 1), ("abc", "abc", 0)]
+        {
+            assert_eq!((edits(a, b), edits(b, a)), (count, count), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn near_names_are_found_and_far_ones_are_not() {
+        let known = ["thickness", "friction"];
+        assert_eq!(nearest("tickness", known), Some("thickness"));
+        assert_eq!(nearest("Firction", known), Some("friction"));
+        assert_eq!(nearest("colour", known), None);
+        assert_eq!(nearest(&"x".repeat(100_000), known), None);
+    }
+
+    #[test]
+    fn shown_texts_are_short_and_printable() {
+        assert_eq!(shown("a\nb\u{1b}"), "a\\nb\\u{1b}");
+        assert_eq!(shown(&"é".repeat(100)).chars().count(), 65);
+    }
+}

@@ -1,0 +1,204 @@
+//! The file as written: a tree of values, each with its place in the text it came from.
+//!
+//! A scene may be put together from several texts (the file and overrides of the command line). All of them lie one
+//! behind the other in [`Sources`], so that one range of bytes names text, line and column.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use toml::de::{DeTable, DeValue};
+use toml::{Spanned, de::DeInteger};
+
+use super::error::{Problem, SceneError};
+use super::spelling::shown;
+
+/// Values may be nested so deep.
+const DEEPEST: usize = 64;
+
+/// A range of bytes in [`Sources`].
+pub(super) type Span = Range<usize>;
+
+/// One text that a scene is read from.
+#[derive(Clone, Debug)]
+struct Piece {
+    name: Arc<str>,
+    text: Arc<str>,
+    start: usize,
+}
+
+/// All texts that a scene is read from.
+#[derive(Clone, Debug)]
+pub(super) struct Sources {
+    first: Piece,
+    more: Vec<Piece>,
+}
+
+impl Sources {
+    /// Only the scene's own text.
+    pub(super) fn new(name: &str, text: &str) -> Self {
+        Self { first: Piece { name: name.into(), text: text.into(), start: 0 }, more: Vec::new() }
+    }
+
+    /// Adds a text and returns where it begins.
+    pub(super) fn add(&mut self, name: &str, text: &str) -> usize {
+        let last = self.more.last().unwrap_or(&self.first);
+        // One byte apart, so that the end of one text is not the start of the next.
+        let start = last.start + last.text.len() + 1;
+        self.more.push(Piece { name: name.into(), text: text.into(), start });
+        start
+    }
+
+    /// Name and text that a span lies in, and the span in that text.
+    pub(super) fn locate(&self, span: &Span) -> (Arc<str>, Arc<str>, Span) {
+        let piece = self.more.iter().rev().find(|p| p.start <= span.start).unwrap_or(&self.first);
+        let within = |at: usize| at.saturating_sub(piece.start).min(piece.text.len());
+        (piece.name.clone(), piece.text.clone(), within(span.start)..within(span.end.max(span.start)))
+    }
+}
+
+/// A value and its place.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) span: Span,
+    pub(super) value: Value,
+}
+
+/// A value as TOML knows it.
+#[derive(Clone, Debug)]
+pub(super) enum Value {
+    Text(String),
+    Integer(i64),
+    Float(f64),
+    Boolean(bool),
+    Date,
+    List(Vec<Node>),
+    Table(Table),
+}
+
+impl Value {
+    /// What the value is, as messages call it.
+    pub(super) fn kind(&self) -> &'static str {
+        match self {
+            Self::Text(_) => "a text",
+            Self::Integer(_) => "a whole number",
+            Self::Float(_) => "a number",
+            Self::Boolean(_) => "true or false",
+            Self::Date => "a date or time",
+            Self::List(_) => "a list",
+            Self::Table(_) => "a table",
+        }
+    }
+}
+
+/// Keys and values in the order of the text.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Table {
+    pub(super) entries: Vec<Entry>,
+}
+
+/// A key, its place, its value.
+#[derive(Clone, Debug)]
+pub(super) struct Entry {
+    pub(super) key: String,
+    pub(super) span: Span,
+    pub(super) node: Node,
+}
+
+impl Table {
+    pub(super) fn get(&self, key: &str) -> Option<&Entry> {
+        self.entries.iter().find(|e| e.key == key)
+    }
+
+    pub(super) fn get_mut(&mut self, key: &str) -> Option<&mut Entry> {
+        self.entries.iter_mut().find(|e| e.key == key)
+    }
+
+    /// Puts a value at a key, in place of one that stands there.
+    pub(super) fn set(&mut self, key: &str, span: Span, node: Node) -> &mut Node {
+        let at = match self.entries.iter().position(|e| e.key == key) {
+            Some(at) => {
+                self.entries[at] = Entry { key: key.to_owned(), span, node };
+                at
+            }
+            None => {
+                self.entries.push(Entry { key: key.to_owned(), span, node });
+                self.entries.len() - 1
+            }
+        };
+        &mut self.entries[at].node
+    }
+
+    pub(super) fn remove(&mut self, key: &str) {
+        self.entries.retain(|e| e.key != key);
+    }
+}
+
+/// Reads a whole document, the first text of `sources`.
+pub(super) fn document(sources: &Sources) -> Result<Node, SceneError> {
+    let text = sources.first.text.clone();
+    let parsed = DeTable::parse(&text).map_err(|e| syntax(&e, &text, sources))?;
+    let mut span = parsed.span();
+    // The document has no header; its first byte stands for what is missing in it.
+    span.end = span.start;
+    let value = Value::Table(table(parsed.get_ref(), 0, 1, sources)?);
+    Ok(Node { span, value })
+}
+
+/// Reads one value as TOML writes it, `None` if the text is no such value.
+pub(super) fn value(text: &str, offset: usize, sources: &Sources) -> Result<Option<Node>, SceneError> {
+    DeValue::parse(text).ok().map(|parsed| convert(&parsed, offset, 1, sources)).transpose()
+}
+
+/// The error of the TOML reader in our terms.
+fn syntax(error: &toml::de::Error, text: &str, sources: &Sources) -> SceneError {
+    let span = error.span().unwrap_or(0..0);
+    let found = text.get(span.clone()).unwrap_or_default();
+    let problem = match error.message() {
+        "duplicate key" => Problem::DuplicateKey { key: shown(found) },
+        message if message.contains("recursion") => Problem::TooDeep { deepest: DEEPEST },
+        message => Problem::Syntax { message: message.to_owned() },
+    };
+    SceneError::new(problem, "", &span, sources)
+}
+
+fn convert(from: &Spanned<DeValue<'_>>, offset: usize, depth: usize, sources: &Sources) -> Result<Node, SceneError> {
+    let span = from.span().start + offset..from.span().end + offset;
+    let fail = |problem| Err(SceneError::new(problem, "", &span, sources));
+    if depth > DEEPEST {
+        return fail(Problem::TooDeep { deepest: DEEPEST });
+    }
+    let value = match from.get_ref() {
+        DeValue::String(text) => Value::Text(text.to_string()),
+        DeValue::Integer(number) => match whole(number) {
+            Some(number) => Value::Integer(number),
+            None => return fail(Problem::out_of_range(&number.to_string(), "a whole number of at most 63 bits")),
+        },
+        DeValue::Float(number) => match number.as_str().parse() {
+            Ok(number) => Value::Float(number),
+            Err(_) => return fail(Problem::out_of_range(number.as_str(), "a number")),
+        },
+        DeValue::Boolean(flag) => Value::Boolean(*flag),
+        DeValue::Datetime(_) => Value::Date,
+        DeValue::Array(list) => {
+            Value::List(list.iter().map(|v| convert(v, offset, depth + 1, sources)).collect::<Result<_, _>>()?)
+        }
+        DeValue::Table(from) => Value::Table(table(from, offset, depth + 1, sources)?),
+    };
+    Ok(Node { span, value })
+}
+
+fn whole(number: &DeInteger<'_>) -> Option<i64> {
+    i64::from_str_radix(number.as_str(), number.radix()).ok()
+}
+
+fn table(from: &DeTable<'_>, offset: usize, depth: usize, sources: &Sources) -> Result<Table, SceneError> {
+    let mut entries = Vec::new();
+    for (key, node) in from {
+        let span = key.span().start + offset..key.span().end + offset;
+        let node = convert(node, offset, depth, sources)?;
+        entries.push(Entry { key: key.get_ref().to_string(), span, node });
+    }
+    // The reader sorts keys by name; errors are to name the first in the file.
+    entries.sort_by_key(|e| e.span.start);
+    Ok(Table { entries })
+}
