@@ -5,6 +5,8 @@
 //! in this list.
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
+// Units are written in brackets, [m], which rustdoc would take for links.
+#![allow(rustdoc::broken_intra_doc_links)]
 
 // In the order in which they may import each other, not by letter.
 #[rustfmt::skip]

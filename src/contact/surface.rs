@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use parry3d_f64::bounding_volume::Aabb as ParryAabb;
 use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
+use parry3d_f64::query::PointQuery;
 
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use super::winding::WindingTree;

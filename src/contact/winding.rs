@@ -1,6 +1,6 @@
 //! The generalised winding number, for the sign of distances to surfaces that are not closed and oriented.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
@@ -122,6 +122,7 @@ pub fn winding_number_direct(mesh: &TriangleMesh, p: &Point3<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector3;
     use crate::mesh::shapes::icosphere;
     use crate::testing::Draw;
 

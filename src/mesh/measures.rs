@@ -30,6 +30,14 @@ impl Aabb {
         points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) })
     }
 
+    /// The eight corners.
+    pub fn corners(&self) -> [Point3<f64>; 8] {
+        std::array::from_fn(|k| {
+            let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            Point3::new(pick(0), pick(1), pick(2))
+        })
+    }
+
     /// Whether the box holds no point.
     pub fn is_empty(&self) -> bool {
         (0..3).any(|k| self.min[k] > self.max[k])

@@ -1,0 +1,257 @@
+//! One step of a body: predict, sweep, take velocities.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use nalgebra::{Point3, Vector3};
+
+use crate::constraints::{EnclosedVolume, Project, Residual};
+use crate::contact::{Contacts, Placed};
+use crate::particles::Particles;
+
+/// A particle carried by a bone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Held {
+    /// The particle.
+    pub vertex: u32,
+    /// Index of the bone among the placed obstacles.
+    pub bone: usize,
+    /// Place in the bone's frame [m].
+    pub local: Point3<f64>,
+}
+
+/// How a body is stepped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    /// Sweeps a step.
+    pub iterations: u32,
+    /// Acceleration of all particles [m/s^2].
+    pub gravity: Vector3<f64>,
+    /// Factor on velocities each step, 0..1.
+    pub velocity_factor: f64,
+    /// Velocities above this [m/s] are cut to it, and counted.
+    pub speed_limit: f64,
+}
+
+/// Seconds and calls of each effect.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Clock {
+    /// By effect's name: seconds, calls.
+    pub effects: BTreeMap<&'static str, (f64, u64)>,
+}
+
+impl Clock {
+    fn time<T>(&mut self, effect: &'static str, deed: impl FnOnce() -> T) -> T {
+        let begin = Instant::now();
+        let result = deed();
+        let entry = self.effects.entry(effect).or_default();
+        entry.0 += begin.elapsed().as_secs_f64();
+        entry.1 += 1;
+        result
+    }
+}
+
+/// A number that is not finite appeared; the body was put back to the begin of the step.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{effect} gave particle {particle} a position that is not finite")]
+pub struct Broken {
+    /// The effect after which it was first seen.
+    pub effect: &'static str,
+    /// The first particle.
+    pub particle: usize,
+}
+
+/// A body with all that acts on it; an effect that is absent has no entry.
+pub struct System {
+    /// State.
+    pub particles: Particles,
+    /// Batches of constraints, swept in this order.
+    pub elastic: Vec<Box<dyn Project>>,
+    /// The enclosed volume.
+    pub volume: Option<EnclosedVolume>,
+    /// Contact with bones.
+    pub contacts: Option<Contacts>,
+    /// Particles carried by bones.
+    pub held: Vec<Held>,
+    /// Constant forces [N].
+    pub forces: Vec<(u32, Vector3<f64>)>,
+    /// How it is stepped.
+    pub settings: Settings,
+    /// Where the time went.
+    pub clock: Clock,
+    /// Velocities that were cut so far.
+    pub speed_cuts: u64,
+    start: Vec<Point3<f64>>,
+    last_dt: f64,
+}
+
+impl System {
+    /// A body on which nothing acts yet.
+    pub fn new(particles: Particles, settings: Settings) -> Self {
+        Self {
+            start: particles.position.clone(),
+            particles,
+            elastic: Vec::new(),
+            volume: None,
+            contacts: None,
+            held: Vec::new(),
+            forces: Vec::new(),
+            settings,
+            clock: Clock::default(),
+            speed_cuts: 0,
+            last_dt: 0.0,
+        }
+    }
+
+    /// Steps by `dt` [s] while the bones go from `before` to `now`. A step of no length leaves every bit as it is.
+    ///
+    /// # Errors
+    /// A number that is not finite appeared; the state is that of the begin of the step.
+    ///
+    /// # Panics
+    /// If `dt` is negative or not finite: the caller checks its settings.
+    pub fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+        assert!(dt >= 0.0 && dt.is_finite(), "a step takes a finite time, not {dt} s");
+        if dt == 0.0 {
+            return Ok(());
+        }
+        self.last_dt = dt;
+        self.start.clone_from(&self.particles.position);
+        let velocity = self.particles.velocity.clone();
+        self.advance(placed, dt, false)?;
+        if self.particles.first_non_finite().is_none() {
+            return Ok(());
+        }
+        // Again from the begin, looking after each effect, to name the culprit.
+        self.particles.position.clone_from(&self.start);
+        self.particles.velocity.clone_from(&velocity);
+        let found = self.advance(placed, dt, true);
+        self.particles.position.clone_from(&self.start);
+        self.particles.velocity = velocity;
+        found.and(Err(Broken { effect: "step", particle: 0 }))
+    }
+
+    fn advance(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
+        self.predict(placed, dt);
+        self.watch("motion", watch)?;
+        self.elastic.iter_mut().for_each(|batch| batch.begin_step());
+        if let Some(volume) = &mut self.volume {
+            volume.begin_step();
+        }
+        if let Some(contacts) = &mut self.contacts {
+            contacts.begin_step(&self.start);
+        }
+        for _ in 0..self.settings.iterations {
+            self.sweep(placed, dt, watch)?;
+        }
+        self.take_velocities(dt);
+        if let Some(contacts) = &mut self.contacts {
+            self.clock.time("contact", || contacts.end_step(placed, &mut self.particles, dt));
+        }
+        self.limit_speed();
+        Ok(())
+    }
+
+    fn sweep(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
+        for k in 0..self.elastic.len() {
+            let name = self.elastic[k].name();
+            self.clock.time(name, || self.elastic[k].project(&mut self.particles, dt));
+            self.watch(name, watch)?;
+        }
+        if let Some(contacts) = &mut self.contacts {
+            self.clock.time("contact", || contacts.project(placed, &mut self.particles));
+            self.watch("contact", watch)?;
+        }
+        self.project_volume(dt);
+        self.watch("volume", watch)
+    }
+
+    /// The volume comes last and spares what touches a bone, so that a step ends with both satisfied.
+    fn project_volume(&mut self, dt: f64) {
+        let Some(volume) = &mut self.volume else { return };
+        let contacts = &self.contacts;
+        let positions = self.particles.position.clone();
+        let restrict = |field: &mut [Vector3<f64>], sign: f64| {
+            if let Some(contacts) = contacts {
+                contacts.restrict(&positions, field, sign);
+            }
+        };
+        // Without a solution the volume is left as it is; the measures show it, and `unsolved` counts it.
+        let _ = self.clock.time("volume", || volume.project_along(&mut self.particles, dt, restrict));
+    }
+
+    fn predict(&mut self, placed: &[Placed], dt: f64) {
+        let Settings { gravity, velocity_factor, .. } = self.settings;
+        let particles = &mut self.particles;
+        for &(vertex, force) in &self.forces {
+            particles.velocity[vertex as usize] += force * (particles.inverse_mass[vertex as usize] * dt);
+        }
+        for ((x, v), w) in particles.position.iter_mut().zip(&mut particles.velocity).zip(&particles.inverse_mass) {
+            if *w > 0.0 {
+                *v = (*v + gravity * dt) * velocity_factor;
+                *x += *v * dt;
+            }
+        }
+        for held in &self.held {
+            particles.position[held.vertex as usize] = placed[held.bone].now * held.local;
+        }
+    }
+
+    fn take_velocities(&mut self, dt: f64) {
+        let particles = &mut self.particles;
+        for ((v, x), start) in particles.velocity.iter_mut().zip(&particles.position).zip(&self.start) {
+            *v = (x - start) / dt;
+        }
+    }
+
+    fn limit_speed(&mut self) {
+        let limit = self.settings.speed_limit;
+        for v in &mut self.particles.velocity {
+            let speed = v.norm();
+            if speed > limit {
+                *v *= limit / speed;
+                self.speed_cuts += 1;
+            }
+        }
+    }
+
+    fn watch(&self, effect: &'static str, watch: bool) -> Result<(), Broken> {
+        if !watch {
+            return Ok(());
+        }
+        let finite = |x: &Point3<f64>| x.coords.iter().all(|c| c.is_finite());
+        match self.particles.position.iter().position(|x| !finite(x)) {
+            Some(particle) => Err(Broken { effect, particle }),
+            None => Ok(()),
+        }
+    }
+
+    /// After the last step of a frame: contact and volume once more, each looked up afresh, until both hold.
+    pub fn settle(&mut self, placed: &[Placed], depth: f64) {
+        let still: Vec<Placed> = placed.iter().map(|p| Placed { before: p.now, ..p.clone() }).collect();
+        let dt = self.last_dt;
+        for _ in 0..8 {
+            let Some(contacts) = &mut self.contacts else { return };
+            self.start.clone_from(&self.particles.position);
+            contacts.begin_step(&self.start);
+            self.clock.time("contact", || contacts.project(&still, &mut self.particles));
+            self.project_volume(dt);
+            let Some(contacts) = &mut self.contacts else { return };
+            let mut copy = Particles::at_rest(self.particles.position.clone(), self.particles.inverse_mass.clone());
+            contacts.end_step(&still, &mut copy, dt.max(f64::MIN_POSITIVE));
+            if contacts.deepest(&self.particles.position) <= depth {
+                return;
+            }
+        }
+    }
+
+    /// How far each effect is from satisfaction after the last step.
+    pub fn residuals(&self) -> Vec<(&'static str, Residual)> {
+        let dt = self.last_dt;
+        let mut all: Vec<_> = self.elastic.iter().map(|b| (b.name(), b.residual(&self.particles, dt))).collect();
+        if let Some(volume) = &self.volume {
+            all.push(("volume", volume.residual(&self.particles, dt)));
+        }
+        all
+    }
+}
