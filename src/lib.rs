@@ -22,7 +22,13 @@ pub mod contact;
 #[rustfmt::skip]
 pub mod solvers;
 #[rustfmt::skip]
+pub mod fibres;
+#[rustfmt::skip]
+pub mod muscles;
+#[rustfmt::skip]
 pub mod scene;
+#[rustfmt::skip]
+pub mod simulation;
 #[rustfmt::skip]
 pub mod render;
 #[rustfmt::skip]

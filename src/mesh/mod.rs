@@ -1,6 +1,7 @@
 //! Triangle meshes: topology, measures, refinement, generated shapes.
 
 pub mod measures;
+pub mod refine;
 pub mod order;
 pub mod shapes;
 pub mod sum;

@@ -1,0 +1,87 @@
+//! Which vertices of a muscle are held by which bone.
+
+use nalgebra::Point3;
+
+use crate::contact::{Obstacle, Surface};
+use crate::mesh::TriangleMesh;
+use crate::mesh::topology::{NONE, Topology};
+
+/// A vertex held by a bone.
+pub type Attached = (u32, usize);
+
+/// The part of `patch` that is its component number `wanted`, by falling area; the whole patch for `None`.
+pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<TriangleMesh> {
+    let Some(wanted) = wanted else { return Some(patch.clone()) };
+    let topology = Topology::new(patch);
+    let components = topology.components();
+    let mut areas = vec![(0.0, Vec::new()); components.count];
+    for (t, area) in crate::mesh::measures::triangle_areas(&patch.vertices, &patch.triangles).iter().enumerate() {
+        let label = components.labels[patch.triangles[t][0] as usize];
+        if label != NONE {
+            areas[label as usize].0 += area;
+            areas[label as usize].1.push(patch.triangles[t]);
+        }
+    }
+    areas.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let (_, triangles) = areas.into_iter().nth(wanted)?;
+    Some(TriangleMesh { vertices: patch.vertices.clone(), triangles })
+}
+
+/// Vertices at most `within` [m] from a surface (inside counts as 0), nearest first, at most the share `limit` of all.
+pub fn nearest(x: &[Point3<f64>], surface: &Surface, solid: bool, within: f64, limit: f64) -> Vec<u32> {
+    let mut found: Vec<(f64, u32)> = x
+        .iter()
+        .enumerate()
+        .filter_map(|(v, p)| {
+            let distance = surface.closest(p)?.distance;
+            let distance = if solid { distance.max(0.0) } else { distance.abs() };
+            (distance <= within).then_some((distance, v as u32))
+        })
+        .collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    found.truncate((limit * x.len() as f64) as usize);
+    found.into_iter().map(|(_, v)| v).collect()
+}
+
+/// Joins the choices of several attachments; a vertex that two of them take stays with the first.
+pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
+    let mut all: Vec<Attached> = Vec::new();
+    let mut taken = std::collections::BTreeSet::new();
+    for (bone, vertices) in choices {
+        all.extend(vertices.iter().filter(|v| taken.insert(**v)).map(|&v| (v, *bone)));
+    }
+    all.sort_unstable();
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn limit_takes_the_nearest() {
+        let surface = Surface::new(&icosphere(1.0, 3));
+        let x: Vec<Point3<f64>> = (0..20).map(|k| Point3::new(1.0 + 0.01 * f64::from(k), 0.0, 0.0)).collect();
+        assert_eq!(nearest(&x, &surface, true, 0.055, 1.0), [0, 1, 2, 3, 4, 5]);
+        assert_eq!(nearest(&x, &surface, true, 0.5, 0.1), [0, 1]);
+    }
+
+    #[test]
+    fn components_by_falling_area() {
+        let mut patch = icosphere(1.0, 1);
+        let small = icosphere(0.1, 1);
+        let offset = patch.vertices.len() as u32;
+        patch.vertices.extend(small.vertices.iter().map(|v| v + nalgebra::Vector3::new(5.0, 0.0, 0.0)));
+        patch.triangles.splice(0..0, small.triangles.iter().map(|t| t.map(|v| v + offset)));
+        let area = |n| component(&patch, Some(n)).map(|m| m.area());
+        assert!(area(0).unwrap_or(0.0) > 10.0);
+        assert!(area(1).unwrap_or(9.0) < 0.2);
+        assert_eq!(component(&patch, Some(2)), None);
+    }
+
+    #[test]
+    fn a_vertex_has_one_holder() {
+        assert_eq!(join(&[(0, vec![3, 1]), (1, vec![1, 2])]), [(1, 0), (2, 1), (3, 0)]);
+    }
+}

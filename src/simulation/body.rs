@@ -1,0 +1,314 @@
+//! A muscle made ready to run: only what its plan names is built.
+
+use nalgebra::{Point3, Vector3};
+
+use super::assets::{Assets, LoadError};
+use super::plan::MusclePlan;
+use crate::constraints::bending::Bending;
+use crate::constraints::distance::Distance;
+use crate::constraints::{Batch, EnclosedVolume, Order, Project};
+use crate::contact::untangle::{Untangled, untangle};
+use crate::contact::{Contacts, Obstacle, Placed, Surface};
+use crate::fibres::anisotropy;
+use crate::fibres::binding::BoundLines;
+use crate::mesh::TriangleMesh;
+use crate::mesh::topology::Topology;
+use crate::muscles::attachments::{self, Attached};
+use crate::particles::Particles;
+use crate::scene::{Area, Mass, Muscle, Scene, Solver};
+use crate::solvers::{Broken, Held, Settings, System, stiffness};
+
+/// A muscle vertex may not be faster than this many muscle lengths a second.
+const SPEED_LIMIT: f64 = 200.0;
+
+/// Share of a muscle's vertices that may be held.
+const MOST_HELD: f64 = 0.10;
+
+/// A muscle that runs.
+pub struct Body {
+    /// Its name.
+    pub name: String,
+    /// State and effects.
+    pub system: System,
+    /// Surface at rest, after untangling.
+    pub rest: TriangleMesh,
+    /// Edges with their rest lengths [m].
+    pub edges: Vec<Distance>,
+    /// Vertices held by bones.
+    pub attached: Vec<Attached>,
+    /// Fibres bound to the surface.
+    pub fibres: BoundLines,
+    /// What untangling did.
+    pub untangled: Untangled,
+    /// Volume wanted [m^3]; 0 where none is kept.
+    pub target_volume: f64,
+    /// Enclosed volume of the rest surface [m^3].
+    pub rest_volume: f64,
+    /// Greatest extent at rest [m].
+    pub length: f64,
+    /// Median rest length of its edges [m].
+    pub edge_length: f64,
+    /// The frame and cause at which it was stopped.
+    pub stopped: Option<(usize, Broken)>,
+    /// Positions and velocities at the end of the last good frame.
+    pub(super) good: Particles,
+}
+
+impl Body {
+    /// Builds a muscle; `surfaces` are those of the bones, `placed` all obstacles at frame 0.
+    ///
+    /// # Errors
+    /// An attachment that takes nothing, too much, or vertices that do not exist.
+    pub fn new(
+        scene: &Scene,
+        assets: &Assets,
+        m: usize,
+        plan: &MusclePlan,
+        surfaces: &[std::sync::Arc<Surface>],
+        placed: &[Placed],
+    ) -> Result<Self, LoadError> {
+        let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
+        let mut mesh = asset.mesh.clone();
+        let attached = attach(muscle, &mesh, &assets.patches[m], surfaces, placed)?;
+        let mut untangled = Untangled::default();
+        if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
+            untangled = untangle(&mut mesh, placed, &plan.obstacles, contact.thickness);
+        }
+        let topology = Topology::new(&mesh);
+        let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, &mesh));
+        attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
+        displace(muscle, &mut particles)?;
+        let length = mesh.length();
+        let mut system = System::new(particles, settings(scene, length));
+        let (edges, mut edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
+        let fibres = if asset.fibres.is_empty() || mesh.triangles.is_empty() {
+            BoundLines::default()
+        } else {
+            BoundLines::new(&Surface::new(&mesh), &asset.fibres)
+        };
+        let loaded = loaded_vertices(muscle);
+        let mut factors = vec![1.0; edges.len()];
+        if let (true, Some(a)) = (plan.anisotropy, scene.effects.anisotropy) {
+            let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
+            factors = anisotropy::factors(&mesh.vertices, &points, &fibres.at(&mesh.vertices), a.strength, a.power);
+            edge_stiffness.iter_mut().zip(&factors).for_each(|(k, f)| *k *= f);
+        }
+        let count = mesh.vertices.len();
+        if plan.stretch {
+            system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, count, &loaded));
+        }
+        if plan.bending {
+            let (hinges, k) = stiffness::hinges(&mesh, &topology, muscle.material.bending);
+            system.elastic.push(bending(scene, hinges, &k, count, &loaded));
+        }
+        let rest_volume = if topology.is_closed() { mesh.volume() } else { 0.0 };
+        let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
+        let target_volume = if plan.volume { pressure * rest_volume } else { 0.0 };
+        if plan.volume {
+            system.volume = Some(volume(scene, muscle, &mesh, target_volume, rest_volume));
+        }
+        system.held = hold(&attached, &mesh, placed);
+        system.forces = forces(muscle, count)?;
+        if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
+            let obstacles = plan.obstacles.clone();
+            let contacts =
+                Contacts::new(&mesh, &system.particles, placed, obstacles, contact.thickness, contact.friction);
+            system.contacts = Some(contacts);
+        }
+        let lengths = edges.iter().map(|e| e.rest).collect();
+        Ok(Self {
+            name: muscle.name.clone(),
+            good: system.particles.clone(),
+            system,
+            edge_length: crate::mesh::measures::median(lengths).unwrap_or(length),
+            edges,
+            attached,
+            fibres,
+            untangled,
+            target_volume,
+            rest_volume,
+            length,
+            rest: mesh,
+            stopped: None,
+        })
+    }
+
+    /// Whether vertex `v` is not held by a bone.
+    pub fn is_free(&self, v: usize) -> bool {
+        self.system.particles.inverse_mass[v] > 0.0
+    }
+}
+
+fn settings(scene: &Scene, length: f64) -> Settings {
+    let (substeps, iterations, per_frame) = match scene.solver {
+        Solver::Xpbd(s) => (s.substeps, s.iterations, 1.0),
+        Solver::Pbd(s) => (s.substeps, s.iterations, s.velocity_damping),
+    };
+    let dt = 1.0 / (scene.frame_rate * f64::from(substeps));
+    let damping = scene.effects.damping.unwrap_or(0.0);
+    Settings {
+        iterations,
+        gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
+        velocity_factor: libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps)),
+        speed_limit: SPEED_LIMIT * length,
+    }
+}
+
+fn order_of(scene: &Scene) -> Order {
+    match scene.solver {
+        Solver::Xpbd(s) => s.order,
+        Solver::Pbd(s) => s.order,
+    }
+}
+
+fn edges_of(mesh: &TriangleMesh, topology: &Topology, extra: &[[u32; 2]], membrane: f64) -> (Vec<Distance>, Vec<f64>) {
+    let (mut edges, mut k) = stiffness::edges(mesh, topology, membrane);
+    for &points in extra {
+        let [a, b] = points.map(|p| mesh.vertices[p as usize]);
+        edges.push(Distance { points, rest: (a - b).norm() });
+        k.push(membrane);
+    }
+    (edges, k)
+}
+
+fn stretch(
+    scene: &Scene,
+    edges: &[Distance],
+    k: &[f64],
+    factors: &[f64],
+    count: usize,
+    loaded: &[u32],
+) -> Box<dyn Project> {
+    let order = order_of(scene);
+    match scene.solver {
+        Solver::Xpbd(_) => {
+            // An edge without stiffness (along a fibre, at full strength) is no constraint.
+            let (edges, k): (Vec<_>, Vec<_>) = edges.iter().copied().zip(k.iter().copied()).filter(|(_, k)| *k > 0.0).unzip();
+            Box::new(Batch::<Distance, 2>::new(edges, stiffness::compliance(&k), order, count, loaded))
+        }
+        Solver::Pbd(s) => {
+            let relaxation: Vec<f64> = factors.iter().map(|f| f * s.stretch).collect();
+            let batch = Batch::<Distance, 2>::new(edges.to_vec(), vec![0.0; edges.len()], order, count, loaded);
+            Box::new(batch.with_relaxation(&relaxation))
+        }
+    }
+}
+
+fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded: &[u32]) -> Box<dyn Project> {
+    let order = order_of(scene);
+    match scene.solver {
+        Solver::Xpbd(_) => Box::new(Batch::<Bending, 4>::new(hinges, stiffness::compliance(k), order, count, loaded)),
+        Solver::Pbd(s) => {
+            let relaxation = vec![s.bending; hinges.len()];
+            let compliance = vec![0.0; hinges.len()];
+            Box::new(Batch::<Bending, 4>::new(hinges, compliance, order, count, loaded).with_relaxation(&relaxation))
+        }
+    }
+}
+
+fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest: f64) -> EnclosedVolume {
+    let count = mesh.vertices.len();
+    match scene.solver {
+        Solver::Xpbd(_) => {
+            let compliance = muscle.material.bulk.map_or(0.0, |bulk| rest / bulk);
+            EnclosedVolume::new(&mesh.triangles, count, target, compliance)
+        }
+        Solver::Pbd(s) => EnclosedVolume::new(&mesh.triangles, count, target, 0.0).with_relaxation(s.volume),
+    }
+}
+
+fn attach(
+    muscle: &Muscle,
+    mesh: &TriangleMesh,
+    patches: &[Option<TriangleMesh>],
+    surfaces: &[std::sync::Arc<Surface>],
+    placed: &[Placed],
+) -> Result<Vec<Attached>, LoadError> {
+    let mut choices = Vec::new();
+    for (attachment, patch) in muscle.attachments.iter().zip(patches) {
+        let bone = attachment.bone;
+        let what = format!("attachment of muscle `{}` to `{}`", muscle.name, placed[bone].name);
+        let back = placed[bone].now.inverse();
+        let local: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| back * v).collect();
+        let found = match (&attachment.area, patch) {
+            (Area::Vertices(list), _) => {
+                check_indices(list, &what, mesh.vertices.len(), muscle.edge_length.is_some())?;
+                list.clone()
+            }
+            (Area::Near(within), _) => attachments::nearest(&local, &surfaces[bone], true, *within, attachment.limit),
+            (Area::Patch { within, .. }, Some(patch)) => {
+                attachments::nearest(&local, &Surface::new(patch), false, *within, attachment.limit)
+            }
+            (Area::Patch { .. }, None) => Vec::new(),
+        };
+        if found.is_empty() {
+            let surface = match patch {
+                Some(patch) => &Surface::new(patch),
+                None => &*surfaces[bone],
+            };
+            let distances = local.iter().filter_map(|p| surface.closest(p)).map(|c| c.distance.abs());
+            let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
+            return Err(LoadError::NothingAttached { what, nearest_mm });
+        }
+        choices.push((bone, found));
+    }
+    let attached = attachments::join(&choices);
+    let count = mesh.vertices.len();
+    // A handful of points (the tetrahedron scenes) may be held by choice.
+    if attached.len() as f64 > MOST_HELD * count as f64 && count > 100 {
+        let what = format!("muscle `{}`", muscle.name);
+        return Err(LoadError::TooManyAttached { what, held: attached.len(), count });
+    }
+    Ok(attached)
+}
+
+fn check_indices(list: &[u32], what: &str, count: usize, refined: bool) -> Result<(), LoadError> {
+    match list.iter().find(|&&v| v as usize >= count) {
+        Some(&index) => Err(LoadError::NoSuchVertex { what: what.to_string(), index, count, refined }),
+        None => Ok(()),
+    }
+}
+
+fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[Placed]) -> Vec<Held> {
+    let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
+    attached.iter().map(|&(vertex, bone)| Held { vertex, bone, local: local(vertex, bone) }).collect()
+}
+
+fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
+    let count = mesh.vertices.len();
+    match muscle.material.mass {
+        Mass::PerVertex(mass) => vec![1.0 / mass; count],
+        Mass::Density(density) => {
+            let areas = mesh.vertex_areas();
+            let total: f64 = crate::mesh::sum::tree_sum(&areas);
+            // An open or flat surface encloses nothing: as if it were a tenth of its size thick.
+            let volume = mesh.volume();
+            let volume = if volume > 0.0 { volume } else { 0.1 * total * total.sqrt() };
+            areas.iter().map(|a| total / (density * volume * a)).map(|w| if w.is_finite() { w } else { 0.0 }).collect()
+        }
+    }
+}
+
+fn loaded_vertices(muscle: &Muscle) -> Vec<u32> {
+    let forces = muscle.forces.iter().flat_map(|f| &f.vertices);
+    let displaced = muscle.displacements.iter().flat_map(|d| &d.vertices);
+    forces.chain(displaced).copied().collect()
+}
+
+fn displace(muscle: &Muscle, particles: &mut Particles) -> Result<(), LoadError> {
+    let count = particles.len();
+    for displacement in &muscle.displacements {
+        check_indices(&displacement.vertices, &format!("displacement of muscle `{}`", muscle.name), count, false)?;
+        displacement.vertices.iter().for_each(|&v| particles.position[v as usize] += displacement.by);
+    }
+    Ok(())
+}
+
+fn forces(muscle: &Muscle, count: usize) -> Result<Vec<(u32, Vector3<f64>)>, LoadError> {
+    let mut all = Vec::new();
+    for force in &muscle.forces {
+        check_indices(&force.vertices, &format!("force on muscle `{}`", muscle.name), count, false)?;
+        all.extend(force.vertices.iter().map(|&v| (v, force.force)));
+    }
+    Ok(all)
+}

@@ -1,0 +1,135 @@
+//! Numbers of one muscle in one frame.
+
+use nalgebra::Isometry3;
+use serde::Serialize;
+
+use super::audit::{self, Findings};
+use super::body::Body;
+use crate::constraints::Residual;
+use crate::contact::Counts;
+use crate::mesh::topology::Topology;
+use crate::scene::{Scene, Solver};
+
+/// A frame holds its volume where it is off by no more than this (tolerance T6).
+pub const VOLUME_HELD: f64 = 1e-6;
+
+/// Numbers of one muscle in one frame; a row of `measures.csv`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Measures {
+    /// Frame.
+    pub frame: usize,
+    /// Time since the start [s].
+    pub time_s: f64,
+    /// Muscle.
+    pub muscle: String,
+    /// Volume over its target, less 1; 0 where no volume is kept.
+    pub volume_error: f64,
+    /// Volume over that at rest.
+    pub volume_ratio: f64,
+    /// Root mean square of the strain of edges.
+    pub edge_stretch_rms: f64,
+    /// Greatest absolute strain of an edge.
+    pub edge_stretch_max: f64,
+    /// Greatest depth of a free vertex in a bone [m], by the audit.
+    pub penetration_m: f64,
+    /// Free vertices deeper than 0.01 mm in a bone, by the audit.
+    pub vertices_inside_bones: usize,
+    /// Bone vertices inside the muscle, by the audit.
+    pub bone_vertices_inside: usize,
+    /// Vertices that touch a bone.
+    pub vertices_touching: usize,
+    /// Vertices between bones closer than twice the contact thickness.
+    pub vertices_pinched: usize,
+    /// Root mean square of the distance of elastic constraints from satisfaction [m].
+    pub residual_m: f64,
+    /// Kinetic energy [J].
+    pub kinetic_energy_j: f64,
+    /// Root mean square distance of vertices to the start [m].
+    pub distance_from_start_rms_m: f64,
+    /// Whether residual, volume and depth are within their tolerances.
+    pub converged: bool,
+}
+
+impl Measures {
+    /// Measures a body among bones at their poses.
+    pub(super) fn of(
+        body: &Body,
+        frame: usize,
+        scene: &Scene,
+        bones: &[(&audit::Bone<'_>, Isometry3<f64>)],
+    ) -> Self {
+        let x = &body.system.particles.position;
+        let (edge_stretch_rms, edge_stretch_max) = stretch(body);
+        let volume = if body.rest_volume > 0.0 {
+            crate::mesh::measures::volume(x, &body.rest.triangles)
+        } else {
+            0.0
+        };
+        let volume_error = if body.target_volume > 0.0 { volume / body.target_volume - 1.0 } else { 0.0 };
+        let closed = body.rest_volume > 0.0 && Topology::new(&body.rest).is_closed();
+        let findings = if closed {
+            audit::examine(x, &body.rest.triangles, &|v| body.is_free(v), bones)
+        } else {
+            Findings::default()
+        };
+        let counts = body.system.contacts.as_ref().map_or(Counts::default(), |c| c.counts(x));
+        let residual_m = elastic_residual(body);
+        let n = x.len().max(1) as f64;
+        let apart = x.iter().zip(&body.rest.vertices).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / n;
+        let tolerance = match scene.solver {
+            Solver::Xpbd(s) => s.tolerance,
+            Solver::Pbd(s) => s.tolerance,
+        };
+        let rigid = scene.muscles.iter().any(|m| m.name == body.name && m.material.bulk.is_none());
+        let converged = body.stopped.is_none()
+            && residual_m <= tolerance * body.edge_length
+            && (!rigid || volume_error.abs() <= VOLUME_HELD)
+            && (scene.effects.contact.is_none() || findings.vertices_inside == 0);
+        Self {
+            frame,
+            time_s: frame as f64 / scene.frame_rate,
+            muscle: body.name.clone(),
+            volume_error,
+            volume_ratio: if body.rest_volume > 0.0 { volume / body.rest_volume } else { 0.0 },
+            edge_stretch_rms,
+            edge_stretch_max,
+            penetration_m: findings.depth,
+            vertices_inside_bones: findings.vertices_inside,
+            bone_vertices_inside: findings.bone_vertices_inside,
+            vertices_touching: counts.touching,
+            vertices_pinched: counts.pinched,
+            residual_m,
+            kinetic_energy_j: kinetic_energy(body),
+            distance_from_start_rms_m: apart.sqrt(),
+            converged,
+        }
+    }
+}
+
+fn stretch(body: &Body) -> (f64, f64) {
+    let x = &body.system.particles.position;
+    let (mut sum, mut max) = (0.0, 0.0_f64);
+    for edge in &body.edges {
+        let [a, b] = edge.points.map(|p| x[p as usize]);
+        let strain = ((a - b).norm() / edge.rest - 1.0).abs();
+        sum += strain * strain;
+        // Not `f64::max`, which would hide a NaN.
+        if !(strain <= max) {
+            max = strain;
+        }
+    }
+    ((sum / body.edges.len().max(1) as f64).sqrt(), max)
+}
+
+fn elastic_residual(body: &Body) -> f64 {
+    let all: Vec<Residual> =
+        body.system.residuals().into_iter().filter(|(name, _)| *name != "volume").map(|(_, r)| r).collect();
+    let count: usize = all.iter().map(|r| r.count).sum();
+    (all.iter().map(|r| r.rms * r.rms * r.count as f64).sum::<f64>() / count.max(1) as f64).sqrt()
+}
+
+fn kinetic_energy(body: &Body) -> f64 {
+    let p = &body.system.particles;
+    let each = p.velocity.iter().zip(&p.inverse_mass).filter(|(_, w)| **w > 0.0);
+    each.map(|(v, w)| 0.5 * v.norm_squared() / w).sum()
+}

@@ -1,0 +1,198 @@
+//! The running simulation: what the plan names, frame after frame.
+
+pub mod assets;
+pub mod audit;
+pub mod body;
+pub mod measures;
+pub mod plan;
+
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+pub use assets::{Assets, LoadError};
+pub use body::Body;
+pub use measures::Measures;
+pub use plan::Plan;
+
+use crate::contact::capsule::Capsule;
+use crate::contact::{Contacts, Obstacle, Placed, Surface};
+use crate::mesh::TriangleMesh;
+use crate::mesh::measures::Aabb;
+use crate::scene::{Scene, Solver};
+
+/// A vertex may end a frame this far below a bone's surface [m] before contact is looked at once more.
+const SETTLED: f64 = 1e-7;
+
+/// A scene that runs.
+pub struct Simulation {
+    /// The scene.
+    pub scene: Scene,
+    /// Which effects run.
+    pub plan: Plan,
+    /// Muscles.
+    pub bodies: Vec<Body>,
+    /// Bone meshes in their own frame.
+    pub bones: Vec<TriangleMesh>,
+    /// Notes of reading and of running, for people.
+    pub notes: Vec<String>,
+    surfaces: Vec<Arc<Surface>>,
+    placed: Vec<Placed>,
+    frame: usize,
+    substeps: u32,
+}
+
+impl Simulation {
+    /// Makes a scene ready to run: reads its meshes, plans, builds what the plan names.
+    ///
+    /// # Errors
+    /// A mesh that cannot be read or used, an attachment that cannot be made.
+    pub fn new(scene: Scene) -> Result<Self, LoadError> {
+        let assets = Assets::load(&scene)?;
+        let plan = Plan::new(&scene, &assets);
+        Self::with(scene, assets, plan)
+    }
+
+    /// As [`Self::new`], with meshes and plan at hand.
+    ///
+    /// # Errors
+    /// An attachment that cannot be made.
+    pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
+        let surfaces: Vec<Arc<Surface>> = assets.bones.iter().map(|mesh| Arc::new(Surface::new(mesh))).collect();
+        let placed = place(&scene, &surfaces);
+        let bodies = (0..scene.muscles.len())
+            .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &surfaces, &placed))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut notes = Vec::new();
+        for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
+            notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
+        }
+        let substeps = match scene.solver {
+            Solver::Xpbd(s) => s.substeps,
+            Solver::Pbd(s) => s.substeps,
+        };
+        Ok(Self { plan, bodies, bones: assets.bones, notes, surfaces, placed, frame: 0, substeps, scene })
+    }
+
+    /// The last frame that was computed; 0 is the start.
+    pub fn frame(&self) -> usize {
+        self.frame
+    }
+
+    /// The pose of a bone at a frame.
+    pub fn pose(&self, bone: usize, frame: f64) -> Isometry3<f64> {
+        self.scene.bones[bone].motion.pose(frame)
+    }
+
+    /// The surface of a bone.
+    pub fn surface(&self, bone: usize) -> &Surface {
+        &self.surfaces[bone]
+    }
+
+    /// Computes the next frame.
+    pub fn step_frame(&mut self) {
+        let steps: Vec<Vec<Placed>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
+        let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
+        let frame = self.frame + 1;
+        self.bodies.par_iter_mut().filter(|body| body.stopped.is_none()).for_each(|body| {
+            step_body(body, &steps, dt, frame);
+        });
+        self.placed = steps.into_iter().next_back().unwrap_or_default();
+        self.frame = frame;
+        self.watch_reach();
+    }
+
+    fn placed_in(&self, step: u32) -> Vec<Placed> {
+        let at = |s: u32| self.frame as f64 + f64::from(s) / f64::from(self.substeps);
+        let poses = |bone: usize| (self.pose(bone, at(step)), self.pose(bone, at(step + 1)));
+        self.placed
+            .iter()
+            .enumerate()
+            .map(|(o, placed)| {
+                let (before, now) = poses(carrier(&self.scene, o));
+                Placed { before, now, ..placed.clone() }
+            })
+            .collect()
+    }
+
+    /// A muscle that leaves the box that the plan foresaw gets its contact with what it may now meet.
+    fn watch_reach(&mut self) {
+        let Some(contact) = self.scene.effects.contact else { return };
+        for body in &mut self.bodies {
+            if body.rest.triangles.is_empty() {
+                continue;
+            }
+            let mut obstacles = body.system.contacts.as_ref().map_or(Vec::new(), |c| c.obstacles().to_vec());
+            let bounds = Aabb::of_points(&body.system.particles.position).inflate(0.02 * body.length);
+            let met: Vec<usize> = (0..self.placed.len())
+                .filter(|o| !obstacles.contains(o))
+                .filter(|&o| {
+                    let placed = &self.placed[o];
+                    placed.obstacle.bounding_box().transformed(&placed.now).intersects(&bounds)
+                })
+                .collect();
+            if met.is_empty() {
+                continue;
+            }
+            for &o in &met {
+                self.notes.push(format!(
+                    "{}: left the box that the plan foresaw at frame {} and came near {}; contact with it runs from there",
+                    body.name, self.frame, self.placed[o].name
+                ));
+            }
+            obstacles.extend(met);
+            obstacles.sort_unstable();
+            let particles = &body.system.particles;
+            body.system.contacts = Some(Contacts::new(
+                &body.rest,
+                particles,
+                &self.placed,
+                obstacles,
+                contact.thickness,
+                contact.friction,
+            ));
+        }
+    }
+
+    /// Measures of every muscle at the last frame, with its independent audit.
+    pub fn measure(&self) -> Vec<Measures> {
+        let bones: Vec<audit::Bone<'_>> =
+            self.bones.iter().zip(&self.surfaces).map(|(mesh, surface)| audit::Bone::new(mesh, surface)).collect();
+        let posed: Vec<_> =
+            bones.iter().enumerate().map(|(b, bone)| (bone, self.pose(b, self.frame as f64))).collect();
+        self.bodies.iter().map(|body| Measures::of(body, self.frame, &self.scene, &posed)).collect()
+    }
+}
+
+fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize) {
+    for placed in steps {
+        if let Err(broken) = body.system.step(placed, dt) {
+            body.system.particles = body.good.clone();
+            body.stopped = Some((frame, broken));
+            return;
+        }
+    }
+    if let Some(last) = steps.last() {
+        body.system.settle(last, SETTLED);
+    }
+    body.good.clone_from(&body.system.particles);
+}
+
+/// The bone that carries obstacle `o`: bones first, then capsules.
+fn carrier(scene: &Scene, o: usize) -> usize {
+    o.checked_sub(scene.bones.len()).map_or(o, |c| scene.capsules[c].bone)
+}
+
+fn place(scene: &Scene, surfaces: &[Arc<Surface>]) -> Vec<Placed> {
+    let bones = scene.bones.iter().zip(surfaces).map(|(bone, surface)| {
+        let pose = bone.motion.pose(0.0);
+        Placed { name: bone.name.clone(), obstacle: surface.clone() as Arc<dyn Obstacle>, before: pose, now: pose }
+    });
+    let capsules = scene.capsules.iter().map(|capsule| {
+        let pose = scene.bones[capsule.bone].motion.pose(0.0);
+        let shape = Capsule { ends: capsule.segment, radius: capsule.radius };
+        Placed { name: capsule.name.clone(), obstacle: Arc::new(shape), before: pose, now: pose }
+    });
+    bones.chain(capsules).collect()
+}
