@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, parse_with, unknown_name};
+use super::spelling::shown_path;
 use super::{Scene, paths};
 
 /// Largest scene file [bytes]; a larger one is no scene.
@@ -48,7 +49,7 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
     let ends_in_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     if path.is_file() || ends_in_toml {
         let text = read(path).map_err(|reason| {
-            let problem = Problem::MissingFile { path: super::spelling::shown(name_or_path), reason };
+            let problem = Problem::MissingFile { path: shown_path(path), reason };
             SceneError::of_name(problem, name_or_path)
         })?;
         return parse_with(&text, name_or_path, &Surroundings { folder, variable: &paths::environment, overrides });

@@ -178,7 +178,7 @@ impl Problem {
         Self::Missing { what: format!("`{key}`"), add: add.into() }
     }
 
-    /// The code of the kind, `E050` to `E069`, as `docs/verification.md` lists them.
+    /// The code of the kind, `E050` to `E069`, which stays the same when messages change.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -229,7 +229,7 @@ impl Problem {
             }
             Self::UnsetVariable { name } => format!("set it: export {name}=FOLDER"),
             Self::UnknownName { known, .. } if known.is_empty() => "there are none yet".to_owned(),
-            Self::UnknownName { what, known, .. } => format!("give a {what} among: {known}"),
+            Self::UnknownName { known, .. } => format!("there are: {known}"),
             Self::DuplicateName { .. } => "give each its own name".to_owned(),
             Self::EmptyList { wanted } => format!("give {wanted}, or leave the key out"),
             Self::HeldTwice { .. } => "name each vertex in one attachment".to_owned(),
@@ -256,11 +256,11 @@ struct Placed {
 
 impl SceneError {
     pub(super) fn new(problem: Problem, key: &str, span: &Span, sources: &Sources) -> Self {
-        let (name, text, span) = sources.locate(span);
+        let (name, text, span, own) = sources.locate(span);
         let before = text.get(..span.start).unwrap_or(&text);
         let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
         // The text of an override is its own name, one line, and needs no place.
-        let place = (!name.starts_with("--set ")).then(|| (before.matches('\n').count() + 1, column));
+        let place = own.then(|| (before.matches('\n').count() + 1, column));
         let source = NamedSource::new(name, text);
         Self(Box::new(Placed { problem, key: key.to_owned(), source, span, place }))
     }

@@ -1,6 +1,6 @@
 //! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked.
 //!
-//! [`parse`] documents the TOML layout, [`overrides`] the changes from the command line, [`builtin`] has the scenes
+//! [`mod@parse`] documents the TOML layout, [`overrides`] the changes from the command line, [`builtin`] has the scenes
 //! that need no file.
 
 pub mod builtin;
@@ -55,7 +55,7 @@ pub enum Source {
     File {
         /// Resolved path.
         path: PathBuf,
-        /// Length of the file's unit [m].
+        /// Length of the file's unit \[m\].
         scale: f64,
     },
     /// A shape made by code, by its name in [`SHAPES`].
@@ -85,7 +85,7 @@ pub struct Motion {
 pub struct Key {
     /// Frame number, may be fractional.
     pub frame: f64,
-    /// Pose that maps the bone's file coordinates [m] to the world [m].
+    /// Pose that maps the bone's file coordinates \[m\] to the world \[m\].
     pub pose: Isometry3<f64>,
 }
 
@@ -96,9 +96,9 @@ pub struct Capsule {
     pub name: String,
     /// Index of the bone that carries it.
     pub bone: usize,
-    /// End points in the bone's file coordinates [m].
+    /// End points in the bone's file coordinates \[m\].
     pub segment: [Point3<f64>; 2],
-    /// Radius [m].
+    /// Radius \[m\].
     pub radius: f64,
 }
 
@@ -109,7 +109,7 @@ pub struct Muscle {
     pub name: String,
     /// Its surface.
     pub surface: Source,
-    /// Wanted edge length [m]; `None` keeps the mesh as it is.
+    /// Wanted edge length \[m\]; `None` keeps the mesh as it is.
     pub edge_length: Option<f64>,
     /// Material constants.
     pub material: Material,
@@ -132,7 +132,7 @@ pub struct Material {
     pub stretch: f64,
     /// Bending stiffness of the surface [N m]; zero leaves the effect out.
     pub bending: f64,
-    /// Bulk modulus [Pa]; `None` is incompressible.
+    /// Bulk modulus \[Pa\]; `None` is incompressible.
     pub bulk: Option<f64>,
 }
 
@@ -141,7 +141,7 @@ pub struct Material {
 pub enum Mass {
     /// Density of the enclosed volume [kg/m^3], shared among vertices by area.
     Density(f64),
-    /// The same mass for each vertex [kg].
+    /// The same mass for each vertex \[kg\].
     PerVertex(f64),
 }
 
@@ -159,15 +159,15 @@ pub struct Attachment {
 /// Which vertices of a muscle an attachment takes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Area {
-    /// All vertices at most so far from the bone's surface [m].
+    /// All vertices at most so far from the bone's surface \[m\].
     Near(f64),
-    /// All vertices at most `within` [m] from a patch.
+    /// All vertices at most `within` \[m\] from a patch.
     Patch {
         /// The patch's file.
         source: Source,
         /// One component of the patch, by falling area; `None` takes all.
         component: Option<usize>,
-        /// Largest distance [m].
+        /// Largest distance \[m\].
         within: f64,
     },
     /// Indices into the muscle's vertices, in the file's order.
@@ -179,7 +179,7 @@ pub enum Area {
 pub struct Force {
     /// Indices into the muscle's vertices.
     pub vertices: Vec<u32>,
-    /// Force on each [N].
+    /// Force on each \[N\].
     pub force: Vector3<f64>,
 }
 
@@ -188,7 +188,7 @@ pub struct Force {
 pub struct Displacement {
     /// Indices into the muscle's vertices.
     pub vertices: Vec<u32>,
-    /// Displacement [m].
+    /// Displacement \[m\].
     pub by: Vector3<f64>,
 }
 
@@ -230,7 +230,7 @@ pub struct Anisotropy {
 /// Contact with Coulomb friction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEffect {
-    /// Distance kept between muscle and bone [m].
+    /// Distance kept between muscle and bone \[m\].
     pub thickness: f64,
     /// Coefficient of Coulomb friction.
     pub friction: f64,

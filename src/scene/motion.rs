@@ -8,12 +8,12 @@ use super::reader::{Limit, Section};
 use super::units::Dimension;
 use super::{Key, Motion};
 
-/// A turn about one axis between two keys is split into parts of at most this angle [rad], well below the half turn
+/// A turn about one axis between two keys is split into parts of at most this angle \[rad\], well below the half turn
 /// at which the axis of the relative pose is lost.
 const LARGEST_TURN: f64 = 2.0;
-/// Largest relative angle between two keys about different axes [rad], short of the half turn.
+/// Largest relative angle between two keys about different axes \[rad\], short of the half turn.
 const CLEAR_TURN: f64 = 3.0;
-/// Largest angle of a key [rad]; bounds the number of keys put in between.
+/// Largest angle of a key \[rad\]; bounds the number of keys put in between.
 const LARGEST_ANGLE: f64 = 1000.0;
 
 impl Motion {
@@ -68,7 +68,7 @@ fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(along * share + across), turn(&axis, 2.0 * share * half))
 }
 
-/// Rotation by an angle [rad]; with libm's functions, which give the same bits on every system.
+/// Rotation by an angle \[rad\]; with libm's functions, which give the same bits on every system.
 fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
     let (sine, cosine) = libm::sincos(0.5 * angle);
     UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))

@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::path::{Component, Path, PathBuf};
 
 use super::error::Problem;
-use super::spelling::shown;
+use super::spelling::{shown, shown_path};
 
 /// The variable that names the folder of measured data.
 const DATA: &str = "PLIANT_DATA";
@@ -38,10 +38,8 @@ pub(super) fn resolve(
         None if Path::new(text).is_absolute() => PathBuf::from(text),
         None => inside(text, folder)?,
     };
-    let missing = |reason: Option<&str>| Problem::MissingFile {
-        path: shown(&path.display().to_string()),
-        reason: reason.map(str::to_owned),
-    };
+    let missing =
+        |reason: Option<&str>| Problem::MissingFile { path: shown_path(&path), reason: reason.map(str::to_owned) };
     match std::fs::metadata(&path) {
         Ok(found) if found.is_dir() => Err(missing(Some("it is a folder"))),
         Ok(_) => Ok(path),
@@ -67,7 +65,7 @@ fn with_variable(rest: &str, variable: &dyn Fn(&str) -> Option<OsString>) -> Res
 
 /// A relative path that stays in the folder, whatever `..` it has.
 fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
-    let outside = || Problem::OutsideFolder { path: shown(text) };
+    let outside = || Problem::OutsideFolder { path: shown_path(Path::new(text)) };
     let mut parts: Vec<&std::ffi::OsStr> = Vec::new();
     for part in Path::new(text).components() {
         match part {

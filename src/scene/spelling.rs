@@ -5,9 +5,18 @@ const SHOWN: usize = 64;
 
 /// The text as a message shows it: control characters escaped, at most 64 characters.
 pub(super) fn shown(text: &str) -> String {
+    shortened(text, SHOWN)
+}
+
+/// As [`shown`], for paths, which are of no use when they are cut short.
+pub(super) fn shown_path(path: &std::path::Path) -> String {
+    shortened(&path.to_string_lossy(), 4096)
+}
+
+fn shortened(text: &str, most: usize) -> String {
     let mut out = String::new();
     for (count, c) in text.chars().enumerate() {
-        if count == SHOWN {
+        if count == most {
             out.push('…');
             break;
         }

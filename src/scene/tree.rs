@@ -48,11 +48,12 @@ impl Sources {
         start
     }
 
-    /// Name and text that a span lies in, and the span in that text.
-    pub(super) fn locate(&self, span: &Span) -> (Arc<str>, Arc<str>, Span) {
+    /// Name and text that a span lies in, and the span in that text; then whether that is the scene's own text.
+    pub(super) fn locate(&self, span: &Span) -> (Arc<str>, Arc<str>, Span, bool) {
         let piece = self.more.iter().rev().find(|p| p.start <= span.start).unwrap_or(&self.first);
         let within = |at: usize| at.saturating_sub(piece.start).min(piece.text.len());
-        (piece.name.clone(), piece.text.clone(), within(span.start)..within(span.end.max(span.start)))
+        let span = within(span.start)..within(span.end.max(span.start));
+        (piece.name.clone(), piece.text.clone(), span, piece.start == 0)
     }
 }
 

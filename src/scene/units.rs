@@ -9,25 +9,25 @@ use std::fmt;
 /// What a quantity measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Dimension {
-    /// Length [m].
+    /// Length \[m\].
     Length,
-    /// Angle [rad].
+    /// Angle \[rad\].
     Angle,
-    /// Time [s].
+    /// Time \[s\].
     Time,
     /// Rate or frequency [1/s].
     Rate,
-    /// Mass [kg].
+    /// Mass \[kg\].
     Mass,
     /// Density [kg/m^3].
     Density,
-    /// Force [N].
+    /// Force \[N\].
     Force,
     /// In-plane stiffness of a surface [N/m].
     Stiffness,
     /// Moment, or bending stiffness of a surface [N m].
     Moment,
-    /// Pressure or modulus [Pa].
+    /// Pressure or modulus \[Pa\].
     Pressure,
     /// Acceleration [m/s^2].
     Acceleration,
