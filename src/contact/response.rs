@@ -124,16 +124,20 @@ impl Contacts {
             }
         }
         for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
-            contacts.project(&placed[o], &self.surface, particles);
+            let l = contacts.project(&placed[o], &self.surface, particles, moved);
+            if l > 0.5e-3 && std::env::var("DBG").is_ok() { eprintln!("triangle push {} mm by {} active {}", l*1e3, placed[o].name, contacts.active.len()); }
         }
     }
 
     fn push_vertices(&mut self, particles: &mut Particles) {
         let x = &mut particles.position;
         for contacts in &mut self.vertices {
+            let mut big = 0.0_f64;
             for row in &mut contacts.rows {
                 push(row, x, self.thickness);
+                big = big.max(row.push);
             }
+            if big > 0.5e-3 && std::env::var("DBG").is_ok() { eprintln!("vertex push {} mm", big*1e3); }
         }
         self.find_pinched(x);
         for k in 0..self.pinched.len() {
@@ -211,6 +215,20 @@ impl Contacts {
                     sliding *= (1.0 - limit / speed).max(0.0);
                 }
                 particles.velocity[v] = bone + sliding + row.normal * along.min(0.0);
+            }
+        }
+        // Triangles likewise: what a bone vertex pushed away does not fly off.
+        for (contacts, &o) in self.triangles.iter().zip(&self.obstacles) {
+            let carried = placed[o].before * placed[o].now.inverse();
+            for (points, normal) in &contacts.active {
+                for v in points.map(|v| v as usize) {
+                    if particles.inverse_mass[v] > 0.0 {
+                        let x = particles.position[v];
+                        let bone = (x - carried * x) / dt;
+                        let away = (particles.velocity[v] - bone).dot(normal).min(0.0);
+                        particles.velocity[v] -= normal * away;
+                    }
+                }
             }
         }
         self.travel += self.motion(placed, &particles.position);

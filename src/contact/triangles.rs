@@ -25,6 +25,8 @@ struct Watched {
 pub(super) struct TriangleContacts {
     /// Travel at which each sleeping vertex is looked up again.
     wake: Vec<f64>,
+    /// Signed distance of each vertex when it was last seen, and the travel at that time.
+    last: Vec<(f64, f64)>,
     watched: Vec<Watched>,
     /// Triangles pushed in this step, with the direction that is barred to them.
     pub active: Vec<([u32; 3], Vector3<f64>)>,
@@ -36,7 +38,8 @@ pub(super) struct TriangleContacts {
 impl TriangleContacts {
     pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
         let wake = vec![f64::NEG_INFINITY; obstacle.vertices().len()];
-        Self { wake, watched: Vec::new(), active: Vec::new(), thickness, lookups: 0 }
+        let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
+        Self { wake, last, watched: Vec::new(), active: Vec::new(), thickness, lookups: 0 }
     }
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted.
@@ -51,27 +54,28 @@ impl TriangleContacts {
         // A vertex that wakes soon is looked up now: the refit is paid for.
         let due: Vec<u32> =
             (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel + 0.5 * self.thickness).collect();
-        let found: Vec<(f64, Option<Watched>)> = due
+        let found: Vec<(f64, f64, Option<Watched>)> = due
             .par_iter()
             .with_min_len(32)
             .map(|&k| {
                 let p = placed.now * points[k as usize];
-                let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::INFINITY, None) };
-                let distance = on.closest.distance;
+                let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::MAX, f64::INFINITY, None) };
+                let distance = side(self.last[k as usize], on.closest.distance, travel) * on.closest.distance.abs();
                 if distance > near {
-                    return (travel + (distance - near / 2.0).max(distance / 2.0), None);
+                    return (distance, travel + (distance - near / 2.0).max(distance / 2.0), None);
                 }
                 let margin = (distance.abs() / 2.0).max(2.0 * self.thickness);
                 let mut triangles = Vec::new();
                 surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-                (travel + margin, Some(Watched { point: k, until: travel + margin, triangles }))
+                (distance, travel + margin, Some(Watched { point: k, until: travel + margin, triangles }))
             })
             .collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
         due.iter().for_each(|&k| fresh[k as usize] = true);
         self.watched.retain(|w| !fresh[w.point as usize]);
-        for (&k, (wake, watched)) in due.iter().zip(found) {
+        for (&k, (distance, wake, watched)) in due.iter().zip(found) {
+            self.last[k as usize] = (distance, travel);
             self.wake[k as usize] = wake;
             self.watched.extend(watched);
         }
@@ -80,13 +84,20 @@ impl TriangleContacts {
     }
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
-    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles) -> f64 {
+    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles, travel: f64) -> f64 {
         self.active.clear();
         let points = placed.obstacle.vertices();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
             let p = placed.now * points[watched.point as usize];
-            let Some(on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
+            let Some(mut on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
+            let last = &mut self.last[watched.point as usize];
+            let sign = side(*last, on.closest.distance, travel);
+            if sign * on.closest.distance < 0.0 {
+                on.closest.distance = -on.closest.distance;
+                on.closest.normal = -on.closest.normal;
+            }
+            *last = (on.closest.distance, travel);
             if on.closest.distance >= self.thickness {
                 continue;
             }
@@ -94,10 +105,13 @@ impl TriangleContacts {
             let x = row.points.map(|v| particles.position[v as usize]);
             let Some((c, gradient)) = row.value_and_gradient(&x) else { continue };
             let w = row.points.map(|v| particles.inverse_mass[v as usize]);
-            let weight: f64 = gradient.iter().zip(w).map(|(g, w)| w * g.norm_squared()).sum();
+            let each = || gradient.iter().zip(w).map(|(g, w)| (w, g.norm()));
+            let weight: f64 = each().map(|(w, g)| w * g * g).sum();
             if weight <= 0.0 || c >= 0.0 {
                 continue;
             }
+            // Where a held corner is nearest, the others have no lever: no corner goes further than twice the lack.
+            let weight = each().map(|(w, g)| 0.5 * w * g).fold(weight, f64::max);
             for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
                 particles.position[v as usize] -= g * (w * c / weight);
             }
@@ -122,6 +136,14 @@ impl TriangleContacts {
             + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
             + self.active.capacity() * std::mem::size_of::<([u32; 3], Vector3<f64>)>()
     }
+}
+
+/// The side of a surface that a point is on: 1 outside, -1 inside. A point that is further away than both can have
+/// moved since it was last seen is still on the side where it was, whatever the normals of a crumpled surface say.
+fn side(last: (f64, f64), distance: f64, travel: f64) -> f64 {
+    let (before, at) = last;
+    // Both signs would do for a motion of |before| + |distance|; less than that cannot have brought it across.
+    if before.abs() + distance.abs() > travel - at { before.signum() } else { distance.signum() }
 }
 
 /// The row of a vertex as a constraint, for residuals and for the conformance suite.

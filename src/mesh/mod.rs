@@ -1,15 +1,19 @@
 //! Triangle meshes: topology, measures, refinement, generated shapes.
 
+pub mod closest;
+pub mod isosurface;
 pub mod measures;
-pub mod refine;
 pub mod order;
+pub mod refine;
 pub mod shapes;
 pub mod sum;
 pub mod topology;
 
 use nalgebra::Point3;
 
+pub use isosurface::isosurface;
 pub use measures::Aabb;
+pub use refine::{RefineError, RefineReport, Refined, refine};
 pub use topology::Topology;
 
 /// A triangle mesh: vertex positions [m] and triangles of vertex indices, counter-clockwise seen from outside.

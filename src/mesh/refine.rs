@@ -1,39 +1,347 @@
-//! Temporary.
-use super::TriangleMesh;
+//! Remeshing to even, well-shaped triangles of a wanted edge length, on the same surface.
+//!
+//! Rounds of the usual four operations: long edges are split, short ones collapsed, edges flipped toward larger
+//! angles and valence 6, vertices moved within the surface. Each is refused where the new triangles would leave the
+//! original surface, or points of the original (its vertices, points of its folded edges) would leave the new one.
+
+mod working;
+
+use std::f64::consts::TAU;
+
+use super::closest::SurfaceTree;
 use super::topology::Topology;
-/// Result.
-pub struct Refined { /// m
- pub mesh: TriangleMesh, /// e
- pub min_edge: f64, /// e
- pub max_edge: f64, /// d
- pub deviation: f64 }
-/// Splits.
-pub fn refine(mesh: &TriangleMesh, l: f64) -> Result<Refined, String> {
-    let mut m = mesh.clone();
+use super::{MeshError, TriangleMesh};
+use working::{Limits, Working, smallest_sine};
+
+/// Longest edge after a split, in wanted edge lengths.
+const LONG: f64 = 4.0 / 3.0;
+/// Edges shorter than this many wanted lengths are collapsed.
+const SHORT: f64 = 0.8;
+/// Longest edge that a flip or a repair may make, in wanted edge lengths.
+const LONGEST: f64 = 1.5;
+/// Edges shorter than this many wanted lengths are repaired even at the cost of deviation.
+const SHORTEST: f64 = 0.4;
+/// Allowed deviation in rounds, in wanted edge lengths.
+const DEVIATION: f64 = 0.05;
+/// Allowed deviation in each pass of repair, in wanted edge lengths.
+const REPAIR_DEVIATIONS: [f64; 8] = [0.05, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.1];
+/// Triangles with a smaller sine are repaired: 25 degrees.
+const REPAIR_SINE: f64 = 0.422_618;
+/// A collapse of an edge that is far too short may leave triangles with this sine: 17 degrees.
+const LEAST_SINE: f64 = 0.292_372;
+/// A vertex this near to where smoothing wants it stays, in wanted edge lengths.
+const SETTLED: f64 = 0.03;
+/// Rounds of all four operations.
+const ROUNDS: usize = 6;
+/// More triangles than this are refused [1]; a mesh of this size needs about 2 GB while it is made.
+const MOST_TRIANGLES: f64 = 8e6;
+
+/// A remeshed surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Refined {
+    /// The new mesh.
+    pub mesh: TriangleMesh,
+    /// What was measured of it.
+    pub report: RefineReport,
+}
+
+/// What was measured of a remeshed surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefineReport {
+    /// Longest edge [m].
+    pub max_edge: f64,
+    /// Shortest edge [m].
+    pub min_edge: f64,
+    /// Smallest angle of a triangle [rad].
+    pub min_angle: f64,
+    /// Largest distance found between the two surfaces, in both directions [m].
+    ///
+    /// Samples of the new surface against the original, vertices and folded edges of the original against the new.
+    pub deviation: f64,
+    /// Enclosed volume of the new mesh less that of the original, over the latter; zero for an open mesh.
+    pub volume_change: f64,
+}
+
+/// Why a mesh cannot be remeshed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RefineError {
+    /// The wanted edge length is not a positive number.
+    #[error("the wanted edge length must be a positive number, not {0}")]
+    EdgeLength(f64),
+    /// The mesh has no triangles.
+    #[error("the mesh has no triangles")]
+    Empty,
+    /// An index or a coordinate is wrong.
+    #[error(transparent)]
+    Mesh(#[from] MeshError),
+    /// Edges with more than two triangles, or vertices where surfaces touch.
+    #[error("the mesh is not manifold: {edges} edges have more than two triangles, {vertices} vertices join surfaces")]
+    NotManifold {
+        /// Number of such edges.
+        edges: usize,
+        /// Number of such vertices.
+        vertices: usize,
+    },
+    /// Neighbouring triangles disagree about which side is outside.
+    #[error("the triangles of the mesh are not consistently oriented")]
+    NotOriented,
+    /// The wanted edges are too short for the size of the surface.
+    #[error("about {triangles:.3e} triangles would be needed, the most allowed is {most:.0e}")]
+    TooManyTriangles {
+        /// Estimated number.
+        triangles: f64,
+        /// Largest allowed number.
+        most: f64,
+    },
+}
+
+/// Remeshes a manifold, oriented surface to edges of about `edge_length` [m].
+///
+/// A closed mesh stays closed, a boundary keeps its vertices (its edges are split, never collapsed); orientation,
+/// pieces and Euler characteristic are kept. Detail that a surface of this edge length cannot follow within a tenth
+/// of it keeps its shorter edges. The result is the same for the same input.
+///
+/// # Errors
+/// A bad edge length, an empty, non-manifold or inconsistently oriented mesh, too many triangles.
+pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineError> {
+    let topology = checked(mesh, edge_length)?;
+    let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
+    let mut working = Working::new(mesh, &topology, &original, edge_length);
+    split_long(&mut working, LONG * edge_length);
+    for _ in 0..ROUNDS {
+        split_long(&mut working, LONG * edge_length);
+        collapse_short(&mut working, edge_length);
+        flip_for_angles(&mut working, edge_length);
+        flip_for_valence(&mut working, edge_length);
+        smooth(&mut working, edge_length);
+        flip_for_angles(&mut working, edge_length);
+        smooth(&mut working, edge_length);
+    }
+    repair(&mut working, edge_length);
+    let (refined, drift) = working.finish();
+    let report = measure(mesh, &original, &refined, drift);
+    Ok(Refined { mesh: refined, report })
+}
+
+fn checked(mesh: &TriangleMesh, edge_length: f64) -> Result<Topology, RefineError> {
+    if !(edge_length.is_finite() && edge_length > 0.0) {
+        return Err(RefineError::EdgeLength(edge_length));
+    }
+    if mesh.triangles.is_empty() {
+        return Err(RefineError::Empty);
+    }
+    TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
+    let triangles = mesh.area() / (0.25 * 3f64.sqrt() * edge_length * edge_length);
+    if triangles > MOST_TRIANGLES {
+        return Err(RefineError::TooManyTriangles { triangles, most: MOST_TRIANGLES });
+    }
+    let topology = Topology::new(mesh);
+    let (edges, vertices) = (topology.non_manifold_edges().len(), topology.non_manifold_vertices(mesh).len());
+    if edges + vertices > 0 {
+        return Err(RefineError::NotManifold { edges, vertices });
+    }
+    if !topology.is_oriented() {
+        return Err(RefineError::NotOriented);
+    }
+    Ok(topology)
+}
+
+fn limits(edge_length: f64) -> Limits {
+    Limits { deviation: DEVIATION * edge_length, longest: LONG * edge_length, sine: REPAIR_SINE }
+}
+
+/// Splits edges longer than `longest`, the longest first, until there are none.
+fn split_long(working: &mut Working<'_>, longest: f64) {
     loop {
-        let t = Topology::new(&m);
-        let len = t.edge_lengths(&m);
-        let mut o: Vec<usize> = (0..len.len()).filter(|&e| len[e] > l * 4.0 / 3.0).collect();
-        if o.is_empty() { break; }
-        o.sort_by(|a, b| len[*b].total_cmp(&len[*a]));
-        let mut touched = vec![false; m.triangles.len()];
-        for e in o {
-            let ts = t.triangles_of_edge(e);
-            if ts.iter().any(|&k| touched[k as usize]) { continue; }
-            let [a, b] = t.edges[e];
-            let v = m.vertices.len() as u32;
-            m.vertices.push(nalgebra::center(&m.vertices[a as usize], &m.vertices[b as usize]));
-            for &k in ts {
-                touched[k as usize] = true;
-                let tri = m.triangles[k as usize];
-                let mut one = tri; let mut two = tri;
-                for c in 0..3 { if tri[c] == a { one[c] = v; } if tri[c] == b { two[c] = v; } }
-                m.triangles[k as usize] = one;
-                m.triangles.push(two);
+        let edges = working.edges_by_length(|length| length > longest);
+        if edges.is_empty() {
+            return;
+        }
+        // A split changes no other edge, it only adds some, so the list holds while it is worked off.
+        edges.iter().rev().for_each(|&(_, a, b)| working.split(a, b));
+    }
+}
+
+fn collapse_short(working: &mut Working<'_>, edge_length: f64) {
+    let limits = limits(edge_length);
+    for (length, a, b) in working.edges_by_length(|length| length < SHORT * edge_length) {
+        // An earlier collapse may have removed the edge, or moved its ends apart; `collapse` checks the former.
+        if working.length(a, b) <= length.max(SHORT * edge_length) {
+            working.collapse(a, b, &limits);
+        }
+    }
+}
+
+fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) {
+    let limits = Limits { longest: LONGEST * edge_length, ..limits(edge_length) };
+    for _ in 0..4 {
+        let mut flips = 0;
+        for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
+            // A clear gain, so that equal diagonals do not swap for ever.
+            flips += usize::from(working.flip(a, b, &limits, |_, _, old, new| new > 1.01 * old));
+        }
+        if flips == 0 {
+            return;
+        }
+    }
+}
+
+fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) {
+    let limits = limits(edge_length);
+    for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
+        working.flip(a, b, &limits, |w, quad, old, new| {
+            let excess = |by: [i32; 4]| -> i32 {
+                let one = |(&v, by): (&u32, i32)| {
+                    let regular = if w.boundary[v as usize] { 3 } else { 6 };
+                    (w.rings[v as usize].len() as i32 + by - regular).pow(2)
+                };
+                quad.iter().zip(by).map(one).sum()
+            };
+            excess([-1, -1, 1, 1]) < excess([0; 4]) && new >= 0.6 * old
+        });
+    }
+}
+
+/// Moves each vertex toward the centroid of its ring, within the surface.
+fn smooth(working: &mut Working<'_>, edge_length: f64) {
+    let limits = limits(edge_length);
+    for v in 0..working.points.len() as u32 {
+        if working.rings[v as usize].is_empty() || working.boundary[v as usize] {
+            continue;
+        }
+        let (p, normal) = (working.points[v as usize], working.normal(v));
+        let (mut sum, mut total) = (nalgebra::Vector3::zeros(), 0.0);
+        for &t in &working.rings[v as usize] {
+            let [a, b, c] = working.corners(t);
+            let area = (b - a).cross(&(c - a)).norm();
+            sum += ((a - p) + (b - p) + (c - p)) * (area / 3.0);
+            total += area;
+        }
+        if total <= 0.0 {
+            continue;
+        }
+        let step = sum / total;
+        let step = step - normal * normal.dot(&step);
+        if step.norm() < SETTLED * edge_length {
+            continue;
+        }
+        for share in [1.0, 0.4] {
+            let target = working.project(&(p + step * share), &normal);
+            if target.is_some_and(|target| working.shift(v, target, &limits)) {
+                break;
             }
         }
     }
-    let t = Topology::new(&m);
-    let len = t.edge_lengths(&m);
-    Ok(Refined { min_edge: len.iter().copied().fold(f64::MAX, f64::min), max_edge: len.iter().copied().fold(0.0, f64::max), deviation: 0.0, mesh: m })
 }
+
+/// Passes over what is still thin or short, with growing freedom to leave the original surface.
+fn repair(working: &mut Working<'_>, edge_length: f64) {
+    for deviation in REPAIR_DEVIATIONS {
+        let limits = Limits { deviation: deviation * edge_length, longest: LONGEST * edge_length, sine: REPAIR_SINE };
+        let bad = |w: &Working<'_>, t: u32| w.is_alive(t) && is_bad(w, t, edge_length);
+        let all: Vec<u32> = (0..working.triangles.len() as u32).filter(|&t| bad(working, t)).collect();
+        if all.is_empty() {
+            return;
+        }
+        for t in all {
+            if bad(working, t) {
+                repair_one(working, t, edge_length, &limits);
+            }
+        }
+        split_long(working, LONGEST * edge_length);
+        flip_for_angles(working, edge_length);
+    }
+}
+
+fn is_bad(working: &Working<'_>, t: u32, edge_length: f64) -> bool {
+    let [a, b, c] = working.triangles[t as usize];
+    let shortest = working.length(a, b).min(working.length(b, c)).min(working.length(c, a));
+    smallest_sine(&working.corners(t)) < REPAIR_SINE || shortest < SHORTEST * edge_length
+}
+
+/// Tries flips of the longest edge, a collapse of the shortest, then shifts of the corners.
+fn repair_one(working: &mut Working<'_>, t: u32, edge_length: f64, limits: &Limits) {
+    let corners = working.triangles[t as usize];
+    let mut sides = [0, 1, 2].map(|k| (corners[k], corners[(k + 1) % 3]));
+    sides.sort_by(|&(a, b), &(c, d)| working.length(a, b).total_cmp(&working.length(c, d)));
+    let (a, b) = sides[0];
+    let freer = Limits { sine: LEAST_SINE, ..*limits };
+    if working.length(a, b) < SHORTEST * edge_length && working.collapse(a, b, &freer) {
+        return;
+    }
+    for &(a, b) in sides.iter().rev() {
+        if working.flip(a, b, limits, |_, _, old, new| new > 1.01 * old) {
+            return;
+        }
+    }
+    for &(a, b) in &sides {
+        if working.length(a, b) < SHORT * edge_length && working.collapse(a, b, limits) {
+            return;
+        }
+    }
+    for v in corners {
+        improve_vertex(working, v, edge_length, limits);
+    }
+}
+
+/// Moves a vertex to the best of some places around it, by the smallest angle of its triangles.
+fn improve_vertex(working: &mut Working<'_>, v: u32, edge_length: f64, limits: &Limits) {
+    if working.boundary[v as usize] {
+        return;
+    }
+    let normal = working.normal(v);
+    let Some(across) = normal.cross(&least_axis(&normal)).try_normalize(0.0) else { return };
+    let along = normal.cross(&across);
+    for radius in [0.3, 0.15, 0.08, 0.04] {
+        let p = working.points[v as usize];
+        let now = working.sine_with(v, &p);
+        let mut places: Vec<_> = (0..8)
+            .filter_map(|k| {
+                let angle = TAU * f64::from(k) / 8.0;
+                let step = (across * libm::cos(angle) + along * libm::sin(angle)) * (radius * edge_length);
+                working.project(&(p + step), &normal)
+            })
+            .map(|q| (working.sine_with(v, &q), q))
+            .filter(|&(sine, _)| sine > now)
+            .collect();
+        places.sort_by(|x, y| y.0.total_cmp(&x.0));
+        for (_, q) in places {
+            if working.shift(v, q, limits) {
+                break;
+            }
+        }
+    }
+}
+
+fn least_axis(normal: &nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64> {
+    let mut axis = nalgebra::Vector3::zeros();
+    axis[normal.iamin()] = 1.0;
+    axis
+}
+
+fn measure(mesh: &TriangleMesh, original: &SurfaceTree, refined: &TriangleMesh, drift: f64) -> RefineReport {
+    let topology = Topology::new(refined);
+    let lengths = topology.edge_lengths(refined);
+    let mut deviation = drift;
+    for t in 0..refined.triangles.len() {
+        let [a, b, c] = refined.corners(t);
+        for k in 0..=4 {
+            for j in 0..=4 - k {
+                let p = a + (b - a) * (f64::from(k) / 4.0) + (c - a) * (f64::from(j) / 4.0);
+                deviation = deviation.max(original.closest(&p, f64::INFINITY).map_or(0.0, |c| c.distance));
+            }
+        }
+    }
+    let before = mesh.volume();
+    let volume_change = if topology.is_closed() && before != 0.0 { (refined.volume() - before) / before } else { 0.0 };
+    RefineReport {
+        max_edge: lengths.iter().copied().fold(0.0, f64::max),
+        min_edge: lengths.iter().copied().fold(f64::INFINITY, f64::min),
+        min_angle: refined.smallest_angles().into_iter().fold(f64::INFINITY, f64::min),
+        deviation,
+        volume_change,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -18,6 +18,7 @@ mod spelling;
 mod tree;
 pub mod units;
 
+pub use crate::constraints::Order;
 pub use error::{Problem, SceneError};
 pub use parse::{Surroundings, parse, parse_with};
 pub use paths::environment;
@@ -277,18 +278,4 @@ pub struct Pbd {
     pub order: Order,
     /// Largest relative residual at which a frame counts as converged.
     pub tolerance: f64,
-}
-
-/// Order in which a sweep visits constraints.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Order {
-    /// As stored.
-    Stored,
-    /// Last to first.
-    Reversed,
-    /// By distance in edges from the loaded or displaced vertices.
-    FromLoadedEnd,
-    /// By colour: no two constraints of a colour share a vertex.
-    #[default]
-    Coloured,
 }

@@ -196,9 +196,9 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
             "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
             mesh.vertices.len(),
             refined.mesh.vertices.len(),
-            refined.min_edge * 1e3,
-            refined.max_edge * 1e3,
-            refined.deviation * 1e3
+            refined.report.min_edge * 1e3,
+            refined.report.max_edge * 1e3,
+            refined.report.deviation * 1e3
         ));
         mesh = refined.mesh;
     }

@@ -1,0 +1,221 @@
+//! Closest points on a surface at rest, through a tree of boxes; what remeshing projects onto.
+
+use nalgebra::{Point3, Vector3};
+
+use super::measures::Aabb;
+
+/// Triangles in a leaf of the tree.
+const LEAF: usize = 4;
+/// Depth beyond which the stack of a query could not grow: each level halves the triangles.
+const STACK: usize = 64;
+
+/// The point of a triangle closest to `p` [m]; for a triangle without area a point of its longest side.
+pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
+    let (u, v, w) = (b - a, c - a, p - a);
+    let normal = u.cross(&v);
+    let square = normal.norm_squared();
+    // Below a sine of 1e-8 rounding turns the normal by as much as the triangle is flat; its sides are as good.
+    if square > 1e-16 * u.norm_squared() * v.norm_squared() {
+        let (s, t) = (w.cross(&v).dot(&normal) / square, u.cross(&w).dot(&normal) / square);
+        if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
+            return a + u * s + v * t;
+        }
+    }
+    // Outside the prism over the triangle the closest point lies on a side.
+    let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| closest_on_segment(p, from, to));
+    let nearer =
+        |best: Point3<f64>, q: Point3<f64>| if (p - q).norm_squared() < (p - best).norm_squared() { q } else { best };
+    nearer(nearer(sides[0], sides[1]), sides[2])
+}
+
+fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Point3<f64> {
+    let along = b - a;
+    let square = along.norm_squared();
+    let t = if square > 0.0 { ((p - a).dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    a + along * t
+}
+
+/// What [`SurfaceTree::closest`] finds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Closest {
+    /// The closest point [m].
+    pub point: Point3<f64>,
+    /// The triangle that holds it; of several equally close one that the tree meets first.
+    pub triangle: u32,
+    /// Its distance [m].
+    pub distance: f64,
+}
+
+/// A tree of boxes over the triangles of a surface that does not move.
+#[derive(Clone, Debug)]
+pub struct SurfaceTree {
+    nodes: Vec<Node>,
+    corners: Vec<[Point3<f64>; 3]>,
+    normals: Vec<Vector3<f64>>,
+    /// Index in the mesh of each triangle as stored here.
+    names: Vec<u32>,
+}
+
+/// Children `link`, `link + 1` where `count` is zero, else triangles `link..link + count`.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    bounds: Aabb,
+    link: u32,
+    count: u32,
+}
+
+impl Node {
+    fn distance_squared(&self, p: &Point3<f64>) -> f64 {
+        (p - self.bounds.min.sup(&self.bounds.max.inf(p))).norm_squared()
+    }
+}
+
+impl SurfaceTree {
+    /// Builds the tree over triangles with valid indices.
+    pub fn new(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
+        let of = |t: &[u32; 3]| t.map(|v| vertices[v as usize]);
+        let mut names: Vec<u32> = (0..triangles.len() as u32).collect();
+        let corners: Vec<[Point3<f64>; 3]> = triangles.iter().map(of).collect();
+        let middles: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| a.coords + b.coords + c.coords).collect();
+        let mut nodes = vec![Node { bounds: Aabb::EMPTY, link: 0, count: 0 }];
+        let mut open = vec![(0usize, 0usize, names.len())];
+        while let Some((node, start, end)) = open.pop() {
+            let part = &mut names[start..end];
+            nodes[node].bounds = Aabb::of_points(part.iter().flat_map(|&t| &corners[t as usize]));
+            if part.len() <= LEAF {
+                (nodes[node].link, nodes[node].count) = (start as u32, part.len() as u32);
+                continue;
+            }
+            let axis = nodes[node].bounds.extents().imax();
+            let half = part.len() / 2;
+            // The index breaks ties, so that the tree is determined.
+            part.select_nth_unstable_by(half, |&i, &j| {
+                middles[i as usize][axis].total_cmp(&middles[j as usize][axis]).then(i.cmp(&j))
+            });
+            let child = nodes.len();
+            nodes[node].link = child as u32;
+            nodes.extend([nodes[node]; 2]);
+            open.push((child, start, start + half));
+            open.push((child + 1, start + half, end));
+        }
+        let corners: Vec<[Point3<f64>; 3]> = names.iter().map(|&t| corners[t as usize]).collect();
+        let normal = |[a, b, c]: &[Point3<f64>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let normals = corners.iter().map(normal).collect();
+        Self { nodes, corners, normals, names }
+    }
+
+    /// The closest point of the surface at most `within` [m] away; `None` if there is none.
+    pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<Closest> {
+        self.search(p, within, |_| true, false)
+    }
+
+    /// As [`SurfaceTree::closest`], among triangles whose unit normal has a product above `cosine` with `normal`.
+    ///
+    /// Triangles without area, which have no normal, count as well if `cosine` is negative.
+    pub fn closest_facing(&self, p: &Point3<f64>, normal: &Vector3<f64>, cosine: f64, within: f64) -> Option<Closest> {
+        self.search(p, within, |t| self.normals[t].dot(normal) > cosine, false)
+    }
+
+    /// Whether [`SurfaceTree::closest_facing`] would find anything; faster.
+    pub fn is_near_facing(&self, p: &Point3<f64>, normal: &Vector3<f64>, cosine: f64, within: f64) -> bool {
+        self.search(p, within, |t| self.normals[t].dot(normal) > cosine, true).is_some()
+    }
+
+    fn search(&self, p: &Point3<f64>, within: f64, admit: impl Fn(usize) -> bool, any: bool) -> Option<Closest> {
+        let mut best = None;
+        let mut limit = within * within;
+        let mut stack = [(0u32, 0.0); STACK];
+        let mut depth = 1;
+        stack[0].1 = self.nodes[0].distance_squared(p);
+        while depth > 0 {
+            depth -= 1;
+            let (index, lower) = stack[depth];
+            if lower > limit || lower.is_nan() {
+                continue;
+            }
+            let node = &self.nodes[index as usize];
+            if node.count == 0 && !node.bounds.is_empty() {
+                let [near, far] = [node.link, node.link + 1].map(|n| (n, self.nodes[n as usize].distance_squared(p)));
+                let (near, far) = if far.1 < near.1 { (far, near) } else { (near, far) };
+                stack[depth] = far;
+                stack[depth + 1] = near;
+                depth += 2;
+                continue;
+            }
+            for t in node.link as usize..(node.link + node.count) as usize {
+                if !admit(t) {
+                    continue;
+                }
+                let point = closest_on_triangle(p, &self.corners[t]);
+                let square = (p - point).norm_squared();
+                if square < limit || (best.is_none() && square <= limit) {
+                    limit = square;
+                    best = Some(Closest { point, triangle: self.names[t], distance: square.sqrt() });
+                    if any {
+                        return best;
+                    }
+                }
+            }
+        }
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::{box_surface, icosphere};
+    use proptest::prelude::*;
+
+    fn point(size: f64) -> impl Strategy<Value = Point3<f64>> {
+        prop::array::uniform3(-size..size).prop_map(Point3::from)
+    }
+
+    #[test]
+    fn empty_surface() {
+        let tree = SurfaceTree::new(&[], &[]);
+        assert_eq!(tree.closest(&Point3::origin(), f64::INFINITY), None);
+    }
+
+    #[test]
+    fn facing_picks_the_side_of_a_thin_sheet() {
+        let m = box_surface([1.0, 0.01, 1.0], 0.1);
+        let tree = SurfaceTree::new(&m.vertices, &m.triangles);
+        let p = Point3::new(0.03, 0.004, 0.02);
+        let down = -Vector3::y();
+        assert!((tree.closest(&p, 1.0).expect("near").point.y - 0.005).abs() < 1e-15);
+        assert!((tree.closest_facing(&p, &down, 0.0, 1.0).expect("near").point.y + 0.005).abs() < 1e-15);
+        assert!(!tree.is_near_facing(&p, &down, 0.0, 0.008));
+        assert!(tree.is_near_facing(&p, &down, 0.0, 0.010));
+        assert_eq!(tree.closest(&p, 0.000_9), None);
+    }
+
+    proptest! {
+        #[test]
+        fn closest_point_of_a_triangle_is_a_minimum(p in point(2.0), a in point(1.0), b in point(1.0), c in point(1.0), weights in prop::array::uniform3(0.001..1.0), flat in any::<bool>()) {
+            let c = if flat { a + 0.3 * (b - a) } else { c };
+            let q = closest_on_triangle(&p, &[a, b, c]);
+            let total: f64 = weights.iter().sum();
+            let other = (a.coords * weights[0] + b.coords * weights[1] + c.coords * weights[2]) / total;
+            prop_assert!((p - q).norm() <= (p.coords - other).norm() + 1e-14);
+            // The plane of the triangle bounds the distance from below, corners from above.
+            prop_assert!([a, b, c].iter().all(|v| (p - q).norm() <= (p - v).norm() + 1e-14));
+            let n = (b - a).cross(&(c - a));
+            prop_assert!((q - a).dot(&n).abs() < 1e-13);
+        }
+
+        #[test]
+        fn tree_finds_what_a_scan_finds(p in point(1.5), rings in 0u32..4, within in 0.0..1.5) {
+            let m = icosphere(1.0, rings);
+            let tree = SurfaceTree::new(&m.vertices, &m.triangles);
+            let scan = (0..m.triangles.len()).map(|t| (p - closest_on_triangle(&p, &m.corners(t))).norm()).fold(f64::INFINITY, f64::min);
+            match tree.closest(&p, within) {
+                Some(found) => {
+                    prop_assert!((found.distance - scan).abs() < 1e-15);
+                    prop_assert!((p - closest_on_triangle(&p, &m.corners(found.triangle as usize))).norm() == found.distance);
+                }
+                None => prop_assert!(scan >= within),
+            }
+        }
+    }
+}

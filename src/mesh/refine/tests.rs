@@ -1,0 +1,166 @@
+use std::path::PathBuf;
+use std::time::Instant;
+
+use nalgebra::Point3;
+use proptest::prelude::*;
+
+use super::*;
+use crate::mesh::shapes::{box_surface, icosphere, tetrahedron, tube};
+
+/// The folder of real data, if there is one.
+fn data() -> Option<PathBuf> {
+    let folder = std::env::var_os("PLIANT_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
+    folder.is_dir().then_some(folder)
+}
+
+fn read_obj(path: &std::path::Path) -> TriangleMesh {
+    let text = std::fs::read_to_string(path).expect("readable");
+    let mut mesh = TriangleMesh::default();
+    for line in text.lines() {
+        let mut words = line.split_whitespace();
+        match words.next() {
+            Some("v") => {
+                let c: Vec<f64> = words.take(3).map(|w| w.parse().expect("number")).collect();
+                mesh.vertices.push(Point3::new(c[0], c[1], c[2]));
+            }
+            Some("f") => {
+                let index = |w: &str| w.split('/').next().and_then(|n| n.parse::<u32>().ok()).expect("index") - 1;
+                let c: Vec<u32> = words.map(index).collect();
+                (1..c.len() - 1).for_each(|k| mesh.triangles.push([c[0], c[k], c[k + 1]]));
+            }
+            _ => {}
+        }
+    }
+    mesh
+}
+
+fn assert_same_kind(before: &TriangleMesh, after: &TriangleMesh) {
+    let (b, a) = (Topology::new(before), Topology::new(after));
+    assert_eq!(a.is_closed(), b.is_closed());
+    assert!(a.is_oriented());
+    assert_eq!(a.euler_characteristic(), b.euler_characteristic());
+    assert_eq!(a.components().count, b.components().count);
+    assert!(a.non_manifold_edges().is_empty() && a.non_manifold_vertices(after).is_empty());
+    TriangleMesh::new(after.vertices.clone(), after.triangles.clone()).expect("valid");
+}
+
+#[test]
+fn real_muscles() {
+    let names = ["Gluteus_maximus_muscle.r", "Gluteus_medius_muscle.r", "Iliacus_muscle.r"];
+    let Some(data) = data() else {
+        println!("skipped: {} muscles, no data folder", names.len());
+        return;
+    };
+    let wanted = 0.004;
+    for name in names {
+        let mesh = read_obj(&data.join("body/muscles").join(format!("{name}.obj")));
+        let start = Instant::now();
+        let Refined { mesh: refined, report } = refine(&mesh, wanted).expect("sound");
+        println!(
+            "{name}: {} -> {} vertices, edges {:.2}..{:.2} mm, angle {:.1} deg, deviation {:.3} mm, volume {:+.4} %, {:.2} s",
+            mesh.vertices.len(),
+            refined.vertices.len(),
+            1e3 * report.min_edge,
+            1e3 * report.max_edge,
+            report.min_angle.to_degrees(),
+            1e3 * report.deviation,
+            1e2 * report.volume_change,
+            start.elapsed().as_secs_f64()
+        );
+        assert_same_kind(&mesh, &refined);
+        assert!(report.max_edge <= 1.6 * wanted, "{report:?}");
+        assert!(report.min_edge >= 0.3 * wanted, "{report:?}");
+        assert!(report.min_angle.to_degrees() >= 15.0, "{report:?}");
+        assert!(report.deviation <= 0.5e-3, "{report:?}");
+        assert!(report.volume_change.abs() < 2e-3, "{report:?}");
+    }
+}
+
+#[test]
+fn slivers_are_removed() {
+    // A tube with a hundred segments and rings ten times as far apart, and fans of needles at its ends.
+    let mut mesh = tube(0.5, 2.0, 100);
+    mesh.vertices.iter_mut().for_each(|p| p.x *= 3.0);
+    let sharpest = mesh.smallest_angles().into_iter().fold(f64::INFINITY, f64::min);
+    assert!(sharpest.to_degrees() < 4.0);
+    let Refined { mesh: refined, report } = refine(&mesh, 0.15).expect("sound");
+    assert_same_kind(&mesh, &refined);
+    assert!(report.min_angle.to_degrees() > 20.0, "{report:?}");
+    assert!(report.max_edge < 1.6 * 0.15 && report.min_edge > 0.3 * 0.15, "{report:?}");
+    assert!(report.deviation < 0.1 * 0.15 && report.deviation > 0.0, "{report:?}");
+    assert!(report.volume_change.abs() < 2e-2, "{report:?}");
+}
+
+#[test]
+fn sharp_edges_and_corners_of_a_box_stay() {
+    let mesh = box_surface([1.0, 0.5, 0.7], 0.35);
+    let Refined { mesh: refined, report } = refine(&mesh, 0.08).expect("sound");
+    assert_same_kind(&mesh, &refined);
+    assert!(report.deviation < 0.1 * 0.08, "{report:?}");
+    assert!(report.volume_change.abs() < 0.02, "{report:?}");
+    assert!(report.min_angle.to_degrees() > 15.0, "{report:?}");
+    let bounds = (mesh.bounding_box(), refined.bounding_box());
+    assert!((bounds.0.min - bounds.1.min).norm() < 0.008 && (bounds.0.max - bounds.1.max).norm() < 0.008);
+}
+
+#[test]
+fn an_open_mesh_keeps_its_boundary() {
+    let mut mesh = icosphere(1.0, 2);
+    mesh.triangles.retain(|t| t.iter().all(|&v| mesh.vertices[v as usize].y > -0.3));
+    let before = Topology::new(&mesh);
+    let Refined { mesh: refined, report } = refine(&mesh, 0.12).expect("sound");
+    assert_same_kind(&mesh, &refined);
+    let after = Topology::new(&refined);
+    assert!(!after.is_closed() && after.boundary_edges().len() > before.boundary_edges().len());
+    for e in before.boundary_edges() {
+        for v in before.edges[e as usize] {
+            assert!(refined.vertices.contains(&mesh.vertices[v as usize]));
+        }
+    }
+    assert!(report.min_angle.to_degrees() > 15.0, "{report:?}");
+    assert!(report.max_edge < 1.6 * 0.12, "{report:?}");
+}
+
+#[test]
+fn what_cannot_be_refined_is_named() {
+    let mesh = tetrahedron();
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(refine(&mesh, bad), Err(RefineError::EdgeLength(_))));
+    }
+    assert_eq!(refine(&TriangleMesh::default(), 0.1), Err(RefineError::Empty));
+    assert!(matches!(refine(&mesh, 1e-6), Err(RefineError::TooManyTriangles { .. })));
+    let mut flipped = mesh.clone();
+    flipped.triangles[1].swap(0, 1);
+    assert_eq!(refine(&flipped, 0.5), Err(RefineError::NotOriented));
+    let mut fin = mesh.clone();
+    fin.vertices.push(Point3::new(3.0, 0.0, 0.0));
+    fin.triangles.push([0, 1, 4]);
+    assert_eq!(refine(&fin, 0.5), Err(RefineError::NotManifold { edges: 1, vertices: 0 }));
+    let mut broken = mesh;
+    broken.triangles[0][0] = 9;
+    assert!(matches!(refine(&broken, 0.5), Err(RefineError::Mesh(_))));
+}
+
+#[test]
+fn a_surface_without_extent_does_not_panic() {
+    let mesh = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: tetrahedron().triangles };
+    let refined = refine(&mesh, 0.1).expect("manifold");
+    assert_eq!(refined.mesh.triangles.len(), 4);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(6))]
+    #[test]
+    fn ellipsoids_at_any_scale(axes in prop::array::uniform3(0.5f64..2.0), edge in 0.12f64..0.4, scale in prop::sample::select(vec![1e-3, 1.0, 1e3])) {
+        let mut mesh = icosphere(scale, 2);
+        mesh.vertices.iter_mut().for_each(|p| (0..3).for_each(|k| p[k] *= axes[k]));
+        let edge = edge * scale;
+        let refined = refine(&mesh, edge).expect("sound");
+        assert_same_kind(&mesh, &refined.mesh);
+        let report = refined.report;
+        prop_assert!(report.max_edge < 1.6 * edge, "{:?}", report);
+        prop_assert!(report.deviation < 0.15 * edge, "{:?}", report);
+        prop_assert!(report.min_angle.to_degrees() > 15.0, "{:?}", report);
+        prop_assert_eq!(refine(&mesh, edge).expect("sound"), refined);
+    }
+}
