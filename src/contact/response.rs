@@ -18,6 +18,19 @@ const OVER_VERTEX: f64 = 0.5;
 /// Rounds of pushing in which a vertex between two bones must find room before it is given less of it.
 const ROUNDS: usize = 8;
 
+/// Sweeps over all rows of a step at most, and the share of the thickness by which the last may still push.
+const SWEEPS: usize = 12;
+const NEARLY: f64 = 0.02;
+
+/// The sum of all motion so far, relative to the obstacles [m]. Within a step a vertex may go out and come back, so what
+/// is remembered counts from the lower bound and what is asked from the upper one: their difference bounds the motion
+/// between any two moments.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Travel {
+    pub at_least: f64,
+    pub at_most: f64,
+}
+
 /// Numbers of one muscle's contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
@@ -100,12 +113,17 @@ impl Contacts {
     /// vertices. To be called after the other constraints, once a sweep.
     pub fn project(&mut self, placed: &[Placed], particles: &mut Particles) {
         self.calls += 1;
-        let moved = self.travel + self.motion(placed, &particles.position);
+        let moved = self.travelled(placed, &particles.position);
         for (contacts, &o) in self.vertices.iter_mut().zip(&self.obstacles) {
             contacts.update(&placed[o], &mut particles.position, moved);
         }
-        self.push_triangles(placed, particles, moved);
-        self.push_vertices(particles);
+        self.look_up_triangles(placed, &particles.position, moved);
+        self.push(placed, particles);
+    }
+
+    fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Travel {
+        let motion = self.motion(placed, x);
+        Travel { at_least: self.travel - motion, at_most: self.travel + motion }
     }
 
     /// Bound on the motion of any vertex relative to any obstacle since the begin of the step [m].
@@ -116,29 +134,33 @@ impl Contacts {
         squared.sqrt() + bones
     }
 
-    fn push_triangles(&mut self, placed: &[Placed], particles: &mut Particles, moved: f64) {
+    /// Watches for triangles that came near a bone vertex since they were last looked up.
+    fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], moved: Travel) {
         if self.triangles.iter().any(|t| t.is_due(moved)) {
-            self.surface.refit(&particles.position);
+            self.surface.refit(x);
             for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
                 contacts.update(&placed[o], &self.surface, moved);
             }
         }
-        for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
-            let l = contacts.project(&placed[o], &self.surface, particles, moved);
-            if l > 0.5e-3 && std::env::var("DBG").is_ok() { eprintln!("triangle push {} mm by {} active {}", l*1e3, placed[o].name, contacts.active.len()); }
-        }
     }
 
-    fn push_vertices(&mut self, particles: &mut Particles) {
-        let x = &mut particles.position;
-        for contacts in &mut self.vertices {
-            let mut big = 0.0_f64;
-            for row in &mut contacts.rows {
-                push(row, x, self.thickness);
-                big = big.max(row.push);
+    /// Pushes until nothing is pushed by more than a share of the thickness: rows of neighbours undo each other.
+    fn push(&mut self, placed: &[Placed], particles: &mut Particles) {
+        self.triangles.iter_mut().for_each(|t| t.active.clear());
+        for _ in 0..SWEEPS {
+            let mut largest = 0.0_f64;
+            let moved = self.travelled(placed, &particles.position);
+            for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
+                largest = largest.max(contacts.project(&placed[o], &self.surface, particles, moved));
             }
-            if big > 0.5e-3 && std::env::var("DBG").is_ok() { eprintln!("vertex push {} mm", big*1e3); }
+            for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
+                largest = largest.max(push(row, &mut particles.position, self.thickness));
+            }
+            if largest <= NEARLY * self.thickness {
+                break;
+            }
         }
+        let x = &mut particles.position;
         self.find_pinched(x);
         for k in 0..self.pinched.len() {
             self.make_room(self.pinched[k], x);
@@ -281,12 +303,14 @@ fn two_lowest(heights: &[f64]) -> f64 {
     sorted[0] + sorted[1]
 }
 
-fn push(row: &mut Row, x: &mut [Point3<f64>], thickness: f64) {
+/// Pushes a vertex over its row; returns by how much [m].
+fn push(row: &mut Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
     let lack = thickness - row.height(x);
     if lack > 0.0 {
         x[row.vertex as usize] += row.normal * lack;
         row.push += lack;
     }
+    lack.max(0.0)
 }
 
 /// Removes from `d` its part against `normal`; with `still`, all of `d` if any such part is left.

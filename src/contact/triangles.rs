@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::surface::{OnTriangle, Surface};
+use super::response::Travel;
 use super::{Obstacle, Placed};
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
 use crate::particles::Particles;
@@ -43,17 +44,17 @@ impl TriangleContacts {
     }
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted.
-    pub fn is_due(&self, travel: f64) -> bool {
-        self.wake.iter().any(|w| *w <= travel)
+    pub fn is_due(&self, travel: Travel) -> bool {
+        self.wake.iter().any(|w| *w <= travel.at_most)
     }
 
     /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
-    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: f64) {
+    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
         let near = NEAR * self.thickness;
         let points = placed.obstacle.vertices();
         // A vertex that wakes soon is looked up now: the refit is paid for.
         let due: Vec<u32> =
-            (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel + 0.5 * self.thickness).collect();
+            (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel.at_most + 0.5 * self.thickness).collect();
         let found: Vec<(f64, f64, Option<Watched>)> = due
             .par_iter()
             .with_min_len(32)
@@ -62,12 +63,12 @@ impl TriangleContacts {
                 let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::MAX, f64::INFINITY, None) };
                 let distance = side(self.last[k as usize], on.closest.distance, travel) * on.closest.distance.abs();
                 if distance > near {
-                    return (distance, travel + (distance - near / 2.0).max(distance / 2.0), None);
+                    return (distance, travel.at_least + (distance - near / 2.0).max(distance / 2.0), None);
                 }
                 let margin = (distance.abs() / 2.0).max(2.0 * self.thickness);
                 let mut triangles = Vec::new();
                 surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-                (distance, travel + margin, Some(Watched { point: k, until: travel + margin, triangles }))
+                (distance, travel.at_least + margin, Some(Watched { point: k, until: travel.at_least + margin, triangles }))
             })
             .collect();
         self.lookups += due.len() as u64;
@@ -75,17 +76,16 @@ impl TriangleContacts {
         due.iter().for_each(|&k| fresh[k as usize] = true);
         self.watched.retain(|w| !fresh[w.point as usize]);
         for (&k, (distance, wake, watched)) in due.iter().zip(found) {
-            self.last[k as usize] = (distance, travel);
+            self.last[k as usize] = (distance, travel.at_least);
             self.wake[k as usize] = wake;
             self.watched.extend(watched);
         }
         self.watched.sort_unstable_by_key(|w| w.point);
-        debug_assert!(self.watched.iter().all(|w| w.until >= travel));
+        debug_assert!(self.watched.iter().all(|w| w.until >= travel.at_least));
     }
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
-    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles, travel: f64) -> f64 {
-        self.active.clear();
+    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles, travel: Travel) -> f64 {
         let points = placed.obstacle.vertices();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
@@ -97,7 +97,7 @@ impl TriangleContacts {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
             }
-            *last = (on.closest.distance, travel);
+            *last = (on.closest.distance, travel.at_least);
             if on.closest.distance >= self.thickness {
                 continue;
             }
@@ -140,10 +140,10 @@ impl TriangleContacts {
 
 /// The side of a surface that a point is on: 1 outside, -1 inside. A point that is further away than both can have
 /// moved since it was last seen is still on the side where it was, whatever the normals of a crumpled surface say.
-fn side(last: (f64, f64), distance: f64, travel: f64) -> f64 {
+fn side(last: (f64, f64), distance: f64, travel: Travel) -> f64 {
     let (before, at) = last;
     // Both signs would do for a motion of |before| + |distance|; less than that cannot have brought it across.
-    if before.abs() + distance.abs() > travel - at { before.signum() } else { distance.signum() }
+    if before.abs() + distance.abs() > travel.at_most - at { before.signum() } else { distance.signum() }
 }
 
 /// The row of a vertex as a constraint, for residuals and for the conformance suite.

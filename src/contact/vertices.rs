@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
+use super::response::Travel;
 use super::{Closest, Obstacle, Placed};
 
 /// A vertex further away than this many thicknesses has no row, only a bound that says when to look again.
@@ -69,7 +70,7 @@ impl VertexContacts {
 
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
     /// the rows of this step. `travel` is a bound on the relative motion of every vertex so far [m].
-    pub fn update(&mut self, placed: &Placed, x: &mut [Point3<f64>], travel: f64) {
+    pub fn update(&mut self, placed: &Placed, x: &mut [Point3<f64>], travel: Travel) {
         let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
         let (known, vertices, thickness) = (&self.known, &self.vertices, self.thickness);
@@ -79,7 +80,7 @@ impl VertexContacts {
             .filter(|&k| {
                 let Known { from, closest, wake } = &known[k as usize];
                 if closest.distance > near {
-                    return *wake <= travel;
+                    return *wake <= travel.at_most;
                 }
                 let at = inverse * positions[vertices[k as usize] as usize];
                 !(2.0 * (at - from).norm() <= closest.distance)
@@ -93,10 +94,10 @@ impl VertexContacts {
                 let at = inverse * positions[vertices[k as usize] as usize];
                 // Inside the free ball nothing can have been crossed.
                 if before.closest.distance <= 0.0 || (at - before.from).norm() < before.closest.distance {
-                    return (look(obstacle, at, travel, thickness), None, false);
+                    return (look(obstacle, at, travel.at_least, thickness), None, false);
                 }
                 let (end, arrived) = walk(obstacle, &before.from, &at, thickness);
-                (look(obstacle, end, travel, thickness), (end != at).then_some(end), !arrived)
+                (look(obstacle, end, travel.at_least, thickness), (end != at).then_some(end), !arrived)
             })
             .collect();
         self.lookups += due.len() as u64;
