@@ -31,7 +31,7 @@ impl Obstacle for Capsule {
         Aabb::of_points(&self.ends).inflate(self.radius)
     }
 
-    fn vertices(&self) -> &[Point3<f64>] {
+    fn guards(&self) -> &[Point3<f64>] {
         &[]
     }
 

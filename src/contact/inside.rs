@@ -68,21 +68,33 @@ impl<'a> Inside<'a> {
     }
 
     fn crossing(&self, p: &Point3<f64>, t: usize) -> i32 {
-        let c = self.triangles[t].map(|v| self.vertices[v as usize]);
-        if c.iter().all(|v| v.x < p.x) {
-            return 0;
-        }
-        let turns: i32 = (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum();
-        if turns == 0 {
-            return 0;
-        }
-        // The triangle covers p in projection; ahead of it or behind, exactly. `orient3d` is positive where p lies
-        // below the plane, seen with a, b, c counter-clockwise.
-        let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
-        let below = orient3d(at(&c[0]), at(&c[1]), at(&c[2]), at(p));
-        let ahead = if turns > 0 { below > 0.0 } else { below < 0.0 };
-        if ahead { turns } else { 0 }
+        crossing(p, &self.triangles[t].map(|v| self.vertices[v as usize]))
     }
+}
+
+/// The winding number about one point, without a grid: for a few points of a surface that has just moved.
+pub(super) fn winding_of_one(p: &Point3<f64>, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> i32 {
+    triangles.iter().map(|t| crossing(p, &t.map(|v| vertices[v as usize]))).sum()
+}
+
+/// How often the ray from `p` along +x crosses the triangle `c`, signed.
+fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
+    // The ray misses the triangle's box; these comparisons are exact and settle nearly all.
+    let above = |axis: usize| c.iter().all(|v| v[axis] > p[axis]);
+    let below = |axis: usize| c.iter().all(|v| v[axis] < p[axis]);
+    if below(0) || above(1) || below(1) || above(2) || below(2) {
+        return 0;
+    }
+    let turns: i32 = (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum();
+    if turns == 0 {
+        return 0;
+    }
+    // The triangle covers p in projection; ahead of it or behind, exactly. `orient3d` is positive where p lies
+    // below the plane, seen with a, b, c counter-clockwise.
+    let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
+    let below = orient3d(at(&c[0]), at(&c[1]), at(&c[2]), at(p));
+    let ahead = if turns > 0 { below > 0.0 } else { below < 0.0 };
+    if ahead { turns } else { 0 }
 }
 
 /// Contribution of a directed edge to the turns about p in the y-z plane: +-1 where it crosses the half line z >= p.z,

@@ -39,8 +39,8 @@ pub trait Obstacle: Send + Sync {
     fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;
-    /// Vertices that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
-    fn vertices(&self) -> &[Point3<f64>];
+    /// Points that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
+    fn guards(&self) -> &[Point3<f64>];
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize;
 }

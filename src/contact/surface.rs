@@ -6,6 +6,7 @@ use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::PointQuery;
 
+use crate::constraints::bending::dihedral;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use super::winding::WindingTree;
 use super::{Closest, Obstacle};
@@ -20,6 +21,8 @@ pub struct Surface {
     topology: Topology,
     bvh: Bvh,
     workspace: BvhWorkspace,
+    /// What is kept out of a muscle's triangles: vertices, and points along ridges.
+    guards: Vec<Point3<f64>>,
     /// Decides the sign where the mesh is not closed and oriented.
     winding: Option<WindingTree>,
 }
@@ -43,6 +46,26 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
     ParryAabb::new(glam(&t[0].inf(&t[1]).inf(&t[2])), glam(&t[0].sup(&t[1]).sup(&t[2])))
 }
 
+/// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
+const RIDGE: f64 = 0.15;
+const SPACING: f64 = 0.34;
+
+/// The vertices, and points along convex edges: a fold of a muscle that lies across a ridge between two of its vertices
+/// would meet neither of them.
+fn guards(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
+    let mut points = mesh.vertices.clone();
+    let spacing = SPACING * mesh.median_edge_length(topology).unwrap_or(0.0);
+    for hinge in &topology.hinges {
+        let x = hinge.map(|v| mesh.vertices[v as usize]);
+        if dihedral(&x) > RIDGE && spacing > 0.0 {
+            let along = x[1] - x[0];
+            let parts = (along.norm() / spacing).ceil().min(32.0) as u32;
+            points.extend((1..parts).map(|k| x[0] + along * (f64::from(k) / f64::from(parts))));
+        }
+    }
+    points
+}
+
 impl Surface {
     /// Builds the hierarchy. Where the mesh is closed and consistently oriented the sign comes from angle-weighted
     /// pseudo-normals \[baerentzen2005\], else from the generalised winding number \[jacobson2013\].
@@ -55,6 +78,7 @@ impl Surface {
             triangles: mesh.triangles.clone(),
             bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves),
             workspace: BvhWorkspace::default(),
+            guards: guards(mesh, &topology),
             winding: (!sound).then(|| WindingTree::new(mesh)),
             topology,
         }
@@ -173,8 +197,8 @@ impl Obstacle for Surface {
         Aabb::of_points(&self.vertices)
     }
 
-    fn vertices(&self) -> &[Point3<f64>] {
-        &self.vertices
+    fn guards(&self) -> &[Point3<f64>] {
+        &self.guards
     }
 
     fn bytes(&self) -> usize {

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::surface::{OnTriangle, Surface};
+use super::inside::winding_of_one;
 use super::response::Travel;
 use super::{Obstacle, Placed};
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
@@ -11,6 +12,9 @@ use crate::particles::Particles;
 
 /// A bone vertex further from the muscle than this many thicknesses is asleep.
 const NEAR: f64 = 6.0;
+
+/// Nearer to the surface than this many thicknesses, the pseudo-normal decides alone on which side a point is.
+const DOUBT: f64 = 0.4;
 
 /// A bone vertex and the muscle's triangles that it may meet before it is looked up again.
 #[derive(Clone, Debug)]
@@ -38,7 +42,7 @@ pub(super) struct TriangleContacts {
 
 impl TriangleContacts {
     pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
-        let wake = vec![f64::NEG_INFINITY; obstacle.vertices().len()];
+        let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         Self { wake, last, watched: Vec::new(), active: Vec::new(), thickness, lookups: 0 }
     }
@@ -51,7 +55,7 @@ impl TriangleContacts {
     /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
     pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
         let near = NEAR * self.thickness;
-        let points = placed.obstacle.vertices();
+        let points = placed.obstacle.guards();
         // A vertex that wakes soon is looked up now: the refit is paid for.
         let due: Vec<u32> =
             (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel.at_most + 0.5 * self.thickness).collect();
@@ -61,7 +65,8 @@ impl TriangleContacts {
             .map(|&k| {
                 let p = placed.now * points[k as usize];
                 let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::MAX, f64::INFINITY, None) };
-                let distance = side(self.last[k as usize], on.closest.distance, travel) * on.closest.distance.abs();
+                let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
+                let distance = sign * on.closest.distance.abs();
                 if distance > near {
                     return (distance, travel.at_least + (distance - near / 2.0).max(distance / 2.0), None);
                 }
@@ -86,18 +91,17 @@ impl TriangleContacts {
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
     pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles, travel: Travel) -> f64 {
-        let points = placed.obstacle.vertices();
+        let points = placed.obstacle.guards();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
             let p = placed.now * points[watched.point as usize];
             let Some(mut on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
-            let last = &mut self.last[watched.point as usize];
-            let sign = side(*last, on.closest.distance, travel);
+            let sign = self.side(watched.point, &p, on.closest.distance, surface, &particles.position, travel);
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
             }
-            *last = (on.closest.distance, travel.at_least);
+            self.last[watched.point as usize] = (on.closest.distance, travel.at_least);
             if on.closest.distance >= self.thickness {
                 continue;
             }
@@ -121,6 +125,34 @@ impl TriangleContacts {
         largest
     }
 
+    /// The side of the muscle's surface that a point is on: 1 outside, -1 inside.
+    ///
+    /// A point that is further away than it can have moved since it was last seen is still on the side where it was.
+    /// Where that and the pseudo-normal do not both say outside, and it matters, the exact winding number decides: a
+    /// crumpled surface has normals that lie, and a point wrongly held to be inside would draw the muscle to itself.
+    fn side(
+        &self,
+        point: u32,
+        p: &Point3<f64>,
+        distance: f64,
+        surface: &Surface,
+        x: &[Point3<f64>],
+        travel: Travel,
+    ) -> f64 {
+        let (before, at) = self.last[point as usize];
+        let kept = before > 0.0 && before + distance.abs() > travel.at_most - at;
+        if kept && (distance > 0.0 || distance.abs() > self.thickness) {
+            return 1.0;
+        }
+        if !kept && distance > 0.0 && before > 0.0 {
+            return 1.0;
+        }
+        if distance.abs() <= DOUBT * self.thickness {
+            return distance.signum();
+        }
+        if winding_of_one(p, x, surface.triangles()) == 0 { 1.0 } else { -1.0 }
+    }
+
     fn row(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
         TriangleContact {
             points: surface.triangles()[on.triangle as usize],
@@ -136,14 +168,6 @@ impl TriangleContacts {
             + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
             + self.active.capacity() * std::mem::size_of::<([u32; 3], Vector3<f64>)>()
     }
-}
-
-/// The side of a surface that a point is on: 1 outside, -1 inside. A point that is further away than both can have
-/// moved since it was last seen is still on the side where it was, whatever the normals of a crumpled surface say.
-fn side(last: (f64, f64), distance: f64, travel: Travel) -> f64 {
-    let (before, at) = last;
-    // Both signs would do for a motion of |before| + |distance|; less than that cannot have brought it across.
-    if before.abs() + distance.abs() > travel.at_most - at { before.signum() } else { distance.signum() }
 }
 
 /// The row of a vertex as a constraint, for residuals and for the conformance suite.

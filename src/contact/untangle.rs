@@ -67,7 +67,7 @@ fn bone_inside(mesh: &TriangleMesh, placed: &[Placed], obstacles: &[usize]) -> b
     let surface = Surface::new(mesh);
     let bounds = mesh.bounding_box();
     obstacles.iter().any(|&o| {
-        let points = placed[o].obstacle.vertices().iter().map(|p| placed[o].now * p);
+        let points = placed[o].obstacle.guards().iter().map(|p| placed[o].now * p);
         points.filter(|p| bounds.contains(p)).any(|p| {
             surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0)
         })
