@@ -11,7 +11,7 @@ fn main() {
     let every: usize = std::env::var("EVERY").ok().and_then(|e| e.parse().ok()).unwrap_or(20);
     for f in 0..=sim.scene.frames {
         if f > 0 { sim.step_frame(); }
-        if f == 100 || f == sim.scene.frames { diagnose(&sim); }
+        if f % 20 == 0 && f > 120 || f == sim.scene.frames { diagnose(&sim); }
         if f % every == 0 || f < 3 { for m in sim.measure() {
             println!("{:3} {:12} vol {:+.1e} str {:.3}/{:.2} pen {:.3}mm in {} bonein {} touch {} pinch {} res {:.4}mm ke {:.1e} dist {:.2}mm conv {} t {:.1}s", f, m.muscle, m.volume_error, m.edge_stretch_rms, m.edge_stretch_max, m.penetration_m*1e3, m.vertices_inside_bones, m.bone_vertices_inside, m.vertices_touching, m.vertices_pinched, m.residual_m*1e3, m.kinetic_energy_j, m.distance_from_start_rms_m*1e3, m.converged, t.elapsed().as_secs_f64());
         }}
@@ -26,10 +26,13 @@ fn diagnose(sim: &Simulation) {
         let x = &b.system.particles.position;
         let mut s: Vec<(f64, [u32; 2])> = b.edges.iter().map(|e| { let [p, q] = e.points.map(|p| x[p as usize]); (((p - q).norm() / e.rest - 1.0).abs(), e.points) }).collect();
         s.sort_by(|a, b| b.0.total_cmp(&a.0));
-        for (st, [p, q]) in s.iter().take(14) {
+        for (st, [p, q]) in s.iter().take(4) {
             let d = |v: u32| (0..sim.bones.len()).map(|k| { let c = pliant::contact::Obstacle::closest(sim.surface(k), &(sim.pose(k, sim.frame() as f64).inverse() * x[v as usize])).unwrap(); format!("{:.2}", c.distance * 1e3) }).collect::<Vec<_>>().join("/");
+            let (a, c2) = (x[*p as usize], x[*q as usize]);
+            let lows: Vec<String> = (0..sim.bones.len()).map(|k| { let inv = sim.pose(k, sim.frame() as f64).inverse(); let m = (0..=40).map(|t| pliant::contact::Obstacle::closest(sim.surface(k), &(inv * (a + (c2 - a) * (t as f64 / 40.0)))).unwrap().distance).fold(f64::MAX, f64::min); format!("{:.2}", m * 1e3) }).collect();
+            print!("   along {}", lows.join("/"));
             let h = |v: u32| b.attached.iter().find(|a| a.0 == v).map_or("free".to_string(), |a| format!("bone{}", a.1));
-            println!("   strain {st:.2} {p} {q} {} {} dist {} | {} at {:?} moved {:.1} {:.1}", h(*p), h(*q), d(*p), d(*q), x[*p as usize].coords.as_slice(), (x[*p as usize] - b.rest.vertices[*p as usize]).norm() * 1e3, (x[*q as usize] - b.rest.vertices[*q as usize]).norm() * 1e3);
+            println!(" strain {st:.2} {p} {q} {} {} dist {} | {} at {:?} moved {:.1} {:.1}", h(*p), h(*q), d(*p), d(*q), x[*p as usize].coords.as_slice(), (x[*p as usize] - b.rest.vertices[*p as usize]).norm() * 1e3, (x[*q as usize] - b.rest.vertices[*q as usize]).norm() * 1e3);
         }
     }
 }

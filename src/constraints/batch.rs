@@ -57,9 +57,17 @@ pub struct Batch<C, const K: usize> {
     relaxation: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: Schedule,
-    corrections: Vec<Option<(f64, [Vector3<f64>; K])>>,
+    corrections: Vec<Option<Correction<K>>>,
     calls: u64,
     skipped: u64,
+}
+
+/// What one projection does.
+#[derive(Clone, Copy, Debug)]
+struct Correction<const K: usize> {
+    value: f64,
+    change: f64,
+    move_by: [Vector3<f64>; K],
 }
 
 /// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
@@ -69,7 +77,7 @@ fn correction<C: Constraint<K>, const K: usize>(
     position: &[Point3<f64>],
     inverse_mass: &[f64],
     (compliance, relaxation, multiplier): (f64, f64, f64),
-) -> Option<(f64, [Vector3<f64>; K])> {
+) -> Option<Correction<K>> {
     let points = constraint.points();
     let (c, mut g) = constraint.value_and_gradient(&points.map(|p| position[p as usize]))?;
     let w = points.map(|p| inverse_mass[p as usize]);
@@ -85,7 +93,7 @@ fn correction<C: Constraint<K>, const K: usize>(
     for k in 0..K {
         g[k] *= w[k] * change;
     }
-    Some((change, g))
+    Some(Correction { value: c, change, move_by: g })
 }
 
 impl<C: Constraint<K>, const K: usize> Batch<C, K> {
@@ -144,15 +152,16 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     fn project_serial(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
         let mut skipped = 0;
         let n = range.len();
-        let constraints = &self.constraints[range.clone()];
+        let constraints = &mut self.constraints[range.clone()];
         let compliance = &self.compliance[range.clone()];
         let relaxation = &self.relaxation[range.clone()];
         let multipliers = &mut self.multipliers[range];
         for j in 0..n {
             let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
             match correction(&constraints[j], &particles.position, &particles.inverse_mass, numbers) {
-                Some((change, move_by)) => {
+                Some(Correction { value, change, move_by }) => {
                     multipliers[j] += change;
+                    constraints[j].remember(value);
                     for (p, by) in constraints[j].points().into_iter().zip(move_by) {
                         particles.position[p as usize] += by;
                     }
@@ -167,22 +176,24 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// bits are those of the serial sweep.
     fn project_parallel(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
         let (position, inverse_mass) = (&particles.position, &particles.inverse_mass);
-        let constraints = &self.constraints[range.clone()];
+        let constraints = &mut self.constraints[range.clone()];
         let compliance = &self.compliance[range.clone()];
         let relaxation = &self.relaxation[range.clone()];
         let multipliers = &mut self.multipliers[range];
-        (0..constraints.len())
+        let shared = &*constraints;
+        (0..shared.len())
             .into_par_iter()
             .with_min_len(PARALLEL / 4)
             .map(|j| {
                 let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
-                correction(&constraints[j], position, inverse_mass, numbers)
+                correction(&shared[j], position, inverse_mass, numbers)
             })
             .collect_into_vec(&mut self.corrections);
         for (j, correction) in self.corrections.iter().enumerate() {
             match correction {
-                Some((change, move_by)) => {
+                &Some(Correction { value, change, move_by }) => {
                     multipliers[j] += change;
+                    constraints[j].remember(value);
                     for (p, by) in constraints[j].points().into_iter().zip(move_by) {
                         particles.position[p as usize] += by;
                     }
@@ -208,7 +219,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
             + (self.compliance.capacity() + self.relaxation.capacity() + self.multipliers.capacity()) * 8
             + self.schedule.sequence.capacity() * 4
             + self.schedule.colours.capacity() * size_of::<std::ops::Range<usize>>()
-            + self.corrections.capacity() * size_of::<Option<(f64, [Vector3<f64>; K])>>()
+            + self.corrections.capacity() * size_of::<Option<Correction<K>>>()
     }
 
     fn begin_step(&mut self) {

@@ -23,11 +23,21 @@ pub struct Bending {
     pub points: [u32; 4],
     /// Rest angle [rad].
     pub rest: f64,
+    /// C when the hinge was last visited [rad]: of the angles that differ by whole turns the one next to it is meant,
+    /// so that a hinge that was folded through itself is led back the way it came.
+    pub last: f64,
 }
 
-/// The angle in (-pi, pi] that differs from `angle` by whole turns.
-fn wrap<S: Scalar>(angle: S) -> S {
-    let turns = ((angle.real() + PI) / TAU).ceil() - 1.0;
+impl Bending {
+    /// A hinge at its rest angle [rad].
+    pub fn new(points: [u32; 4], rest: f64) -> Self {
+        Self { points, rest, last: 0.0 }
+    }
+}
+
+/// The number that differs from `angle` by whole turns and is nearest to `last`; in (-pi, pi] for `last` = 0.
+fn unwrap<S: Scalar>(angle: S, last: f64) -> S {
+    let turns = ((angle.real() - last + PI) / TAU).ceil() - 1.0;
     if turns == 0.0 { angle } else { angle - S::of(turns * TAU) }
 }
 
@@ -46,7 +56,7 @@ impl Constraint<4> for Bending {
     const PARAMETERS: &'static [Parameter] = &[Parameter::Angle];
 
     fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
-        Self { points, rest: parameters[0] }
+        Self::new(points, parameters[0])
     }
 
     #[inline]
@@ -54,8 +64,13 @@ impl Constraint<4> for Bending {
         self.points
     }
 
+    #[inline]
+    fn remember(&mut self, value: f64) {
+        self.last = value;
+    }
+
     fn value<S: Scalar>(&self, x: &[Point3<S>; 4]) -> S {
-        wrap(dihedral(x) - S::of(self.rest))
+        unwrap(dihedral(x) - S::of(self.rest), self.last)
     }
 
     #[inline]
@@ -81,6 +96,6 @@ impl Constraint<4> for Bending {
         let t4 = b.dot(&e) / ee;
         let g2 = -(g3 * t3) - g4 * t4;
         let g1 = -(g3 * (1.0 - t3)) - g4 * (1.0 - t4);
-        Some((wrap(theta - self.rest), [g1, g2, g3, g4]))
+        Some((unwrap(theta - self.rest, self.last), [g1, g2, g3, g4]))
     }
 }

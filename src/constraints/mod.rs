@@ -48,6 +48,10 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     /// The particles it acts on.
     fn points(&self) -> [u32; K];
 
+    /// Called with C at each projection; only a constraint whose value is known up to a period has a memory.
+    #[inline]
+    fn remember(&mut self, _value: f64) {}
+
     /// C(x), in any number.
     fn value<S: Scalar>(&self, x: &[Point3<S>; K]) -> S;
 

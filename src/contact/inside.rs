@@ -74,6 +74,9 @@ impl<'a> Inside<'a> {
 
 /// The winding number about one point, without a grid: for a few points of a surface that has just moved.
 pub(super) fn winding_of_one(p: &Point3<f64>, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> i32 {
+    if !Aabb::of_points(vertices).contains(p) {
+        return 0;
+    }
     triangles.iter().map(|t| crossing(p, &t.map(|v| vertices[v as usize]))).sum()
 }
 

@@ -47,8 +47,8 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
 }
 
 /// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
-const RIDGE: f64 = 0.15;
-const SPACING: f64 = 0.34;
+const RIDGE: f64 = 0.35;
+const SPACING: f64 = 0.5;
 
 /// The vertices, and points along convex edges: a fold of a muscle that lies across a ridge between two of its vertices
 /// would meet neither of them.

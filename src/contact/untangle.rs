@@ -92,7 +92,7 @@ impl Shape {
             .hinges
             .iter()
             .map(|&points| {
-                Bending { points, rest: bending::dihedral(&points.map(|p| mesh.vertices[p as usize])) }
+                Bending::new(points, bending::dihedral(&points.map(|p| mesh.vertices[p as usize])))
             })
             .collect();
         // Soft against contact: a full projection of angles would throw slivers about.

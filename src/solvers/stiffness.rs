@@ -35,7 +35,7 @@ pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Be
             let area = |c: Point3<f64>| (x[1] - x[0]).cross(&(c - x[0])).norm() / 2.0;
             let both = area(x[2]) + area(x[3]);
             let weight = 3.0 * (x[1] - x[0]).norm_squared() / both;
-            (Bending { points, rest: bending::dihedral(&x) }, bending * weight)
+            (Bending::new(points, bending::dihedral(&x)), bending * weight)
         })
         // A hinge without area has no angle; it would be skipped at every sweep.
         .filter(|(hinge, stiffness)| hinge.rest.is_finite() && stiffness.is_finite())
