@@ -82,7 +82,7 @@ fn label(value: f64, step: f64, largest: f64) -> String {
 }
 
 /// A number for people: four significant digits, no trailing zeros, an exponent where it saves much.
-pub(crate) fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".into() } else { value.to_string() };
     }
