@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::camera::{Canvas, MAX_SIDE};
+use super::camera::MAX_SIDE;
 use super::colour::{Rgb, mix, quantise};
 
 /// Why a picture could not be written.
@@ -103,11 +103,6 @@ impl Frame {
                 self.blend(column, row, colour, 1.0);
             }
         }
-    }
-
-    /// The canvas that made this picture, with its default margins.
-    pub fn canvas(&self) -> Canvas {
-        Canvas::new(self.width as u32, self.height as u32)
     }
 
     /// Puts pictures side by side, `gap` pixels of `colour` between them, from the top.

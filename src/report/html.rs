@@ -37,8 +37,8 @@ h2{font-size:18px;margin:36px 0 12px}
 .subtitle{color:var(--soft);margin:6px 0 20px}
 .card{background:var(--card);border:1px solid var(--line);border-radius:10px;padding:16px 18px;margin:0}
 .grid{display:grid;gap:16px}
-.pictures{grid-template-columns:repeat(auto-fit,minmax(min(100%,320px),1fr))}
-.plots{grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}
+.pictures{grid-template-columns:repeat(auto-fill,minmax(min(100%,320px),1fr))}
+.plots{grid-template-columns:repeat(auto-fill,minmax(min(100%,480px),1fr))}
 .pictures .card{padding:0;overflow:hidden}
 .pictures img{display:block;width:100%;height:auto;background:#fff}
 figcaption{padding:10px 14px;color:var(--soft);border-top:1px solid var(--line)}

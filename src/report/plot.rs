@@ -6,7 +6,7 @@ use super::html::escape;
 use crate::render::Ticks;
 
 /// The size of a plot in its own units; a page scales it.
-const SIZE: [f64; 2] = [640.0, 300.0];
+const SIZE: [f64; 2] = [560.0, 290.0];
 /// Room at the left for labels, at the right, at the bottom for the axis.
 const LEFT: f64 = 58.0;
 const RIGHT: f64 = 14.0;
