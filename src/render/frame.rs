@@ -27,9 +27,9 @@ pub enum PictureError {
     Size {
         /// Number of the frame, from 0.
         frame: usize,
-        /// Width and height of the frame [px].
+        /// Width and height of the frame \[px\].
         found: [usize; 2],
-        /// Width and height of the first frame [px].
+        /// Width and height of the first frame \[px\].
         expected: [usize; 2],
     },
     /// A GIF holds at most 65,535 pixels a side and at least one frame.
@@ -37,7 +37,7 @@ pub enum PictureError {
     Shape {
         /// Number of frames.
         frames: usize,
-        /// Width and height [px].
+        /// Width and height \[px\].
         size: [usize; 2],
     },
 }
@@ -62,12 +62,12 @@ impl Frame {
         Self { width, height, pixels, dropped }
     }
 
-    /// Width [px].
+    /// Width \[px\].
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Height [px].
+    /// Height \[px\].
     pub fn height(&self) -> usize {
         self.height
     }

@@ -49,7 +49,7 @@ impl Legend {
         Ticks::linear(self.range, 6)
     }
 
-    /// The width that the legend needs at the right of a picture [px]: give it to [`super::Canvas::with_right`].
+    /// The width that the legend needs at the right of a picture \[px\]: give it to [`super::Canvas::with_right`].
     pub fn width(&self) -> f64 {
         let style = self.style;
         let labels = self.ticks().labels.iter().map(|label| style.width(label)).max().unwrap_or(0);

@@ -67,7 +67,7 @@ pub enum SurfaceColour<'a> {
 /// counter-clockwise to the viewer are drawn (of a closed mesh that is inside out, the others).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface<'a> {
-    /// Vertex positions [m], shape `[vertex_count]`.
+    /// Vertex positions \[m\], shape `[vertex_count]`.
     pub positions: &'a [Point3<f64>],
     /// Vertex indices, shape `[triangle_count]`.
     pub triangles: &'a [[u32; 3]],
@@ -104,13 +104,13 @@ impl<'a> Surface<'a> {
 /// Lines to draw, such as fibres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lines<'a> {
-    /// Points along each line [m].
+    /// Points along each line \[m\].
     pub polylines: &'a [Vec<Point3<f64>>],
     /// One colour for all.
     pub colour: Rgb,
-    /// Width [px]; about 1.5 looks well.
+    /// Width \[px\]; about 1.5 looks well.
     pub width: f64,
-    /// How far the lines are brought to the viewer [px], so that one that lies on a surface is not half hidden in it.
+    /// How far the lines are brought to the viewer \[px\], so that one that lies on a surface is not half hidden in it.
     pub lift: f64,
 }
 
