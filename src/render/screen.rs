@@ -164,13 +164,14 @@ impl<'a> Screen<'a> {
         let mut pixels = vec![[0; 3]; width * height];
         let bands = height.div_ceil(BAND);
         let (opaque, translucent) = (sort_into_bands(&self.opaque, bands), sort_into_bands(&self.translucent, bands));
-        pixels.par_chunks_mut(width * BAND).enumerate().for_each(|(number, pixels)| {
+        // Each thread keeps its buffers from band to band: fresh memory costs more than the filling.
+        pixels.par_chunks_mut(width * BAND).enumerate().for_each_init(Buffers::default, |buffers, (number, pixels)| {
             let rows = pixels.len() / width * SAMPLES;
             let first = number * BAND * SAMPLES;
-            let mut band = Band::new(self, width * SAMPLES, first..first + rows, background);
+            let mut band = Band::new(self, width * SAMPLES, first..first + rows, background, buffers);
             opaque[number].iter().for_each(|&i| band.opaque(&self.opaque[i as usize]));
             if !translucent[number].is_empty() {
-                band.layers = vec![[Layer::NONE; 2]; band.nearest.len()];
+                band.clear_layers();
                 translucent[number].iter().for_each(|&i| band.translucent(&self.translucent[i as usize]));
                 band.blend();
             }
@@ -219,20 +220,40 @@ fn beats(near: f64, colour: Rgb, other_near: f64, other: Rgb) -> bool {
     near > other_near || (near == other_near && colour > other)
 }
 
+/// What is at each sample of a band.
+#[derive(Default)]
+struct Buffers {
+    nearest: Vec<Nearest>,
+    /// The two nearest translucent layers, nearest first.
+    layers: Vec<[Layer; 2]>,
+}
+
 /// The samples of some rows of pixels.
 struct Band<'a> {
     screen: &'a Screen<'a>,
     width: usize,
     rows: Range<usize>,
-    nearest: Vec<Nearest>,
-    /// The two nearest translucent layers, nearest first; empty if there are none.
-    layers: Vec<[Layer; 2]>,
+    buffers: &'a mut Buffers,
 }
 
 impl<'a> Band<'a> {
-    fn new(screen: &'a Screen<'a>, width: usize, rows: Range<usize>, background: Rgb) -> Self {
+    fn new(
+        screen: &'a Screen<'a>,
+        width: usize,
+        rows: Range<usize>,
+        background: Rgb,
+        buffers: &'a mut Buffers,
+    ) -> Self {
         let empty = Nearest { near: f64::NEG_INFINITY, colour: background };
-        Self { screen, width, nearest: vec![empty; width * rows.len()], layers: Vec::new(), rows }
+        buffers.nearest.clear();
+        buffers.nearest.resize(width * rows.len(), empty);
+        Self { screen, width, rows, buffers }
+    }
+
+    fn clear_layers(&mut self) {
+        let count = self.buffers.nearest.len();
+        self.buffers.layers.clear();
+        self.buffers.layers.resize(count, [Layer::NONE; 2]);
     }
 
     fn ranges(&self) -> (Range<i64>, Range<i64>) {
@@ -244,7 +265,7 @@ impl<'a> Band<'a> {
         let perspective = self.screen.camera.perspective;
         let (columns, rows) = self.ranges();
         let (width, first) = (self.width, self.rows.start);
-        let nearest = &mut self.nearest;
+        let nearest = &mut self.buffers.nearest;
         triangle.grid.fill(columns, rows, |x, y, weights| {
             let sample = &mut nearest[(y - first) * width + x];
             let near = dot(weights, triangle.near);
@@ -264,7 +285,7 @@ impl<'a> Band<'a> {
         let perspective = self.screen.camera.perspective;
         let (columns, rows) = self.ranges();
         let (width, first) = (self.width, self.rows.start);
-        let (nearest, layers) = (&self.nearest, &mut self.layers);
+        let Buffers { nearest, layers } = &mut *self.buffers;
         triangle.grid.fill(columns, rows, |x, y, weights| {
             let index = (y - first) * width + x;
             let near = dot(weights, triangle.near);
@@ -284,7 +305,7 @@ impl<'a> Band<'a> {
 
     /// Lays the translucent layers over what is behind them.
     fn blend(&mut self) {
-        for (sample, [front, behind]) in self.nearest.iter_mut().zip(&self.layers) {
+        for (sample, [front, behind]) in self.buffers.nearest.iter_mut().zip(&self.buffers.layers) {
             sample.colour = mix(mix(sample.colour, behind.colour, behind.alpha), front.colour, front.alpha);
         }
     }
@@ -296,7 +317,7 @@ impl<'a> Band<'a> {
             let (x, y) = (index % across * SAMPLES, index / across * SAMPLES);
             let mut sum = [0.0f32; 3];
             for sample in (0..SAMPLES * SAMPLES).map(|k| (y + k / SAMPLES) * self.width + x + k % SAMPLES) {
-                let colour = self.nearest[sample].colour;
+                let colour = self.buffers.nearest[sample].colour;
                 sum = std::array::from_fn(|k| sum[k] + colour[k]);
             }
             *pixel = quantise(sum.map(|c| c / (SAMPLES * SAMPLES) as f32));
