@@ -18,7 +18,8 @@
 //! ```
 //!
 //! *Limitations.* No shadows, no highlights; a third translucent layer behind two others is not seen; lines are never
-//! translucent. Same bytes for any number of threads and any order of surfaces and triangles.
+//! translucent. The bytes are the same for any number of threads and any order of surfaces; another order of the
+//! triangles in one surface changes its normals by rounding, and so a byte here and there.
 
 mod animation;
 mod camera;
