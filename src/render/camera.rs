@@ -1,0 +1,293 @@
+//! Where a picture is taken from.
+
+use nalgebra::{Point3, Vector3};
+
+use super::lighting::unit;
+
+/// The largest width or height of a picture [px]. Larger wishes are cut to it.
+pub const MAX_SIDE: u32 = 8192;
+
+/// The size of a picture [px], and what of it is kept free of the scene (for a legend, a caption).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Canvas {
+    /// Width of the picture [px].
+    pub width: u32,
+    /// Height of the picture [px].
+    pub height: u32,
+    /// Kept free at the left, top, right, bottom [px].
+    pub insets: [f64; 4],
+}
+
+impl Canvas {
+    /// A canvas with a margin of 4 % of its smaller side all round. Sides are cut to 1..=[`MAX_SIDE`].
+    pub fn new(width: u32, height: u32) -> Self {
+        let (width, height) = (width.clamp(1, MAX_SIDE), height.clamp(1, MAX_SIDE));
+        let margin = 0.04 * f64::from(width.min(height));
+        Self { width, height, insets: [margin; 4] }
+    }
+
+    /// Keeps `pixels` [px] more free at the right, as a legend needs.
+    pub fn with_right(mut self, pixels: f64) -> Self {
+        self.insets[2] += pixels;
+        self
+    }
+
+    /// Keeps `pixels` [px] more free at the top, as a caption needs.
+    pub fn with_top(mut self, pixels: f64) -> Self {
+        self.insets[1] += pixels;
+        self
+    }
+
+    /// Centre and size of what is left for the scene [px]; the whole picture where the insets leave nothing.
+    fn free(&self) -> ([f64; 2], [f64; 2]) {
+        let [left, top, right, bottom] = self.insets.map(|inset| if inset.is_finite() { inset.max(0.0) } else { 0.0 });
+        let along = |before: f64, after: f64, all: f64| {
+            let size = all - before - after;
+            if size >= 1.0 { (before + size / 2.0, size) } else { (all / 2.0, all) }
+        };
+        let (x, width) = along(left, right, f64::from(self.width));
+        let (y, height) = along(top, bottom, f64::from(self.height));
+        ([x, y], [width, height])
+    }
+}
+
+/// How depth is drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Lens {
+    /// Parallel rays: lengths can be compared anywhere in the picture.
+    #[default]
+    Orthographic,
+    /// Rays through one eye.
+    Perspective {
+        /// Angle of view over the height of the free part of the canvas [rad]; cut to 0.01..=2.5.
+        angle: f64,
+    },
+}
+
+/// The direction of a view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// From the scene to the viewer; any length. Zero or not finite: +z.
+    pub from: Vector3<f64>,
+    /// What points up in the picture; any length. Parallel to `from` or not finite: an axis that is not.
+    pub up: Vector3<f64>,
+    /// Parallel rays or perspective.
+    pub lens: Lens,
+}
+
+impl View {
+    /// A view with parallel rays.
+    pub fn orthographic(from: Vector3<f64>, up: Vector3<f64>) -> Self {
+        Self { from, up, lens: Lens::Orthographic }
+    }
+
+    /// A view with a lens of 0.6 rad, as a short telephoto lens: little distortion.
+    pub fn perspective(from: Vector3<f64>, up: Vector3<f64>) -> Self {
+        Self { from, up, lens: Lens::Perspective { angle: 0.6 } }
+    }
+
+    /// Right, up and sight, orthonormal.
+    fn axes(&self) -> [Vector3<f64>; 3] {
+        let back = unit(self.from).unwrap_or_else(Vector3::z);
+        let level = |up: Vector3<f64>| {
+            let side = unit(up)?.cross(&back);
+            // Below this sine of the angle between them, `up` says too little about the horizon.
+            if side.norm() > 1e-6 { unit(side) } else { None }
+        };
+        let right = [self.up, Vector3::y(), Vector3::z()].into_iter().find_map(level).unwrap_or_else(Vector3::x);
+        [right, back.cross(&right), -back]
+    }
+}
+
+/// A camera: takes points of space to pixels.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    pub(super) canvas: Canvas,
+    pub(super) eye: Point3<f64>,
+    /// Right, up, sight: orthonormal.
+    pub(super) axes: [Vector3<f64>; 3],
+    pub(super) perspective: bool,
+    /// Pixels for a metre (parallel rays), or for a metre at a depth of 1 m (perspective).
+    pub(super) scale: f64,
+    /// The pixel of the point straight ahead.
+    pub(super) centre: [f64; 2],
+    /// What is nearer to the eye than this is cut off [m]; perspective only.
+    pub(super) near: f64,
+}
+
+impl Camera {
+    /// The camera that sees all `points` [m], as large as fits into the free part of the canvas. For an animation,
+    /// give the points of all its frames. Points that are not finite, or so far off that their squares are not, are
+    /// left out; with no point left, or with all at one place, a cube of 1 m is shown.
+    pub fn fit(points: impl IntoIterator<Item = Point3<f64>>, view: &View, canvas: Canvas) -> Self {
+        let canvas = Canvas {
+            width: canvas.width.clamp(1, MAX_SIDE),
+            height: canvas.height.clamp(1, MAX_SIDE),
+            insets: canvas.insets,
+        };
+        let axes = view.axes();
+        let far = f64::MAX.sqrt() / 8.0;
+        let seen = |p: &Point3<f64>| p.coords.iter().all(|c| c.abs() <= far);
+        let mut local: Vec<Vector3<f64>> = points
+            .into_iter()
+            .filter(seen)
+            .map(|p| Vector3::new(axes[0].dot(&p.coords), axes[1].dot(&p.coords), axes[2].dot(&p.coords)))
+            .collect();
+        if local.is_empty() {
+            local.push(Vector3::zeros());
+        }
+        let (mut low, mut high) = extent(&local);
+        if low == high {
+            local.extend([low.add_scalar(-0.5), low.add_scalar(0.5)]);
+            (low, high) = extent(&local);
+        }
+        let middle = (low + high) / 2.0;
+        local.iter_mut().for_each(|p| *p -= middle);
+        let half = (high - low) / 2.0;
+        let origin = Point3::from(axes[0] * middle.x + axes[1] * middle.y + axes[2] * middle.z);
+        let (centre, size) = canvas.free();
+        match view.lens {
+            Lens::Orthographic => {
+                let scale = [size[0] / 2.0 / half.x, size[1] / 2.0 / half.y]
+                    .into_iter()
+                    .filter(|s| s.is_finite())
+                    .fold(f64::INFINITY, f64::min);
+                // All points on one line of sight: any scale fits, show as much as their depth.
+                let scale = if scale.is_finite() { scale } else { size[0].min(size[1]) / 2.0 / half.z };
+                Self { canvas, eye: origin, axes, perspective: false, scale, centre, near: 0.0 }
+            }
+            Lens::Perspective { angle } => {
+                let angle = if angle.is_finite() { angle.clamp(0.01, 2.5) } else { 0.6 };
+                let tangent = libm::tan(angle / 2.0);
+                let wide = tangent * size[0] / size[1];
+                // A point at depth d + z is inside if |x| <= wide (d + z) and |y| <= tangent (d + z).
+                let away = local
+                    .iter()
+                    .map(|p| (p.x.abs() / wide).max(p.y.abs() / tangent) - p.z)
+                    .fold(half.norm() * 1e-2 + half.z, f64::max);
+                Self {
+                    canvas,
+                    eye: origin - axes[2] * away,
+                    axes,
+                    perspective: true,
+                    scale: size[1] / 2.0 / tangent,
+                    centre,
+                    near: away * 1e-3,
+                }
+            }
+        }
+    }
+
+    /// The size of the picture [px].
+    pub fn canvas(&self) -> Canvas {
+        self.canvas
+    }
+
+    /// The unit vector from the scene to the viewer, on the axis of the picture.
+    pub fn towards_viewer(&self) -> Vector3<f64> {
+        -self.axes[2]
+    }
+
+    /// Right and up of the picture, unit vectors in space.
+    pub fn right_and_up(&self) -> [Vector3<f64>; 2] {
+        [self.axes[0], self.axes[1]]
+    }
+
+    /// The pixel (right, down) [px] of a point and its depth along the line of sight [m]. `None` for what lies behind
+    /// the eye or has no finite pixel.
+    pub fn pixel(&self, point: &Point3<f64>) -> Option<([f64; 2], f64)> {
+        let from_eye = point - self.eye;
+        let depth = self.axes[2].dot(&from_eye);
+        if self.perspective && depth < self.near {
+            return None;
+        }
+        let scale = if self.perspective { self.scale / depth } else { self.scale };
+        let x = self.centre[0] + scale * self.axes[0].dot(&from_eye);
+        let y = self.centre[1] - scale * self.axes[1].dot(&from_eye);
+        (x.is_finite() && y.is_finite() && depth.is_finite()).then_some(([x, y], depth))
+    }
+
+    /// The length [m] that one pixel covers at the given depth [m].
+    pub fn metres_per_pixel(&self, depth: f64) -> f64 {
+        if self.perspective { depth.max(self.near) / self.scale } else { 1.0 / self.scale }
+    }
+}
+
+fn extent(points: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
+    let mut low = Vector3::repeat(f64::INFINITY);
+    let mut high = -low;
+    for p in points {
+        low = low.inf(p);
+        high = high.sup(p);
+    }
+    (low, high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn point() -> impl Strategy<Value = Point3<f64>> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(|[x, y, z]| Point3::new(x, y, z))
+    }
+
+    proptest! {
+        /// Every point lands in the free part of the canvas, and the fit is tight: something touches its border.
+        #[test]
+        fn fits(points in prop::collection::vec(point(), 2..20), from in point(), up in point(),
+                scale in prop::sample::select(vec![1e-6, 1.0, 1e6]), perspective in any::<bool>()) {
+            let canvas = Canvas::new(320, 200).with_right(40.0);
+            let lens = if perspective { Lens::Perspective { angle: 0.8 } } else { Lens::Orthographic };
+            let view = View { from: from.coords, up: up.coords, lens };
+            let camera = Camera::fit(points.iter().map(|p| p * scale), &view, canvas);
+            let [left, top, right, bottom] = canvas.insets;
+            let mut slack = f64::INFINITY;
+            for p in &points {
+                let pixel = camera.pixel(&(p * scale));
+                prop_assert!(pixel.is_some());
+                let Some(([x, y], _)) = pixel else { continue };
+                let room = [x - left, 320.0 - right - x, y - top, 200.0 - bottom - y];
+                prop_assert!(room.iter().all(|r| *r > -1e-6), "{:?}", room);
+                slack = room.iter().copied().fold(slack, f64::min);
+            }
+            prop_assert!(perspective || slack < 1e-6, "loose by {}", slack);
+        }
+    }
+
+    #[test]
+    fn axes_are_a_right_handed_frame_whatever_is_asked() {
+        let odd = [0.0, 1.0, -1.0, f64::NAN, f64::INFINITY, 1e-300, 1e300];
+        for &a in &odd {
+            for &b in &odd {
+                for &c in &odd {
+                    let view = View::orthographic(Vector3::new(a, b, c), Vector3::new(c, b, a));
+                    let [right, up, sight] = view.axes();
+                    assert!((right.cross(&up) + sight).norm() < 1e-12, "{a} {b} {c}");
+                    assert!((right.norm() - 1.0).abs() < 1e-12 && right.dot(&up).abs() < 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn up_is_up_and_right_is_right() {
+        let view = View::orthographic(Vector3::y(), Vector3::z());
+        let corners = [Point3::new(-1.0, 0.0, -1.0), Point3::new(1.0, 0.0, 1.0)];
+        let camera = Camera::fit(corners, &view, Canvas { width: 100, height: 100, insets: [0.0; 4] });
+        // Seen from +y with z up, +x is at the left.
+        assert_eq!(camera.pixel(&Point3::new(-1.0, 0.0, 1.0)), Some(([100.0, 0.0], 0.0)));
+    }
+
+    #[test]
+    fn nothing_to_see() {
+        let view = View::perspective(Vector3::z(), Vector3::y());
+        for points in [vec![], vec![Point3::new(f64::NAN, 0.0, 0.0)], vec![Point3::new(3.0, 3.0, 3.0); 4]] {
+            for view in [view, View { lens: Lens::Orthographic, ..view }] {
+                let camera = Camera::fit(points.clone(), &view, Canvas::new(0, 70_000));
+                assert_eq!((camera.canvas().width, camera.canvas().height), (1, MAX_SIDE));
+                assert!(camera.scale.is_finite() && camera.scale > 0.0);
+            }
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Cutting triangles and segments to what can be drawn, before any division by depth.
+//!
+//! The cut is at the near plane and at a guard band one picture wide all round, not at the border of the picture
+//! itself: most triangles then need no cut, and the rasteriser clips the rest row by row in integers.
+
+use nalgebra::Point3;
+
+use super::camera::Camera;
+
+/// Coordinates relative to the eye are multiplied by this power of two (exactly), so that sums and products of the
+/// largest finite coordinates stay finite.
+pub(super) const SAFE: f64 = 1.0 / (1u64 << 40) as f64;
+
+/// A vertex seen from the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct EyeVertex {
+    /// Right, up, depth, in units of 1 / [`SAFE`] m.
+    pub place: [f64; 3],
+    /// Brightness of the front, brightness of the back, place in the range of the field, cosine to the viewer.
+    pub shade: [f32; 4],
+}
+
+impl EyeVertex {
+    /// `None` for what is not finite.
+    pub fn new(camera: &Camera, point: &Point3<f64>, shade: [f32; 4]) -> Option<Self> {
+        let from_eye = (point * SAFE) - (camera.eye * SAFE);
+        let place = camera.axes.map(|axis| axis.dot(&from_eye));
+        place.iter().all(|c| c.is_finite()).then_some(Self { place, shade })
+    }
+
+    /// Halfway where `t` is 0.5. As a weighted sum, not `a + t (b - a)`: the difference may not be finite.
+    fn between(inside: &Self, outside: &Self, t: f64) -> Self {
+        let mix = |a: f64, b: f64| a * (1.0 - t) + b * t;
+        Self {
+            place: std::array::from_fn(|k| mix(inside.place[k], outside.place[k])),
+            shade: std::array::from_fn(|k| mix(f64::from(inside.shade[k]), f64::from(outside.shade[k])) as f32),
+        }
+    }
+}
+
+/// The most corners a triangle has after five cuts.
+const MOST_CORNERS: usize = 8;
+
+/// A convex polygon.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Polygon {
+    corners: [EyeVertex; MOST_CORNERS],
+    count: usize,
+}
+
+impl Polygon {
+    fn empty(filler: EyeVertex) -> Self {
+        Self { corners: [filler; MOST_CORNERS], count: 0 }
+    }
+
+    fn push(&mut self, corner: EyeVertex) {
+        // Rounding could cut a needle of a polygon twice by one plane; the corner too many is off the picture.
+        if self.count < MOST_CORNERS {
+            self.corners[self.count] = corner;
+            self.count += 1;
+        }
+    }
+
+    /// The corners in order.
+    pub fn corners(&self) -> &[EyeVertex] {
+        &self.corners[..self.count]
+    }
+}
+
+/// The planes: inside is where `a x + b y + c z + d >= 0`.
+#[derive(Clone, Debug)]
+pub(super) struct Clipper {
+    planes: Vec<[f64; 4]>,
+}
+
+impl Clipper {
+    pub fn new(camera: &Camera) -> Self {
+        let [width, height] = [camera.canvas.width, camera.canvas.height].map(f64::from);
+        let [x, y] = camera.centre;
+        // Where a side plane lies: beside the axis, over the depth (perspective) or everywhere (parallel rays).
+        let side = |right: f64, up: f64, pixels: f64| {
+            let beside = pixels / camera.scale;
+            if camera.perspective { [right, up, beside, 0.0] } else { [right, up, 0.0, beside * SAFE] }
+        };
+        let mut planes = vec![
+            side(1.0, 0.0, x + width),
+            side(-1.0, 0.0, 2.0 * width - x),
+            side(0.0, 1.0, 2.0 * height - y),
+            side(0.0, -1.0, y + height),
+        ];
+        if camera.perspective {
+            planes.insert(0, [0.0, 0.0, 1.0, -camera.near * SAFE]);
+        }
+        Self { planes }
+    }
+
+    /// The part of a triangle inside; fewer than 3 corners if there is none.
+    pub fn triangle(&self, triangle: &[EyeVertex; 3]) -> Polygon {
+        let mut polygon = Polygon::empty(triangle[0]);
+        triangle.iter().for_each(|corner| polygon.push(*corner));
+        for plane in &self.planes {
+            if polygon.corners().iter().all(|c| height(plane, c) >= 0.0) {
+                continue;
+            }
+            let mut cut = Polygon::empty(triangle[0]);
+            let corners = polygon.corners();
+            for (k, to) in corners.iter().enumerate() {
+                let from = &corners[(k + corners.len() - 1) % corners.len()];
+                if let Some(crossing) = crossing(plane, from, to) {
+                    cut.push(crossing);
+                }
+                if height(plane, to) >= 0.0 {
+                    cut.push(*to);
+                }
+            }
+            polygon = cut;
+        }
+        polygon
+    }
+
+    /// The part of a segment inside.
+    pub fn segment(&self, segment: &[EyeVertex; 2]) -> Option<[EyeVertex; 2]> {
+        let mut ends = *segment;
+        for plane in &self.planes {
+            let inside = ends.map(|end| height(plane, &end) >= 0.0);
+            if inside == [false, false] {
+                return None;
+            }
+            if let Some(crossing) = crossing(plane, &ends[0], &ends[1]) {
+                ends[usize::from(inside[0])] = crossing;
+            }
+        }
+        Some(ends)
+    }
+}
+
+fn height(plane: &[f64; 4], vertex: &EyeVertex) -> f64 {
+    let [x, y, z] = vertex.place;
+    plane[0] * x + plane[1] * y + plane[2] * z + plane[3]
+}
+
+/// Where an edge crosses a plane. Computed from the inner end whatever the order, so that the two triangles at an
+/// edge are cut at the same bits and still fit together.
+fn crossing(plane: &[f64; 4], from: &EyeVertex, to: &EyeVertex) -> Option<EyeVertex> {
+    let (a, b) = (height(plane, from), height(plane, to));
+    let (inside, outside, a, b) = match (a >= 0.0, b >= 0.0) {
+        (true, false) => (from, to, a, b),
+        (false, true) => (to, from, b, a),
+        _ => return None,
+    };
+    Some(EyeVertex::between(inside, outside, a / (a - b)))
+}

@@ -1,0 +1,109 @@
+//! The colour bar that says what the colours of a field mean.
+
+use super::colour::{ColourMap, Rgb};
+use super::frame::Frame;
+use super::text::TextStyle;
+use super::ticks::Ticks;
+
+const INK: Rgb = [0.16, 0.17, 0.19];
+const BAR_WIDTH: i64 = 18;
+const TICK: i64 = 5;
+const GAP: i64 = 6;
+const MARGIN: i64 = 20;
+
+/// A colour bar with its title and unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Legend {
+    /// What the field is.
+    pub title: String,
+    /// Its unit; empty for none.
+    pub unit: String,
+    /// What the two ends of the bar stand for, as for the surface.
+    pub range: (f64, f64),
+    /// The colours, as for the surface.
+    pub map: ColourMap,
+}
+
+impl Legend {
+    /// A legend.
+    pub fn new(title: impl Into<String>, unit: impl Into<String>, range: (f64, f64), map: ColourMap) -> Self {
+        Self { title: title.into(), unit: unit.into(), range, map }
+    }
+
+    fn headings(&self) -> Vec<String> {
+        let unit = if self.unit.is_empty() { String::new() } else { format!("[{}]", self.unit) };
+        [self.title.clone(), unit].into_iter().filter(|line| !line.is_empty()).collect()
+    }
+
+    fn ticks(&self) -> Ticks {
+        Ticks::linear(self.range, 6)
+    }
+
+    /// The width that the legend needs at the right of a picture [px]: give it to [`super::Canvas::with_right`].
+    pub fn width(&self) -> f64 {
+        let style = TextStyle::Small;
+        let labels = self.ticks().labels.iter().map(|label| style.width(label)).max().unwrap_or(0);
+        let headings = self.headings().iter().map(|line| style.width(line)).max().unwrap_or(0);
+        (headings.max(BAR_WIDTH + TICK + GAP + labels) + MARGIN) as f64
+    }
+
+    /// Draws the legend at the right of a picture.
+    pub fn draw(&self, frame: &mut Frame) {
+        let style = TextStyle::Small;
+        let left = frame.width() as i64 - self.width() as i64;
+        let mut row = frame.height() as i64 / 8;
+        for line in self.headings() {
+            frame.text(left, row, &line, style, INK);
+            row += style.height() + 2;
+        }
+        let top = row + 10;
+        let height = (frame.height() as i64 * 7 / 8 - top).max(2);
+        frame.rectangle(left - 1..left + BAR_WIDTH + 1, top - 1..top + height + 1, INK);
+        for down in 0..height {
+            let t = 1.0 - (down as f64 + 0.5) / height as f64;
+            frame.rectangle(left..left + BAR_WIDTH, top + down..top + down + 1, self.map.colour(t));
+        }
+        let ticks = self.ticks();
+        for (value, label) in ticks.values.iter().zip(&ticks.labels) {
+            let t = ColourMap::place(*value, self.range).clamp(0.0, 1.0);
+            let at = top + ((1.0 - t) * height as f64).round() as i64;
+            let from = left + BAR_WIDTH + 1;
+            frame.rectangle(from..from + TICK, at..at + 1, INK);
+            frame.text(from + TICK + GAP - 2, at - style.height() / 2, label, style, INK);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::colour::quantise;
+    use super::*;
+
+    #[test]
+    fn a_legend_has_its_bar_its_ticks_and_its_words() {
+        let legend = Legend::new("Strain", "%", (-10.0, 10.0), ColourMap::Diverging);
+        let mut frame = Frame::plain(200, 300, [1.0; 3]);
+        legend.draw(&mut frame);
+        let column = 200 - legend.width() as usize + 4;
+        let bar: Vec<_> = (0..300).filter_map(|row| frame.pixel(column, row)).collect();
+        for t in [0.02, 0.5, 0.98] {
+            let wanted = quantise(ColourMap::Diverging.colour(t));
+            let near = |p: &[u8; 3]| p.iter().zip(&wanted).all(|(a, b)| a.abs_diff(*b) < 4);
+            assert!(bar.iter().any(near), "no {wanted:?} in the bar");
+        }
+        let ticks = (0..300).filter(|row| frame.pixel(column + 18, *row) == Some(quantise(INK))).count();
+        assert_eq!(ticks, 5, "-10, -5, 0, 5, 10");
+        let clear = 200 - legend.width() as usize - 2;
+        assert!((0..300).all(|row| (0..clear).all(|x| frame.pixel(x, row) == Some([255; 3]))), "drawn too wide");
+    }
+
+    #[test]
+    fn any_range_and_any_size() {
+        for range in [(0.0, 0.0), (f64::NAN, 1.0), (-f64::MAX, f64::MAX), (1.0, 0.0), (0.0, 1e-300)] {
+            for side in [1, 5, 200] {
+                let legend = Legend::new("a rather long title", "", range, ColourMap::Viridis);
+                legend.draw(&mut Frame::plain(side, side, [1.0; 3]));
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Text in pictures, from a rasterised monospaced font.
+
+use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
+
+use super::colour::Rgb;
+use super::frame::Frame;
+
+/// Size and weight of text.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TextStyle {
+    /// Lines of 16 px.
+    #[default]
+    Small,
+    /// Lines of 20 px.
+    Large,
+    /// Lines of 20 px, bold.
+    Title,
+}
+
+impl TextStyle {
+    fn font(self) -> (FontWeight, RasterHeight) {
+        match self {
+            Self::Small => (FontWeight::Regular, RasterHeight::Size16),
+            Self::Large => (FontWeight::Regular, RasterHeight::Size20),
+            Self::Title => (FontWeight::Bold, RasterHeight::Size20),
+        }
+    }
+
+    /// Height of a line [px].
+    pub fn height(self) -> i64 {
+        self.font().1.val() as i64
+    }
+
+    /// Width of a text [px].
+    pub fn width(self, text: &str) -> i64 {
+        let (weight, size) = self.font();
+        (text.chars().count().min(MOST_CHARACTERS) * get_raster_width(weight, size)) as i64
+    }
+}
+
+/// Longer text leaves any picture.
+const MOST_CHARACTERS: usize = 4096;
+
+impl Frame {
+    /// Writes a line of text with its upper left corner at a column and row [px]. What lies outside the picture is cut
+    /// off; a character that the font lacks (it has Latin ones) is written as `?`.
+    pub fn text(&mut self, column: i64, row: i64, text: &str, style: TextStyle, colour: Rgb) {
+        let (weight, size) = style.font();
+        let advance = get_raster_width(weight, size) as i64;
+        let mut left = column;
+        for character in text.chars().take(MOST_CHARACTERS) {
+            let Some(glyph) = get_raster(character, weight, size).or_else(|| get_raster('?', weight, size)) else {
+                continue;
+            };
+            for (down, line) in (0..).zip(glyph.rows()) {
+                for (across, intensity) in (0..).zip(line) {
+                    if *intensity > 0 {
+                        let (x, y): (i64, i64) = (left.saturating_add(across), row.saturating_add(down));
+                        self.blend(x, y, colour, f32::from(*intensity) / 255.0);
+                    }
+                }
+            }
+            left = left.saturating_add(advance);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ink(text: &str, column: i64, row: i64) -> usize {
+        let mut frame = Frame::plain(120, 24, [1.0; 3]);
+        frame.text(column, row, text, TextStyle::Small, [0.0; 3]);
+        frame.pixels().iter().filter(|p| p[0] < 128).count()
+    }
+
+    #[test]
+    fn text_leaves_ink_and_stays_in_the_picture() {
+        assert!(ink("Strain [%]", 2, 2) > 100);
+        assert_eq!(ink("", 2, 2), 0);
+        assert_eq!(ink("far away", i64::MAX - 3, i64::MIN), 0);
+        assert!(ink("cut off", -10, -4) > 0);
+        assert_eq!(ink("\u{4e2d}", 2, 2), ink("?", 2, 2));
+        assert_eq!(TextStyle::Small.width("abc"), 3 * TextStyle::Small.width("a"));
+    }
+}
