@@ -29,7 +29,7 @@ Examples:
   pliant run hip --frames 50 --set effects.contact=off --out without-contact
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --unit mm
 
-Results: NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json.")]
+Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
@@ -86,7 +86,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let path = folder.path().to_owned();
     let results = Results::begin(folder, &simulation, arguments.animate.is_some(), begun)?;
-    let summary = advance(&mut simulation, results, &stop)?;
+    let summary = advance(&mut simulation, results, &settings(arguments), &stop)?;
     if arguments.json {
         say(&format!("{}\n", summary.to_json()));
     } else {
@@ -96,7 +96,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
-fn advance(simulation: &mut Simulation, mut results: Results, stop: &AtomicBool) -> Result<Summary, Failure> {
+fn advance(
+    simulation: &mut Simulation,
+    mut results: Results,
+    settings: &[(String, String)],
+    stop: &AtomicBool,
+) -> Result<Summary, Failure> {
     let progress = Progress::new(simulation.scene.frames);
     let mut writing = results.frame(simulation, Duration::ZERO);
     while writing && simulation.frame() < simulation.scene.frames && !stop.load(Ordering::Relaxed) {
@@ -110,7 +115,21 @@ fn advance(simulation: &mut Simulation, mut results: Results, stop: &AtomicBool)
     }
     progress.end();
     let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
-    Ok(results.finish(simulation, interrupted)?)
+    Ok(results.finish(simulation, settings, interrupted)?)
+}
+
+/// What was asked for, for the report.
+fn settings(arguments: &Arguments) -> Vec<(String, String)> {
+    let scene = match arguments.meshes.are_given() {
+        true => "scene.toml, made of the meshes named".to_owned(),
+        false => arguments.scene.clone().unwrap_or_else(|| FIRST_SCENE.to_owned()),
+    };
+    let mut all = vec![("scene".to_owned(), scene)];
+    all.extend(arguments.set.iter().map(|change| ("--set".to_owned(), change.clone())));
+    all.extend(arguments.frames.map(|n| ("--frames".to_owned(), n.to_string())));
+    all.push(("threads".to_owned(), rayon::current_num_threads().to_string()));
+    all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
+    all
 }
 
 /// A flag that Ctrl-C raises; a second Ctrl-C ends the process at once.
@@ -171,6 +190,12 @@ fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
         text.push_str(&format!("  note: {note}\n"));
     }
     let pvd = folder.join(format!("{}.pvd", file_name(&summary.scene)));
-    text.push_str(&format!("\nResults in {}; open {} in ParaView\n", folder.display(), pvd.display()));
+    let page = folder.join("report.html");
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
+        folder.display(),
+        page.display(),
+        pvd.display()
+    ));
     text
 }

@@ -4,17 +4,17 @@ use nalgebra::{Point3, Vector3};
 
 use super::lighting::unit;
 
-/// The largest width or height of a picture [px]. Larger wishes are cut to it.
+/// The largest width or height of a picture \[px\]. Larger wishes are cut to it.
 pub const MAX_SIDE: u32 = 8192;
 
-/// The size of a picture [px], and what of it is kept free of the scene (for a legend, a caption).
+/// The size of a picture \[px\], and what of it is kept free of the scene (for a legend, a caption).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Canvas {
-    /// Width of the picture [px].
+    /// Width of the picture \[px\].
     pub width: u32,
-    /// Height of the picture [px].
+    /// Height of the picture \[px\].
     pub height: u32,
-    /// Kept free at the left, top, right, bottom [px].
+    /// Kept free at the left, top, right, bottom \[px\].
     pub insets: [f64; 4],
 }
 
@@ -26,19 +26,19 @@ impl Canvas {
         Self { width, height, insets: [margin; 4] }
     }
 
-    /// Keeps `pixels` [px] more free at the right, as a legend needs.
+    /// Keeps `pixels` \[px\] more free at the right, as a legend needs.
     pub fn with_right(mut self, pixels: f64) -> Self {
         self.insets[2] += pixels;
         self
     }
 
-    /// Keeps `pixels` [px] more free at the top, as a caption needs.
+    /// Keeps `pixels` \[px\] more free at the top, as a caption needs.
     pub fn with_top(mut self, pixels: f64) -> Self {
         self.insets[1] += pixels;
         self
     }
 
-    /// Centre and size of what is left for the scene [px]; the whole picture where the insets leave nothing.
+    /// Centre and size of what is left for the scene \[px\]; the whole picture where the insets leave nothing.
     fn free(&self) -> ([f64; 2], [f64; 2]) {
         let [left, top, right, bottom] = self.insets.map(|inset| if inset.is_finite() { inset.max(0.0) } else { 0.0 });
         let along = |before: f64, after: f64, all: f64| {
@@ -59,7 +59,7 @@ pub enum Lens {
     Orthographic,
     /// Rays through one eye.
     Perspective {
-        /// Angle of view over the height of the free part of the canvas [rad]; cut to 0.01..=2.5.
+        /// Angle of view over the height of the free part of the canvas \[rad\]; cut to 0.01..=2.5.
         angle: f64,
     },
 }
@@ -111,12 +111,12 @@ pub struct Camera {
     pub(super) scale: f64,
     /// The pixel of the point straight ahead.
     pub(super) centre: [f64; 2],
-    /// What is nearer to the eye than this is cut off [m]; perspective only.
+    /// What is nearer to the eye than this is cut off \[m\]; perspective only.
     pub(super) near: f64,
 }
 
 impl Camera {
-    /// The camera that sees all `points` [m], as large as fits into the free part of the canvas. For an animation,
+    /// The camera that sees all `points` \[m\], as large as fits into the free part of the canvas. For an animation,
     /// give the points of all its frames. Points that are not finite, or so far off that their squares are not, are
     /// left out; with no point left, or with all at one place, a cube of 1 m is shown.
     pub fn fit(points: impl IntoIterator<Item = Point3<f64>>, view: &View, canvas: Canvas) -> Self {
@@ -178,7 +178,7 @@ impl Camera {
         }
     }
 
-    /// The size of the picture [px].
+    /// The size of the picture \[px\].
     pub fn canvas(&self) -> Canvas {
         self.canvas
     }
@@ -193,8 +193,8 @@ impl Camera {
         [self.axes[0], self.axes[1]]
     }
 
-    /// The pixel (right, down) [px] of a point and its depth along the line of sight [m]. `None` for what lies behind
-    /// the eye or has no finite pixel.
+    /// The pixel (right, down) \[px\] of a point and its depth along the line of sight \[m\]. `None` for what lies
+    /// behind the eye or has no finite pixel.
     pub fn pixel(&self, point: &Point3<f64>) -> Option<([f64; 2], f64)> {
         let from_eye = point - self.eye;
         let depth = self.axes[2].dot(&from_eye);
@@ -207,7 +207,7 @@ impl Camera {
         (x.is_finite() && y.is_finite() && depth.is_finite()).then_some(([x, y], depth))
     }
 
-    /// The length [m] that one pixel covers at the given depth [m].
+    /// The length \[m\] that one pixel covers at the given depth \[m\].
     pub fn metres_per_pixel(&self, depth: f64) -> f64 {
         if self.perspective { depth.max(self.near) / self.scale } else { 1.0 / self.scale }
     }

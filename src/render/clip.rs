@@ -150,3 +150,56 @@ fn crossing(plane: &[f64; 4], from: &EyeVertex, to: &EyeVertex) -> Option<EyeVer
     };
     Some(EyeVertex::between(inside, outside, a / (a - b)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::camera::{Canvas, View};
+    use super::*;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    fn camera(perspective: bool) -> Camera {
+        let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
+        let (from, up) = (Vector3::z(), Vector3::y());
+        let view = if perspective { View::perspective(from, up) } else { View::orthographic(from, up) };
+        Camera::fit(corners, &view, Canvas::new(64, 48))
+    }
+
+    fn vertex() -> impl Strategy<Value = EyeVertex> {
+        let coordinate = prop_oneof![3 => -30.0..30.0f64, 1 => prop::sample::select(vec![1e300, -1e300, 0.0])];
+        prop::array::uniform3(coordinate)
+            .prop_map(|place| EyeVertex { place: place.map(|c| c * SAFE), shade: [0.0; 4] })
+    }
+
+    proptest! {
+        /// What is left is convex around the picture's axis, within the planes, and of at most 8 corners; the shared
+        /// edge of two triangles is cut at the same bits from both.
+        #[test]
+        fn a_cut_stays_inside_and_fits_its_neighbour(a in vertex(), b in vertex(), c in vertex(), perspective in any::<bool>()) {
+            let clipper = Clipper::new(&camera(perspective));
+            let polygon = clipper.triangle(&[a, b, c]);
+            for corner in polygon.corners() {
+                for plane in &clipper.planes {
+                    let size: f64 = [a, b, c].iter().flat_map(|v| v.place).fold(SAFE, |m, c| m.max(c.abs()));
+                    prop_assert!(height(plane, corner) >= -1e-12 * size * plane.iter().fold(1.0, |m: f64, p| m.max(p.abs())));
+                }
+            }
+            for plane in &clipper.planes {
+                prop_assert_eq!(crossing(plane, &a, &b), crossing(plane, &b, &a));
+            }
+            let segment = clipper.segment(&[a, b]);
+            prop_assert_eq!(segment.map(|[from, to]| [to, from]), clipper.segment(&[b, a]));
+        }
+    }
+
+    #[test]
+    fn what_is_too_near_is_cut() {
+        let camera = camera(true);
+        let at = |part: f64| EyeVertex { place: [0.0, 0.0, camera.near * part * SAFE], shade: [0.0; 4] };
+        let clipper = Clipper::new(&camera);
+        assert!(clipper.triangle(&[at(0.1), at(0.5), at(0.9)]).corners().is_empty());
+        let cut = clipper.segment(&[at(0.5), at(1.5)]).expect("half is left");
+        assert!((cut[0].place[2] / (camera.near * SAFE) - 1.0).abs() < 1e-12);
+        assert_eq!(cut[1], at(1.5));
+    }
+}

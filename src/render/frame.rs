@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::camera::{Canvas, MAX_SIDE};
+use super::camera::MAX_SIDE;
 use super::colour::{Rgb, mix, quantise};
 
 /// Why a picture could not be written.
@@ -27,9 +27,9 @@ pub enum PictureError {
     Size {
         /// Number of the frame, from 0.
         frame: usize,
-        /// Width and height of the frame [px].
+        /// Width and height of the frame \[px\].
         found: [usize; 2],
-        /// Width and height of the first frame [px].
+        /// Width and height of the first frame \[px\].
         expected: [usize; 2],
     },
     /// A GIF holds at most 65,535 pixels a side and at least one frame.
@@ -37,7 +37,7 @@ pub enum PictureError {
     Shape {
         /// Number of frames.
         frames: usize,
-        /// Width and height [px].
+        /// Width and height \[px\].
         size: [usize; 2],
     },
 }
@@ -62,12 +62,12 @@ impl Frame {
         Self { width, height, pixels, dropped }
     }
 
-    /// Width [px].
+    /// Width \[px\].
     pub fn width(&self) -> usize {
         self.width
     }
 
-    /// Height [px].
+    /// Height \[px\].
     pub fn height(&self) -> usize {
         self.height
     }
@@ -103,11 +103,6 @@ impl Frame {
                 self.blend(column, row, colour, 1.0);
             }
         }
-    }
-
-    /// The canvas that made this picture, with its default margins.
-    pub fn canvas(&self) -> Canvas {
-        Canvas::new(self.width as u32, self.height as u32)
     }
 
     /// Puts pictures side by side, `gap` pixels of `colour` between them, from the top.

@@ -6,7 +6,6 @@ use super::text::TextStyle;
 use super::ticks::Ticks;
 
 const INK: Rgb = [0.16, 0.17, 0.19];
-const BAR_WIDTH: i64 = 18;
 const TICK: i64 = 5;
 const GAP: i64 = 6;
 const MARGIN: i64 = 20;
@@ -22,12 +21,23 @@ pub struct Legend {
     pub range: (f64, f64),
     /// The colours, as for the surface.
     pub map: ColourMap,
+    /// The size of its text and bar.
+    pub style: TextStyle,
 }
 
 impl Legend {
-    /// A legend.
+    /// A legend with small text.
     pub fn new(title: impl Into<String>, unit: impl Into<String>, range: (f64, f64), map: ColourMap) -> Self {
-        Self { title: title.into(), unit: unit.into(), range, map }
+        Self { title: title.into(), unit: unit.into(), range, map, style: TextStyle::Small }
+    }
+
+    /// The same with large text, for a picture that will be shown smaller than it is.
+    pub fn large(self) -> Self {
+        Self { style: TextStyle::Large, ..self }
+    }
+
+    fn bar_width(&self) -> i64 {
+        self.style.height() + 2
     }
 
     fn headings(&self) -> Vec<String> {
@@ -39,17 +49,17 @@ impl Legend {
         Ticks::linear(self.range, 6)
     }
 
-    /// The width that the legend needs at the right of a picture [px]: give it to [`super::Canvas::with_right`].
+    /// The width that the legend needs at the right of a picture \[px\]: give it to [`super::Canvas::with_right`].
     pub fn width(&self) -> f64 {
-        let style = TextStyle::Small;
+        let style = self.style;
         let labels = self.ticks().labels.iter().map(|label| style.width(label)).max().unwrap_or(0);
         let headings = self.headings().iter().map(|line| style.width(line)).max().unwrap_or(0);
-        (headings.max(BAR_WIDTH + TICK + GAP + labels) + MARGIN) as f64
+        (headings.max(self.bar_width() + TICK + GAP + labels) + MARGIN) as f64
     }
 
     /// Draws the legend at the right of a picture.
     pub fn draw(&self, frame: &mut Frame) {
-        let style = TextStyle::Small;
+        let (style, bar_width) = (self.style, self.bar_width());
         let left = frame.width() as i64 - self.width() as i64;
         let mut row = frame.height() as i64 / 8;
         for line in self.headings() {
@@ -58,16 +68,16 @@ impl Legend {
         }
         let top = row + 10;
         let height = (frame.height() as i64 * 7 / 8 - top).max(2);
-        frame.rectangle(left - 1..left + BAR_WIDTH + 1, top - 1..top + height + 1, INK);
+        frame.rectangle(left - 1..left + bar_width + 1, top - 1..top + height + 1, INK);
         for down in 0..height {
             let t = 1.0 - (down as f64 + 0.5) / height as f64;
-            frame.rectangle(left..left + BAR_WIDTH, top + down..top + down + 1, self.map.colour(t));
+            frame.rectangle(left..left + bar_width, top + down..top + down + 1, self.map.colour(t));
         }
         let ticks = self.ticks();
         for (value, label) in ticks.values.iter().zip(&ticks.labels) {
             let t = ColourMap::place(*value, self.range).clamp(0.0, 1.0);
             let at = top + ((1.0 - t) * height as f64).round() as i64;
-            let from = left + BAR_WIDTH + 1;
+            let from = left + bar_width + 1;
             frame.rectangle(from..from + TICK, at..at + 1, INK);
             frame.text(from + TICK + GAP - 2, at - style.height() / 2, label, style, INK);
         }

@@ -35,7 +35,7 @@ pub fn vertex_normals(positions: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<
     normals
 }
 
-/// The angle between unit vectors [rad].
+/// The angle between unit vectors \[rad\].
 fn corner_angle(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
     libm::atan2(u.cross(v).norm(), u.dot(v))
 }
@@ -45,7 +45,7 @@ fn corner_angle(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 pub enum Light {
     /// So far off that its direction (from the scene to the light, unit) is the same everywhere.
     Distant(Vector3<f64>),
-    /// At a place [m].
+    /// At a place \[m\].
     At(Point3<f64>),
 }
 

@@ -40,7 +40,7 @@ pub use frame::{Frame, PictureError};
 pub use legend::Legend;
 pub use lighting::{Light, Lighting, vertex_normals};
 pub use text::TextStyle;
-pub use ticks::Ticks;
+pub use ticks::{Ticks, number};
 
 use nalgebra::Point3;
 
@@ -52,7 +52,7 @@ use screen::{Paint, Screen};
 pub enum SurfaceColour<'a> {
     /// One colour.
     Plain(Rgb),
-    /// A number at each vertex.
+    /// A number at each vertex. Shaded less than a plain colour, so that the colours can be read in the shade too.
     Field {
         /// Values, shape `[vertex_count]`, in the unit of `range`. NaN or missing: grey.
         values: &'a [f64],
@@ -67,7 +67,7 @@ pub enum SurfaceColour<'a> {
 /// counter-clockwise to the viewer are drawn (of a closed mesh that is inside out, the others).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface<'a> {
-    /// Vertex positions [m], shape `[vertex_count]`.
+    /// Vertex positions \[m\], shape `[vertex_count]`.
     pub positions: &'a [Point3<f64>],
     /// Vertex indices, shape `[triangle_count]`.
     pub triangles: &'a [[u32; 3]],
@@ -104,13 +104,13 @@ impl<'a> Surface<'a> {
 /// Lines to draw, such as fibres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lines<'a> {
-    /// Points along each line [m].
+    /// Points along each line \[m\].
     pub polylines: &'a [Vec<Point3<f64>>],
     /// One colour for all.
     pub colour: Rgb,
-    /// Width [px]; about 1.5 looks well.
+    /// Width \[px\]; about 1.5 looks well.
     pub width: f64,
-    /// How far the lines are brought to the viewer [px], so that one that lies on a surface is not half hidden in it.
+    /// How far the lines are brought to the viewer \[px\], so that one that lies on a surface is not half hidden in it.
     pub lift: f64,
 }
 
@@ -161,6 +161,9 @@ pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
     screen.fill(drawing.background)
 }
 
+/// The share of the shading that a field gets.
+const FIELD_SHADE: f64 = 0.6;
+
 fn add_surface(screen: &mut Screen, surface: &Surface, camera: &Camera, lighting: &Lighting) {
     let paint = screen.paint(match surface.colour {
         SurfaceColour::Plain(colour) => Paint::plain(colour, surface.opacity),
@@ -194,7 +197,8 @@ fn lit_vertices(surface: &Surface, camera: &Camera, lighting: &Lighting, inside_
         } else {
             camera.towards_viewer()
         };
-        let [front, back] = [normal, -normal].map(|n| lighting.brightness(point, &n));
+        let depth_of_shade = if matches!(surface.colour, SurfaceColour::Plain(_)) { 1.0 } else { FIELD_SHADE };
+        let [front, back] = [normal, -normal].map(|n| 1.0 + depth_of_shade * (lighting.brightness(point, &n) - 1.0));
         let shade = [front, back, place, normal.dot(&to_viewer)].map(|s| s as f32);
         EyeVertex::new(camera, point, shade)
     };

@@ -28,7 +28,7 @@ pub(super) struct Oriented {
 
 impl GridTriangle {
     /// Rounds corners [sample] to the grid. `None` for a triangle without area there, or with NaN.
-    pub fn new(corners: [[f64; 2]; 3]) -> Option<Oriented> {
+    pub fn on_grid(corners: [[f64; 2]; 3]) -> Option<Oriented> {
         if corners.iter().flatten().any(|c| c.is_nan()) {
             return None;
         }
@@ -128,7 +128,7 @@ mod tests {
 
     fn samples(corners: [[f64; 2]; 3], width: i64, height: i64) -> BTreeMap<(usize, usize), [f64; 3]> {
         let mut found = BTreeMap::new();
-        if let Some(oriented) = GridTriangle::new(corners) {
+        if let Some(oriented) = GridTriangle::on_grid(corners) {
             oriented.triangle.fill(0..width, 0..height, |x, y, weights| {
                 assert_eq!(found.insert((x, y), weights), None, "a sample filled twice");
             });
@@ -138,7 +138,7 @@ mod tests {
 
     /// The value at a sample of a quantity given at the corners, in the order given to [`samples`].
     fn value(corners: [[f64; 2]; 3], at: (usize, usize), values: [f64; 3]) -> f64 {
-        let swapped = GridTriangle::new(corners).expect("has an area").swapped;
+        let swapped = GridTriangle::on_grid(corners).expect("has an area").swapped;
         let [a, b, c] = samples(corners, 400, 400)[&at];
         let [va, vb, vc] = if swapped { [values[0], values[2], values[1]] } else { values };
         a * va + b * vb + c * vc
@@ -194,6 +194,15 @@ mod tests {
         let (upper, lower) = (samples(upper, 10, 10), samples(lower, 10, 10));
         assert!(upper.keys().all(|k| !lower.contains_key(k)));
         assert_eq!(upper.len() + lower.len(), 50);
+    }
+
+    /// A square with corners on sample centres has the samples of its upper and left sides only.
+    #[test]
+    fn top_and_left_edges_own_their_samples() {
+        let [a, b, c, d] = [[1.5, 1.5], [3.5, 1.5], [3.5, 3.5], [1.5, 3.5]];
+        let mut both: Vec<_> = [[a, b, c], [a, c, d]].into_iter().flat_map(|t| samples(t, 9, 9).into_keys()).collect();
+        both.sort_unstable();
+        assert_eq!(both, [(1, 1), (1, 2), (2, 1), (2, 2)]);
     }
 
     /// Corners often on the half-integer grid of sample centres, where a fill rule shows.

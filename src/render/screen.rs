@@ -141,7 +141,7 @@ impl<'a> Screen<'a> {
     }
 
     fn add(&mut self, shade: [[f32; 4]; 3], places: [([f64; 2], f64); 3], paint: u32) {
-        let Some(oriented) = GridTriangle::new(places.map(|(sample, _)| sample)) else { return };
+        let Some(oriented) = GridTriangle::on_grid(places.map(|(sample, _)| sample)) else { return };
         // Counter-clockwise with y up is clockwise with y down: a front had its corners swapped.
         let front = oriented.swapped;
         let translucent = self.paints[paint as usize].opacity < 1.0;

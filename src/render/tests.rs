@@ -221,6 +221,28 @@ fn a_plane_through_the_eye_is_cut() {
     assert!((0..64).all(|x| !dark(&frame, x, 20)), "the floor shows above the horizon");
 }
 
+/// On a floor seen in perspective, the field at a pixel is that of the point of space seen there.
+#[test]
+fn fields_are_right_in_perspective() {
+    let positions = [[-9.0, -1.0, -30.0], [9.0, -1.0, -30.0], [0.0, -1.0, 30.0]].map(|[x, y, z]| Point3::new(x, y, z));
+    let values = positions.map(|p| p.z);
+    let surface = Surface::field(&positions, &[[0, 2, 1]], &values, (-8.0, 1.0), ColourMap::Viridis);
+    let drawing = Drawing { lighting: Some(Lighting { ambient: 1.0, lights: vec![] }), ..Drawing::of([surface]) };
+    let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
+    let camera = Camera::fit(
+        corners,
+        &View::perspective(Vector3::z(), Vector3::y()),
+        Canvas { insets: [60.0; 4], ..square_canvas(200) },
+    );
+    let frame = render(&drawing, &camera);
+    for z in [-6.0, -4.0, -2.0, 0.0] {
+        let (pixel, _) = camera.pixel(&Point3::new(0.0, -1.0, z)).expect("seen");
+        let found = frame.pixel(pixel[0] as usize, pixel[1] as usize).expect("inside");
+        let wanted = colour::quantise(ColourMap::Viridis.colour((z + 8.0) / 9.0));
+        assert!(found.iter().zip(&wanted).all(|(a, b)| a.abs_diff(*b) < 8), "{z}: {found:?} for {wanted:?}");
+    }
+}
+
 fn number() -> impl Strategy<Value = f64> {
     let odd = vec![0.0, -0.0, 1.0, -1.0, 1e300, -1e300, f64::MAX, f64::MIN, 1e-300, f64::NAN, f64::INFINITY, 1e17];
     prop_oneof![3 => -2.0..2.0f64, 2 => prop::sample::select(odd), 1 => any::<f64>()]

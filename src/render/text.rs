@@ -26,12 +26,12 @@ impl TextStyle {
         }
     }
 
-    /// Height of a line [px].
+    /// Height of a line \[px\].
     pub fn height(self) -> i64 {
         self.font().1.val() as i64
     }
 
-    /// Width of a text [px].
+    /// Width of a text \[px\].
     pub fn width(self, text: &str) -> i64 {
         let (weight, size) = self.font();
         (text.chars().count().min(MOST_CHARACTERS) * get_raster_width(weight, size)) as i64
@@ -42,8 +42,8 @@ impl TextStyle {
 const MOST_CHARACTERS: usize = 4096;
 
 impl Frame {
-    /// Writes a line of text with its upper left corner at a column and row [px]. What lies outside the picture is cut
-    /// off; a character that the font lacks (it has Latin ones) is written as `?`.
+    /// Writes a line of text with its upper left corner at a column and row \[px\]. What lies outside the picture is
+    /// cut off; a character that the font lacks (it has Latin ones) is written as `?`.
     pub fn text(&mut self, column: i64, row: i64, text: &str, style: TextStyle, colour: Rgb) {
         let (weight, size) = style.font();
         let advance = get_raster_width(weight, size) as i64;

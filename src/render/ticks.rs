@@ -72,7 +72,7 @@ fn label(value: f64, step: f64, largest: f64) -> String {
         return "0".into();
     }
     let exponent = |v: f64| libm::log10(v).floor() as i32;
-    if largest >= 1e5 || largest < 1e-3 {
+    if !(1e-3..1e5).contains(&largest) {
         let power = exponent(value.abs() * (1.0 + 1e-12));
         let decimals = (power - exponent(step * (1.0 + 1e-12))).clamp(0, 15) as usize;
         return format!("{:.decimals$}e{power}", value / libm::pow(10.0, f64::from(power)));
@@ -82,7 +82,7 @@ fn label(value: f64, step: f64, largest: f64) -> String {
 }
 
 /// A number for people: four significant digits, no trailing zeros, an exponent where it saves much.
-pub(crate) fn number(value: f64) -> String {
+pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return if value == 0.0 { "0".into() } else { value.to_string() };
     }

@@ -29,11 +29,16 @@ pub struct Record {
     before: BTreeMap<&'static str, f64>,
 }
 
+/// The effect as scenes and plans call it, from what its constraint is called.
+pub(super) fn effect_name(constraint: &str) -> &str {
+    if constraint == "distance" { "stretch" } else { constraint }
+}
+
 /// Seconds of each effect so far, summed over muscles.
 fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut sums = BTreeMap::new();
     for (effect, (seconds, _)) in simulation.bodies.iter().flat_map(|b| &b.system.clock.effects) {
-        *sums.entry(*effect).or_insert(0.0) += seconds;
+        *sums.entry(effect_name(effect)).or_insert(0.0) += seconds;
     }
     sums
 }

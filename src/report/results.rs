@@ -1,12 +1,16 @@
 //! The results of a run, gathered frame by frame and written into a folder.
 
+use std::io::Write;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
 use super::frames::{Cast, FrameWriter, Snapshot, file_name};
+use super::page;
+use super::pictures::Painter;
 use super::record::Record;
 use super::summary::Summary;
+use crate::render::{PictureError, to_gif};
 use crate::simulation::{Measures, Simulation};
 
 /// An animation shows every so many frames.
@@ -53,10 +57,12 @@ impl Shots {
 pub struct Results {
     folder: Arc<Folder>,
     cast: Arc<Cast>,
-    writer: FrameWriter,
+    /// Present until the end.
+    writer: Option<FrameWriter>,
     record: Record,
     shots: Shots,
     begun: Instant,
+    name: String,
 }
 
 impl Results {
@@ -67,9 +73,9 @@ impl Results {
     pub fn begin(folder: Folder, simulation: &Simulation, animate: bool, begun: Instant) -> Result<Self, FolderError> {
         let folder = Arc::new(folder);
         let cast = Arc::new(Cast::of(simulation));
-        let writer = FrameWriter::start(folder.clone(), cast.clone());
+        let writer = Some(FrameWriter::start(folder.clone(), cast.clone()));
         let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
-        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun })
+        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun, name: simulation.scene.name.clone() })
     }
 
     /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
@@ -81,7 +87,7 @@ impl Results {
         let snapshot = Arc::new(Snapshot::of(simulation));
         self.shots.add(&snapshot, &measures);
         self.record.add(simulation, measures, step, audit);
-        self.writer.push(snapshot)
+        self.writer.as_ref().is_some_and(|w| w.push(snapshot))
     }
 
     /// Measures of the last frame, muscle by muscle.
@@ -90,21 +96,59 @@ impl Results {
         &all[all.len().saturating_sub(self.cast.muscles.len())..]
     }
 
-    /// Writes all that is not written yet, `summary.json` last.
+    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report.
     ///
     /// # Errors
     /// What kept a file from being written.
-    pub fn finish(self, simulation: &Simulation, interrupted: bool) -> Result<Summary, FolderError> {
-        let collection = self.writer.finish()?;
+    pub fn finish(
+        mut self,
+        simulation: &Simulation,
+        settings: &[(String, String)],
+        interrupted: bool,
+    ) -> Result<Summary, FolderError> {
+        let collection = match self.writer.take() {
+            Some(writer) => writer.finish()?,
+            None => return Err(FolderError::WriterEnded),
+        };
         let pvd = format!("{}.pvd", file_name(&simulation.scene.name));
         let path = self.folder.claim(&pvd)?;
         collection.write(&path).map_err(|source| FolderError::Io { path, source })?;
         let record = &self.record;
         self.folder.write("measures.csv", |w| record.write_measures(w))?;
         self.folder.write("times.csv", |w| record.write_times(w))?;
+        let animated = self.write_animation()?;
         let summary = Summary::of(simulation, record, interrupted, self.begun.elapsed().as_secs_f64());
+        self.write_report(&summary, settings, animated)?;
         let json = summary.to_json();
-        self.folder.write("summary.json", |w| std::io::Write::write_all(w, json.as_bytes()))?;
+        self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
         Ok(summary)
+    }
+
+    /// Writes the animation, if one is wanted; gives its name.
+    fn write_animation(&self) -> Result<Option<String>, FolderError> {
+        let Some(painter) = Painter::new(&self.cast, &self.shots).filter(|_| self.shots.step > 0) else {
+            return Ok(None);
+        };
+        let name = format!("{}.gif", file_name(&self.name));
+        let (pictures, seconds) = painter.animation(&self.shots);
+        let gif = to_gif(&pictures, seconds).map_err(|e| self.picture_error(&name, e))?;
+        self.folder.write(&name, |w| w.write_all(&gif))?;
+        Ok(Some(name))
+    }
+
+    fn write_report(
+        &self,
+        summary: &Summary,
+        settings: &[(String, String)],
+        animated: Option<String>,
+    ) -> Result<(), FolderError> {
+        let page = page::report(summary, &self.record, &self.cast, &self.shots, settings);
+        let mut page = page.map_err(|e| self.picture_error("report.html", e))?;
+        page.notes.extend(animated.map(|name| format!("animation: {name}, beside this page")));
+        self.folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+    }
+
+    fn picture_error(&self, name: &str, error: PictureError) -> FolderError {
+        FolderError::Io { path: self.folder.path().join(name), source: std::io::Error::other(error) }
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::record::Record;
+use super::record::{Record, effect_name};
 use crate::scene::Solver;
 use crate::simulation::measures::VOLUME_HELD;
 use crate::simulation::plan::{LeftOut, Planned};
@@ -196,7 +196,7 @@ fn solver(solver: &Solver) -> String {
 
 /// The greatest value; NaN if any is NaN, so that it cannot hide.
 fn greatest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |most, x| if x <= most { most } else { x })
+    values.fold(0.0, |most: f64, x| if x <= most || most.is_nan() { most } else { x })
 }
 
 fn muscle(body: &Body, record: &Record) -> MuscleSummary {
@@ -206,7 +206,7 @@ fn muscle(body: &Body, record: &Record) -> MuscleSummary {
     let worst = all.iter().copied().reduce(|a, b| if b.edge_stretch_rms > a.edge_stretch_rms { b } else { a });
     let stopped = body.stopped.as_ref().map(|(frame, broken)| Stopped {
         frame: *frame,
-        effect: broken.effect.to_owned(),
+        effect: effect_name(broken.effect).to_owned(),
         particle: broken.particle,
     });
     MuscleSummary {
@@ -229,7 +229,8 @@ fn muscle(body: &Body, record: &Record) -> MuscleSummary {
         distance_from_start_rms_m: end(|m| m.distance_from_start_rms_m),
         length_m: body.length,
         residual_end_m: end(|m| m.residual_m),
-        residual_max_m: greatest(all.iter().map(|m| m.residual_m)),
+        // There is no residual before the first step.
+        residual_max_m: greatest(all.iter().filter(|m| m.frame > 0).map(|m| m.residual_m)),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
         stopped,
