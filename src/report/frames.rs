@@ -48,6 +48,9 @@ pub struct Actor {
     pub attached: Vec<f64>,
 }
 
+/// Positions [m] and velocities [m/s] of a muscle's vertices.
+pub type State = (Vec<Point3<f64>>, Vec<Vector3<f64>>);
+
 /// Where everything is in one frame.
 #[derive(Clone, Debug)]
 pub struct Snapshot {
@@ -56,7 +59,7 @@ pub struct Snapshot {
     /// Time since the start [s].
     pub time: f64,
     /// Positions [m] and velocities [m/s] of each muscle.
-    pub muscles: Vec<(Vec<Point3<f64>>, Vec<Vector3<f64>>)>,
+    pub muscles: Vec<State>,
     /// Pose of each bone.
     pub bones: Vec<Isometry3<f64>>,
 }

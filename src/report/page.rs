@@ -159,6 +159,8 @@ fn tables(summary: &Summary, settings: &[(String, String)]) -> Vec<Table> {
         measured.row([(*effect).to_owned(), format!("{seconds:.3}")]);
     }
     measured.row(["audit of each frame".to_owned(), format!("{:.3}", summary.time.audit_s)]);
+    measured.row(["reading and making ready".to_owned(), format!("{:.3}", summary.time.prepare_s)]);
+    measured.row(["files after the last frame".to_owned(), format!("{:.3}", summary.time.finish_s)]);
     let mut out = Table::new("Effects left out: no memory, no time", ["muscle", "effect", "why"]);
     for l in &summary.effects.left_out {
         out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);

@@ -9,7 +9,7 @@ use super::frames::{Cast, FrameWriter, Snapshot, file_name};
 use super::page;
 use super::pictures::Painter;
 use super::record::Record;
-use super::summary::Summary;
+use super::summary::{Summary, Time};
 use crate::render::{PictureError, to_gif};
 use crate::simulation::{Measures, Simulation};
 
@@ -62,6 +62,7 @@ pub struct Results {
     record: Record,
     shots: Shots,
     begun: Instant,
+    prepared: Duration,
     name: String,
 }
 
@@ -75,7 +76,7 @@ impl Results {
         let cast = Arc::new(Cast::of(simulation));
         let writer = Some(FrameWriter::start(folder.clone(), cast.clone()));
         let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
-        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun, name: simulation.scene.name.clone() })
+        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun, prepared: begun.elapsed(), name: simulation.scene.name.clone() })
     }
 
     /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
@@ -106,6 +107,7 @@ impl Results {
         settings: &[(String, String)],
         interrupted: bool,
     ) -> Result<Summary, FolderError> {
+        let finishing = Instant::now();
         let collection = match self.writer.take() {
             Some(writer) => writer.finish()?,
             None => return Err(FolderError::WriterEnded),
@@ -117,7 +119,10 @@ impl Results {
         self.folder.write("measures.csv", |w| record.write_measures(w))?;
         self.folder.write("times.csv", |w| record.write_times(w))?;
         let animated = self.write_animation()?;
-        let summary = Summary::of(simulation, record, interrupted, self.begun.elapsed().as_secs_f64());
+        let [total, prepared, finished] =
+            [self.begun.elapsed(), self.prepared, finishing.elapsed()].map(|time| time.as_secs_f64());
+        let time = Time::of(record, total, prepared, finished);
+        let summary = Summary::of(simulation, record, interrupted, time);
         self.write_report(&summary, settings, animated)?;
         let json = summary.to_json();
         self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;

@@ -106,8 +106,12 @@ pub struct Stopped {
 /// Where the time went.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Time {
-    /// From reading the scene to the last file but this one [s].
+    /// From reading the scene until all but the report and this summary are written [s].
     pub total_s: f64,
+    /// Reading the scene and its meshes, and making them ready [s].
+    pub prepare_s: f64,
+    /// After the last frame: the frames that waited to be written, tables, animation [s].
+    pub finish_s: f64,
     /// Median of a frame, without audit [ms].
     pub frame_ms_median: f64,
     /// Audit of all frames [s].
@@ -138,9 +142,23 @@ pub struct Verdict {
     pub kept: bool,
 }
 
+impl Time {
+    /// The times of a record, within those of the whole.
+    pub fn of(record: &Record, total_s: f64, prepare_s: f64, finish_s: f64) -> Self {
+        Self {
+            total_s,
+            prepare_s,
+            finish_s,
+            frame_ms_median: record.median_ms(),
+            audit_s: record.times.iter().map(|t| t.audit_ms).sum::<f64>() * 1e-3,
+            effects_s: record.effects_s().clone(),
+        }
+    }
+}
+
 impl Summary {
     /// Sums a run up.
-    pub fn of(simulation: &Simulation, record: &Record, interrupted: bool, total_s: f64) -> Self {
+    pub fn of(simulation: &Simulation, record: &Record, interrupted: bool, time: Time) -> Self {
         let scene = &simulation.scene;
         let muscles: Vec<_> = simulation.bodies.iter().map(|b| muscle(b, record)).collect();
         let mut verdicts = Vec::new();
@@ -154,12 +172,7 @@ impl Summary {
             interrupted,
             converged: muscles.iter().all(|m| m.frames_not_converged == 0 && m.stopped.is_none()),
             muscles,
-            time: Time {
-                total_s,
-                frame_ms_median: record.median_ms(),
-                audit_s: record.times.iter().map(|t| t.audit_ms).sum::<f64>() * 1e-3,
-                effects_s: record.effects_s().clone(),
-            },
+            time,
             effects: Effects { run: simulation.plan.run.clone(), left_out: simulation.plan.left_out.clone() },
             solver: solver(&scene.solver),
             verdicts,
