@@ -33,5 +33,7 @@ pub mod simulation;
 pub mod render;
 #[rustfmt::skip]
 pub mod report;
+#[rustfmt::skip]
+pub mod cli;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

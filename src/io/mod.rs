@@ -22,6 +22,7 @@ use std::path::Path;
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
 pub use error::{Place, Problem, ReadError};
+pub(crate) use part::write_whole;
 
 /// The largest file that is read [bytes].
 pub const MAX_FILE_BYTES: u64 = 1 << 31;

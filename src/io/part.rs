@@ -8,7 +8,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// What `fill` returns, or what the operating system refuses; the partial file is then removed.
-pub(super) fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+pub(crate) fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     let Some(name) = path.file_name() else {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "a path that ends in a file name is needed"));
     };

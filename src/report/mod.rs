@@ -1,10 +1,18 @@
-//! Reports for people: tables on the terminal, line plots as SVG, and one HTML file that holds everything.
+//! Reports for people: tables on the terminal, line plots as SVG, and one HTML file that holds everything; and the
+//! files of a run.
 //!
 //! Plain data in, text out: a [`Report`] knows nothing of simulations. Every string is escaped; the HTML runs no script
-//! and loads nothing from elsewhere.
+//! and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
 
+pub mod folder;
+pub mod frames;
 mod html;
+pub mod page;
+pub mod pictures;
 mod plot;
+pub mod record;
+pub mod results;
+pub mod summary;
 mod table;
 
 pub use html::Report;

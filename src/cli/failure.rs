@@ -1,0 +1,98 @@
+//! Why a command could not do its work, and how that is said.
+
+use std::io::IsTerminal;
+
+use super::{BAD_INPUT, FAILED, warn};
+use crate::report::folder::FolderError;
+use crate::scene::SceneError;
+use crate::simulation::LoadError;
+
+/// Why a command could not do its work.
+#[derive(Debug)]
+pub(super) enum Failure {
+    /// The scene is wrong.
+    Scene(SceneError),
+    /// A mesh cannot be used.
+    Load(LoadError),
+    /// The results cannot be written.
+    Folder(FolderError),
+    /// Anything else that is wrong with what was asked.
+    Usage {
+        /// What is wrong.
+        message: String,
+        /// What to do.
+        hint: String,
+    },
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        Self::Scene(error)
+    }
+}
+
+impl From<LoadError> for Failure {
+    fn from(error: LoadError) -> Self {
+        Self::Load(error)
+    }
+}
+
+impl From<FolderError> for Failure {
+    fn from(error: FolderError) -> Self {
+        Self::Folder(error)
+    }
+}
+
+impl Failure {
+    /// An error of usage.
+    pub(super) fn usage(message: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Usage { message: message.into(), hint: hint.into() }
+    }
+
+    /// The exit code.
+    pub(super) fn code(&self) -> u8 {
+        match self {
+            Self::Folder(FolderError::Io { .. } | FolderError::WriterEnded) => FAILED,
+            _ => BAD_INPUT,
+        }
+    }
+
+    /// Says it on standard error: with the source and a caret to a person, in one line to a pipe.
+    pub(super) fn show(&self) {
+        match self {
+            Self::Scene(error) if std::io::stderr().is_terminal() => {
+                let handler = miette::GraphicalReportHandler::new();
+                let mut text = String::new();
+                match handler.render_report(&mut text, error) {
+                    Ok(()) => warn(text.trim_end()),
+                    Err(_) => warn(&error.terse()),
+                }
+            }
+            Self::Scene(error) => warn(&error.terse()),
+            Self::Load(error) => match hint(error) {
+                Some(hint) => warn(&format!("error: {error}; {hint}")),
+                None => warn(&format!("error: {error}")),
+            },
+            Self::Folder(error) => warn(&format!("error: {error}")),
+            Self::Usage { message, hint } => warn(&format!("error: {message}; {hint}")),
+        }
+    }
+}
+
+/// What to do about a mesh that cannot be used, where its message does not say so itself.
+fn hint(error: &LoadError) -> Option<String> {
+    match error {
+        LoadError::Read(_) => Some("OBJ, PLY, STL and legacy VTK polydata can be read".to_owned()),
+        LoadError::NoTriangles { file, .. } => Some(match file.strip_prefix("shape ") {
+            Some(shape) => format!("this version cannot make the shape `{shape}`"),
+            None => "name a file with a surface".to_owned(),
+        }),
+        LoadError::Refine { .. } => Some("ask for a longer edge length".to_owned()),
+        LoadError::NoSuchComponent { .. } => Some("name another number behind `#`, or none".to_owned()),
+        LoadError::NoLines { .. }
+        | LoadError::NotClosed { .. }
+        | LoadError::NoSuchVertex { .. }
+        | LoadError::NothingAttached { .. }
+        | LoadError::TooManyAttached { .. } => None,
+    }
+}

@@ -1,0 +1,112 @@
+//! The command `pliant`: one file a command.
+//!
+//! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+
+mod failure;
+mod from_meshes;
+mod plan;
+mod progress;
+mod run;
+mod scenes;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Done.
+const DONE: u8 = 0;
+/// Ran, but the result fails.
+const FAILED: u8 = 1;
+/// Bad usage or input.
+const BAD_INPUT: u8 = 2;
+/// Interrupted by Ctrl-C.
+const INTERRUPTED: u8 = 130;
+
+/// Verified deformation of soft tissue: muscles that slide around moving bones, with the accuracy shown.
+#[derive(Debug, Parser)]
+#[command(name = "pliant", version, disable_help_subcommand = true, after_help = "\
+Without a command: `pliant run hip`.
+
+Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+
+Example:
+  pliant run hip
+  pliant run examples/right-hip.toml --out results --set 'effects.contact.thickness=1 mm'")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a scene and write frames, measures, a summary and a report
+    Run(Box<run::Arguments>),
+    /// Tell which effects a scene will run, on how much, and what is left out and why
+    Plan(plan::Arguments),
+    /// List the built-in scenes, or show one
+    Scenes(scenes::Arguments),
+}
+
+/// Reads the command line and does what it says; the result is the exit code of the process.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Nobody is left to be told if the output is closed.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
+        }
+    };
+    let done = match arguments.command {
+        None => run::run(&run::Arguments::default()),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::Plan(arguments)) => plan::run(&arguments),
+        Some(Command::Scenes(arguments)) => scenes::run(&arguments),
+    };
+    match done {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            failure.show();
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+/// Writes to standard output; a reader who has left (`| head`) is no error.
+fn say(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Writes a line to standard error, as far as that can be done.
+fn warn(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Any result as JSON on standard output.
+fn say_json(value: &impl serde::Serialize) {
+    // Structures of texts, numbers and lists always have a JSON form.
+    say(&format!("{}\n", serde_json::to_string_pretty(value).unwrap_or_default()));
+}
+
+/// Columns of text, the first of each row to the left, wide enough for all; `right` marks those set to the right.
+fn columns(rows: &[Vec<String>], right: &[bool]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let length = |cell: &String| cell.chars().count();
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(length).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (c, cell) in row.iter().enumerate() {
+            let width = widths[c];
+            let cell = if right.get(c) == Some(&true) { format!("{cell:>width$}") } else { format!("{cell:<width$}") };
+            line.push_str("  ");
+            line.push_str(&cell);
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,77 @@
+//! `pliant plan`: what a run will do, before it does it.
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::{DONE, columns, say, say_json};
+use crate::scene::{builtin, overrides};
+use crate::simulation::plan::{LeftOut, Planned};
+use crate::simulation::{Assets, Plan};
+
+/// Tell which effects a scene will run, on how much, and what is left out and why
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant plan hip
+  pliant plan hip --set effects.contact=off --json")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene
+    #[arg(default_value = "hip")]
+    scene: String,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Write the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    scene: &'a str,
+    frames: usize,
+    run: &'a [Planned],
+    left_out: &'a [LeftOut],
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let scene = builtin::load(&arguments.scene, &arguments.set)?;
+    let assets = Assets::load(&scene)?;
+    let plan = Plan::new(&scene, &assets);
+    if arguments.json {
+        say_json(&Report { scene: &scene.name, frames: scene.frames, run: &plan.run, left_out: &plan.left_out });
+        return Ok(DONE);
+    }
+    let mut text = format!("{}: {} frames at {} Hz\n\nWill run\n", scene.name, scene.frames, scene.frame_rate);
+    text.push_str(&runs(&plan));
+    if !plan.left_out.is_empty() {
+        text.push_str("\nLeft out\n");
+        let row = |l: &LeftOut| vec![all(&l.muscle), l.effect.clone(), l.why.clone()];
+        text.push_str(&columns(&plan.left_out.iter().map(row).collect::<Vec<_>>(), &[]));
+    }
+    say(&text);
+    Ok(DONE)
+}
+
+/// What concerns no single muscle concerns all.
+fn all(muscle: &str) -> String {
+    if muscle.is_empty() { "(all)".to_owned() } else { muscle.to_owned() }
+}
+
+fn runs(plan: &Plan) -> String {
+    let heads = ["muscle", "effect", "elements", "bytes", "ms/frame"].map(str::to_owned);
+    let mut rows = vec![heads.to_vec()];
+    let row = |p: &Planned| {
+        vec![
+            all(&p.muscle),
+            p.effect.clone(),
+            p.elements.to_string(),
+            p.bytes.to_string(),
+            format!("{:.2}", p.ms_per_frame),
+        ]
+    };
+    rows.extend(plan.run.iter().map(row));
+    let bytes: usize = plan.run.iter().map(|p| p.bytes).sum();
+    let ms: f64 = plan.run.iter().map(|p| p.ms_per_frame).sum();
+    rows.push(vec!["total".to_owned(), String::new(), String::new(), bytes.to_string(), format!("{ms:.2}")]);
+    columns(&rows, &[false, false, true, true, true])
+}

@@ -1,0 +1,57 @@
+//! How far a run is: a bar on a terminal, a line now and then on a pipe.
+
+use std::io::IsTerminal;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::warn;
+use crate::simulation::Measures;
+
+/// On a pipe, a line every so many frames.
+const LINE_EVERY: usize = 50;
+
+/// Shows how far a run is, on standard error.
+pub(super) struct Progress {
+    bar: Option<ProgressBar>,
+    frames: usize,
+}
+
+impl Progress {
+    /// Of a run of so many frames.
+    pub(super) fn new(frames: usize) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(frames as u64);
+            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {msg}  {eta} left");
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, frames }
+    }
+
+    /// A frame is done.
+    pub(super) fn frame(&self, frame: usize, took: Duration, measures: &[Measures]) {
+        let due = frame.is_multiple_of(LINE_EVERY) || frame == self.frames;
+        if self.bar.is_none() && !due {
+            return;
+        }
+        let volume = measures.iter().map(|m| m.volume_error.abs()).fold(0.0, f64::max);
+        let inside: usize = measures.iter().map(|m| m.vertices_inside_bones + m.bone_vertices_inside).sum();
+        let ms = took.as_secs_f64() * 1e3;
+        let text = format!("{ms:.0} ms/frame  volume error {volume:.1e}  inside {inside}");
+        match &self.bar {
+            Some(bar) => {
+                bar.set_message(text);
+                bar.set_position(frame as u64);
+            }
+            None => warn(&format!("frame {frame}/{}  {text}", self.frames)),
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

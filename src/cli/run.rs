@@ -1,0 +1,201 @@
+//! `pliant run`: a scene from its start to its last frame, and the files of it.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+
+use super::failure::Failure;
+use super::from_meshes::{self, Meshes};
+use super::progress::Progress;
+use super::{DONE, FAILED, INTERRUPTED, columns, say, warn};
+use crate::report::folder::Folder;
+use crate::report::frames::file_name;
+use crate::report::results::Results;
+use crate::report::summary::Summary;
+use crate::scene::{builtin, overrides};
+use crate::simulation::Simulation;
+
+/// The scene that runs when none is named.
+const FIRST_SCENE: &str = "hip";
+
+/// Run a scene and write frames, measures, a summary and a report
+#[derive(Debug, Default, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant run hip
+  pliant run hip --frames 50 --set effects.contact=off --out without-contact
+  pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --unit mm
+
+Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json.")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene [default: hip]
+    #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
+    scene: Option<String>,
+    /// Folder of the results [default: pliant-out/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of frames, instead of the scene's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    frames: Option<u32>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Fail (exit code 1) if any frame of any muscle is not converged
+    #[arg(long)]
+    strict: bool,
+    /// Also write an animation of every fourth frame
+    #[arg(long, value_name = "FORMAT")]
+    animate: Option<Animation>,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    meshes: Meshes,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Animation {
+    Gif,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let stop = stop_on_interrupt();
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
+    let mut changes = arguments.set.clone();
+    changes.extend(arguments.frames.map(|n| format!("frames={n}")));
+    let (scene, written) = if arguments.meshes.are_given() {
+        from_meshes::scene(&arguments.meshes, &changes).map(|(scene, toml)| (scene, Some(toml)))?
+    } else {
+        let name = arguments.scene.as_deref().unwrap_or(FIRST_SCENE);
+        (builtin::load(name, &changes)?, None)
+    };
+    let mut simulation = Simulation::new(scene)?;
+    let default = || PathBuf::from("pliant-out").join(file_name(&simulation.scene.name));
+    let folder = Folder::open(&arguments.out.clone().unwrap_or_else(default))?;
+    if let Some(toml) = written {
+        folder.write("scene.toml", |w| std::io::Write::write_all(w, toml.as_bytes()))?;
+    }
+    let path = folder.path().to_owned();
+    let results = Results::begin(folder, &simulation, arguments.animate.is_some(), begun)?;
+    let summary = advance(&mut simulation, results, &settings(arguments), &stop)?;
+    if arguments.json {
+        say(&format!("{}\n", summary.to_json()));
+    } else {
+        say(&in_words(&summary, &path));
+    }
+    Ok(exit_code(&summary, arguments.strict))
+}
+
+/// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
+fn advance(
+    simulation: &mut Simulation,
+    mut results: Results,
+    settings: &[(String, String)],
+    stop: &AtomicBool,
+) -> Result<Summary, Failure> {
+    let progress = Progress::new(simulation.scene.frames);
+    let mut writing = results.frame(simulation, Duration::ZERO);
+    while writing && simulation.frame() < simulation.scene.frames && !stop.load(Ordering::Relaxed) {
+        let before = Instant::now();
+        simulation.step_frame();
+        writing = results.frame(simulation, before.elapsed());
+        progress.frame(simulation.frame(), before.elapsed(), results.last());
+        if simulation.bodies.iter().all(|b| b.stopped.is_some()) {
+            break;
+        }
+    }
+    progress.end();
+    let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
+    Ok(results.finish(simulation, settings, interrupted)?)
+}
+
+/// What was asked for, for the report.
+fn settings(arguments: &Arguments) -> Vec<(String, String)> {
+    let scene = match arguments.meshes.are_given() {
+        true => "scene.toml, made of the meshes named".to_owned(),
+        false => arguments.scene.clone().unwrap_or_else(|| FIRST_SCENE.to_owned()),
+    };
+    let mut all = vec![("scene".to_owned(), scene)];
+    all.extend(arguments.set.iter().map(|change| ("--set".to_owned(), change.clone())));
+    all.extend(arguments.frames.map(|n| ("--frames".to_owned(), n.to_string())));
+    all.push(("threads".to_owned(), rayon::current_num_threads().to_string()));
+    all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
+    all
+}
+
+/// A flag that Ctrl-C raises; a second Ctrl-C ends the process at once.
+fn stop_on_interrupt() -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let raised = stop.clone();
+    let set = ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            // Files appear whole or not at all, so that nothing is lost but what was not begun.
+            std::process::exit(INTERRUPTED.into());
+        }
+        warn("stopping after this frame; press Ctrl-C again to stop at once");
+    });
+    if let Err(error) = set {
+        warn(&format!("note: Ctrl-C will end the run without its last files: {error}"));
+    }
+    stop
+}
+
+fn exit_code(summary: &Summary, strict: bool) -> u8 {
+    if summary.interrupted {
+        INTERRUPTED
+    } else if summary.stopped() || (strict && !summary.converged) {
+        FAILED
+    } else {
+        DONE
+    }
+}
+
+/// What a person wants to know at the end.
+fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
+    let Summary { frames, frames_wanted, time, .. } = summary;
+    let mut text = format!(
+        "{}: {frames} of {frames_wanted} frames in {:.1} s ({:.1} ms a frame){}\n\n",
+        summary.scene,
+        time.total_s,
+        time.frame_ms_median,
+        if summary.interrupted { ", interrupted" } else { "" }
+    );
+    let row = |v: &crate::report::summary::Verdict| {
+        let mark = if v.kept { "pass" } else { "FAIL" };
+        vec![mark.to_owned(), v.muscle.clone(), v.promise.clone(), v.found.clone()]
+    };
+    text.push_str(&columns(&summary.verdicts.iter().map(row).collect::<Vec<_>>(), &[]));
+    text.push('\n');
+    for m in &summary.muscles {
+        text.push_str(&format!(
+            "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end\n",
+            m.name,
+            m.vertices,
+            m.vertices_attached,
+            m.edge_stretch_rms_worst * 100.0,
+            m.worst_frame,
+            m.edge_stretch_rms_end * 100.0
+        ));
+    }
+    for note in &summary.notes {
+        text.push_str(&format!("  note: {note}\n"));
+    }
+    let pvd = folder.join(format!("{}.pvd", file_name(&summary.scene)));
+    let page = folder.join("report.html");
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
+        folder.display(),
+        page.display(),
+        pvd.display()
+    ));
+    text
+}

@@ -1,0 +1,257 @@
+//! The frames of a run as files for ParaView, written on a thread of their own while the next frame is computed.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::JoinHandle;
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::folder::{Folder, FolderError};
+use crate::constraints::distance::Distance;
+use crate::fibres::binding::BoundLines;
+use crate::io::pvd::{Collection, Entry};
+use crate::io::vtp::{self, PolyData};
+use crate::mesh::TriangleMesh;
+use crate::simulation::Simulation;
+
+/// Frames that may wait for the writer; more would only cost memory.
+const WAITING: usize = 4;
+
+/// What does not change in a run, as the writers of frames and pictures need it.
+#[derive(Debug)]
+pub struct Cast {
+    /// Muscles, in the scene's order.
+    pub muscles: Vec<Actor>,
+    /// Names of the bones' files, and their meshes in their own frame.
+    pub bones: Vec<(String, TriangleMesh)>,
+}
+
+/// A muscle of the cast.
+#[derive(Debug)]
+pub struct Actor {
+    /// Name of its files.
+    pub file: String,
+    /// Name of the files of its fibres.
+    pub fibre_file: String,
+    /// Name in the scene.
+    pub name: String,
+    /// Surface at rest.
+    pub rest: TriangleMesh,
+    /// Edges with rest lengths.
+    pub edges: Vec<Distance>,
+    /// Edges that belong to no triangle, to be drawn as lines.
+    pub lines: Vec<Vec<u32>>,
+    /// Fibres bound to it.
+    pub fibres: BoundLines,
+    /// 1 for a vertex that a bone holds, else 0.
+    pub attached: Vec<f64>,
+}
+
+/// Positions [m] and velocities [m/s] of a muscle's vertices.
+pub type State = (Vec<Point3<f64>>, Vec<Vector3<f64>>);
+
+/// Where everything is in one frame.
+#[derive(Clone, Debug)]
+pub struct Snapshot {
+    /// Frame.
+    pub frame: usize,
+    /// Time since the start [s].
+    pub time: f64,
+    /// Positions [m] and velocities [m/s] of each muscle.
+    pub muscles: Vec<State>,
+    /// Pose of each bone.
+    pub bones: Vec<Isometry3<f64>>,
+}
+
+impl Snapshot {
+    /// The last frame of a simulation.
+    pub fn of(simulation: &Simulation) -> Self {
+        let frame = simulation.frame();
+        let state = |p: &crate::particles::Particles| (p.position.clone(), p.velocity.clone());
+        Self {
+            frame,
+            time: frame as f64 / simulation.scene.frame_rate,
+            muscles: simulation.bodies.iter().map(|b| state(&b.system.particles)).collect(),
+            bones: (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect(),
+        }
+    }
+}
+
+/// The characters of a name that are safe in the name of a file and in a link to it.
+pub fn file_name(name: &str) -> String {
+    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    name.chars().map(safe).collect()
+}
+
+/// A file name that no earlier one equals, even where case does not count.
+fn unused(name: &str, used: &mut HashSet<String>) -> String {
+    let name = file_name(name);
+    let mut chosen = name.clone();
+    let mut next = 2;
+    while !used.insert(chosen.to_lowercase()) {
+        chosen = format!("{name}-{next}");
+        next += 1;
+    }
+    chosen
+}
+
+impl Cast {
+    /// The cast of a simulation.
+    pub fn of(simulation: &Simulation) -> Self {
+        let mut used = HashSet::new();
+        let mut actors = Vec::new();
+        for body in &simulation.bodies {
+            let mut attached = vec![0.0; body.rest.vertices.len()];
+            body.attached.iter().for_each(|&(v, _)| attached[v as usize] = 1.0);
+            let bare = body.rest.triangles.is_empty();
+            actors.push(Actor {
+                file: unused(&body.name, &mut used),
+                fibre_file: unused(&format!("{}_fibres", body.name), &mut used),
+                name: body.name.clone(),
+                rest: body.rest.clone(),
+                edges: body.edges.clone(),
+                lines: if bare { body.edges.iter().map(|e| e.points.to_vec()).collect() } else { Vec::new() },
+                fibres: body.fibres.clone(),
+                attached,
+            });
+        }
+        let bones = simulation.scene.bones.iter().zip(&simulation.bones);
+        let bones = bones.map(|(b, mesh)| (unused(&format!("bone_{}", b.name), &mut used), mesh.clone())).collect();
+        Self { muscles: actors, bones }
+    }
+}
+
+impl Actor {
+    /// Mean absolute strain of the edges at each vertex, at positions `x`.
+    pub fn stretch(&self, x: &[Point3<f64>]) -> Vec<f64> {
+        let mut sums = vec![(0.0, 0u32); x.len()];
+        for edge in &self.edges {
+            let [a, b] = edge.points.map(|p| p as usize);
+            let strain = ((x[a] - x[b]).norm() / edge.rest - 1.0).abs();
+            for v in [a, b] {
+                sums[v].0 += strain;
+                sums[v].1 += 1;
+            }
+        }
+        sums.into_iter().map(|(sum, count)| if count == 0 { 0.0 } else { sum / f64::from(count) }).collect()
+    }
+}
+
+/// Writes frames on a thread of its own.
+pub struct FrameWriter {
+    sender: SyncSender<Arc<Snapshot>>,
+    thread: JoinHandle<Result<Collection, FolderError>>,
+}
+
+impl FrameWriter {
+    /// Starts the thread.
+    pub fn start(folder: Arc<Folder>, cast: Arc<Cast>) -> Self {
+        let (sender, receiver) = sync_channel(WAITING);
+        let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver));
+        Self { sender, thread }
+    }
+
+    /// Hands a frame over; waits where the writer is behind. False once the writer has failed: then end the run and
+    /// ask [`Self::finish`] why.
+    pub fn push(&self, snapshot: Arc<Snapshot>) -> bool {
+        self.sender.send(snapshot).is_ok()
+    }
+
+    /// Waits for the last frame, and tells which files there are.
+    ///
+    /// # Errors
+    /// What kept a frame from being written.
+    pub fn finish(self) -> Result<Collection, FolderError> {
+        drop(self.sender);
+        self.thread.join().unwrap_or(Err(FolderError::WriterEnded))
+    }
+}
+
+fn write_all(folder: &Folder, cast: &Cast, frames: &Receiver<Arc<Snapshot>>) -> Result<Collection, FolderError> {
+    let mut collection = Collection::new();
+    let mut bones: Vec<Option<(Isometry3<f64>, String)>> = vec![None; cast.bones.len()];
+    for snapshot in frames {
+        write_frame(folder, cast, &snapshot, &mut bones, &mut collection)?;
+    }
+    Ok(collection)
+}
+
+fn write_frame(
+    folder: &Folder,
+    cast: &Cast,
+    snapshot: &Snapshot,
+    bones: &mut [Option<(Isometry3<f64>, String)>],
+    collection: &mut Collection,
+) -> Result<(), FolderError> {
+    let frame = snapshot.frame;
+    let mut list = |name: &str, file: String| {
+        let part = collection.entries().iter().rev().take_while(|e| e.time == snapshot.time).count();
+        collection.push(Entry { time: snapshot.time, part, name: name.to_owned(), file });
+    };
+    for (actor, (x, v)) in cast.muscles.iter().zip(&snapshot.muscles) {
+        let file = format!("frames/{}_{frame:04}.vtp", actor.file);
+        put(folder, &file, &muscle_data(actor, x, v))?;
+        list(&actor.file, file);
+        if !actor.fibres.is_empty() {
+            let file = format!("frames/{}_{frame:04}.vtp", actor.fibre_file);
+            put_lines(folder, &file, &actor.fibres.at(x))?;
+            list(&actor.fibre_file, file);
+        }
+    }
+    for (((name, mesh), pose), last) in cast.bones.iter().zip(&snapshot.bones).zip(bones) {
+        // A bone that has not moved since is not written again.
+        let file = match last {
+            Some((before, file)) if before == pose => file.clone(),
+            _ => {
+                let file = format!("frames/{name}_{frame:04}.vtp");
+                let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
+                put(folder, &file, &PolyData { points: &points, triangles: &mesh.triangles, ..PolyData::default() })?;
+                *last = Some((*pose, file.clone()));
+                file
+            }
+        };
+        list(name, file);
+    }
+    Ok(())
+}
+
+fn muscle_data<'a>(actor: &'a Actor, x: &'a [Point3<f64>], v: &[Vector3<f64>]) -> PolyData<'a> {
+    let moved = x.iter().zip(&actor.rest.vertices).flat_map(|(now, rest)| <[f64; 3]>::from(now - rest));
+    PolyData {
+        points: x,
+        triangles: &actor.rest.triangles,
+        lines: &actor.lines,
+        point_data: vec![
+            ("displacement_m", moved.collect()),
+            ("edge_stretch", actor.stretch(x)),
+            ("speed_m_s", v.iter().map(Vector3::norm).collect()),
+            ("attached", actor.attached.clone()),
+        ],
+    }
+}
+
+fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderError> {
+    let path = folder.claim(file)?;
+    vtp::write(&path, data).map_err(|source| FolderError::Io { path, source })
+}
+
+fn put_lines(folder: &Folder, file: &str, lines: &[Vec<Point3<f64>>]) -> Result<(), FolderError> {
+    let points: Vec<Point3<f64>> = lines.iter().flatten().copied().collect();
+    let mut numbers = 0u32..;
+    let lines: Vec<Vec<u32>> = lines.iter().map(|line| numbers.by_ref().take(line.len()).collect()).collect();
+    put(folder, file, &PolyData { points: &points, lines: &lines, ..PolyData::default() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_are_safe_and_unlike() {
+        let mut used = HashSet::new();
+        assert_eq!(unused("gluteus maximus", &mut used), "gluteus_maximus");
+        assert_eq!(unused("Gluteus_maximus", &mut used), "Gluteus_maximus-2");
+        assert_eq!(unused("a&b#c%", &mut used), "a_b_c_");
+    }
+}

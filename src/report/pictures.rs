@@ -1,0 +1,123 @@
+//! Pictures of a run: bones translucent, muscles coloured by the stretch of their edges, fibres as lines.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::frames::{Cast, Snapshot};
+use super::results::Shots;
+use crate::mesh::measures::Aabb;
+use crate::render::{Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, Surface, TextStyle, View, colour, render};
+
+/// Size of a picture [px].
+const SIZE: (u32, u32) = (720, 640);
+
+/// Size of a picture of the animation [px]; every pixel counts in a GIF.
+const SMALL: (u32, u32) = (480, 420);
+
+/// How much of a muscle's surroundings is shown, as a share of its length.
+const AROUND: f64 = 0.08;
+
+/// The smallest upper end of the colour scale [%]: below it differences are noise.
+const LEAST_RANGE: f64 = 0.1;
+
+/// Share of vertices that the colour scale covers in the worst frame, so that one wild vertex does not pale the rest.
+const COVERED: f64 = 0.98;
+
+/// Colour of the fibres where the muscle is bright, which that of the renderer is not made for.
+const LINE: colour::Rgb = [0.95, 0.95, 0.97];
+
+/// Draws all pictures of one run from the same place with the same colours.
+#[derive(Debug)]
+pub struct Painter<'a> {
+    cast: &'a Cast,
+    view: View,
+    focus: Vec<Point3<f64>>,
+    range: (f64, f64),
+}
+
+impl<'a> Painter<'a> {
+    /// A painter for these shots; `None` if there are none.
+    pub fn new(cast: &'a Cast, shots: &Shots) -> Option<Self> {
+        let (first, last) = (shots.first.as_deref()?, shots.last.as_deref()?);
+        let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
+        let shown = [first, worst, last].into_iter().chain(shots.animation.iter().map(AsRef::as_ref));
+        let bounds = shown.flat_map(|s| &s.muscles).map(|(x, _)| Aabb::of_points(x)).reduce(|a, b| a.union(&b))?;
+        let bounds = bounds.inflate(AROUND * bounds.extents().amax());
+        let mut stretches = stretches(cast, worst).concat();
+        stretches.sort_unstable_by(f64::total_cmp);
+        let covered = stretches.get((COVERED * stretches.len() as f64) as usize).or(stretches.last());
+        let most = covered.copied().unwrap_or(0.0).max(LEAST_RANGE);
+        Some(Self { cast, view: view(cast, first, &bounds), focus: bounds.corners().to_vec(), range: (0.0, most) })
+    }
+
+    /// A picture for the report.
+    pub fn picture(&self, shot: &Snapshot) -> Frame {
+        self.paint(shot, SIZE, true)
+    }
+
+    /// The pictures of an animation, and the seconds that each is shown.
+    pub fn animation(&self, shots: &Shots) -> (Vec<Frame>, f64) {
+        let pictures = shots.animation.par_iter().map(|s| self.paint(s, SMALL, false)).collect();
+        let apart = match shots.animation.as_slice() {
+            [first, second, ..] => second.time - first.time,
+            _ => 1.0,
+        };
+        (pictures, apart)
+    }
+
+    fn paint(&self, shot: &Snapshot, (width, height): (u32, u32), large: bool) -> Frame {
+        let legend = Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis);
+        let legend = if large { legend.large() } else { legend };
+        let canvas = Canvas::new(width, height).with_right(legend.width());
+        let camera = Camera::fit(self.focus.iter().copied(), &self.view, canvas);
+        let values = stretches(self.cast, shot);
+        let posed = |((_, mesh), pose): (&(String, crate::mesh::TriangleMesh), &nalgebra::Isometry3<f64>)| {
+            mesh.vertices.iter().map(|v| pose * v).collect::<Vec<Point3<f64>>>()
+        };
+        let bones: Vec<Vec<Point3<f64>>> = self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
+        let surfaces = self.cast.muscles.iter().zip(&shot.muscles).zip(&values).map(|((actor, (x, _)), values)| {
+            Surface::field(x, &actor.rest.triangles, values, self.range, ColourMap::Viridis)
+        });
+        let around = self.cast.bones.iter().zip(&bones).map(|((_, mesh), x)| {
+            Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45)
+        });
+        let lines: Vec<Vec<Vec<Point3<f64>>>> = self.cast.muscles.iter().zip(&shot.muscles).map(|(actor, (x, _))| {
+            let bare = actor.lines.iter().map(|line| line.iter().map(|&v| x[v as usize]).collect());
+            actor.fibres.at(x).into_iter().chain(bare).collect()
+        }).collect();
+        let mut drawing = Drawing::of(surfaces.chain(around));
+        for (actor, lines) in self.cast.muscles.iter().zip(&lines) {
+            let ink = if actor.lines.is_empty() { LINE } else { colour::MUSCLE };
+            drawing = drawing.with_lines(Lines::new(lines, ink));
+        }
+        let mut frame = render(&drawing, &camera);
+        legend.draw(&mut frame);
+        let title = format!("frame {}", shot.frame);
+        frame.text(12, 10, &title, if large { TextStyle::Title } else { TextStyle::Small }, [0.16, 0.17, 0.19]);
+        frame
+    }
+}
+
+/// Mean absolute strain of the edges at each vertex of each muscle [%].
+fn stretches(cast: &Cast, shot: &Snapshot) -> Vec<Vec<f64>> {
+    let percent = |(actor, (x, _)): (&super::frames::Actor, &(Vec<Point3<f64>>, _))| {
+        actor.stretch(x).into_iter().map(|s| s * 100.0).collect()
+    };
+    cast.muscles.iter().zip(&shot.muscles).map(percent).collect()
+}
+
+/// From outside: from the bones that are near the muscles to the muscles, and a little from above.
+fn view(cast: &Cast, first: &Snapshot, bounds: &Aabb) -> View {
+    let mean = |points: &[Point3<f64>]| {
+        let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+        (!points.is_empty()).then(|| sum / points.len() as f64)
+    };
+    let muscles: Vec<Point3<f64>> = first.muscles.iter().flat_map(|(x, _)| x.iter().copied()).collect();
+    let bones = cast.bones.iter().zip(&first.bones).flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
+    let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
+    let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
+    // Where the bones are all around, as two plates are, any side will do.
+    let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
+    let from = clear.and_then(|o| o.try_normalize(0.0)).unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize());
+    View::orthographic(from + Vector3::y() * 0.15, Vector3::y())
+}

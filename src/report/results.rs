@@ -1,0 +1,159 @@
+//! The results of a run, gathered frame by frame and written into a folder.
+
+use std::io::Write;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::folder::{Folder, FolderError};
+use super::frames::{Cast, FrameWriter, Snapshot, file_name};
+use super::page;
+use super::pictures::Painter;
+use super::record::Record;
+use super::summary::{Summary, Time};
+use crate::render::{PictureError, to_gif};
+use crate::simulation::{Measures, Simulation};
+
+/// An animation shows every so many frames.
+const ANIMATION_STEP: usize = 4;
+
+/// Pictures of an animation at most; a longer run shows every second, and so on.
+const MOST_PICTURES: usize = 500;
+
+/// The frames that pictures are made of.
+#[derive(Clone, Debug, Default)]
+pub struct Shots {
+    /// The start.
+    pub first: Option<Arc<Snapshot>>,
+    /// The frame with the greatest edge stretch, and that stretch.
+    pub worst: Option<(f64, Arc<Snapshot>)>,
+    /// The last frame.
+    pub last: Option<Arc<Snapshot>>,
+    /// Frames of the animation; none unless one is wanted.
+    pub animation: Vec<Arc<Snapshot>>,
+    /// An animation shows every so many frames; 0 for no animation.
+    pub step: usize,
+}
+
+impl Shots {
+    fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
+        self.first.get_or_insert_with(|| snapshot.clone());
+        let stretch = measures.iter().map(|m| m.edge_stretch_rms).fold(0.0, f64::max);
+        if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
+            self.worst = Some((stretch, snapshot.clone()));
+        }
+        self.last = Some(snapshot.clone());
+        if self.step > 0 && snapshot.frame.is_multiple_of(self.step) {
+            self.animation.push(snapshot.clone());
+            if self.animation.len() > MOST_PICTURES {
+                self.step = self.step.saturating_mul(2);
+                let step = self.step;
+                self.animation.retain(|s| s.frame.is_multiple_of(step));
+            }
+        }
+    }
+}
+
+/// Results that are being gathered.
+pub struct Results {
+    folder: Arc<Folder>,
+    cast: Arc<Cast>,
+    /// Present until the end.
+    writer: Option<FrameWriter>,
+    record: Record,
+    shots: Shots,
+    begun: Instant,
+    prepared: Duration,
+    name: String,
+}
+
+impl Results {
+    /// Begins with the start of `simulation`; `begun` is when the run began, with all its reading.
+    ///
+    /// # Errors
+    /// The folder cannot be used.
+    pub fn begin(folder: Folder, simulation: &Simulation, animate: bool, begun: Instant) -> Result<Self, FolderError> {
+        let folder = Arc::new(folder);
+        let cast = Arc::new(Cast::of(simulation));
+        let writer = Some(FrameWriter::start(folder.clone(), cast.clone()));
+        let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
+        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun, prepared: begun.elapsed(), name: simulation.scene.name.clone() })
+    }
+
+    /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
+    /// False once frames cannot be written any more: [`Self::finish`] then tells why.
+    pub fn frame(&mut self, simulation: &Simulation, step: Duration) -> bool {
+        let before = Instant::now();
+        let measures = simulation.measure();
+        let audit = before.elapsed();
+        let snapshot = Arc::new(Snapshot::of(simulation));
+        self.shots.add(&snapshot, &measures);
+        self.record.add(simulation, measures, step, audit);
+        self.writer.as_ref().is_some_and(|w| w.push(snapshot))
+    }
+
+    /// Measures of the last frame, muscle by muscle.
+    pub fn last(&self) -> &[Measures] {
+        let all = &self.record.measures;
+        &all[all.len().saturating_sub(self.cast.muscles.len())..]
+    }
+
+    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report.
+    ///
+    /// # Errors
+    /// What kept a file from being written.
+    pub fn finish(
+        mut self,
+        simulation: &Simulation,
+        settings: &[(String, String)],
+        interrupted: bool,
+    ) -> Result<Summary, FolderError> {
+        let finishing = Instant::now();
+        let collection = match self.writer.take() {
+            Some(writer) => writer.finish()?,
+            None => return Err(FolderError::WriterEnded),
+        };
+        let pvd = format!("{}.pvd", file_name(&simulation.scene.name));
+        let path = self.folder.claim(&pvd)?;
+        collection.write(&path).map_err(|source| FolderError::Io { path, source })?;
+        let record = &self.record;
+        self.folder.write("measures.csv", |w| record.write_measures(w))?;
+        self.folder.write("times.csv", |w| record.write_times(w))?;
+        let animated = self.write_animation()?;
+        let [total, prepared, finished] =
+            [self.begun.elapsed(), self.prepared, finishing.elapsed()].map(|time| time.as_secs_f64());
+        let time = Time::of(record, total, prepared, finished);
+        let summary = Summary::of(simulation, record, interrupted, time);
+        self.write_report(&summary, settings, animated)?;
+        let json = summary.to_json();
+        self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        Ok(summary)
+    }
+
+    /// Writes the animation, if one is wanted; gives its name.
+    fn write_animation(&self) -> Result<Option<String>, FolderError> {
+        let Some(painter) = Painter::new(&self.cast, &self.shots).filter(|_| self.shots.step > 0) else {
+            return Ok(None);
+        };
+        let name = format!("{}.gif", file_name(&self.name));
+        let (pictures, seconds) = painter.animation(&self.shots);
+        let gif = to_gif(&pictures, seconds).map_err(|e| self.picture_error(&name, e))?;
+        self.folder.write(&name, |w| w.write_all(&gif))?;
+        Ok(Some(name))
+    }
+
+    fn write_report(
+        &self,
+        summary: &Summary,
+        settings: &[(String, String)],
+        animated: Option<String>,
+    ) -> Result<(), FolderError> {
+        let page = page::report(summary, &self.record, &self.cast, &self.shots, settings);
+        let mut page = page.map_err(|e| self.picture_error("report.html", e))?;
+        page.notes.extend(animated.map(|name| format!("animation: {name}, beside this page")));
+        self.folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+    }
+
+    fn picture_error(&self, name: &str, error: PictureError) -> FolderError {
+        FolderError::Io { path: self.folder.path().join(name), source: std::io::Error::other(error) }
+    }
+}
