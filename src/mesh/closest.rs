@@ -10,6 +10,7 @@ const LEAF: usize = 4;
 const STACK: usize = 64;
 
 /// The point of a triangle closest to `p` [m]; for a triangle without area a point of its longest side.
+#[inline]
 pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
     let (u, v, w) = (b - a, c - a, p - a);
     let normal = u.cross(&v);
@@ -22,12 +23,17 @@ pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Poi
         }
     }
     // Outside the prism over the triangle the closest point lies on a side.
-    let sides = [(a, b), (b, c), (c, a)].map(|(from, to)| closest_on_segment(p, from, to));
-    let nearer =
-        |best: Point3<f64>, q: Point3<f64>| if (p - q).norm_squared() < (p - best).norm_squared() { q } else { best };
-    nearer(nearer(sides[0], sides[1]), sides[2])
+    let mut best = closest_on_segment(p, a, b);
+    for (from, to) in [(b, c), (c, a)] {
+        let other = closest_on_segment(p, from, to);
+        if (p - other).norm_squared() < (p - best).norm_squared() {
+            best = other;
+        }
+    }
+    best
 }
 
+#[inline]
 fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Point3<f64> {
     let along = b - a;
     let square = along.norm_squared();
@@ -135,7 +141,8 @@ impl SurfaceTree {
             }
             let node = &self.nodes[index as usize];
             if node.count == 0 && !node.bounds.is_empty() {
-                let [near, far] = [node.link, node.link + 1].map(|n| (n, self.nodes[n as usize].distance_squared(p)));
+                let child = |n: u32| (n, self.nodes[n as usize].distance_squared(p));
+                let (near, far) = (child(node.link), child(node.link + 1));
                 let (near, far) = if far.1 < near.1 { (far, near) } else { (near, far) };
                 stack[depth] = far;
                 stack[depth + 1] = near;
@@ -143,7 +150,9 @@ impl SurfaceTree {
                 continue;
             }
             for t in node.link as usize..(node.link + node.count) as usize {
-                if !admit(t) {
+                // The plane of a triangle is never farther than the triangle; a flat one has no normal and passes.
+                let above = self.normals[t].dot(&(p - self.corners[t][0]));
+                if above * above > limit || !admit(t) {
                     continue;
                 }
                 let point = closest_on_triangle(p, &self.corners[t]);

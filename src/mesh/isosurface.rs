@@ -27,14 +27,21 @@ pub fn isosurface(
     let grid = Grid::new(lo, hi, cell);
     let values = grid.sample(&distance);
     let (mut vertices, cells) = grid.vertices(&values);
-    vertices.par_iter_mut().for_each(|p| *p = drawn_onto_zero(&distance, *p, cell));
+    draw_onto_zero(&distance, &mut vertices, cell);
     let triangles = grid.triangles(&values, &cells, &vertices);
     TriangleMesh { vertices, triangles }
 }
 
+/// Draws points near the zero set of `distance` [m] onto it, none by more than `reach` [m].
+///
+/// Newton steps along a gradient from differences; a point that would go farther stays where its last step led.
+pub fn draw_onto_zero(distance: &(impl Fn(Point3<f64>) -> f64 + Sync), points: &mut [Point3<f64>], reach: f64) {
+    points.par_iter_mut().for_each(|p| *p = drawn_onto_zero(distance, *p, reach));
+}
+
 /// Newton steps along the gradient, kept within the cell's size so that a kink throws no vertex away.
-fn drawn_onto_zero(distance: &impl Fn(Point3<f64>) -> f64, start: Point3<f64>, cell: f64) -> Point3<f64> {
-    let step = 1e-4 * cell;
+fn drawn_onto_zero(distance: &impl Fn(Point3<f64>) -> f64, start: Point3<f64>, reach: f64) -> Point3<f64> {
+    let step = 1e-4 * reach;
     let mut p = start;
     for _ in 0..NEWTON_STEPS {
         let value = distance(p);
@@ -45,7 +52,7 @@ fn drawn_onto_zero(distance: &impl Fn(Point3<f64>) -> f64, start: Point3<f64>, c
             break;
         }
         let next = p - gradient * (value / square);
-        if (next - start).norm() > cell {
+        if (next - start).norm() > reach {
             break;
         }
         p = next;

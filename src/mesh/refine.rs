@@ -31,7 +31,9 @@ const REPAIR_SINE: f64 = 0.422_618;
 const LEAST_SINE: f64 = 0.292_372;
 /// A vertex this near to where smoothing wants it stays, in wanted edge lengths.
 const SETTLED: f64 = 0.03;
-/// Rounds of all four operations.
+/// Rounds end once fewer than one change for so many triangles is made; repair finds the rest.
+const ENOUGH: usize = 200;
+/// Most rounds of all four operations.
 const ROUNDS: usize = 6;
 /// More triangles than this are refused [1]; a mesh of this size needs about 2 GB while it is made.
 const MOST_TRIANGLES: f64 = 8e6;
@@ -109,17 +111,20 @@ pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineEr
     let mut working = Working::new(mesh, &topology, &original, edge_length);
     split_long(&mut working, LONG * edge_length);
     for _ in 0..ROUNDS {
-        split_long(&mut working, LONG * edge_length);
-        collapse_short(&mut working, edge_length);
-        flip_for_angles(&mut working, edge_length);
-        flip_for_valence(&mut working, edge_length);
+        let mut changes = split_long(&mut working, LONG * edge_length);
+        changes += collapse_short(&mut working, edge_length);
+        changes += flip_for_angles(&mut working, edge_length);
+        changes += flip_for_valence(&mut working, edge_length);
         smooth(&mut working, edge_length);
         flip_for_angles(&mut working, edge_length);
         smooth(&mut working, edge_length);
+        if changes < working.triangles.len() / ENOUGH {
+            break;
+        }
     }
     repair(&mut working, edge_length);
     let (refined, drift) = working.finish();
-    let report = measure(mesh, &original, &refined, drift);
+    let report = measure(mesh, &original, &refined, drift, edge_length);
     Ok(Refined { mesh: refined, report })
 }
 
@@ -150,29 +155,34 @@ fn limits(edge_length: f64) -> Limits {
     Limits { deviation: DEVIATION * edge_length, longest: LONG * edge_length, sine: REPAIR_SINE }
 }
 
-/// Splits edges longer than `longest`, the longest first, until there are none.
-fn split_long(working: &mut Working<'_>, longest: f64) {
+/// Splits edges longer than `longest`, the longest first, until there are none; returns their number.
+fn split_long(working: &mut Working<'_>, longest: f64) -> usize {
+    let mut splits = 0;
     loop {
         let edges = working.edges_by_length(|length| length > longest);
         if edges.is_empty() {
-            return;
+            return splits;
         }
+        splits += edges.len();
         // A split changes no other edge, it only adds some, so the list holds while it is worked off.
         edges.iter().rev().for_each(|&(_, a, b)| working.split(a, b));
     }
 }
 
-fn collapse_short(working: &mut Working<'_>, edge_length: f64) {
+fn collapse_short(working: &mut Working<'_>, edge_length: f64) -> usize {
+    let mut collapses = 0;
     let limits = limits(edge_length);
     for (length, a, b) in working.edges_by_length(|length| length < SHORT * edge_length) {
         // An earlier collapse may have removed the edge, or moved its ends apart; `collapse` checks the former.
         if working.length(a, b) <= length.max(SHORT * edge_length) {
-            working.collapse(a, b, &limits);
+            collapses += usize::from(working.collapse(a, b, &limits));
         }
     }
+    collapses
 }
 
-fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) {
+fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) -> usize {
+    let mut total = 0;
     let limits = Limits { longest: LONGEST * edge_length, ..limits(edge_length) };
     for _ in 0..4 {
         let mut flips = 0;
@@ -180,16 +190,19 @@ fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) {
             // A clear gain, so that equal diagonals do not swap for ever.
             flips += usize::from(working.flip(a, b, &limits, |_, _, old, new| new > 1.01 * old));
         }
+        total += flips;
         if flips == 0 {
-            return;
+            break;
         }
     }
+    total
 }
 
-fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) {
+fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) -> usize {
+    let mut flips = 0;
     let limits = limits(edge_length);
     for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
-        working.flip(a, b, &limits, |w, quad, old, new| {
+        let better = |w: &Working<'_>, quad: [u32; 4], old: f64, new: f64| {
             let excess = |by: [i32; 4]| -> i32 {
                 let one = |(&v, by): (&u32, i32)| {
                     let regular = if w.boundary[v as usize] { 3 } else { 6 };
@@ -198,8 +211,10 @@ fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) {
                 quad.iter().zip(by).map(one).sum()
             };
             excess([-1, -1, 1, 1]) < excess([0; 4]) && new >= 0.6 * old
-        });
+        };
+        flips += usize::from(working.flip(a, b, &limits, better));
     }
+    flips
 }
 
 /// Moves each vertex toward the centroid of its ring, within the surface.
@@ -319,7 +334,13 @@ fn least_axis(normal: &nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64> {
     axis
 }
 
-fn measure(mesh: &TriangleMesh, original: &SurfaceTree, refined: &TriangleMesh, drift: f64) -> RefineReport {
+fn measure(
+    mesh: &TriangleMesh,
+    original: &SurfaceTree,
+    refined: &TriangleMesh,
+    drift: f64,
+    edge_length: f64,
+) -> RefineReport {
     let topology = Topology::new(refined);
     let lengths = topology.edge_lengths(refined);
     let mut deviation = drift;
@@ -328,7 +349,9 @@ fn measure(mesh: &TriangleMesh, original: &SurfaceTree, refined: &TriangleMesh, 
         for k in 0..=4 {
             for j in 0..=4 - k {
                 let p = a + (b - a) * (f64::from(k) / 4.0) + (c - a) * (f64::from(j) / 4.0);
-                deviation = deviation.max(original.closest(&p, f64::INFINITY).map_or(0.0, |c| c.distance));
+                // Within a wanted length the search is short, and nearly always enough.
+                let near = original.closest(&p, edge_length).or_else(|| original.closest(&p, f64::INFINITY));
+                deviation = deviation.max(near.map_or(0.0, |c| c.distance));
             }
         }
     }

