@@ -1,0 +1,15 @@
+//! What the crate promises, one file a promise; `docs/verification.md` says which property is shown where.
+
+mod bodies;
+mod constraints;
+mod contact;
+mod degenerate;
+mod determinism;
+mod enclosed_volume;
+#[path = "../io.rs"]
+mod io;
+#[path = "../scene.rs"]
+mod scene;
+mod scenes;
+mod solvers;
+mod tolerances;
