@@ -117,7 +117,7 @@ fn p22_an_inverted_tetrahedron_comes_back() {
     }
     // The exact projection needs one step, through zero.
     let mesh = tetrahedron();
-    let mut particles = Particles::at_rest(mesh.vertices.iter().map(|p| -p).map(Point3::from).collect(), vec![1.0; 4]);
+    let mut particles = Particles::at_rest(mesh.vertices.iter().map(|p| -p).collect(), vec![1.0; 4]);
     EnclosedVolume::new(&mesh.triangles, 4, mesh.volume(), 0.0).project(&mut particles, 1.0).expect("a root");
     let after = pliant::mesh::measures::volume(&particles.position, &mesh.triangles);
     assert!((after / mesh.volume() - 1.0).abs() <= T7, "{after}");
