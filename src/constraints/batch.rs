@@ -89,6 +89,8 @@ fn correction<C: Constraint<K>, const K: usize>(
     if weight <= 0.0 {
         return None;
     }
+    // Of an infinite compliance, infinity times a multiplier of zero would be NaN.
+    let compliance = compliance.min(f64::MAX);
     let change = relaxation * (-c - compliance * multiplier) / (weight + compliance);
     for k in 0..K {
         g[k] *= w[k] * change;
@@ -260,8 +262,8 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
             }
             let distance = (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
             sum += distance * distance;
-            // Not `f64::max`, which would hide a NaN.
-            if !(distance <= max) {
+            // Not `f64::max`, which would hide a NaN; nor may a later number replace one.
+            if !(distance <= max || max.is_nan()) {
                 max = distance;
             }
         }

@@ -93,7 +93,8 @@ constraints! {
 pub(crate) fn safe_norm(v: &Vector3<f64>) -> f64 {
     let squared = v.norm_squared();
     // Squares of components beyond these bounds lose digits or overflow.
-    if squared > 1e-280 && squared < 1e280 {
+    // A NaN passes through: `amax` below would lose it.
+    if !(squared <= 1e-280 || squared >= 1e280) {
         return squared.sqrt();
     }
     let largest = v.amax();

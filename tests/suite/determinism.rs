@@ -1,0 +1,145 @@
+//! The same bits for any number of threads and any order within a colour (P42, P43).
+
+use nalgebra::{Point3, Vector3};
+use pliant::constraints::{Batch, Constraint, Distance, Order, Project};
+use pliant::contact::Contacts;
+use pliant::mesh::shapes::icosphere;
+use pliant::mesh::sum::tree_sum;
+use pliant::particles::Particles;
+use pliant::testing::Draw;
+
+use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
+
+/// Batches of so many constraints run in parallel; as in `constraints/batch.rs`.
+const PARALLEL: usize = 2048;
+
+fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(deed)
+}
+
+/// 10,242 vertices, shaken so that every constraint has something to do.
+fn shaken() -> (pliant::mesh::TriangleMesh, Vec<Point3<f64>>) {
+    let mesh = icosphere(1.0, 5);
+    let mut draw = Draw::new(42);
+    let moved = mesh.vertices.iter().map(|p| p + draw.direction() * 0.003).collect();
+    (mesh, moved)
+}
+
+fn sweep(batches: &mut [Box<dyn Project>], x: &[Point3<f64>]) -> Vec<u64> {
+    let mut particles = Particles::at_rest(x.to_vec(), (0..x.len()).map(|i| 1.0 + (i % 7) as f64).collect());
+    for _ in 0..3 {
+        batches.iter_mut().for_each(|b| b.project(&mut particles, 0.01));
+    }
+    assert!(finite(&particles));
+    bits(&particles)
+}
+
+#[test]
+fn p42_threads_change_no_bit() {
+    let (mesh, x) = shaken();
+    let make = |order: Order| -> Vec<Box<dyn Project>> {
+        let stretch = batch(edges(&mesh), 1e-6, order, x.len());
+        let bending = batch(hinges(&mesh), 1e-2, order, x.len());
+        let longest = |colours: &[std::ops::Range<usize>]| colours.iter().map(|r| r.len()).max().unwrap_or(0);
+        assert!(longest(&stretch.schedule().colours) >= PARALLEL && longest(&bending.schedule().colours) >= PARALLEL);
+        vec![Box::new(stretch), Box::new(bending)]
+    };
+    let reference = with_threads(1, || sweep(&mut make(Order::Coloured), &x));
+    for threads in [2, 3, 4, 8] {
+        let other = with_threads(threads, || sweep(&mut make(Order::Coloured), &x));
+        assert!(other == reference, "{threads} threads");
+    }
+    // Control: another order of colours is another result, so equality is no accident.
+    assert!(with_threads(1, || sweep(&mut make(Order::Stored), &x)) != reference);
+}
+
+#[test]
+fn p42_order_within_a_colour_changes_no_bit() {
+    let (mesh, x) = shaken();
+    let coloured: Batch<Distance, 2> = batch(edges(&mesh), 1e-6, Order::Coloured, x.len());
+    let mut draw = Draw::new(421);
+    let mut reference: Vec<Box<dyn Project>> = vec![Box::new(coloured.clone())];
+    let reference = with_threads(1, || sweep(&mut reference, &x));
+    for _ in 0..3 {
+        let mut shuffled = coloured.constraints().to_vec();
+        for range in &coloured.schedule().colours {
+            for i in (range.start + 1..range.end).rev() {
+                shuffled.swap(i, range.start + draw.index(i + 1 - range.start));
+            }
+        }
+        assert_ne!(shuffled, coloured.constraints());
+        let mut other: Vec<Box<dyn Project>> = vec![Box::new(batch(shuffled, 1e-6, Order::Stored, x.len()))];
+        assert!(with_threads(1, || sweep(&mut other, &x)) == reference, "seed {}", draw.seed);
+    }
+}
+
+/// Whether two constraints of a range share a particle.
+fn shares<C: Constraint<K>, const K: usize>(all: &[C], count: usize) -> bool {
+    let mut seen = vec![false; count];
+    all.iter().flat_map(|c| c.points()).any(|p| std::mem::replace(&mut seen[p as usize], true))
+}
+
+#[test]
+fn p42_no_two_constraints_of_a_colour_share_a_particle() {
+    let (mesh, x) = shaken();
+    let stretch: Batch<Distance, 2> = batch(edges(&mesh), 0.0, Order::Coloured, x.len());
+    let bending = batch(hinges(&mesh), 0.0, Order::Coloured, x.len());
+    assert!(stretch.schedule().colours.iter().all(|r| !shares(&stretch.constraints()[r.clone()], x.len())));
+    assert!(bending.schedule().colours.iter().all(|r| !shares(&bending.constraints()[r.clone()], x.len())));
+    assert!(shares(&edges(&mesh), x.len()), "control: edges of a mesh share vertices");
+}
+
+#[test]
+fn p43_sums_are_the_same_and_near_the_exact_one() {
+    let mut draw = Draw::new(43);
+    for cancel in [false, true] {
+        let mut values: Vec<f64> = (0..200_000).map(|_| draw.between(0.5, 1.5) * draw.decades(-8.0, 8.0)).collect();
+        if cancel {
+            let opposite: Vec<f64> = values.iter().map(|v| -v).collect();
+            values.extend(opposite);
+            values.push(1e-3);
+        }
+        let sums: Vec<u64> = [1, 2, 3, 8].map(|t| with_threads(t, || tree_sum(&values).to_bits())).to_vec();
+        assert!(sums.iter().all(|s| *s == sums[0]), "seed {}", draw.seed);
+        let exact = {
+            // Two-sum compensation: exact to an ulp of the condition seen here.
+            let (mut sum, mut lost) = (0.0_f64, 0.0_f64);
+            for &v in &values {
+                let next = sum + v;
+                lost += if sum.abs() >= v.abs() { (sum - next) + v } else { (v - next) + sum };
+                sum = next;
+            }
+            sum + lost
+        };
+        let size: f64 = values.iter().map(|v| v.abs()).sum();
+        let n = values.len() as f64;
+        // Leaves of 4096 in 8 lanes: 512 additions in turn, then a tree; roundings add like a random walk.
+        let bound = f64::EPSILON / 2.0 * (512.0 + n.log2()) * size;
+        assert!((f64::from_bits(sums[0]) - exact).abs() <= bound);
+    }
+}
+
+#[test]
+fn p42_a_whole_body_with_contact() {
+    let bone = icosphere(1.0, 3);
+    let run = |threads: usize| {
+        with_threads(threads, || {
+            let mut mesh = icosphere(0.5, 3);
+            mesh.vertices.iter_mut().for_each(|p| p.z += 1.52);
+            let placed = [still(&bone)];
+            let mut system = elastic(&mesh, 1e-3, [1e-4, 1e1, 0.0], 1);
+            system.settings.gravity = Vector3::new(0.1, 0.0, -9.81);
+            system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 0.005, 0.3));
+            (0..80).for_each(|_| system.step(&placed, 0.004).expect("finite"));
+            let counts = system.contacts.as_ref().expect("contact").counts(&system.particles.position);
+            (bits(&system.particles), counts)
+        })
+    };
+    let reference = run(1);
+    assert!(reference.1.touching > 0, "nothing touches: the test would show little");
+    for threads in [2, 8] {
+        let other = run(threads);
+        assert_eq!(other.1, reference.1);
+        assert!(other.0 == reference.0, "{threads} threads");
+    }
+}

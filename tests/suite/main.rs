@@ -1,0 +1,17 @@
+//! What the crate promises, one file a promise; `docs/verification.md` says which property is shown where.
+// `!(error <= tolerance)` is also true for NaN: that is why controls are written so.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+mod bodies;
+mod constraints;
+mod contact;
+mod degenerate;
+mod determinism;
+mod enclosed_volume;
+#[path = "../io.rs"]
+mod io;
+#[path = "../scene.rs"]
+mod scene;
+mod scenes;
+mod solvers;
+mod tolerances;

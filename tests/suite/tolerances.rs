@@ -1,0 +1,85 @@
+//! Every tolerance of the suite, once; `docs/verification.md` gives the reason of each.
+
+/// T1: exact identities, multiples of machine precision of the sum of absolute terms.
+pub const T1: f64 = 64.0 * f64::EPSILON;
+/// T2: rounding bound of the dual-number oracle times this (the analytic form rounds elsewhere).
+pub const T2: f64 = 64.0 * f64::EPSILON;
+/// T3: departure of an observed order of convergence of a projection, median over shapes.
+pub const T3: f64 = 0.2;
+/// T4: departure of the observed order of a time integrator on its two finest pairs.
+pub const T4: f64 = 0.05;
+/// T5: the same where the reference is a run with 64 times more steps.
+pub const T5: f64 = 0.1;
+/// T6: relative error of an enclosed volume after a step.
+pub const T6: f64 = 1e-6;
+/// T7: relative error of an exact volume projection.
+pub const T7: f64 = 1e-14;
+/// T8: impulses of a constraint, relative to the sum of their sizes.
+pub const T8: f64 = 8.0 * f64::EPSILON;
+/// T9: converged solutions of other sweeps, relative to the length of the body.
+pub const T9: f64 = 1e-9;
+/// T10: one-substep XPBD against implicit Euler, relative.
+pub const T10: f64 = 1e-13;
+/// T11: rise of the energy of an undamped linear system in a step, relative.
+pub const T11: f64 = 64.0 * f64::EPSILON;
+/// T12: gradient of a hinge against 1/height, relative.
+pub const T12: f64 = 1e-14;
+/// T13: depth of a resting body under a surface, relative to its size.
+pub const T13: f64 = 1e-6;
+/// T14: an acceptance number of a digest, as far as its printed digits go.
+pub const T14: f64 = 5e-7;
+
+/// What the table of `docs/verification.md` must say.
+const ALL: &[(&str, f64)] = &[
+    ("T1", T1),
+    ("T2", T2),
+    ("T3", T3),
+    ("T4", T4),
+    ("T5", T5),
+    ("T6", T6),
+    ("T7", T7),
+    ("T8", T8),
+    ("T9", T9),
+    ("T10", T10),
+    ("T11", T11),
+    ("T12", T12),
+    ("T13", T13),
+    ("T14", T14),
+];
+
+/// Number of drawn cases: `default`, or what `PLIANT_CASES` says.
+pub fn cases(default: usize) -> usize {
+    std::env::var("PLIANT_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(default)
+}
+
+/// The largest of some errors, NaN if one is: `f64::max` would hide it.
+pub fn worst(errors: impl IntoIterator<Item = f64>) -> f64 {
+    errors.into_iter().fold(0.0, |worst: f64, e| if worst.is_nan() || e <= worst { worst } else { e })
+}
+
+/// The value of a row's third column: `64 eps` or a number.
+fn written(row: &str) -> Option<(&str, f64)> {
+    let mut columns = row.split('|').map(str::trim).skip(1);
+    let (id, value) = (columns.next()?, columns.nth(1)?);
+    let number = match value.strip_suffix(" eps") {
+        Some(times) => times.parse::<f64>().ok()? * f64::EPSILON,
+        None => value.parse().ok()?,
+    };
+    id.starts_with('T').then_some((id, number))
+}
+
+#[test]
+fn the_table_of_the_document_is_the_one_used() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/verification.md");
+    let text = std::fs::read_to_string(path).expect("docs/verification.md");
+    let table: Vec<(&str, f64)> = text.lines().filter_map(written).collect();
+    assert_eq!(table, ALL);
+}
+
+#[test]
+fn a_nan_is_the_worst_error() {
+    assert!(worst([1.0, f64::NAN, 2.0]).is_nan());
+    assert_eq!(worst([1.0, 3.0, 2.0]), 3.0);
+    assert_eq!(written("| T9 | what | 2 eps | why |"), Some(("T9", 2.0 * f64::EPSILON)));
+    assert_eq!(written("| P9 | what | 2 | why |"), None);
+}
