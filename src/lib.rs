@@ -7,6 +7,8 @@
 #![warn(missing_docs)]
 // Units are written in brackets, [m], which rustdoc would take for links.
 #![allow(rustdoc::broken_intra_doc_links)]
+// `!(error <= bound)` is meant: it also catches NaN.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 // In the order in which they may import each other, not by letter.
 #[rustfmt::skip]

@@ -189,10 +189,7 @@ impl EnclosedVolume {
         // V is a symmetric trilinear form: T(x,d,d) and T(d,d,d) from the same sums taken over d.
         let ends: Vec<Point3<f64>> = field.iter().map(|d| Point3::from(*d)).collect();
         let mut of_field = vec![Vector3::zeros(); n];
-        let cubic = {
-            let about_first = self.volume_and_gradient(&ends, &mut of_field);
-            about_first
-        };
+        let cubic = self.volume_and_gradient(&ends, &mut of_field);
         let origin = x[0];
         let square = tree_sum_by(n, |i| (x[i] - origin).dot(&of_field[i]));
         let mut s = wanted / linear;

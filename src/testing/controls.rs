@@ -11,11 +11,14 @@ pub struct Broken<T> {
     /// The right one.
     pub subject: T,
     /// What is done to its gradient.
-    pub how: fn(&mut [Vector3<f64>]),
+    pub how: Deed,
 }
 
+/// Breaks a gradient.
+pub type Deed = fn(&mut [Vector3<f64>]);
+
 /// Name and deed of each negative control.
-pub const CONTROLS: &[(&str, fn(&mut [Vector3<f64>]))] = &[
+pub const CONTROLS: &[(&str, Deed)] = &[
     ("one component NaN", |g| g[0].x = f64::NAN),
     ("all NaN", |g| g.fill(Vector3::repeat(f64::NAN))),
     ("six times too large", |g| g.iter_mut().for_each(|g| *g *= 6.0)),

@@ -25,7 +25,7 @@ pub fn edges(mesh: &TriangleMesh) -> Vec<Distance> {
 /// Hinges of a mesh at rest.
 pub fn hinges(mesh: &TriangleMesh) -> Vec<Bending> {
     let at = |p: u32| mesh.vertices[p as usize];
-    let hinge = |&points: &[u32; 4]| Bending { points, rest: bending::dihedral(&points.map(at)) };
+    let hinge = |&points: &[u32; 4]| Bending::new(points, bending::dihedral(&points.map(at)));
     Topology::new(mesh).hinges.iter().map(hinge).collect()
 }
 

@@ -104,7 +104,7 @@ fn p10_permuted_points_give_the_same_constraint() {
         for (order, sign) in orders() {
             permuted((volume, volume), &x, order, sign).unwrap();
         }
-        let hinge = Bending { points: [0, 1, 2, 3], rest: 0.0 };
+        let hinge = Bending::new([0, 1, 2, 3], 0.0);
         for (order, sign) in [([1, 0, 3, 2], 1.0), ([1, 0, 2, 3], -1.0), ([0, 1, 3, 2], -1.0)] {
             permuted((hinge, hinge), &x, order, sign).unwrap();
         }
@@ -230,7 +230,7 @@ fn p13_momentum_of_one_constraint() {
         let points = [0, 1, 2, 3];
         let errors = [
             impulse_error(Distance { points: [0, 1], rest: 0.3 }, &x, &w),
-            impulse_error(Bending { points, rest: 0.2 }, &x, &w),
+            impulse_error(Bending::new(points, 0.2), &x, &w),
             impulse_error(TetrahedronVolume { points, rest: 0.1 }, &x, &w),
         ];
         assert!(worst(errors) <= T8, "case {case} of seed {}: {errors:?}", draw.seed);

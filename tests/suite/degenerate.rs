@@ -36,7 +36,7 @@ fn p19_the_angle_is_good_at_flat_and_at_shut() {
         for sign in [1.0, -1.0] {
             let fold = if k == 17 { 0.0 } else { sign * 10f64.powi(-k - 1).min(0.1) };
             for (x, angle) in [flat(fold), shut(fold)] {
-                let (c, g) = Bending { points: [0, 1, 2, 3], rest: 0.0 }.value_and_gradient(&x).expect("areas");
+                let (c, g) = Bending::new([0, 1, 2, 3], 0.0).value_and_gradient(&x).expect("areas");
                 // Shut exactly, +pi and -pi are the same fold.
                 let off = (c - angle).abs().min((c.abs() - PI).abs() + (angle.abs() - PI).abs());
                 assert!(off <= T1, "fold {fold}: {c} for {angle}");
@@ -47,7 +47,7 @@ fn p19_the_angle_is_good_at_flat_and_at_shut() {
         }
     }
     assert!(!(printed <= 1e-10), "control: the arc cosine is as good, {printed}");
-    let wrapped = Bending { points: [0, 1, 2, 3], rest: PI - 1e-9 };
+    let wrapped = Bending::new([0, 1, 2, 3], PI - 1e-9);
     let (c, _) = wrapped.value_and_gradient(&hinge(-1.0, -1e-9)).expect("areas");
     assert!((c - 2e-9).abs() <= T1, "across the seam {c}");
 }
@@ -77,7 +77,7 @@ fn p21_a_triangle_without_area_is_skipped_by_a_relative_rule() {
     let wing = Point3::new(0.5, -0.7, 0.1);
     let at = |tip: Point3<f64>, s: f64| {
         let x = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), tip, wing].map(|p| p * s);
-        Bending { points: [0, 1, 2, 3], rest: 0.1 }.value_and_gradient(&x)
+        Bending::new([0, 1, 2, 3], 0.1).value_and_gradient(&x)
     };
     let threshold = 2f64.powi(-40);
     for k in [-100, -20, 0, 20, 100] {
@@ -92,7 +92,7 @@ fn p21_a_triangle_without_area_is_skipped_by_a_relative_rule() {
     }
     let needle = [[0.0; 3], [1e-20, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0]].map(Point3::from);
     let mut particles = Particles::at_rest(needle.to_vec(), vec![1.0; 4]);
-    let mut one = batch(vec![Bending { points: [0, 1, 2, 3], rest: 0.1 }], 0.0, Order::Stored, 4);
+    let mut one = batch(vec![Bending::new([0, 1, 2, 3], 0.1)], 0.0, Order::Stored, 4);
     one.project(&mut particles, 0.01);
     assert_eq!((particles.position.as_slice(), one.skipped()), (needle.as_slice(), 1));
 }
