@@ -1,4 +1,6 @@
-//! Verified, fast deformation of soft tissue.
+#![doc = include_str!("../README.md")]
+//!
+//! # The crate
 //!
 //! The data flow one way: a [`scene`] is read and checked, a plan says which effects it calls for, a simulation
 //! runs only those, and writers turn frames and measures into files. A module imports only what stands above it
