@@ -1,0 +1,136 @@
+//! One sweep of pliant beside one substep of rapier3d on the same mesh and elements, one thread, alternately.
+//!
+//! Both hold one end of a tube and let gravity bend the rest. A substep of rapier3d is what a second, third ... one adds
+//! to a step (its step also has work done once: broad phase, islands). Pliant's step is prediction, one sweep over all
+//! edges, hinges and the enclosed volume, and velocities.
+
+use std::time::Instant;
+
+use nalgebra::Vector3;
+use pliant::constraints::{Batch, EnclosedVolume, Order};
+use pliant::mesh::shapes::icosphere;
+use pliant::mesh::{Topology, TriangleMesh};
+use pliant::particles::Particles;
+use pliant::solvers::{Settings, System, stiffness};
+use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, Vector};
+
+const ROUNDS: usize = 40;
+/// Substeps of rapier3d in the longer step.
+const SUBSTEPS: usize = 4;
+const GRAVITY: f64 = -0.5;
+const HELD: f64 = -0.98;
+
+fn ours(mesh: &TriangleMesh, topology: &Topology) -> System {
+    let count = mesh.vertices.len();
+    let inverse_mass = mesh.vertices.iter().map(|p| if p.x < HELD { 0.0 } else { 1e3 }).collect();
+    let settings = Settings {
+        iterations: 1,
+        gravity: Vector3::new(0.0, GRAVITY, 0.0),
+        velocity_factor: 0.99,
+        speed_limit: f64::INFINITY,
+    };
+    let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), inverse_mass), settings);
+    let (edges, stiff) = stiffness::edges(mesh, topology, 1e4);
+    system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&stiff), Order::Coloured, count, &[])));
+    let (hinges, stiff) = stiffness::hinges(mesh, topology, 1e-3);
+    system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&stiff), Order::Coloured, count, &[])));
+    system.volume = Some(EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0));
+    system
+}
+
+fn theirs(mesh: &TriangleMesh, substeps: usize) -> (PhysicsWorld, SoftBodyHandle) {
+    let mut world = PhysicsWorld::new();
+    world.gravity = Vector::new(0.0, GRAVITY as f32, 0.0);
+    world.integration_parameters.num_solver_iterations = substeps;
+    world.integration_parameters.dt = 0.01;
+    let vertices = mesh.vertices.iter().map(|p| Vector::new(p.x as f32, p.y as f32, p.z as f32)).collect();
+    let held = mesh.vertices.iter().enumerate().filter(|(_, p)| p.x < HELD).map(|(i, _)| i as u32);
+    let builder = SoftBodyBuilder::trimesh(vertices, mesh.triangles.clone())
+        .expect("a mesh")
+        .shape_matching(false)
+        .volume_preservation(true)
+        .self_contacts(false)
+        .no_surface_collider()
+        .can_sleep(false)
+        .particle_mass(1e-3)
+        .pinned_particles(held.collect::<Vec<_>>());
+    let PhysicsWorld { soft_bodies, bodies, colliders, .. } = &mut world;
+    let handle = soft_bodies.insert(builder, bodies, colliders);
+    (world, handle)
+}
+
+/// Root mean square of the edges' strain.
+fn strain(topology: &Topology, mesh: &TriangleMesh, at: impl Fn(u32) -> Vector3<f64>) -> f64 {
+    let lengths = topology.edge_lengths(mesh);
+    let of = |(&[a, b], l): (&[u32; 2], &f64)| ((at(a) - at(b)).norm() / l - 1.0).powi(2);
+    (topology.edges.iter().zip(&lengths).map(of).sum::<f64>() / lengths.len() as f64).sqrt()
+}
+
+/// Checks both results and returns the relative volume errors and the strains of both.
+fn check(mesh: &TriangleMesh, topology: &Topology, x: &System, theirs: &(PhysicsWorld, SoftBodyHandle)) {
+    let position = &x.particles.position;
+    let now = TriangleMesh { vertices: position.clone(), triangles: mesh.triangles.clone() };
+    let volume = now.volume() / mesh.volume() - 1.0;
+    let stretch = strain(topology, mesh, |v| position[v as usize].coords);
+    assert!(x.particles.first_non_finite().is_none());
+    assert!(volume.abs() <= 1e-6 && stretch < 0.05, "pliant: volume {volume:e}, strain {stretch}");
+    let body = &theirs.0.soft_bodies[theirs.1];
+    let of_body = f64::from(body.volume() / body.rest_volume()) - 1.0;
+    let at = |v: u32| {
+        let p = body.particle_position(v as usize);
+        Vector3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z))
+    };
+    let stretch_of_body = strain(topology, mesh, at);
+    assert!(of_body.abs() <= 2e-3 && stretch_of_body < 0.05, "rapier3d: volume {of_body:e}, strain {stretch_of_body}");
+    println!("volume error: pliant {volume:.1e}, rapier3d {of_body:.1e}");
+    println!("edge strain RMS: pliant {stretch:.4}, rapier3d {stretch_of_body:.4}");
+}
+
+fn ms(deed: impl FnOnce()) -> f64 {
+    let begin = Instant::now();
+    deed();
+    begin.elapsed().as_secs_f64() * 1e3
+}
+
+/// Minimum, median and upper quartile.
+fn spread(times: &mut [f64]) -> [f64; 3] {
+    times.sort_by(f64::total_cmp);
+    [times[0], times[times.len() / 2], times[times.len() * 3 / 4]]
+}
+
+fn measure() {
+    let mesh = icosphere(1.0, 5);
+    let topology = Topology::new(&mesh);
+    let mut system = ours(&mesh, &topology);
+    let (mut one, mut more) = (theirs(&mesh, 1), theirs(&mesh, SUBSTEPS));
+    let body = &one.0.soft_bodies[one.1];
+    assert_eq!(body.edges().len(), topology.edges.len(), "the same edges");
+    assert_eq!(body.dihedrals().len(), topology.hinges.len(), "the same hinges");
+    println!("{} vertices, {} edges, {} hinges", mesh.vertices.len(), topology.edges.len(), topology.hinges.len());
+    let (mut step, mut substep, mut whole) = (Vec::new(), Vec::new(), Vec::new());
+    for round in 0..ROUNDS + 5 {
+        let a = ms(|| (0..4).for_each(|_| system.step(&[], 2.5e-3).expect("finite"))) / 4.0;
+        let b = ms(|| one.0.step());
+        let c = ms(|| more.0.step());
+        if round >= 5 {
+            step.push(a);
+            whole.push(b);
+            substep.push((c - b) / (SUBSTEPS - 1) as f64);
+        }
+    }
+    check(&mesh, &topology, &system, &more);
+    let ratios = |of: &[f64]| spread(&mut of.iter().zip(&step).map(|(b, a)| b / a).collect::<Vec<_>>());
+    let show = |name: &str, [a, b, c]: [f64; 3]| println!("{name}: {a:.2} min, {b:.2} median, {c:.2} upper quartile");
+    show("rapier3d substep / pliant step (a round each)", ratios(&substep));
+    show("rapier3d step of one substep / pliant step", ratios(&whole));
+    show("pliant step [ms]", spread(&mut step));
+    show("rapier3d substep [ms]", spread(&mut substep));
+    show("rapier3d step of one substep [ms]", spread(&mut whole));
+    for (effect, (seconds, calls)) in &system.clock.effects {
+        println!("pliant {effect}: {:.3} ms", seconds / *calls as f64 * 1e3);
+    }
+}
+
+fn main() {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one thread").install(measure);
+}
