@@ -88,7 +88,7 @@ fn the_layout_of_the_documentation_is_a_scene() {
 #[test]
 fn the_defaults_of_classic_pbd_are_those_of_the_layout() {
     let stated = "[solver.pbd]\nsubsteps = 1\niterations = 3\nstretch = 1\nbending = 0.9\nvolume = 1\n\
-                  velocity_damping = 0.99\norder = 'coloured'\ntolerance = 0.05\n";
+                  velocity_damping = 0.99\norder = 'coloured'\ntolerance = 0.01\n";
     let layout = include_str!("../src/scene/layout.toml").replace("\n# ", " ");
     for line in stated.lines().skip(1) {
         assert!(layout.contains(&line.replace('\'', "\"")), "{line}");

@@ -8,9 +8,8 @@ use super::{Anisotropy, ContactEffect, Effects, Order, Pbd, Solver, Volume, Xpbd
 
 /// Steps a frame and sweeps a step are at most this many.
 const MOST: u32 = 1_000_000;
-/// A frame counts as converged where elastic constraints lack at most this share of an edge: the strain that the
-/// acceptance of a return to the start allows.
-const TOLERANCE: f64 = 0.05;
+/// Largest relative residual of a frame that counts as converged.
+const TOLERANCE: f64 = 0.01;
 /// A plain number from 0 to 1.
 const SHARE: Limit = Limit::Within(0.0, 1.0);
 

@@ -113,8 +113,8 @@ fn stretch(body: &Body) -> (f64, f64) {
         let [a, b] = edge.points.map(|p| x[p as usize]);
         let strain = ((a - b).norm() / edge.rest - 1.0).abs();
         sum += strain * strain;
-        // Not `f64::max`, which would hide a NaN.
-        if !(strain <= max) {
+        // Not `f64::max`, which would hide a NaN; once seen, a NaN stays.
+        if !max.is_nan() && !(strain <= max) {
             max = strain;
         }
     }
