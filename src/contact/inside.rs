@@ -72,16 +72,8 @@ impl<'a> Inside<'a> {
     }
 }
 
-/// The winding number about one point, without a grid: for a few points of a surface that has just moved.
-pub(super) fn winding_of_one(p: &Point3<f64>, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> i32 {
-    if !Aabb::of_points(vertices).contains(p) {
-        return 0;
-    }
-    triangles.iter().map(|t| crossing(p, &t.map(|v| vertices[v as usize]))).sum()
-}
-
 /// How often the ray from `p` along +x crosses the triangle `c`, signed.
-fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
+pub(super) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     // The ray misses the triangle's box; these comparisons are exact and settle nearly all.
     let above = |axis: usize| c.iter().all(|v| v[axis] > p[axis]);
     let below = |axis: usize| c.iter().all(|v| v[axis] < p[axis]);

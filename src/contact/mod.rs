@@ -37,6 +37,11 @@ pub struct Closest {
 pub trait Obstacle: Send + Sync {
     /// The nearest place of the surface; `None` for an obstacle without surface.
     fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
+    /// As [`Self::closest`], faster where `known`, a point of the surface [m], is not far from the nearest.
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+        let _ = known;
+        self.closest(point)
+    }
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;
     /// Points that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
@@ -56,13 +61,4 @@ pub struct Placed {
     pub before: Isometry3<f64>,
     /// Pose at the end of the step.
     pub now: Isometry3<f64>,
-}
-
-impl Placed {
-    /// An upper bound on how far the step carries any point of `bounds` with the obstacle [m].
-    pub fn motion_within(&self, bounds: &Aabb) -> f64 {
-        let step = self.now * self.before.inverse();
-        // Displacement is an affine function of the point, so its length is greatest at a corner.
-        bounds.corners().into_iter().map(|c| (step * c - c).norm()).fold(0.0, f64::max)
-    }
 }

@@ -8,7 +8,7 @@ use super::vertices::{Row, VertexContacts};
 use super::{Obstacle, Placed};
 use crate::constraints::Constraint;
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::Aabb;
+use crate::mesh::measures::greatest;
 use crate::particles::Particles;
 
 /// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
@@ -29,6 +29,18 @@ const NEARLY: f64 = 0.02;
 pub(super) struct Travel {
     pub at_least: f64,
     pub at_most: f64,
+}
+
+impl Travel {
+    /// What is known at a place `motion` [m] away from where the step began, after a travel of `before` [m].
+    fn about(before: f64, motion: f64) -> Self {
+        Self { at_least: before - motion, at_most: before + motion }
+    }
+
+    /// After up to `more` [m].
+    fn and(self, more: f64) -> Self {
+        Self { at_least: self.at_least - more, at_most: self.at_most + more }
+    }
 }
 
 /// Numbers of one muscle's contact.
@@ -55,9 +67,11 @@ pub struct Contacts {
     surface: Surface,
     thickness: f64,
     friction: f64,
-    /// Bound on the motion of every vertex relative to every obstacle since the begin [m].
-    travel: f64,
+    /// Bound on the motion of every vertex relative to each obstacle since the begin [m].
+    travel: Vec<f64>,
     start: Vec<Point3<f64>>,
+    /// Positions before pushing.
+    unpushed: Vec<Point3<f64>>,
     pinched: Vec<u32>,
     calls: u64,
 }
@@ -85,14 +99,15 @@ impl Contacts {
         let mut surface = Surface::new(mesh);
         surface.refit(&particles.position);
         Self {
+            travel: vec![0.0; obstacles.len()],
             obstacles,
             vertices,
             triangles,
             surface,
             thickness,
             friction,
-            travel: 0.0,
             start: particles.position.clone(),
+            unpushed: particles.position.clone(),
             pinched: Vec::new(),
             calls: 0,
         }
@@ -113,45 +128,51 @@ impl Contacts {
     /// vertices. To be called after the other constraints, once a sweep.
     pub fn project(&mut self, placed: &[Placed], particles: &mut Particles) {
         self.calls += 1;
-        let moved = self.travelled(placed, &particles.position);
-        for (contacts, &o) in self.vertices.iter_mut().zip(&self.obstacles) {
-            contacts.update(&placed[o], &mut particles.position, moved);
+        let travel = self.travelled(placed, &particles.position);
+        for ((contacts, &o), travel) in self.vertices.iter_mut().zip(&self.obstacles).zip(&travel) {
+            contacts.update(&placed[o], &self.start, &mut particles.position, *travel);
         }
-        self.look_up_triangles(placed, &particles.position, moved);
-        self.push(placed, particles);
+        // What a vertex was pressed into the bone is undone first: it would wake all bone points as motion.
+        for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
+            push(row, &mut particles.position, self.thickness);
+        }
+        let travel = self.travelled(placed, &particles.position);
+        self.look_up_triangles(placed, &particles.position, &travel);
+        self.push(placed, particles, &travel);
     }
 
-    fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Travel {
-        let motion = self.motion(placed, x);
-        Travel { at_least: self.travel - motion, at_most: self.travel + motion }
+    /// The travel relative to each obstacle up to the positions `x` of this step.
+    fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Vec<Travel> {
+        let each = self.obstacles.iter().zip(&self.travel);
+        each.map(|(&o, &before)| Travel::about(before, self.motion(&placed[o], x))).collect()
     }
 
-    /// Bound on the motion of any vertex relative to any obstacle since the begin of the step [m].
-    fn motion(&self, placed: &[Placed], x: &[Point3<f64>]) -> f64 {
-        let squared = x.iter().zip(&self.start).map(|(x, s)| (x - s).norm_squared()).fold(0.0, f64::max);
-        let bounds = Aabb::of_points(x).union(&Aabb::of_points(&self.start));
-        let bones = self.obstacles.iter().map(|&o| placed[o].motion_within(&bounds)).fold(0.0, f64::max);
-        squared.sqrt() + bones
+    /// Greatest motion of a vertex relative to an obstacle since the begin of the step [m].
+    fn motion(&self, placed: &Placed, x: &[Point3<f64>]) -> f64 {
+        let carry = placed.now * placed.before.inverse();
+        greatest_distance(x, self.start.iter().map(|s| carry * s))
     }
 
     /// Watches for triangles that came near a bone vertex since they were last looked up.
-    fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], moved: Travel) {
-        if self.triangles.iter().any(|t| t.is_due(moved)) {
+    fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], travel: &[Travel]) {
+        if self.triangles.iter().zip(travel).any(|(t, travel)| t.is_due(*travel)) {
             self.surface.refit(x);
-            for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
-                contacts.update(&placed[o], &self.surface, moved);
+            for ((contacts, &o), travel) in self.triangles.iter_mut().zip(&self.obstacles).zip(travel) {
+                contacts.update(&placed[o], &self.surface, *travel);
             }
         }
     }
 
     /// Pushes until nothing is pushed by more than a share of the thickness: rows of neighbours undo each other.
-    fn push(&mut self, placed: &[Placed], particles: &mut Particles) {
+    fn push(&mut self, placed: &[Placed], particles: &mut Particles, travel: &[Travel]) {
         self.triangles.iter_mut().for_each(|t| t.active.clear());
-        for _ in 0..SWEEPS {
+        self.unpushed.copy_from_slice(&particles.position);
+        for sweep in 0..SWEEPS {
             let mut largest = 0.0_f64;
-            let moved = self.travelled(placed, &particles.position);
-            for (contacts, &o) in self.triangles.iter_mut().zip(&self.obstacles) {
-                largest = largest.max(contacts.project(&placed[o], &self.surface, particles, moved));
+            let pushed =
+                if sweep == 0 { 0.0 } else { greatest_distance(&particles.position, self.unpushed.iter().copied()) };
+            for ((contacts, &o), travel) in self.triangles.iter_mut().zip(&self.obstacles).zip(travel) {
+                largest = largest.max(contacts.project(&placed[o], &self.surface, particles, travel.and(pushed)));
             }
             for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
                 largest = largest.max(push(row, &mut particles.position, self.thickness));
@@ -253,12 +274,16 @@ impl Contacts {
                 }
             }
         }
-        self.travel += self.motion(placed, &particles.position);
+        for k in 0..self.obstacles.len() {
+            self.travel[k] += self.motion(&placed[self.obstacles[k]], &particles.position);
+        }
     }
 
-    /// How far below the contact thickness the deepest vertex or bone vertex is, in metres below the surface.
-    pub fn deepest(&self, x: &[Point3<f64>]) -> f64 {
-        self.vertices.iter().map(|c| c.deepest(x)).fold(0.0, f64::max)
+    /// Whether no vertex is deeper than `depth` [m] under the bones as known now, and no bone point in the muscle.
+    pub fn is_clear(&self, placed: &[Placed], x: &[Point3<f64>], depth: f64) -> bool {
+        let mut points = self.triangles.iter().zip(&self.obstacles);
+        self.vertices.iter().all(|c| c.is_clear(x, depth))
+            && points.all(|(c, &o)| c.is_clear(&placed[o], &self.surface, x))
     }
 
     /// Root mean square of what rows lack to the thickness [m].
@@ -293,8 +318,13 @@ impl Contacts {
         self.vertices.iter().map(VertexContacts::bytes).sum::<usize>()
             + self.triangles.iter().map(TriangleContacts::bytes).sum::<usize>()
             + Obstacle::bytes(&self.surface)
-            + self.start.capacity() * 24
+            + (self.start.capacity() + self.unpushed.capacity()) * 24
     }
+}
+
+/// Greatest distance between points of the same index [m]; not a number where one of them is not.
+fn greatest_distance(x: &[Point3<f64>], others: impl Iterator<Item = Point3<f64>>) -> f64 {
+    greatest(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
 }
 
 fn two_lowest(heights: &[f64]) -> f64 {

@@ -7,6 +7,7 @@ use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::PointQuery;
 
 use crate::constraints::bending::dihedral;
+use super::inside::crossing;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use super::winding::WindingTree;
 use super::{Closest, Obstacle};
@@ -122,6 +123,18 @@ impl Surface {
         Some(self.on(point, triangle, &self.vertices))
     }
 
+    /// The nearest place of the surface, found faster where it is no further than `bound` [m].
+    pub fn nearest_below(&self, point: &Point3<f64>, bound: f64) -> Option<OnTriangle> {
+        // A little more, for what is nearest may itself have given the bound.
+        self.nearest(point, bound * (1.0 + 1e-9)).or_else(|| self.nearest(point, f64::MAX))
+    }
+
+    /// Distance from `point` to one triangle [m].
+    pub fn distance_to(&self, point: &Point3<f64>, triangle: u32) -> f64 {
+        let t = self.corners(triangle, &self.vertices);
+        (point_at(&t, &on_triangle(point, &t).0) - point).norm()
+    }
+
     /// Appends all triangles at most `reach` [m] from `point`, by falling index of the hierarchy's own order.
     pub fn within(&self, point: &Point3<f64>, reach: f64, found: &mut Vec<u32>) {
         let p = glam(point);
@@ -129,6 +142,17 @@ impl Surface {
         let begin = found.len();
         found.extend(self.bvh.intersect_aabb(&ParryAabb::new(p - half, p + half)));
         found[begin..].sort_unstable();
+    }
+
+    /// The winding number about `point` of the surface with positions `x`, of which none is further than `moved` [m] from
+    /// where it was at the last refit; exact.
+    pub fn winds_about(&self, point: &Point3<f64>, x: &[Point3<f64>], moved: f64) -> i32 {
+        // All that the ray from the point along +x may meet.
+        let slack = Glam::new(moved, moved, moved);
+        let mut far = glam(point);
+        far.x = self.bvh.root_aabb().maxs.x.max(far.x);
+        let ray = ParryAabb::new(glam(point) - slack, far + slack);
+        self.bvh.intersect_aabb(&ray).map(|t| crossing(point, &self.corners(t, x))).sum()
     }
 
     /// The nearest of the triangles `among`, with positions `x` that may be newer than the last refit.
@@ -191,6 +215,10 @@ impl Surface {
 impl Obstacle for Surface {
     fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
         self.nearest(point, f64::MAX).map(|on| on.closest)
+    }
+
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+        self.nearest_below(point, (point - known).norm()).map(|on| on.closest)
     }
 
     fn bounding_box(&self) -> Aabb {

@@ -4,9 +4,9 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::surface::{OnTriangle, Surface};
-use super::inside::winding_of_one;
 use super::response::Travel;
 use super::{Obstacle, Placed};
+use crate::mesh::measures::greatest;
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
 use crate::particles::Particles;
 
@@ -15,6 +15,9 @@ const NEAR: f64 = 6.0;
 
 /// Nearer to the surface than this many thicknesses, the pseudo-normal decides alone on which side a point is.
 const DOUBT: f64 = 0.4;
+
+/// Travel for which a watched vertex is not looked up again, in thicknesses: more makes its list of triangles longer.
+const MARGIN: f64 = 6.0;
 
 /// A bone vertex and the muscle's triangles that it may meet before it is looked up again.
 #[derive(Clone, Debug)]
@@ -32,10 +35,14 @@ pub(super) struct TriangleContacts {
     wake: Vec<f64>,
     /// Signed distance of each vertex when it was last seen, and the travel at that time.
     last: Vec<(f64, f64)>,
+    /// The triangle that was nearest to each vertex when it was last looked up.
+    nearest: Vec<u32>,
     watched: Vec<Watched>,
     /// Triangles pushed in this step, with the direction that is barred to them.
     pub active: Vec<([u32; 3], Vector3<f64>)>,
     thickness: f64,
+    /// Travel at the last refit of the surface.
+    refitted: f64,
     /// Lookups done.
     pub lookups: u64,
 }
@@ -44,7 +51,8 @@ impl TriangleContacts {
     pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
         let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
-        Self { wake, last, watched: Vec::new(), active: Vec::new(), thickness, lookups: 0 }
+        let nearest = vec![u32::MAX; wake.len()];
+        Self { wake, last, nearest, watched: Vec::new(), active: Vec::new(), thickness, refitted: 0.0, lookups: 0 }
     }
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted.
@@ -55,32 +63,37 @@ impl TriangleContacts {
     /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
     pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
         let near = NEAR * self.thickness;
+        self.refitted = travel.at_least;
         let points = placed.obstacle.guards();
-        // A vertex that wakes soon is looked up now: the refit is paid for.
-        let due: Vec<u32> =
-            (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel.at_most + 0.5 * self.thickness).collect();
-        let found: Vec<(f64, f64, Option<Watched>)> = due
+        // A vertex that would wake in the next step is looked up now: the refit is paid for.
+        let soon = travel.at_most + (travel.at_most - travel.at_least);
+        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
+        let found: Vec<(u32, f64, f64, Option<Watched>)> = due
             .par_iter()
             .with_min_len(32)
             .map(|&k| {
                 let p = placed.now * points[k as usize];
-                let Some(on) = surface.nearest(&p, f64::MAX) else { return (f64::MAX, f64::INFINITY, None) };
+                let before = self.nearest[k as usize];
+                let bound = if before == u32::MAX { f64::MAX } else { surface.distance_to(&p, before) };
+                let Some(on) = surface.nearest_below(&p, bound) else { return (before, f64::MAX, f64::INFINITY, None) };
                 let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
                 let distance = sign * on.closest.distance.abs();
                 if distance > near {
-                    return (distance, travel.at_least + (distance - near / 2.0).max(distance / 2.0), None);
+                    return (on.triangle, distance, travel.at_least + (distance - near / 2.0).max(distance / 2.0), None);
                 }
-                let margin = (distance.abs() / 2.0).max(2.0 * self.thickness);
+                let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
                 let mut triangles = Vec::new();
                 surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-                (distance, travel.at_least + margin, Some(Watched { point: k, until: travel.at_least + margin, triangles }))
+                let until = travel.at_least + margin;
+                (on.triangle, distance, until, Some(Watched { point: k, until, triangles }))
             })
             .collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
         due.iter().for_each(|&k| fresh[k as usize] = true);
         self.watched.retain(|w| !fresh[w.point as usize]);
-        for (&k, (distance, wake, watched)) in due.iter().zip(found) {
+        for (&k, (nearest, distance, wake, watched)) in due.iter().zip(found) {
+            self.nearest[k as usize] = nearest;
             self.last[k as usize] = (distance, travel.at_least);
             self.wake[k as usize] = wake;
             self.watched.extend(watched);
@@ -94,6 +107,10 @@ impl TriangleContacts {
         let points = placed.obstacle.guards();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
+            let (before, at) = self.last[watched.point as usize];
+            if before - (travel.at_most - at) >= self.thickness {
+                continue;
+            }
             let p = placed.now * points[watched.point as usize];
             let Some(mut on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
             let sign = self.side(watched.point, &p, on.closest.distance, surface, &particles.position, travel);
@@ -115,7 +132,9 @@ impl TriangleContacts {
                 continue;
             }
             // Where a held corner is nearest, the others have no lever: no corner goes further than twice the lack.
-            let weight = each().map(|(w, g)| 0.5 * w * g).fold(weight, f64::max);
+            let weight = greatest(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
+            // And none further than the thickness at once: what is deep comes out over the sweeps.
+            let c = c.max(-self.thickness);
             for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
                 particles.position[v as usize] -= g * (w * c / weight);
             }
@@ -150,7 +169,18 @@ impl TriangleContacts {
         if distance.abs() <= DOUBT * self.thickness {
             return distance.signum();
         }
-        if winding_of_one(p, x, surface.triangles()) == 0 { 1.0 } else { -1.0 }
+        if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 { 1.0 } else { -1.0 }
+    }
+
+    /// Whether no watched point is inside the muscle with positions `x`, by exact winding numbers.
+    pub fn is_clear(&self, placed: &Placed, surface: &Surface, x: &[Point3<f64>]) -> bool {
+        let points = placed.obstacle.guards();
+        self.watched.iter().all(|w| {
+            let p = placed.now * points[w.point as usize];
+            let (before, _) = self.last[w.point as usize];
+            let doubtful = before < 2.0 * self.thickness;
+            !doubtful || surface.winds_about(&p, x, f64::MAX) == 0
+        })
     }
 
     fn row(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
@@ -164,7 +194,7 @@ impl TriangleContacts {
     }
 
     pub fn bytes(&self) -> usize {
-        self.wake.capacity() * 8
+        self.wake.capacity() * (8 + 16 + 4)
             + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
             + self.active.capacity() * std::mem::size_of::<([u32; 3], Vector3<f64>)>()
     }

@@ -4,7 +4,7 @@ use super::response::Contacts;
 use super::{Placed, surface::Surface};
 use crate::constraints::{Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order};
 use crate::mesh::TriangleMesh;
-use crate::mesh::measures::median;
+use crate::mesh::measures::{greatest, median};
 use crate::mesh::topology::Topology;
 use crate::particles::Particles;
 
@@ -58,7 +58,7 @@ pub fn untangle(mesh: &mut TriangleMesh, placed: &[Placed], obstacles: &[usize],
     }
     mesh.vertices = particles.position;
     let moved = |(a, b): (&nalgebra::Point3<f64>, &nalgebra::Point3<f64>)| (a - b).norm();
-    report.moved = mesh.vertices.iter().zip(&before.vertices).map(moved).fold(0.0, f64::max);
+    report.moved = greatest(mesh.vertices.iter().zip(&before.vertices).map(moved));
     report.volume_change = mesh.volume() / before.volume() - 1.0;
     report
 }

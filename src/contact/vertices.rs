@@ -23,6 +23,14 @@ struct Known {
     wake: f64,
 }
 
+impl Known {
+    fn new(found: Option<Closest>, at: Point3<f64>, travel: f64, thickness: f64) -> Self {
+        let closest = found.unwrap_or(Closest { distance: f64::MAX, normal: Vector3::zeros(), point: at });
+        let bound = (closest.distance / 2.0).max(closest.distance - NEAR / 2.0 * thickness);
+        Self { from: at, closest, wake: travel + bound }
+    }
+}
+
 /// A row: a vertex and the plane that it must stay over.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
@@ -63,15 +71,19 @@ impl VertexContacts {
         let inverse = placed.now.inverse();
         let known = vertices
             .par_iter()
-            .map(|&v| look(&*placed.obstacle, inverse * x[v as usize], 0.0, thickness))
+            .map(|&v| {
+                let at = inverse * x[v as usize];
+                Known::new(placed.obstacle.closest(&at), at, 0.0, thickness)
+            })
             .collect();
         Self { vertices: vertices.to_vec(), known, rows: Vec::new(), thickness, lookups: vertices.len() as u64, stopped: 0 }
     }
 
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
-    /// the rows of this step. `travel` is a bound on the relative motion of every vertex so far [m].
-    pub fn update(&mut self, placed: &Placed, x: &mut [Point3<f64>], travel: Travel) {
-        let inverse = placed.now.inverse();
+    /// the rows of this step. `start` has the positions at the begin of the step, `travel` bounds the relative motion of
+    /// every vertex so far [m].
+    pub fn update(&mut self, placed: &Placed, start: &[Point3<f64>], x: &mut [Point3<f64>], travel: Travel) {
+        let (inverse, inverse_before) = (placed.now.inverse(), placed.before.inverse());
         let near = NEAR * self.thickness;
         let (known, vertices, thickness) = (&self.known, &self.vertices, self.thickness);
         let obstacle = &*placed.obstacle;
@@ -91,24 +103,40 @@ impl VertexContacts {
             .with_min_len(32)
             .map(|&k| {
                 let before = &known[k as usize];
-                let at = inverse * positions[vertices[k as usize] as usize];
+                let v = vertices[k as usize] as usize;
+                let at = inverse * positions[v];
                 // Inside the free ball nothing can have been crossed.
                 if before.closest.distance <= 0.0 || (at - before.from).norm() < before.closest.distance {
-                    return (look(obstacle, at, travel.at_least, thickness), None, false);
+                    let found = obstacle.closest_from(&at, &before.closest.point);
+                    return (Known::new(found, at, travel.at_least, thickness), None, false);
                 }
-                let (end, arrived) = walk(obstacle, &before.from, &at, thickness);
-                (look(obstacle, end, travel.at_least, thickness), (end != at).then_some(end), !arrived)
+                let (from, closest) = base(obstacle, before, inverse_before * start[v]);
+                let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
+                // The travel was bounded before this vertex was put back.
+                let at_least = travel.at_least - (end - at).norm();
+                let found = obstacle.closest_from(&end, &last.point);
+                (Known::new(found, end, at_least, thickness), (end != at).then_some(end), !arrived)
             })
             .collect();
         self.lookups += due.len() as u64;
+        let mut lifted = Vec::new();
         for (&k, (known, moved, stopped)) in due.iter().zip(found) {
             self.known[k as usize] = known;
             if let Some(end) = moved {
-                x[self.vertices[k as usize] as usize] = placed.now * end;
+                let vertex = self.vertices[k as usize];
+                let end = placed.now * end;
+                lifted.push((vertex, end - x[vertex as usize]));
+                x[vertex as usize] = end;
             }
             self.stopped += u64::from(stopped);
         }
         self.make_rows(&placed.now);
+        // What a walk held back the bone has pushed: friction must know.
+        for (vertex, by) in lifted {
+            if let Ok(row) = self.rows.binary_search_by_key(&vertex, |r| r.vertex) {
+                self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
+            }
+        }
     }
 
     fn make_rows(&mut self, pose: &Isometry3<f64>) {
@@ -122,9 +150,9 @@ impl VertexContacts {
         }
     }
 
-    /// Greatest depth of a vertex under the surface as known now [m], 0 where none is inside.
-    pub fn deepest(&self, x: &[Point3<f64>]) -> f64 {
-        self.rows.iter().map(|r| -r.height(x)).fold(0.0, f64::max)
+    /// Whether no vertex is deeper than `depth` [m] under the surface as known now.
+    pub fn is_clear(&self, x: &[Point3<f64>], depth: f64) -> bool {
+        self.rows.iter().all(|r| r.height(x) >= -depth)
     }
 
     pub fn bytes(&self) -> usize {
@@ -134,44 +162,52 @@ impl VertexContacts {
     }
 }
 
-fn look(obstacle: &dyn Obstacle, at: Point3<f64>, travel: f64, thickness: f64) -> Known {
-    let closest = obstacle.closest(&at).unwrap_or(Closest {
-        distance: f64::MAX,
-        normal: Vector3::zeros(),
-        point: at,
-    });
-    let bound = (closest.distance / 2.0).max(closest.distance - NEAR / 2.0 * thickness);
-    Known { from: at, closest, wake: travel + bound }
+/// Where a walk begins: where the vertex was at the begin of the step if the way there from its last lookup is free,
+/// else at that lookup. A row may have lifted a vertex since, out of the small ball in which it was known to be free.
+fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Closest) {
+    let old = (before.from, before.closest);
+    let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else { return old };
+    // Two balls that overlap hold the whole way between their centres.
+    let free = closest.distance > 0.0 && (start - before.from).norm() < closest.distance + before.closest.distance;
+    if free && closest.distance > before.closest.distance { (start, closest) } else { old }
 }
 
-/// Goes from a free point towards a target in steps that cannot cross the surface, sliding along it.
-fn walk(obstacle: &dyn Obstacle, from: &Point3<f64>, to: &Point3<f64>, thickness: f64) -> (Point3<f64>, bool) {
+/// Goes from a free point towards a target in steps that cannot cross the surface, sliding along it at about the
+/// contact thickness; `closest` is what is nearest to `from`. Returns the end, what was nearest last, and whether the end is
+/// as far as the surface lets it go.
+fn walk(
+    obstacle: &dyn Obstacle,
+    from: &Point3<f64>,
+    mut closest: Closest,
+    to: &Point3<f64>,
+    thickness: f64,
+) -> (Point3<f64>, Closest, bool) {
     let mut at = *from;
     let mut left = to - from;
     for _ in 0..WALK {
-        let Some(closest) = obstacle.closest(&at) else { return (*to, true) };
         let height = closest.distance;
-        if height < left.norm() {
-            // What points into the obstacle is spent; the rest slides.
-            let inward = left.dot(&closest.normal);
-            if inward < 0.0 && height <= thickness {
-                left -= closest.normal * inward;
-            }
+        if left.norm() < height {
+            return (at + left, closest, true);
+        }
+        let mut lift = 0.0;
+        if height <= thickness {
+            // What points into the obstacle is spent; the rest slides, and rises to where the row will want it.
+            left -= closest.normal * left.dot(&closest.normal).min(0.0);
+            lift = (thickness - height).min(0.4 * height);
         }
         let length = left.norm();
-        if length == 0.0 {
-            return (at, true);
-        }
-        let step = length.min((height * 0.5).max(0.0));
-        if step == length {
-            return (at + left, true);
-        }
-        if !(step > 1e-3 * thickness) {
-            return (at, false);
+        // At most half a thickness down, or half of what is left below: never out of the free ball.
+        let step = length.min((height - 0.5 * thickness).max(0.5 * height));
+        if !(length > 1e-3 * thickness && step > 1e-3 * thickness) {
+            return (at, closest, length <= 1e-3 * thickness);
         }
         let by = left * (step / length);
-        at += by;
+        at += by + closest.normal * lift;
         left -= by;
+        match obstacle.closest_from(&at, &closest.point) {
+            Some(found) => closest = found,
+            None => return (*to, closest, true),
+        }
     }
-    (at, false)
+    (at, closest, false)
 }

@@ -70,7 +70,7 @@ mod tests {
         let line: Vec<Point3<f64>> = (0..10).map(|k| Point3::new(0.01 * f64::from(k) - 0.05, 0.02, 0.06)).collect();
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let here = &bound.at(&mesh.vertices)[0];
-        let sideways = line.iter().zip(here).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        let sideways = crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
         // Deep points over an edge of two triangles are taken along the normal of one of them.
         assert!(sideways <= 0.02, "{sideways}");
         let turn = nalgebra::Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -1.0, 0.5));

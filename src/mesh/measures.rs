@@ -225,6 +225,12 @@ pub fn smallest_angle([a, b, c]: [Point3<f64>; 3]) -> f64 {
     if double_area > 0.0 { at(a, b, c).min(at(b, c, a)).min(at(c, a, b)) } else { 0.0 }
 }
 
+/// The greatest of numbers that are not negative, 0 for none; not a number if one of them is not, which
+/// `f64::max` would hide.
+pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    numbers.into_iter().fold(0.0, |most: f64, n| if n <= most || most.is_nan() { most } else { n })
+}
+
 /// Median of positive lengths [m], the mean of the middle two for an even count; `None` for none.
 pub fn median(mut lengths: Vec<f64>) -> Option<f64> {
     if lengths.is_empty() {
@@ -370,5 +376,12 @@ mod tests {
             prop_assert!(b.inflate(1e-14).contains(&b.center()));
             prop_assert!(b.union(&tight).intersects(&tight));
         }
+    }
+
+    #[test]
+    fn the_greatest_does_not_hide_what_is_no_number() {
+        assert_eq!(greatest([]), 0.0);
+        assert_eq!(greatest([1.0, 3.0, 2.0]), 3.0);
+        assert!(greatest([1.0, f64::NAN, 2.0]).is_nan() && greatest([f64::NAN, 5.0]).is_nan());
     }
 }

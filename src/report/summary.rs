@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::record::{Record, effect_name};
+use crate::mesh::measures::greatest;
 use crate::scene::Solver;
 use crate::simulation::measures::VOLUME_HELD;
 use crate::simulation::plan::{LeftOut, Planned};
@@ -205,11 +206,6 @@ fn solver(solver: &Solver) -> String {
             s.substeps, s.iterations, s.stretch, s.bending, s.volume, s.velocity_damping, s.order, s.tolerance
         ),
     }
-}
-
-/// The greatest value; NaN if any is NaN, so that it cannot hide.
-fn greatest(values: impl Iterator<Item = f64>) -> f64 {
-    values.fold(0.0, |most: f64, x| if x <= most || most.is_nan() { most } else { x })
 }
 
 fn muscle(body: &Body, record: &Record) -> MuscleSummary {

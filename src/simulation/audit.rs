@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use crate::contact::inside::Inside;
 use crate::contact::{Obstacle, Surface};
 use crate::mesh::TriangleMesh;
+use crate::mesh::measures::greatest;
 
 /// A vertex less deep than this [m] counts as touching.
 pub const DEPTH: f64 = 1e-5;
@@ -54,7 +55,7 @@ pub fn examine(
             .map(|v| bone.surface.closest(&(back * x[v])).map_or(0.0, |c| c.distance.abs()))
             .collect();
         findings.vertices_inside += depths.iter().filter(|d| **d > DEPTH).count();
-        findings.depth = depths.iter().copied().fold(findings.depth, f64::max);
+        findings.depth = greatest(depths.into_iter().chain([findings.depth]));
         let points = bone.mesh.vertices.par_iter().with_min_len(256);
         findings.bone_vertices_inside += points.filter(|p| muscle.winding(&(pose * **p)) != 0).count();
     }

@@ -239,7 +239,7 @@ impl System {
             let Some(contacts) = &mut self.contacts else { return };
             let mut copy = Particles::at_rest(self.particles.position.clone(), self.particles.inverse_mass.clone());
             contacts.end_step(&still, &mut copy, dt.max(f64::MIN_POSITIVE));
-            if contacts.deepest(&self.particles.position) <= depth {
+            if contacts.is_clear(&still, &self.particles.position, depth) {
                 return;
             }
         }
