@@ -7,8 +7,9 @@ use super::Constraint;
 use super::order::{Order, Schedule, schedule};
 use crate::particles::Particles;
 
-/// Fewer constraints of a colour than this are projected by one thread: below it the hand-over costs more than it gains.
-const PARALLEL: usize = 2048;
+/// Less work than this in a colour is done by one thread: below it the hand-over costs more than it gains. In
+/// constraints times squared points, which goes about with the time of a projection.
+const PARALLEL: usize = 32_768;
 
 /// How far constraints are from being satisfied, as distances in space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -71,7 +72,7 @@ struct Correction<const K: usize> {
 }
 
 /// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
-#[inline]
+#[inline(always)]
 fn correction<C: Constraint<K>, const K: usize>(
     constraint: &C,
     position: &[Point3<f64>],
@@ -185,7 +186,7 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         let shared = &*constraints;
         (0..shared.len())
             .into_par_iter()
-            .with_min_len(PARALLEL / 4)
+            .with_min_len(PARALLEL / (4 * K * K))
             .map(|j| {
                 let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
                 correction(&shared[j], position, inverse_mass, numbers)
@@ -238,7 +239,7 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         let threads = rayon::current_num_threads();
         for colour in 0..self.schedule.colours.len() {
             let range = self.schedule.colours[colour].clone();
-            if self.schedule.independent && threads > 1 && range.len() >= PARALLEL {
+            if self.schedule.independent && threads > 1 && range.len() * K * K >= PARALLEL {
                 self.project_parallel(range, particles, per_dt2);
             } else {
                 self.project_serial(range, particles, per_dt2);

@@ -33,7 +33,7 @@ impl Constraint<2> for Distance {
         d.dot(&d).sqrt() - S::of(self.rest)
     }
 
-    #[inline]
+    #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
         let d = x[0] - x[1];
         let length = safe_norm(&d);

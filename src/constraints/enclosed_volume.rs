@@ -186,12 +186,19 @@ impl EnclosedVolume {
         if !(linear > 0.0) {
             return None;
         }
-        // V is a symmetric trilinear form: T(x,d,d) and T(d,d,d) from the same sums taken over d.
-        let ends: Vec<Point3<f64>> = field.iter().map(|d| Point3::from(*d)).collect();
-        let mut of_field = vec![Vector3::zeros(); n];
-        let cubic = self.volume_and_gradient(&ends, &mut of_field);
+        // V is a symmetric trilinear form: V(x + s d) has T(x,d,d) before s^2 and T(d,d,d) before s^3.
         let origin = x[0];
-        let square = tree_sum_by(n, |i| (x[i] - origin).dot(&of_field[i]));
+        let corners = |t: usize| self.triangles[t].map(|v| field[v as usize]);
+        let count = self.triangles.len();
+        let cubic = tree_sum_by(count, |t| {
+            let [a, b, c] = corners(t);
+            a.dot(&b.cross(&c))
+        }) / 6.0;
+        let square = tree_sum_by(count, |t| {
+            let [a, b, c] = corners(t);
+            let [p, q, r] = self.triangles[t].map(|v| x[v as usize] - origin);
+            p.dot(&b.cross(&c)) + q.dot(&c.cross(&a)) + r.dot(&a.cross(&b))
+        }) / 6.0;
         let mut s = wanted / linear;
         for _ in 0..32 {
             let f = ((cubic * s + square) * s + linear) * s - wanted;

@@ -10,16 +10,16 @@ use pliant::testing::Draw;
 
 use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 
-/// Batches of so many constraints run in parallel; as in `constraints/batch.rs`.
-const PARALLEL: usize = 2048;
+/// Colours of so many constraints, times their points squared, run in parallel; as in `constraints/batch.rs`.
+const PARALLEL: usize = 32_768;
 
 fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(deed)
 }
 
-/// 10,242 vertices, shaken so that every constraint has something to do.
+/// 40,962 vertices, shaken so that every constraint has something to do.
 fn shaken() -> (pliant::mesh::TriangleMesh, Vec<Point3<f64>>) {
-    let mesh = icosphere(1.0, 5);
+    let mesh = icosphere(1.0, 6);
     let mut draw = Draw::new(42);
     let moved = mesh.vertices.iter().map(|p| p + draw.direction() * 0.003).collect();
     (mesh, moved)
@@ -41,7 +41,10 @@ fn p42_threads_change_no_bit() {
         let stretch = batch(edges(&mesh), 1e-6, order, x.len());
         let bending = batch(hinges(&mesh), 1e-2, order, x.len());
         let longest = |colours: &[std::ops::Range<usize>]| colours.iter().map(|r| r.len()).max().unwrap_or(0);
-        assert!(longest(&stretch.schedule().colours) >= PARALLEL && longest(&bending.schedule().colours) >= PARALLEL);
+        assert!(
+            longest(&stretch.schedule().colours) * 4 >= PARALLEL
+                && longest(&bending.schedule().colours) * 16 >= PARALLEL
+        );
         vec![Box::new(stretch), Box::new(bending)]
     };
     let reference = with_threads(1, || sweep(&mut make(Order::Coloured), &x));
