@@ -13,7 +13,7 @@ use crate::mesh::{TriangleMesh, isosurface, refine};
 /// Side of a cell of the bones [m].
 const BONE_CELL: f64 = 0.003;
 /// Wanted edge length of the muscle [m].
-const MUSCLE_EDGE: f64 = 0.0028;
+const MUSCLE_EDGE: f64 = 0.0031;
 /// Cross-sections computed for each one that is given.
 const PARTS: usize = 10;
 const HEAD_RADIUS: f64 = 0.0235;

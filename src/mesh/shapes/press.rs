@@ -10,6 +10,8 @@ const HALF: [f64; 3] = [0.1, 0.02, 0.03];
 /// Between an ellipsoid (2) and a box (infinity).
 const EXPONENT: f64 = 2.5;
 const EDGE: f64 = 0.004;
+/// Size of the plate [m].
+const PLATE: [f64; 3] = [0.7, 0.02, 0.4];
 
 /// A rounded body, 200 mm along x, 40 mm thick along y, 60 mm wide along z, centred at the origin.
 pub(super) fn muscle() -> TriangleMesh {
@@ -26,9 +28,10 @@ fn muscle_field(p: Point3<f64>) -> f64 {
     HALF[1] * (libm::pow(sum, 1.0 / EXPONENT) - 1.0)
 }
 
-/// A box of 300 mm x 20 mm x 120 mm centred at the origin, its large faces normal to y, edges of 5 mm.
+/// A box centred at the origin, its large faces normal to y, edges of 10 mm: at a tenth of its thickness the muscle
+/// covers ten times its area, all of which stays between the plates.
 pub(super) fn plate() -> TriangleMesh {
-    box_surface([0.3, 0.02, 0.12], 0.005)
+    box_surface(PLATE, 0.01)
 }
 
 #[cfg(test)]
@@ -62,9 +65,9 @@ mod tests {
     fn plate_is_flat() {
         let m = plate();
         let b = m.bounding_box();
-        assert!((b.extents() - nalgebra::Vector3::new(0.3, 0.02, 0.12)).norm() < 1e-15);
-        assert!((m.volume() - 0.3 * 0.02 * 0.12).abs() < 1e-15);
+        assert!((b.extents() - nalgebra::Vector3::from(PLATE)).norm() < 1e-15);
+        assert!((m.volume() - PLATE.iter().product::<f64>()).abs() < 1e-15);
         let on_face = m.vertices.iter().filter(|p| p.y == b.max.y).count();
-        assert_eq!(on_face, 61 * 25);
+        assert_eq!(on_face, 71 * 41);
     }
 }
