@@ -274,8 +274,13 @@ impl Contacts {
                 }
             }
         }
+        let x = &particles.position;
+        let since = greatest_distance(x, self.surface.positions().iter().copied());
         for k in 0..self.obstacles.len() {
-            self.travel[k] += self.motion(&placed[self.obstacles[k]], &particles.position);
+            let placed = &placed[self.obstacles[k]];
+            self.travel[k] += self.motion(placed, x);
+            self.vertices[k].end_step(placed, x, self.travel[k]);
+            self.triangles[k].end_step(self.travel[k], since);
         }
     }
 

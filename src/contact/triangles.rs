@@ -23,8 +23,6 @@ const MARGIN: f64 = 6.0;
 #[derive(Clone, Debug)]
 struct Watched {
     point: u32,
-    /// Travel at which it is looked up again.
-    until: f64,
     triangles: Vec<u32>,
 }
 
@@ -41,6 +39,8 @@ pub(super) struct TriangleContacts {
     /// Triangles pushed in this step, with the direction that is barred to them.
     pub active: Vec<([u32; 3], Vector3<f64>)>,
     thickness: f64,
+    /// Vertices looked up at the last refit, with what each bound was worth beyond the travel of that time.
+    looked: Vec<(u32, f64)>,
     /// Travel at the last refit of the surface.
     refitted: f64,
     /// Lookups done.
@@ -52,7 +52,7 @@ impl TriangleContacts {
         let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
-        Self { wake, last, nearest, watched: Vec::new(), active: Vec::new(), thickness, refitted: 0.0, lookups: 0 }
+        Self { wake, last, nearest, watched: Vec::new(), active: Vec::new(), thickness, looked: Vec::new(), refitted: 0.0, lookups: 0 }
     }
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted.
@@ -64,10 +64,9 @@ impl TriangleContacts {
     pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
         let near = NEAR * self.thickness;
         self.refitted = travel.at_least;
+        self.looked.clear();
         let points = placed.obstacle.guards();
-        // A vertex that would wake in the next step is looked up now: the refit is paid for.
-        let soon = travel.at_most + (travel.at_most - travel.at_least);
-        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
+        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel.at_most).collect();
         let found: Vec<(u32, f64, f64, Option<Watched>)> = due
             .par_iter()
             .with_min_len(32)
@@ -84,8 +83,7 @@ impl TriangleContacts {
                 let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
                 let mut triangles = Vec::new();
                 surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-                let until = travel.at_least + margin;
-                (on.triangle, distance, until, Some(Watched { point: k, until, triangles }))
+                (on.triangle, distance, travel.at_least + margin, Some(Watched { point: k, triangles }))
             })
             .collect();
         self.lookups += due.len() as u64;
@@ -96,10 +94,17 @@ impl TriangleContacts {
             self.nearest[k as usize] = nearest;
             self.last[k as usize] = (distance, travel.at_least);
             self.wake[k as usize] = wake;
+            self.looked.push((k, wake - travel.at_least));
             self.watched.extend(watched);
         }
         self.watched.sort_unstable_by_key(|w| w.point);
-        debug_assert!(self.watched.iter().all(|w| w.until >= travel.at_least));
+    }
+
+    /// At the end of a step, after a travel of `travel` [m], of which the surface made `since` after its last refit.
+    pub fn end_step(&mut self, travel: f64, since: f64) {
+        for (k, bound) in self.looked.drain(..) {
+            self.wake[k as usize] = travel + bound - since;
+        }
     }
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].

@@ -19,6 +19,8 @@ struct Known {
     from: Point3<f64>,
     /// What was found: the ball about `from` with this distance as radius is free.
     closest: Closest,
+    /// How far it may move before it is looked up again [m].
+    bound: f64,
     /// Travel of the whole muscle at which a far vertex is looked up again.
     wake: f64,
 }
@@ -27,7 +29,7 @@ impl Known {
     fn new(found: Option<Closest>, at: Point3<f64>, travel: f64, thickness: f64) -> Self {
         let closest = found.unwrap_or(Closest { distance: f64::MAX, normal: Vector3::zeros(), point: at });
         let bound = (closest.distance / 2.0).max(closest.distance - NEAR / 2.0 * thickness);
-        Self { from: at, closest, wake: travel + bound }
+        Self { from: at, closest, bound, wake: travel + bound }
     }
 }
 
@@ -56,6 +58,8 @@ impl Row {
 pub(super) struct VertexContacts {
     vertices: Vec<u32>,
     known: Vec<Known>,
+    /// Those looked up in this step.
+    looked: Vec<u32>,
     /// Rows of near vertices, by vertex.
     pub rows: Vec<Row>,
     thickness: f64,
@@ -76,7 +80,8 @@ impl VertexContacts {
                 Known::new(placed.obstacle.closest(&at), at, 0.0, thickness)
             })
             .collect();
-        Self { vertices: vertices.to_vec(), known, rows: Vec::new(), thickness, lookups: vertices.len() as u64, stopped: 0 }
+        Self { vertices: vertices.to_vec(), known,
+            looked: Vec::new(), rows: Vec::new(), thickness, lookups: vertices.len() as u64, stopped: 0 }
     }
 
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
@@ -90,7 +95,7 @@ impl VertexContacts {
         let positions: &[Point3<f64>] = x;
         let due: Vec<u32> = (0..known.len() as u32)
             .filter(|&k| {
-                let Known { from, closest, wake } = &known[k as usize];
+                let Known { from, closest, wake, .. } = &known[k as usize];
                 if closest.distance > near {
                     return *wake <= travel.at_most;
                 }
@@ -130,12 +135,22 @@ impl VertexContacts {
             }
             self.stopped += u64::from(stopped);
         }
+        self.looked.extend(due);
         self.make_rows(&placed.now);
         // What a walk held back the bone has pushed: friction must know.
         for (vertex, by) in lifted {
             if let Ok(row) = self.rows.binary_search_by_key(&vertex, |r| r.vertex) {
                 self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
             }
+        }
+    }
+
+    /// At the end of a step, after a travel of `travel` [m]: what each vertex looked up in it has moved since is known now.
+    pub fn end_step(&mut self, placed: &Placed, x: &[Point3<f64>], travel: f64) {
+        for k in self.looked.drain(..).map(|k| k as usize) {
+            let known = &mut self.known[k];
+            let since = (x[self.vertices[k] as usize] - placed.now * known.from).norm();
+            known.wake = travel + known.bound - since;
         }
     }
 

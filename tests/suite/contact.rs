@@ -37,6 +37,10 @@ fn shots(
     let mut crossed = 0;
     for _ in 0..count {
         let from = draw.direction() * draw.between(1.2, 2.0);
+        // What begins inside may leave by either side.
+        if !placed[0].obstacle.closest(&from.into()).is_some_and(|c| c.distance > 0.0) {
+            continue;
+        }
         let mesh = TriangleMesh { vertices: vec![Point3::from(from)], triangles: Vec::new() };
         let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), vec![1.0]), settings(1));
         system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], thickness, 0.0));
