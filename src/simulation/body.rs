@@ -146,10 +146,12 @@ fn settings(scene: &Scene, length: f64) -> Settings {
     };
     let dt = 1.0 / (scene.frame_rate * f64::from(substeps));
     let damping = scene.effects.damping.unwrap_or(0.0);
+    let velocity_factor = libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     Settings {
         iterations,
         gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
-        velocity_factor: libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps)),
+        velocity_factor,
+        force_factor: if matches!(scene.solver, Solver::Pbd(_)) { velocity_factor } else { 1.0 },
         speed_limit: SPEED_LIMIT * length,
     }
 }

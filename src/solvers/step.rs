@@ -27,8 +27,10 @@ pub struct Settings {
     pub iterations: u32,
     /// Acceleration of all particles [m/s^2].
     pub gravity: Vector3<f64>,
-    /// Factor on velocities each step, 0..1.
+    /// Factor each step on the velocities that the step begins with, 0..1.
     pub velocity_factor: f64,
+    /// Factor each step on what gravity and forces add: 1, but classic PBD damps after it added them \[mueller2007\].
+    pub force_factor: f64,
     /// Velocities above this [m/s] are cut to it, and counted.
     pub speed_limit: f64,
 }
@@ -181,14 +183,16 @@ impl System {
     }
 
     fn predict(&mut self, placed: &[Placed], dt: f64) {
-        let Settings { gravity, velocity_factor, .. } = self.settings;
+        let Settings { gravity, velocity_factor, force_factor, .. } = self.settings;
         let particles = &mut self.particles;
+        particles.velocity.iter_mut().for_each(|v| *v *= velocity_factor);
+        let pull = dt * force_factor;
         for &(vertex, force) in &self.forces {
-            particles.velocity[vertex as usize] += force * (particles.inverse_mass[vertex as usize] * dt);
+            particles.velocity[vertex as usize] += force * (particles.inverse_mass[vertex as usize] * pull);
         }
         for ((x, v), w) in particles.position.iter_mut().zip(&mut particles.velocity).zip(&particles.inverse_mass) {
             if *w > 0.0 {
-                *v = (*v + gravity * dt) * velocity_factor;
+                *v += gravity * pull;
                 *x += *v * dt;
             }
         }

@@ -12,7 +12,7 @@ use pliant::solvers::{Settings, System};
 
 /// No gravity, no damping, no limit.
 pub fn settings(iterations: u32) -> Settings {
-    Settings { iterations, gravity: Vector3::zeros(), velocity_factor: 1.0, speed_limit: f64::MAX }
+    Settings { iterations, gravity: Vector3::zeros(), velocity_factor: 1.0, force_factor: 1.0, speed_limit: f64::MAX }
 }
 
 /// Edges of a mesh at rest.

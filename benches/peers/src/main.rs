@@ -28,6 +28,7 @@ fn ours(mesh: &TriangleMesh, topology: &Topology) -> System {
         iterations: 1,
         gravity: Vector3::new(0.0, GRAVITY, 0.0),
         velocity_factor: 0.99,
+        force_factor: 1.0,
         speed_limit: f64::INFINITY,
     };
     let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), inverse_mass), settings);
