@@ -10,7 +10,6 @@ mod determinism;
 mod enclosed_volume;
 #[path = "../io.rs"]
 mod io;
-#[path = "../scene.rs"]
 mod scene;
 mod scenes;
 mod solvers;

@@ -1,0 +1,315 @@
+//! Scene files: every built-in and example scene is one, and overrides change what they name; `refused` has the exact
+//! message of every kind of mistake, `mutations` the texts that must not make the reader panic.
+
+mod mutations;
+mod refused;
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use pliant::scene::builtin::{BUILTIN, builtin, load};
+use pliant::scene::{self, Area, Mass, Order, Scene, SceneError, Solver, Source, Surroundings};
+
+/// The smallest scene, to be spoilt.
+const SMALL: &str = r#"frames = 3
+frame_rate = "60 Hz"
+[[bone]]
+name = "femur"
+shape = "hip-femur"
+[[muscle]]
+name = "calf"
+shape = "tetrahedron"
+"#;
+
+/// A folder with the files that the layout names, all of them empty.
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("scene");
+    std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
+    for name in ["femur.obj", "gluteus.obj", "patch.obj", "fibres.vtk"] {
+        std::fs::write(folder.join(name), "").expect("the folder of tests can be written");
+    }
+    folder
+}
+
+/// No variable is set but `HERE`, the folder of the tests.
+fn variable(name: &str) -> Option<OsString> {
+    (name == "HERE").then(|| folder().into_os_string())
+}
+
+fn read_with(text: &str, overrides: &[&str]) -> Result<Scene, SceneError> {
+    let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
+    let folder = folder();
+    let around = Surroundings { folder: &folder, variable: &variable, overrides: &overrides };
+    scene::parse_with(text, "s.toml", &around)
+}
+
+fn read(text: &str) -> Result<Scene, SceneError> {
+    read_with(text, &[])
+}
+
+/// The one-line message of a scene that must be refused.
+fn terse(text: &str) -> String {
+    match read(text) {
+        Ok(_) => panic!("accepted:\n{text}"),
+        Err(error) => error.terse(),
+    }
+}
+
+/// The small scene with a text replaced, which must be there.
+fn spoilt(from: &str, to: &str) -> String {
+    assert!(SMALL.contains(from), "{from}");
+    SMALL.replacen(from, to, 1)
+}
+
+/// The small scene with a text behind it.
+fn with(more: &str) -> String {
+    format!("{SMALL}{more}")
+}
+
+#[test]
+fn the_layout_of_the_documentation_is_a_scene() {
+    let scene = read(include_str!("../../src/scene/layout.toml")).expect("the layout is a scene");
+    assert_eq!((scene.name.as_str(), scene.frames, scene.frame_rate), ("right-hip", 300, 60.0));
+    assert_eq!(scene.bones[0].motion.keys.len(), 4);
+    assert_eq!(scene.capsules[0].radius, 0.03);
+    let muscle = &scene.muscles[0];
+    assert_eq!(muscle.surface, Source::File { path: folder().join("gluteus.obj"), scale: 1e-3 });
+    assert_eq!((muscle.edge_length, muscle.material.bulk), (Some(0.004), Some(20e3)));
+    assert_eq!((muscle.material.mass, muscle.material.stretch), (Mass::Density(1060.0), 300.0));
+    let areas: Vec<&Area> = muscle.attachments.iter().map(|a| &a.area).collect();
+    assert!(matches!(areas[..], [Area::Near(_), Area::Patch { component: Some(0), .. }, Area::Vertices(_)]));
+    assert_eq!(muscle.attachments.iter().map(|a| a.limit).collect::<Vec<_>>(), [0.05, 0.1, 0.1]);
+    assert_eq!(scene.effects.gravity.map(|g| g.y), Some(-9.81));
+    assert_eq!(scene.effects.anisotropy.map(|a| (a.strength, a.power)), Some((0.5, 1.0)));
+    // The layout states the defaults of the solver.
+    let default = read(SMALL).expect("the small scene is one");
+    assert_eq!(default.solver, scene.solver);
+    assert_eq!((default.name.as_str(), default.effects), ("s", scene::Effects::default()));
+}
+
+#[test]
+fn the_defaults_of_classic_pbd_are_those_of_the_layout() {
+    let stated = "[solver.pbd]\nsubsteps = 1\niterations = 3\nstretch = 1\nbending = 0.9\nvolume = 1\n\
+                  velocity_damping = 0.99\norder = 'coloured'\ntolerance = 0.01\n";
+    let layout = include_str!("../../src/scene/layout.toml").replace("\n# ", " ");
+    for line in stated.lines().skip(1) {
+        assert!(layout.contains(&line.replace('\'', "\"")), "{line}");
+    }
+    let read = |text: &str| read(&with(text)).expect("a scene").solver;
+    assert_eq!(read("[solver.pbd]\n"), read(stated));
+}
+
+#[test]
+fn on_a_terminal_an_error_shows_its_line_and_a_caret() {
+    let error = read(&with("[effects.contact]\ntickness = '1 mm'\n")).expect_err("refused");
+    let mut shown = String::new();
+    let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::none());
+    handler.render_report(&mut shown, &error).expect("a text can be written");
+    let wanted = "E052
+
+  x unknown key `tickness`, did you mean `thickness`?
+    ,-[s.toml:10:1]
+  9 | [effects.contact]
+ 10 | tickness = '1 mm'
+    : ^^^^|^^^
+    :     `-- effects.contact
+    `----
+  help: known keys here: thickness, friction
+";
+    assert_eq!(shown, wanted);
+    assert_eq!((error.key(), error.place(), error.problem().code()), ("effects.contact", Some((10, 1)), "E052"));
+}
+
+/// The message of an override of a built-in scene that must be refused.
+fn refused_override(name: &str, text: &str) -> String {
+    match load(name, &[text.to_owned()]) {
+        Ok(_) => panic!("accepted: {text}"),
+        Err(error) => error.terse(),
+    }
+}
+
+/// A built-in scene with overrides.
+fn changed(name: &str, overrides: &[&str]) -> Scene {
+    let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
+    load(name, &overrides).expect("the overrides are good")
+}
+
+#[test]
+fn overrides_change_what_they_name() {
+    let friction = |overrides: &[&str]| changed("hip", overrides).effects.contact.map(|c| c.friction);
+    assert_eq!(friction(&[]), Some(0.0));
+    assert_eq!(friction(&["effects.contact.friction=0.3"]), Some(0.3));
+    assert_eq!(friction(&["contact.friction = 0.3", "contact.friction=0.4"]), Some(0.4));
+    assert_eq!(friction(&["effects.contact=none"]), None);
+    assert_eq!(friction(&["contact=off"]), None);
+    assert_eq!(friction(&["contact=off", "contact.thickness=1 mm"]), Some(0.0));
+    for path in ["0", "gluteus", "*", "\"gluteus\"", "'gluteus'"] {
+        let scene = changed("hip", &[&format!("muscle.{path}.edge_length=3 mm")]);
+        assert_eq!(scene.muscles[0].edge_length, Some(0.003), "{path}");
+    }
+    assert_eq!(changed("hip", &["muscle.0.edge_length=\"3 mm\""]).muscles[0].edge_length, Some(0.003));
+    assert_eq!(changed("hip", &["name=7"]).name, "7");
+    assert_eq!(changed("hip", &["frames=7"]).frames, 7);
+    let y = changed("hip", &["gravity.acceleration=['0 m/s2', '-1 m/s2', '0 m/s2']"]).effects.gravity.map(|g| g.y);
+    assert_eq!(y, Some(-1.0));
+    assert!(changed("shape", &["stretch=on"]).effects.stretch);
+    assert!(changed("hip", &["muscle.0.fibres=off"]).muscles[0].fibres.is_none());
+    let both = changed("hip", &["muscle.0.attachment.*.limit=2 %"]);
+    assert!(both.muscles[0].attachments.iter().all(|a| a.limit == 0.02));
+}
+
+#[test]
+fn overrides_change_the_solver() {
+    let steps = |name: &str, overrides: &[&str]| match changed(name, overrides).solver {
+        Solver::Xpbd(x) => ("xpbd", x.substeps, x.iterations, x.order),
+        Solver::Pbd(p) => ("pbd", p.substeps, p.iterations, p.order),
+    };
+    assert_eq!(steps("hip", &["substeps=40"]), ("xpbd", 40, 1, Order::Coloured));
+    assert_eq!(steps("hip", &["solver.xpbd.substeps=40"]), ("xpbd", 40, 1, Order::Coloured));
+    assert_eq!(steps("chain", &["order=stored"]), ("pbd", 1, 1, Order::Stored));
+    assert_eq!(steps("hip", &["solver=pbd"]), ("pbd", 1, 3, Order::Coloured));
+    assert_eq!(steps("hip", &["solver=pbd", "iterations=10"]), ("pbd", 1, 10, Order::Coloured));
+    assert_eq!(steps("chain", &["solver=none"]), ("xpbd", 20, 1, Order::Coloured));
+    assert_eq!(steps("hip", &["solver.xpbd=none", "pbd.iterations=5"]), ("pbd", 1, 5, Order::Coloured));
+}
+
+#[test]
+fn wrong_overrides_name_themselves() {
+    let cases = [
+        (
+            "effects.contact.frction=0.3",
+            "error[E052]: effects.contact: unknown key `frction`, did you mean `friction`?; \
+          known keys here: thickness, friction",
+        ),
+        (
+            "effect.contact.friction=0.3",
+            "error[E052]: unknown key `effect`, did you mean `effects`?; \
+          known keys here: name, frames, frame_rate, bone, capsule, muscle, effects, solver",
+        ),
+        (
+            "contact.friction=-1",
+            "error[E051]: effects.contact.friction: `-1` is not allowed here; \
+          give a number of at least zero",
+        ),
+        (
+            "contact.thickness=2",
+            "error[E050]: effects.contact.thickness: `2` has no unit; \
+          write \"2 m\"; known units of length: m, dm, cm, mm, um, km, in",
+        ),
+        ("contact", "error[E068]: there is no `=`; write PATH=VALUE, for example effects.contact.friction=0.3"),
+        ("=3", "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3"),
+        ("a..b=3", "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3"),
+        ("frames= ", "error[E068]: there is no value; write PATH=VALUE, for example effects.contact.friction=0.3"),
+        (
+            "contact=0.3",
+            "error[E068]: effects.contact: `effects.contact` is a section, not a value; \
+          give a key below it, or `on`, or `off` to remove it",
+        ),
+        ("frames.x=3", "error[E068]: frames: `frames` is a single value; nothing is below it; write frames=VALUE"),
+        (
+            "muscle.1.edge_length=3 mm",
+            "error[E051]: muscle: the number 1 is not allowed here; \
+          give a number below 1, they are counted from 0",
+        ),
+        (
+            "muscle.gluteos.edge_length=3 mm",
+            "error[E063]: muscle: there is no element `gluteos`, \
+          did you mean `gluteus`?; there are: gluteus",
+        ),
+        (
+            "muscle.0=3",
+            "error[E068]: muscle: `muscle.0` is a section, not a value; name one of its keys: name, mesh, \
+          shape, unit, edge_length, material, attachment, fibres, force, displace",
+        ),
+        ("capsule.0.radius=3 mm", "error[E068]: capsule: the scene has no `capsule`; add [[capsule]] to it"),
+        ("solver.pbd=on", "error[E056]: solver.pbd: `xpbd` and `pbd` exclude each other; keep either `xpbd` or `pbd`"),
+        (
+            "gravity=on",
+            "error[E055]: effects.gravity: `acceleration` is missing; \
+          add `acceleration = [\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]`",
+        ),
+    ];
+    for (text, message) in cases {
+        assert_eq!(refused_override("hip", text), format!("--set {text}: {message}"));
+    }
+    // An error of the file is placed in the file, whatever is overridden.
+    let error = read_with(&spoilt("frames = 3", "frames = 0"), &["contact.thickness=1 mm"]).expect_err("refused");
+    assert!(error.terse().starts_with("s.toml:1:10: error[E051]"), "{error:?}");
+}
+
+#[test]
+fn every_built_in_is_a_scene_of_its_name() {
+    for &(name, text, line) in BUILTIN {
+        let scene = load(name, &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((scene.name.as_str(), builtin(name)), (name, Some(text)));
+        assert!(!line.is_empty() && line.len() < 80);
+    }
+    let scene = changed("hip", &[]);
+    let reach = scene.bones[1].motion.pose(100.0).rotation.scaled_axis();
+    assert!((reach + nalgebra::Vector3::x()).norm() < 1e-15, "{reach}");
+    assert_eq!(scene.bones[1].motion.pose(250.0), nalgebra::Isometry3::identity());
+    assert_eq!(scene.muscles[0].fibres, Some(Source::Shape("hip-gluteus".to_owned())));
+    let scene = changed("press", &[]);
+    let gap = |frame: f64| {
+        let y = |bone: usize| scene.bones[bone].motion.pose(frame).translation.y;
+        y(0) - y(1) - 0.02
+    };
+    for (frame, wanted) in [(0.0, 0.044), (50.0, 0.0242), (100.0, 0.0044), (200.0, 0.044), (300.0, 0.044)] {
+        assert!((gap(frame) - wanted).abs() < 1e-15, "{frame}: {}", gap(frame));
+    }
+}
+
+#[test]
+fn a_name_is_a_file_or_a_built_in() {
+    let terse = |name: &str| load(name, &[]).expect_err(name).terse();
+    assert_eq!(
+        terse("hop"),
+        "SCENE: error[E063]: there is no scene `hop`, did you mean `hip`?; \
+         there are: hip, press, distance, shape, volume, chain"
+    );
+    assert_eq!(
+        terse("hip.toml"),
+        "SCENE: error[E060]: no file `hip.toml`; check the path; it is relative to the scene's folder"
+    );
+    let file = folder().join("calf.toml");
+    std::fs::write(&file, SMALL).expect("the folder of tests can be written");
+    let name = file.to_str().expect("the folder of tests has a plain name");
+    assert_eq!(load(name, &[]).map(|s| s.name).ok().as_deref(), Some("calf"));
+    let binary = folder().join("binary.toml");
+    std::fs::write(&binary, [0xff, 0xfe]).expect("the folder of tests can be written");
+    let message = terse(binary.to_str().expect("the folder of tests has a plain name"));
+    assert!(message.contains(": it is not text in UTF-8; "), "{message}");
+}
+
+#[test]
+fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
+    let motion = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\n\
+                  keys = [{ frame = 10, angle = '0 rad' }, { frame = 20, angle = '720deg', slide = '8 mm' }]\n[[muscle]]";
+    let motion = &read(&spoilt("[[muscle]]", motion)).expect("a scene").bones[0].motion;
+    // A quarter of the way is half a turn about the centre, and a quarter of the slide.
+    let point = motion.pose(12.5) * nalgebra::Point3::origin();
+    assert!((point - nalgebra::Point3::new(2.0, 0.0, 0.002)).norm() < 1e-14, "{point}");
+    let eighth = motion.pose(11.25) * nalgebra::Point3::origin();
+    assert!((eighth - nalgebra::Point3::new(1.0, -1.0, 0.001)).norm() < 1e-14, "{eighth}");
+}
+
+#[test]
+fn the_examples_are_scenes_where_the_data_are() {
+    let data = scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
+    let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    let (mut read, mut skipped) = (0, 0);
+    for (name, muscles) in [("right-hip-gluteus-maximus", 1), ("right-hip", 3)] {
+        let path = examples.join(name).with_extension("toml");
+        if data.is_none() {
+            skipped += 1;
+            continue;
+        }
+        let scene = load(path.to_str().expect("a plain name"), &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((scene.name.as_str(), scene.bones.len(), scene.muscles.len()), (name, 3, muscles));
+        for muscle in &scene.muscles {
+            assert!(muscle.attachments.iter().map(|a| a.limit).sum::<f64>() <= 0.1 + 1e-12, "{}", muscle.name);
+        }
+        read += 1;
+    }
+    eprintln!("examples read: {read}, skipped without data: {skipped}");
+}
