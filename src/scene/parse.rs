@@ -5,6 +5,7 @@
 //! a dimension are plain numbers. Files stay in the scene's folder, or are absolute, or begin with a variable.
 #![doc = concat!("```toml\n", include_str!("layout.toml"), "```")]
 
+use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
 use std::path::Path;
 
@@ -17,7 +18,7 @@ use super::shapes_known::SHAPES;
 use super::spelling::{nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
-use super::{Bone, Capsule, Muscle, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
+use super::{Bone, Capsule, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
 
 /// Longest name [bytes]; it becomes part of the names of files.
 const LONGEST_NAME: usize = 100;
@@ -89,12 +90,14 @@ fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
     };
     let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
     let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
-    let bones = bones(root)?;
-    let capsules = capsules(root, &bones)?;
-    let mut muscles: Vec<Muscle> = Vec::new();
+    let mut taken = HashSet::new();
+    let bones = bones(root, &mut taken)?;
+    let known = KnownBones::of(&bones);
+    let capsules = capsules(root, &known, &mut taken)?;
+    let (mut muscles, mut taken) = (Vec::new(), HashSet::new());
     for section in root.sections("muscle")? {
-        let name = unique_name(&section, |n| muscles.iter().any(|m| m.name == n))?;
-        muscles.push(parse_muscle::muscle(&section, name, &bones)?);
+        let name = unique_name(&section, &mut taken)?;
+        muscles.push(parse_muscle::muscle(&section, name, &known)?);
     }
     if muscles.is_empty() {
         return root.fail(Problem::missing("muscle", "a section [[muscle]]"));
@@ -111,10 +114,10 @@ fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
     })
 }
 
-fn bones(root: &Section<'_>) -> Result<Vec<Bone>, SceneError> {
-    let mut bones: Vec<Bone> = Vec::new();
+fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, SceneError> {
+    let mut bones = Vec::new();
     for section in root.sections("bone")? {
-        let name = unique_name(&section, |n| bones.iter().any(|b| b.name == n))?;
+        let name = unique_name(&section, taken)?;
         let surface = surface(&section)?;
         let motion = match section.section("motion")? {
             Some(section) => motion::read(&section)?,
@@ -125,12 +128,16 @@ fn bones(root: &Section<'_>) -> Result<Vec<Bone>, SceneError> {
     Ok(bones)
 }
 
-fn capsules(root: &Section<'_>, bones: &[Bone]) -> Result<Vec<Capsule>, SceneError> {
-    let mut capsules: Vec<Capsule> = Vec::new();
+/// Capsules share their names with bones: both are obstacles, and a report names them alike.
+fn capsules(
+    root: &Section<'_>,
+    bones: &KnownBones<'_>,
+    taken: &mut HashSet<String>,
+) -> Result<Vec<Capsule>, SceneError> {
+    let mut capsules = Vec::new();
     for section in root.sections("capsule")? {
-        let taken = |n: &str| bones.iter().any(|b| b.name == n) || capsules.iter().any(|c| c.name == n);
         let name = unique_name(&section, taken)?;
-        let bone = bone_index(&section, bones)?;
+        let bone = bones.named_by(&section)?;
         let point = |key| -> Result<_, SceneError> {
             Ok(Point3::from(section.need(key, "[\"0 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?))
         };
@@ -141,13 +148,31 @@ fn capsules(root: &Section<'_>, bones: &[Bone]) -> Result<Vec<Capsule>, SceneErr
     Ok(capsules)
 }
 
-/// The index of the bone that the key `bone` names.
-pub(super) fn bone_index(section: &Section<'_>, bones: &[Bone]) -> Result<usize, SceneError> {
-    let item = section.need("bone", "\"NAME\"")?;
-    let name = item.text("femur")?;
-    match bones.iter().position(|b| b.name == name) {
-        Some(index) => Ok(index),
-        None => item.fail(unknown_name("bone", name, bones.iter().map(|b| b.name.as_str()))),
+/// The bones of a scene, found by name without a walk over all of them.
+pub(super) struct KnownBones<'a> {
+    bones: &'a [Bone],
+    index: HashMap<&'a str, usize>,
+}
+
+impl<'a> KnownBones<'a> {
+    fn of(bones: &'a [Bone]) -> Self {
+        let index = bones.iter().enumerate().map(|(i, b)| (b.name.as_str(), i)).collect();
+        Self { bones, index }
+    }
+
+    /// The index of the bone that the key `bone` names.
+    pub(super) fn named_by(&self, section: &Section<'_>) -> Result<usize, SceneError> {
+        let item = section.need("bone", "\"NAME\"")?;
+        let name = item.text("femur")?;
+        match self.index.get(name) {
+            Some(&index) => Ok(index),
+            None => item.fail(unknown_name("bone", name, self.bones.iter().map(|b| b.name.as_str()))),
+        }
+    }
+
+    /// The name of a bone.
+    pub(super) fn name(&self, index: usize) -> &'a str {
+        self.bones.get(index).map_or("", |b| &b.name)
     }
 }
 
@@ -212,10 +237,11 @@ pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneErro
     item.fail(unknown_name("shape", name, known.iter().copied()))
 }
 
-fn unique_name(section: &Section<'_>, taken: impl Fn(&str) -> bool) -> Result<String, SceneError> {
+/// A name that is not yet `taken`, and is from here on.
+fn unique_name(section: &Section<'_>, taken: &mut HashSet<String>) -> Result<String, SceneError> {
     let item = section.need("name", "\"...\"")?;
     let name = checked_name(&item)?;
-    if taken(&name) { item.fail(Problem::DuplicateName { name }) } else { Ok(name) }
+    if taken.insert(name.clone()) { Ok(name) } else { item.fail(Problem::DuplicateName { name }) }
 }
 
 fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {

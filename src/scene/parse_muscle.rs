@@ -1,12 +1,12 @@
 //! Reads the sections `[[muscle]]`.
 
 use super::error::{Problem, SceneError};
-use super::parse::{bone_index, file, file_at, shape, surface};
+use super::parse::{KnownBones, file, file_at, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::shapes_known::FIBRE_SHAPES;
 use super::tree::Value;
 use super::units::Dimension;
-use super::{Area, Attachment, Bone, Displacement, Force, Mass, Material, Muscle, Source};
+use super::{Area, Attachment, Displacement, Force, Mass, Material, Muscle, Source};
 
 /// Density of muscle [kg/m^3].
 const DENSITY: f64 = 1060.0;
@@ -18,7 +18,7 @@ const BENDING: f64 = 2e-4;
 const LIMIT: f64 = 0.1;
 
 /// One muscle whose name is already checked.
-pub(super) fn muscle(section: &Section<'_>, name: String, bones: &[Bone]) -> Result<Muscle, SceneError> {
+pub(super) fn muscle(section: &Section<'_>, name: String, bones: &KnownBones<'_>) -> Result<Muscle, SceneError> {
     let surface = surface(section)?;
     let edge_length = section.get("edge_length").map(|i| i.quantity(Dimension::Length, Limit::Positive)).transpose()?;
     let material = match section.section("material")? {
@@ -56,17 +56,17 @@ fn material(section: &Section<'_>) -> Result<Material, SceneError> {
     })
 }
 
-fn attachments(muscle: &Section<'_>, bones: &[Bone]) -> Result<Vec<Attachment>, SceneError> {
+fn attachments(muscle: &Section<'_>, bones: &KnownBones<'_>) -> Result<Vec<Attachment>, SceneError> {
     let mut attachments = Vec::new();
     // Only lists can be checked here; areas need the mesh.
     let mut held = std::collections::HashMap::new();
     for section in muscle.sections("attachment")? {
-        let bone = bone_index(&section, bones)?;
+        let bone = bones.named_by(&section)?;
         let area = area(&section)?;
         if let Area::Vertices(vertices) = &area {
             for &vertex in vertices {
                 if let Some(other) = held.insert(vertex, bone) {
-                    let bone = bones.get(other).map_or_else(String::new, |b| b.name.clone());
+                    let bone = bones.name(other).to_owned();
                     return section.need("vertices", "[0]")?.fail(Problem::HeldTwice { vertex, bone });
                 }
             }

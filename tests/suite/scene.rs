@@ -281,6 +281,38 @@ fn a_name_is_a_file_or_a_built_in() {
     assert!(message.contains(": it is not text in UTF-8; "), "{message}");
 }
 
+/// As many bones and muscles, each muscle held by its own bone.
+fn crowd(count: usize) -> String {
+    let mut text = "frames = 3\nframe_rate = '60 Hz'\n".to_owned();
+    (0..count).for_each(|i| text += &format!("[[bone]]\nname = 'bone {i}'\nshape = 'hip-femur'\n"));
+    let held = |i| format!("[[muscle.attachment]]\nbone = 'bone {i}'\nvertices = [0]\n");
+    (0..count).for_each(|i| text += &format!("[[muscle]]\nname = 'muscle {i}'\nshape = 'chain'\n{}", held(i)));
+    text
+}
+
+// A walk over all names for each name would take 10^8 comparisons of texts here.
+#[test]
+fn names_are_told_apart_and_found_among_20_000() {
+    let text = crowd(10_000);
+    let scene = read(&text).expect("a scene");
+    assert_eq!((scene.bones.len(), scene.muscles.len()), (10_000, 10_000));
+    assert!(scene.muscles.iter().enumerate().all(|(i, m)| m.attachments[0].bone == i));
+    let lines = text.lines().count();
+    assert_eq!(
+        terse(&format!("{text}[[muscle]]\nname = 'muscle 9999'\nshape = 'chain'\n")),
+        format!(
+            "s.toml:{}:8: error[E064]: muscle.10000.name: the name `muscle 9999` is given twice; \
+             give each its own name",
+            lines + 2
+        )
+    );
+    // A muscle may be called as a bone is, but not a capsule.
+    let small = crowd(2);
+    assert!(read(&small.replace("'muscle 1'", "'bone 1'")).is_ok());
+    assert!(terse(&format!("{small}[[capsule]]\nname = 'bone 1'\n")).contains("E064"));
+    assert!(terse(&small.replace("'bone 1'\nvertices", "'bone 2'\nvertices")).contains("there is no bone `bone 2`"));
+}
+
 #[test]
 fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
     let motion = "[bone.motion]\ncentre = ['1 m', '0 m', '0 m']\naxis = [0, 0, 2]\n\
