@@ -17,8 +17,8 @@
 //! # Ok::<(), pliant::render::PictureError>(())
 //! ```
 //!
-//! *Limitations.* No shadows, no highlights; a third translucent layer behind two others is not seen; lines are never
-//! translucent. The bytes are the same for any number of threads and any order of surfaces; another order of the
+//! *Limitations.* No shadows, no highlights; a third translucent layer behind two others is not seen; lines are not
+//! translucent but where they are seen through their own surface, the fainter the deeper. The bytes are the same for any number of threads and any order of surfaces; another order of the
 //! triangles in one surface changes its normals by rounding, and so a byte here and there.
 
 mod animation;
@@ -113,12 +113,21 @@ pub struct Lines<'a> {
     pub width: f64,
     /// How far the lines are brought to the viewer \[px\], so that one that lies on a surface is not half hidden in it.
     pub lift: f64,
+    /// The opaque surface, by its index in the drawing, through which the lines are seen where they lie inside it;
+    /// they are hidden behind everything else.
+    pub through: Option<usize>,
 }
 
 impl<'a> Lines<'a> {
     /// Lines of 1.5 px, brought forward by 2 px.
     pub fn new(polylines: &'a [Vec<Point3<f64>>], colour: Rgb) -> Self {
-        Self { polylines, colour, width: 1.5, lift: 2.0 }
+        Self { polylines, colour, width: 1.5, lift: 2.0, through: None }
+    }
+
+    /// The same lines, seen through an opaque surface of the drawing.
+    pub fn seen_through(mut self, surface: usize) -> Self {
+        self.through = Some(surface);
+        self
     }
 }
 
@@ -157,7 +166,9 @@ pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
         add_surface(&mut screen, surface, camera, &lighting);
     }
     for lines in &drawing.lines {
-        add_lines(&mut screen, lines, camera);
+        // Surfaces come first, so the index of one is the number of its paint.
+        let host = lines.through.filter(|s| *s < drawing.surfaces.len()).map(|s| s as u32);
+        add_lines(&mut screen, lines, host, camera);
     }
     screen.fill(drawing.background)
 }
@@ -218,8 +229,8 @@ fn is_inside_out(surface: &Surface) -> bool {
     volume < 0.0
 }
 
-fn add_lines(screen: &mut Screen, lines: &Lines, camera: &Camera) {
-    let paint = screen.paint(Paint::plain(lines.colour, 1.0));
+fn add_lines(screen: &mut Screen, lines: &Lines, host: Option<u32>, camera: &Camera) {
+    let paint = screen.paint(Paint { host, ..Paint::plain(lines.colour, 1.0) });
     let [width, lift] = [lines.width, lines.lift].map(|pixels| if pixels.is_finite() { pixels.max(0.0) } else { 0.0 });
     for line in lines.polylines {
         for ends in line.windows(2) {

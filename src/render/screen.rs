@@ -26,16 +26,18 @@ pub(super) struct Paint {
     pub colours: Vec<Rgb>,
     /// Opacity where the surface faces the viewer.
     pub opacity: f32,
+    /// The paint of the opaque surface through which this is seen.
+    pub host: Option<u32>,
 }
 
 impl Paint {
     pub fn plain(colour: Rgb, opacity: f32) -> Self {
-        Self { colours: vec![colour], opacity }
+        Self { colours: vec![colour], opacity, host: None }
     }
 
     pub fn field(map: ColourMap, opacity: f32) -> Self {
         let colours = (0..TABLE).map(|i| map.colour(i as f64 / (TABLE - 1) as f64)).collect();
-        Self { colours, opacity }
+        Self { colours, opacity, host: None }
     }
 
     fn colour(&self, place: f32, brightness: f32) -> Rgb {
@@ -140,6 +142,12 @@ impl<'a> Screen<'a> {
         }
     }
 
+    /// How far something lies behind what is nearer [px].
+    fn pixels_behind(&self, near: f64, nearer: f64) -> f64 {
+        let scale = self.camera.scale;
+        if self.camera.perspective { (nearer / near - 1.0) * scale } else { (nearer - near) / SAFE * scale }
+    }
+
     fn add(&mut self, shade: [[f32; 4]; 3], places: [([f64; 2], f64); 3], paint: u32) {
         let Some(oriented) = GridTriangle::on_grid(places.map(|(sample, _)| sample)) else { return };
         // Counter-clockwise with y up is clockwise with y down: a front had its corners swapped.
@@ -170,6 +178,9 @@ impl<'a> Screen<'a> {
             let first = number * BAND * SAMPLES;
             let mut band = Band::new(self, width * SAMPLES, first..first + rows, background, buffers);
             opaque[number].iter().for_each(|&i| band.opaque(&self.opaque[i as usize]));
+            if self.paints.iter().any(|p| p.host.is_some()) {
+                band.lay_inner();
+            }
             if !translucent[number].is_empty() {
                 band.clear_layers();
                 translucent[number].iter().for_each(|&i| band.translucent(&self.translucent[i as usize]));
@@ -201,7 +212,24 @@ fn sort_into_bands(triangles: &[ScreenTriangle], bands: usize) -> Vec<Vec<u32>> 
 struct Nearest {
     near: f64,
     colour: Rgb,
+    /// Its paint.
+    paint: u32,
+    /// The strongest of the lines that are seen through it, and how strong. Strengths do not add up: where two segments
+    /// of a line meet they overlap.
+    inner: (Rgb, f32),
 }
+
+/// The paint of the background.
+const NO_PAINT: u32 = u32::MAX;
+
+/// Nothing is seen through a surface.
+const NO_LINE: (Rgb, f32) = ([0.0; 3], 0.0);
+
+/// How strong a line just below its surface is: the colours of the surface must remain readable.
+const INNER: f32 = 0.8;
+
+/// A line is half as strong for each so many pixels that it lies deeper, so that layers of lines can be told apart [px].
+const HALVED: f32 = 5.0;
 
 /// A translucent thing at a sample.
 #[derive(Clone, Copy)]
@@ -244,7 +272,7 @@ impl<'a> Band<'a> {
         background: Rgb,
         buffers: &'a mut Buffers,
     ) -> Self {
-        let empty = Nearest { near: f64::NEG_INFINITY, colour: background };
+        let empty = Nearest { near: f64::NEG_INFINITY, colour: background, paint: NO_PAINT, inner: NO_LINE };
         buffers.nearest.clear();
         buffers.nearest.resize(width * rows.len(), empty);
         Self { screen, width, rows, buffers }
@@ -270,14 +298,28 @@ impl<'a> Band<'a> {
             let sample = &mut nearest[(y - first) * width + x];
             let near = dot(weights, triangle.near);
             if near < sample.near {
+                if paint.host == Some(sample.paint) {
+                    let alpha = INNER * libm::exp2f(-self.screen.pixels_behind(near, sample.near) as f32 / HALVED);
+                    if alpha > sample.inner.1 {
+                        sample.inner = (paint.colour(f32::NAN, 1.0), alpha);
+                    }
+                }
                 return;
             }
             let [brightness, place, _] = triangle.shade_at(weights, near, perspective);
             let colour = paint.colour(place, brightness);
             if beats(near, colour, sample.near, sample.colour) {
-                *sample = Nearest { near, colour };
+                *sample = Nearest { near, colour, paint: triangle.paint, inner: NO_LINE };
             }
         });
+    }
+
+    /// Lays the lines that are seen through a surface over it.
+    fn lay_inner(&mut self) {
+        for sample in &mut self.buffers.nearest {
+            let (colour, alpha) = sample.inner;
+            sample.colour = mix(sample.colour, colour, alpha);
+        }
     }
 
     fn translucent(&mut self, triangle: &ScreenTriangle) {

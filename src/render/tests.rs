@@ -178,6 +178,37 @@ fn lines_lie_on_their_surface_and_hide_behind_it() {
 }
 
 #[test]
+fn lines_are_seen_through_their_own_surface_only() {
+    let (positions, triangles) = sphere(4);
+    let wall = [[-0.1, -1.0, 2.0], [2.0, -1.0, 2.0], [2.0, 1.0, 2.0], [-0.1, 1.0, 2.0]].map(Point3::from);
+    let wall = Surface::plain(&wall, &[[0, 1, 2], [0, 2, 3]], [0.0, 1.0, 0.0]);
+    let muscle = Surface::plain(&positions, &triangles, [0.0, 0.0, 1.0]);
+    let arc = |radius: f64| -> Vec<Vec<Point3<f64>>> {
+        let point = |i: i32| radius * Vector3::new((0.05 * f64::from(i)).sin(), 0.0, (0.05 * f64::from(i)).cos());
+        vec![(-16..=16).map(|i| Point3::from(point(i))).collect()]
+    };
+    let (line, deeper) = (arc(0.9), arc(0.8));
+    let inside = Lines::new(&line, [1.0, 0.0, 0.0]);
+    // Columns with red on the left half, and on the right half, which the wall covers; and how red the left is.
+    let reds = |surfaces: [Surface; 2], lines: Lines| {
+        let frame = render(&Drawing::of(surfaces).with_lines(lines), &front_camera(128));
+        let red = |x: usize| (62..66).filter_map(|y| frame.pixel(x, y)).map(|p| p[0]).max().unwrap_or(0);
+        let count = |columns: std::ops::Range<usize>| columns.filter(|x| red(*x) > 50).count();
+        (count(30..50), count(78..98), red(50))
+    };
+    let seen = reds([muscle, wall], inside.seen_through(0));
+    assert_eq!(reds([muscle, wall], inside), (0, 0, 0), "control: hidden in its surface");
+    assert_eq!((seen.0, seen.1), (20, 0));
+    assert_eq!(reds([wall, muscle], inside.seen_through(1)), seen);
+    assert_eq!(reds([muscle, wall], inside.seen_through(1)), (0, 0, 0), "the muscle is not its surface");
+    assert_eq!(reds([muscle, wall], inside.seen_through(2)), (0, 0, 0), "there is no such surface");
+    let faint = reds([muscle, wall], Lines::new(&deeper, [1.0, 0.0, 0.0]).seen_through(0)).2;
+    assert!(0 < faint && faint < seen.2, "deeper is fainter: {faint} and {}", seen.2);
+    // Translucent bone in front tints the line and does not hide it.
+    assert_eq!(reds([muscle, wall.with_opacity(0.3)], inside.seen_through(0)).1, 20);
+}
+
+#[test]
 fn what_is_not_finite_or_missing_is_dropped_and_counted() {
     let positions = [
         Point3::new(-1.0, -1.0, 0.0),

@@ -53,11 +53,12 @@ fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, Pictur
     let worst = shots.worst.as_ref().map(|(_, shot)| shot);
     let wanted = [("First frame", shots.first.as_ref()), ("Worst frame", worst), ("Last frame", shots.last.as_ref())];
     let mut pictures = Vec::new();
+    let fibres = if cast.muscles.iter().any(|m| !m.fibres.is_empty()) { "; pale lines: fibres" } else { "" };
     for (caption, shot) in wanted {
         let Some(shot): Option<&std::sync::Arc<Snapshot>> = shot else { continue };
         let caption = match caption {
-            "Worst frame" => format!("{caption} (greatest edge stretch rms), {}", shot.frame),
-            _ => format!("{caption}, {}", shot.frame),
+            "Worst frame" => format!("{caption} (greatest edge stretch rms), {}{fibres}", shot.frame),
+            _ => format!("{caption}, {}{fibres}", shot.frame),
         };
         pictures.push((caption, painter.picture(shot).to_png()?));
     }

@@ -1,4 +1,5 @@
-//! Pictures of a run: bones translucent, muscles coloured by the stretch of their edges, fibres as lines.
+//! Pictures of a run: bones translucent, muscles coloured by the stretch of their edges, fibres as pale
+//! lines inside them.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -86,9 +87,10 @@ impl<'a> Painter<'a> {
             actor.fibres.at(x).into_iter().chain(bare).collect()
         }).collect();
         let mut drawing = Drawing::of(surfaces.chain(around));
-        for (actor, lines) in self.cast.muscles.iter().zip(&lines) {
+        for (m, (actor, lines)) in self.cast.muscles.iter().zip(&lines).enumerate() {
             let ink = if actor.lines.is_empty() { LINE } else { colour::MUSCLE };
-            drawing = drawing.with_lines(Lines::new(lines, ink));
+            // Fibres run inside their muscle, which is the surface of the same number.
+            drawing = drawing.with_lines(Lines::new(lines, ink).seen_through(m));
         }
         let mut frame = render(&drawing, &camera);
         legend.draw(&mut frame);
