@@ -7,6 +7,7 @@ mod constraints;
 mod contact;
 mod degenerate;
 mod determinism;
+mod effects;
 mod enclosed_volume;
 #[path = "../io.rs"]
 mod io;

@@ -1,11 +1,8 @@
-//! The three tetrahedron scenes and the chain, as a user runs them; and effects that a scene leaves out.
-
-use std::collections::BTreeSet;
+//! The three tetrahedron scenes and the chain, as a user runs them.
 
 use pliant::mesh::measures::{area, volume};
 use pliant::scene::builtin::load;
 use pliant::simulation::Simulation;
-use proptest::prelude::*;
 
 use crate::bodies::finite;
 use crate::tolerances::{T7, T10, worst};
@@ -96,38 +93,4 @@ fn chain_shows_the_order_of_a_sweep() {
     assert!(off(&found, &loaded) <= T10, "{found:?}");
     let stored = errors(&["order=stored"]);
     assert!(off(&stored, &[0.0, 0.0, 0.0, 0.5, 0.0]) <= T10, "{stored:?}");
-}
-
-/// What a run of the tetrahedron with some effects holds, times and plans.
-fn traces(stretch: bool, bending: bool, keep: bool) -> (BTreeSet<String>, BTreeSet<String>, usize) {
-    let mut scene = load("distance", &[]).expect("a built-in scene");
-    scene.effects.stretch = stretch;
-    scene.effects.bending = bending;
-    scene.effects.volume = keep.then_some(pliant::scene::Volume { pressure: 1.0 });
-    let mut sim = Simulation::new(scene).expect("a scene that runs");
-    (0..2).for_each(|_| sim.step_frame());
-    let planned = sim.plan.run.iter().map(|p| p.effect.clone()).collect();
-    let system = &sim.bodies[0].system;
-    let bytes =
-        system.elastic.iter().map(|b| b.bytes()).sum::<usize>() + system.volume.as_ref().map_or(0, |v| v.bytes());
-    assert_eq!(system.elastic.len(), usize::from(stretch) + usize::from(bending));
-    assert_eq!((system.volume.is_some(), system.contacts.is_some()), (keep, false));
-    let timed = system.clock.effects.iter().filter(|(_, (_, calls))| *calls > 0).map(|(n, _)| (*n).to_owned());
-    (planned, timed.collect(), bytes)
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(16) })]
-    #[test]
-    fn an_effect_left_out_leaves_no_trace(stretch: bool, bending: bool, keep: bool) {
-        let (planned, timed, bytes) = traces(stretch, bending, keep);
-        for (on, in_plan, in_clock) in
-            [(stretch, "stretch", "distance"), (bending, "bending", "bending"), (keep, "volume", "volume")]
-        {
-            prop_assert_eq!(planned.contains(in_plan), on, "{} in {:?}", in_plan, planned);
-            prop_assert_eq!(timed.contains(in_clock), on, "{} in {:?}", in_clock, timed);
-        }
-        prop_assert!(!timed.contains("contact"));
-        prop_assert_eq!(bytes == 0, !(stretch || bending || keep));
-    }
 }

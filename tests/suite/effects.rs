@@ -1,0 +1,231 @@
+//! An effect left out, for whatever reason, takes no call, no byte, and changes no bit.
+
+use std::collections::BTreeMap;
+use std::hash::{Hash, Hasher};
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use pliant::io::vtk::{Encoding, write};
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::shapes::{box_surface, icosphere};
+use pliant::scene::{Surroundings, parse_with};
+use pliant::simulation::Simulation;
+use proptest::prelude::*;
+
+use crate::bodies::bits;
+
+/// How a scene asks for an effect. Where there is more than one way to ask for nothing, each has a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    /// Not at all.
+    Absent,
+    /// With a strength of zero, or where it can never reach.
+    Void,
+    /// Really.
+    On,
+}
+use Asked::{Absent, On, Void};
+
+#[derive(Clone, Copy, Debug)]
+struct Wish {
+    stretch: Asked,
+    bending: Asked,
+    volume: Asked,
+    anisotropy: Asked,
+    contact: Asked,
+    gravity: Asked,
+    damping: Asked,
+    fibres: bool,
+}
+
+/// Nothing at all.
+const NOTHING: Wish = Wish {
+    stretch: Absent,
+    bending: Absent,
+    volume: Absent,
+    anisotropy: Absent,
+    contact: Absent,
+    gravity: Absent,
+    damping: Absent,
+    fibres: false,
+};
+
+/// A ball of 2 cm, a plate 1 mm below it, a box far from both, and fibres in the ball.
+fn folder() -> &'static PathBuf {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("effects");
+        std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
+        let put = |name: &str, mesh: &TriangleMesh, lines: &[Vec<u32>]| {
+            write(&folder.join(name), mesh, lines, Encoding::Ascii).expect("the folder of tests can be written");
+        };
+        let down = |mut mesh: TriangleMesh, by: f64| {
+            mesh.vertices.iter_mut().for_each(|v| v.y -= by);
+            mesh
+        };
+        put("ball.vtk", &icosphere(0.01, 2), &[]);
+        put("plate.vtk", &down(box_surface([0.1, 0.01, 0.1], 0.05), 0.016), &[]);
+        put("far.vtk", &down(box_surface([0.1; 3], 0.05), 1.0), &[]);
+        let points = (-4..=4).map(|i| nalgebra::Point3::new(0.002 * f64::from(i), 0.0, 0.004)).collect();
+        put("fibres.vtk", &TriangleMesh { vertices: points, triangles: Vec::new() }, &[(0..9).collect()]);
+        folder
+    })
+}
+
+fn scene(wish: &Wish) -> String {
+    let bone = |name: &str| format!("[[bone]]\nname = '{name}'\nmesh = '{name}.vtk'\nunit = 'm'\n");
+    let stiffness = |asked: Asked, on: &'static str| if asked == Void { "0" } else { on };
+    let mut toml = format!("frames = 2\nframe_rate = '60 Hz'\n{}", bone("far"));
+    if wish.contact == On {
+        toml += &bone("plate");
+    }
+    toml += "[[muscle]]\nname = 'ball'\nmesh = 'ball.vtk'\nunit = 'm'\n[muscle.material]\n";
+    let (stretch, bending) = (stiffness(wish.stretch, "300"), stiffness(wish.bending, "1e-4"));
+    toml += &format!("stretch = '{stretch} N/m'\nbending = '{bending} N m'\n");
+    toml += "[[muscle.attachment]]\nbone = 'far'\nvertices = [0, 1]\n";
+    if wish.fibres {
+        toml += "[muscle.fibres]\nlines = 'fibres.vtk'\nunit = 'm'\n";
+    }
+    let mut effect = |asked: Asked, name: &str, void: &str, on: &str| {
+        if asked != Absent {
+            toml += &format!("[effects.{name}]\n{}\n", if asked == Void { void } else { on });
+        }
+    };
+    effect(wish.stretch, "stretch", "", "");
+    effect(wish.bending, "bending", "", "");
+    effect(wish.volume, "volume", "", "");
+    effect(wish.anisotropy, "anisotropy", "strength = 0", "strength = 0.5");
+    effect(wish.contact, "contact", "thickness = '1 mm'", "thickness = '1 mm'");
+    let gravity = |g: &str| format!("acceleration = ['0 m/s2', '{g} m/s2', '0 m/s2']");
+    effect(wish.gravity, "gravity", &gravity("0"), &gravity("-9.81"));
+    effect(wish.damping, "damping", "rate = '0 1/s'", "rate = '5 1/s'");
+    // Only the classic solver has a volume of no stiffness.
+    if wish.volume == Void {
+        let on = |asked: Asked| u8::from(asked == On);
+        let (stretch, bending) = (on(wish.stretch), on(wish.bending));
+        toml += &format!("[solver.pbd]\nstretch = {stretch}\nbending = {bending}\nvolume = 0\nvelocity_damping = 1\n");
+    }
+    toml
+}
+
+/// What a run of two frames leaves.
+#[derive(Debug, PartialEq)]
+struct Traces {
+    /// Effects of the plan and their bytes.
+    planned: BTreeMap<String, usize>,
+    /// Calls of effects that were timed.
+    calls: BTreeMap<&'static str, u64>,
+    /// Bytes held by effects.
+    bytes: usize,
+    gravity: [f64; 3],
+    velocity_factor: f64,
+    obstacles: usize,
+    fibres: usize,
+    /// A digest of the bits of all positions and velocities.
+    state: u64,
+}
+
+fn traces(wish: &Wish) -> Traces {
+    let around = Surroundings { folder: folder(), variable: &|_| None, overrides: &[] };
+    let parsed = parse_with(&scene(wish), "effects.toml", &around);
+    let mut sim = Simulation::new(parsed.unwrap_or_else(|e| panic!("{}", e.terse()))).expect("a scene that runs");
+    (0..2).for_each(|_| sim.step_frame());
+    let body = &sim.bodies[0];
+    let system = &body.system;
+    let mut digest = std::hash::DefaultHasher::new();
+    bits(&system.particles).hash(&mut digest);
+    let held = [system.volume.as_ref().map_or(0, |v| v.bytes()), system.contacts.as_ref().map_or(0, |c| c.bytes())];
+    Traces {
+        planned: sim.plan.run.iter().map(|p| (p.effect.clone(), p.bytes)).collect(),
+        calls: system.clock.effects.iter().map(|(name, (_, calls))| (*name, *calls)).collect(),
+        bytes: system.elastic.iter().map(|b| b.bytes()).chain(held).sum(),
+        gravity: system.settings.gravity.into(),
+        velocity_factor: system.settings.velocity_factor,
+        obstacles: system.contacts.as_ref().map_or(0, |c| c.obstacles().len()),
+        fibres: body.fibres.len(),
+        state: digest.finish(),
+    }
+}
+
+fn asked() -> impl Strategy<Value = Asked> {
+    prop::sample::select(vec![Absent, Void, On])
+}
+
+fn wish() -> impl Strategy<Value = Wish> {
+    let effects = (asked(), asked(), asked(), asked(), asked(), asked(), asked(), any::<bool>());
+    effects.prop_map(|(stretch, bending, volume, anisotropy, contact, gravity, damping, fibres)| Wish {
+        stretch,
+        bending,
+        volume,
+        anisotropy,
+        contact,
+        gravity,
+        damping,
+        fibres,
+    })
+}
+
+/// The same wish with each vain part left out. A wish for the classic solver stays one, to be compared with its like.
+fn plain(wish: &Wish) -> Wish {
+    let only = |asked: Asked| if asked == On { On } else { Absent };
+    let anisotropy = if wish.fibres && wish.stretch == On { only(wish.anisotropy) } else { Absent };
+    let volume = wish.volume;
+    let [stretch, bending] = [only(wish.stretch), only(wish.bending)];
+    let [contact, gravity, damping] = [only(wish.contact), only(wish.gravity), only(wish.damping)];
+    Wish { stretch, bending, volume, anisotropy, contact, gravity, damping, fibres: wish.fibres }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(48) })]
+    #[test]
+    fn an_effect_left_out_leaves_no_trace(wish in wish()) {
+        let plain = plain(&wish);
+        let found = traces(&wish);
+        prop_assert_eq!(&found, &traces(&plain), "zero or out of reach is not the same as absent");
+        let parts = [
+            (plain.stretch, "stretch", "distance"),
+            (plain.bending, "bending", "bending"),
+            (plain.volume, "volume", "volume"),
+            (plain.contact, "contact with plate", "contact"),
+        ];
+        for (asked, in_plan, in_clock) in parts {
+            prop_assert_eq!(found.planned.contains_key(in_plan), asked == On, "{} in {:?}", in_plan, found.planned);
+            prop_assert_eq!(found.calls.contains_key(in_clock), asked == On, "{} in {:?}", in_clock, found.calls);
+        }
+        for (asked, name) in [(plain.anisotropy, "anisotropy"), (plain.gravity, "gravity"), (plain.damping, "damping")] {
+            prop_assert_eq!(found.planned.contains_key(name), asked == On, "{} in {:?}", name, found.planned);
+            prop_assert_eq!(found.planned.get(name).copied().unwrap_or(0), 0, "{} needs no memory", name);
+        }
+        prop_assert!(!found.planned.contains_key("contact with far"), "never in reach");
+        prop_assert_eq!(found.obstacles, usize::from(plain.contact == On));
+        prop_assert_eq!(found.gravity[1] != 0.0, plain.gravity == On);
+        prop_assert_eq!(found.velocity_factor != 1.0, plain.damping == On);
+        prop_assert_eq!(found.fibres, usize::from(wish.fibres));
+        let any = parts.iter().any(|(asked, ..)| *asked == On);
+        prop_assert_eq!(found.bytes > 0, any);
+        prop_assert_eq!(found.planned.values().sum::<usize>() > 0, any);
+    }
+}
+
+/// Negative control: each effect, asked for really, leaves traces that the property would see.
+#[test]
+fn an_effect_that_acts_leaves_a_trace() {
+    let moving = Wish { gravity: On, stretch: On, fibres: true, ..NOTHING };
+    let still = traces(&moving);
+    let with: [(&str, Wish); 6] = [
+        ("bending", Wish { bending: On, ..moving }),
+        ("volume", Wish { volume: On, ..moving }),
+        ("anisotropy", Wish { anisotropy: On, ..moving }),
+        ("contact", Wish { contact: On, ..moving }),
+        ("damping", Wish { damping: On, ..moving }),
+        ("gravity", Wish { gravity: Absent, ..moving }),
+    ];
+    for (name, wish) in with {
+        let found = traces(&wish);
+        assert_ne!(found.state, still.state, "{name} changes nothing");
+        assert_ne!(found.planned, still.planned, "{name} is not in the plan");
+    }
+    // Without effects nothing is called but nothing is broken either: the ball rests.
+    let nothing = traces(&NOTHING);
+    assert_eq!((nothing.bytes, nothing.calls.len(), nothing.planned.len()), (0, 0, 0));
+}
