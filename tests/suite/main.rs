@@ -9,6 +9,7 @@ mod degenerate;
 mod determinism;
 mod effects;
 mod enclosed_volume;
+mod errata;
 #[path = "../io.rs"]
 mod io;
 mod scene;
