@@ -3,6 +3,7 @@
 use std::io::IsTerminal;
 
 use super::{BAD_INPUT, FAILED, warn};
+use crate::io::{Problem, ReadError};
 use crate::report::folder::FolderError;
 use crate::scene::SceneError;
 use crate::simulation::LoadError;
@@ -13,7 +14,12 @@ pub(super) enum Failure {
     /// The scene is wrong.
     Scene(SceneError),
     /// A mesh cannot be used.
-    Load(LoadError),
+    Load {
+        /// Why.
+        error: Box<LoadError>,
+        /// The scene that names it; empty where there is none.
+        scene: String,
+    },
     /// The results cannot be written.
     Folder(FolderError),
     /// Anything else that is wrong with what was asked.
@@ -33,7 +39,7 @@ impl From<SceneError> for Failure {
 
 impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
-        Self::Load(error)
+        Self::load(error, "")
     }
 }
 
@@ -47,6 +53,11 @@ impl Failure {
     /// An error of usage.
     pub(super) fn usage(message: impl Into<String>, hint: impl Into<String>) -> Self {
         Self::Usage { message: message.into(), hint: hint.into() }
+    }
+
+    /// A mesh of a scene that cannot be used.
+    pub(super) fn load(error: LoadError, scene: &str) -> Self {
+        Self::Load { error: error.into(), scene: scene.to_owned() }
     }
 
     /// The exit code.
@@ -69,10 +80,13 @@ impl Failure {
                 }
             }
             Self::Scene(error) => warn(&error.terse()),
-            Self::Load(error) => match hint(error) {
-                Some(hint) => warn(&format!("error: {error}; {hint}")),
-                None => warn(&format!("error: {error}")),
-            },
+            Self::Load { error, scene } => {
+                // An error of reading names its own file.
+                let from_scene = !scene.is_empty() && !matches!(**error, LoadError::Read(_));
+                let at = if from_scene { format!("{scene}: ") } else { String::new() };
+                let hint = hint(error).map_or_else(String::new, |h| format!("; {h}"));
+                warn(&format!("{at}error: {error}{hint}"));
+            }
             Self::Folder(error) => warn(&format!("error: {error}")),
             Self::Usage { message, hint } => warn(&format!("error: {message}; {hint}")),
         }
@@ -82,7 +96,7 @@ impl Failure {
 /// What to do about a mesh that cannot be used, where its message does not say so itself.
 fn hint(error: &LoadError) -> Option<String> {
     match error {
-        LoadError::Read(_) => Some("OBJ, PLY, STL and legacy VTK polydata can be read".to_owned()),
+        LoadError::Read(error) => reading_hint(error).map(str::to_owned),
         LoadError::NoTriangles { file, .. } => Some(match file.strip_prefix("shape ") {
             Some(shape) => format!("this version cannot make the shape `{shape}`"),
             None => "name a file with a surface".to_owned(),
@@ -94,5 +108,30 @@ fn hint(error: &LoadError) -> Option<String> {
         | LoadError::NoSuchVertex { .. }
         | LoadError::NothingAttached { .. }
         | LoadError::TooManyAttached { .. } => None,
+    }
+}
+
+/// What to do about a file that cannot be read as a mesh.
+fn reading_hint(error: &ReadError) -> Option<&'static str> {
+    let ReadError::Content { problem, .. } = error else {
+        return Some("check the path and whether you may read it");
+    };
+    match problem {
+        Problem::Empty
+        | Problem::TooFewNumbers { .. }
+        | Problem::CountExceedsFile { .. }
+        | Problem::Truncated { .. }
+        | Problem::SizeMismatch { .. } => Some("the file is cut off or damaged: copy or export it again"),
+        Problem::Expected { .. } => Some("the file is cut off, damaged or of another dialect: export it again"),
+        Problem::NotFinite { .. }
+        | Problem::ZeroIndex
+        | Problem::IndexOutOfRange { .. }
+        | Problem::TooFewCorners { .. }
+        | Problem::NulByte => Some("correct it there, or export the file again"),
+        Problem::NoVertices | Problem::NoFaces { .. } => Some("export the surface with its triangles"),
+        Problem::TooLarge { .. } => Some("simplify the mesh first"),
+        Problem::UnknownFormat | Problem::Unsupported { .. } => Some("convert it to one of these"),
+        // These say themselves what to do.
+        Problem::Utf16 | Problem::DecimalComma => None,
     }
 }

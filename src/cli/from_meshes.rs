@@ -25,7 +25,7 @@ pub(super) struct Meshes {
     /// Bone meshes; bones rest, and hold a muscle where it is within 3 mm
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
     bones: Vec<PathBuf>,
-    /// Fibres of the muscles, one file for each muscle in their order
+    /// Lines along the fibres of the muscles: one file of legacy VTK LINES, or of OBJ `l`, for each muscle in turn
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
     fibre_lines: Vec<PathBuf>,
     /// Length unit of all these files, such as mm
@@ -85,7 +85,8 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
     for path in paths {
         let shown = path.display();
         let absolute = path.canonicalize().map_err(|e| {
-            Failure::usage(format!("no file `{shown}`: {e}"), "check the path")
+            let why = if e.kind() == std::io::ErrorKind::NotFound { String::new() } else { format!(": {e}") };
+            Failure::usage(format!("no file `{shown}`{why}"), "check the path; it is relative to the working folder")
         })?;
         let (Some(text), Some(stem)) = (absolute.to_str(), path.file_stem().and_then(|s| s.to_str())) else {
             return Err(Failure::usage(format!("the name of `{shown}` is not UTF-8"), "rename it"));

@@ -27,9 +27,12 @@ const FIRST_SCENE: &str = "hip";
 Examples:
   pliant run hip
   pliant run hip --frames 50 --set effects.contact=off --out without-contact
-  pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --unit mm
+  pliant run examples/right-hip.toml --strict --json > summary.json
+  pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
 
-Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json.")]
+Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
+--animate, scene.toml with --muscles. Exit code 1: a muscle was stopped by a number that is not finite, files could not
+be written, or with --strict a frame is not converged.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
@@ -48,7 +51,7 @@ pub(super) struct Arguments {
     /// Fail (exit code 1) if any frame of any muscle is not converged
     #[arg(long)]
     strict: bool,
-    /// Also write an animation of every fourth frame
+    /// Also write NAME.gif, an animation of every fourth frame
     #[arg(long, value_name = "FORMAT")]
     animate: Option<Animation>,
     /// Write the summary as JSON to standard output, and nothing else
@@ -78,7 +81,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let name = arguments.scene.as_deref().unwrap_or(FIRST_SCENE);
         (builtin::load(name, &changes)?, None)
     };
-    let mut simulation = Simulation::new(scene)?;
+    // Meshes without a scene have no file to name.
+    let source = arguments.scene.as_deref().unwrap_or_default();
+    let mut simulation = Simulation::new(scene).map_err(|e| Failure::load(e, source))?;
     let default = || PathBuf::from("pliant-out").join(file_name(&simulation.scene.name));
     let folder = Folder::open(&arguments.out.clone().unwrap_or_else(default))?;
     if let Some(toml) = written {

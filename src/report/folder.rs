@@ -62,8 +62,9 @@ impl Folder {
     /// # Errors
     /// Something that is no folder, or what the operating system refuses.
     pub fn open(root: &Path) -> Result<Self, FolderError> {
-        if root.exists() && !root.is_dir() {
-            return Err(FolderError::NotAFolder(root.to_owned()));
+        // Nor can a folder lie below something that is none.
+        if let Some(taken) = root.ancestors().find(|p| p.exists()).filter(|p| !p.is_dir()) {
+            return Err(FolderError::NotAFolder(taken.to_owned()));
         }
         fs::create_dir_all(root).map_err(refused(root))?;
         let list_path = root.join(LIST);
@@ -190,7 +191,9 @@ mod tests {
         }
         let root = scratch("file");
         fs::write(&root, "a file").unwrap();
-        assert!(matches!(Folder::open(&root), Err(FolderError::NotAFolder(_))));
+        for path in [root.clone(), root.join("below/it")] {
+            assert!(matches!(Folder::open(&path), Err(FolderError::NotAFolder(taken)) if taken == root));
+        }
         fs::remove_file(&root).unwrap();
         fs::create_dir_all(&root).unwrap();
         fs::write(root.join(LIST), "something else").unwrap();

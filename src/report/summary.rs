@@ -177,7 +177,7 @@ impl Summary {
             effects: Effects { run: simulation.plan.run.clone(), left_out: simulation.plan.left_out.clone() },
             solver: solver(&scene.solver),
             verdicts,
-            notes: simulation.notes.clone(),
+            notes: simulation.notes.iter().cloned().chain(simulation.bodies.iter().filter_map(cut)).collect(),
         }
     }
 
@@ -191,6 +191,13 @@ impl Summary {
         // A structure of texts, numbers and lists with text keys always has a JSON form.
         serde_json::to_string_pretty(self).unwrap_or_default()
     }
+}
+
+/// Tells of velocities that were cut, which keeps numbers finite but is no motion of the scene.
+fn cut(body: &Body) -> Option<String> {
+    let (cuts, limit) = (body.system.speed_cuts, body.system.settings.speed_limit);
+    let too_much = "forces, displacements or motions are too large";
+    (cuts > 0).then(|| format!("{}: velocities were cut to {limit:.0} m/s {cuts} times: {too_much}", body.name))
 }
 
 /// The solver and its settings in one line.

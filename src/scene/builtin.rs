@@ -47,9 +47,9 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
     let here = Path::new(".");
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(here);
     let ends_in_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-    if path.is_file() || ends_in_toml {
+    if path.is_file() || ends_in_toml || (path.is_dir() && builtin(name_or_path).is_none()) {
         let text = read(path).map_err(|reason| {
-            let problem = Problem::MissingFile { path: shown_path(path), reason };
+            let problem = Problem::MissingFile { path: shown_path(path), reason, hint: NO_SCENE };
             SceneError::of_name(problem, name_or_path)
         })?;
         return parse_with(&text, name_or_path, &Surroundings { folder, variable: &paths::environment, overrides });
@@ -61,6 +61,9 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
     let surroundings = Surroundings { folder: here, variable: &paths::environment, overrides };
     parse_with(text, &format!("{name_or_path}.toml"), &surroundings)
 }
+
+/// What to do where there is no scene file.
+const NO_SCENE: &str = "name a scene file, or one of the scenes that `pliant scenes` lists";
 
 /// The text of a file, or why there is none (`None` when it is not there).
 fn read(path: &Path) -> Result<String, Option<String>> {

@@ -94,6 +94,8 @@ pub enum Problem {
         path: String,
         /// Why it cannot be read.
         reason: Option<String>,
+        /// What to do, which depends on where the path begins.
+        hint: &'static str,
     },
     /// E061: a relative path that leaves the scene's folder.
     #[error("`{path}` lies outside the scene's folder")]
@@ -223,7 +225,7 @@ impl Problem {
             Self::Syntax { .. } => "write the scene as TOML, see https://toml.io".to_owned(),
             Self::Quantity(error) => error.help(),
             Self::KeysOutOfOrder { .. } => "sort the keys by frame, each frame once".to_owned(),
-            Self::MissingFile { .. } => "check the path; it is relative to the scene's folder".to_owned(),
+            Self::MissingFile { hint, .. } => (*hint).to_owned(),
             Self::OutsideFolder { .. } => {
                 "write an absolute path, or one that begins with a variable such as $PLIANT_DATA".to_owned()
             }

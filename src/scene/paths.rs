@@ -33,13 +33,15 @@ pub(super) fn resolve(
     folder: &Path,
     variable: &dyn Fn(&str) -> Option<OsString>,
 ) -> Result<PathBuf, Problem> {
-    let path = match text.strip_prefix('$') {
-        Some(rest) => with_variable(rest, variable)?,
-        None if Path::new(text).is_absolute() => PathBuf::from(text),
-        None => inside(text, folder)?,
+    let (path, hint) = match text.strip_prefix('$') {
+        Some(rest) => (with_variable(rest, variable)?, "check the path and the value of the variable"),
+        None if Path::new(text).is_absolute() => (PathBuf::from(text), "check the path"),
+        None => (inside(text, folder)?, "check the path; it is relative to the scene's folder"),
     };
-    let missing =
-        |reason: Option<&str>| Problem::MissingFile { path: shown_path(&path), reason: reason.map(str::to_owned) };
+    let missing = |reason: Option<&str>| {
+        let reason = reason.map(str::to_owned);
+        Problem::MissingFile { path: shown_path(&path), reason, hint }
+    };
     match std::fs::metadata(&path) {
         Ok(found) if found.is_dir() => Err(missing(Some("it is a folder"))),
         Ok(_) => Ok(path),

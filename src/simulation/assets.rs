@@ -94,7 +94,7 @@ pub enum LoadError {
         wanted: usize,
     },
     /// An attachment found no vertex.
-    #[error("{what}: no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away: raise the distance")]
+    #[error("{what}: no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away: check that muscle, bone and patch belong together and each `unit` is right, or raise `near` or `within`")]
     NothingAttached {
         /// Which attachment.
         what: String,

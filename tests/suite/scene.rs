@@ -269,7 +269,7 @@ fn a_name_is_a_file_or_a_built_in() {
     );
     assert_eq!(
         terse("hip.toml"),
-        "SCENE: error[E060]: no file `hip.toml`; check the path; it is relative to the scene's folder"
+        "SCENE: error[E060]: no file `hip.toml`; name a scene file, or one of the scenes that `pliant scenes` lists"
     );
     let file = folder().join("calf.toml");
     std::fs::write(&file, SMALL).expect("the folder of tests can be written");
