@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
+use pliant::io::vtk;
 use pliant::mesh::shapes;
 use serde_json::Value;
 
@@ -84,7 +85,14 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
     let scene = scratch.join("scene.toml");
     fs::write(&scene, "frames = 3\nfarme_rate = \"60 Hz\"\n").unwrap();
     let (garbage, scene) = (shown(&garbage), shown(&scene));
-    let cases: [(&[&str], &[&str]); 9] = [
+    let below = scratch.join("scene.toml/below");
+    let here = shown(&scratch.0);
+    let cases: [(&[&str], &[&str]); 14] = [
+        (&["run", here], &["is a folder", "E060", "pliant scenes"]),
+        (&["run", "distance", "--out", shown(&below)], &["scene.toml` is not a folder", "--out"]),
+        (&["run", "distance", "--threads", "0"], &["--threads", "1..=1024"]),
+        (&["run", "distance", "--set", "damping.rate=nan 1/s"], &["`nan 1/s` is not a finite number"]),
+        (&["run", "--muscles", "nowhere.obj", "--unit", "mm"], &["no file `nowhere.obj`; check the path"]),
         (&["run", "distanse"], &["there is no scene `distanse`, did you mean `distance`?", "E063"]),
         (&["run", "nowhere.toml"], &["no file `nowhere.toml`"]),
         (&["run", scene], &["scene.toml:2:1: error[E052]", "did you mean `frame_rate`?"]),
@@ -263,6 +271,159 @@ fn ctrl_c_ends_the_run_with_readable_files() {
     assert_eq!(referenced(&out, "distance.pvd").len(), 2 * (frames + 1));
     assert_eq!(names_in(&out.join("frames")).len(), frames + 2);
     assert!(!names_in(&out).iter().any(|n| n.ends_with(".part")));
+}
+
+#[test]
+fn a_mesh_that_cannot_be_used_says_what_to_do() {
+    let scratch = Scratch::new("meshes");
+    let [ball, plate] = ball_and_box(&scratch);
+    let whole = scratch.join("whole.vtk");
+    let mesh = shapes::make("icosphere").unwrap().mesh;
+    vtk::write(&whole, &mesh, &[], vtk::Encoding::Binary).unwrap();
+    let bytes = fs::read(&whole).unwrap();
+    let cut = scratch.join("cut.vtk");
+    fs::write(&cut, &bytes[..bytes.len() / 2]).unwrap();
+    let far = scratch.join("far.toml");
+    let source = |path: &str| format!("mesh = '{path}'\nunit = 'cm'\n");
+    let text = format!(
+        "frames = 1\nframe_rate = '60 Hz'\n[[bone]]\nname = 'plate'\n{}[[muscle]]\nname = 'ball'\n{}\
+         [[muscle.attachment]]\nbone = 'plate'\nnear = '1 um'\n",
+        source(&plate),
+        source(&ball)
+    );
+    fs::write(&far, &text).unwrap();
+    let out = scratch.join("out");
+    let cases: [(&[&str], &[&str]); 3] = [
+        (&["--muscles", shown(&cut), "--unit", "mm"], &["cut.vtk: offset 0x", "copy or export it again"]),
+        (&["--muscles", &ball, "--fibre-lines", shown(&whole), "--unit", "mm"], &["fibres of", "holds no lines"]),
+        (
+            &[shown(&far)],
+            &["far.toml: error: attachment of muscle `ball` to `plate`", "the nearest is", "raise `near`"],
+        ),
+    ];
+    for (arguments, wanted) in cases {
+        let done = pliant().arg("run").args(arguments).args(["--out", shown(&out)]).output().unwrap();
+        let message = text_of_refusal(&done);
+        for part in wanted {
+            assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+        }
+    }
+    assert!(!out.exists(), "nothing is written for input that is refused");
+}
+
+/// What a command said that refused its input.
+fn text_of_refusal(done: &Output) -> String {
+    let message = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(2), "{message}");
+    assert!(done.stdout.is_empty() && message.lines().count() == 1, "{message}");
+    message
+}
+
+#[test]
+fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
+    let scratch = Scratch::new("stopped");
+    let out = scratch.join("out");
+    let run_with = |force: &str| {
+        // 1e308 N at 1 g is an infinite velocity in the first step.
+        let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
+        let set = ["--set", &force, "--set", "muscle.0.material.vertex_mass=1 g"];
+        pliant().args(["run", "distance", "--frames", "3", "--out", shown(&out)]).args(set).output().unwrap()
+    };
+    let done = run_with("1e308 N");
+    assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
+    let words = text(&done.stdout);
+    assert!(words.contains("FAIL") && words.contains("stopped at frame 1: motion at vertex 3"), "{words}");
+    let summary = json(&out.join("summary.json"));
+    let stopped = &summary["muscles"][0]["stopped"];
+    assert_eq!((&stopped["frame"], &stopped["effect"], &stopped["particle"]), (&1.into(), &"motion".into(), &3.into()));
+    assert_eq!((&summary["converged"], &summary["frames"]), (&false.into(), &1.into()));
+    assert_eq!(referenced(&out, "distance.pvd").len(), 2 * 2);
+    // Control: a force that is only large does not stop it.
+    let done = run_with("1e6 N");
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stdout));
+    assert!(json(&out.join("summary.json"))["muscles"][0]["stopped"].is_null());
+}
+
+#[test]
+fn velocities_that_were_cut_are_told_of() {
+    let scratch = Scratch::new("cut");
+    let fly = |force: &str| {
+        let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
+        // With no edges nothing brings the vertex back.
+        let set = ["--set", &force, "--set", "effects.stretch=off"];
+        text(&run_into(&scratch.join("out"), &[&["distance", "--frames", "2"][..], &set].concat()).stdout)
+    };
+    let words = fly("1e6 N");
+    assert!(words.contains("note: muscle: velocities were cut to") && words.contains("too large"), "{words}");
+    assert!(!fly("10 N").contains("velocities were cut"));
+}
+
+/// The points of a frame that `pliant` wrote: the first block of its appended data.
+fn points_of(path: &Path) -> Vec<[f64; 3]> {
+    let bytes = fs::read(path).unwrap();
+    let head = b"<AppendedData encoding=\"raw\">";
+    let at = bytes.windows(head.len()).position(|w| w == head).expect("appended data") + head.len();
+    let at = at + bytes[at..].iter().position(|b| *b == b'_').expect("the mark before the data") + 1;
+    let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap();
+    let count = u64::from_le_bytes(eight(at)) as usize / 24;
+    (0..count).map(|i| [0, 1, 2].map(|k| f64::from_le_bytes(eight(at + 8 + 24 * i + 8 * k)))).collect()
+}
+
+#[test]
+fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
+    let scratch = Scratch::new("fibres");
+    let [ball, plate] = ball_and_box(&scratch);
+    let lines = scratch.join("fibres.vtk");
+    let text_of_lines = "# vtk DataFile Version 4.2\ntwo fibres\nASCII\nDATASET POLYDATA\nPOINTS 6 double\n\
+        -0.5 0.1 0.2\n0 0.1 0.3\n0.5 0.1 0.2\n-0.5 -0.2 0\n0 -0.2 0\n0.5 -0.2 0\nLINES 2 8\n3 0 1 2\n3 3 4 5\n";
+    fs::write(&lines, text_of_lines).unwrap();
+    let out = scratch.join("out");
+    let gravity = "effects.gravity.acceleration=['0 m/s2', '-9.81 m/s2', '0 m/s2']";
+    let named = ["--muscles", &ball, "--bones", &plate, "--fibre-lines", shown(&lines), "--unit", "cm"];
+    run_into(&out, &[&named[..], &["--frames", "8", "--set", gravity, "--animate", "gif"]].concat());
+    let frames: Vec<Vec<[f64; 3]>> =
+        (0..=8).map(|f| points_of(&out.join(format!("frames/ball_fibres_{f:04}.vtp")))).collect();
+    assert!(frames.iter().all(|points| points.len() == 6));
+    let apart = |a: &[[f64; 3]], b: &[[f64; 3]]| {
+        a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())).fold(0.0, f64::max)
+    };
+    // They begin as read, in metres, but for what binding to the nearest triangle of a coarse ball moves (its edges
+    // are 2 mm long or more), and then move with the muscle from frame to frame.
+    let read = [[-5e-3, 1e-3, 2e-3], [0.0, 1e-3, 3e-3], [5e-3, 1e-3, 2e-3]];
+    assert!(apart(&frames[0][..3], &read) <= 2e-3, "{:?}", frames[0]);
+    assert!(frames.windows(2).all(|f| apart(&f[0], &f[1]) > 0.0), "a frame whose fibres did not move");
+    assert!(apart(&frames[0], &frames[8]) > 1e-4, "{:?} {:?}", frames[0], frames[8]);
+    assert!(referenced(&out, "ball.pvd").contains(&"frames/ball_fibres_0008.vtp".to_owned()));
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("pale lines: fibres"));
+    check_animation(&out.join("ball.gif"), 3);
+}
+
+/// A GIF that a decoder reads to its end, with so many pictures, not all alike.
+fn check_animation(path: &Path, pictures: usize) {
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut decoder = options.read_info(fs::File::open(path).unwrap()).unwrap();
+    let (width, height) = (decoder.width(), decoder.height());
+    let mut seen = Vec::new();
+    while let Some(frame) = decoder.read_next_frame().unwrap() {
+        assert!(frame.left + frame.width <= width && frame.top + frame.height <= height);
+        seen.push(frame.buffer.to_vec());
+    }
+    assert_eq!(seen.len(), pictures);
+    assert!(seen.windows(2).any(|f| f[0] != f[1]), "nothing moves");
+}
+
+#[test]
+fn json_is_one_object_with_nothing_beside_it() {
+    let scratch = Scratch::new("json");
+    let [ball, plate] = ball_and_box(&scratch);
+    let out = scratch.join("out");
+    let named = ["--muscles", &ball, "--bones", &plate, "--unit", "cm", "--frames", "2", "--json"];
+    let done = run_into(&out, &named);
+    let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but one object");
+    assert!(printed.is_object() && !printed["muscles"].as_array().unwrap().is_empty());
+    check_keys(&printed);
+    assert!(serde_json::from_slice::<Value>(&run(&["scenes"]).stdout).is_err(), "control: words are not JSON");
 }
 
 /// A ball of 1 cm over a box, 2 mm apart, as files without a unit.
