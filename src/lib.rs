@@ -12,32 +12,22 @@
 // `!(error <= bound)` is meant: it also catches NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-// In the order in which they may import each other, not by letter.
-#[rustfmt::skip]
+// In the order in which they may import each other, not by letter: `reorder_modules` is off.
 pub mod mesh;
-#[rustfmt::skip]
 pub mod io;
-#[rustfmt::skip]
 pub mod particles;
-#[rustfmt::skip]
+#[rustfmt::skip] // not formatted yet
 pub mod constraints;
-#[rustfmt::skip]
+#[rustfmt::skip] // not formatted yet
 pub mod contact;
-#[rustfmt::skip]
+#[rustfmt::skip] // not formatted yet
 pub mod solvers;
-#[rustfmt::skip]
 pub mod fibres;
-#[rustfmt::skip]
 pub mod muscles;
-#[rustfmt::skip]
 pub mod scene;
-#[rustfmt::skip]
 pub mod simulation;
-#[rustfmt::skip]
 pub mod render;
-#[rustfmt::skip]
 pub mod report;
-#[rustfmt::skip]
 pub mod cli;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

@@ -52,11 +52,10 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
         let hint = "add the unit of their coordinates, for example --unit mm";
         return Err(Failure::usage("mesh files do not say their length unit", hint));
     };
-    units::scale(unit, Dimension::Length)
-        .map_err(|_| {
-            let known = Dimension::Length.known();
-            Failure::usage(format!("`{unit}` is no unit of length"), format!("known units: {known}"))
-        })?;
+    units::scale(unit, Dimension::Length).map_err(|_| {
+        let known = Dimension::Length.known();
+        Failure::usage(format!("`{unit}` is no unit of length"), format!("known units: {known}"))
+    })?;
     if meshes.fibre_lines.len() > meshes.muscles.len() {
         let (fibres, muscles) = (meshes.fibre_lines.len(), meshes.muscles.len());
         let message = format!("{fibres} files of fibre lines for {muscles} muscles");

@@ -25,14 +25,19 @@ const INTERRUPTED: u8 = 130;
 
 /// Verified deformation of soft tissue: muscles that slide around moving bones, with the accuracy shown.
 #[derive(Debug, Parser)]
-#[command(name = "pliant", version, disable_help_subcommand = true, after_help = "\
+#[command(
+    name = "pliant",
+    version,
+    disable_help_subcommand = true,
+    after_help = "\
 Without a command: `pliant run hip`. Each command has an example in its --help.
 
 Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
 Example:
   pliant run hip
-  pliant run examples/right-hip.toml --out results --set 'effects.contact.thickness=1 mm'")]
+  pliant run examples/right-hip.toml --out results --set 'effects.contact.thickness=1 mm'"
+)]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,

@@ -7,7 +7,9 @@ use rayon::prelude::*;
 use super::frames::{Cast, Snapshot};
 use super::results::Shots;
 use crate::mesh::measures::Aabb;
-use crate::render::{Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, Surface, TextStyle, View, colour, render};
+use crate::render::{
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, Surface, TextStyle, View, colour, render,
+};
 
 /// Size of a picture [px].
 const SIZE: (u32, u32) = (720, 640);
@@ -79,13 +81,22 @@ impl<'a> Painter<'a> {
         let surfaces = self.cast.muscles.iter().zip(&shot.muscles).zip(&values).map(|((actor, (x, _)), values)| {
             Surface::field(x, &actor.rest.triangles, values, self.range, ColourMap::Viridis)
         });
-        let around = self.cast.bones.iter().zip(&bones).map(|((_, mesh), x)| {
-            Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45)
-        });
-        let lines: Vec<Vec<Vec<Point3<f64>>>> = self.cast.muscles.iter().zip(&shot.muscles).map(|(actor, (x, _))| {
-            let bare = actor.lines.iter().map(|line| line.iter().map(|&v| x[v as usize]).collect());
-            actor.fibres.at(x).into_iter().chain(bare).collect()
-        }).collect();
+        let around = self
+            .cast
+            .bones
+            .iter()
+            .zip(&bones)
+            .map(|((_, mesh), x)| Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45));
+        let lines: Vec<Vec<Vec<Point3<f64>>>> = self
+            .cast
+            .muscles
+            .iter()
+            .zip(&shot.muscles)
+            .map(|(actor, (x, _))| {
+                let bare = actor.lines.iter().map(|line| line.iter().map(|&v| x[v as usize]).collect());
+                actor.fibres.at(x).into_iter().chain(bare).collect()
+            })
+            .collect();
         let mut drawing = Drawing::of(surfaces.chain(around));
         for (m, (actor, lines)) in self.cast.muscles.iter().zip(&lines).enumerate() {
             let ink = if actor.lines.is_empty() { LINE } else { colour::MUSCLE };
@@ -115,7 +126,8 @@ fn view(cast: &Cast, first: &Snapshot, bounds: &Aabb) -> View {
         (!points.is_empty()).then(|| sum / points.len() as f64)
     };
     let muscles: Vec<Point3<f64>> = first.muscles.iter().flat_map(|(x, _)| x.iter().copied()).collect();
-    let bones = cast.bones.iter().zip(&first.bones).flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
+    let bones =
+        cast.bones.iter().zip(&first.bones).flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
     let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
     let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
     // Where the bones are all around, as two plates are, any side will do.

@@ -76,7 +76,16 @@ impl Results {
         let cast = Arc::new(Cast::of(simulation));
         let writer = Some(FrameWriter::start(folder.clone(), cast.clone()));
         let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
-        Ok(Self { folder, cast, writer, record: Record::default(), shots, begun, prepared: begun.elapsed(), name: simulation.scene.name.clone() })
+        Ok(Self {
+            folder,
+            cast,
+            writer,
+            record: Record::default(),
+            shots,
+            begun,
+            prepared: begun.elapsed(),
+            name: simulation.scene.name.clone(),
+        })
     }
 
     /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.

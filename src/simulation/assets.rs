@@ -94,7 +94,9 @@ pub enum LoadError {
         wanted: usize,
     },
     /// An attachment found no vertex.
-    #[error("{what}: no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away: check that muscle, bone and patch belong together and each `unit` is right, or raise `near` or `within`")]
+    #[error(
+        "{what}: no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away: check that muscle, bone and patch belong together and each `unit` is right, or raise `near` or `within`"
+    )]
     NothingAttached {
         /// Which attachment.
         what: String,
@@ -190,8 +192,8 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         return Err(LoadError::NoTriangles { what, file: name_of(&muscle.surface) });
     }
     if let Some(length) = muscle.edge_length {
-        let refined = refine::refine(&mesh, length)
-            .map_err(|e| LoadError::Refine { what: what.clone(), why: e.to_string() })?;
+        let refined =
+            refine::refine(&mesh, length).map_err(|e| LoadError::Refine { what: what.clone(), why: e.to_string() })?;
         notes.push(format!(
             "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
             mesh.vertices.len(),

@@ -52,19 +52,10 @@ pub struct Measures {
 
 impl Measures {
     /// Measures a body among bones at their poses.
-    pub(super) fn of(
-        body: &Body,
-        frame: usize,
-        scene: &Scene,
-        bones: &[(&audit::Bone<'_>, Isometry3<f64>)],
-    ) -> Self {
+    pub(super) fn of(body: &Body, frame: usize, scene: &Scene, bones: &[(&audit::Bone<'_>, Isometry3<f64>)]) -> Self {
         let x = &body.system.particles.position;
         let (edge_stretch_rms, edge_stretch_max) = stretch(body);
-        let volume = if body.rest_volume > 0.0 {
-            crate::mesh::measures::volume(x, &body.rest.triangles)
-        } else {
-            0.0
-        };
+        let volume = if body.rest_volume > 0.0 { crate::mesh::measures::volume(x, &body.rest.triangles) } else { 0.0 };
         let volume_error = if body.target_volume > 0.0 { volume / body.target_volume - 1.0 } else { 0.0 };
         let closed = body.rest_volume > 0.0 && Topology::new(&body.rest).is_closed();
         let findings = if closed {

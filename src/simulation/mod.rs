@@ -2,6 +2,7 @@
 
 pub mod assets;
 pub mod audit;
+#[rustfmt::skip] // not formatted yet
 pub mod body;
 pub mod measures;
 pub mod plan;
@@ -159,8 +160,7 @@ impl Simulation {
     pub fn measure(&self) -> Vec<Measures> {
         let bones: Vec<audit::Bone<'_>> =
             self.bones.iter().zip(&self.surfaces).map(|(mesh, surface)| audit::Bone::new(mesh, surface)).collect();
-        let posed: Vec<_> =
-            bones.iter().enumerate().map(|(b, bone)| (bone, self.pose(b, self.frame as f64))).collect();
+        let posed: Vec<_> = bones.iter().enumerate().map(|(b, bone)| (bone, self.pose(b, self.frame as f64))).collect();
         self.bodies.iter().map(|body| Measures::of(body, self.frame, &self.scene, &posed)).collect()
     }
 }
