@@ -16,11 +16,8 @@
 pub mod mesh;
 pub mod io;
 pub mod particles;
-#[rustfmt::skip] // not formatted yet
 pub mod constraints;
-#[rustfmt::skip] // not formatted yet
 pub mod contact;
-#[rustfmt::skip] // not formatted yet
 pub mod solvers;
 pub mod fibres;
 pub mod muscles;

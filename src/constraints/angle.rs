@@ -64,7 +64,9 @@ mod tests {
             let (x, y) = (draw.between(-1.0, 1.0), draw.between(-1.0, 1.0));
             let scale = libm::exp2(draw.between(-60.0, 60.0));
             // All quadrants, then close to an axis, then close to a diagonal and to the octant's border.
-            for (y, x) in [(y, x), (y * scale, x), (x + y / scale.max(1.0 / scale), x), (x * TAN_PI_8 * (1.0 + y * 1e-15), x)] {
+            for (y, x) in
+                [(y, x), (y * scale, x), (x + y / scale.max(1.0 / scale), x), (x * TAN_PI_8 * (1.0 + y * 1e-15), x)]
+            {
                 worst = worst.max(units_off(y, x));
             }
         }

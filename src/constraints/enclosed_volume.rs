@@ -109,9 +109,7 @@ impl EnclosedVolume {
             let at = x[i];
             // Of p_j x p_k only the part relative to p_i changes with the triangle; on a closed surface the rest
             // cancels, so differences to p_i are exact where coordinates are large.
-            ring.iter().fold(Vector3::zeros(), |sum, &[j, k]| {
-                sum + (x[j as usize] - at).cross(&(x[k as usize] - at))
-            })
+            ring.iter().fold(Vector3::zeros(), |sum, &[j, k]| sum + (x[j as usize] - at).cross(&(x[k as usize] - at)))
         };
         gradient.iter_mut().enumerate().for_each(|(i, g)| *g = gather(i) / 6.0);
         crate::mesh::sum::tree_sum_by(x.len(), |i| (x[i] - origin).dot(&gradient[i])) / 3.0

@@ -23,7 +23,8 @@ impl<'a> Inside<'a> {
     pub fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let cells = ((triangles.len() as f64).sqrt() as usize).max(1);
         let bounds = Aabb::of_points(vertices);
-        let mut this = Self { vertices, triangles, bounds, cells, start: vec![0; cells * cells + 1], listed: Vec::new() };
+        let mut this =
+            Self { vertices, triangles, bounds, cells, start: vec![0; cells * cells + 1], listed: Vec::new() };
         let ranges: Vec<_> = (0..triangles.len()).map(|t| this.cells_of(t)).collect();
         let visit = |deed: &mut dyn FnMut(usize, usize)| {
             for (t, &[y0, y1, z0, z1]) in ranges.iter().enumerate() {

@@ -88,14 +88,10 @@ impl Contacts {
     ) -> Self {
         let free: Vec<u32> =
             (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0).collect();
-        let vertices = obstacles
-            .iter()
-            .map(|&o| VertexContacts::new(&placed[o], &free, &particles.position, thickness))
-            .collect();
-        let triangles = obstacles
-            .iter()
-            .map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX))
-            .collect();
+        let vertices =
+            obstacles.iter().map(|&o| VertexContacts::new(&placed[o], &free, &particles.position, thickness)).collect();
+        let triangles =
+            obstacles.iter().map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX)).collect();
         let mut surface = Surface::new(mesh);
         surface.refit(&particles.position);
         Self {

@@ -6,11 +6,11 @@ use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::PointQuery;
 
-use crate::constraints::bending::dihedral;
 use super::inside::crossing;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use super::winding::WindingTree;
 use super::{Closest, Obstacle};
+use crate::constraints::bending::dihedral;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;

@@ -3,11 +3,11 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::surface::{OnTriangle, Surface};
 use super::response::Travel;
+use super::surface::{OnTriangle, Surface};
 use super::{Obstacle, Placed};
-use crate::mesh::measures::greatest;
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
+use crate::mesh::measures::greatest;
 use crate::particles::Particles;
 
 /// A bone vertex further from the muscle than this many thicknesses is asleep.
@@ -52,7 +52,17 @@ impl TriangleContacts {
         let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
-        Self { wake, last, nearest, watched: Vec::new(), active: Vec::new(), thickness, looked: Vec::new(), refitted: 0.0, lookups: 0 }
+        Self {
+            wake,
+            last,
+            nearest,
+            watched: Vec::new(),
+            active: Vec::new(),
+            thickness,
+            looked: Vec::new(),
+            refitted: 0.0,
+            lookups: 0,
+        }
     }
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted.
@@ -78,7 +88,12 @@ impl TriangleContacts {
                 let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
                 let distance = sign * on.closest.distance.abs();
                 if distance > near {
-                    return (on.triangle, distance, travel.at_least + (distance - near / 2.0).max(distance / 2.0), None);
+                    return (
+                        on.triangle,
+                        distance,
+                        travel.at_least + (distance - near / 2.0).max(distance / 2.0),
+                        None,
+                    );
                 }
                 let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
                 let mut triangles = Vec::new();

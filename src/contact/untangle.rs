@@ -68,9 +68,9 @@ fn bone_inside(mesh: &TriangleMesh, placed: &[Placed], obstacles: &[usize]) -> b
     let bounds = mesh.bounding_box();
     obstacles.iter().any(|&o| {
         let points = placed[o].obstacle.guards().iter().map(|p| placed[o].now * p);
-        points.filter(|p| bounds.contains(p)).any(|p| {
-            surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0)
-        })
+        points
+            .filter(|p| bounds.contains(p))
+            .any(|p| surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0))
     })
 }
 
@@ -91,15 +91,19 @@ impl Shape {
         let hinges: Vec<Bending> = topology
             .hinges
             .iter()
-            .map(|&points| {
-                Bending::new(points, bending::dihedral(&points.map(|p| mesh.vertices[p as usize])))
-            })
+            .map(|&points| Bending::new(points, bending::dihedral(&points.map(|p| mesh.vertices[p as usize]))))
             .collect();
         // Soft against contact: a full projection of angles would throw slivers about.
         let soft = median(lengths.clone()).unwrap_or(0.0).powi(2);
         Self {
             stretch: Batch::new(edges.clone(), vec![1.0; edges.len()], Order::Coloured, count, &[]),
-            bending: Batch::new(hinges.clone(), vec![8.0 / soft.max(f64::MIN_POSITIVE); hinges.len()], Order::Coloured, count, &[]),
+            bending: Batch::new(
+                hinges.clone(),
+                vec![8.0 / soft.max(f64::MIN_POSITIVE); hinges.len()],
+                Order::Coloured,
+                count,
+                &[],
+            ),
             volume: EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0),
         }
     }

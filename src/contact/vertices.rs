@@ -80,8 +80,15 @@ impl VertexContacts {
                 Known::new(placed.obstacle.closest(&at), at, 0.0, thickness)
             })
             .collect();
-        Self { vertices: vertices.to_vec(), known,
-            looked: Vec::new(), rows: Vec::new(), thickness, lookups: vertices.len() as u64, stopped: 0 }
+        Self {
+            vertices: vertices.to_vec(),
+            known,
+            looked: Vec::new(),
+            rows: Vec::new(),
+            thickness,
+            lookups: vertices.len() as u64,
+            stopped: 0,
+        }
     }
 
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes

@@ -45,7 +45,8 @@ impl WindingTree {
             let [a, b, c] = mesh.corners(t as usize);
             (a.coords + b.coords + c.coords) / 3.0
         };
-        let mut nodes = vec![Node { bounds: Aabb::of_points([]), cap: Vec::new(), range: (0, order.len() as u32), children: 0 }];
+        let mut nodes =
+            vec![Node { bounds: Aabb::of_points([]), cap: Vec::new(), range: (0, order.len() as u32), children: 0 }];
         let mut next = 0;
         while next < nodes.len() {
             let (begin, end) = nodes[next].range;
@@ -122,9 +123,9 @@ pub fn winding_number_direct(mesh: &TriangleMesh, p: &Point3<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector3;
     use crate::mesh::shapes::icosphere;
     use crate::testing::Draw;
+    use nalgebra::Vector3;
 
     #[test]
     fn the_tree_sums_what_the_plain_sum_does() {

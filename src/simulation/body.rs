@@ -185,7 +185,8 @@ fn stretch(
     match scene.solver {
         Solver::Xpbd(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
-            let (edges, k): (Vec<_>, Vec<_>) = edges.iter().copied().zip(k.iter().copied()).filter(|(_, k)| *k > 0.0).unzip();
+            let (edges, k): (Vec<_>, Vec<_>) =
+                edges.iter().copied().zip(k.iter().copied()).filter(|(_, k)| *k > 0.0).unzip();
             Box::new(Batch::<Distance, 2>::new(edges, stiffness::compliance(&k), order, count, loaded))
         }
         Solver::Pbd(s) => {

@@ -2,7 +2,6 @@
 
 pub mod assets;
 pub mod audit;
-#[rustfmt::skip] // not formatted yet
 pub mod body;
 pub mod measures;
 pub mod plan;
