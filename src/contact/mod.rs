@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-pub use response::{Contacts, Counts};
+pub use response::{Barred, Contacts, Counts};
 pub use surface::Surface;
 
 use crate::mesh::measures::Aabb;

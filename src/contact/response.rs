@@ -1,6 +1,6 @@
 //! One muscle against all of its obstacles: lookups, pushes, friction, pinched vertices.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::surface::Surface;
 use super::triangles::{TriangleContacts, plane_row};
@@ -146,7 +146,12 @@ impl Contacts {
     /// Greatest motion of a vertex relative to an obstacle since the begin of the step [m].
     fn motion(&self, placed: &Placed, x: &[Point3<f64>]) -> f64 {
         let carry = placed.now * placed.before.inverse();
-        greatest_distance(x, self.start.iter().map(|s| carry * s))
+        // A matrix turns a point with half the operations of a quaternion, and most bones are still.
+        let (turn, shift) = (carry.rotation.to_rotation_matrix(), carry.translation.vector);
+        if carry == Isometry3::identity() {
+            return greatest_distance(x, self.start.iter().copied());
+        }
+        greatest_distance(x, self.start.iter().map(|s| turn * s + shift))
     }
 
     /// Watches for triangles that came near a bone vertex since they were last looked up.
@@ -219,21 +224,13 @@ impl Contacts {
         }
     }
 
-    /// Takes out of a field of displacements, of which vertices will go `sign` times a positive multiple, what would
-    /// push them into a bone.
-    pub fn restrict(&self, x: &[Point3<f64>], field: &mut [Vector3<f64>], sign: f64) {
-        // The second pass undoes what one bone's row changed for another's; what then is left over stays put.
-        for pass in 0..3 {
-            for contacts in &self.vertices {
-                let touching = contacts.rows.iter().filter(|r| r.height(x) < 1.5 * self.thickness);
-                touching.for_each(|r| bar(&mut field[r.vertex as usize], sign, &r.normal, pass == 2));
-            }
-            for contacts in &self.triangles {
-                for (points, normal) in &contacts.active {
-                    points.iter().for_each(|&v| bar(&mut field[v as usize], -sign, normal, pass == 2));
-                }
-            }
-        }
+    /// The directions that contact bars to vertices at `x`.
+    pub fn barred(&self, x: &[Point3<f64>]) -> Barred {
+        let rows = self.vertices.iter().flat_map(|c| &c.rows);
+        let touching = rows.filter(|r| r.height(x) < 1.5 * self.thickness).map(|r| (r.vertex, r.normal));
+        let active = self.triangles.iter().flat_map(|c| &c.active);
+        let corners = active.flat_map(|(points, normal)| points.map(|v| (v, -normal)));
+        Barred(touching.chain(corners).collect())
     }
 
     /// After the step: velocities do not keep what pushing added, and friction slows the sliding of pushed vertices.
@@ -281,10 +278,13 @@ impl Contacts {
     }
 
     /// Whether no vertex is deeper than `depth` [m] under the bones as known now, and no bone point in the muscle.
-    pub fn is_clear(&self, placed: &[Placed], x: &[Point3<f64>], depth: f64) -> bool {
-        let mut points = self.triangles.iter().zip(&self.obstacles);
-        self.vertices.iter().all(|c| c.is_clear(x, depth))
-            && points.all(|(c, &o)| c.is_clear(&placed[o], &self.surface, x))
+    pub fn is_clear(&mut self, placed: &[Placed], x: &[Point3<f64>], depth: f64) -> bool {
+        if !self.vertices.iter().all(|c| c.is_clear(x, depth)) {
+            return false;
+        }
+        self.surface.refit(x);
+        let mut points = self.triangles.iter_mut().zip(&self.obstacles).zip(&self.travel);
+        points.all(|((c, &o), travel)| c.is_clear(&placed[o], &self.surface, *travel))
     }
 
     /// Root mean square of what rows lack to the thickness [m].
@@ -320,6 +320,20 @@ impl Contacts {
             + self.triangles.iter().map(TriangleContacts::bytes).sum::<usize>()
             + Obstacle::bytes(&self.surface)
             + (self.start.capacity() + self.unpushed.capacity()) * 24
+    }
+}
+
+/// Vertices, each with the normal of a plane that it may not cross.
+pub struct Barred(Vec<(u32, Vector3<f64>)>);
+
+impl Barred {
+    /// Takes out of a field of displacements, of which vertices will go `sign` times a positive multiple, what would
+    /// push them into a bone.
+    pub fn restrict(&self, field: &mut [Vector3<f64>], sign: f64) {
+        // The second pass undoes what one bone's row changed for another's; what then is left over stays put.
+        for pass in 0..3 {
+            self.0.iter().for_each(|(v, normal)| bar(&mut field[*v as usize], sign, normal, pass == 2));
+        }
     }
 }
 

@@ -19,6 +19,9 @@ const DOUBT: f64 = 0.4;
 /// Travel for which a watched vertex is not looked up again, in thicknesses: more makes its list of triangles longer.
 const MARGIN: f64 = 6.0;
 
+/// Travel by which a vertex is looked up early when another must be, in thicknesses: saves refits.
+const EARLY: f64 = 0.5;
+
 /// A bone vertex and the muscle's triangles that it may meet before it is looked up again.
 #[derive(Clone, Debug)]
 struct Watched {
@@ -76,7 +79,9 @@ impl TriangleContacts {
         self.refitted = travel.at_least;
         self.looked.clear();
         let points = placed.obstacle.guards();
-        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= travel.at_most).collect();
+        // What would wake soon is looked up now: the refit is paid for.
+        let soon = travel.at_most + EARLY * self.thickness;
+        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
         let found: Vec<(u32, f64, f64, Option<Watched>)> = due
             .par_iter()
             .with_min_len(32)
@@ -192,14 +197,17 @@ impl TriangleContacts {
         if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 { 1.0 } else { -1.0 }
     }
 
-    /// Whether no watched point is inside the muscle with positions `x`, by exact winding numbers.
-    pub fn is_clear(&self, placed: &Placed, surface: &Surface, x: &[Point3<f64>]) -> bool {
+    /// Whether no watched point is inside the muscle, by exact winding numbers on a surface that was refitted after a
+    /// travel of `travel` [m].
+    pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
+        self.refitted = travel;
+        self.looked.clear();
         let points = placed.obstacle.guards();
         self.watched.iter().all(|w| {
             let p = placed.now * points[w.point as usize];
             let (before, _) = self.last[w.point as usize];
             let doubtful = before < 2.0 * self.thickness;
-            !doubtful || surface.winds_about(&p, x, f64::MAX) == 0
+            !doubtful || surface.winds_about(&p, surface.positions(), 0.0) == 0
         })
     }
 

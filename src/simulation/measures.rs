@@ -7,7 +7,6 @@ use super::audit::{self, Findings};
 use super::body::Body;
 use crate::constraints::Residual;
 use crate::contact::Counts;
-use crate::mesh::topology::Topology;
 use crate::scene::{Scene, Solver};
 
 /// A frame holds its volume where it is off by no more than this (tolerance T6).
@@ -57,7 +56,8 @@ impl Measures {
         let (edge_stretch_rms, edge_stretch_max) = stretch(body);
         let volume = if body.rest_volume > 0.0 { crate::mesh::measures::volume(x, &body.rest.triangles) } else { 0.0 };
         let volume_error = if body.target_volume > 0.0 { volume / body.target_volume - 1.0 } else { 0.0 };
-        let closed = body.rest_volume > 0.0 && Topology::new(&body.rest).is_closed();
+        // Only a closed surface has a volume at rest.
+        let closed = body.rest_volume > 0.0;
         let findings = if closed {
             audit::examine(x, &body.rest.triangles, &|v| body.is_free(v), bones)
         } else {

@@ -84,6 +84,7 @@ pub struct System {
     /// Velocities that were cut so far.
     pub speed_cuts: u64,
     start: Vec<Point3<f64>>,
+    start_velocity: Vec<Vector3<f64>>,
     last_dt: f64,
 }
 
@@ -92,6 +93,7 @@ impl System {
     pub fn new(particles: Particles, settings: Settings) -> Self {
         Self {
             start: particles.position.clone(),
+            start_velocity: particles.velocity.clone(),
             particles,
             elastic: Vec::new(),
             volume: None,
@@ -119,17 +121,17 @@ impl System {
         }
         self.last_dt = dt;
         self.start.clone_from(&self.particles.position);
-        let velocity = self.particles.velocity.clone();
+        self.start_velocity.clone_from(&self.particles.velocity);
         self.advance(placed, dt, false)?;
         if self.particles.first_non_finite().is_none() {
             return Ok(());
         }
         // Again from the begin, looking after each effect, to name the culprit.
         self.particles.position.clone_from(&self.start);
-        self.particles.velocity.clone_from(&velocity);
+        self.particles.velocity.clone_from(&self.start_velocity);
         let found = self.advance(placed, dt, true);
         self.particles.position.clone_from(&self.start);
-        self.particles.velocity = velocity;
+        self.particles.velocity.clone_from(&self.start_velocity);
         found.and(Err(Broken { effect: "step", particle: 0 }))
     }
 
@@ -171,11 +173,10 @@ impl System {
     /// The volume comes last and spares what touches a bone, so that a step ends with both satisfied.
     fn project_volume(&mut self, dt: f64) {
         let Some(volume) = &mut self.volume else { return };
-        let contacts = &self.contacts;
-        let positions = self.particles.position.clone();
+        let barred = self.contacts.as_ref().map(|contacts| contacts.barred(&self.particles.position));
         let restrict = |field: &mut [Vector3<f64>], sign: f64| {
-            if let Some(contacts) = contacts {
-                contacts.restrict(&positions, field, sign);
+            if let Some(barred) = &barred {
+                barred.restrict(field, sign);
             }
         };
         // Without a solution the volume is left as it is; the measures show it, and `unsolved` counts it.
