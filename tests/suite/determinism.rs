@@ -11,15 +11,15 @@ use pliant::testing::Draw;
 use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 
 /// Colours of so many constraints, times their points squared, run in parallel; as in `constraints/batch.rs`.
-const PARALLEL: usize = 32_768;
+const PARALLEL: usize = 262_144;
 
 fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(deed)
 }
 
-/// 40,962 vertices, shaken so that every constraint has something to do.
+/// 163,842 vertices, shaken so that every constraint has something to do.
 fn shaken() -> (pliant::mesh::TriangleMesh, Vec<Point3<f64>>) {
-    let mesh = icosphere(1.0, 6);
+    let mesh = icosphere(1.0, 7);
     let mut draw = Draw::new(42);
     let moved = mesh.vertices.iter().map(|p| p + draw.direction() * 0.003).collect();
     (mesh, moved)
