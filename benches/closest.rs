@@ -26,6 +26,10 @@ impl Obstacle for Unguarded {
         self.0.closest_from(point, known)
     }
 
+    fn clearance(&self, point: &Point3<f64>, known: &Point3<f64>) -> (f64, Point3<f64>) {
+        self.0.clearance(point, known)
+    }
+
     fn bounding_box(&self) -> Aabb {
         self.0.bounding_box()
     }

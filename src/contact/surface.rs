@@ -47,6 +47,9 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
     ParryAabb::new(glam(&t[0].inf(&t[1]).inf(&t[2])), glam(&t[0].sup(&t[1]).sup(&t[2])))
 }
 
+/// A bound on a distance may be this many times too small.
+const SLACK: f64 = 1.2;
+
 /// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
 const RIDGE: f64 = 0.35;
 const SPACING: f64 = 0.5;
@@ -135,6 +138,22 @@ impl Surface {
         (point_at(&t, &on_triangle(point, &t).0) - point).norm()
     }
 
+    /// A lower bound on the distance of a point [m] of which some distance to the surface is known, and the triangle
+    /// that is nearer than that, if one was met.
+    pub fn lower_bound(&self, point: &Point3<f64>, known: f64) -> (f64, Option<u32>) {
+        let p = glam(point);
+        // What is pruned is at least the best over SLACK away; so much of the search is never begun.
+        let better = self.bvh.find_best(
+            known,
+            |node, _| node.aabb().distance_to_local_point(p, true) * SLACK,
+            |triangle, _| Some(self.distance_to(point, triangle)),
+        );
+        match better {
+            Some((triangle, distance)) if distance < known => (distance / SLACK, Some(triangle)),
+            _ => (known / SLACK, None),
+        }
+    }
+
     /// Appends all triangles at most `reach` [m] from `point`, by falling index of the hierarchy's own order.
     pub fn within(&self, point: &Point3<f64>, reach: f64, found: &mut Vec<u32>) {
         let p = glam(point);
@@ -219,6 +238,17 @@ impl Obstacle for Surface {
 
     fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
         self.nearest_below(point, (point - known).norm()).map(|on| on.closest)
+    }
+
+    fn clearance(&self, point: &Point3<f64>, known: &Point3<f64>) -> (f64, Point3<f64>) {
+        let bound = (point - known).norm();
+        match self.lower_bound(point, bound) {
+            (lower, Some(triangle)) => {
+                let t = self.corners(triangle, &self.vertices);
+                (lower, point_at(&t, &on_triangle(point, &t).0))
+            }
+            (lower, None) => (lower, *known),
+        }
     }
 
     fn bounding_box(&self) -> Aabb {

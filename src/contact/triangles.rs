@@ -29,6 +29,16 @@ struct Watched {
     triangles: Vec<u32>,
 }
 
+/// What a lookup found.
+struct Found {
+    triangle: u32,
+    /// Signed distance, or less where it is far [m].
+    distance: f64,
+    /// Travel for which this holds [m].
+    bound: f64,
+    watched: Option<Watched>,
+}
+
 /// What is known about each vertex of an obstacle with respect to the muscle.
 #[derive(Clone, Debug)]
 pub(super) struct TriangleContacts {
@@ -75,49 +85,54 @@ impl TriangleContacts {
 
     /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
     pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
-        let near = NEAR * self.thickness;
         self.refitted = travel.at_least;
         self.looked.clear();
         let points = placed.obstacle.guards();
         // What would wake soon is looked up now: the refit is paid for.
         let soon = travel.at_most + EARLY * self.thickness;
         let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
-        let found: Vec<(u32, f64, f64, Option<Watched>)> = due
-            .par_iter()
-            .with_min_len(32)
-            .map(|&k| {
-                let p = placed.now * points[k as usize];
-                let before = self.nearest[k as usize];
-                let bound = if before == u32::MAX { f64::MAX } else { surface.distance_to(&p, before) };
-                let Some(on) = surface.nearest_below(&p, bound) else { return (before, f64::MAX, f64::INFINITY, None) };
-                let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
-                let distance = sign * on.closest.distance.abs();
-                if distance > near {
-                    return (
-                        on.triangle,
-                        distance,
-                        travel.at_least + (distance - near / 2.0).max(distance / 2.0),
-                        None,
-                    );
-                }
-                let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
-                let mut triangles = Vec::new();
-                surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-                (on.triangle, distance, travel.at_least + margin, Some(Watched { point: k, triangles }))
-            })
-            .collect();
+        let found: Vec<Found> =
+            due.par_iter().with_min_len(32).map(|&k| self.look_up(k, placed, surface, travel)).collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
         due.iter().for_each(|&k| fresh[k as usize] = true);
         self.watched.retain(|w| !fresh[w.point as usize]);
-        for (&k, (nearest, distance, wake, watched)) in due.iter().zip(found) {
-            self.nearest[k as usize] = nearest;
-            self.last[k as usize] = (distance, travel.at_least);
-            self.wake[k as usize] = wake;
-            self.looked.push((k, wake - travel.at_least));
-            self.watched.extend(watched);
+        for (&k, found) in due.iter().zip(found) {
+            self.nearest[k as usize] = found.triangle;
+            self.last[k as usize] = (found.distance, travel.at_least);
+            self.wake[k as usize] = travel.at_least + found.bound;
+            self.looked.push((k, found.bound));
+            self.watched.extend(found.watched);
         }
         self.watched.sort_unstable_by_key(|w| w.point);
+    }
+
+    fn look_up(&self, k: u32, placed: &Placed, surface: &Surface, travel: Travel) -> Found {
+        let near = NEAR * self.thickness;
+        let p = placed.now * placed.obstacle.guards()[k as usize];
+        let triangle = self.nearest[k as usize];
+        let asleep = |triangle, distance: f64| {
+            let bound = (distance - near / 2.0).max(distance / 2.0);
+            Found { triangle, distance, bound, watched: None }
+        };
+        let known = if triangle == u32::MAX { f64::MAX } else { surface.distance_to(&p, triangle) };
+        if known < f64::MAX && self.last[k as usize].0 > near {
+            // A far one needs no distance, only to know for how long it stays far.
+            let (lower, nearer) = surface.lower_bound(&p, known);
+            if lower > near {
+                return asleep(nearer.unwrap_or(triangle), lower);
+            }
+        }
+        let Some(on) = surface.nearest_below(&p, known) else { return asleep(triangle, f64::MAX) };
+        let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
+        let distance = sign * on.closest.distance.abs();
+        if distance > near {
+            return asleep(on.triangle, distance);
+        }
+        let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
+        let mut triangles = Vec::new();
+        surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
+        Found { triangle: on.triangle, distance, bound: margin, watched: Some(Watched { point: k, triangles }) }
     }
 
     /// At the end of a step, after a travel of `travel` [m], of which the surface made `since` after its last refit.

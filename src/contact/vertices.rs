@@ -119,6 +119,14 @@ impl VertexContacts {
                 let at = inverse * positions[v];
                 // Inside the free ball nothing can have been crossed.
                 if before.closest.distance <= 0.0 || (at - before.from).norm() < before.closest.distance {
+                    // A far one needs no distance, only to know for how long it stays far.
+                    if before.closest.distance > near {
+                        let (distance, point) = obstacle.clearance(&at, &before.closest.point);
+                        if distance > near {
+                            let closest = Closest { distance, point, ..before.closest };
+                            return (Known::new(Some(closest), at, travel.at_least, thickness), None, false);
+                        }
+                    }
                     let found = obstacle.closest_from(&at, &before.closest.point);
                     return (Known::new(found, at, travel.at_least, thickness), None, false);
                 }
