@@ -4,7 +4,8 @@ use nalgebra::{Point3, Vector3};
 use parry3d_f64::bounding_volume::Aabb as ParryAabb;
 use parry3d_f64::math::Vector as Glam;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
-use parry3d_f64::query::PointQuery;
+use parry3d_f64::query::{PointQuery, Ray, RayCast};
+use parry3d_f64::shape::Triangle;
 
 use super::inside::crossing;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
@@ -136,6 +137,17 @@ impl Surface {
     pub fn distance_to(&self, point: &Point3<f64>, triangle: u32) -> f64 {
         let t = self.corners(triangle, &self.vertices);
         (point_at(&t, &on_triangle(point, &t).0) - point).norm()
+    }
+
+    /// The first place of the surface that a ray from `from` along `direction` meets: triangle and barycentric weights.
+    pub fn first_hit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(u32, [f64; 3])> {
+        let ray = Ray::new(glam(from), Glam::new(direction.x, direction.y, direction.z));
+        let (triangle, time) = self.bvh.cast_ray(&ray, f64::MAX, |triangle, best| {
+            let [a, b, c] = self.corners(triangle, &self.vertices).map(|v| glam(&v));
+            Triangle::new(a, b, c).cast_local_ray(&ray, best, false)
+        })?;
+        let hit = from + direction * time;
+        Some((triangle, on_triangle(&hit, &self.corners(triangle, &self.vertices)).0))
     }
 
     /// A lower bound on the distance of a point [m] of which some distance to the surface is known, and the triangle

@@ -2,14 +2,29 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::contact::Surface;
+use crate::contact::surface::{OnTriangle, Surface};
 
-/// A point bound to a triangle: barycentric weights, and a height over it along its normal [m].
+/// A place on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Bound {
+struct Place {
     corners: [u32; 3],
     weights: [f64; 3],
-    height: f64,
+}
+
+impl Place {
+    fn at(&self, x: &[Point3<f64>]) -> Point3<f64> {
+        let t = self.corners.map(|v| x[v as usize]);
+        t[0] + (t[1] - t[0]) * self.weights[1] + (t[2] - t[0]) * self.weights[2]
+    }
+}
+
+/// A point bound to the closest triangle of the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Bound {
+    /// On the surface or outside: a height over the triangle along its normal [m].
+    Over(Place, f64),
+    /// Inside: a share of the way to what lies opposite, so that deep fibres do not jump between two faces that bend.
+    Between(Place, Place, f64),
 }
 
 /// Polylines that follow a surface.
@@ -24,16 +39,30 @@ fn unit_normal(t: &[Point3<f64>; 3]) -> Vector3<f64> {
     (t[1] - t[0]).cross(&(t[2] - t[0])).try_normalize(0.0).unwrap_or_else(Vector3::zeros)
 }
 
+fn bind(surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> Bound {
+    let corners = surface.triangles()[on.triangle as usize];
+    let t = corners.map(|v| surface.positions()[v as usize]);
+    let near = Place { corners, weights: on.weights };
+    let inwards = p - on.closest.point;
+    let depth = inwards.norm();
+    // Nearer to the surface than this the direction is rounding; the size of the triangle is the length scale.
+    let deep = on.closest.distance < 0.0 && depth > 1e-6 * (t[1] - t[0]).norm();
+    if deep && let Some((triangle, weights)) = surface.first_hit(p, &(inwards / depth)) {
+        let far = Place { corners: surface.triangles()[triangle as usize], weights };
+        let way = (far.at(surface.positions()) - on.closest.point).norm();
+        return Bound::Between(near, far, depth / way);
+    }
+    Bound::Over(near, inwards.dot(&unit_normal(&t)))
+}
+
 impl BoundLines {
-    /// Binds each point of each line to the closest triangle of the surface.
+    /// Binds each point of each line to the closest triangle of the surface, and, inside, to the triangle opposite.
     pub fn new(surface: &Surface, lines: &[Vec<Point3<f64>>]) -> Self {
         let mut farthest = 0.0_f64;
         let mut bind = |p: &Point3<f64>| {
             let on = surface.nearest(p, f64::MAX)?;
-            let corners = surface.triangles()[on.triangle as usize];
-            let normal = unit_normal(&corners.map(|v| surface.positions()[v as usize]));
             farthest = farthest.max(on.closest.distance.abs());
-            Some(Bound { corners, weights: on.weights, height: (p - on.closest.point).dot(&normal) })
+            Some(bind(surface, p, &on))
         };
         let lines = lines.iter().map(|line| line.iter().filter_map(&mut bind).collect()).collect();
         Self { lines, farthest }
@@ -41,9 +70,12 @@ impl BoundLines {
 
     /// Where the lines are when the surface's vertices are at `x` [m].
     pub fn at(&self, x: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
-        let place = |b: &Bound| {
-            let t = b.corners.map(|v| x[v as usize]);
-            t[0] + (t[1] - t[0]) * b.weights[1] + (t[2] - t[0]) * b.weights[2] + unit_normal(&t) * b.height
+        let place = |b: &Bound| match b {
+            Bound::Over(place, height) => place.at(x) + unit_normal(&place.corners.map(|v| x[v as usize])) * *height,
+            Bound::Between(near, far, share) => {
+                let from = near.at(x);
+                from + (far.at(x) - from) * *share
+            }
         };
         self.lines.iter().map(|line| line.iter().map(place).collect()).collect()
     }
@@ -71,12 +103,27 @@ mod tests {
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let here = &bound.at(&mesh.vertices)[0];
         let sideways = crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
-        // Deep points over an edge of two triangles are taken along the normal of one of them.
-        assert!(sideways <= 0.02, "{sideways}");
+        // Inside, a point lies on the line between its two places; a few roundings of a size of 0.1.
+        assert!(sideways <= 64.0 * f64::EPSILON * 0.1, "{sideways}");
         let turn = nalgebra::Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -1.0, 0.5));
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| turn * v).collect();
         for (a, b) in here.iter().zip(&bound.at(&moved)[0]) {
             assert!((turn * a - b).norm() <= 1e-14 * 10.0);
         }
+    }
+
+    #[test]
+    fn deep_lines_follow_any_affine_motion() {
+        let mesh = icosphere(0.1, 3);
+        let line: Vec<Point3<f64>> = (0..20).map(|k| Point3::new(0.008 * f64::from(k) - 0.076, 0.01, 0.02)).collect();
+        let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
+        let map = nalgebra::Matrix3::new(2.0, 0.5, 0.0, 0.0, 0.3, 0.1, -0.4, 0.0, 1.0);
+        let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| map * v).collect();
+        let errors = |other: f64| {
+            let there = bound.at(&moved);
+            crate::mesh::measures::greatest(line.iter().zip(&there[0]).map(|(a, b)| (map * a * other - b).norm()))
+        };
+        assert!(errors(1.0) <= 64.0 * f64::EPSILON * 0.2, "{}", errors(1.0));
+        assert!(errors(1.01) > 1e-4, "control: another motion is not followed");
     }
 }
