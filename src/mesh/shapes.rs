@@ -60,7 +60,6 @@ mod tests {
     use crate::mesh::Topology;
 
     #[test]
-    #[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
     fn every_name_makes_a_sound_shape() {
         check(NAMES);
     }

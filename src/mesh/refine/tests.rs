@@ -45,7 +45,6 @@ fn assert_same_kind(before: &TriangleMesh, after: &TriangleMesh) {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
 fn real_muscles() {
     let names = ["Gluteus_maximus_muscle.r", "Gluteus_medius_muscle.r", "Iliacus_muscle.r"];
     let Some(data) = data() else {

@@ -40,7 +40,6 @@ mod tests {
     use crate::mesh::Topology;
 
     #[test]
-    #[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
     fn muscle_is_even_and_of_the_stated_size() {
         let m = muscle();
         assert!(m.vertices.len() >= 1500, "{}", m.vertices.len());

@@ -62,7 +62,6 @@ fn bones_stay_apart_while_the_femur_flexes() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
 fn muscle_is_even_and_clear_of_bone() {
     let start = Instant::now();
     let muscle = gluteus().mesh;
@@ -99,7 +98,6 @@ fn muscle_is_even_and_clear_of_bone() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
 fn muscle_is_held_at_both_ends_and_slides_between() {
     let muscle = gluteus().mesh;
     let [socket, femur] = [socket(), femur()].map(|bone| distances(&muscle.vertices, &tree(&bone)));
@@ -143,7 +141,6 @@ fn muscle_is_held_at_both_ends_and_slides_between() {
 }
 
 #[test]
-#[cfg_attr(debug_assertions, ignore = "minutes without optimisation")]
 fn fibres_run_inside_from_end_to_end() {
     let shape = gluteus();
     let strap = Strap::new();
