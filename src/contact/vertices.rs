@@ -95,49 +95,25 @@ impl VertexContacts {
     /// the rows of this step. `start` has the positions at the begin of the step, `travel` bounds the relative motion of
     /// every vertex so far [m].
     pub fn update(&mut self, placed: &Placed, start: &[Point3<f64>], x: &mut [Point3<f64>], travel: Travel) {
-        let (inverse, inverse_before) = (placed.now.inverse(), placed.before.inverse());
+        let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
-        let (known, vertices, thickness) = (&self.known, &self.vertices, self.thickness);
-        let obstacle = &*placed.obstacle;
-        let positions: &[Point3<f64>] = x;
-        let due: Vec<u32> = (0..known.len() as u32)
+        let due: Vec<u32> = (0..self.known.len() as u32)
             .filter(|&k| {
-                let Known { from, closest, wake, .. } = &known[k as usize];
+                let Known { from, closest, wake, .. } = &self.known[k as usize];
                 if closest.distance > near {
                     return *wake <= travel.at_most;
                 }
-                let at = inverse * positions[vertices[k as usize] as usize];
+                let at = inverse * x[self.vertices[k as usize] as usize];
                 !(2.0 * (at - from).norm() <= closest.distance)
             })
             .collect();
-        let found: Vec<(Known, Option<Point3<f64>>, bool)> = due
-            .par_iter()
-            .with_min_len(32)
-            .map(|&k| {
-                let before = &known[k as usize];
-                let v = vertices[k as usize] as usize;
-                let at = inverse * positions[v];
-                // Inside the free ball nothing can have been crossed.
-                if before.closest.distance <= 0.0 || (at - before.from).norm() < before.closest.distance {
-                    // A far one needs no distance, only to know for how long it stays far.
-                    if before.closest.distance > near {
-                        let (distance, point) = obstacle.clearance(&at, &before.closest.point);
-                        if distance > near {
-                            let closest = Closest { distance, point, ..before.closest };
-                            return (Known::new(Some(closest), at, travel.at_least, thickness), None, false);
-                        }
-                    }
-                    let found = obstacle.closest_from(&at, &before.closest.point);
-                    return (Known::new(found, at, travel.at_least, thickness), None, false);
-                }
-                let (from, closest) = base(obstacle, before, inverse_before * start[v]);
-                let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
-                // The travel was bounded before this vertex was put back.
-                let at_least = travel.at_least - (end - at).norm();
-                let found = obstacle.closest_from(&end, &last.point);
-                (Known::new(found, end, at_least, thickness), (end != at).then_some(end), !arrived)
-            })
-            .collect();
+        let (this, positions): (&Self, &[Point3<f64>]) = (self, x);
+        let again = |&k: &u32| {
+            let v = this.vertices[k as usize] as usize;
+            let [before, at] = [placed.before.inverse() * start[v], inverse * positions[v]];
+            this.look_again(&this.known[k as usize], &*placed.obstacle, [before, at], travel)
+        };
+        let found: Vec<(Known, Option<Point3<f64>>, bool)> = due.par_iter().with_min_len(32).map(again).collect();
         self.lookups += due.len() as u64;
         let mut lifted = Vec::new();
         for (&k, (known, moved, stopped)) in due.iter().zip(found) {
@@ -158,6 +134,38 @@ impl VertexContacts {
                 self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
             }
         }
+    }
+
+    /// Looks up a vertex that went from `start` to `at` in the obstacle's frame; returns what is known now, where the
+    /// vertex has to be put if not at `at`, and whether it was stopped on its way.
+    fn look_again(
+        &self,
+        before: &Known,
+        obstacle: &dyn Obstacle,
+        [start, at]: [Point3<f64>; 2],
+        travel: Travel,
+    ) -> (Known, Option<Point3<f64>>, bool) {
+        let (thickness, near) = (self.thickness, NEAR * self.thickness);
+        let old = &before.closest;
+        // Inside the free ball nothing can have been crossed.
+        if old.distance <= 0.0 || (at - before.from).norm() < old.distance {
+            // A far one needs no distance, only to know for how long it stays far.
+            if old.distance > near {
+                let (distance, point) = obstacle.clearance(&at, &old.point);
+                if distance > near {
+                    let closest = Closest { distance, point, ..*old };
+                    return (Known::new(Some(closest), at, travel.at_least, thickness), None, false);
+                }
+            }
+            let found = obstacle.closest_from(&at, &old.point);
+            return (Known::new(found, at, travel.at_least, thickness), None, false);
+        }
+        let (from, closest) = base(obstacle, before, start);
+        let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
+        // The travel was bounded before this vertex was put back.
+        let at_least = travel.at_least - (end - at).norm();
+        let found = obstacle.closest_from(&end, &last.point);
+        (Known::new(found, end, at_least, thickness), (end != at).then_some(end), !arrived)
     }
 
     /// At the end of a step, after a travel of `travel` [m]: what each vertex looked up in it has moved since is known now.

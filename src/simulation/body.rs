@@ -80,21 +80,16 @@ impl Body {
         displace(muscle, &mut particles)?;
         let length = mesh.length();
         let mut system = System::new(particles, settings(scene, length));
-        let (edges, mut edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
+        let (edges, edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
         let fibres = if asset.fibres.is_empty() || mesh.triangles.is_empty() {
             BoundLines::default()
         } else {
             BoundLines::new(&Surface::new(&mesh), &asset.fibres)
         };
         let loaded = loaded_vertices(muscle);
-        let mut factors = vec![1.0; edges.len()];
-        if let (true, Some(a)) = (plan.anisotropy, scene.effects.anisotropy) {
-            let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
-            factors = anisotropy::factors(&mesh.vertices, &points, &fibres.at(&mesh.vertices), a.strength, a.power);
-            edge_stiffness.iter_mut().zip(&factors).for_each(|(k, f)| *k *= f);
-        }
         let count = mesh.vertices.len();
         if plan.stretch {
+            let factors = factors(scene, plan, &mesh, &edges, &fibres);
             system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, count, &loaded));
         }
         if plan.bending {
@@ -136,6 +131,17 @@ impl Body {
     /// Whether vertex `v` is not held by a bone.
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0
+    }
+}
+
+/// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.
+fn factors(scene: &Scene, plan: &MusclePlan, mesh: &TriangleMesh, edges: &[Distance], fibres: &BoundLines) -> Vec<f64> {
+    match scene.effects.anisotropy.filter(|_| plan.anisotropy) {
+        Some(a) => {
+            let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
+            anisotropy::factors(&mesh.vertices, &points, &fibres.at(&mesh.vertices), a.strength, a.power)
+        }
+        None => vec![1.0; edges.len()],
     }
 }
 
@@ -185,8 +191,8 @@ fn stretch(
     match scene.solver {
         Solver::Xpbd(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
-            let (edges, k): (Vec<_>, Vec<_>) =
-                edges.iter().copied().zip(k.iter().copied()).filter(|(_, k)| *k > 0.0).unzip();
+            let weighed = edges.iter().copied().zip(k.iter().zip(factors).map(|(k, f)| k * f));
+            let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
             Box::new(Batch::<Distance, 2>::new(edges, stiffness::compliance(&k), order, count, loaded))
         }
         Solver::Pbd(s) => {
