@@ -1,6 +1,6 @@
 //! A position in the bytes of a file that knows its line, for readers of text and of binary data.
 
-use super::error::{Place, Problem, ReadError, quote};
+use super::error::{A_NUMBER, Place, Problem, ReadError, quote};
 
 /// The bytes of a file and how far they were read.
 ///
@@ -132,7 +132,34 @@ impl<'a> Cursor<'a> {
 
     /// An error at a place.
     pub(super) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
-        ReadError::Content { file: self.name.to_owned(), place, problem, found: quote(found) }
+        let column = if matches!(place, Place::Line(_)) { self.column(found) } else { None };
+        ReadError::Content { file: self.name.to_owned(), place, column, read_as: None, problem, found: quote(found) }
+    }
+
+    /// An error at an offset of text or, where `text` is false, of binary data.
+    pub(super) fn fail_at_offset(&self, offset: usize, text: bool, problem: Problem, found: &[u8]) -> ReadError {
+        if !text {
+            return self.fail_at(Place::Offset(offset), problem, found);
+        }
+        let mut ahead = Cursor::new(self.name, &self.bytes[..offset.min(self.bytes.len())]);
+        while ahead.position < ahead.bytes.len() {
+            ahead.step();
+        }
+        self.fail_at(Place::Line(ahead.line), problem, found)
+    }
+
+    /// Where a part of the file begins; `None` for bytes that are no part of it.
+    pub(super) fn offset_of(&self, part: &[u8]) -> Option<usize> {
+        let offset = (part.as_ptr() as usize).checked_sub(self.bytes.as_ptr() as usize)?;
+        (!part.is_empty() && offset + part.len() <= self.bytes.len()).then_some(offset)
+    }
+
+    /// The column at which a part of the file begins, in characters from 1.
+    fn column(&self, part: &[u8]) -> Option<u32> {
+        let before = &self.bytes[..self.offset_of(part)?];
+        let start = before.iter().rposition(|&b| b == b'\n' || b == b'\r').map_or(0, |i| i + 1);
+        // A byte that goes on with a character of UTF-8 begins none.
+        u32::try_from(before[start..].iter().filter(|&&b| b & 0xc0 != 0x80).count() + 1).ok()
     }
 }
 
@@ -148,10 +175,10 @@ pub(super) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
 
 /// Any number in a text.
 pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
-    let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: "a number" })?;
+    let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
     text.parse().map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
         Ok(_) => Problem::DecimalComma,
-        Err(_) => Problem::Expected { what: "a number" },
+        Err(_) => Problem::Expected { what: A_NUMBER },
     })
 }
 
@@ -176,6 +203,17 @@ mod tests {
         let mut cursor = Cursor::new("", b"a\rb\r\nc\n \n d");
         let lines: Vec<usize> = std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.item_line())).collect();
         assert_eq!(lines, [1, 2, 3, 5]);
+    }
+
+    #[test]
+    fn a_part_of_the_file_has_a_column() {
+        let text = "v 1\n\u{e9} x 2";
+        let cursor = Cursor::new("a", text.as_bytes());
+        let error = cursor.fail_at_offset(7, true, Problem::NulByte, &text.as_bytes()[7..8]);
+        assert!(error.terse().starts_with("a:2:3: error[E006]"), "{}", error.terse());
+        let elsewhere = cursor.fail_at_offset(7, true, Problem::NulByte, b"x");
+        assert!(elsewhere.terse().starts_with("a:2: error[E006]"), "{}", elsewhere.terse());
+        assert_eq!(cursor.offset_of(b""), None);
     }
 
     #[test]

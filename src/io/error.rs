@@ -2,11 +2,16 @@
 
 use std::fmt;
 
+use super::Format;
+
 /// The most bytes of a file that an error message quotes.
 const QUOTED_BYTES: usize = 64;
 
 /// The formats that can be read, for messages.
-pub(super) const READABLE: &str = "OBJ, PLY, STL and legacy VTK polydata can be read";
+pub(super) const READABLE: &str = "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
+
+/// What [`Problem::Expected`] says where a text holds something that is no number.
+pub(super) const A_NUMBER: &str = "a number";
 
 /// Why a mesh file was not read; its text is one line, `path:line: message (found '...')`.
 #[derive(Debug, thiserror::Error)]
@@ -26,11 +31,54 @@ pub enum ReadError {
         file: String,
         /// Where in the file.
         place: Place,
+        /// The column in a line of text, counted from 1 in characters, where the item is known to stand there.
+        column: Option<u32>,
+        /// The format that the content has, where the name of the file says another one.
+        read_as: Option<Format>,
         /// What is wrong, or what was expected.
         problem: Problem,
         /// What stands there, at most 64 bytes of the file, made printable; empty where nothing does.
         found: String,
     },
+}
+
+impl ReadError {
+    /// The code, the place with its column, what is wrong and what to do about it, on one line:
+    /// `file:line:column: error[E011]: what (found '...'); help`, or `file: offset 0xNN: error[...` in binary data.
+    pub fn terse(&self) -> String {
+        match self {
+            ReadError::Io { file, source } => {
+                format!(
+                    "{file}: error[{}]: cannot be read: {source}; check the path and whether you may read it",
+                    self.code()
+                )
+            }
+            ReadError::Content { file, place, column, read_as, problem, found } => {
+                let column = column.map_or_else(String::new, |column| format!("{column}:"));
+                let read_as = read_as.map_or_else(String::new, |format| {
+                    format!("; the content is {}, whatever the name says", format.name())
+                });
+                let (code, help) = (problem.code(), problem.help());
+                format!("{file}:{place}{column} error[{code}]: {problem}{}{read_as}; {help}", Found(found))
+            }
+        }
+    }
+
+    /// The code of the problem, as in `docs/formats.md`.
+    pub fn code(&self) -> &'static str {
+        match self {
+            ReadError::Io { .. } => "E060",
+            ReadError::Content { problem, .. } => problem.code(),
+        }
+    }
+
+    /// Notes that the name of the file says another format than the content has.
+    pub(super) fn with_format(mut self, format: Format) -> Self {
+        if let ReadError::Content { read_as, .. } = &mut self {
+            *read_as = Some(format);
+        }
+        self
+    }
 }
 
 /// A place in a file.
@@ -162,6 +210,55 @@ pub enum Problem {
     },
 }
 
+impl Problem {
+    /// The code, the same for each problem of one kind.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Problem::Empty => "E001",
+            Problem::NoVertices => "E002",
+            Problem::UnknownFormat => "E003",
+            Problem::Utf16 => "E005",
+            Problem::NulByte => "E006",
+            Problem::TooFewNumbers { .. } => "E010",
+            Problem::DecimalComma => "E011",
+            Problem::Expected { what } if *what == A_NUMBER => "E011",
+            Problem::NotFinite { .. } => "E012",
+            Problem::IndexOutOfRange { .. } => "E020",
+            Problem::ZeroIndex => "E021",
+            Problem::TooFewCorners { .. } => "E024",
+            Problem::CountExceedsFile { .. } => "E040",
+            Problem::Truncated { .. } => "E041",
+            Problem::Expected { .. } => "E042",
+            Problem::SizeMismatch { .. } => "E043",
+            Problem::TooLarge { .. } => "E044",
+            Problem::Unsupported { .. } => "E045",
+            Problem::NoFaces { .. } => "E046",
+        }
+    }
+
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match self {
+            Problem::Empty
+            | Problem::TooFewNumbers { .. }
+            | Problem::CountExceedsFile { .. }
+            | Problem::Truncated { .. }
+            | Problem::SizeMismatch { .. } => "the file is cut off or damaged: copy or export it again",
+            Problem::Expected { .. } => "the file is cut off, damaged or of another dialect: export it again",
+            Problem::DecimalComma => "export the file with the decimal point of the C locale",
+            Problem::NotFinite { .. }
+            | Problem::ZeroIndex
+            | Problem::IndexOutOfRange { .. }
+            | Problem::TooFewCorners { .. }
+            | Problem::NulByte => "correct it there, or export the file again",
+            Problem::NoVertices | Problem::NoFaces { .. } => "export the surface with its triangles",
+            Problem::TooLarge { .. } => "simplify the mesh first",
+            Problem::Utf16 => "save the text as UTF-8",
+            Problem::UnknownFormat | Problem::Unsupported { .. } => "convert it to one of the formats that can be read",
+        }
+    }
+}
+
 /// Shows what was found, or nothing.
 struct Found<'a>(&'a str);
 
@@ -194,18 +291,27 @@ mod tests {
         let error = ReadError::Content {
             file: "a.obj".into(),
             place: Place::Line(7),
+            column: Some(3),
+            read_as: None,
             problem: Problem::TooFewNumbers { got: 2, wanted: 3 },
             found: quote(b"v 1 2\x1b\n"),
         };
         assert_eq!(error.to_string(), "a.obj:7: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n')");
+        let terse = "a.obj:7:3: error[E010]: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n'); \
+            the file is cut off or damaged: copy or export it again";
+        assert_eq!(error.terse(), terse);
         let error = ReadError::Content {
             file: "a.stl".into(),
             place: Place::Offset(80),
+            column: None,
+            read_as: Some(Format::Obj),
             problem: Problem::CountExceedsFile { declared: 9, possible: 1 },
             found: String::new(),
         };
         let text = "a.stl: offset 0x50: 9 items are declared, but the file has room for at most 1";
         assert_eq!(error.to_string(), text);
+        assert!(error.terse().starts_with("a.stl: offset 0x50: error[E040]: 9 items"), "{}", error.terse());
+        assert!(error.terse().contains("; the content is OBJ, whatever the name says; the file is cut off"));
     }
 
     #[test]

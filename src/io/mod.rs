@@ -1,19 +1,25 @@
 //! Readers and writers, one file a format.
 //!
-//! [`read`] takes OBJ, PLY, STL and legacy VTK polydata and finds the format in the content. The legacy VTK writer is
-//! [`vtk::write`], frames for ParaView are written by [`vtp::write`] and collected by [`pvd::Collection`].
+//! [`read`] takes OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text, and finds the format in the content.
+//! [`obj::write`], [`ply::write`], [`stl::write`] and [`vtk::write`] write a mesh; frames for ParaView are written by
+//! [`vtp::write`] and collected by [`pvd::Collection`].
 //! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
 
 mod cursor;
+mod directx;
+mod encoded;
 mod error;
-mod obj;
+pub mod obj;
+mod off;
 mod part;
-mod ply;
+pub mod ply;
 pub mod pvd;
-mod stl;
+pub mod stl;
 mod surface;
 pub mod vtk;
 pub mod vtp;
+mod xml;
+mod xz;
 
 use std::fs::File;
 use std::io::Read;
@@ -39,13 +45,55 @@ pub struct MeshFile {
 }
 
 /// The formats that can be read.
-#[derive(Clone, Copy, PartialEq)]
-enum Format {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Format {
+    /// Wavefront OBJ.
     Obj,
+    /// The Stanford polygon format, text or binary.
     Ply,
+    /// STL as text.
     StlText,
+    /// STL in binary.
     StlBinary,
+    /// Legacy VTK, text or binary.
     Vtk,
+    /// VTK XML polydata.
+    Vtp,
+    /// The object file format of Geomview.
+    Off,
+    /// DirectX text.
+    DirectX,
+}
+
+impl Format {
+    /// What messages call it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Format::Obj => "OBJ",
+            Format::Ply => "PLY",
+            Format::StlText | Format::StlBinary => "STL",
+            Format::Vtk => "legacy VTK",
+            Format::Vtp => "VTK XML",
+            Format::Off => "OFF",
+            Format::DirectX => "DirectX text",
+        }
+    }
+
+    /// The format that the ending of a file name promises; `.stl` leaves open which of the two it is.
+    fn from_name(name: &str) -> Option<Self> {
+        let ending = Path::new(name).extension()?.to_string_lossy().to_ascii_lowercase();
+        Some(match ending.as_str() {
+            "obj" => Format::Obj,
+            "ply" => Format::Ply,
+            "stl" => Format::StlBinary,
+            "vtk" => Format::Vtk,
+            "vtp" => Format::Vtp,
+            "off" => Format::Off,
+            "x" => Format::DirectX,
+            _ => return None,
+        })
+    }
 }
 
 /// Reads a mesh file; the content decides on the format, the extension only where the content is silent.
@@ -56,21 +104,30 @@ enum Format {
 /// A file that cannot be read or is larger than [`MAX_FILE_BYTES`], a format that is unknown or not supported, and
 /// content that is no mesh: see [`Problem`].
 pub fn read(path: &Path) -> Result<MeshFile, ReadError> {
+    read_within(path, MAX_FILE_BYTES)
+}
+
+/// As [`read`], with a limit of one's own instead of [`MAX_FILE_BYTES`] to the size of the file [bytes].
+///
+/// # Errors
+/// As [`read`].
+pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
+    let limit = limit.min(MAX_FILE_BYTES);
     let name = path.display().to_string();
     let too_large = |bytes| {
-        let problem = Problem::TooLarge { bytes, limit: MAX_FILE_BYTES };
+        let problem = Problem::TooLarge { bytes, limit };
         Cursor::new(&name, b"").fail_at(Place::Whole, problem, b"")
     };
     let io = |source| ReadError::Io { file: name.clone(), source };
     let file = File::open(path).map_err(io)?;
     let length = file.metadata().map_err(io)?.len();
-    if length > MAX_FILE_BYTES {
+    if length > limit {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
     // A pipe or a file that grows says nothing useful of its length, hence the second limit.
-    file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
+    file.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
+    if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
     }
     read_bytes(&bytes, &name)
@@ -84,26 +141,30 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let format = detect(bytes, name)
         .map_err(|problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)]))?;
-    match format {
+    let result = match format {
         Format::Obj => obj::read(bytes, name),
         Format::Ply => ply::read(bytes, name),
         Format::StlText => stl::read_text(bytes, name),
         Format::StlBinary => stl::read_binary(bytes, name),
         Format::Vtk => vtk::read(bytes, name),
+        Format::Vtp => vtp::read(bytes, name),
+        Format::Off => off::read(bytes, name),
+        Format::DirectX => directx::read(bytes, name),
+    };
+    match Format::from_name(name) {
+        // Whoever looks for the mistake looks at it with the eyes of the wrong format.
+        Some(promised) if promised.name() != format.name() => result.map_err(|e| e.with_format(format)),
+        _ => result,
     }
 }
 
-/// The first words of formats that are known but not read.
-const UNSUPPORTED: [(&str, &str); 9] = [
-    ("<?xml", "XML (VTP or another)"),
-    ("<VTKFile", "VTK XML (VTP)"),
-    ("OFF", "OFF"),
-    ("COFF", "OFF with colours"),
-    ("NOFF", "OFF with normals"),
-    ("STOFF", "OFF with texture coordinates"),
+/// The beginnings of formats that are known but not read.
+const UNSUPPORTED: [(&str, &str); 5] = [
     ("glTF", "binary glTF"),
     ("$MeshFormat", "Gmsh"),
     ("PK\u{3}\u{4}", "a ZIP archive"),
+    ("\u{1f}", "a compressed file"),
+    ("{", "JSON (glTF or another)"),
 ];
 
 /// Finds the format in the content.
@@ -127,24 +188,29 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
         return Ok(Format::Ply);
     }
     if word.eq_ignore_ascii_case(b"solid") {
-        return Ok(Format::StlText);
+        // A text has no zero byte; a binary file whose size is wrong has them in its header or its first normal.
+        let binary = bytes[..bytes.len().min(256)].contains(&0);
+        return Ok(if binary { Format::StlBinary } else { Format::StlText });
     }
-    if let Some((_, what)) = UNSUPPORTED.iter().find(|(start, _)| word == start.as_bytes() || is_tag(text, start)) {
+    if text.starts_with(b"<?xml") || text.starts_with(b"<VTKFile") || text.starts_with(b"<!--") {
+        return Ok(Format::Vtp);
+    }
+    if text.starts_with(b"xof ") {
+        return Ok(Format::DirectX);
+    }
+    if off::looks_like(bytes) {
+        return Ok(Format::Off);
+    }
+    if let Some((_, what)) = UNSUPPORTED.iter().find(|(start, _)| text.starts_with(start.as_bytes())) {
         return Err(Problem::Unsupported { what });
     }
     if obj::looks_like(bytes) {
         return Ok(Format::Obj);
     }
-    match Path::new(name).extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).as_deref() {
-        Some("obj") => Ok(Format::Obj),
-        Some("stl") => Ok(Format::StlBinary),
-        _ => Err(Problem::UnknownFormat),
-    }
-}
-
-/// Whether a start that is no plain word (a tag, a signature) opens the text.
-fn is_tag(text: &[u8], start: &str) -> bool {
-    !start.ends_with("OFF") && text.starts_with(start.as_bytes())
+    // The others begin with words of their own, which are missing here.
+    Format::from_name(name)
+        .filter(|f| matches!(f, Format::Obj | Format::StlBinary | Format::Off))
+        .ok_or(Problem::UnknownFormat)
 }
 
 fn starts_with_ignoring_case(text: &[u8], start: &[u8]) -> bool {
@@ -171,6 +237,27 @@ mod tests {
     }
 
     #[test]
+    fn an_error_says_that_the_content_is_of_another_format() {
+        let terse = |name| read_bytes(b"v 0 0 0\nv 1 0 x\n", name).unwrap_err().terse();
+        let help = "the file is cut off, damaged or of another dialect: export it again";
+        assert_eq!(terse("a.obj"), format!("a.obj:2:7: error[E011]: expected a number (found 'x'); {help}"));
+        let other = "the content is OBJ, whatever the name says";
+        assert_eq!(terse("a.stl"), format!("a.stl:2:7: error[E011]: expected a number (found 'x'); {other}; {help}"));
+        let mut stl = b"solid of something ".to_vec();
+        stl.resize(200, 0);
+        assert!(error(&stl, "a").contains("offset"), "{}", error(&stl, "a"));
+    }
+
+    #[test]
+    fn a_limit_of_ones_own() {
+        let path = part::tests::scratch("limit.obj");
+        std::fs::write(&*path, OBJ).unwrap();
+        assert!(read_within(&path, OBJ.len() as u64).is_ok());
+        let text = read_within(&path, 10).unwrap_err().to_string();
+        assert!(text.contains("bytes, more than the limit of 10"), "{text}");
+    }
+
+    #[test]
     fn what_is_no_mesh_is_named() {
         assert_eq!(error(b"", "a.obj"), "a.obj: the file is empty");
         let text = "a.obj: the text is UTF-16; save it as UTF-8 (found '\u{fffd}\u{fffd}v\\u{0}')";
@@ -179,8 +266,7 @@ mod tests {
             error(b"plyy 1 2 3", "a.ply"),
             format!("a.ply: unknown format; {} (found 'plyy 1 2')", error::READABLE)
         );
-        assert!(error(b"OFF\n3 1 0", "a.off").starts_with("a.off: OFF: format not supported yet; OBJ, PLY, STL"));
-        assert!(error(b"<VTKFile type=", "a.vtp").starts_with("a.vtp: VTK XML (VTP): format not supported yet"));
+        assert!(error(b"\x1f\x8b\x08", "a.obj").starts_with("a.obj: a compressed file: format not supported yet; OBJ"));
         assert_eq!(error(b"# nothing\n", "a.obj"), "a.obj: the file has no vertices");
         assert_eq!(error(b"v 1 2 3", "a"), "a: the file has 1 vertices, but no faces and no lines");
     }

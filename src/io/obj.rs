@@ -1,15 +1,23 @@
 //! Wavefront OBJ: `v`, `f` and `l`; other statements carry no surface and are skipped.
 
+use std::io::{self, Write};
+use std::path::Path;
+
 use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, coordinate, integer};
 use super::error::{Place, Problem, ReadError};
+use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
+use crate::mesh::TriangleMesh;
 
 /// Words that begin a line of an OBJ file.
 const KEYWORDS: [&[u8]; 13] =
     [b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call"];
+
+/// What a corner may look like.
+const CORNER: &str = "a corner such as 1, 1/2, 1//3 or 1/2/3";
 
 /// Whether the first line that is no comment begins with a word of OBJ.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
@@ -49,10 +57,33 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         };
         reader
             .statement(line)
-            .map_err(|(problem, found)| reader.cursor.fail_at(Place::Line(first_line), problem, &found))?;
+            .map_err(|(problem, found)| reader.cursor.fail_at(Place::Line(first_line), problem, found))?;
     }
     reader.check_pending()?;
     reader.surface.finish(&reader.cursor)
+}
+
+/// Writes a mesh and polylines, by way of `NAME.part`; each number is the shortest text that gives the same double again.
+///
+/// # Errors
+/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
+/// operating system refuses.
+pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<()> {
+    check_mesh(mesh, lines)?;
+    write_whole(path, |w| {
+        for v in &mesh.vertices {
+            writeln!(w, "v {:?} {:?} {:?}", v.x, v.y, v.z)?;
+        }
+        for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|i| u64::from(i) + 1)) {
+            writeln!(w, "f {a} {b} {c}")?;
+        }
+        for line in lines {
+            write!(w, "l")?;
+            line.iter().try_for_each(|&i| write!(w, " {}", u64::from(i) + 1))?;
+            writeln!(w)?;
+        }
+        Ok(())
+    })
 }
 
 /// Appends the lines that a backslash at the end of a line joins to it.
@@ -77,7 +108,7 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
 }
 
 /// What is wrong with a statement, and the words to quote.
-type Complaint = (Problem, Vec<u8>);
+type Complaint<'w> = (Problem, &'w [u8]);
 
 struct Reader<'a> {
     cursor: Cursor<'a>,
@@ -87,39 +118,38 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn statement(&mut self, line: &[u8]) -> Result<(), Complaint> {
+    fn statement<'w>(&mut self, line: &'w [u8]) -> Result<(), Complaint<'w>> {
         let mut words = words(line);
         match words.next() {
             Some(b"v") => self.vertex(words, line),
             Some(b"f") => {
                 let corners = self.corners(words)?;
-                self.surface.polygon(&corners).map_err(|problem| (problem, line.to_vec()))
+                self.surface.polygon(&corners).map_err(|problem| (problem, line))
             }
             Some(b"l") => {
                 let corners = self.corners(words)?;
-                self.surface.line(&corners).map_err(|problem| (problem, line.to_vec()))
+                self.surface.line(&corners).map_err(|problem| (problem, line))
             }
             _ => Ok(()),
         }
     }
 
-    fn vertex<'w>(&mut self, mut words: impl Iterator<Item = &'w [u8]>, line: &[u8]) -> Result<(), Complaint> {
+    fn vertex<'w>(&mut self, mut words: impl Iterator<Item = &'w [u8]>, line: &'w [u8]) -> Result<(), Complaint<'w>> {
         let mut position = Point3::origin();
         for got in 0..3 {
             let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
-                return Err((Problem::TooFewNumbers { got, wanted: 3 }, line.to_vec()));
+                return Err((Problem::TooFewNumbers { got, wanted: 3 }, line));
             };
-            position[got] =
-                coordinate(word, self.surface.vertices.len()).map_err(|problem| (problem, word.to_vec()))?;
+            position[got] = coordinate(word, self.surface.vertices.len()).map_err(|problem| (problem, word))?;
         }
         self.surface.vertices.push(position);
         Ok(())
     }
 
-    fn corners<'w>(&mut self, words: impl Iterator<Item = &'w [u8]>) -> Result<Vec<u32>, Complaint> {
+    fn corners<'w>(&mut self, words: impl Iterator<Item = &'w [u8]>) -> Result<Vec<u32>, Complaint<'w>> {
         words
             .take_while(|word| !word.starts_with(b"#"))
-            .map(|word| self.corner(word).map_err(|problem| (problem, word.to_vec())))
+            .map(|word| self.corner(word).map_err(|problem| (problem, word)))
             .collect()
     }
 
@@ -127,9 +157,17 @@ impl Reader<'_> {
     fn corner(&mut self, word: &[u8]) -> Result<u32, Problem> {
         let mut parts = word.split(|&b| b == b'/');
         let index = integer(parts.next().unwrap_or_default())?;
-        let others_are_indices = parts.clone().all(|part| part.is_empty() || integer(part).is_ok());
-        if !others_are_indices || parts.count() > 2 {
-            return Err(Problem::Expected { what: "a corner such as 1, 1/2, 1//3 or 1/2/3" });
+        let (texture, normal, more) = (parts.next(), parts.next(), parts.next());
+        let is_index = |part: Option<&[u8]>| part.is_some_and(|part| integer(part).is_ok());
+        // Exporters write `1/2/` for a normal left out; `1/` and `1//` promise what stands nowhere.
+        let complete = match (texture, normal) {
+            (None, _) => true,
+            (Some(b""), normal) => is_index(normal),
+            (texture, None | Some(b"")) => is_index(texture),
+            (texture, normal) => is_index(texture) && is_index(normal),
+        };
+        if !complete || more.is_some() {
+            return Err(Problem::Expected { what: CORNER });
         }
         let count = self.surface.vertices.len();
         let out_of_range = Problem::IndexOutOfRange { index, count, from_one: true };
@@ -137,7 +175,8 @@ impl Reader<'_> {
             0 => Err(Problem::ZeroIndex),
             1.. => {
                 let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
-                if from_zero as usize >= count {
+                // Of several indices to come the largest decides, and the first that is as large stands for the others.
+                if from_zero as usize >= count && self.pending.last().is_none_or(|&(_, largest)| index > largest) {
                     self.pending.push((self.cursor.item_line(), index));
                 }
                 Ok(from_zero)
@@ -174,7 +213,7 @@ mod tests {
     #[test]
     fn faces_lines_negative_and_forward_indices() {
         let text =
-            "f 4 1 2 # forward\nv 0 0 0 1 0 0\nv 1 0 0\r\nv 0 1 0\rv 0 0 1\nf -4/1 -3//2 \\\n -2/1/1 -1\nl 1/1 2\n";
+            "f 4 1 2 # forward\nv 0 0 0 1 0 0\nv 1 0 0\r\nv 0 1 0\rv 0 0 1\nf -4/1/ -3//2 \\\n -2/1/1 -1\nl 1/1 2\n";
         let file = read(text.as_bytes(), "").unwrap();
         assert_eq!(file.mesh.triangles, [[3, 0, 1], [0, 1, 2], [0, 2, 3]]);
         assert_eq!(file.lines, [[0, 1]]);
@@ -194,6 +233,10 @@ mod tests {
         assert!(error("f -9223372036854775808 1 2").contains("out of range"));
         assert!(error("f 1/1/1/1 2 3").contains("expected a corner"));
         assert!(error("f 1/x 2 3").contains("expected a corner"));
+        for corner in ["1//", "1/", "1//2/", "1/ /", "//1", "1///"] {
+            let text = error(&format!("f {corner} 2 3"));
+            assert!(text.starts_with("a.obj:4: expected "), "{text}");
+        }
         assert!(error("l 1").contains("too few corners: 1, at least 2"));
         assert_eq!(error("v 1 2"), "a.obj:4: too few numbers: 2 of 3 (found 'v 1 2')");
         assert_eq!(error("v 1,5 2 3"), "a.obj:4: not a number; decimal comma? Write a point (found '1,5')");

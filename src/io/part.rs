@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+use crate::mesh::TriangleMesh;
+
 /// Writes to `NAME.part` and renames it to `NAME` at the end, so that an interrupted run leaves no half a file.
 ///
 /// # Errors
@@ -39,6 +41,18 @@ pub(super) fn check_indices(count: usize, triangles: &[[u32; 3]], lines: &[Vec<u
     let used = triangles.iter().flatten().chain(lines.iter().flatten());
     match used.copied().find(|&i| i as usize >= count) {
         Some(i) => Err(invalid(format!("vertex index {i} is out of range: there are {count} vertices"))),
+        None => Ok(()),
+    }
+}
+
+/// Refuses a mesh that a reader of the file would refuse.
+pub(super) fn check_mesh(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<()> {
+    check_indices(mesh.vertices.len(), &mesh.triangles, lines)?;
+    if let Some(i) = mesh.vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
+        return Err(invalid(format!("vertex {i} has a coordinate that is not finite")));
+    }
+    match lines.iter().position(|line| line.len() < 2) {
+        Some(i) => Err(invalid(format!("line {i} has fewer than two vertices"))),
         None => Ok(()),
     }
 }

@@ -1,17 +1,25 @@
 //! PLY (Stanford polygon format): text and both byte orders.
 
+use std::io::{self, Write};
+use std::path::Path;
+
 use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, finite, integer, number};
 use super::error::{Problem, ReadError};
+use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
+use crate::mesh::TriangleMesh;
 
-/// How the body is written.
-#[derive(Clone, Copy, PartialEq)]
-enum Encoding {
+/// How the numbers of a PLY file are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// As text: the shortest that gives the same double again.
     Text,
+    /// As little-endian binary numbers.
     Little,
+    /// As big-endian binary numbers.
     Big,
 }
 
@@ -113,6 +121,45 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     body.surface.finish(&body.cursor)
 }
 
+/// Writes a mesh with coordinates of type `double`, by way of `NAME.part`; the format has no polylines.
+///
+/// # Errors
+/// A coordinate that is not finite, an index out of range, and what the operating system refuses.
+pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
+    check_mesh(mesh, &[])?;
+    let word = match encoding {
+        Encoding::Text => "ascii",
+        Encoding::Little => "binary_little_endian",
+        Encoding::Big => "binary_big_endian",
+    };
+    let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+    write_whole(path, |w| {
+        write!(
+            w,
+            "ply\nformat {word} 1.0\nelement vertex {vertices}\nproperty double x\nproperty double y\n\
+             property double z\nelement face {triangles}\nproperty list uchar uint vertex_indices\nend_header\n"
+        )?;
+        for v in &mesh.vertices {
+            match encoding {
+                Encoding::Text => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
+                Encoding::Little => v.iter().try_for_each(|c| w.write_all(&c.to_le_bytes()))?,
+                Encoding::Big => v.iter().try_for_each(|c| w.write_all(&c.to_be_bytes()))?,
+            }
+        }
+        for triangle in &mesh.triangles {
+            if encoding == Encoding::Text {
+                let [a, b, c] = triangle;
+                writeln!(w, "3 {a} {b} {c}")?;
+                continue;
+            }
+            w.write_all(&[3])?;
+            let big = encoding == Encoding::Big;
+            triangle.iter().try_for_each(|i| w.write_all(&if big { i.to_be_bytes() } else { i.to_le_bytes() }))?;
+        }
+        Ok(())
+    })
+}
+
 fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
@@ -210,6 +257,7 @@ impl<'a> Body<'a> {
         let mut corners = Vec::new();
         self.records(element, |surface, record| {
             corners.clear();
+            corners.reserve_exact(record.property(property).len());
             for value in record.property(property) {
                 let Number::Whole(index) = *value else {
                     return Err(Problem::Expected { what: "whole numbers as vertex indices" });
@@ -294,6 +342,8 @@ impl<'a> Body<'a> {
                 let problem = Problem::CountExceedsFile { declared: length, possible: room };
                 return Err(self.cursor.fail(problem, &property.name));
             }
+            // Growing by doubling would hold three times as much for a moment.
+            record.values.reserve_exact(length as usize);
             for _ in 0..length {
                 let value = self.binary_number(property.kind)?;
                 record.values.push(value);

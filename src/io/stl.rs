@@ -1,13 +1,17 @@
 //! STL, text and binary.
 
 use std::collections::HashMap;
+use std::io::{self, Write};
+use std::path::Path;
 
 use nalgebra::Point3;
 
 use super::MeshFile;
 use super::cursor::{Cursor, coordinate, finite};
 use super::error::{Problem, ReadError};
+use super::part::{check_mesh, invalid, write_whole};
 use super::surface::Surface;
+use crate::mesh::TriangleMesh;
 
 const HEADER_BYTES: usize = 84;
 const FACET_BYTES: usize = 50;
@@ -21,6 +25,60 @@ fn declared(bytes: &[u8]) -> Option<u64> {
 /// Whether the size of the file is that of a binary STL of the declared number of triangles.
 pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
     declared(bytes).is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
+}
+
+/// How the numbers of an STL file are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// As text: the shortest that gives the same double again.
+    Text,
+    /// As binary numbers of 32 bits, which is all that the format knows: coordinates are rounded.
+    Binary,
+}
+
+/// Writes a mesh, by way of `NAME.part`.
+///
+/// The format keeps corners and no vertices: unused vertices are lost, vertices at one place become one when it is read
+/// again, and so do 0 and -0. Binary files hold singles, not doubles.
+///
+/// # Errors
+/// A coordinate that is not finite, in binary also as a single; an index out of range; more triangles than 32 bits count;
+/// and what the operating system refuses.
+pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
+    check_mesh(mesh, &[])?;
+    let count = u32::try_from(mesh.triangles.len()).map_err(|_| invalid("more triangles than STL can count"))?;
+    if encoding == Encoding::Binary
+        && let Some(i) = mesh.vertices.iter().position(|v| v.iter().any(|&c| !(c as f32).is_finite()))
+    {
+        return Err(invalid(format!("vertex {i} has a coordinate that is too large for binary STL")));
+    }
+    write_whole(path, |w| {
+        match encoding {
+            Encoding::Text => writeln!(w, "solid pliant")?,
+            Encoding::Binary => {
+                w.write_all(&[b' '; 80])?;
+                w.write_all(&count.to_le_bytes())?;
+            }
+        }
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|i| mesh.vertices[i as usize]);
+            let across = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+            // A triangle without area has no normal; the format asks for zeros then.
+            let normal = across.try_normalize(0.0).filter(|n| n.iter().all(|c| c.is_finite())).unwrap_or_default();
+            if encoding == Encoding::Binary {
+                let numbers = normal.iter().chain(corners.iter().flat_map(|c| c.iter()));
+                numbers.copied().try_for_each(|c| w.write_all(&(c as f32).to_le_bytes()))?;
+                w.write_all(&[0; 2])?;
+                continue;
+            }
+            writeln!(w, " facet normal {:?} {:?} {:?}\n  outer loop", normal.x, normal.y, normal.z)?;
+            for corner in corners {
+                writeln!(w, "   vertex {:?} {:?} {:?}", corner.x, corner.y, corner.z)?;
+            }
+            writeln!(w, "  endloop\n endfacet")?;
+        }
+        if encoding == Encoding::Text { writeln!(w, "endsolid pliant") } else { Ok(()) }
+    })
 }
 
 /// A surface whose corners are merged where they are equal.

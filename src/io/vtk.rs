@@ -1,16 +1,14 @@
-//! Legacy VTK polydata: reader of versions 1.0 to 5.1, text and binary, and writer of version 4.2.
+//! Legacy VTK: reader of the surfaces of versions 1.0 to 5.1, text and binary, and writer of version 4.2.
+
+mod grid;
+mod read;
 
 use std::io::{self, Write};
 use std::path::Path;
 
-use nalgebra::Point3;
-
-use super::MeshFile;
-use super::cursor::{Cursor, finite, integer, number};
-use super::error::{Problem, ReadError};
-use super::part::{check_indices, invalid, write_whole};
-use super::surface::Surface;
+use super::part::{check_mesh, invalid, write_whole};
 use crate::mesh::TriangleMesh;
+pub(super) use read::read;
 
 /// How the numbers of a legacy VTK file are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,13 +26,7 @@ pub enum Encoding {
 /// operating system refuses.
 pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> io::Result<()> {
     let TriangleMesh { vertices, triangles } = mesh;
-    check_indices(vertices.len(), triangles, lines)?;
-    if let Some(i) = vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
-        return Err(invalid(format!("vertex {i} has a coordinate that is not finite")));
-    }
-    if let Some(i) = lines.iter().position(|line| line.len() < 2) {
-        return Err(invalid(format!("line {i} has fewer than two vertices")));
-    }
+    check_mesh(mesh, lines)?;
     let word = match encoding {
         Encoding::Ascii => "ASCII",
         Encoding::Binary => "BINARY",
@@ -86,383 +78,21 @@ fn write_cells<'a>(
     if encoding == Encoding::Binary { writeln!(w) } else { Ok(()) }
 }
 
-/// The type of a number.
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Bit,
-    Signed(usize),
-    Unsigned(usize),
-    Float,
-    Double,
-    Text,
-}
-
-impl Kind {
-    fn parse(word: &[u8]) -> Option<Self> {
-        Some(match word.to_ascii_lowercase().as_slice() {
-            b"bit" => Kind::Bit,
-            b"unsigned_char" => Kind::Unsigned(1),
-            b"char" | b"signed_char" => Kind::Signed(1),
-            b"unsigned_short" => Kind::Unsigned(2),
-            b"short" => Kind::Signed(2),
-            b"unsigned_int" => Kind::Unsigned(4),
-            // VTK writes its own index type as 32 bits, whatever it is in memory.
-            b"int" | b"vtkidtype" => Kind::Signed(4),
-            b"unsigned_long" | b"vtktypeuint64" => Kind::Unsigned(8),
-            b"long" | b"vtktypeint64" => Kind::Signed(8),
-            b"float" => Kind::Float,
-            b"double" => Kind::Double,
-            b"string" => Kind::Text,
-            _ => return None,
-        })
-    }
-
-    fn bits(self) -> u64 {
-        match self {
-            Kind::Bit | Kind::Text => 1,
-            Kind::Signed(n) | Kind::Unsigned(n) => 8 * n as u64,
-            Kind::Float => 32,
-            Kind::Double => 64,
-        }
-    }
-}
-
-/// Reads legacy VTK polydata: `POINTS`, `POLYGONS`, `TRIANGLE_STRIPS` and `LINES`; attributes are skipped.
-///
-/// # Errors
-/// Another data set, a section whose size does not fit, a number that is none, an index out of range.
-pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let mut reader = Reader { cursor: Cursor::new(name, bytes), surface: Surface::default() };
-    reader.header()?;
-    while let Some(word) = reader.cursor.token() {
-        match word.to_ascii_uppercase().as_slice() {
-            b"POINTS" => reader.points()?,
-            b"POLYGONS" => reader.cells(Surface::polygon)?,
-            b"TRIANGLE_STRIPS" => reader.cells(Surface::strip)?,
-            b"LINES" => reader.cells(Surface::line)?,
-            b"VERTICES" => reader.cells(|_, _| Ok(()))?,
-            b"METADATA" => reader.skip_metadata(),
-            b"FIELD" => reader.skip_field()?,
-            b"POINT_DATA" | b"CELL_DATA" => break,
-            _ => {
-                let what = "POINTS, POLYGONS, LINES, TRIANGLE_STRIPS, VERTICES, POINT_DATA or CELL_DATA";
-                return Err(reader.cursor.fail(Problem::Expected { what }, word));
-            }
-        }
-    }
-    reader.surface.finish(&reader.cursor)
-}
-
-struct Reader<'a> {
-    cursor: Cursor<'a>,
-    surface: Surface,
-}
-
-/// Whole numbers of a section, and how to find one of them again for an error.
-struct Numbers<'a> {
-    values: Vec<i64>,
-    start: Cursor<'a>,
-    kind: Kind,
-}
-
-impl<'a> Numbers<'a> {
-    /// The cursor at a number.
-    fn locate(&self, i: usize) -> Cursor<'a> {
-        let mut cursor = self.start;
-        if cursor.binary {
-            cursor.mark_at(cursor.position() + i * self.kind.bits() as usize / 8);
-        } else {
-            cursor.skip_tokens(i + 1);
-        }
-        cursor
-    }
-
-    fn fail(&self, i: usize, problem: Problem) -> ReadError {
-        let found = self.values.get(i).map(i64::to_string).unwrap_or_default();
-        self.locate(i).fail(problem, found.as_bytes())
-    }
-}
-
-impl<'a> Reader<'a> {
-    fn header(&mut self) -> Result<(), ReadError> {
-        let first = self.cursor.next_line().unwrap_or_default();
-        let version = first.trim_ascii().rsplit(u8::is_ascii_whitespace).next().unwrap_or_default();
-        match number(version) {
-            Ok(v) if (1.0..6.0).contains(&v) => {}
-            _ => return Err(self.cursor.fail(Problem::Expected { what: "a version from 1.0 to 5.1" }, first)),
-        }
-        // The title, which may be anything.
-        self.cursor.next_line();
-        let encoding = self.word("ASCII or BINARY")?;
-        let binary = match encoding.to_ascii_uppercase().as_slice() {
-            b"ASCII" => false,
-            b"BINARY" => true,
-            _ => return Err(self.cursor.fail(Problem::Expected { what: "ASCII or BINARY" }, encoding)),
-        };
-        let word = self.word("DATASET POLYDATA")?;
-        if !word.eq_ignore_ascii_case(b"DATASET") {
-            return Err(self.cursor.fail(Problem::Expected { what: "DATASET POLYDATA" }, word));
-        }
-        let kind = self.word("POLYDATA")?;
-        if !kind.eq_ignore_ascii_case(b"POLYDATA") {
-            let what = "POLYDATA: of the data sets of legacy VTK only it can be read; extract the surface first";
-            return Err(self.cursor.fail(Problem::Expected { what }, kind));
-        }
-        self.cursor.binary = binary;
-        Ok(())
-    }
-
-    fn word(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
-        match self.cursor.token() {
-            Some(word) => Ok(word),
-            None => Err(self.cursor.fail(Problem::Expected { what }, b"")),
-        }
-    }
-
-    fn count(&mut self, what: &'static str) -> Result<u64, ReadError> {
-        let word = self.word(what)?;
-        let count = integer(word).ok().and_then(|n| u64::try_from(n).ok());
-        count.ok_or_else(|| self.cursor.fail(Problem::Expected { what }, word))
-    }
-
-    /// A type, and the end of its line where binary numbers follow.
-    fn kind(&mut self) -> Result<Kind, ReadError> {
-        let word = self.word("a type such as float, double or int")?;
-        let Some(kind) = Kind::parse(word) else {
-            return Err(self.cursor.fail(Problem::Expected { what: "a type such as float, double or int" }, word));
-        };
-        self.end_of_line()?;
-        Ok(kind)
-    }
-
-    /// Binary numbers begin right behind one line feed; their bytes may look like more of it.
-    fn end_of_line(&mut self) -> Result<(), ReadError> {
-        while self.cursor.binary {
-            match self.cursor.take(1, "the end of a line before binary numbers")? {
-                b"\n" => break,
-                b" " | b"\t" | b"\r" => {}
-                other => return Err(self.cursor.fail(Problem::Expected { what: "the end of the line" }, other)),
-            }
-        }
-        Ok(())
-    }
-
-    /// Refuses a count of numbers before anything is read or reserved for it.
-    fn check_room(&self, count: u64, kind: Kind) -> Result<usize, ReadError> {
-        let rest = self.cursor.rest().len() as u64;
-        let possible = if self.cursor.binary { rest.saturating_mul(8) / kind.bits() } else { rest.div_ceil(2) };
-        match usize::try_from(count) {
-            Ok(n) if count <= possible => Ok(n),
-            _ => Err(self.cursor.fail(Problem::CountExceedsFile { declared: count, possible }, b"")),
-        }
-    }
-
-    fn points(&mut self) -> Result<(), ReadError> {
-        let count = self.count("the number of points")?;
-        let kind = self.kind()?;
-        let total = self.check_room(count.saturating_mul(3), kind)?;
-        let first = self.surface.vertices.len();
-        let mut position = [0.0; 3];
-        for i in 0..total {
-            let (value, found) = self.real(kind)?;
-            position[i % 3] = finite(value, first + i / 3).map_err(|problem| {
-                let text = value.to_string();
-                self.cursor.fail(problem, if found.is_empty() { text.as_bytes() } else { found })
-            })?;
-            if i % 3 == 2 {
-                self.surface.vertices.push(Point3::from(position));
-            }
-        }
-        Ok(())
-    }
-
-    /// One number, and its text where it has one.
-    fn real(&mut self, kind: Kind) -> Result<(f64, &'a [u8]), ReadError> {
-        if !self.cursor.binary {
-            let word = self.word("a number")?;
-            return number(word).map(|v| (v, word)).map_err(|problem| self.cursor.fail(problem, word));
-        }
-        let value = match kind {
-            Kind::Float => f64::from(f32::from_bits(self.big_endian(4)? as u32)),
-            Kind::Double => f64::from_bits(self.big_endian(8)?),
-            _ => self.whole(kind)? as f64,
-        };
-        Ok((value, b""))
-    }
-
-    fn whole(&mut self, kind: Kind) -> Result<i64, ReadError> {
-        if !self.cursor.binary {
-            let word = self.word("a whole number")?;
-            return integer(word).map_err(|problem| self.cursor.fail(problem, word));
-        }
-        match kind {
-            Kind::Signed(bytes) => {
-                let shift = 64 - 8 * bytes;
-                Ok((self.big_endian(bytes)? << shift) as i64 >> shift)
-            }
-            // What needs 64 bits is no index and no count of this file.
-            Kind::Unsigned(bytes) => Ok(i64::try_from(self.big_endian(bytes)?).unwrap_or(i64::MAX)),
-            _ => Err(self.cursor.fail(Problem::Expected { what: "numbers of another type here" }, b"")),
-        }
-    }
-
-    fn big_endian(&mut self, count: usize) -> Result<u64, ReadError> {
-        let bytes = self.cursor.take(count, "binary numbers")?;
-        Ok(bytes.iter().fold(0, |word, &b| word << 8 | u64::from(b)))
-    }
-
-    fn numbers(&mut self, count: u64, kind: Kind) -> Result<Numbers<'a>, ReadError> {
-        let count = self.check_room(count, kind)?;
-        let start = self.cursor;
-        let values = (0..count).map(|_| self.whole(kind)).collect::<Result<_, _>>()?;
-        Ok(Numbers { values, start, kind })
-    }
-
-    /// Reads a section of cells and gives each to `add`; the content tells which of the two layouts it has.
-    fn cells(&mut self, add: impl Fn(&mut Surface, &[u32]) -> Result<(), Problem>) -> Result<(), ReadError> {
-        let first = self.count("the number of cells")?;
-        let second = self.count("the size of the cells")?;
-        if self.cursor.peek().is_some_and(|word| word.eq_ignore_ascii_case(b"OFFSETS")) {
-            self.cells_with_offsets(first, second, add)
-        } else {
-            self.cells_with_counts(first, second, add)
-        }
-    }
-
-    /// Up to version 4.2: `count i j ...` for each cell, and the number of all these numbers ahead.
-    fn cells_with_counts(
-        &mut self,
-        cells: u64,
-        size: u64,
-        add: impl Fn(&mut Surface, &[u32]) -> Result<(), Problem>,
-    ) -> Result<(), ReadError> {
-        if size > 0 {
-            self.end_of_line()?;
-        }
-        let numbers = self.numbers(size, Kind::Signed(4))?;
-        let mut next = 0;
-        for _ in 0..cells {
-            let length = numbers.values.get(next).and_then(|&n| usize::try_from(n).ok());
-            let end = length.and_then(|n| (next + 1).checked_add(n)).filter(|&end| end <= numbers.values.len());
-            let Some(end) = end else {
-                let problem = Problem::Expected { what: "the number of corners of a cell, within the declared size" };
-                return Err(numbers.fail(next, problem));
-            };
-            self.cell(&numbers, next + 1, end, &add)?;
-            next = end;
-        }
-        if next != numbers.values.len() {
-            let problem = Problem::SizeMismatch { what: "the size of the cells", declared: size, used: next as u64 };
-            return Err(numbers.fail(next, problem));
-        }
-        Ok(())
-    }
-
-    /// From version 5: where each cell begins, one number more than cells, and the indices of all cells.
-    fn cells_with_offsets(
-        &mut self,
-        offsets: u64,
-        size: u64,
-        add: impl Fn(&mut Surface, &[u32]) -> Result<(), Problem>,
-    ) -> Result<(), ReadError> {
-        self.cursor.token();
-        let kind = self.kind()?;
-        let offsets = self.numbers(offsets, kind)?;
-        let word = self.word("CONNECTIVITY")?;
-        if !word.eq_ignore_ascii_case(b"CONNECTIVITY") {
-            return Err(self.cursor.fail(Problem::Expected { what: "CONNECTIVITY" }, word));
-        }
-        let kind = self.kind()?;
-        let numbers = self.numbers(size, kind)?;
-        let mut start = 0;
-        for (i, &offset) in offsets.values.iter().enumerate() {
-            let end = usize::try_from(offset).ok().filter(|&end| end >= start && end <= numbers.values.len());
-            let Some(end) = end.filter(|&end| i > 0 || end == 0) else {
-                let problem = Problem::Expected { what: "offsets that begin at 0, rise and stay within the size" };
-                return Err(offsets.fail(i, problem));
-            };
-            if i > 0 {
-                self.cell(&numbers, start, end, &add)?;
-            }
-            start = end;
-        }
-        if start != numbers.values.len() {
-            let problem = Problem::SizeMismatch { what: "the size of the cells", declared: size, used: start as u64 };
-            return Err(numbers.fail(start, problem));
-        }
-        Ok(())
-    }
-
-    fn cell(
-        &mut self,
-        numbers: &Numbers<'_>,
-        start: usize,
-        end: usize,
-        add: &impl Fn(&mut Surface, &[u32]) -> Result<(), Problem>,
-    ) -> Result<(), ReadError> {
-        let mut corners = Vec::with_capacity(end - start);
-        for i in start..end {
-            let index = self.surface.index(numbers.values[i]);
-            corners.push(index.map_err(|problem| numbers.fail(i, problem))?);
-        }
-        add(&mut self.surface, &corners).map_err(|problem| numbers.fail(start.max(1) - 1, problem))
-    }
-
-    /// Metadata are lines up to an empty one.
-    fn skip_metadata(&mut self) {
-        self.cursor.next_line();
-        while self.cursor.next_line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
-    }
-
-    fn skip_field(&mut self) -> Result<(), ReadError> {
-        self.word("the name of the field")?;
-        for _ in 0..self.count("the number of arrays")? {
-            let mut name = self.word("the name of an array")?;
-            while name.eq_ignore_ascii_case(b"METADATA") {
-                self.skip_metadata();
-                name = self.word("the name of an array")?;
-            }
-            let components = self.count("the number of components")?;
-            let tuples = self.count("the number of tuples")?;
-            let kind = self.kind()?;
-            if kind == Kind::Text && self.cursor.binary {
-                return Err(self.cursor.fail(Problem::Unsupported { what: "a binary array of strings" }, name));
-            }
-            let count = self.check_room(components.saturating_mul(tuples), kind)?;
-            if self.cursor.binary {
-                let bytes = (count as u64).saturating_mul(kind.bits()).div_ceil(8);
-                self.cursor.take(usize::try_from(bytes).unwrap_or(usize::MAX), "a field array")?;
-            } else if kind == Kind::Text {
-                // Strings stand one on a line, and the rest of this line comes first.
-                self.cursor.skip_lines(count + 1);
-            } else {
-                self.cursor.skip_tokens(count);
-            }
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use nalgebra::Point3;
+
     use super::*;
     use crate::io::part::tests::scratch;
     use crate::io::read_bytes;
 
-    const SQUARE: &str = "# vtk DataFile Version 2.0\ntitle\nascii\n\ndataset polydata\npoints 4 FLOAT\n\
-        0 0 0 1 0 0\n1 1 0 0 1 0\n";
-
-    fn error(tail: &str) -> String {
-        read_bytes(format!("{SQUARE}{tail}").as_bytes(), "a").unwrap_err().to_string()
-    }
-
-    fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
+    pub(super) fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
         let vertices = [[0.1, -0.0, 5e-324], [1.0 / 3.0, -1e300, 0.0], [0.0, 1.0, 1e-7], [1.0, 1e16, 123.456]];
         let triangles = vec![[0, 1, 2], [1, 3, 2]];
         (TriangleMesh { vertices: vertices.map(Point3::from).to_vec(), triangles }, vec![vec![0, 1, 3], vec![2, 0]])
     }
 
-    fn written(encoding: Encoding, name: &str) -> Vec<u8> {
+    pub(super) fn written(encoding: Encoding, name: &str) -> Vec<u8> {
         let (mesh, lines) = sample();
         let path = scratch(name);
         write(&path, &mesh, &lines, encoding).unwrap();
@@ -485,72 +115,6 @@ mod tests {
         let path = scratch("lines.vtk");
         write(&path, &only_lines, &lines, Encoding::Ascii).unwrap();
         assert_eq!(crate::io::read(&path).unwrap().lines, lines);
-    }
-
-    #[test]
-    fn polygons_strips_lines_and_offsets() {
-        let tail = "METADATA\nINFORMATION 0\n\nFIELD f 2\na%20b 1 2 int\n1 2\ns 1 1 string\nPOINTS 3\n\
-            VERTICES 1 2\n1 0\nPOLYGONS 2 9\n3 0 1 2\n4 0 1 2 3\nTRIANGLE_STRIPS 1 5\n4 0 1 3 2\nLINES 1 3\n2 0 2\n\
-            CELL_DATA 9\nanything";
-        let file = read_bytes(format!("{SQUARE}{tail}").as_bytes(), "").unwrap();
-        let triangles = [[0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 1, 3], [3, 1, 2]];
-        assert_eq!(file.mesh.triangles, triangles);
-        assert_eq!(file.lines, [[0, 2]]);
-        let tail = "POLYGONS 3 7\nOFFSETS vtktypeint64\n0 3 7\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 2 3\n";
-        let file = read_bytes(format!("{SQUARE}{tail}").as_bytes(), "").unwrap();
-        assert_eq!(file.mesh.triangles, triangles[..3]);
-    }
-
-    #[test]
-    fn errors_name_the_line() {
-        let out = "vertex index 4 is out of range: there are 4 vertices (found '4')";
-        assert_eq!(error("POLYGONS 2 8\n3 0 1 2\n3 0 1 4\n"), format!("a:11: {out}"));
-        assert!(error("POLYGONS 1 4\n3 0 1 -1\n").contains("a:10: vertex index -1"));
-        assert!(error("POLYGONS 1 3\n2 0 1\n").contains("a:10: too few corners: 2, at least 3"));
-        assert!(error("POLYGONS 1 4\n9 0 1 2\n").contains("a:10: expected the number of corners of a cell"));
-        assert!(
-            error("POLYGONS 1 8\n3 0 1 2\n3 0 1 2").contains("a:11: the size of the cells does not fit: 8 declared, 4")
-        );
-        assert!(error("POLYGONS 2 4\n3 0 1 2\n").contains("expected the number of corners of a cell"));
-        assert!(error("POLYGONS 1000000000000000000 4\n3 0 1 2\n").contains("expected the number of corners"));
-        assert!(error("POLYGONS 1 1000000000000000000\n3 0 1 2").contains("1000000000000000000 items are declared"));
-        assert!(error("POLYGONS -1 4").contains("a:9: expected the number of cells (found '-1')"));
-        assert!(error("POLYGONS 1 4\n3 0 1 x").contains("a:10: expected a whole number"));
-        assert!(error("POLYGONS 2 3\nOFFSETS int\n1 3\nCONNECTIVITY int\n0 1 2").contains("a:11: expected offsets"));
-        assert!(error("POLYGONS 2 3\nOFFSETS int\n0 2\nCONNECTIVITY int\n0 1 2").contains("too few corners"));
-        assert!(error("POINTS 1000000000000000000 float\n0 0 0").contains("items are declared"));
-        assert!(error("POINTS 1 float\n0 0,5 0").contains("a:10: not a number; decimal comma?"));
-        assert!(error("POINTS 1 float\n0 nan 0").contains("a:10: vertex 4 has a coordinate that is not finite"));
-        assert!(error("POINTS 1 quad\n0 0 0").contains("a:9: expected a type such as"));
-        assert!(error("hello").contains("a:9: expected POINTS, POLYGONS"));
-        let other = SQUARE.replace("polydata", "UNSTRUCTURED_GRID");
-        let text = read_bytes(other.as_bytes(), "a").unwrap_err().to_string();
-        assert!(text.contains("a:5: expected POLYDATA: of the data sets"), "{text}");
-        let future = SQUARE.replace("2.0", "7.0");
-        assert!(read_bytes(future.as_bytes(), "a").unwrap_err().to_string().contains("a:1: expected a version"));
-    }
-
-    #[test]
-    fn every_truncation_is_an_error_or_a_mesh() {
-        let offsets = format!("{SQUARE}POLYGONS 2 3\nOFFSETS int\n0 3\nCONNECTIVITY int\n0 1 2\n").into_bytes();
-        for whole in [written(Encoding::Ascii, "a1.vtk"), written(Encoding::Binary, "b1.vtk"), offsets] {
-            for length in 0..whole.len() {
-                if let Ok(MeshFile { mesh, .. }) = read_bytes(&whole[..length], "a.vtk") {
-                    TriangleMesh::new(mesh.vertices, mesh.triangles).unwrap();
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn binary_errors_name_the_offset() {
-        let mut bytes = written(Encoding::Binary, "b2.vtk");
-        let start = bytes.windows(7).position(|w| w == b"double\n").unwrap() + 7;
-        bytes[start + 8..start + 16].copy_from_slice(&f64::INFINITY.to_be_bytes());
-        let text = read_bytes(&bytes, "a").unwrap_err().to_string();
-        let expected =
-            format!("a: offset {:#x}: vertex 0 has a coordinate that is not finite (found 'inf')", start + 8);
-        assert_eq!(text, expected);
     }
 
     #[test]

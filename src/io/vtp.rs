@@ -1,4 +1,6 @@
-//! Writer of VTK XML polydata (`.vtp`): appended raw data, little-endian doubles, 64-bit counts.
+//! VTK XML polydata (`.vtp`): reader, and writer of appended raw data, little-endian doubles, 64-bit counts.
+
+mod read;
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -6,6 +8,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::part::{check_indices, invalid, write_whole};
+pub(super) use read::read;
 
 /// A surface, lines and numbers at their points, borrowed for writing.
 #[derive(Clone, Debug, Default)]
@@ -193,6 +196,9 @@ mod tests {
         assert_eq!(get("<Polys>", "connectivity"), [0, 1, 2, 1, 3, 2]);
         assert_eq!(get("<Polys>", "offsets"), [3, 6]);
         assert!(bytes.ends_with(b"\n  </AppendedData>\n</VTKFile>\n"));
+        let file = crate::io::read(&path).unwrap();
+        let bits: Vec<u64> = file.mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).map(f64::to_bits).collect();
+        assert_eq!((bits, file.mesh.triangles, file.lines), (flat, data.triangles.to_vec(), lines.to_vec()));
     }
 
     #[test]

@@ -1,0 +1,233 @@
+//! The bytes of the arrays of VTK XML: raw or base64, plain or in compressed blocks.
+//!
+//! zlib by `miniz_oxide` and lz4 by `lz4_flex`, both in safe Rust and with a limit to what they give; LZMA by own code.
+
+use std::borrow::Cow;
+
+use super::xz;
+
+/// How the blocks of an array are compressed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Compressor {
+    None,
+    Zlib,
+    Lz4,
+    Lzma,
+}
+
+/// What the attributes of a file say about its arrays.
+#[derive(Clone, Copy)]
+pub(super) struct Layout {
+    pub(super) big_endian: bool,
+    /// Bytes of a number of the header of an array.
+    pub(super) header_bytes: usize,
+    pub(super) compressor: Compressor,
+    /// The most bytes that all arrays together may give.
+    pub(super) limit: u64,
+}
+
+/// What is wrong with an array.
+#[derive(Debug, PartialEq)]
+pub(super) enum Fault {
+    /// The file has fewer bytes.
+    Short,
+    /// Something else should stand here.
+    Expected(&'static str),
+    /// More than the file can hold is declared.
+    TooMany { declared: u64, possible: u64 },
+    /// More than the limit.
+    TooLarge { bytes: u64 },
+}
+
+/// The largest number of bytes that one byte of each compression can give, by its format; LZMA has no such number.
+const ZLIB_GAIN: u64 = 1032;
+const LZ4_GAIN: u64 = 255;
+
+/// Encoded bytes, read from the front.
+pub(super) struct Source<'a> {
+    text: &'a [u8],
+    base64: bool,
+    /// Decoded bytes of the last group of base64 that were not asked for yet.
+    left: Vec<u8>,
+    start: usize,
+}
+
+impl<'a> Source<'a> {
+    pub(super) fn new(text: &'a [u8], base64: bool) -> Self {
+        Self { text, base64, left: Vec::new(), start: text.len() }
+    }
+
+    /// Number of encoded bytes that were read.
+    pub(super) fn used(&self) -> usize {
+        self.start - self.text.len()
+    }
+
+    /// No more than this many bytes can follow.
+    fn room(&self) -> usize {
+        if self.base64 { self.left.len() + self.text.len() / 4 * 3 } else { self.text.len() }
+    }
+
+    fn take(&mut self, count: usize) -> Result<Cow<'a, [u8]>, Fault> {
+        if count > self.room() {
+            return Err(Fault::Short);
+        }
+        if !self.base64 {
+            let (taken, rest) = self.text.split_at(count);
+            self.text = rest;
+            return Ok(Cow::Borrowed(taken));
+        }
+        let mut taken = Vec::with_capacity(count + 2);
+        taken.append(&mut self.left);
+        while taken.len() < count {
+            self.group(&mut taken)?;
+        }
+        self.left = taken.split_off(count);
+        Ok(Cow::Owned(taken))
+    }
+
+    /// Decodes four letters; white space between them is skipped, `=` ends a stream, behind which another may begin.
+    fn group(&mut self, out: &mut Vec<u8>) -> Result<(), Fault> {
+        let (mut word, mut letters, mut padding) = (0u32, 0, 0);
+        while letters < 4 {
+            let (&letter, rest) = self.text.split_first().ok_or(Fault::Short)?;
+            self.text = rest;
+            let value = match letter {
+                b'A'..=b'Z' => letter - b'A',
+                b'a'..=b'z' => letter - b'a' + 26,
+                b'0'..=b'9' => letter - b'0' + 52,
+                b'+' => 62,
+                b'/' => 63,
+                b'=' if letters >= 2 => {
+                    padding += 1;
+                    0
+                }
+                _ if letter.is_ascii_whitespace() => continue,
+                _ => return Err(Fault::Expected("base64")),
+            };
+            if padding > 0 && letter != b'=' {
+                return Err(Fault::Expected("base64 that ends with its padding"));
+            }
+            word = word << 6 | u32::from(value);
+            letters += 1;
+        }
+        out.extend_from_slice(&word.to_be_bytes()[1..4 - padding]);
+        Ok(())
+    }
+
+    /// A number of the header of an array.
+    fn number(&mut self, layout: Layout) -> Result<u64, Fault> {
+        let bytes = self.take(layout.header_bytes)?;
+        let fold = |word: u64, &b: &u8| word << 8 | u64::from(b);
+        Ok(if layout.big_endian { bytes.iter().fold(0, fold) } else { bytes.iter().rev().fold(0, fold) })
+    }
+
+    /// The bytes of an array, decompressed.
+    pub(super) fn array(&mut self, layout: Layout) -> Result<Cow<'a, [u8]>, Fault> {
+        if layout.compressor != Compressor::None {
+            return self.blocks(layout).map(Cow::Owned);
+        }
+        let count = self.number(layout)?;
+        let possible = self.room() as u64;
+        match usize::try_from(count) {
+            Ok(count) if count as u64 <= possible => self.take(count),
+            _ => Err(Fault::TooMany { declared: count, possible }),
+        }
+    }
+
+    /// Compressed: the number of blocks, the size of each, that of a last one that is shorter, all compressed sizes.
+    fn blocks(&mut self, layout: Layout) -> Result<Vec<u8>, Fault> {
+        let blocks = self.number(layout)?;
+        if blocks == 0 {
+            return Ok(Vec::new());
+        }
+        let (size, last) = (self.number(layout)?, self.number(layout)?);
+        let possible = self.room() as u64 / layout.header_bytes as u64;
+        if blocks > possible {
+            return Err(Fault::TooMany { declared: blocks, possible });
+        }
+        let full = if last == 0 { blocks } else { blocks - 1 };
+        let total = size.checked_mul(full).and_then(|n| n.checked_add(last)).unwrap_or(u64::MAX);
+        if last > size || total > layout.limit {
+            return Err(Fault::TooLarge { bytes: total });
+        }
+        let packed = (0..blocks).map(|_| self.number(layout)).collect::<Result<Vec<u64>, Fault>>()?;
+        // The header of base64 is a stream of its own; its end is padded.
+        self.left.clear();
+        let mut out = Vec::new();
+        for (i, &packed) in packed.iter().enumerate() {
+            let wanted = if (i as u64) < full { size } else { last };
+            let bytes = self.take(usize::try_from(packed).map_err(|_| Fault::Short)?)?;
+            unpack(layout.compressor, &bytes, wanted as usize, &mut out)?;
+        }
+        Ok(out)
+    }
+}
+
+/// Decompresses a block of a declared size behind `out`.
+fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>) -> Result<(), Fault> {
+    let gain = |gain: u64| {
+        let possible = (bytes.len() as u64).saturating_mul(gain).saturating_add(64);
+        let declared = wanted as u64;
+        if declared > possible { Err(Fault::TooMany { declared, possible }) } else { Ok(()) }
+    };
+    let block = match compressor {
+        Compressor::None => bytes.to_vec(),
+        Compressor::Zlib => {
+            gain(ZLIB_GAIN)?;
+            miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(bytes, wanted)
+                .map_err(|_| Fault::Expected("undamaged zlib data of the declared size"))?
+        }
+        Compressor::Lz4 => {
+            gain(LZ4_GAIN)?;
+            let mut block = vec![0; wanted];
+            let length = lz4_flex::block::decompress_into(bytes, &mut block)
+                .map_err(|_| Fault::Expected("undamaged lz4 data of the declared size"))?;
+            block.truncate(length);
+            block
+        }
+        Compressor::Lzma => xz::decode(bytes, wanted).map_err(Fault::Expected)?,
+    };
+    if block.len() != wanted {
+        return Err(Fault::Expected("a block of the declared size"));
+    }
+    if out.is_empty() {
+        *out = block
+    } else {
+        out.extend_from_slice(&block)
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAIN: Layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit: 1 << 20 };
+
+    #[test]
+    fn base64_with_padding_inside_and_white_space() {
+        let mut source = Source::new(b"AwAA AA==YWJj\nZGU=", true);
+        assert_eq!(&*source.array(PLAIN).unwrap(), b"abc");
+        assert_eq!(source.take(2).unwrap().as_ref(), b"de");
+        assert_eq!(source.used(), 18);
+        for wrong in [&b"AwAAAA"[..], b"AwA*AA==", b"A=AA", b"AwAAAA=A"] {
+            assert!(Source::new(wrong, true).array(PLAIN).is_err());
+        }
+    }
+
+    #[test]
+    fn sizes_that_cannot_be_are_refused() {
+        let zlib = Layout { compressor: Compressor::Zlib, ..PLAIN };
+        let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
+        let array = |w: &[u32], layout| Source::new(&words(w), false).array(layout).map(Cow::into_owned);
+        assert_eq!(array(&[9, 0], PLAIN), Err(Fault::TooMany { declared: 9, possible: 4 }));
+        assert_eq!(array(&[0], zlib), Ok(Vec::new()));
+        assert_eq!(array(&[9, 1, 0, 0], zlib), Err(Fault::TooMany { declared: 9, possible: 1 }));
+        assert_eq!(array(&[1, 1 << 21, 0, 4, 0], zlib), Err(Fault::TooLarge { bytes: 1 << 21 }));
+        assert!(matches!(array(&[1, 1 << 20, 0, 4, 0], zlib), Err(Fault::TooMany { .. })));
+        assert_eq!(array(&[1, 8, 0, 400, 0], zlib), Err(Fault::Short));
+        for compressor in [Compressor::Zlib, Compressor::Lz4, Compressor::Lzma] {
+            assert!(array(&[1, 8, 0, 4, 0xffff_ffff], Layout { compressor, ..PLAIN }).is_err());
+        }
+    }
+}

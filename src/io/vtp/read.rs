@@ -1,0 +1,525 @@
+//! Reader of VTK XML polydata: arrays as text, in base64 or appended, plain or compressed, of one piece or several.
+
+use std::borrow::Cow;
+
+use nalgebra::Point3;
+
+use crate::io::cursor::{Cursor, finite, integer, number};
+use crate::io::encoded::{Compressor, Fault, Layout, Source};
+use crate::io::error::{Place, Problem, ReadError};
+use crate::io::surface::Surface;
+use crate::io::xml::{Tag, Xml};
+use crate::io::{MAX_FILE_BYTES, MeshFile};
+
+/// The type of the numbers of an array.
+#[derive(Clone, Copy)]
+enum Kind {
+    Signed(usize),
+    Unsigned(usize),
+    Float,
+    Double,
+}
+
+impl Kind {
+    fn parse(word: &[u8]) -> Option<Self> {
+        Some(match word {
+            b"Int8" => Kind::Signed(1),
+            b"Int16" => Kind::Signed(2),
+            b"Int32" => Kind::Signed(4),
+            b"Int64" => Kind::Signed(8),
+            b"UInt8" => Kind::Unsigned(1),
+            b"UInt16" => Kind::Unsigned(2),
+            b"UInt32" => Kind::Unsigned(4),
+            b"UInt64" => Kind::Unsigned(8),
+            b"Float32" => Kind::Float,
+            b"Float64" => Kind::Double,
+            _ => return None,
+        })
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Kind::Signed(n) | Kind::Unsigned(n) => n,
+            Kind::Float => 4,
+            Kind::Double => 8,
+        }
+    }
+}
+
+/// Where the numbers of an array stand.
+#[derive(Clone, Copy)]
+enum Stored<'a> {
+    Text(&'a [u8]),
+    Base64(&'a [u8]),
+    Appended(u64),
+}
+
+/// An array, before it is read.
+#[derive(Clone, Copy)]
+struct Array<'a> {
+    kind: Kind,
+    stored: Stored<'a>,
+    tag: &'a [u8],
+}
+
+/// The kinds of cells, in the order of the sections of a piece.
+const SECTIONS: [(&[u8], &str); 3] =
+    [(b"Lines", "NumberOfLines"), (b"Strips", "NumberOfStrips"), (b"Polys", "NumberOfPolys")];
+
+/// The arrays of a piece and the numbers of points and cells that it declares.
+///
+/// It is small as long as it is empty: a file may consist of little else than pieces.
+#[derive(Default)]
+struct Piece<'a> {
+    point_count: Option<u64>,
+    counts: [Option<u64>; 3],
+    arrays: Vec<(Slot, Array<'a>)>,
+}
+
+/// What an array holds; cells by the index of their section.
+#[derive(Clone, Copy, PartialEq)]
+enum Slot {
+    Points,
+    Corners(usize),
+    Ends(usize),
+}
+
+impl<'a> Piece<'a> {
+    fn get(&self, slot: Slot) -> Option<Array<'a>> {
+        self.arrays.iter().find(|(s, _)| *s == slot).map(|(_, array)| *array)
+    }
+}
+
+/// The numbers of an array.
+struct Numbers<'a> {
+    values: Values<'a>,
+    /// Where an error in them is.
+    place: usize,
+    text: bool,
+}
+
+enum Values<'a> {
+    Bytes { bytes: Cow<'a, [u8]>, kind: Kind, big_endian: bool },
+    Whole(Vec<i64>),
+    Real(Vec<f64>),
+}
+
+impl Numbers<'_> {
+    fn len(&self) -> usize {
+        match &self.values {
+            Values::Bytes { bytes, kind, .. } => bytes.len() / kind.bytes(),
+            Values::Whole(values) => values.len(),
+            Values::Real(values) => values.len(),
+        }
+    }
+
+    /// The bits of a number and its type; `None` for numbers of text.
+    fn word(&self, i: usize) -> Option<(u64, Kind)> {
+        let Values::Bytes { bytes, kind, big_endian } = &self.values else { return None };
+        let bytes = &bytes[i * kind.bytes()..][..kind.bytes()];
+        let fold = |word: u64, &b: &u8| word << 8 | u64::from(b);
+        Some((if *big_endian { bytes.iter().fold(0, fold) } else { bytes.iter().rev().fold(0, fold) }, *kind))
+    }
+
+    fn real(&self, i: usize) -> f64 {
+        match (&self.values, self.word(i)) {
+            (_, Some((word, Kind::Float))) => f64::from(f32::from_bits(word as u32)),
+            (_, Some((word, Kind::Double))) => f64::from_bits(word),
+            (Values::Real(values), _) => values[i],
+            _ => self.whole(i) as f64,
+        }
+    }
+
+    fn whole(&self, i: usize) -> i64 {
+        match (&self.values, self.word(i)) {
+            (_, Some((word, Kind::Signed(bytes)))) => (word << (64 - 8 * bytes)) as i64 >> (64 - 8 * bytes),
+            // What needs 64 bits is no index of this file, and neither is a real number.
+            (_, Some((word, Kind::Unsigned(_)))) => i64::try_from(word).unwrap_or(i64::MAX),
+            (Values::Whole(values), _) => values[i],
+            _ => i64::MAX,
+        }
+    }
+}
+
+struct Reader<'a> {
+    xml: Xml<'a>,
+    layout: Layout,
+    surface: Surface,
+    /// The appended data behind their underscore, and whether they are base64.
+    appended: Option<(&'a [u8], bool)>,
+    /// Encoded bytes that may still be read: arrays that share theirs would make a small file take long.
+    encoded_left: usize,
+}
+
+/// Reads the points, polygons, strips and lines of VTK XML polydata.
+///
+/// # Errors
+/// Another XML file, an array that is missing, damaged or of another size than declared, an index out of range.
+pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
+    let layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit: MAX_FILE_BYTES };
+    let xml = Xml::new(name, bytes);
+    let mut reader = Reader { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() };
+    let pieces = reader.structure()?;
+    for piece in &pieces {
+        reader.piece(piece)?;
+    }
+    reader.surface.finish(&reader.xml.cursor)
+}
+
+impl<'a> Reader<'a> {
+    /// Reads all tags, and no number.
+    fn structure(&mut self) -> Result<Vec<Piece<'a>>, ReadError> {
+        let mut pieces: Vec<Piece<'a>> = Vec::new();
+        let mut section: &[u8] = b"";
+        let (mut begun, mut ended) = (false, false);
+        while let Some(tag) = self.xml.tag()? {
+            if !begun {
+                self.root(&tag)?;
+                begun = true;
+                continue;
+            }
+            match tag.name {
+                b"Piece" if !tag.closes => pieces.push(self.new_piece(&tag)?),
+                b"PolyData" if tag.closes || tag.empty => ended = true,
+                b"AppendedData" if !tag.closes => {
+                    self.appended = Some(self.appended_data(&tag)?);
+                    // What follows may be binary, and only the end tags come behind it.
+                    break;
+                }
+                b"PointData" | b"CellData" | b"FieldData" | b"Points" | b"Verts" | b"Lines" | b"Strips" | b"Polys" => {
+                    section = if tag.closes || tag.empty { b"" } else { tag.name };
+                }
+                b"DataArray" if !tag.closes => {
+                    if let Some(piece) = pieces.last_mut() {
+                        self.array(&tag, section, piece)?;
+                    }
+                }
+                _ => {}
+            }
+        }
+        if !ended {
+            return Err(self.xml.fail(Problem::Truncated { what: "the element PolyData" }, b""));
+        }
+        Ok(pieces)
+    }
+
+    fn expected(&self, what: &'static str, found: &[u8]) -> ReadError {
+        self.xml.fail(Problem::Expected { what }, found)
+    }
+
+    fn root(&mut self, tag: &Tag<'a>) -> Result<(), ReadError> {
+        if tag.name != b"VTKFile" {
+            return Err(self.xml.fail(Problem::Unsupported { what: "XML other than VTK's" }, tag.name));
+        }
+        let kind = tag.attribute("type").unwrap_or_default();
+        if kind != b"PolyData" {
+            let what = "VTK XML of another type than PolyData";
+            return Err(self.xml.fail(Problem::Unsupported { what }, if kind.is_empty() { tag.name } else { kind }));
+        }
+        self.layout.big_endian = match tag.attribute("byte_order") {
+            None | Some(b"LittleEndian") => false,
+            Some(b"BigEndian") => true,
+            Some(other) => return Err(self.expected("LittleEndian or BigEndian", other)),
+        };
+        self.layout.header_bytes = match tag.attribute("header_type") {
+            None | Some(b"UInt32") => 4,
+            Some(b"UInt64") => 8,
+            Some(other) => return Err(self.expected("UInt32 or UInt64", other)),
+        };
+        self.layout.compressor = match tag.attribute("compressor") {
+            None | Some(b"") => Compressor::None,
+            Some(b"vtkZLibDataCompressor") => Compressor::Zlib,
+            Some(b"vtkLZ4DataCompressor") => Compressor::Lz4,
+            Some(b"vtkLZMADataCompressor") => Compressor::Lzma,
+            Some(other) => return Err(self.expected("the compressor of VTK for zlib, lz4 or LZMA", other)),
+        };
+        Ok(())
+    }
+
+    fn new_piece(&self, tag: &Tag<'a>) -> Result<Piece<'a>, ReadError> {
+        let mut piece = Piece { point_count: self.count(tag, "NumberOfPoints")?, ..Piece::default() };
+        for (count, (_, attribute)) in piece.counts.iter_mut().zip(SECTIONS) {
+            *count = self.count(tag, attribute)?;
+        }
+        Ok(piece)
+    }
+
+    fn count(&self, tag: &Tag<'a>, attribute: &str) -> Result<Option<u64>, ReadError> {
+        let Some(word) = tag.attribute(attribute) else { return Ok(None) };
+        let count = integer(word.trim_ascii()).ok().and_then(|n| u64::try_from(n).ok());
+        count.map(Some).ok_or_else(|| self.expected("a number of points or cells", word))
+    }
+
+    fn appended_data(&self, tag: &Tag<'a>) -> Result<(&'a [u8], bool), ReadError> {
+        let base64 = match tag.attribute("encoding") {
+            Some(b"raw") => false,
+            Some(b"base64") => true,
+            other => return Err(self.expected("raw or base64 as encoding", other.unwrap_or(tag.name))),
+        };
+        match self.xml.bytes[tag.end..].trim_ascii_start().strip_prefix(b"_") {
+            Some(data) => Ok((data, base64)),
+            None => Err(self.expected("an underscore before the appended data", b"")),
+        }
+    }
+
+    /// Takes note of an array of points or cells; others are skipped.
+    fn array(&self, tag: &Tag<'a>, section: &[u8], piece: &mut Piece<'a>) -> Result<(), ReadError> {
+        let name = tag.attribute("Name").unwrap_or_default();
+        let cells = SECTIONS.iter().position(|(name, _)| *name == section);
+        let slot = match (section, cells, name) {
+            (b"Points", ..) => Slot::Points,
+            (_, Some(i), b"connectivity") => Slot::Corners(i),
+            (_, Some(i), b"offsets") => Slot::Ends(i),
+            _ => return Ok(()),
+        };
+        let word = tag.attribute("type").unwrap_or_default();
+        let Some(kind) = Kind::parse(word) else {
+            return Err(self.expected("a type such as Int64 or Float32", if word.is_empty() { tag.name } else { word }));
+        };
+        let stored = match tag.attribute("format") {
+            None | Some(b"ascii") => Stored::Text(if tag.empty { b"" } else { self.xml.text_behind(tag) }),
+            Some(b"binary") => Stored::Base64(if tag.empty { b"" } else { self.xml.text_behind(tag) }),
+            Some(b"appended") => {
+                let offset = tag.attribute("offset").unwrap_or_default().trim_ascii();
+                match integer(offset).ok().and_then(|n| u64::try_from(n).ok()) {
+                    Some(offset) => Stored::Appended(offset),
+                    None => return Err(self.expected("an offset", if offset.is_empty() { tag.name } else { offset })),
+                }
+            }
+            Some(other) => return Err(self.expected("ascii, binary or appended", other)),
+        };
+        piece.arrays.push((slot, Array { kind, stored, tag: tag.name }));
+        Ok(())
+    }
+
+    fn piece(&mut self, piece: &Piece<'a>) -> Result<(), ReadError> {
+        let first = self.surface.vertices.len();
+        if let (Some(array), Some(1..) | None) = (piece.get(Slot::Points), piece.point_count) {
+            self.points(array, piece.point_count)?;
+        } else if let Some(declared @ 1..) = piece.point_count {
+            let what = "the number of points";
+            return Err(self.xml.fail(Problem::SizeMismatch { what, declared, used: 0 }, b""));
+        }
+        for i in 0..SECTIONS.len() {
+            match (piece.get(Slot::Corners(i)), piece.get(Slot::Ends(i)), piece.counts[i]) {
+                (_, _, Some(0)) | (None, None, None) => {}
+                (Some(corners), Some(ends), count) => self.cells(i, corners, ends, count, first)?,
+                (corners, ends, _) => {
+                    let tag = corners.or(ends).map(|array| array.tag).unwrap_or_default();
+                    return Err(self.expected("both connectivity and offsets of the cells", tag));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn points(&mut self, array: Array<'a>, declared: Option<u64>) -> Result<(), ReadError> {
+        let numbers = self.numbers(array, true)?;
+        let used = (numbers.len() / 3) as u64;
+        if numbers.len() % 3 != 0 || declared.is_some_and(|declared| declared != used) {
+            let problem =
+                Problem::SizeMismatch { what: "the number of points", declared: declared.unwrap_or(used + 1), used };
+            return Err(self.fail_in(&numbers, problem, b""));
+        }
+        self.surface.vertices.reserve_exact(numbers.len() / 3);
+        for i in 0..numbers.len() / 3 {
+            let mut position = Point3::origin();
+            for axis in 0..3 {
+                let value = numbers.real(3 * i + axis);
+                let vertex = self.surface.vertices.len();
+                position[axis] =
+                    finite(value, vertex).map_err(|p| self.fail_in(&numbers, p, value.to_string().as_bytes()))?;
+            }
+            self.surface.vertices.push(position);
+        }
+        Ok(())
+    }
+
+    /// Adds the cells of a section; their corners count from the first point of the piece.
+    fn cells(
+        &mut self,
+        section: usize,
+        corners: Array<'a>,
+        ends: Array<'a>,
+        declared: Option<u64>,
+        first: usize,
+    ) -> Result<(), ReadError> {
+        let (corners, ends) = (self.numbers(corners, false)?, self.numbers(ends, false)?);
+        if let Some(declared) = declared.filter(|&n| n != ends.len() as u64) {
+            let problem = Problem::SizeMismatch { what: "the number of cells", declared, used: ends.len() as u64 };
+            return Err(self.fail_in(&ends, problem, b""));
+        }
+        let count = self.surface.vertices.len() - first;
+        let mut cell = Vec::new();
+        let mut start = 0;
+        for i in 0..ends.len() {
+            let end = usize::try_from(ends.whole(i)).ok().filter(|&end| end >= start && end <= corners.len());
+            let Some(end) = end else {
+                let problem = Problem::Expected { what: "offsets that rise and stay within the connectivity" };
+                return Err(self.fail_in(&ends, problem, ends.whole(i).to_string().as_bytes()));
+            };
+            cell.clear();
+            cell.reserve_exact(end - start);
+            for k in start..end {
+                let index = corners.whole(k);
+                if !usize::try_from(index).is_ok_and(|i| i < count) {
+                    let problem = Problem::IndexOutOfRange { index, count, from_one: false };
+                    return Err(self.fail_in(&corners, problem, index.to_string().as_bytes()));
+                }
+                // A file of at most 2 GiB has fewer vertices than 32 bits count.
+                cell.push((first + index as usize) as u32);
+            }
+            let added = match section {
+                0 => self.surface.line(&cell),
+                1 => self.surface.strip(&cell),
+                _ => self.surface.polygon(&cell),
+            };
+            added.map_err(|problem| self.fail_in(&corners, problem, b""))?;
+            start = end;
+        }
+        if start != corners.len() {
+            let (what, declared) = ("the connectivity of the cells", corners.len() as u64);
+            let problem = Problem::SizeMismatch { what, declared, used: start as u64 };
+            return Err(self.fail_in(&corners, problem, b""));
+        }
+        Ok(())
+    }
+
+    fn fail_in(&self, numbers: &Numbers<'_>, problem: Problem, found: &[u8]) -> ReadError {
+        self.xml.cursor.fail_at_offset(numbers.place, numbers.text, problem, found)
+    }
+
+    fn numbers(&mut self, array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
+        let (text, base64) = match array.stored {
+            Stored::Text(text) => return self.text(text, array.tag, real),
+            Stored::Base64(text) => (text, true),
+            Stored::Appended(offset) => {
+                let Some((data, base64)) = self.appended else {
+                    return Err(self.expected("AppendedData for an array with an offset", array.tag));
+                };
+                let data = usize::try_from(offset).ok().and_then(|offset| data.get(offset..));
+                let problem = Problem::Expected { what: "an offset within the appended data" };
+                (data.ok_or_else(|| self.xml.fail(problem, array.tag))?, base64)
+            }
+        };
+        let place = self.xml.cursor.offset_of(text).unwrap_or(self.xml.bytes.len());
+        let mut source = Source::new(text, base64);
+        let bytes = source.array(self.layout).map_err(|fault| self.fault(fault, place))?;
+        self.layout.limit = self.layout.limit.saturating_sub(bytes.len() as u64);
+        let Some(left) = self.encoded_left.checked_sub(source.used()) else {
+            let problem = Problem::Expected { what: "arrays that share no bytes" };
+            return Err(self.xml.fail(problem, array.tag));
+        };
+        self.encoded_left = left;
+        if bytes.len() % array.kind.bytes() != 0 {
+            let (declared, used) = (bytes.len() as u64, array.kind.bytes() as u64);
+            let problem = Problem::SizeMismatch { what: "bytes of an array and of its type", declared, used };
+            return Err(self.xml.cursor.fail_at(Place::Offset(place), problem, b""));
+        }
+        let values = Values::Bytes { bytes, kind: array.kind, big_endian: self.layout.big_endian };
+        Ok(Numbers { values, place, text: false })
+    }
+
+    fn text(&self, text: &'a [u8], tag: &'a [u8], real: bool) -> Result<Numbers<'a>, ReadError> {
+        let mut words = Cursor::new("", text);
+        let place = self.xml.cursor.offset_of(text).or(self.xml.cursor.offset_of(tag)).unwrap_or_default();
+        let mut values = if real { Values::Real(Vec::new()) } else { Values::Whole(Vec::new()) };
+        while let Some(word) = words.token() {
+            let read = match &mut values {
+                Values::Real(values) => number(word).map(|value| values.push(value)),
+                Values::Whole(values) => integer(word).map(|value| values.push(value)),
+                Values::Bytes { .. } => Ok(()),
+            };
+            read.map_err(|problem| self.xml.fail(problem, word))?;
+        }
+        Ok(Numbers { values, place, text: true })
+    }
+
+    fn fault(&self, fault: Fault, place: usize) -> ReadError {
+        let problem = match fault {
+            Fault::Short => Problem::Truncated { what: "an array" },
+            Fault::Expected(what) => Problem::Expected { what },
+            Fault::TooMany { declared, possible } => Problem::CountExceedsFile { declared, possible },
+            Fault::TooLarge { bytes } => Problem::TooLarge { bytes, limit: self.layout.limit },
+        };
+        self.xml.cursor.fail_at(Place::Offset(place), problem, b"")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::io::read_bytes;
+
+    const PIECE: &str = "<Piece NumberOfPoints=\"4\" NumberOfVerts=\"0\" NumberOfLines=\"1\" NumberOfStrips=\"1\" NumberOfPolys=\"2\">\n\
+        <PointData><DataArray type=\"Float32\" Name=\"offsets\" format=\"ascii\">x</DataArray></PointData>\n\
+        <Points><DataArray type=\"Float64\" NumberOfComponents=\"3\" format=\"ascii\">\n0 0 0 1 0 0\n1 1 0 0 1 0\n</DataArray></Points>\n\
+        <Verts/><Lines><DataArray type=\"Int32\" Name=\"connectivity\">0 2</DataArray>\n\
+        <DataArray type=\"Int32\" Name=\"offsets\" format=\"ascii\">2</DataArray></Lines>\n\
+        <Strips><DataArray type=\"Int32\" Name=\"connectivity\">0 1 3 2</DataArray><DataArray type=\"Int32\" Name=\"offsets\">4</DataArray></Strips>\n\
+        <Polys><DataArray type=\"UInt8\" Name=\"connectivity\" format=\"binary\">BwAAAAABAgABAgM=</DataArray>\n\
+        <DataArray type=\"Int16\" Name=\"offsets\" format=\"binary\">BAAAAA==AwAHAA==</DataArray></Polys>\n</Piece>\n";
+
+    fn file(pieces: usize) -> String {
+        format!("<VTKFile type=\"PolyData\">\n<PolyData>\n{}</PolyData></VTKFile>", PIECE.repeat(pieces))
+    }
+
+    #[test]
+    fn pieces_text_and_base64() {
+        let one = read_bytes(file(1).as_bytes(), "a").unwrap();
+        let triangles = [[0, 1, 3], [3, 1, 2], [0, 1, 2], [0, 1, 2], [0, 2, 3]];
+        assert_eq!((one.mesh.triangles.as_slice(), one.lines.as_slice()), (&triangles[..], &[vec![0, 2]][..]));
+        let two = read_bytes(file(2).as_bytes(), "a").unwrap();
+        assert_eq!((two.mesh.vertices.len(), two.mesh.triangles[5], &two.lines[1]), (8, [4, 5, 7], &vec![4, 6]));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_place() {
+        let error = |from: &str, to: &str| {
+            assert!(file(1).contains(from));
+            read_bytes(file(1).replacen(from, to, 1).as_bytes(), "a").unwrap_err().terse()
+        };
+        assert!(error("1 1 0 0 1 0", "1 1 x 0 1 0").starts_with("a:7:5: error[E011]: expected a number (found 'x')"));
+        assert!(error("1 1 0 0 1 0", "1 1 0 0 inf 0").contains("error[E012]: vertex 3 has"));
+        assert!(error("1 1 0 0 1 0", "1 1 0").contains("the number of points does not fit: 4 declared, 3 used"));
+        assert!(error(">0 1 3 2<", ">0 1 3 4<").contains("a:11: error[E020]: vertex index 4 is out of range"));
+        assert!(error(">4<", ">5<").contains("expected offsets that rise"));
+        assert!(error(">4<", ">3<").contains("the connectivity of the cells does not fit: 4 declared, 3 used"));
+        assert!(error("Strips=\"1\"", "Strips=\"2\"").contains("the number of cells does not fit: 2 declared, 1 used"));
+        assert!(error("BwAAAAAB", "CAAAAAAB").contains(": offset 0x"));
+        assert!(error("BwAAAAAB", "Bw*AAAAB").contains("expected base64"));
+        assert!(error("type=\"PolyData\"", "type=\"ImageData\"").contains("VTK XML of another type than PolyData"));
+        assert!(error("<VTKFile type", "<?xml?><svg type").contains("XML other than VTK's"));
+        assert!(error("UInt8", "String").contains("expected a type such as"));
+        assert!(error("</PolyData>", "").contains("the element PolyData"));
+        assert!(
+            error("\"Int16\" Name=\"offsets\" format=\"binary\"", "\"Int16\" Name=\"offsets\" format=\"appended\"")
+                .contains("expected an offset")
+        );
+        assert!(
+            error("Name=\"offsets\" format=\"binary\"", "Name=\"o\" format=\"binary\"")
+                .contains("both connectivity and offsets")
+        );
+    }
+
+    #[test]
+    fn arrays_that_share_bytes_are_refused_before_they_take_long() {
+        let points = "<Piece NumberOfPoints=\"3000\"><Points><DataArray type=\"UInt8\" format=\"appended\" offset=\"0\"/></Points></Piece>";
+        let mut bytes = format!(
+            "<VTKFile type=\"PolyData\"><PolyData>{}</PolyData><AppendedData encoding=\"raw\">_",
+            points.repeat(50)
+        )
+        .into_bytes();
+        bytes.extend(9000u32.to_le_bytes());
+        bytes.extend([1; 9000]);
+        let text = read_bytes(&bytes, "a").unwrap_err().terse();
+        assert!(text.contains("expected arrays that share no bytes"), "{text}");
+    }
+
+    #[test]
+    fn every_truncation_is_an_error_or_a_mesh() {
+        let whole = file(2);
+        for length in 0..whole.len() {
+            let _ = read_bytes(&whole.as_bytes()[..length], "a.vtp");
+        }
+    }
+}
