@@ -1,0 +1,114 @@
+//! Memory of the readers: at most 64 bytes a byte of the file and 1 MiB, whatever the file declares.
+//!
+//! A binary of its own with a single test, because the allocator counts what all threads use.
+
+use peak_alloc::PeakAlloc;
+use pliant::io::read_bytes;
+
+#[global_allocator]
+static ALLOCATOR: PeakAlloc = PeakAlloc;
+
+/// Reads a file and checks what was used meanwhile; tells whether it was a mesh.
+fn check(bytes: &[u8], name: &str) -> bool {
+    let before = ALLOCATOR.current_usage();
+    ALLOCATOR.reset_peak_usage();
+    let is_mesh = read_bytes(bytes, name).is_ok();
+    let used = ALLOCATOR.peak_usage().saturating_sub(before);
+    let allowed = 64 * bytes.len() + (1 << 20);
+    if bytes.len() > 500_000 {
+        println!("{name}: {:.1} bytes a byte", used as f64 / bytes.len() as f64);
+    }
+    assert!(used <= allowed, "{name}: {used} bytes were used for a file of {}", bytes.len());
+    is_mesh
+}
+
+/// Files whose meshes need as much memory a byte as their format allows.
+fn dense() -> Vec<(&'static str, Vec<u8>)> {
+    let count = 1 << 20;
+    let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty char x\nproperty char y\n\
+        property char z\nelement face 1\nproperty list uint uchar vertex_index\nend_header\n"
+        .to_vec();
+    ply.extend([0, 0, 0, 1, 0, 0, 0, 1, 0]);
+    ply.extend((count as u32 + 1).to_le_bytes());
+    ply.extend((0..=count).map(|i| (i % 3) as u8));
+    let points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+    let vtk = "# vtk DataFile Version 5.1\nt\nBINARY\nDATASET POLYDATA\nPOINTS 3 char\n";
+    let mut strip = vtk.as_bytes().to_vec();
+    strip.extend([0, 0, 0, 1, 0, 0, 0, 1, 0]);
+    strip.extend(format!("\nTRIANGLE_STRIPS 2 {count}\nOFFSETS int\n").bytes());
+    strip.extend([0, count as i32].iter().flat_map(|i| i.to_be_bytes()));
+    strip.extend(b"\nCONNECTIVITY unsigned_char\n");
+    strip.extend((0..count).map(|i| (i % 3) as u8));
+    let pieces = format!("<VTKFile type='PolyData'><PolyData>{}</PolyData></VTKFile>", "<Piece>".repeat(100_000));
+    vec![
+        ("list.ply", ply),
+        ("strip.vtk", strip),
+        ("polygon.obj", format!("{points}f {}\n", "1 2 3 ".repeat(count / 6)).into_bytes()),
+        ("lines.obj", format!("{points}{}", "l 1 2\n".repeat(count / 6)).into_bytes()),
+        (
+            "forward.obj",
+            format!("f {}\n{points}", (4..99_999).map(|i| format!("{i} ")).collect::<String>()).into_bytes(),
+        ),
+        ("points.off", format!("OFF\n{0} 0 0\n{1}", count / 6, "0 0 0\n".repeat(count / 6)).into_bytes()),
+        (
+            "facets.stl",
+            format!(
+                "solid\n{}endsolid\n",
+                "outer loop\nvertex 0 0 0\nvertex 0 0 1\nvertex 0 1 0\nendloop\n".repeat(9999)
+            )
+            .into_bytes(),
+        ),
+        ("pieces.vtp", pieces.into_bytes()),
+    ]
+}
+
+/// Headers that declare what is not there.
+const LIARS: [(&str, &str); 7] = [
+    ("a.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"),
+    (
+        "b.ply",
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+        element face 1\nproperty list uint int vertex_index\nend_header\n0 0 0\n4000000000 1 2\n",
+    ),
+    ("a.vtk", "# vtk DataFile Version 3.0\nt\nBINARY\nDATASET POLYDATA\nPOINTS 4000000000 double\n"),
+    (
+        "b.vtk",
+        "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 1 float\n0 0 0\nCELLS 4000000000 4\n3 0 0 0\n",
+    ),
+    ("a.off", "OFF\n4000000000 4000000000 0\n"),
+    ("b.off", "OFF\n1 1 0\n0 0 0\n4000000000 0 0\n"),
+    ("a.x", "xof 0302txt 0064 Mesh { 4000000000; 0;0;0;, "),
+];
+
+#[test]
+fn memory_is_bounded_by_the_size_of_the_file() {
+    ALLOCATOR.reset_peak_usage();
+    let before = ALLOCATOR.current_usage();
+    drop(std::hint::black_box(Vec::<u8>::with_capacity(2 << 20)));
+    assert!(ALLOCATOR.peak_usage() >= before + (2 << 20), "control: the allocator does not count");
+    let mut meshes = 0;
+    for (name, bytes) in dense() {
+        meshes += usize::from(check(&bytes, name));
+    }
+    assert!(meshes >= 5, "only {meshes} dense files are meshes");
+    for (name, text) in LIARS {
+        assert!(!check(text.as_bytes(), name), "{name}");
+        let mut changed = text.as_bytes().to_vec();
+        for bit in 0..8 * changed.len() {
+            changed[bit / 8] ^= 1 << (bit % 8);
+            check(&changed, name);
+            changed[bit / 8] ^= 1 << (bit % 8);
+        }
+    }
+    let root = std::env::var_os("PLIANT_DATA").unwrap_or_else(|| "../shared/data".into());
+    let folder = std::path::Path::new(&root).join("vtk/one-mesh-many-encodings");
+    match std::fs::read_dir(folder) {
+        Err(_) => println!("skipped: 1 part of a test, because the measured data are absent"),
+        Ok(entries) => {
+            for path in entries.flatten().map(|e| e.path()) {
+                let bytes = std::fs::read(&path).unwrap_or_default();
+                assert!(check(&bytes, &path.to_string_lossy()), "{}", path.display());
+            }
+        }
+    }
+}
