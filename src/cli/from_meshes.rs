@@ -85,7 +85,12 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
         let shown = path.display();
         let absolute = path.canonicalize().map_err(|e| {
             let why = if e.kind() == std::io::ErrorKind::NotFound { String::new() } else { format!(": {e}") };
-            Failure::usage(format!("no file `{shown}`{why}"), "check the path; it is relative to the working folder")
+            let from = if path.is_absolute() {
+                "check the path"
+            } else {
+                "check the path; it is relative to the working folder"
+            };
+            Failure::usage(format!("no file `{shown}`{why}"), from)
         })?;
         let (Some(text), Some(stem)) = (absolute.to_str(), path.file_stem().and_then(|s| s.to_str())) else {
             return Err(Failure::usage(format!("the name of `{shown}` is not UTF-8"), "rename it"));

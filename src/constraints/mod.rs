@@ -4,7 +4,7 @@
 //! [`Constraint::value_and_gradient`] over `f64`. The projection is written once, in [`batch`]. One line in the list
 //! below makes a new constraint part of the crate and of the conformance suite.
 
-pub mod angle;
+mod angle;
 pub mod batch;
 pub mod enclosed_volume;
 pub mod order;

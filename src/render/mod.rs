@@ -18,8 +18,9 @@
 //! ```
 //!
 //! *Limitations.* No shadows, no highlights; a third translucent layer behind two others is not seen; lines are not
-//! translucent but where they are seen through their own surface, the fainter the deeper. The bytes are the same for any number of threads and any order of surfaces; another order of the
-//! triangles in one surface changes its normals by rounding, and so a byte here and there.
+//! translucent but where they are seen through their own surface, the fainter the deeper. The bytes are the same for any
+//! number of threads and any order of surfaces; another order of the triangles in one surface changes its normals by
+//! rounding, and so a byte here and there.
 
 mod animation;
 mod camera;

@@ -22,8 +22,8 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::{Scene, Solver};
 
-/// A vertex may end a frame this far below a bone's surface [m] before contact is looked at once more.
-const SETTLED: f64 = 1e-7;
+/// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
+const SETTLED: f64 = 2e-4;
 
 /// A scene that runs.
 pub struct Simulation {
@@ -95,8 +95,9 @@ impl Simulation {
         let steps: Vec<Vec<Placed>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
+        let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
         self.bodies.par_iter_mut().filter(|body| body.stopped.is_none()).for_each(|body| {
-            step_body(body, &steps, dt, frame);
+            step_body(body, &steps, dt, frame, thickness);
         });
         self.placed = steps.into_iter().next_back().unwrap_or_default();
         self.frame = frame;
@@ -164,7 +165,7 @@ impl Simulation {
     }
 }
 
-fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize) {
+fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thickness: f64) {
     for placed in steps {
         if let Err(broken) = body.system.step(placed, dt) {
             body.system.particles = body.good.clone();
@@ -173,7 +174,7 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize) {
         }
     }
     if let Some(last) = steps.last() {
-        body.system.settle(last, SETTLED);
+        body.system.settle(last, SETTLED * thickness);
     }
     body.good.clone_from(&body.system.particles);
 }
