@@ -4,14 +4,12 @@
 //! relative to the bone, than its last distance, so that nothing tunnels and far vertices cost nothing.
 
 pub mod capsule;
-pub mod inside;
 mod nearest;
 mod response;
 pub mod surface;
 mod triangles;
 pub mod untangle;
 mod vertices;
-pub mod winding;
 
 use std::sync::Arc;
 

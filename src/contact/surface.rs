@@ -7,14 +7,14 @@ use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy, BvhWorkspace};
 use parry3d_f64::query::{PointQuery, Ray, RayCast};
 use parry3d_f64::shape::Triangle;
 
-use super::inside::crossing;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
-use super::winding::WindingTree;
 use super::{Closest, Obstacle};
 use crate::constraints::bending::dihedral;
 use crate::mesh::TriangleMesh;
+use crate::mesh::inside::crossing;
 use crate::mesh::measures::Aabb;
 use crate::mesh::topology::Topology;
+use crate::mesh::winding::WindingTree;
 
 /// A triangle surface in a bounding volume hierarchy, with what its signs need.
 pub struct Surface {

@@ -127,6 +127,35 @@ impl SurfaceTree {
         self.search(p, within, |t| self.normals[t].dot(normal) > cosine, true).is_some()
     }
 
+    /// Appends the triangles whose boxes share a point with `bounds`, in the order of the tree; stops, and returns false,
+    /// when there would be more than `most` of them.
+    pub fn meeting(&self, bounds: &Aabb, most: usize, found: &mut Vec<u32>) -> bool {
+        let mut stack = [0u32; STACK];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let node = &self.nodes[stack[depth] as usize];
+            if !node.bounds.intersects(bounds) {
+                continue;
+            }
+            if node.count == 0 && !node.bounds.is_empty() {
+                stack[depth] = node.link + 1;
+                stack[depth + 1] = node.link;
+                depth += 2;
+                continue;
+            }
+            for t in node.link as usize..(node.link + node.count) as usize {
+                if Aabb::of_points(&self.corners[t]).intersects(bounds) {
+                    if found.len() == most {
+                        return false;
+                    }
+                    found.push(self.names[t]);
+                }
+            }
+        }
+        true
+    }
+
     fn search(&self, p: &Point3<f64>, within: f64, admit: impl Fn(usize) -> bool, any: bool) -> Option<Closest> {
         let mut best = None;
         let mut limit = within * within;

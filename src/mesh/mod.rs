@@ -1,16 +1,25 @@
-//! Triangle meshes: topology, measures, refinement, generated shapes.
+//! Triangle meshes: topology, measures, health and repair, refinement, generated shapes.
 
+pub mod boundary;
 pub mod closest;
+pub mod coincident;
+pub mod health;
+pub mod inside;
 pub mod isosurface;
 pub mod measures;
 pub mod order;
+pub mod orientation;
+pub mod predicates;
 pub mod refine;
+pub mod repair;
 pub mod shapes;
 pub mod sum;
 pub mod topology;
+pub mod winding;
 
 use nalgebra::Point3;
 
+pub use health::Health;
 pub use isosurface::isosurface;
 pub use measures::Aabb;
 pub use refine::{RefineError, RefineReport, Refined, refine};

@@ -182,6 +182,12 @@ impl Topology {
         (0..self.edges.len()).filter(|&e| self.triangles_of_edge(e).len() > 2).map(|e| e as u32).collect()
     }
 
+    /// Edges with two triangles that both run them the same way, ascending.
+    pub fn inconsistent_edges(&self) -> Vec<u32> {
+        let disagree = |&e: &usize| self.triangles_of_edge(e).len() == 2 && self.forward[e] != 1;
+        (0..self.edges.len()).filter(disagree).map(|e| e as u32).collect()
+    }
+
     /// Vertices whose triangles form more than one fan (two surfaces that touch in a point), ascending.
     pub fn non_manifold_vertices(&self, mesh: &TriangleMesh) -> Vec<u32> {
         (0..self.vertex_count).filter(|&v| self.fan_count(mesh, v) > 1).map(|v| v as u32).collect()

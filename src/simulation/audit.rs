@@ -4,9 +4,9 @@
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 
-use crate::contact::inside::Inside;
 use crate::contact::{Obstacle, Surface};
 use crate::mesh::TriangleMesh;
+use crate::mesh::inside::Inside;
 use crate::mesh::measures::greatest;
 
 /// A vertex less deep than this [m] counts as touching.

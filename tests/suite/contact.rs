@@ -1,10 +1,10 @@
 //! Muscles stay out of bones and bones out of muscles (P31 to P34), friction, and the audit that says so.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
-use pliant::contact::inside::Inside;
 use pliant::contact::untangle::untangle;
 use pliant::contact::{Contacts, Obstacle, Placed, Surface};
 use pliant::mesh::TriangleMesh;
+use pliant::mesh::inside::Inside;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::particles::Particles;

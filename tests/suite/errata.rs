@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, Constraint, Distance, Order, Parameter, Project, Scalar};
-use pliant::contact::inside::Inside;
 use pliant::contact::{Contacts, Placed};
 use pliant::io::{read_bytes, vtk};
 use pliant::mesh::TriangleMesh;
+use pliant::mesh::inside::Inside;
 use pliant::mesh::shapes::box_surface;
 use pliant::particles::Particles;
 use pliant::scene::{Effects, Solver, builtin::load};

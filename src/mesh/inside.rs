@@ -2,6 +2,8 @@
 //!
 //! Independent of the contact code on purpose: it audits the frames that were written.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
@@ -68,13 +70,25 @@ impl<'a> Inside<'a> {
         list.iter().map(|&t| self.crossing(p, t as usize)).sum()
     }
 
+    /// As [`Self::winding`], apart for each group of triangles that `group` names.
+    pub fn winding_by(&self, p: &Point3<f64>, group: impl Fn(usize) -> u32) -> BTreeMap<u32, i32> {
+        let mut all = BTreeMap::new();
+        if self.bounds.contains(p) {
+            let cell = self.cell(p.y, 1) * self.cells + self.cell(p.z, 2);
+            for &t in &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize] {
+                *all.entry(group(t as usize)).or_insert(0) += self.crossing(p, t as usize);
+            }
+        }
+        all
+    }
+
     fn crossing(&self, p: &Point3<f64>, t: usize) -> i32 {
         crossing(p, &self.triangles[t].map(|v| self.vertices[v as usize]))
     }
 }
 
 /// How often the ray from `p` along +x crosses the triangle `c`, signed.
-pub(super) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
+pub(crate) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     // The ray misses the triangle's box; these comparisons are exact and settle nearly all.
     let above = |axis: usize| c.iter().all(|v| v[axis] > p[axis]);
     let below = |axis: usize| c.iter().all(|v| v[axis] < p[axis]);
@@ -115,8 +129,8 @@ fn half_open(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::winding::winding_number_direct;
     use crate::mesh::shapes::icosphere;
+    use crate::mesh::winding::winding_number_direct;
     use crate::testing::Draw;
 
     #[test]

@@ -1,0 +1,263 @@
+//! One thing that is wrong with a surface: its code, its place, and what mends it.
+
+use serde::{Serialize, Serializer};
+
+use super::{Health, Parts};
+use crate::mesh::TriangleMesh;
+
+/// What can be wrong with a surface. `E`: a simulation refuses it; `W`: it is said and nothing more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum Kind {
+    /// No triangle at all.
+    NoTriangles,
+    /// An edge with more than two triangles.
+    NonManifoldEdge,
+    /// Neighbouring triangles turn against each other.
+    InconsistentOrientation,
+    /// An edge with one triangle.
+    OpenBoundary,
+    /// The enclosed volume is not positive.
+    InsideOut,
+    /// A triangle that another one repeats.
+    DuplicateTriangles,
+    /// A vertex that no triangle names.
+    UnusedVertices,
+    /// Vertices in the same place.
+    DuplicateVertices,
+    /// Triangles that meet where they are not joined.
+    SelfIntersection,
+    /// Triangles with an angle below 1 degree.
+    Slivers,
+    /// Triangles whose corners lie on one line.
+    ZeroArea,
+    /// Surfaces that touch in a point.
+    NonManifoldVertex,
+    /// More than one piece.
+    SeveralComponents,
+}
+
+impl Kind {
+    /// Every kind, in the order in which they are told.
+    pub const ALL: [Self; 13] = [
+        Self::NoTriangles,
+        Self::NonManifoldEdge,
+        Self::InconsistentOrientation,
+        Self::OpenBoundary,
+        Self::InsideOut,
+        Self::DuplicateTriangles,
+        Self::UnusedVertices,
+        Self::DuplicateVertices,
+        Self::SelfIntersection,
+        Self::Slivers,
+        Self::ZeroArea,
+        Self::NonManifoldVertex,
+        Self::SeveralComponents,
+    ];
+
+    /// The code, as in `docs/formats.md`.
+    pub fn code(self) -> &'static str {
+        match self {
+            Self::NoTriangles => "E046",
+            Self::NonManifoldEdge => "E030",
+            Self::InconsistentOrientation => "E031",
+            Self::OpenBoundary => "E032",
+            Self::InsideOut => "E038",
+            Self::DuplicateTriangles => "W004",
+            Self::UnusedVertices => "W005",
+            Self::DuplicateVertices => "W006",
+            Self::SelfIntersection => "W007",
+            Self::Slivers => "W009",
+            Self::ZeroArea => "W011",
+            Self::NonManifoldVertex => "W012",
+            Self::SeveralComponents => "W013",
+        }
+    }
+
+    /// Whether a simulation refuses a muscle with it.
+    pub fn refuses(self) -> bool {
+        self.code().starts_with('E')
+    }
+
+    /// What mends it.
+    pub fn repair(self) -> &'static str {
+        match self {
+            Self::NoTriangles => "export the surface with its triangles",
+            Self::NonManifoldEdge => "--repair takes the surfaces apart there",
+            Self::InconsistentOrientation => "--repair turns the fewer triangles round",
+            Self::OpenBoundary => "--repair joins rims whose vertices coincide; --close-holes closes the others",
+            Self::InsideOut => "--repair turns every closed piece outward",
+            Self::DuplicateTriangles => "--repair keeps one of each, and none where two face each other",
+            Self::UnusedVertices => "--repair drops them",
+            Self::DuplicateVertices => "--repair joins those on rims; the others belong to surfaces that touch",
+            Self::SelfIntersection => "move the parts apart in a mesh editor; a simulation takes it as it is",
+            Self::Slivers => "a simulation with `edge_length` remeshes them",
+            Self::ZeroArea => "--repair flips or collapses them away, which moves nothing",
+            Self::NonManifoldVertex => "--repair gives each surface a vertex of its own there",
+            Self::SeveralComponents => "--keep-largest drops all pieces but the largest",
+        }
+    }
+}
+
+impl Serialize for Kind {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.code())
+    }
+}
+
+/// Where the first of several is, indices counted from 0 in the order of the file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Place {
+    /// Vertices.
+    pub vertices: Vec<u32>,
+    /// Triangles.
+    pub triangles: Vec<u32>,
+    /// A point there, in the unit of the coordinates.
+    pub point: Option<[f64; 3]>,
+}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Its code.
+    #[serde(rename = "code")]
+    pub kind: Kind,
+    /// How often it was found.
+    pub count: usize,
+    /// In words, with the place of the first.
+    pub message: String,
+    /// The place of the first.
+    pub place: Place,
+}
+
+/// The most indices that a message lists.
+const SHOWN: usize = 6;
+
+fn list(indices: &[u32]) -> String {
+    let shown: Vec<String> = indices.iter().take(SHOWN).map(u32::to_string).collect();
+    let more = indices.len().saturating_sub(SHOWN);
+    let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+    shown.join(", ") + &rest
+}
+
+/// `1 triangle`, `2 triangles`.
+pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
+struct Found<'a> {
+    mesh: &'a TriangleMesh,
+    findings: Vec<Finding>,
+}
+
+impl Found<'_> {
+    /// Adds a finding if there is anything; `what` is told, then the place.
+    fn add(&mut self, kind: Kind, count: usize, what: String, vertices: Vec<u32>, triangles: Vec<u32>) {
+        if count == 0 {
+            return;
+        }
+        let first = vertices.first().copied().or_else(|| Some(self.mesh.triangles[*triangles.first()? as usize][0]));
+        let point: Option<[f64; 3]> = first.map(|v| self.mesh.vertices[v as usize].into());
+        let at = point.map_or_else(String::new, |[x, y, z]| format!(" at ({x}, {y}, {z})"));
+        let message = format!("{what}{at}");
+        self.findings.push(Finding { kind, count, message, place: Place { vertices, triangles, point } });
+    }
+
+    /// Adds a finding about edges.
+    fn edges(&mut self, kind: Kind, parts: &Parts, edges: &[u32], what: &str) {
+        let Some(&edge) = edges.first() else { return };
+        let [a, b] = parts.topology.edges[edge as usize];
+        let triangles = parts.topology.triangles_of_edge(edge as usize).to_vec();
+        let many = counted(edges.len(), "edge", "edges");
+        let text = format!("{many} {what}; the first: {a}-{b} of triangles {}", list(&triangles));
+        self.add(kind, edges.len(), text, vec![a, b], triangles);
+    }
+
+    /// Adds a finding about triangles.
+    fn triangles(&mut self, kind: Kind, triangles: &[u32], what: &str) {
+        let many = counted(triangles.len(), "triangle", "triangles");
+        let first: Vec<u32> = triangles.iter().take(1).copied().collect();
+        self.add(kind, triangles.len(), format!("{many} {what}: {}", list(triangles)), Vec::new(), first);
+    }
+
+    /// Adds a finding about vertices.
+    fn vertices(&mut self, kind: Kind, vertices: &[u32], what: &str) {
+        let many = counted(vertices.len(), "vertex", "vertices");
+        let first: Vec<u32> = vertices.iter().take(1).copied().collect();
+        self.add(kind, vertices.len(), format!("{many} {what}: {}", list(vertices)), first, Vec::new());
+    }
+}
+
+/// Everything that is wrong, in the order of [`Kind::ALL`].
+pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Finding> {
+    let mut found = Found { mesh, findings: Vec::new() };
+    let none = usize::from(mesh.triangles.is_empty());
+    found.add(Kind::NoTriangles, none, "there are no triangles".into(), Vec::new(), Vec::new());
+    let topology = &parts.topology;
+    found.edges(Kind::NonManifoldEdge, parts, &topology.non_manifold_edges(), "with more than two triangles");
+    orientation(&mut found, parts);
+    rims(&mut found, parts);
+    inside_out(&mut found, parts, health);
+    let extra: Vec<u32> = parts.duplicates.iter().flat_map(|g| g[1..].iter().copied()).collect();
+    found.triangles(Kind::DuplicateTriangles, &extra, "with the same corners as another");
+    found.vertices(Kind::UnusedVertices, &parts.unused, "that no triangle names");
+    let twice = |v: &u32| parts.first_in_place[*v as usize] != *v;
+    let doubled: Vec<u32> = (0..mesh.vertices.len() as u32).filter(twice).collect();
+    found.vertices(Kind::DuplicateVertices, &doubled, "in the place of another");
+    crossing(&mut found, parts);
+    found.triangles(Kind::Slivers, &parts.slivers, "with an angle below 1 degree");
+    found.triangles(Kind::ZeroArea, &parts.zero_area, "without area");
+    found.vertices(Kind::NonManifoldVertex, &parts.non_manifold_vertices, "in which surfaces touch");
+    if health.components > 1 {
+        let what = format!("{} separate pieces", health.components);
+        found.add(Kind::SeveralComponents, health.components, what, Vec::new(), Vec::new());
+    }
+    found.findings
+}
+
+fn orientation(found: &mut Found<'_>, parts: &Parts) {
+    let turned = parts.orientation.turn.iter().filter(|t| **t).count();
+    let turned = counted(turned, "triangle", "triangles");
+    let what = match parts.orientation.one_sided {
+        Some(_) => "run the same way by both triangles, on a surface with one side only".to_owned(),
+        None => format!("run the same way by both triangles, {turned} to be turned round"),
+    };
+    found.edges(Kind::InconsistentOrientation, parts, &parts.inconsistent, &what);
+}
+
+fn rims(found: &mut Found<'_>, parts: &Parts) {
+    let Some(first) = parts.rims.first() else { return };
+    let edges: usize = parts.rims.iter().map(|r| r.vertices.len() - usize::from(!r.closed)).sum();
+    let what = format!(
+        "{} with one triangle, in {}; the first rim has {}, from vertex {}",
+        counted(edges, "edge", "edges"),
+        counted(parts.rims.len(), "rim", "rims"),
+        counted(first.vertices.len(), "vertex", "vertices"),
+        first.vertices[0],
+    );
+    found.add(Kind::OpenBoundary, edges, what, first.vertices.iter().take(SHOWN).copied().collect(), Vec::new());
+}
+
+fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
+    // Only of a closed surface whose triangles agree is the volume that of an inside.
+    let decided = parts.topology.is_closed() && parts.topology.is_oriented();
+    if decided && health.volume <= 0.0 {
+        let what = format!("the enclosed volume is {:e}: triangles are turned inward", health.volume);
+        found.add(Kind::InsideOut, 1, what, Vec::new(), Vec::new());
+    }
+}
+
+fn crossing(found: &mut Found<'_>, parts: &Parts) {
+    let crossings = &parts.crossings;
+    let least = if crossings.complete { "" } else { "at least " };
+    let many = counted(crossings.count, "pair of triangles meets", "pairs of triangles meet");
+    let unfinished = "too many triangles lie in one place to search for crossings among all of them".to_owned();
+    match crossings.pairs.first() {
+        Some(&[s, t]) => {
+            let what = format!("{least}{many} where not joined; the first: {s} and {t}");
+            found.add(Kind::SelfIntersection, crossings.count, what, Vec::new(), vec![s, t]);
+        }
+        None if !crossings.complete => found.add(Kind::SelfIntersection, 1, unfinished, Vec::new(), Vec::new()),
+        None => {}
+    }
+}

@@ -1,0 +1,187 @@
+//! What is wrong with a surface, exactly, and what would mend it.
+//!
+//! Counts are topological; whether a triangle has area and whether two cross is decided by exact signs of the doubles as
+//! stored ([`crate::mesh::predicates`]), so that no tolerance and no unit enter. Only slivers have a threshold, an angle.
+
+pub mod crossings;
+mod finding;
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+pub use crossings::{Crossings, crossings};
+pub(crate) use finding::counted;
+pub use finding::{Finding, Kind, Place};
+
+use super::boundary::{Rim, rims};
+use super::coincident::{first_in_place, same_corners};
+use super::measures::{Aabb, smallest_angle};
+use super::orientation::Orientation;
+use super::topology::Topology;
+use super::{TriangleMesh, predicates};
+
+/// A triangle with a smaller angle is a sliver \[rad\]: 1 degree, at which it is 57 times as long as high.
+pub const SLIVER: f64 = std::f64::consts::PI / 180.0;
+
+/// Everything that is counted about a surface; lengths in the unit of its coordinates.
+#[derive(Clone, Debug, Serialize)]
+pub struct Health {
+    /// Number of vertices.
+    pub vertices: usize,
+    /// Number of triangles.
+    pub triangles: usize,
+    /// Number of edges.
+    pub edges: usize,
+    /// Connected pieces.
+    pub components: usize,
+    /// Rims, that is walks along edges with one triangle.
+    pub boundary_loops: usize,
+    /// Edges with one triangle.
+    pub boundary_edges: usize,
+    /// Edges with more than two triangles.
+    pub non_manifold_edges: usize,
+    /// Vertices where surfaces touch in a point.
+    pub non_manifold_vertices: usize,
+    /// Edges whose two triangles do not agree in orientation.
+    pub inconsistent_edges: usize,
+    /// Whether no surface is one-sided, so that its triangles can be turned to agree.
+    pub orientable: bool,
+    /// Euler characteristic V - E + F of the vertices in use.
+    pub euler_characteristic: i64,
+    /// Number of handles in all; `None` where the surface is not manifold or one-sided.
+    pub genus: Option<i64>,
+    /// Triangles with a smallest angle below 1 degree, those without area left out.
+    pub slivers: usize,
+    /// Triangles whose corners lie on one line, exactly.
+    pub zero_area: usize,
+    /// Triangles beyond the first with the same three corners.
+    pub duplicate_triangles: usize,
+    /// Vertices beyond the first in exactly the same place.
+    pub duplicate_vertices: usize,
+    /// Vertices that no triangle names.
+    pub unused_vertices: usize,
+    /// Pairs of triangles that meet where they are not joined.
+    pub self_intersections: usize,
+    /// Whether all pairs were looked at.
+    pub self_intersections_complete: bool,
+    /// Enclosed volume; of an open surface that of the cones from the middle of its box.
+    pub volume: f64,
+    /// Area.
+    pub area: f64,
+    /// Lowest corner of the bounding box.
+    pub lowest: [f64; 3],
+    /// Highest corner of the bounding box.
+    pub highest: [f64; 3],
+    /// What is wrong, what refuses a simulation first.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
+}
+
+impl Health {
+    /// Examines a surface with valid indices and finite coordinates.
+    pub fn of(mesh: &TriangleMesh) -> Self {
+        let parts = Parts::of(mesh);
+        let mut health = parts.counts(mesh);
+        health.findings = finding::all(&parts, mesh, &health);
+        health
+    }
+
+    /// Whether a simulation takes the surface as a muscle: closed, manifold along edges, oriented outward.
+    pub fn is_fit(&self) -> bool {
+        self.findings.iter().all(|f| !f.kind.refuses())
+    }
+
+    /// Longest side of the bounding box.
+    pub fn length(&self) -> f64 {
+        (0..3).map(|k| self.highest[k] - self.lowest[k]).fold(0.0, |a, b| if b <= a { a } else { b })
+    }
+}
+
+/// What findings are made of.
+struct Parts {
+    topology: Topology,
+    orientation: Orientation,
+    rims: Vec<Rim>,
+    first_in_place: Vec<u32>,
+    duplicates: Vec<Vec<u32>>,
+    zero_area: Vec<u32>,
+    slivers: Vec<u32>,
+    crossings: Crossings,
+    inconsistent: Vec<u32>,
+    non_manifold_vertices: Vec<u32>,
+    unused: Vec<u32>,
+}
+
+impl Parts {
+    fn of(mesh: &TriangleMesh) -> Self {
+        let topology = Topology::new(mesh);
+        let points = predicates::scaled(&mesh.vertices);
+        let corners = |t: &u32| mesh.triangles[*t as usize].map(|v| points[v as usize]);
+        let all = 0..mesh.triangles.len() as u32;
+        let zero_area: Vec<u32> = all.clone().filter(|t| predicates::is_flat(&corners(t))).collect();
+        let is_sliver = |t: &u32| smallest_angle(corners(t)) < SLIVER && zero_area.binary_search(t).is_err();
+        let slivers = all.filter(is_sliver).collect();
+        let first_in_place = first_in_place(&mesh.vertices);
+        let named: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| first_in_place[v as usize])).collect();
+        let duplicates = same_corners(&named);
+        let mut skipped = vec![false; mesh.triangles.len()];
+        zero_area.iter().chain(duplicates.iter().flat_map(|g| &g[1..])).for_each(|t| skipped[*t as usize] = true);
+        Self {
+            crossings: crossings(&mesh.vertices, &mesh.triangles, &first_in_place, |t| skipped[t]),
+            orientation: Orientation::new(&topology, &mesh.triangles),
+            rims: rims(&topology),
+            inconsistent: topology.inconsistent_edges(),
+            non_manifold_vertices: topology.non_manifold_vertices(mesh),
+            unused: (0..mesh.vertices.len())
+                .filter(|&v| topology.triangles_of_vertex(v).is_empty())
+                .map(|v| v as u32)
+                .collect(),
+            topology,
+            first_in_place,
+            duplicates,
+            zero_area,
+            slivers,
+        }
+    }
+
+    fn counts(&self, mesh: &TriangleMesh) -> Health {
+        let topology = &self.topology;
+        let components = topology.components().count;
+        let non_manifold_edges = topology.non_manifold_edges().len();
+        let orientable = self.orientation.one_sided.is_none();
+        let euler = topology.euler_characteristic();
+        let manifold = non_manifold_edges == 0 && self.non_manifold_vertices.is_empty();
+        // Each handle takes 2 from the characteristic of a piece, each rim 1.
+        let genus = (2 * components as i64 - self.rims.len() as i64 - euler) / 2;
+        let bounds = if mesh.vertices.is_empty() { Aabb::of_points(&[Point3::origin()]) } else { mesh.bounding_box() };
+        Health {
+            vertices: mesh.vertices.len(),
+            triangles: mesh.triangles.len(),
+            edges: topology.edges.len(),
+            components,
+            boundary_loops: self.rims.len(),
+            boundary_edges: topology.boundary_edges().len(),
+            non_manifold_edges,
+            non_manifold_vertices: self.non_manifold_vertices.len(),
+            inconsistent_edges: self.inconsistent.len(),
+            orientable,
+            euler_characteristic: euler,
+            genus: (manifold && orientable).then_some(genus),
+            slivers: self.slivers.len(),
+            zero_area: self.zero_area.len(),
+            duplicate_triangles: self.duplicates.iter().map(|g| g.len() - 1).sum(),
+            duplicate_vertices: (0..mesh.vertices.len()).filter(|&v| self.first_in_place[v] != v as u32).count(),
+            unused_vertices: self.unused.len(),
+            self_intersections: self.crossings.count,
+            self_intersections_complete: self.crossings.complete,
+            volume: mesh.volume(),
+            area: mesh.area(),
+            lowest: bounds.min.into(),
+            highest: bounds.max.into(),
+            findings: Vec::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,241 @@
+//! Exact answers about triangles: without area, crossing one another, folded onto one another.
+//!
+//! Signs are those of the doubles as stored \[shewchuk1997\]. Points pass through [`scaled`] first, which multiplies all of
+//! them by one power of two, so that no product overflows and nothing that could decide is lost below.
+
+use nalgebra::Point3;
+use robust::{Coord, Coord3D, orient2d, orient3d};
+
+/// The points times the power of two that brings the greatest coordinate near 1: exact, whatever their unit.
+pub fn scaled(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let greatest = points.iter().flat_map(|p| p.coords.iter()).fold(0.0_f64, |most, c| most.max(c.abs()));
+    if !(greatest > 0.0 && greatest.is_finite()) {
+        return points.to_vec();
+    }
+    // In two halves, because a single factor for the smallest doubles would itself overflow.
+    let exponent = -libm::ilogb(greatest);
+    let half = exponent / 2;
+    let (one, two) = (libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half));
+    points.iter().map(|p| p.map(|c| c * one * two)).collect()
+}
+
+/// On which side of the plane through a triangle a point lies: a positive, a negative number or exactly 0.
+fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
+    let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
+    orient3d(at(a), at(b), at(c), at(p))
+}
+
+/// The turn a, b, c seen along `axis`: positive, negative or exactly 0.
+fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
+    let at = |v: &Point3<f64>| Coord { x: v[(axis + 1) % 3], y: v[(axis + 2) % 3] };
+    orient2d(at(a), at(b), at(c))
+}
+
+/// An axis along which the triangle is seen with area; `None` where its corners lie on one line.
+fn open_axis([a, b, c]: &[Point3<f64>; 3]) -> Option<usize> {
+    (0..3).find(|&axis| turn(axis, a, b, c) != 0.0)
+}
+
+/// Whether the corners lie on one line, or coincide.
+pub fn is_flat(triangle: &[Point3<f64>; 3]) -> bool {
+    open_axis(triangle).is_none()
+}
+
+/// Whether a closed segment and a closed triangle with area share a point.
+fn segment_meets(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
+    let (above, below) = (side(triangle, p), side(triangle, q));
+    if (above > 0.0 && below > 0.0) || (above < 0.0 && below < 0.0) {
+        return false;
+    }
+    if above == 0.0 && below == 0.0 {
+        return segment_meets_in_plane(p, q, triangle);
+    }
+    let [a, b, c] = triangle;
+    let turns = [side(&[*p, *q, *a], b), side(&[*p, *q, *b], c), side(&[*p, *q, *c], a)];
+    turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0)
+}
+
+fn segment_meets_in_plane(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
+    let Some(axis) = open_axis(triangle) else { return false };
+    let side_of = |k: usize| (&triangle[k], &triangle[(k + 1) % 3]);
+    let covers = |v: &Point3<f64>| {
+        let turns = [0, 1, 2].map(|k| turn(axis, side_of(k).0, side_of(k).1, v));
+        turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0)
+    };
+    covers(p) || covers(q) || (0..3).any(|k| segments_meet(axis, [p, q], [side_of(k).0, side_of(k).1]))
+}
+
+/// Whether two closed segments of one plane share a point, seen along `axis`.
+fn segments_meet(axis: usize, [p, q]: [&Point3<f64>; 2], [a, b]: [&Point3<f64>; 2]) -> bool {
+    let (pa, pb) = (turn(axis, p, q, a), turn(axis, p, q, b));
+    let (ap, aq) = (turn(axis, a, b, p), turn(axis, a, b, q));
+    let apart = |s: f64, t: f64| (s > 0.0 && t > 0.0) || (s < 0.0 && t < 0.0);
+    if apart(pa, pb) || apart(ap, aq) {
+        return false;
+    }
+    // On one line the boxes decide.
+    let overlap = |k: usize| p[k].max(q[k]) >= a[k].min(b[k]) && a[k].max(b[k]) >= p[k].min(q[k]);
+    let on_one_line = pa == 0.0 && pb == 0.0 && ap == 0.0 && aq == 0.0;
+    !on_one_line || (overlap((axis + 1) % 3) && overlap((axis + 2) % 3))
+}
+
+/// Whether two triangles with area meet elsewhere than in the corners that they share, named by `s` and `t`.
+///
+/// Triangles with an edge in common meet elsewhere only where one is folded onto the other; with all three corners in
+/// common they are duplicates, which is another question.
+pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> bool {
+    let of = |names: [u32; 3]| names.map(&at);
+    let shared = |v: &u32| t.contains(v);
+    let opposite = |names: [u32; 3], k: usize| [at(names[(k + 1) % 3]), at(names[(k + 2) % 3])];
+    match s.iter().filter(|v| shared(v)).count() {
+        0 => {
+            let meets = |one: [u32; 3], other: [u32; 3]| {
+                let other = of(other);
+                (0..3).any(|k| {
+                    let [p, q] = opposite(one, k);
+                    segment_meets(&p, &q, &other)
+                })
+            };
+            meets(s, t) || meets(t, s)
+        }
+        1 => {
+            let meets = |one: [u32; 3], other: [u32; 3]| {
+                let k = one.iter().position(|v| other.contains(v)).unwrap_or(0);
+                let [p, q] = opposite(one, k);
+                segment_meets(&p, &q, &of(other))
+            };
+            meets(s, t) || meets(t, s)
+        }
+        2 => {
+            let apex = |names: [u32; 3], other: [u32; 3]| names.into_iter().find(|v| !other.contains(v));
+            let (Some(c), Some(d)) = (apex(s, t), apex(t, s)) else { return false };
+            let edge: Vec<Point3<f64>> = s.into_iter().filter(shared).map(&at).collect();
+            let (Some(axis), [a, b]) = (open_axis(&of(s)), &edge[..]) else { return false };
+            let same_side = (turn(axis, a, b, &at(c)) > 0.0) == (turn(axis, a, b, &at(d)) > 0.0);
+            side(&of(s), &at(d)) == 0.0 && same_side
+        }
+        _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Draw;
+
+    fn p(x: f64, y: f64, z: f64) -> Point3<f64> {
+        Point3::new(x, y, z)
+    }
+
+    /// Tests two triangles given by points; equal points are one vertex.
+    fn meet(s: [Point3<f64>; 3], t: [Point3<f64>; 3]) -> bool {
+        let points: Vec<Point3<f64>> = scaled(&[s, t].concat());
+        let name = |k: usize| points.iter().position(|q| *q == points[k]).unwrap_or(k) as u32;
+        let names = |from: usize| [name(from), name(from + 1), name(from + 2)];
+        let both = intersect(names(0), names(3), |v| points[v as usize]);
+        assert_eq!(both, intersect(names(3), names(0), |v| points[v as usize]), "{s:?} {t:?}");
+        both
+    }
+
+    fn floor() -> [Point3<f64>; 3] {
+        [p(0.0, 0.0, 0.0), p(4.0, 0.0, 0.0), p(0.0, 4.0, 0.0)]
+    }
+
+    #[test]
+    fn triangles_without_a_common_corner() {
+        let through = [p(1.0, 1.0, -1.0), p(1.0, 1.0, 1.0), p(9.0, 9.0, 0.0)];
+        let tip_on_it = [p(1.0, 1.0, 0.0), p(1.0, 1.0, 1.0), p(2.0, 1.0, 1.0)];
+        let tip_an_ulp_above = [p(1.0, 1.0, f64::from_bits(1)), p(1.0, 1.0, 1.0), p(2.0, 1.0, 1.0)];
+        let beside = [p(5.0, 5.0, -1.0), p(5.0, 5.0, 1.0), p(9.0, 9.0, 0.0)];
+        let within = [p(1.0, 1.0, 0.0), p(2.0, 1.0, 0.0), p(1.0, 2.0, 0.0)];
+        let in_plane_apart = [p(4.0, 4.0, 0.0), p(5.0, 4.0, 0.0), p(4.0, 5.0, 0.0)];
+        let in_line_with_a_side = [p(5.0, 0.0, 0.0), p(6.0, 0.0, 0.0), p(5.0, 0.0, 1.0)];
+        for (t, expected) in [
+            (through, true),
+            (tip_on_it, true),
+            (beside, false),
+            (within, true),
+            (in_plane_apart, false),
+            (in_line_with_a_side, false),
+        ] {
+            assert_eq!(meet(floor(), t), expected, "{t:?}");
+        }
+        // The smallest double above the plane is above it, as long as it is not scaled down.
+        assert!(!intersect([0, 1, 2], [3, 4, 5], |v| [floor(), tip_an_ulp_above].concat()[v as usize]));
+    }
+
+    #[test]
+    fn triangles_with_common_corners() {
+        let [a, b, c] = floor();
+        let hinge = [b, a, p(0.0, 0.0, 3.0)];
+        let flat = [b, a, p(1.0, -1.0, 0.0)];
+        let folded = [b, a, p(1.0, 1.0, 0.0)];
+        let fan = [a, p(-1.0, 0.0, 0.0), p(0.0, -1.0, 1.0)];
+        let back_through = [a, p(3.0, 3.0, 1.0), p(1.0, 1.0, -1.0)];
+        let over_it = [a, p(1.0, 0.5, 0.0), p(0.5, 1.0, 0.0)];
+        let duplicate = [a, c, b];
+        for (t, expected) in [
+            (hinge, false),
+            (flat, false),
+            (folded, true),
+            (fan, false),
+            (back_through, true),
+            (over_it, true),
+            (duplicate, false),
+        ] {
+            assert_eq!(meet(floor(), t), expected, "{t:?}");
+        }
+    }
+
+    #[test]
+    fn flat_triangles_are_known_exactly() {
+        assert!(is_flat(&[p(0.0, 0.0, 0.0), p(1.0, 1.0, 1.0), p(3.0, 3.0, 3.0)]));
+        assert!(is_flat(&[p(1.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(3.0, 3.0, 3.0)]));
+        // A tenth is no exact number, and three tenths are not three times it.
+        assert!(!is_flat(&[p(0.0, 0.0, 0.0), p(0.1, 0.1, 0.1), p(0.3, 0.3, 0.30000000000000004)]));
+        let tiny = scaled(&[p(0.0, 0.0, 0.0), p(1e-300, 0.0, 0.0), p(0.0, 1e-300, 0.0)]);
+        assert!(!is_flat(&[tiny[0], tiny[1], tiny[2]]));
+        let huge = scaled(&[p(0.0, 0.0, 0.0), p(1e300, 0.0, 0.0), p(0.0, 1e300, 0.0)]);
+        assert!(!is_flat(&[huge[0], huge[1], huge[2]]));
+        assert!(scaled(&[p(f64::from_bits(1), 0.0, 0.0)])[0].x == 1.0);
+    }
+
+    #[test]
+    fn drawn_triangles_agree_with_a_search_for_a_common_point() {
+        // On a grid of eighths all of this is exact, and triangles touch and cross often.
+        let mut draw = Draw::new(31);
+        let mut seen = [0, 0];
+        for _ in 0..3000 {
+            let mut point = || {
+                let mut c = || (draw.between(-2.0, 3.0)).floor();
+                p(c(), c(), c())
+            };
+            let (s, t) = ([point(), point(), point()], [point(), point(), point()]);
+            if is_flat(&s) || is_flat(&t) || s.iter().any(|v| t.contains(v)) {
+                continue;
+            }
+            let met = meet(s, t);
+            seen[usize::from(met)] += 1;
+            // Triangles of this grid that are apart are so by more than a hundredth.
+            assert_eq!(met, gap(&s, &t) <= 1e-3, "{s:?} {t:?}");
+        }
+        assert!(seen[0] > 300 && seen[1] > 300, "{seen:?}");
+    }
+
+    /// Distance of two triangles by alternating projections, slow and independent of signs.
+    fn gap(s: &[Point3<f64>; 3], t: &[Point3<f64>; 3]) -> f64 {
+        use crate::mesh::closest::closest_on_triangle;
+        let mut x = s[0];
+        let mut last = f64::INFINITY;
+        for _ in 0..20_000 {
+            let y = closest_on_triangle(&x, t);
+            x = closest_on_triangle(&y, s);
+            let now = (x - y).norm();
+            if now <= 1e-10 || last - now <= 1e-16 {
+                return now;
+            }
+            last = now;
+        }
+        last
+    }
+}

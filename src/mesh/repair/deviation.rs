@@ -1,0 +1,39 @@
+//! How far two surfaces lie apart.
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::mesh::TriangleMesh;
+use crate::mesh::closest::SurfaceTree;
+use crate::mesh::measures::greatest;
+
+/// Greatest distances between two surfaces, measured from the corners, mid-sides and centroids of all triangles
+/// [unit of the coordinates]; `None` where one of them has no triangle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Deviation {
+    /// From points of the first to the second: what the second lost or moved.
+    pub lost: Option<f64>,
+    /// From points of the second to the first: what the second has beyond it.
+    pub added: Option<f64>,
+}
+
+/// Measures both ways.
+pub fn deviation(first: &TriangleMesh, second: &TriangleMesh) -> Deviation {
+    Deviation { lost: one_way(first, second), added: one_way(second, first) }
+}
+
+fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
+    if from.triangles.is_empty() || to.triangles.is_empty() {
+        return None;
+    }
+    let tree = SurfaceTree::new(&to.vertices, &to.triangles);
+    let distance = |p: &Point3<f64>| tree.closest(p, f64::MAX).map_or(f64::NAN, |c| c.distance);
+    let furthest = |t: usize| {
+        let [a, b, c] = from.corners(t);
+        let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
+        let centroid = a + ((b - a) + (c - a)) / 3.0;
+        greatest([a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid].iter().map(distance))
+    };
+    Some(greatest((0..from.triangles.len()).into_par_iter().map(furthest).collect::<Vec<_>>()))
+}

@@ -1,0 +1,102 @@
+//! Closes small holes by the triangulation of least area \[barequet1995\].
+
+use std::collections::BTreeSet;
+
+use nalgebra::Point3;
+
+use super::working::Working;
+use super::{Step, topology};
+use crate::mesh::boundary::rims;
+use crate::mesh::health::counted;
+use crate::mesh::predicates::{is_flat, scaled};
+use crate::mesh::topology::Topology;
+
+/// Closes every rim of at most `longest` edges without a new vertex, where that gives no edge a third triangle.
+pub(super) fn close(working: &mut Working, longest: usize) {
+    if longest < 3 {
+        return;
+    }
+    let topology = topology(working);
+    let points = scaled(&working.vertices);
+    let (mut closed, mut around, mut added) = (0, Vec::new(), 0);
+    // Chords of covers; a second cover over the same chord would make it an edge of four triangles.
+    let mut chords = BTreeSet::new();
+    for rim in rims(&topology) {
+        if !rim.closed || !(3..=longest).contains(&rim.vertices.len()) {
+            continue;
+        }
+        let mut ring = rim.vertices;
+        // The cover runs the first edge of the rim against its triangle; should others disagree, they are turned later.
+        let Some(edge) = topology.find_edge(ring[0], ring[1]) else { continue };
+        let Some(&beside) = topology.triangles_of_edge(edge as usize).first() else { continue };
+        let corners = working.triangles[beside as usize];
+        let along = (0..3).any(|k| corners[k] == ring[0] && corners[(k + 1) % 3] == ring[1]);
+        if !along {
+            ring.reverse();
+        }
+        let Some(cover) = cover(&ring, &points, &topology, &chords) else { continue };
+        chords.extend(cover.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)].map(|(u, v)| [u.min(v), u.max(v)])));
+        closed += 1;
+        added += cover.len();
+        around.extend(ring.iter().map(|v| working.vertex_origin[*v as usize]));
+        working.triangle_origin.extend(cover.iter().map(|_| None));
+        working.triangles.extend(cover);
+    }
+    let message = || {
+        let (holes, triangles) = (counted(closed, "hole", "holes"), counted(added, "triangle", "triangles"));
+        format!("closed {holes} with {triangles}")
+    };
+    working.note(Step::ClosedHoles, closed, message, around);
+}
+
+/// What a part of a cover costs: first the triangles without area, then the area.
+type Cost = (u32, f64);
+
+/// The triangles over a closed walk that have the least area in all; `None` where every choice gives an edge a third
+/// triangle.
+fn cover(
+    ring: &[u32],
+    points: &[Point3<f64>],
+    topology: &Topology,
+    chords: &BTreeSet<[u32; 2]>,
+) -> Option<Vec<[u32; 3]>> {
+    let n = ring.len();
+    // A chord that is an edge already would get more triangles than two.
+    let is_edge = |u: u32, v: u32| topology.find_edge(u, v).is_some() || chords.contains(&[u.min(v), u.max(v)]);
+    let free = |i: usize, j: usize| j - i == 1 || (i == 0 && j == n - 1) || !is_edge(ring[i], ring[j]);
+    let mut best: Vec<Option<(Cost, usize)>> = vec![None; n * n];
+    let cost = |best: &[Option<(Cost, usize)>], i: usize, j: usize| -> Option<Cost> {
+        if j - i == 1 { Some((0, 0.0)) } else { best[i * n + j].map(|(cost, _)| cost) }
+    };
+    for span in 2..n {
+        for i in 0..n - span {
+            let j = i + span;
+            if !free(i, j) {
+                continue;
+            }
+            for m in i + 1..j {
+                let (Some(left), Some(right)) = (cost(&best, i, m), cost(&best, m, j)) else { continue };
+                let corners = [i, m, j].map(|k| points[ring[k] as usize]);
+                let area = 0.5 * (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm();
+                let flat = u32::from(is_flat(&corners));
+                let total = (left.0 + right.0 + flat, left.1 + right.1 + area);
+                let better = |(known, _): (Cost, usize)| total.0 < known.0 || (total.0 == known.0 && total.1 < known.1);
+                if best[i * n + j].is_none_or(better) {
+                    best[i * n + j] = Some((total, m));
+                }
+            }
+        }
+    }
+    let mut cover = Vec::new();
+    let mut open = vec![(0, n - 1)];
+    while let Some((i, j)) = open.pop() {
+        if j - i < 2 {
+            continue;
+        }
+        let (_, m) = best[i * n + j]?;
+        // The ring runs with its triangles, the cover against it.
+        cover.push([ring[i], ring[j], ring[m]]);
+        open.extend([(i, m), (m, j)]);
+    }
+    Some(cover)
+}

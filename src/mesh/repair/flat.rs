@@ -1,0 +1,136 @@
+//! Cuts triangles without area out of a surface, which moves no point of it.
+
+use nalgebra::Point3;
+
+use super::working::Working;
+use super::{Step, topology};
+use crate::mesh::health::counted;
+use crate::mesh::predicates::{is_flat, scaled};
+use crate::mesh::topology::Topology;
+
+/// Rounds, each of which cuts triangles that do not touch; more are needed only by long rows of flat triangles.
+const ROUNDS: usize = 64;
+
+/// What is done about one triangle without area.
+enum Cut {
+    /// Two corners coincide: the second becomes the first.
+    Collapse([u32; 2]),
+    /// The middle corner lies on the long side: the triangle across is divided there.
+    Flip {
+        /// The triangle across, and what becomes of the two.
+        across: usize,
+        halves: [[u32; 3]; 2],
+    },
+    /// The long side is a rim: the triangle goes, and the rim runs along the other two sides.
+    Drop,
+}
+
+/// Flips, collapses or drops every triangle without area that can be, exactly where it lies.
+///
+/// Left is what would give an edge a third triangle.
+pub(super) fn cut(working: &mut Working) {
+    let mut cut = Vec::new();
+    for _ in 0..ROUNDS {
+        let before = cut.len();
+        round(working, &mut cut);
+        if cut.len() == before {
+            break;
+        }
+    }
+    let count = cut.len();
+    let message = || format!("cut away {} without area, which moves nothing", counted(count, "triangle", "triangles"));
+    working.note(Step::CutZeroArea, count, message, cut.into_iter().flatten().collect());
+}
+
+fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
+    let points = scaled(&working.vertices);
+    let flat: Vec<usize> =
+        (0..working.triangles.len()).filter(|&t| is_flat(&working.triangles[t].map(|v| points[v as usize]))).collect();
+    if flat.is_empty() {
+        return;
+    }
+    let topology = topology(working);
+    // Triangles about a vertex of which one was changed have to wait for the next round.
+    let mut touched = vec![false; working.vertices.len()];
+    let mut gone = vec![false; working.triangles.len()];
+    for t in flat {
+        let Some((deed, corners)) = plan(t, &working.triangles, &points, &topology) else { continue };
+        let around = || corners.iter().flat_map(|v| topology.triangles_of_vertex(*v as usize));
+        if around().any(|u| working.triangles[*u as usize].iter().any(|v| touched[*v as usize])) {
+            continue;
+        }
+        corners.iter().for_each(|v| touched[*v as usize] = true);
+        cut.push(working.triangle_origin[t]);
+        match deed {
+            Cut::Collapse([keep, drop]) => {
+                for &u in topology.triangles_of_vertex(drop as usize) {
+                    let corners = &mut working.triangles[u as usize];
+                    gone[u as usize] |= corners.contains(&keep);
+                    corners.iter_mut().filter(|v| **v == drop).for_each(|v| *v = keep);
+                }
+                working.lines.iter_mut().flatten().filter(|v| **v == drop).for_each(|v| *v = keep);
+            }
+            Cut::Flip { across, halves } => {
+                working.triangles[across] = halves[0];
+                working.triangles[t] = halves[1];
+            }
+            Cut::Drop => gone[t] = true,
+        }
+    }
+    working.retain(|t| !gone[t]);
+}
+
+/// What to do about triangle `t`, and the vertices that it concerns; `None` where nothing can be done now.
+fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Topology) -> Option<(Cut, Vec<u32>)> {
+    let corners = triangles[t];
+    let at = |v: u32| points[v as usize];
+    for k in 0..3 {
+        let (u, v) = (corners[k], corners[(k + 1) % 3]);
+        if at(u) == at(v) {
+            let [keep, drop] = [u.min(v), u.max(v)];
+            let allowed = link_is_free(keep, drop, topology, triangles);
+            return allowed.then(|| (Cut::Collapse([keep, drop]), vec![keep, drop]));
+        }
+    }
+    // Distinct corners on one line: the long side is the one that holds the third corner.
+    let length = |k: usize| (at(corners[k]) - at(corners[(k + 1) % 3])).norm_squared();
+    let long = (0..3).max_by(|&i, &j| length(i).total_cmp(&length(j)))?;
+    let [a, c, b] = [corners[long], corners[(long + 1) % 3], corners[(long + 2) % 3]];
+    match *topology.triangles_of_edge(topology.triangle_edges[t][long] as usize) {
+        [_] => Some((Cut::Drop, corners.to_vec())),
+        [s, u] => {
+            let across = if s as usize == t { u } else { s } as usize;
+            let apex = *triangles[across].iter().find(|v| **v != a && **v != c)?;
+            if apex == b || topology.find_edge(apex, b).is_some() {
+                return None;
+            }
+            // Each half is the triangle across with one end of the long side moved to the middle.
+            let with = |end: u32| triangles[across].map(|v| if v == end { b } else { v });
+            Some((Cut::Flip { across, halves: [with(a), with(c)] }, vec![a, b, c, apex]))
+        }
+        _ => None,
+    }
+}
+
+/// Whether the vertices next to both ends of an edge are those opposite it, so that a collapse joins nothing else.
+fn link_is_free(a: u32, b: u32, topology: &Topology, triangles: &[[u32; 3]]) -> bool {
+    let around = |v: u32| {
+        let ring = topology.triangles_of_vertex(v as usize);
+        let mut ring: Vec<u32> = ring.iter().flat_map(|t| triangles[*t as usize]).filter(|w| *w != v).collect();
+        ring.sort_unstable();
+        ring.dedup();
+        ring
+    };
+    let Some(edge) = topology.find_edge(a, b) else { return false };
+    let common = around(a).iter().filter(|v| around(b).binary_search(v).is_ok()).count();
+    let opposite = topology.triangles_of_edge(edge as usize).len();
+    // Two rims that a collapse would bring together stay apart.
+    let on_rim = |v: u32| {
+        let ring = topology.triangles_of_vertex(v as usize);
+        let sides = ring.iter().flat_map(|t| topology.triangle_edges[*t as usize]);
+        sides
+            .into_iter()
+            .any(|e| topology.edges[e as usize].contains(&v) && topology.triangles_of_edge(e as usize).len() == 1)
+    };
+    common == opposite && (opposite == 1 || !(on_rim(a) && on_rim(b)))
+}

@@ -1,0 +1,267 @@
+use super::*;
+use crate::mesh::Health;
+use crate::mesh::health::Kind;
+use crate::mesh::shapes::{box_surface, icosphere};
+use crate::testing::Draw;
+use nalgebra::{Point3, Vector3};
+use proptest::prelude::*;
+
+fn steps(repaired: &Repaired) -> Vec<Step> {
+    repaired.changes.iter().map(|c| c.step).collect()
+}
+
+fn plain(mesh: &TriangleMesh) -> Repaired {
+    repair(mesh, &[], &Options::default())
+}
+
+fn append(mesh: &mut TriangleMesh, other: &TriangleMesh, by: Vector3<f64>) {
+    let count = mesh.vertices.len() as u32;
+    mesh.vertices.extend(other.vertices.iter().map(|p| p + by));
+    mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + count)));
+}
+
+/// Merges vertices in the same place, whatever they belong to.
+fn weld(mesh: &mut TriangleMesh) {
+    let first = crate::mesh::coincident::first_in_place(&mesh.vertices);
+    mesh.triangles.iter_mut().flatten().for_each(|v| *v = first[*v as usize]);
+}
+
+fn cube() -> TriangleMesh {
+    box_surface([1.0, 1.0, 1.0], 1.0)
+}
+
+#[test]
+fn a_sound_surface_keeps_its_bits() {
+    for mesh in [icosphere(0.1, 3), cube()] {
+        let repaired =
+            repair(&mesh, &[vec![0, 1]], &Options { close_holes: 99, keep_largest: true, ..Options::default() });
+        assert_eq!((repaired.mesh, repaired.changes, repaired.lines), (mesh, Vec::new(), vec![vec![0, 1]]));
+    }
+}
+
+#[test]
+fn seams_are_joined() {
+    // Every triangle with vertices of its own, as STL has them.
+    let whole = icosphere(1.0, 2);
+    let soup = TriangleMesh {
+        vertices: (0..whole.triangles.len()).flat_map(|t| whole.corners(t)).collect(),
+        triangles: (0..whole.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+    };
+    let repaired = plain(&soup);
+    assert_eq!(steps(&repaired), [Step::MergedVertices, Step::DroppedVertices]);
+    assert_eq!((repaired.mesh.vertices.len(), repaired.moved), (whole.vertices.len(), 0.0));
+    assert!(Health::of(&repaired.mesh).is_fit());
+    // A little apart, they are joined only within the distance asked for.
+    let mut draw = Draw::new(4);
+    let apart: Vec<_> = soup.vertices.iter().map(|p| p + draw.direction() * 1e-4).collect();
+    let apart = TriangleMesh { vertices: apart, ..soup };
+    assert!(!Health::of(&plain(&apart).mesh).is_fit());
+    let repaired = repair(&apart, &[], &Options { merge_within: 3e-4, ..Options::default() });
+    assert!(Health::of(&repaired.mesh).is_fit());
+    assert!(repaired.moved > 1e-5 && repaired.moved <= 3e-4, "{}", repaired.moved);
+    let away = deviation(&apart, &repaired.mesh);
+    assert!(away.lost.is_some_and(|d| d > 1e-6 && d <= 3e-4), "{away:?}");
+}
+
+#[test]
+fn two_cubes_on_one_edge_come_apart() {
+    let mut mesh = cube();
+    append(&mut mesh, &cube(), Vector3::new(1.0, 1.0, 0.0));
+    weld(&mut mesh);
+    assert_eq!(Health::of(&mesh).non_manifold_edges, 1);
+    let repaired = plain(&mesh);
+    let health = Health::of(&repaired.mesh);
+    assert_eq!((health.components, health.is_fit(), health.volume), (2, true, 2.0), "{:?}", repaired.changes);
+    // And the same with the directions of all triangles lost.
+    let mut draw = Draw::new(11);
+    mesh.triangles.iter_mut().for_each(|t| t.rotate_left(draw.index(3)));
+    mesh.triangles.iter_mut().filter(|_| draw.index(2) == 0).for_each(|t| t.swap(0, 1));
+    let health = Health::of(&plain(&mesh).mesh);
+    assert_eq!((health.non_manifold_edges, health.inconsistent_edges), (0, 0));
+}
+
+#[test]
+fn a_fin_and_a_wall_come_off() {
+    let mut finned = icosphere(1.0, 2);
+    let sound = finned.triangles.len();
+    let [a, b, _] = finned.triangles[0];
+    finned.vertices.push(finned.vertices[a as usize] * 1.5);
+    finned.triangles.push([a, b, finned.vertices.len() as u32 - 1]);
+    let repaired = repair(&finned, &[], &Options { keep_largest: true, ..Options::default() });
+    assert_eq!((repaired.mesh.triangles.len(), Health::of(&repaired.mesh).is_fit()), (sound, true));
+    // Two cubes side by side with their common wall, which is two triangles.
+    let mut walled = cube();
+    append(&mut walled, &cube(), Vector3::x());
+    weld(&mut walled);
+    let repaired = plain(&walled);
+    let health = Health::of(&repaired.mesh);
+    // The wall is there twice, once for each cube, and both cubes are closed without it.
+    assert_eq!((health.is_fit(), health.volume), (true, 2.0), "{:?} {:?}", repaired.changes, health.findings);
+    // The wall once: it is taken off, and what remains is closed.
+    let mut once = plain(&walled).mesh;
+    let on_wall = |p: &Point3<f64>| p.x == 0.5;
+    let wall: Vec<u32> = (0..once.vertices.len() as u32).filter(|v| on_wall(&once.vertices[*v as usize])).collect();
+    let is_at = |v: &&u32, y: f64, z: f64| once.vertices[**v as usize] == Point3::new(0.5, y, z);
+    let find = |y: f64, z: f64| *wall.iter().find(|v| is_at(v, y, z)).expect("corner");
+    let [p, q, r, s] = [find(-0.5, -0.5), find(0.5, -0.5), find(0.5, 0.5), find(-0.5, 0.5)];
+    once.triangles.extend([[p, q, r], [p, r, s]]);
+    assert_eq!(Health::of(&once).non_manifold_edges, 4);
+    let repaired = repair(&once, &[], &Options { keep_largest: true, ..Options::default() });
+    let health = Health::of(&repaired.mesh);
+    assert_eq!((health.is_fit(), health.volume), (true, 2.0), "{:?}", repaired.changes);
+}
+
+#[test]
+fn triangles_without_area_are_cut_and_nothing_moves() {
+    let mut mesh = box_surface([1.0, 1.0, 1.0], 0.25);
+    let (volume, area) = (mesh.volume(), mesh.area());
+    // A cap: a side is divided for one of its triangles alone, and a triangle without area fills the slit.
+    let [a, b, c] = mesh.triangles[0];
+    let middle = mesh.vertices.len() as u32;
+    mesh.vertices.push(nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]));
+    mesh.triangles[0] = [a, middle, c];
+    mesh.triangles.extend([[middle, b, c], [a, b, middle]]);
+    // A needle: a vertex is doubled along two edges of its ring.
+    let v = mesh.triangles[40][0];
+    let copy = mesh.vertices.len() as u32;
+    mesh.vertices.push(mesh.vertices[v as usize]);
+    let topology = Topology::new(&mesh);
+    let ring: Vec<u32> = topology.triangles_of_vertex(v as usize).to_vec();
+    let [start, next] = [ring[0], ring[0]].map(|t| mesh.triangles[t as usize]);
+    let k = start.iter().position(|w| *w == v).expect("of the ring");
+    let (p, q) = (start[(k + 1) % 3], next[(k + 2) % 3]);
+    mesh.triangles[ring[0] as usize][k] = copy;
+    mesh.triangles.extend([[v, p, copy], [v, copy, q]]);
+    let sick = Health::of(&mesh);
+    assert_eq!((sick.zero_area, sick.is_fit()), (3, true), "{:?}", sick.findings);
+    let repaired = plain(&mesh);
+    let health = Health::of(&repaired.mesh);
+    assert_eq!((health.zero_area, health.is_fit(), repaired.moved), (0, true, 0.0), "{:?}", repaired.changes);
+    assert!((health.volume - volume).abs() <= 1e-15 && (health.area - area).abs() <= 1e-14);
+    let away = deviation(&mesh, &repaired.mesh);
+    assert!(away.lost.is_some_and(|d| d <= 1e-15) && away.added.is_some_and(|d| d <= 1e-15), "{away:?}");
+}
+
+#[test]
+fn holes_are_closed_by_choice() {
+    let mut mesh = icosphere(1.0, 2);
+    mesh.triangles.retain(|t| !t.contains(&3) && !t.contains(&100));
+    let rims = |mesh: &TriangleMesh| Health::of(mesh).boundary_loops;
+    assert_eq!((rims(&mesh), rims(&plain(&mesh).mesh)), (2, 2));
+    let of = |close_holes| repair(&mesh, &[], &Options { close_holes, ..Options::default() });
+    assert_eq!([rims(&of(4).mesh), rims(&of(5).mesh), rims(&of(6).mesh)], [2, 1, 0]);
+    let repaired = of(6);
+    assert!(Health::of(&repaired.mesh).is_fit(), "{:?}", Health::of(&repaired.mesh).findings);
+    assert_eq!(repaired.changes[0].message, "closed 2 holes with 7 triangles");
+    assert_eq!(repaired.mesh.volume(), of(500).mesh.volume());
+}
+
+#[test]
+fn pieces_face_outward_and_keep_what_they_are_within() {
+    let turned = |mut mesh: TriangleMesh| {
+        mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        mesh
+    };
+    let small = TriangleMesh { vertices: cube().vertices.iter().map(|p| p * 0.5).collect(), ..cube() };
+    // A cavity stays one, a body within stays one, and both are turned with what holds them.
+    for (inner, volume) in [(turned(small.clone()), 0.875), (small, 1.125)] {
+        let mut mesh = cube();
+        append(&mut mesh, &inner, Vector3::zeros());
+        assert_eq!(plain(&mesh).mesh, mesh);
+        let repaired = plain(&turned(mesh));
+        assert_eq!(repaired.mesh.volume(), volume);
+    }
+    let mut apart = cube();
+    append(&mut apart, &turned(cube()), Vector3::x() * 3.0);
+    let repaired = plain(&apart);
+    assert_eq!((repaired.mesh.volume(), repaired.changes[0].count), (2.0, 12));
+    assert_eq!(repaired.changes[0].elements, (12..24).collect::<Vec<u32>>());
+}
+
+#[test]
+fn a_moebius_strip_stays_one_sided() {
+    let strip: Vec<[u32; 3]> = (0..7u32).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
+    let mut draw = Draw::new(2);
+    let mesh = TriangleMesh { vertices: (0..7).map(|_| draw.direction().into()).collect(), triangles: strip };
+    let health = Health::of(&plain(&mesh).mesh);
+    assert!(!health.orientable && !health.is_fit());
+}
+
+/// What must hold of every repair, whatever was repaired.
+fn assert_repaired(mesh: &TriangleMesh, repaired: &Repaired) {
+    TriangleMesh::new(repaired.mesh.vertices.clone(), repaired.mesh.triangles.clone()).expect("a valid mesh");
+    let health = Health::of(&repaired.mesh);
+    let counts = [
+        health.non_manifold_edges,
+        health.non_manifold_vertices,
+        health.unused_vertices,
+        if health.orientable { health.inconsistent_edges } else { 0 },
+    ];
+    assert_eq!(counts, [0; 4], "{mesh:?}\n{:?}", repaired.changes);
+    let closed = health.boundary_edges == 0 && health.triangles > 0 && health.orientable;
+    assert!(!closed || health.volume >= -1e-15, "{mesh:?}");
+    let vertices = mesh.vertices.len() as u32;
+    for change in &repaired.changes {
+        assert!(change.count > 0 && !change.message.is_empty());
+        let about_vertices = matches!(
+            change.step,
+            Step::MergedVertices | Step::SplitVertices | Step::ClosedHoles | Step::DroppedVertices
+        );
+        let count = if about_vertices { vertices } else { mesh.triangles.len() as u32 };
+        assert!(change.elements.iter().all(|e| *e < count), "{change:?}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_heap_of_triangles_becomes_manifold(seed in any::<u64>(), corners in 4usize..14, count in 1usize..40, holes in 0usize..9) {
+        let mut draw = Draw::new(seed);
+        // On a coarse grid vertices coincide, triangles lie flat and on one another.
+        let mut place = || Vector3::new(draw.between(0.0, 3.0).floor(), draw.between(0.0, 3.0).floor(), draw.between(0.0, 2.0).floor());
+        let vertices: Vec<Point3<f64>> = (0..corners).map(|_| place().into()).collect();
+        let mut corner = || draw.index(corners) as u32;
+        let triangles: Vec<[u32; 3]> = (0..count).map(|_| [corner(), corner(), corner()]).filter(|[a, b, c]| a != b && b != c && c != a).collect();
+        let mesh = TriangleMesh { vertices, triangles };
+        let options = Options { close_holes: holes, ..Options::default() };
+        let repaired = repair(&mesh, &[], &options);
+        assert_repaired(&mesh, &repaired);
+    }
+
+    #[test]
+    fn a_sphere_with_defects_is_a_sphere_again(seed in any::<u64>()) {
+        let mut draw = Draw::new(seed);
+        let sound = icosphere(1.0, 2);
+        let mut mesh = sound.clone();
+        let mut unharmed: Vec<usize> = (0..sound.triangles.len()).collect();
+        for _ in 0..6 {
+            let t = unharmed.swap_remove(draw.index(unharmed.len()));
+            let [a, b, c] = mesh.triangles[t];
+            match draw.index(5) {
+                0 => mesh.triangles.push([b, c, a]),
+                1 => mesh.triangles[t] = [b, a, c],
+                2 => mesh.vertices.push(draw.direction().into()),
+                3 => {
+                    // A triangle with vertices of its own.
+                    let next = mesh.vertices.len() as u32;
+                    mesh.vertices.extend([a, b, c].map(|v| mesh.vertices[v as usize]));
+                    mesh.triangles[t] = [next, next + 1, next + 2];
+                }
+                _ => {
+                    // A side divided for one triangle alone, which a triangle without area makes up for.
+                    let next = mesh.vertices.len() as u32;
+                    mesh.vertices.push(mesh.vertices[a as usize]);
+                    mesh.triangles[t] = [next, b, c];
+                    mesh.triangles.extend([[a, b, next], [a, next, c]]);
+                }
+            }
+        }
+        let repaired = plain(&mesh);
+        assert_repaired(&mesh, &repaired);
+        let health = Health::of(&repaired.mesh);
+        prop_assert!(health.is_fit(), "{:?}\n{:?}", health.findings, repaired.changes);
+        prop_assert!((health.volume - sound.volume()).abs() <= 1e-13);
+        prop_assert!(health.findings.iter().all(|f| matches!(f.kind, Kind::DuplicateVertices)), "{:?}", health.findings);
+        let again = plain(&repaired.mesh);
+        prop_assert!(again.changes.is_empty() && again.mesh == repaired.mesh);
+    }
+}
