@@ -26,11 +26,14 @@ fn check(bytes: &[u8], name: &str) -> bool {
 fn dense() -> Vec<(&'static str, Vec<u8>)> {
     let count = 1 << 20;
     let mut ply = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty char x\nproperty char y\n\
-        property char z\nelement face 1\nproperty list uint uchar vertex_index\nend_header\n"
+        property char z\nelement face 10\nproperty list uint uchar vertex_index\nend_header\n"
         .to_vec();
     ply.extend([0, 0, 0, 1, 0, 0, 0, 1, 0]);
-    ply.extend((count as u32 + 1).to_le_bytes());
-    ply.extend((0..=count).map(|i| (i % 3) as u8));
+    // Polygons of as many corners as are read.
+    for _ in 0..10 {
+        ply.extend(100_000u32.to_le_bytes());
+        ply.extend((0..100_000).map(|i| (i % 3) as u8));
+    }
     let points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     let vtk = "# vtk DataFile Version 5.1\nt\nBINARY\nDATASET POLYDATA\nPOINTS 3 char\n";
     let mut strip = vtk.as_bytes().to_vec();
@@ -43,7 +46,7 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("list.ply", ply),
         ("strip.vtk", strip),
-        ("polygon.obj", format!("{points}f {}\n", "1 2 3 ".repeat(count / 6)).into_bytes()),
+        ("polygon.obj", format!("{points}{}", format!("f {}\n", "1 2 3 ".repeat(33_333)).repeat(6)).into_bytes()),
         ("lines.obj", format!("{points}{}", "l 1 2\n".repeat(count / 6)).into_bytes()),
         (
             "forward.obj",

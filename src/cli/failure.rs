@@ -3,7 +3,6 @@
 use std::io::IsTerminal;
 
 use super::{BAD_INPUT, FAILED, warn};
-use crate::io::{Problem, ReadError};
 use crate::report::folder::FolderError;
 use crate::scene::SceneError;
 use crate::simulation::LoadError;
@@ -96,7 +95,7 @@ impl Failure {
 /// What to do about a mesh that cannot be used, where its message does not say so itself.
 fn hint(error: &LoadError) -> Option<String> {
     match error {
-        LoadError::Read(error) => reading_hint(error).map(str::to_owned),
+        LoadError::Read(error) => Some(error.help().to_owned()),
         LoadError::NoTriangles { file, .. } => Some(match file.strip_prefix("shape ") {
             Some(shape) => format!("this version cannot make the shape `{shape}`"),
             None => "name a file with a surface".to_owned(),
@@ -108,30 +107,5 @@ fn hint(error: &LoadError) -> Option<String> {
         | LoadError::NoSuchVertex { .. }
         | LoadError::NothingAttached { .. }
         | LoadError::TooManyAttached { .. } => None,
-    }
-}
-
-/// What to do about a file that cannot be read as a mesh.
-fn reading_hint(error: &ReadError) -> Option<&'static str> {
-    let ReadError::Content { problem, .. } = error else {
-        return Some("check the path and whether you may read it");
-    };
-    match problem {
-        Problem::Empty
-        | Problem::TooFewNumbers { .. }
-        | Problem::CountExceedsFile { .. }
-        | Problem::Truncated { .. }
-        | Problem::SizeMismatch { .. } => Some("the file is cut off or damaged: copy or export it again"),
-        Problem::Expected { .. } => Some("the file is cut off, damaged or of another dialect: export it again"),
-        Problem::NotFinite { .. }
-        | Problem::ZeroIndex
-        | Problem::IndexOutOfRange { .. }
-        | Problem::TooFewCorners { .. }
-        | Problem::NulByte => Some("correct it there, or export the file again"),
-        Problem::NoVertices | Problem::NoFaces { .. } => Some("export the surface with its triangles"),
-        Problem::TooLarge { .. } => Some("simplify the mesh first"),
-        Problem::UnknownFormat | Problem::Unsupported { .. } => Some("convert it to one of these"),
-        // These say themselves what to do.
-        Problem::Utf16 | Problem::DecimalComma => None,
     }
 }

@@ -2,6 +2,9 @@
 
 use super::error::{A_NUMBER, Place, Problem, ReadError, quote};
 
+/// The longest line of a format that is read by lines [bytes]; a million corners fit into it, a damaged file does not.
+pub(super) const MAX_LINE_BYTES: usize = 1 << 20;
+
 /// The bytes of a file and how far they were read.
 ///
 /// `mark` and `mark_line` remember where the last item began, so that an error names the item and not what follows.
@@ -31,11 +34,6 @@ impl<'a> Cursor<'a> {
     /// Number of bytes that were read.
     pub(super) fn position(&self) -> usize {
         self.position
-    }
-
-    /// The line of the last item, from 1.
-    pub(super) fn item_line(&self) -> usize {
-        self.mark_line
     }
 
     fn set_mark(&mut self) {
@@ -69,6 +67,22 @@ impl<'a> Cursor<'a> {
         }
         self.line += 1;
         Some(&rest[..length])
+    }
+
+    /// As [`Self::next_line`], for lines that mean something: refuses what no line of text has.
+    pub(super) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
+        let Some(line) = self.next_line() else { return Ok(None) };
+        self.check_length(line.len(), line)?;
+        match line.iter().position(|&b| b == 0) {
+            Some(at) => Err(self.fail(Problem::NulByte, &line[at..])),
+            None => Ok(Some(line)),
+        }
+    }
+
+    /// Refuses a line, or several joined to one, of more than [`MAX_LINE_BYTES`].
+    pub(super) fn check_length(&self, bytes: usize, line: &[u8]) -> Result<(), ReadError> {
+        let limit = MAX_LINE_BYTES;
+        if bytes > limit { Err(self.fail(Problem::LineTooLong { bytes, limit }, line)) } else { Ok(()) }
     }
 
     /// The next word between white space; `None` at the end of the file.
@@ -124,10 +138,14 @@ impl<'a> Cursor<'a> {
         self.mark = offset;
     }
 
+    /// Where the last item is.
+    pub(super) fn place(&self) -> Place {
+        if self.binary { Place::Offset(self.mark) } else { Place::Line(self.mark_line) }
+    }
+
     /// An error at the last item.
     pub(super) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
-        let place = if self.binary { Place::Offset(self.mark) } else { Place::Line(self.mark_line) };
-        self.fail_at(place, problem, found)
+        self.fail_at(self.place(), problem, found)
     }
 
     /// An error at a place.
@@ -138,14 +156,19 @@ impl<'a> Cursor<'a> {
 
     /// An error at an offset of text or, where `text` is false, of binary data.
     pub(super) fn fail_at_offset(&self, offset: usize, text: bool, problem: Problem, found: &[u8]) -> ReadError {
+        self.fail_at(self.place_of(offset, text), problem, found)
+    }
+
+    /// The place of an offset of text or, where `text` is false, of binary data.
+    pub(super) fn place_of(&self, offset: usize, text: bool) -> Place {
         if !text {
-            return self.fail_at(Place::Offset(offset), problem, found);
+            return Place::Offset(offset);
         }
         let mut ahead = Cursor::new(self.name, &self.bytes[..offset.min(self.bytes.len())]);
         while ahead.position < ahead.bytes.len() {
             ahead.step();
         }
-        self.fail_at(Place::Line(ahead.line), problem, found)
+        Place::Line(ahead.line)
     }
 
     /// Where a part of the file begins; `None` for bytes that are no part of it.
@@ -163,20 +186,31 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// A coordinate of vertex `vertex` in a text.
+/// A coordinate of vertex `vertex` in a text; NaN, infinities and what would become one are refused.
 pub(super) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
-    finite(number(token)?, vertex)
+    let value = number(token)?;
+    if value.is_infinite() && beyond_double(token, value) {
+        return Err(Problem::Overflow { vertex });
+    }
+    finite(value, vertex)
 }
 
-/// Refuses NaN and infinities, also those of a text such as `1e400`.
+/// Refuses NaN and infinities.
 pub(super) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
     if value.is_finite() { Ok(value) } else { Err(Problem::NotFinite { vertex }) }
+}
+
+/// Whether a number of text is beyond what a double holds: it became infinite or 0 and is neither.
+pub(super) fn beyond_double(token: &[u8], value: f64) -> bool {
+    let mut mantissa = token.iter().take_while(|b| !b.eq_ignore_ascii_case(&b'e'));
+    (value == 0.0 || value.is_infinite()) && mantissa.any(|b| (b'1'..=b'9').contains(b))
 }
 
 /// Any number in a text.
 pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
     let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
     text.parse().map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
+        _ if token.contains(&0) => Problem::NulByte,
         Ok(_) => Problem::DecimalComma,
         Err(_) => Problem::Expected { what: A_NUMBER },
     })
@@ -185,7 +219,24 @@ pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
 /// A whole number in a text; one too large for 64 bits is an error, it never wraps.
 pub(super) fn integer(token: &[u8]) -> Result<i64, Problem> {
     let text = std::str::from_utf8(token).unwrap_or_default();
-    text.parse().map_err(|_| Problem::Expected { what: "a whole number of at most 63 bits" })
+    text.parse().map_err(|_| {
+        let digits = token.strip_prefix(b"-").or(token.strip_prefix(b"+")).unwrap_or(token);
+        match digits {
+            // Only the number of digits can be wrong with it.
+            [_, ..] if digits.iter().all(u8::is_ascii_digit) => Problem::IntegerTooLarge,
+            _ if digits.contains(&0) => Problem::NulByte,
+            _ => Problem::Expected { what: "a whole number" },
+        }
+    })
+}
+
+/// A count in a text, which is no negative number; `what` is said of anything else.
+pub(super) fn count(token: &[u8], what: &'static str) -> Result<u64, Problem> {
+    match integer(token) {
+        Ok(count) => u64::try_from(count).map_err(|_| Problem::Expected { what }),
+        Err(Problem::IntegerTooLarge) => Err(Problem::IntegerTooLarge),
+        Err(_) => Err(Problem::Expected { what }),
+    }
 }
 
 #[cfg(test)]
@@ -197,12 +248,12 @@ mod tests {
         let mut cursor = Cursor::new("", b"a\rb\r\nc\nd");
         for (line, text) in [b"a", b"b", b"c", b"d"].iter().enumerate() {
             assert_eq!(cursor.next_line(), Some(&text[..]));
-            assert_eq!(cursor.item_line(), line + 1);
+            assert_eq!(cursor.place(), Place::Line(line + 1));
         }
         assert_eq!(cursor.next_line(), None);
         let mut cursor = Cursor::new("", b"a\rb\r\nc\n \n d");
-        let lines: Vec<usize> = std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.item_line())).collect();
-        assert_eq!(lines, [1, 2, 3, 5]);
+        let places: Vec<Place> = std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.place())).collect();
+        assert_eq!(places, [1, 2, 3, 5].map(Place::Line));
     }
 
     #[test]
@@ -220,11 +271,20 @@ mod tests {
     fn numbers_that_are_none_are_refused() {
         assert_eq!(coordinate(b"1,5", 0), Err(Problem::DecimalComma));
         assert_eq!(coordinate(b"nan", 3), Err(Problem::NotFinite { vertex: 3 }));
-        assert_eq!(coordinate(b"1e400", 3), Err(Problem::NotFinite { vertex: 3 }));
+        assert_eq!(coordinate(b"1e400", 3), Err(Problem::Overflow { vertex: 3 }));
+        assert_eq!(coordinate(b"-inf", 3), Err(Problem::NotFinite { vertex: 3 }));
         assert_eq!(coordinate(b"1e-400", 0), Ok(0.0));
         assert_eq!(coordinate(b"-2.e1", 0), Ok(-20.0));
         assert!(coordinate(b"x", 0).is_err());
-        assert!(integer(b"99999999999999999999").is_err());
-        assert!(integer(&[0xff]).is_err());
+        for (token, beyond) in [(&b"1e-400"[..], true), (b"0e-400", false), (b"-0", false), (b"0.0001E-400", true)] {
+            assert_eq!(beyond_double(token, 0.0), beyond);
+        }
+        assert_eq!(integer(b"-99999999999999999999"), Err(Problem::IntegerTooLarge));
+        assert_eq!(integer(b"1\0"), Err(Problem::NulByte));
+        for token in [&[0xff][..], b"", b"-", b"1.0"] {
+            assert_eq!(integer(token), Err(Problem::Expected { what: "a whole number" }));
+        }
+        assert_eq!(count(b"99999999999999999999", "x"), Err(Problem::IntegerTooLarge));
+        assert_eq!(count(b"-1", "x"), Err(Problem::Expected { what: "x" }));
     }
 }

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix4, Point3};
 
 use super::MeshFile;
-use super::cursor::{Cursor, coordinate, finite, integer, number};
+use super::cursor::{Cursor, count, finite, integer, number};
 use super::error::{Problem, ReadError};
 use super::surface::Surface;
 
@@ -161,8 +161,7 @@ impl<'a> Reader<'a> {
     /// A count, refused where the rest of the file is too short for so many items of `smallest` bytes.
     fn count(&mut self, what: &'static str, smallest: u64) -> Result<usize, ReadError> {
         let word = self.word(what)?;
-        let count = integer(word).ok().and_then(|n| u64::try_from(n).ok());
-        let declared = count.ok_or_else(|| self.fail(Problem::Expected { what }, word))?;
+        let declared = count(word, what).map_err(|problem| self.fail(problem, word))?;
         let possible = (self.bytes.len() - self.position) as u64 / smallest;
         match usize::try_from(declared) {
             Ok(count) if declared <= possible => Ok(count),
@@ -178,7 +177,7 @@ impl<'a> Reader<'a> {
             let mut position = Point3::origin();
             for axis in 0..3 {
                 let word = self.word("the vertices")?;
-                let value = coordinate(word, self.surface.vertices.len());
+                let value = self.surface.coordinate(word, &|| self.cursor.place_of(self.position, true));
                 position[axis] = value.map_err(|problem| self.fail(problem, word))?;
             }
             if let Some(matrix) = matrix {
@@ -205,7 +204,8 @@ impl<'a> Reader<'a> {
                 });
                 corners.push(index.map_err(|problem| self.fail(problem, word))?);
             }
-            self.surface.polygon(&corners).map_err(|problem| {
+            let place = || self.cursor.place_of(start, true);
+            self.surface.polygon(&corners, &place).map_err(|problem| {
                 let found = &self.bytes[start..self.position];
                 let begin = found.iter().position(|b| !b" \t\r\n;,".contains(b)).unwrap_or(0);
                 self.fail(problem, &found[begin..])

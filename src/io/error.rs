@@ -48,18 +48,14 @@ impl ReadError {
     pub fn terse(&self) -> String {
         match self {
             ReadError::Io { file, source } => {
-                format!(
-                    "{file}: error[{}]: cannot be read: {source}; check the path and whether you may read it",
-                    self.code()
-                )
+                format!("{file}: error[{}]: cannot be read: {source}; {}", self.code(), self.help())
             }
             ReadError::Content { file, place, column, read_as, problem, found } => {
-                let column = column.map_or_else(String::new, |column| format!("{column}:"));
+                let at = placed(file, place, *column);
                 let read_as = read_as.map_or_else(String::new, |format| {
                     format!("; the content is {}, whatever the name says", format.name())
                 });
-                let (code, help) = (problem.code(), problem.help());
-                format!("{file}:{place}{column} error[{code}]: {problem}{}{read_as}; {help}", Found(found))
+                format!("{at} error[{}]: {problem}{}{read_as}; {}", self.code(), Found(found), self.help())
             }
         }
     }
@@ -72,6 +68,14 @@ impl ReadError {
         }
     }
 
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match self {
+            ReadError::Io { .. } => "check the path and whether you may read it",
+            ReadError::Content { problem, .. } => problem.help(),
+        }
+    }
+
     /// Notes that the name of the file says another format than the content has.
     pub(super) fn with_format(mut self, format: Format) -> Self {
         if let ReadError::Content { read_as, .. } = &mut self {
@@ -81,8 +85,8 @@ impl ReadError {
     }
 }
 
-/// A place in a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A place in a file; earlier places come first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Place {
     /// The file as a whole.
     Whole,
@@ -100,6 +104,12 @@ impl fmt::Display for Place {
             Place::Offset(offset) => write!(f, " offset {offset:#x}:"),
         }
     }
+}
+
+/// The file and a place in it, as every message begins: `file:line:column:` or `file: offset 0xNN:`.
+pub(super) fn placed(file: &str, place: &Place, column: Option<u32>) -> String {
+    let column = column.map_or_else(String::new, |column| format!("{column}:"));
+    format!("{file}:{place}{column}")
 }
 
 /// What is wrong in a mesh file.
@@ -145,9 +155,15 @@ pub enum Problem {
     /// A number is written with a comma.
     #[error("not a number; decimal comma? Write a point")]
     DecimalComma,
-    /// A coordinate is NaN or infinite, or too large for a double.
+    /// A coordinate is NaN or infinite.
     #[error("vertex {vertex} has a coordinate that is not finite")]
     NotFinite {
+        /// Index of the vertex, from 0.
+        vertex: usize,
+    },
+    /// A coordinate is too large for a double.
+    #[error("vertex {vertex} has a coordinate that is too large for a double")]
+    Overflow {
         /// Index of the vertex, from 0.
         vertex: usize,
     },
@@ -163,6 +179,28 @@ pub enum Problem {
         count: usize,
         /// Whether the format counts from 1.
         from_one: bool,
+    },
+    /// An index that counts backwards and reaches further than to the first vertex.
+    #[error("vertex index {index} is out of range: {count} vertices stand before it")]
+    BeforeFirst {
+        /// The index as written.
+        index: i64,
+        /// Number of vertices before it.
+        count: usize,
+    },
+    /// A whole number that 64 bits with a sign do not hold.
+    #[error("a whole number of more than 63 bits")]
+    IntegerTooLarge,
+    /// A corner of OBJ that is none.
+    #[error("expected a corner such as 1, 1/2, 1//3 or 1/2/3")]
+    BadCorner,
+    /// A polygon of so many corners that its fan would be of no use.
+    #[error("too many corners: {got}, at most {limit} are read")]
+    TooManyCorners {
+        /// How many were found.
+        got: usize,
+        /// The limit.
+        limit: usize,
     },
     /// A face of fewer than three corners, or a line of fewer than two.
     #[error("too few corners: {got}, at least {wanted} are needed")]
@@ -196,6 +234,17 @@ pub enum Problem {
         /// The count found.
         used: u64,
     },
+    /// A line of text too long to be one.
+    #[error("the line has {bytes} bytes, more than the limit of {limit}")]
+    LineTooLong {
+        /// Length of the line [bytes].
+        bytes: usize,
+        /// The limit [bytes].
+        limit: usize,
+    },
+    /// The file ends where a backslash says that the line goes on.
+    #[error("the file ends too early, in a line that ends in a backslash")]
+    UnfinishedLine,
     /// A NUL byte in a text.
     #[error("a NUL byte in a text file; is it binary?")]
     NulByte,
@@ -219,13 +268,20 @@ impl Problem {
             Problem::UnknownFormat => "E003",
             Problem::Utf16 => "E005",
             Problem::NulByte => "E006",
+            Problem::LineTooLong { .. } => "E007",
+            Problem::UnfinishedLine => "E008",
             Problem::TooFewNumbers { .. } => "E010",
             Problem::DecimalComma => "E011",
             Problem::Expected { what } if *what == A_NUMBER => "E011",
             Problem::NotFinite { .. } => "E012",
+            Problem::Overflow { .. } => "E013",
             Problem::IndexOutOfRange { .. } => "E020",
             Problem::ZeroIndex => "E021",
+            Problem::BeforeFirst { .. } => "E022",
+            Problem::IntegerTooLarge => "E023",
             Problem::TooFewCorners { .. } => "E024",
+            Problem::BadCorner => "E025",
+            Problem::TooManyCorners { .. } => "E026",
             Problem::CountExceedsFile { .. } => "E040",
             Problem::Truncated { .. } => "E041",
             Problem::Expected { .. } => "E042",
@@ -243,15 +299,24 @@ impl Problem {
             | Problem::TooFewNumbers { .. }
             | Problem::CountExceedsFile { .. }
             | Problem::Truncated { .. }
+            | Problem::UnfinishedLine
             | Problem::SizeMismatch { .. } => "the file is cut off or damaged: copy or export it again",
             Problem::Expected { .. } => "the file is cut off, damaged or of another dialect: export it again",
             Problem::DecimalComma => "export the file with the decimal point of the C locale",
             Problem::NotFinite { .. }
+            | Problem::Overflow { .. }
             | Problem::ZeroIndex
+            | Problem::BeforeFirst { .. }
+            | Problem::IntegerTooLarge
             | Problem::IndexOutOfRange { .. }
             | Problem::TooFewCorners { .. }
+            | Problem::BadCorner
             | Problem::NulByte => "correct it there, or export the file again",
             Problem::NoVertices | Problem::NoFaces { .. } => "export the surface with its triangles",
+            Problem::TooManyCorners { .. } => "split the polygon where it was made",
+            Problem::LineTooLong { .. } => {
+                "one statement of a mesh needs no such line: is the file damaged, or another kind of file?"
+            }
             Problem::TooLarge { .. } => "simplify the mesh first",
             Problem::Utf16 => "save the text as UTF-8",
             Problem::UnknownFormat | Problem::Unsupported { .. } => "convert it to one of the formats that can be read",

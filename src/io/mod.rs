@@ -18,6 +18,7 @@ pub mod stl;
 mod surface;
 pub mod vtk;
 pub mod vtp;
+mod warning;
 mod xml;
 mod xz;
 
@@ -29,6 +30,7 @@ use crate::mesh::TriangleMesh;
 use cursor::Cursor;
 pub use error::{Place, Problem, ReadError};
 pub(crate) use part::write_whole;
+pub use warning::{Warned, Warning, Warnings};
 
 /// The largest file that is read [bytes].
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
@@ -40,8 +42,10 @@ pub struct MeshFile {
     pub mesh: TriangleMesh,
     /// Polylines of at least two indices into the vertices.
     pub lines: Vec<Vec<u32>>,
-    /// Number of triangles that named a vertex twice and were left out: they enclose nothing and their edges cancel.
-    pub degenerate: usize,
+    /// The format that the content was read as; `None` for what was made by hand.
+    pub format: Option<Format>,
+    /// What was accepted, but may not be meant.
+    pub warnings: Warnings,
 }
 
 /// The formats that can be read.
@@ -151,10 +155,19 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         Format::Off => off::read(bytes, name),
         Format::DirectX => directx::read(bytes, name),
     };
-    match Format::from_name(name) {
+    // `.stl` leaves open which of the two it is.
+    let other = Format::from_name(name).filter(|promised| promised.name() != format.name());
+    match (result, other) {
+        (Ok(mut file), other) => {
+            file.format = Some(format);
+            if let Some(promised) = other {
+                file.warnings.note(Warning::OtherFormat { promised, found: format }, &|| Place::Whole);
+            }
+            Ok(file)
+        }
         // Whoever looks for the mistake looks at it with the eyes of the wrong format.
-        Some(promised) if promised.name() != format.name() => result.map_err(|e| e.with_format(format)),
-        _ => result,
+        (Err(error), Some(_)) => Err(error.with_format(format)),
+        (Err(error), None) => Err(error),
     }
 }
 
@@ -229,9 +242,14 @@ mod tests {
 
     #[test]
     fn the_content_decides() {
-        let mesh = read_bytes(OBJ.as_bytes(), "wrong.ply").unwrap();
-        assert_eq!(mesh, read_bytes(OBJ.as_bytes(), "no extension").unwrap());
-        assert_eq!(mesh.mesh.triangles, [[0, 1, 2]]);
+        let mesh = read_bytes(OBJ.as_bytes(), "no extension").unwrap();
+        assert_eq!((mesh.mesh.triangles.as_slice(), mesh.format), (&[[0, 1, 2]][..], Some(Format::Obj)));
+        assert!(mesh.warnings.is_empty());
+        let mut misnamed = read_bytes(OBJ.as_bytes(), "wrong.ply").unwrap();
+        let lines: Vec<String> = misnamed.warnings.iter().map(|w| w.terse("wrong.ply")).collect();
+        assert_eq!(lines, ["wrong.ply: warning[W010]: the name says PLY, the content is OBJ"]);
+        misnamed.warnings = Warnings::default();
+        assert_eq!(mesh, misnamed);
         let with_mark = [b"\xef\xbb\xbf", OBJ.as_bytes()].concat();
         assert_eq!(mesh, read_bytes(&with_mark, "a.obj").unwrap());
     }

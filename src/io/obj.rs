@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::MeshFile;
-use super::cursor::{Cursor, coordinate, integer};
+use super::cursor::{Cursor, integer};
 use super::error::{Place, Problem, ReadError};
 use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
@@ -15,9 +15,6 @@ use crate::mesh::TriangleMesh;
 /// Words that begin a line of an OBJ file.
 const KEYWORDS: [&[u8]; 13] =
     [b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call"];
-
-/// What a corner may look like.
-const CORNER: &str = "a corner such as 1, 1/2, 1//3 or 1/2/3";
 
 /// Whether the first line that is no comment begins with a word of OBJ.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
@@ -39,25 +36,21 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 /// # Errors
 /// A malformed number, an index out of range, a face of fewer than three corners, a file without faces and lines.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let mut reader = Reader { cursor: Cursor::new(name, bytes), surface: Surface::default(), pending: Vec::new() };
+    let (cursor, surface) = (Cursor::new(name, bytes), Surface::default());
+    let mut reader = Reader { cursor, surface, place: Place::Whole, pending: Vec::new() };
     let mut joined = Vec::new();
-    while let Some(first) = reader.cursor.next_line() {
-        let first_line = reader.cursor.item_line();
-        if first.contains(&0) {
-            return Err(reader.cursor.fail(Problem::NulByte, first));
-        }
+    while let Some(first) = reader.cursor.text_line()? {
+        reader.place = reader.cursor.place();
         let line = match first.trim_ascii_end().strip_suffix(b"\\") {
             None => first,
             Some(begin) => {
                 joined.clear();
                 joined.extend_from_slice(begin);
-                continue_line(&mut reader.cursor, &mut joined)?;
+                continue_line(&mut reader.cursor, first, &mut joined)?;
                 &joined
             }
         };
-        reader
-            .statement(line)
-            .map_err(|(problem, found)| reader.cursor.fail_at(Place::Line(first_line), problem, found))?;
+        reader.statement(line).map_err(|(problem, found)| reader.cursor.fail_at(reader.place, problem, found))?;
     }
     reader.check_pending()?;
     reader.surface.finish(&reader.cursor)
@@ -87,11 +80,15 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result
 }
 
 /// Appends the lines that a backslash at the end of a line joins to it.
-fn continue_line(cursor: &mut Cursor<'_>, joined: &mut Vec<u8>) -> Result<(), ReadError> {
+fn continue_line<'a>(cursor: &mut Cursor<'a>, first: &'a [u8], joined: &mut Vec<u8>) -> Result<(), ReadError> {
+    let mut last = first;
     loop {
-        let Some(next) = cursor.next_line() else {
-            return Err(cursor.fail(Problem::Truncated { what: "a line that ends in a backslash" }, b""));
+        let place = cursor.place();
+        let Some(next) = cursor.text_line()? else {
+            let backslash = &last[last.trim_ascii_end().len() - 1..];
+            return Err(cursor.fail_at(place, Problem::UnfinishedLine, &backslash[..1]));
         };
+        cursor.check_length(joined.len() + next.len() + 1, next)?;
         joined.push(b' ');
         match next.trim_ascii_end().strip_suffix(b"\\") {
             Some(more) => joined.extend_from_slice(more),
@@ -100,6 +97,7 @@ fn continue_line(cursor: &mut Cursor<'_>, joined: &mut Vec<u8>) -> Result<(), Re
                 return Ok(());
             }
         }
+        last = next;
     }
 }
 
@@ -113,8 +111,10 @@ type Complaint<'w> = (Problem, &'w [u8]);
 struct Reader<'a> {
     cursor: Cursor<'a>,
     surface: Surface,
-    /// Indices of vertices that had not been read when they were named, with the line.
-    pending: Vec<(usize, i64)>,
+    /// Where the statement begins that is being read.
+    place: Place,
+    /// Indices of vertices that had not been read when they were named, with the place.
+    pending: Vec<(Place, i64)>,
 }
 
 impl Reader<'_> {
@@ -124,7 +124,7 @@ impl Reader<'_> {
             Some(b"v") => self.vertex(words, line),
             Some(b"f") => {
                 let corners = self.corners(words)?;
-                self.surface.polygon(&corners).map_err(|problem| (problem, line))
+                self.surface.polygon(&corners, &|| self.place).map_err(|problem| (problem, line))
             }
             Some(b"l") => {
                 let corners = self.corners(words)?;
@@ -140,7 +140,7 @@ impl Reader<'_> {
             let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
                 return Err((Problem::TooFewNumbers { got, wanted: 3 }, line));
             };
-            position[got] = coordinate(word, self.surface.vertices.len()).map_err(|problem| (problem, word))?;
+            position[got] = self.surface.coordinate(word, &|| self.place).map_err(|problem| (problem, word))?;
         }
         self.surface.vertices.push(position);
         Ok(())
@@ -156,18 +156,21 @@ impl Reader<'_> {
     /// A corner is `v`, `v/t`, `v//n` or `v/t/n`; only `v` matters here.
     fn corner(&mut self, word: &[u8]) -> Result<u32, Problem> {
         let mut parts = word.split(|&b| b == b'/');
-        let index = integer(parts.next().unwrap_or_default())?;
+        let index = integer(parts.next().unwrap_or_default()).map_err(|problem| match problem {
+            Problem::IntegerTooLarge => problem,
+            _ => Problem::BadCorner,
+        })?;
         let (texture, normal, more) = (parts.next(), parts.next(), parts.next());
         let is_index = |part: Option<&[u8]>| part.is_some_and(|part| integer(part).is_ok());
-        // Exporters write `1/2/` for a normal left out; `1/` and `1//` promise what stands nowhere.
+        // Exporters write `1/2/` and `1//` for a normal left out; `1/` is a corner that was cut off.
         let complete = match (texture, normal) {
-            (None, _) => true,
+            (None, _) | (Some(b""), Some(b"")) => true,
             (Some(b""), normal) => is_index(normal),
             (texture, None | Some(b"")) => is_index(texture),
             (texture, normal) => is_index(texture) && is_index(normal),
         };
         if !complete || more.is_some() {
-            return Err(Problem::Expected { what: CORNER });
+            return Err(Problem::BadCorner);
         }
         let count = self.surface.vertices.len();
         let out_of_range = Problem::IndexOutOfRange { index, count, from_one: true };
@@ -177,13 +180,13 @@ impl Reader<'_> {
                 let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
                 // Of several indices to come the largest decides, and the first that is as large stands for the others.
                 if from_zero as usize >= count && self.pending.last().is_none_or(|&(_, largest)| index > largest) {
-                    self.pending.push((self.cursor.item_line(), index));
+                    self.pending.push((self.place, index));
                 }
                 Ok(from_zero)
             }
             _ => {
                 let from_zero = i64::try_from(count).ok().and_then(|n| n.checked_add(index));
-                from_zero.and_then(|i| u32::try_from(i).ok()).ok_or(out_of_range)
+                from_zero.and_then(|i| u32::try_from(i).ok()).ok_or(Problem::BeforeFirst { index, count })
             }
         }
     }
@@ -192,9 +195,9 @@ impl Reader<'_> {
         let count = self.surface.vertices.len();
         match self.pending.iter().find(|&&(_, index)| index > count as i64) {
             None => Ok(()),
-            Some(&(line, index)) => {
+            Some(&(place, index)) => {
                 let problem = Problem::IndexOutOfRange { index, count, from_one: true };
-                Err(self.cursor.fail_at(Place::Line(line), problem, index.to_string().as_bytes()))
+                Err(self.cursor.fail_at(place, problem, index.to_string().as_bytes()))
             }
         }
     }
@@ -203,6 +206,7 @@ impl Reader<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::Warning;
 
     const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
@@ -227,22 +231,30 @@ mod tests {
         assert_eq!(error("\nf 1 2"), "a.obj:5: too few corners: 2, at least 3 are needed (found 'f 1 2')");
         assert_eq!(error("f 1 2 99"), format!("a.obj:4: vertex index 99 is out of range: {count} (found '99')"));
         assert_eq!(error("f 1 2 4"), format!("a.obj:4: vertex index 4 is out of range: {count} (found '4')"));
-        assert_eq!(error("f -4 1 2"), format!("a.obj:4: vertex index -4 is out of range: {count} (found '-4')"));
+        assert_eq!(
+            error("f -4 1 2"),
+            "a.obj:4: vertex index -4 is out of range: 3 vertices stand before it (found '-4')"
+        );
         assert!(error("f 99999999999 1 2").contains("out of range"));
         assert!(error("f 99999999999999999999 1 2").contains("63 bits"));
         assert!(error("f -9223372036854775808 1 2").contains("out of range"));
         assert!(error("f 1/1/1/1 2 3").contains("expected a corner"));
         assert!(error("f 1/x 2 3").contains("expected a corner"));
-        for corner in ["1//", "1/", "1//2/", "1/ /", "//1", "1///"] {
+        for corner in ["1/", "1//2/", "1/ /", "//1", "1///", "x", "1.0", "//", "/"] {
             let text = error(&format!("f {corner} 2 3"));
-            assert!(text.starts_with("a.obj:4: expected "), "{text}");
+            assert!(text.starts_with("a.obj:4: expected a corner such as "), "{text}");
         }
         assert!(error("l 1").contains("too few corners: 1, at least 2"));
         assert_eq!(error("v 1 2"), "a.obj:4: too few numbers: 2 of 3 (found 'v 1 2')");
         assert_eq!(error("v 1,5 2 3"), "a.obj:4: not a number; decimal comma? Write a point (found '1,5')");
         assert_eq!(error("v nan 0 0"), "a.obj:4: vertex 3 has a coordinate that is not finite (found 'nan')");
-        assert_eq!(error("v 1e400 0 0"), "a.obj:4: vertex 3 has a coordinate that is not finite (found '1e400')");
-        assert_eq!(error("f 1 2 \\"), "a.obj:5: the file ends too early, in a line that ends in a backslash");
+        assert_eq!(
+            error("v 1e400 0 0"),
+            "a.obj:4: vertex 3 has a coordinate that is too large for a double (found '1e400')"
+        );
+        let unfinished = "the file ends too early, in a line that ends in a backslash (found '\\')";
+        assert_eq!(error("f 1 2 \\"), format!("a.obj:4: {unfinished}"));
+        assert_eq!(error("f 1 \\\n2 \\ \n"), format!("a.obj:5: {unfinished}"));
         assert!(error("g \0").contains("NUL byte"));
     }
 
@@ -260,6 +272,40 @@ mod tests {
     #[test]
     fn a_repeated_corner_is_left_out_and_counted() {
         let file = read(format!("{TRIANGLE}f 1 1 2\nf 1 2 3").as_bytes(), "").unwrap();
-        assert_eq!((file.mesh.triangles.len(), file.degenerate), (1, 1));
+        assert_eq!((file.mesh.triangles.len(), file.warnings.count(Warning::RepeatedCorner)), (1, 1));
+    }
+
+    #[test]
+    fn an_empty_normal_is_none() {
+        let file = read(format!("{TRIANGLE}f 1// 2// 3//\nf 1/1/ 2/1/ 3//1").as_bytes(), "").unwrap();
+        assert_eq!(file.mesh.triangles, [[0, 1, 2]; 2]);
+        assert!(file.warnings.is_empty());
+    }
+
+    #[test]
+    fn lines_are_at_most_a_mebibyte_also_when_joined() {
+        let long = |begin: &str, more: usize| format!("{TRIANGLE}{begin}{}\nf 1 2 3\n", " ".repeat(more));
+        assert!(read(long("#", (1 << 20) - 1).as_bytes(), "").is_ok());
+        let error = |text: String| read(text.as_bytes(), "a").unwrap_err().terse();
+        let wanted = "a:4:1: error[E007]: the line has 1048577 bytes, more than the limit of 1048576 (found '#";
+        assert!(error(long("#", 1 << 20)).starts_with(wanted), "{}", error(long("#", 1 << 20)));
+        let joined = error(format!("{TRIANGLE}f 1 2{}", " \\\n 3 3 3 3".repeat(1 << 18)));
+        assert!(joined.contains("error[E007]"), "{joined}");
+    }
+
+    #[test]
+    fn what_is_accepted_is_counted_with_its_first_line() {
+        let text =
+            "v 0 0 0\nv 1 0 -1e-400\nv 1 1 0.5\nf 1 2 3 4\nv 0 1 0e-400\nf -4 -3 -2 \\\n -1\nf 1 2 2 3\nf 1 3 2\n";
+        let file = read(text.as_bytes(), "").unwrap();
+        let lines: Vec<String> = file.warnings.iter().map(|w| w.terse("a")).collect();
+        let fan = "are not flat or not convex: their split is a fan around the first corner";
+        let wanted = [
+            "a:2: warning[W001]: 1 coordinate too small for a double became 0".to_owned(),
+            format!("a:4: warning[W002]: 2 polygons {fan}"),
+            "a:8: warning[W003]: 1 triangle that names a vertex twice was left out".to_owned(),
+        ];
+        assert_eq!(lines, wanted);
+        assert_eq!((file.mesh.triangles.len(), file.mesh.vertices[1].z.to_bits()), (6, (-0.0f64).to_bits()));
     }
 }

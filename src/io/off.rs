@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use super::MeshFile;
-use super::cursor::{Cursor, coordinate, integer};
+use super::cursor::{Cursor, count, integer};
 use super::error::{Problem, ReadError};
 use super::surface::Surface;
 
@@ -81,9 +81,8 @@ impl<'a> Reader<'a> {
     /// The next line that holds more than a comment.
     fn line(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         loop {
-            match self.cursor.next_line() {
+            match self.cursor.text_line()? {
                 None => return Err(self.cursor.fail(Problem::Truncated { what }, b"")),
-                Some(line) if line.contains(&0) => return Err(self.cursor.fail(Problem::NulByte, line)),
                 Some(line) if content(line).is_empty() => {}
                 Some(line) => return Ok(content(line)),
             }
@@ -105,12 +104,11 @@ impl<'a> Reader<'a> {
             line = if behind.is_empty() { self.line("the header")? } else { behind };
         }
         let mut words = words(line);
-        let mut count = || {
+        let mut next = || {
             let word = words.next().unwrap_or_default();
-            let count = integer(word).ok().and_then(|n| u64::try_from(n).ok());
-            count.ok_or_else(|| self.cursor.fail(Problem::Expected { what: "the numbers of vertices and faces" }, word))
+            count(word, "the numbers of vertices and faces").map_err(|problem| self.cursor.fail(problem, word))
         };
-        let (vertices, faces) = (count()?, count()?);
+        let (vertices, faces) = (next()?, next()?);
         // A vertex takes six bytes at least, a face two; the last line needs no end.
         let room = self.cursor.rest().len() as u64 + 1;
         for (declared, possible) in [(vertices, room / 6), (faces, room / 2)] {
@@ -129,7 +127,7 @@ impl<'a> Reader<'a> {
             let Some(word) = words.next() else {
                 return Err(self.cursor.fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
             };
-            let value = coordinate(word, self.surface.vertices.len());
+            let value = self.surface.coordinate(word, &|| self.cursor.place());
             position[got] = value.map_err(|problem| self.cursor.fail(problem, word))?;
         }
         self.surface.vertices.push(position);
@@ -140,10 +138,10 @@ impl<'a> Reader<'a> {
         let line = self.line("the faces")?;
         let mut words = words(line);
         let first = words.next().unwrap_or_default();
-        let count = integer(first).ok().and_then(|n| usize::try_from(n).ok());
-        let Some(count) = count else {
-            return Err(self.cursor.fail(Problem::Expected { what: "the number of corners of a face" }, first));
-        };
+        let count =
+            count(first, "the number of corners of a face").map_err(|problem| self.cursor.fail(problem, first))?;
+        // What does not fit is more than the line has.
+        let count = usize::try_from(count).unwrap_or(usize::MAX);
         let mut corners = Vec::with_capacity(count.min(line.len() / 2));
         for word in words.by_ref().take(count) {
             let index = integer(word).and_then(|index| self.surface.index(index));
@@ -157,7 +155,7 @@ impl<'a> Reader<'a> {
             // Faces of one or two corners are points and edges, which other programs write beside a surface.
             1 => Ok(()),
             2 => self.surface.line(&corners),
-            _ => self.surface.polygon(&corners),
+            _ => self.surface.polygon(&corners, &|| self.cursor.place()),
         }
         .map_err(|problem| self.cursor.fail(problem, line))
     }

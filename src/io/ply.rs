@@ -6,8 +6,8 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::MeshFile;
-use super::cursor::{Cursor, finite, integer, number};
-use super::error::{Problem, ReadError};
+use super::cursor::{Cursor, beyond_double, count, finite, integer, number};
+use super::error::{Place, Problem, ReadError};
 use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
@@ -70,13 +70,15 @@ impl Kind {
 enum Number {
     Whole(i64),
     Real(f64),
+    /// A number of text that a double does not hold, and what it became: an infinity or 0.
+    Beyond(f64),
 }
 
 impl Number {
     fn real(self) -> f64 {
         match self {
             Number::Whole(i) => i as f64,
-            Number::Real(x) => x,
+            Number::Real(x) | Number::Beyond(x) => x,
         }
     }
 }
@@ -115,7 +117,7 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         match element.name.as_slice() {
             b"vertex" => body.vertices(element)?,
             b"face" => body.faces(element)?,
-            _ => body.records(element, |_, _| Ok(()))?,
+            _ => body.records(element, |_, _, _| Ok(()))?,
         }
     }
     body.surface.finish(&body.cursor)
@@ -167,7 +169,7 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
     cursor.token();
     cursor.next_line();
     loop {
-        let Some(line) = cursor.next_line() else {
+        let Some(line) = cursor.text_line()? else {
             return Err(cursor.fail(Problem::Truncated { what: "the header" }, b""));
         };
         let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
@@ -182,9 +184,8 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
                     _ => return Err(expected("ascii, binary_little_endian or binary_big_endian")),
                 });
             }
-            [b"element", name, count] => {
-                let count = integer(count).ok().and_then(|n| u64::try_from(n).ok());
-                let Some(count) = count else { return Err(expected("'element NAME COUNT'")) };
+            [b"element", name, number] => {
+                let count = count(number, "'element NAME COUNT'").map_err(|problem| cursor.fail(problem, line))?;
                 elements.push(Element { name: name.to_vec(), count, properties: Vec::new() });
             }
             [b"property", kind @ .., name] => {
@@ -238,12 +239,19 @@ impl<'a> Body<'a> {
         if [x, y, z].iter().any(|&i| element.properties[i].length.is_some()) {
             return Err(self.cursor.fail(Problem::Expected { what: "numbers x, y and z, not lists" }, b""));
         }
-        self.records(element, |surface, record| {
+        self.records(element, |surface, record, place| {
             let vertex = surface.vertices.len();
             let mut position = Point3::origin();
             for (axis, property) in [x, y, z].into_iter().enumerate() {
                 let value = record.first(property).ok_or(Problem::TooFewNumbers { got: axis, wanted: 3 })?;
-                position[axis] = finite(value.real(), vertex)?;
+                position[axis] = match value {
+                    Number::Beyond(0.0) => {
+                        surface.underflow(&|| place);
+                        value.real()
+                    }
+                    Number::Beyond(_) => return Err(Problem::Overflow { vertex }),
+                    _ => finite(value.real(), vertex)?,
+                };
             }
             surface.vertices.push(position);
             Ok(())
@@ -255,7 +263,7 @@ impl<'a> Body<'a> {
             return Err(self.cursor.fail(Problem::Expected { what: "a list vertex_indices of 'face'" }, b""));
         };
         let mut corners = Vec::new();
-        self.records(element, |surface, record| {
+        self.records(element, |surface, record, place| {
             corners.clear();
             corners.reserve_exact(record.property(property).len());
             for value in record.property(property) {
@@ -264,7 +272,7 @@ impl<'a> Body<'a> {
                 };
                 corners.push(surface.index(index)?);
             }
-            surface.polygon(&corners)
+            surface.polygon(&corners, &|| place)
         })
     }
 
@@ -272,7 +280,7 @@ impl<'a> Body<'a> {
     fn records(
         &mut self,
         element: &Element,
-        mut each: impl FnMut(&mut Surface, &Record) -> Result<(), Problem>,
+        mut each: impl FnMut(&mut Surface, &Record, Place) -> Result<(), Problem>,
     ) -> Result<(), ReadError> {
         if element.properties.is_empty() {
             return Ok(());
@@ -288,7 +296,8 @@ impl<'a> Body<'a> {
                 self.cursor.mark_at(start);
                 b""
             };
-            each(&mut self.surface, &record).map_err(|problem| self.cursor.fail(problem, quoted))?;
+            let place = self.cursor.place();
+            each(&mut self.surface, &record, place).map_err(|problem| self.cursor.fail(problem, quoted))?;
         }
         Ok(())
     }
@@ -297,7 +306,7 @@ impl<'a> Body<'a> {
     fn text_record(&mut self, element: &Element, record: &mut Record) -> Result<&'a [u8], ReadError> {
         let cursor = &mut self.cursor;
         let line = loop {
-            match cursor.next_line() {
+            match cursor.text_line()? {
                 None => return Err(cursor.fail(Problem::Truncated { what: "the elements" }, b"")),
                 Some(line) if line.iter().all(u8::is_ascii_whitespace) => {}
                 Some(line) => break line,
@@ -312,7 +321,9 @@ impl<'a> Body<'a> {
             };
             got += 1;
             let value = match kind {
-                Kind::F32 | Kind::F64 => number(word).map(Number::Real),
+                Kind::F32 | Kind::F64 => {
+                    number(word).map(|x| if beyond_double(word, x) { Number::Beyond(x) } else { Number::Real(x) })
+                }
                 _ => integer(word).map(Number::Whole),
             };
             value.map_err(|problem| here.fail(problem, word))
@@ -409,7 +420,7 @@ impl Record {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::read_bytes;
+    use crate::io::{Format, Warning, read_bytes};
 
     const LIST: &str = "property list uchar int vertex_indices\n";
 
@@ -460,8 +471,12 @@ mod tests {
         let file = read_bytes(text().as_bytes(), "a.ply").unwrap();
         assert_eq!(file.mesh.triangles, [[0, 1, 2], [0, 1, 3], [0, 3, 2]]);
         assert_eq!(file.mesh.vertices[2], Point3::new(0., 1., -3.));
-        assert_eq!(file, read_bytes(&binary(false), "").unwrap());
-        assert_eq!(file, read_bytes(&binary(true), "").unwrap());
+        let little = read_bytes(&binary(false), "").unwrap();
+        assert_eq!((&file.mesh, file.format), (&little.mesh, Some(Format::Ply)));
+        // The square is bent; only the place of the warning differs.
+        let bent = Warning::NotFlatOrConvex;
+        assert_eq!((file.warnings.count(bent), little.warnings.count(bent)), (1, 1));
+        assert_eq!(little.mesh, read_bytes(&binary(true), "").unwrap().mesh);
         let crlf = text().replace('\n', "\r\n");
         assert_eq!(file, read_bytes(crlf.as_bytes(), "").unwrap());
     }
@@ -505,6 +520,9 @@ mod tests {
         assert!(error("3 0 1 2", "3 0 1 -1").contains("a:16: vertex index -1 is out of range"));
         assert!(error("3 0 1 2", "-3 0 1 2").contains("a:16: expected a whole number of list items"));
         assert_eq!(error("1 0.1 0", "1 0,1 0"), "a:13: not a number; decimal comma? Write a point (found '0,1')");
+        assert!(
+            error("1 0.1 0", "1 -1e400 0").contains("a:13: vertex 1 has a coordinate that is too large for a double")
+        );
         assert!(error("1 0.1 0", "1 nan 0").contains("a:13: vertex 1 has a coordinate that is not finite"));
         assert!(error("float x", "half x").contains("a:5: expected a type such as"));
         assert!(error("ascii", "utf8").contains("a:2: expected ascii, binary_little_endian"));

@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::MeshFile;
-use super::cursor::{Cursor, coordinate, finite};
+use super::cursor::{Cursor, finite};
 use super::error::{Problem, ReadError};
 use super::part::{check_mesh, invalid, write_whole};
 use super::surface::Surface;
@@ -135,7 +135,7 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
             }
             *corner = corners.vertex(position);
         }
-        corners.surface.polygon(&triangle).map_err(|problem| cursor.fail(problem, b""))?;
+        corners.surface.polygon(&triangle, &|| cursor.place()).map_err(|problem| cursor.fail(problem, b""))?;
     }
     corners.surface.finish(&cursor)
 }
@@ -154,7 +154,7 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
     let mut corners = Corners::default();
     let mut open_loop: Option<Vec<u32>> = None;
     let mut in_solid = false;
-    while let Some(line) = cursor.next_line() {
+    while let Some(line) = cursor.text_line()? {
         let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
         let Some(word) = words.next() else { continue };
         match word.to_ascii_lowercase().as_slice() {
@@ -171,14 +171,16 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
                     let Some(word) = words.next() else {
                         return Err(cursor.fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
                     };
-                    *value = coordinate(word, corners.surface.vertices.len())
+                    *value = corners
+                        .surface
+                        .coordinate(word, &|| cursor.place())
                         .map_err(|problem| cursor.fail(problem, word))?;
                 }
                 open.push(corners.vertex(position));
             }
             b"endloop" => {
                 let closed = open_loop.take().unwrap_or_default();
-                corners.surface.polygon(&closed).map_err(|problem| cursor.fail(problem, line))?;
+                corners.surface.polygon(&closed, &|| cursor.place()).map_err(|problem| cursor.fail(problem, line))?;
             }
             _ => {
                 let what = "solid, facet, outer loop, vertex, endloop, endfacet or endsolid";
@@ -194,7 +196,7 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
 
 #[cfg(test)]
 mod tests {
-    use crate::io::read_bytes;
+    use crate::io::{Format, Warning, read_bytes};
 
     fn binary(header: &[u8], triangles: &[[[f32; 3]; 3]]) -> Vec<u8> {
         let mut bytes = header.to_vec();
@@ -227,7 +229,10 @@ mod tests {
     fn binary_that_begins_with_solid_is_binary_and_equals_text() {
         let file = read_bytes(&binary(b"solid", &TWO), "a.stl").unwrap();
         assert_eq!(file.mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
-        assert_eq!(file, read_bytes(text().as_bytes(), "b").unwrap());
+        let mut as_text = read_bytes(text().as_bytes(), "b").unwrap();
+        assert_eq!((file.format, as_text.format), (Some(Format::StlBinary), Some(Format::StlText)));
+        as_text.format = file.format;
+        assert_eq!(file, as_text);
     }
 
     #[test]
@@ -268,6 +273,6 @@ mod tests {
     fn a_facet_without_area_is_counted() {
         let flat = [TWO[0], [[0., 0., 0.], [1., 0., 0.], [1., 0., 0.]]];
         let file = read_bytes(&binary(b"", &flat), "a.stl").unwrap();
-        assert_eq!((file.mesh.triangles.len(), file.degenerate), (1, 1));
+        assert_eq!((file.mesh.triangles.len(), file.warnings.count(Warning::RepeatedCorner)), (1, 1));
     }
 }

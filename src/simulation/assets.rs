@@ -182,9 +182,7 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         }
         file => {
             let read = read_scaled(file)?;
-            if read.degenerate > 0 {
-                notes.push(format!("{} triangles that name a vertex twice were left out", read.degenerate));
-            }
+            notes.extend(read.warnings.iter().map(|warned| warned.to_string()));
             (read.mesh, Vec::new())
         }
     };

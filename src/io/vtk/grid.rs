@@ -1,7 +1,7 @@
 //! Surfaces of unstructured grids: which cells are part of one.
 
 use super::read::{Cells, Numbers};
-use crate::io::error::{Problem, ReadError};
+use crate::io::error::{Place, Problem, ReadError};
 use crate::io::surface::Surface;
 
 /// The types of the cells, in the numbers of VTK.
@@ -31,21 +31,22 @@ pub(super) fn add_cells(surface: &mut Surface, cells: &Cells<'_>, types: &CellTy
     let mut corners = Vec::new();
     for (i, &range) in cells.ranges.iter().enumerate() {
         cells.corners(surface, range, &mut corners)?;
+        let at: &dyn Fn() -> Place = &|| cells.place(range);
         let added = match types.0.values[i] {
             // Points, and a cell that VTK calls empty.
             0..=2 => Ok(()),
             3 | 4 => surface.line(&corners),
-            5 => exactly(3, &corners).and_then(|()| surface.polygon(&corners)),
-            6 => surface.strip(&corners),
-            7 => surface.polygon(&corners),
+            5 => exactly(3, &corners).and_then(|()| surface.polygon(&corners, at)),
+            6 => surface.strip(&corners, at),
+            7 => surface.polygon(&corners, at),
             8 => {
                 // The corners of a pixel go by rows, those of a polygon around it.
                 exactly(4, &corners).and_then(|()| {
                     corners.swap(2, 3);
-                    surface.polygon(&corners)
+                    surface.polygon(&corners, at)
                 })
             }
-            9 => exactly(4, &corners).and_then(|()| surface.polygon(&corners)),
+            9 => exactly(4, &corners).and_then(|()| surface.polygon(&corners, at)),
             10..=16 | 24..=27 | 29 | 32 | 33 | 37 | 39 | 40 | 42 => return Err(refused(types, i, VOLUME)),
             21..=23 | 28 | 30 | 31 | 34..=36 | 41 | 51..=80 => return Err(refused(types, i, CURVED)),
             _ => return Err(refused(types, i, UNKNOWN)),

@@ -4,8 +4,8 @@ use nalgebra::Point3;
 
 use super::grid::{CellTypes, add_cells};
 use crate::io::MeshFile;
-use crate::io::cursor::{Cursor, finite, integer, number};
-use crate::io::error::{Problem, ReadError};
+use crate::io::cursor::{Cursor, count, finite, integer, number};
+use crate::io::error::{A_NUMBER, Place, Problem, ReadError};
 use crate::io::surface::Surface;
 
 /// The type of a number.
@@ -103,6 +103,11 @@ impl<'a> Numbers<'a> {
 }
 
 impl Cells<'_> {
+    /// Where a cell begins; this reads the section again.
+    pub(super) fn place(&self, (start, _): (usize, usize)) -> Place {
+        self.numbers.locate(start).place()
+    }
+
     /// The indices of a cell, checked.
     pub(super) fn corners(
         &self,
@@ -154,10 +159,10 @@ impl<'a> Reader<'a> {
     fn polydata(&mut self) -> Result<(), ReadError> {
         while let Some(word) = self.cursor.token() {
             match word.to_ascii_uppercase().as_slice() {
-                b"POLYGONS" => self.add(Surface::polygon)?,
-                b"TRIANGLE_STRIPS" => self.add(Surface::strip)?,
-                b"LINES" => self.add(Surface::line)?,
-                b"VERTICES" => self.add(|_, _| Ok(()))?,
+                b"POLYGONS" => self.add(|surface, corners, at| surface.polygon(corners, at))?,
+                b"TRIANGLE_STRIPS" => self.add(|surface, corners, at| surface.strip(corners, at))?,
+                b"LINES" => self.add(|surface, corners, _| surface.line(corners))?,
+                b"VERTICES" => self.add(|_, _, _| Ok(()))?,
                 b"POINT_DATA" | b"CELL_DATA" => break,
                 section => {
                     let what = "POINTS, POLYGONS, LINES, TRIANGLE_STRIPS, VERTICES, POINT_DATA or CELL_DATA";
@@ -217,8 +222,7 @@ impl<'a> Reader<'a> {
 
     fn count(&mut self, what: &'static str) -> Result<u64, ReadError> {
         let word = self.word(what)?;
-        let count = integer(word).ok().and_then(|n| u64::try_from(n).ok());
-        count.ok_or_else(|| self.cursor.fail(Problem::Expected { what }, word))
+        count(word, what).map_err(|problem| self.cursor.fail(problem, word))
     }
 
     /// A type, and the end of its line where binary numbers follow.
@@ -257,14 +261,9 @@ impl<'a> Reader<'a> {
         let count = self.count("the number of points")?;
         let kind = self.kind()?;
         let total = self.check_room(count.saturating_mul(3), kind)?;
-        let first = self.surface.vertices.len();
         let mut position = [0.0; 3];
         for i in 0..total {
-            let (value, found) = self.real(kind)?;
-            position[i % 3] = finite(value, first + i / 3).map_err(|problem| {
-                let text = value.to_string();
-                self.cursor.fail(problem, if found.is_empty() { text.as_bytes() } else { found })
-            })?;
+            position[i % 3] = self.coordinate(kind)?;
             if i % 3 == 2 {
                 self.surface.vertices.push(Point3::from(position));
             }
@@ -272,18 +271,20 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// One number, and its text where it has one.
-    fn real(&mut self, kind: Kind) -> Result<(f64, &'a [u8]), ReadError> {
+    /// A coordinate of the vertex behind the last.
+    fn coordinate(&mut self, kind: Kind) -> Result<f64, ReadError> {
         if !self.cursor.binary {
-            let word = self.word("a number")?;
-            return number(word).map(|v| (v, word)).map_err(|problem| self.cursor.fail(problem, word));
+            let word = self.word(A_NUMBER)?;
+            let value = self.surface.coordinate(word, &|| self.cursor.place());
+            return value.map_err(|problem| self.cursor.fail(problem, word));
         }
         let value = match kind {
             Kind::Float => f64::from(f32::from_bits(self.big_endian(4)? as u32)),
             Kind::Double => f64::from_bits(self.big_endian(8)?),
             _ => self.whole(kind)? as f64,
         };
-        Ok((value, b""))
+        finite(value, self.surface.vertices.len())
+            .map_err(|problem| self.cursor.fail(problem, value.to_string().as_bytes()))
     }
 
     fn whole(&mut self, kind: Kind) -> Result<i64, ReadError> {
@@ -319,12 +320,16 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a section of cells and gives each to `add`.
-    fn add(&mut self, add: impl Fn(&mut Surface, &[u32]) -> Result<(), Problem>) -> Result<(), ReadError> {
+    fn add(
+        &mut self,
+        add: impl Fn(&mut Surface, &[u32], &dyn Fn() -> Place) -> Result<(), Problem>,
+    ) -> Result<(), ReadError> {
         let cells = self.cells()?;
         let mut corners = Vec::new();
         for &(start, end) in &cells.ranges {
             cells.corners(&self.surface, (start, end), &mut corners)?;
-            add(&mut self.surface, &corners).map_err(|problem| cells.numbers.fail(start.max(1) - 1, problem))?;
+            let at = || cells.place((start, end));
+            add(&mut self.surface, &corners, &at).map_err(|problem| cells.numbers.fail(start.max(1) - 1, problem))?;
         }
         Ok(())
     }

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use nalgebra::Point3;
 
-use crate::io::cursor::{Cursor, finite, integer, number};
+use crate::io::cursor::{Cursor, beyond_double, coordinate, count, finite, integer};
 use crate::io::encoded::{Compressor, Fault, Layout, Source};
 use crate::io::error::{Place, Problem, ReadError};
 use crate::io::surface::Surface;
@@ -246,8 +246,8 @@ impl<'a> Reader<'a> {
 
     fn count(&self, tag: &Tag<'a>, attribute: &str) -> Result<Option<u64>, ReadError> {
         let Some(word) = tag.attribute(attribute) else { return Ok(None) };
-        let count = integer(word.trim_ascii()).ok().and_then(|n| u64::try_from(n).ok());
-        count.map(Some).ok_or_else(|| self.expected("a number of points or cells", word))
+        let count = count(word.trim_ascii(), "a number of points or cells");
+        count.map(Some).map_err(|problem| self.xml.fail(problem, word))
     }
 
     fn appended_data(&self, tag: &Tag<'a>) -> Result<(&'a [u8], bool), ReadError> {
@@ -281,10 +281,8 @@ impl<'a> Reader<'a> {
             Some(b"binary") => Stored::Base64(if tag.empty { b"" } else { self.xml.text_behind(tag) }),
             Some(b"appended") => {
                 let offset = tag.attribute("offset").unwrap_or_default().trim_ascii();
-                match integer(offset).ok().and_then(|n| u64::try_from(n).ok()) {
-                    Some(offset) => Stored::Appended(offset),
-                    None => return Err(self.expected("an offset", if offset.is_empty() { tag.name } else { offset })),
-                }
+                let found = if offset.is_empty() { tag.name } else { offset };
+                Stored::Appended(count(offset, "an offset").map_err(|problem| self.xml.fail(problem, found))?)
             }
             Some(other) => return Err(self.expected("ascii, binary or appended", other)),
         };
@@ -369,10 +367,11 @@ impl<'a> Reader<'a> {
                 // A file of at most 2 GiB has fewer vertices than 32 bits count.
                 cell.push((first + index as usize) as u32);
             }
+            let at = || self.xml.cursor.place_of(corners.place, corners.text);
             let added = match section {
                 0 => self.surface.line(&cell),
-                1 => self.surface.strip(&cell),
-                _ => self.surface.polygon(&cell),
+                1 => self.surface.strip(&cell, &at),
+                _ => self.surface.polygon(&cell, &at),
             };
             added.map_err(|problem| self.fail_in(&corners, problem, b""))?;
             start = end;
@@ -420,13 +419,19 @@ impl<'a> Reader<'a> {
         Ok(Numbers { values, place, text: false })
     }
 
-    fn text(&self, text: &'a [u8], tag: &'a [u8], real: bool) -> Result<Numbers<'a>, ReadError> {
+    fn text(&mut self, text: &'a [u8], tag: &'a [u8], real: bool) -> Result<Numbers<'a>, ReadError> {
         let mut words = Cursor::new("", text);
-        let place = self.xml.cursor.offset_of(text).or(self.xml.cursor.offset_of(tag)).unwrap_or_default();
+        let cursor = self.xml.cursor;
+        let place = cursor.offset_of(text).or(cursor.offset_of(tag)).unwrap_or_default();
         let mut values = if real { Values::Real(Vec::new()) } else { Values::Whole(Vec::new()) };
         while let Some(word) = words.token() {
             let read = match &mut values {
-                Values::Real(values) => number(word).map(|value| values.push(value)),
+                Values::Real(values) => coordinate(word, self.surface.vertices.len() + values.len() / 3).map(|value| {
+                    if beyond_double(word, value) {
+                        self.surface.underflow(&|| cursor.place_of(cursor.offset_of(word).unwrap_or(place), true));
+                    }
+                    values.push(value);
+                }),
                 Values::Whole(values) => integer(word).map(|value| values.push(value)),
                 Values::Bytes { .. } => Ok(()),
             };

@@ -1,0 +1,143 @@
+//! What a reader accepts, but a person may want to know of: counted, with the first place.
+
+use std::fmt;
+
+use super::Format;
+use super::error::{Place, placed};
+
+/// What a reader accepted although it may not be meant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Warning {
+    /// W001: a coordinate of text so small that it became 0 as a double.
+    Underflow,
+    /// W002: a polygon whose fan is only one of several surfaces with its outline; see `docs/formats.md` for the test.
+    NotFlatOrConvex,
+    /// W003: a triangle that names a vertex twice, which was left out: it encloses nothing and its edges cancel.
+    RepeatedCorner,
+    /// W010: the name of the file promises another format than the content has.
+    OtherFormat {
+        /// What the name says.
+        promised: Format,
+        /// What the content is.
+        found: Format,
+    },
+}
+
+impl Warning {
+    /// The code, the same for each warning of one kind.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Warning::Underflow => "W001",
+            Warning::NotFlatOrConvex => "W002",
+            Warning::RepeatedCorner => "W003",
+            Warning::OtherFormat { .. } => "W010",
+        }
+    }
+}
+
+/// A warning, how often there was reason for it, and where first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Warned {
+    /// What was accepted.
+    pub warning: Warning,
+    /// How often.
+    pub count: usize,
+    /// Where first.
+    pub first: Place,
+}
+
+impl Warned {
+    /// One line, `file:line: warning[W002]: 3 polygons are ...`.
+    pub fn terse(&self, file: &str) -> String {
+        format!("{} warning[{}]: {self}", placed(file, &self.first, None), self.warning.code())
+    }
+}
+
+impl fmt::Display for Warned {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let count = self.count;
+        let say = |one: &str, many: &str| format!("{count} {}", if count == 1 { one } else { many });
+        match self.warning {
+            Warning::Underflow => f.write_str(&say(
+                "coordinate too small for a double became 0",
+                "coordinates too small for a double became 0",
+            )),
+            Warning::NotFlatOrConvex => f.write_str(&say(
+                "polygon is not flat or not convex: its split is a fan around its first corner",
+                "polygons are not flat or not convex: their split is a fan around the first corner",
+            )),
+            Warning::RepeatedCorner => f.write_str(&say(
+                "triangle that names a vertex twice was left out",
+                "triangles that name a vertex twice were left out",
+            )),
+            Warning::OtherFormat { promised, found } => {
+                write!(f, "the name says {}, the content is {}", promised.name(), found.name())
+            }
+        }
+    }
+}
+
+/// The warnings of a file, each kind once, in the order of their codes.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Warnings(Vec<Warned>);
+
+impl Warnings {
+    /// Each kind that there was reason for.
+    pub fn iter(&self) -> impl Iterator<Item = &Warned> {
+        self.0.iter()
+    }
+
+    /// How often there was reason for a warning.
+    pub fn count(&self, warning: Warning) -> usize {
+        self.0.iter().find(|w| w.warning == warning).map_or(0, |w| w.count)
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Counts a warning; the place is only asked for where it is the first of its kind, because it may cost a search.
+    pub(super) fn note(&mut self, warning: Warning, place: &dyn Fn() -> Place) {
+        match self.0.iter_mut().find(|w| w.warning == warning) {
+            Some(warned) => warned.count += 1,
+            None => {
+                let at = self.0.partition_point(|w| w.warning.code() < warning.code());
+                self.0.insert(at, Warned { warning, count: 1, first: place() });
+            }
+        }
+    }
+
+    /// As [`Self::note`], for a place that may stand before one that is known already.
+    pub(super) fn note_late(&mut self, warning: Warning, place: Place) {
+        self.note(warning, &|| place);
+        if let Some(warned) = self.0.iter_mut().find(|w| w.warning == warning) {
+            warned.first = warned.first.min(place);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_kind_is_counted_with_its_first_place() {
+        let mut warnings = Warnings::default();
+        let other = Warning::OtherFormat { promised: Format::Obj, found: Format::Ply };
+        warnings.note(other, &|| Place::Whole);
+        for line in [7, 3] {
+            warnings.note(Warning::RepeatedCorner, &|| Place::Line(line));
+        }
+        warnings.note(Warning::Underflow, &|| Place::Offset(16));
+        let lines: Vec<String> = warnings.iter().map(|w| w.terse("a.obj")).collect();
+        let wanted = [
+            "a.obj: offset 0x10: warning[W001]: 1 coordinate too small for a double became 0",
+            "a.obj:7: warning[W003]: 2 triangles that name a vertex twice were left out",
+            "a.obj: warning[W010]: the name says OBJ, the content is PLY",
+        ];
+        assert_eq!(lines, wanted);
+        assert_eq!((warnings.count(Warning::RepeatedCorner), warnings.count(Warning::NotFlatOrConvex)), (2, 0));
+    }
+}
