@@ -311,6 +311,51 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
     assert!(!out.exists(), "nothing is written for input that is refused");
 }
 
+/// What a command says on a terminal and its exit code; `None`, and a word on it, without Python.
+#[cfg(unix)]
+fn on_a_terminal(arguments: &[&str]) -> Option<(String, Option<i32>)> {
+    let script = "import os, pty, sys\nsys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))";
+    let mut python = Command::new("python3");
+    python.args(["-c", script, env!("CARGO_BIN_EXE_pliant")]).args(arguments);
+    match python.env("NO_COLOR", "1").stdin(Stdio::null()).output() {
+        Ok(done) => Some((text(&done.stdout), done.status.code())),
+        Err(_) => {
+            println!("skipped: 1 part of a test, because there is no python3");
+            None
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
+    let scratch = Scratch::new("terminal");
+    let [line, bytes] = ["line.obj", "bytes.stl"].map(|name| scratch.join(name));
+    fs::write(&line, "v 0 0 0\nv 1 0 0\nv 0 1 zero\nf 1 2 3\n").unwrap();
+    fs::write(&bytes, [0xab; 134]).unwrap();
+    let terse = "line.obj:3:7: error[E011]: expected a number (found 'zero'); the file is cut off";
+    let cases: [(&Path, &str, &[&str]); 2] = [
+        (&line, terse, &[" 3 | v 0 1 zero\r\n", "help: the file is cut off, damaged or of another dialect"]),
+        (
+            &bytes,
+            "bytes.stl: offset 0x50: error[E040]: ",
+            &["0x50: ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab ab\r\n"],
+        ),
+    ];
+    for (path, on_a_pipe, parts) in cases {
+        let arguments = ["run", "--muscles", shown(path), "--unit", "mm"];
+        let message = text_of_refusal(&run(&arguments));
+        assert!(message.contains(on_a_pipe), "{message}");
+        let Some((seen, code)) = on_a_terminal(&arguments) else { return };
+        assert_eq!(code, Some(2), "{seen}");
+        for part in parts {
+            // The lines of the theme depend on the terminal.
+            let seen = seen.replace('│', "|");
+            assert!(seen.contains(part) && !message.contains(part), "`{part}` is not in: {seen}");
+        }
+    }
+}
+
 /// What a command said that refused its input.
 fn text_of_refusal(done: &Output) -> String {
     let message = text(&done.stderr);

@@ -2,6 +2,9 @@
 
 use std::io::IsTerminal;
 
+use miette::{Diagnostic, GraphicalReportHandler};
+
+use super::excerpt::Excerpt;
 use super::{BAD_INPUT, FAILED, warn};
 use crate::report::folder::FolderError;
 use crate::scene::SceneError;
@@ -70,39 +73,46 @@ impl Failure {
     /// Says it on standard error: with the source and a caret to a person, in one line to a pipe.
     pub(super) fn show(&self) {
         match self {
-            Self::Scene(error) if std::io::stderr().is_terminal() => {
-                let handler = miette::GraphicalReportHandler::new();
-                let mut text = String::new();
-                match handler.render_report(&mut text, error) {
-                    Ok(()) => warn(text.trim_end()),
-                    Err(_) => warn(&error.terse()),
-                }
-            }
-            Self::Scene(error) => warn(&error.terse()),
-            Self::Load { error, scene } => {
+            Self::Scene(error) => say_with_source(error, &error.terse()),
+            Self::Load { error, scene } => match &**error {
                 // An error of reading names its own file.
-                let from_scene = !scene.is_empty() && !matches!(**error, LoadError::Read(_));
-                let at = if from_scene { format!("{scene}: ") } else { String::new() };
-                let hint = hint(error).map_or_else(String::new, |h| format!("; {h}"));
-                warn(&format!("{at}error: {error}{hint}"));
-            }
+                LoadError::Read(error) => say_with_source(&Excerpt::of(error), &error.terse()),
+                error => {
+                    let at = if scene.is_empty() { String::new() } else { format!("{scene}: ") };
+                    let hint = hint(error).map_or_else(String::new, |h| format!("; {h}"));
+                    warn(&format!("{at}error: {error}{hint}"));
+                }
+            },
             Self::Folder(error) => warn(&format!("error: {error}")),
             Self::Usage { message, hint } => warn(&format!("error: {message}; {hint}")),
         }
     }
 }
 
+/// With the source to a person, in one line to a pipe.
+fn say_with_source(error: &dyn Diagnostic, terse: &str) {
+    let text = if std::io::stderr().is_terminal() { graphical(error, &GraphicalReportHandler::new()) } else { None };
+    warn(text.as_deref().unwrap_or(terse));
+}
+
+/// An error as a person sees it; `None` if it cannot be shown like that.
+pub(super) fn graphical(error: &dyn Diagnostic, handler: &GraphicalReportHandler) -> Option<String> {
+    let mut text = String::new();
+    handler.render_report(&mut text, error).ok()?;
+    Some(text.trim_end().to_owned())
+}
+
 /// What to do about a mesh that cannot be used, where its message does not say so itself.
 fn hint(error: &LoadError) -> Option<String> {
     match error {
-        LoadError::Read(error) => Some(error.help().to_owned()),
         LoadError::NoTriangles { file, .. } => Some(match file.strip_prefix("shape ") {
             Some(shape) => format!("this version cannot make the shape `{shape}`"),
             None => "name a file with a surface".to_owned(),
         }),
         LoadError::Refine { .. } => Some("ask for a longer edge length".to_owned()),
         LoadError::NoSuchComponent { .. } => Some("name another number behind `#`, or none".to_owned()),
-        LoadError::NoLines { .. }
+        LoadError::Read(_)
+        | LoadError::NoLines { .. }
         | LoadError::NotClosed { .. }
         | LoadError::NoSuchVertex { .. }
         | LoadError::NothingAttached { .. }

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
+mod excerpt;
 mod failure;
 mod from_meshes;
 mod plan;

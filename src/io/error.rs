@@ -52,9 +52,7 @@ impl ReadError {
             }
             ReadError::Content { file, place, column, read_as, problem, found } => {
                 let at = placed(file, place, *column);
-                let read_as = read_as.map_or_else(String::new, |format| {
-                    format!("; the content is {}, whatever the name says", format.name())
-                });
+                let read_as = ReadAs(*read_as);
                 format!("{at} error[{}]: {problem}{}{read_as}; {}", self.code(), Found(found), self.help())
             }
         }
@@ -65,6 +63,14 @@ impl ReadError {
         match self {
             ReadError::Io { .. } => "E060",
             ReadError::Content { problem, .. } => problem.code(),
+        }
+    }
+
+    /// What is wrong, without the place and what was found there: for a message that shows both.
+    pub fn message(&self) -> String {
+        match self {
+            ReadError::Io { .. } => self.to_string(),
+            ReadError::Content { problem, read_as, .. } => format!("{problem}{}", ReadAs(*read_as)),
         }
     }
 
@@ -330,6 +336,18 @@ struct Found<'a>(&'a str);
 impl fmt::Display for Found<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.0.is_empty() { Ok(()) } else { write!(f, " (found '{}')", self.0) }
+    }
+}
+
+/// Says what the content is, where the name says something else.
+struct ReadAs(Option<Format>);
+
+impl fmt::Display for ReadAs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(format) => write!(f, "; the content is {}, whatever the name says", format.name()),
+            None => Ok(()),
+        }
     }
 }
 
