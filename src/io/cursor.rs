@@ -72,17 +72,14 @@ impl<'a> Cursor<'a> {
     /// As [`Self::next_line`], for lines that mean something: refuses what no line of text has.
     pub(super) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
         let Some(line) = self.next_line() else { return Ok(None) };
-        self.check_length(line.len(), line)?;
+        let (bytes, limit) = (line.len(), MAX_LINE_BYTES);
+        if bytes > limit {
+            return Err(self.fail(Problem::LineTooLong { bytes, limit }, line));
+        }
         match line.iter().position(|&b| b == 0) {
             Some(at) => Err(self.fail(Problem::NulByte, &line[at..])),
             None => Ok(Some(line)),
         }
-    }
-
-    /// Refuses a line, or several joined to one, of more than [`MAX_LINE_BYTES`].
-    pub(super) fn check_length(&self, bytes: usize, line: &[u8]) -> Result<(), ReadError> {
-        let limit = MAX_LINE_BYTES;
-        if bytes > limit { Err(self.fail(Problem::LineTooLong { bytes, limit }, line)) } else { Ok(()) }
     }
 
     /// The next word between white space; `None` at the end of the file.

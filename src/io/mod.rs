@@ -222,7 +222,11 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     }
     // The others begin with words of their own, which are missing here.
     Format::from_name(name)
-        .filter(|f| matches!(f, Format::Obj | Format::StlBinary | Format::Off))
+        .filter(|f| match f {
+            Format::Obj | Format::StlBinary => true,
+            Format::Off => off::begins_with_a_count(bytes),
+            _ => false,
+        })
         .ok_or(Problem::UnknownFormat)
 }
 
@@ -284,6 +288,7 @@ mod tests {
             error(b"plyy 1 2 3", "a.ply"),
             format!("a.ply: unknown format; {} (found 'plyy 1 2')", error::READABLE)
         );
+        assert!(error(b"OFFF\n3 1 0\n", "a.off").starts_with("a.off: unknown format; OBJ"));
         assert!(error(b"\x1f\x8b\x08", "a.obj").starts_with("a.obj: a compressed file: format not supported yet; OBJ"));
         assert_eq!(error(b"# nothing\n", "a.obj"), "a.obj: the file has no vertices");
         assert_eq!(error(b"v 1 2 3", "a"), "a: the file has 1 vertices, but no faces and no lines");

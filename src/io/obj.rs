@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::MeshFile;
-use super::cursor::{Cursor, integer};
+use super::cursor::{Cursor, MAX_LINE_BYTES, integer};
 use super::error::{Place, Problem, ReadError};
 use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
@@ -81,14 +81,17 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result
 
 /// Appends the lines that a backslash at the end of a line joins to it.
 fn continue_line<'a>(cursor: &mut Cursor<'a>, first: &'a [u8], joined: &mut Vec<u8>) -> Result<(), ReadError> {
-    let mut last = first;
+    let (mut last, start) = (first, cursor.place());
     loop {
         let place = cursor.place();
         let Some(next) = cursor.text_line()? else {
             let backslash = &last[last.trim_ascii_end().len() - 1..];
             return Err(cursor.fail_at(place, Problem::UnfinishedLine, &backslash[..1]));
         };
-        cursor.check_length(joined.len() + next.len() + 1, next)?;
+        let (bytes, limit) = (joined.len() + next.len() + 1, MAX_LINE_BYTES);
+        if bytes > limit {
+            return Err(cursor.fail_at(start, Problem::LineTooLong { bytes, limit }, first));
+        }
         joined.push(b' ');
         match next.trim_ascii_end().strip_suffix(b"\\") {
             Some(more) => joined.extend_from_slice(more),

@@ -45,15 +45,25 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
-/// Whether the first word that is no comment is the keyword of OFF.
-pub(super) fn looks_like(bytes: &[u8]) -> bool {
+/// The first word that is no comment.
+fn first_word(bytes: &[u8]) -> Option<&[u8]> {
     let mut cursor = Cursor::new("", bytes);
     while let Some(line) = cursor.next_line() {
         if let Some(word) = words(content(line)).next() {
-            return keyword(word).is_some();
+            return Some(word);
         }
     }
-    false
+    None
+}
+
+/// Whether the first word is the keyword of OFF.
+pub(super) fn looks_like(bytes: &[u8]) -> bool {
+    first_word(bytes).is_some_and(|word| keyword(word).is_some())
+}
+
+/// Whether it may be OFF without its keyword.
+pub(super) fn begins_with_a_count(bytes: &[u8]) -> bool {
+    first_word(bytes).is_some_and(|word| word.iter().all(u8::is_ascii_digit))
 }
 
 struct Reader<'a> {
