@@ -1,15 +1,24 @@
-//! Conformance checks and generators of hard cases; the one room that may know all others.
+//! Conformance checks of constraints and of readers, generators of hard cases; the one room that may know all others.
 //!
 //! Available to this crate's tests, and to others with the feature `testing`.
 
+mod blocks;
 mod conformance;
 mod controls;
 mod draw;
 mod dual;
+mod loaders;
+mod mutations;
+mod round_trip;
+mod seeds;
 mod subject;
 
 pub use conformance::{Failure, check, check_constraint};
 pub use controls::{Broken, CONTROLS};
 pub use draw::Draw;
 pub use dual::{Dual, Tracked};
+pub use loaders::{Breach, LOADERS, Loader, Outcome, check_loader, check_reader, check_scene, check_target};
+pub use mutations::{Mutator, dictionary};
+pub use round_trip::{check_round_trip, drawing};
+pub use seeds::seeds;
 pub use subject::{Subject, Volume};

@@ -1,0 +1,111 @@
+//! VTP files whose compressed arrays are any bytes: what a changed file would nearly always spoil is made right.
+
+use super::loaders::{Breach, Outcome, check_reader};
+use crate::io::read_bytes;
+
+/// Words of a file, by the lowest two bits of the first byte.
+const COMPRESSORS: [&str; 4] = ["vtkZLibDataCompressor", "vtkLZ4DataCompressor", "vtkLZMADataCompressor", ""];
+
+/// An `.xz` stream without a check around chunks of LZMA2.
+pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
+    let mut stream = b"\xfd7zXZ\0\0\0\xff\x12\xd9\x41".to_vec();
+    // Three words: no optional sizes, LZMA2 with a dictionary of 64 KiB, padding, CRC32.
+    stream.extend(b"\x02\x00\x21\x01\x08\0\0\0\xd8\x0f\x23\x13");
+    stream.extend(chunks);
+    stream.resize(stream.len().next_multiple_of(4), 0);
+    // The index, which nobody reads.
+    stream.push(0);
+    stream
+}
+
+/// The letters of bytes in base64, with padding.
+pub(super) fn base64(bytes: &[u8]) -> Vec<u8> {
+    const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = Vec::new();
+    for group in bytes.chunks(3) {
+        let word = group.iter().chain(&[0, 0]).take(3).fold(0u32, |word, &b| word << 8 | u32::from(b));
+        let letter = |k: usize| LETTERS[(word >> (18 - 6 * k)) as usize & 63];
+        text.extend((0..4).map(|k| if k <= group.len() { letter(k) } else { b'=' }));
+    }
+    text
+}
+
+/// A file of one triangle or more, whose points are one block of compressed bytes.
+///
+/// The first byte chooses compressor, header, byte order and encoding, the next two the size of the block.
+pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
+    let at = |i: usize| bytes.get(i).copied().unwrap_or(0);
+    let (choice, size) = (at(0), u64::from(at(1)) << 4 | u64::from(at(2)) & 15);
+    let payload = bytes.get(3..).unwrap_or_default();
+    let packed = if choice & 3 == 2 { xz(payload) } else { payload.to_vec() };
+    let (long, big, encoded) = (choice & 4 != 0, choice & 8 != 0, choice & 16 != 0);
+    let number = |n: u64| {
+        let little = n.to_le_bytes();
+        let bytes = if long { &little[..] } else { &little[..4] };
+        if big { bytes.iter().rev().copied().collect() } else { bytes.to_vec() }
+    };
+    let header: Vec<u8> = match choice & 3 {
+        3 => number(packed.len() as u64),
+        _ => [1, size, 0, packed.len() as u64].into_iter().flat_map(number).collect(),
+    };
+    let order = if big { "BigEndian" } else { "LittleEndian" };
+    let kind = if long { "UInt64" } else { "UInt32" };
+    let name = COMPRESSORS[usize::from(choice & 3)];
+    let mut file = format!(
+        "<VTKFile type=\"PolyData\" byte_order=\"{order}\" header_type=\"{kind}\" compressor=\"{name}\"><PolyData><Piece>\
+         <Points><DataArray type=\"Int8\" format=\"appended\" offset=\"0\"/></Points>\
+         <Polys><DataArray type=\"Int8\" Name=\"connectivity\">0 1 2</DataArray>\
+         <DataArray type=\"Int8\" Name=\"offsets\">3</DataArray></Polys></Piece></PolyData>"
+    )
+    .into_bytes();
+    file.extend(format!("<AppendedData encoding=\"{}\">_", if encoded { "base64" } else { "raw" }).bytes());
+    if encoded {
+        file.extend(base64(&header));
+        file.extend(base64(&packed));
+    } else {
+        file.extend(header);
+        file.extend(packed);
+    }
+    file
+}
+
+/// Checks the reader on a file whose compressed points are the bytes.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_blocks(bytes: &[u8]) -> Result<Outcome, Breach> {
+    check_reader(&file(bytes), |bytes| read_bytes(bytes, "a.vtp"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POINTS: [u8; 9] = [0, 0, 0, 1, 0, 0, 0, 1, 0];
+
+    /// Bytes that choose and then hold a block that is right.
+    fn whole(choice: u8, packed: &[u8]) -> Vec<u8> {
+        [&[choice, 0, 9], packed].concat()
+    }
+
+    #[test]
+    fn each_compressor_gives_a_mesh() {
+        let chunk = [&[1, 0, 8], &POINTS[..], &[0]].concat();
+        let packed =
+            [miniz_oxide::deflate::compress_to_vec_zlib(&POINTS, 6), lz4_flex::compress(&POINTS), chunk, POINTS.into()];
+        for (choice, packed) in (0u8..).zip(packed) {
+            // Without a compressor base64 is one stream with its header, which is not what this makes.
+            let choices = if choice == 3 { 0..4 } else { 0..8 };
+            for more in choices {
+                let bytes = whole(choice | more << 2, &packed);
+                assert_eq!(check_blocks(&bytes), Ok(Outcome::Accepted), "{choice} {more}");
+                assert_eq!(check_blocks(&bytes[..bytes.len() - 3]), Ok(Outcome::Refused), "{choice} {more}");
+            }
+        }
+    }
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        assert_eq!([base64(b"f"), base64(b"fo"), base64(b"foobar")], [&b"Zg=="[..], b"Zm8=", b"Zm9vYmFy"]);
+    }
+}

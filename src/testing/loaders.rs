@@ -1,0 +1,297 @@
+//! What a reader promises of any bytes: a valid mesh, or an error that helps (P45). Fuzz targets and tests share this.
+
+use std::ffi::OsString;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use crate::io::{MeshFile, Place, ReadError, read_bytes};
+use crate::mesh::TriangleMesh;
+use crate::scene::{SceneError, Surroundings, parse_with};
+
+/// The most bytes of a file that an error may quote.
+const LONGEST_TOKEN: usize = 64;
+
+/// The longest text of an error [bytes]: what is wrong, a token of 64 bytes of which each may become `\u{1b}`, what to do.
+const LONGEST_TEXT: usize = 2000;
+
+/// A reader: what its files are called and how they begin.
+#[derive(Clone, Copy, Debug)]
+pub struct Loader {
+    /// Name of the fuzz target, of its dictionary and of the folder of its crashes.
+    pub name: &'static str,
+    /// Name of a file of the format.
+    pub file: &'static str,
+    /// How files of the format begin; other bytes get the last of these in front, so that they reach this reader.
+    pub starts: &'static [&'static [u8]],
+}
+
+/// Every reader; `any` leaves the format to the content.
+pub const LOADERS: [Loader; 8] = [
+    Loader { name: "obj", file: "a.obj", starts: &[b"v", b"f", b"l", b"o\n"] },
+    Loader { name: "ply", file: "a.ply", starts: &[b"ply\n"] },
+    Loader { name: "stl", file: "a.stl", starts: &[b""] },
+    Loader { name: "off", file: "a.off", starts: &[b"#", b"ST", b"C", b"N", b"n", b"4", b"OFF"] },
+    Loader { name: "vtk", file: "a.vtk", starts: &[b"# vtk DataFile Version "] },
+    Loader { name: "vtp", file: "a.vtp", starts: &[b"<?xml", b"<!--", b"<VTKFile"] },
+    Loader { name: "directx", file: "a.x", starts: &[b"xof "] },
+    Loader { name: "any", file: "a", starts: &[b""] },
+];
+
+/// How a promise was broken.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Breach {
+    /// The reader panicked.
+    #[error("panicked: {message}")]
+    Panicked {
+        /// What the panic said.
+        message: String,
+    },
+    /// The mesh has an index, a coordinate or a line that no mesh may have.
+    #[error("accepted what is no mesh: {detail}")]
+    Invalid {
+        /// What is wrong with it.
+        detail: String,
+    },
+    /// The error's text is not one printable line with a code, or its place does not exist.
+    #[error("{wanted}, but the error is {text:?}")]
+    Unhelpful {
+        /// What the text should be.
+        wanted: &'static str,
+        /// The text.
+        text: String,
+    },
+    /// What was written is read as something else.
+    #[error("{writer}: {detail}")]
+    Changed {
+        /// Which writer.
+        writer: &'static str,
+        /// The difference.
+        detail: String,
+    },
+    /// There is no check of that name.
+    #[error("no reader is called {name}")]
+    Unknown {
+        /// The name.
+        name: String,
+    },
+}
+
+/// What a promise that was kept looked like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// A valid mesh or scene.
+    Accepted,
+    /// An error that helps.
+    Refused,
+}
+
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene` or `write`.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
+    match name {
+        "blocks" => super::blocks::check_blocks(bytes),
+        "scene" => check_scene(bytes),
+        "write" => super::round_trip::check_round_trip(bytes),
+        // The check of repair goes here, and its name into fuzz/Cargo.toml and fuzz/run.sh.
+        _ => match LOADERS.iter().find(|loader| loader.name == name) {
+            Some(loader) => check_loader(loader, bytes),
+            None => Err(Breach::Unknown { name: name.to_owned() }),
+        },
+    }
+}
+
+/// Checks a reader on bytes, which are made to begin as its files do.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
+    let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, loader.file));
+    if let (Some(start), false) = (loader.starts.last(), loader.starts.iter().any(|start| bytes.starts_with(start))) {
+        return read(&[start, bytes].concat());
+    }
+    let outcome = read(bytes)?;
+    match sized_stl(bytes) {
+        Some(sized) if loader.name == "stl" && outcome == Outcome::Refused => read(&sized),
+        _ => Ok(outcome),
+    }
+}
+
+/// Binary STL with the number of triangles that fits its size; nearly all changed files would fail at that alone.
+fn sized_stl(bytes: &[u8]) -> Option<Vec<u8>> {
+    let count = bytes.len().checked_sub(84)? / 50;
+    let mut sized = bytes[..84 + 50 * count].to_vec();
+    sized[80..84].copy_from_slice(&u32::try_from(count).ok()?.to_le_bytes());
+    Some(sized)
+}
+
+/// Checks any reader on bytes.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_reader(bytes: &[u8], read: impl FnOnce(&[u8]) -> Result<MeshFile, ReadError>) -> Result<Outcome, Breach> {
+    match caught(|| read(bytes))? {
+        Ok(file) => check_mesh(file),
+        Err(error) => check_error(&error, bytes),
+    }
+}
+
+/// Runs something that must not panic.
+fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
+    catch_unwind(AssertUnwindSafe(deed)).map_err(|payload| {
+        let text = payload.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| payload.downcast_ref::<&str>().map(|&s| s.to_owned()));
+        Breach::Panicked { message: text.unwrap_or_default() }
+    })
+}
+
+fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
+    let count = file.mesh.vertices.len();
+    let invalid = |detail: String| Err(Breach::Invalid { detail });
+    if file.mesh.triangles.is_empty() && file.lines.is_empty() {
+        return invalid("neither a triangle nor a line".into());
+    }
+    if let Some(line) = file.lines.iter().find(|l| l.len() < 2 || l.iter().any(|&i| i as usize >= count)) {
+        return invalid(format!("line {line:?} of {count} vertices"));
+    }
+    match TriangleMesh::new(file.mesh.vertices, file.mesh.triangles) {
+        Ok(_) => Ok(Outcome::Accepted),
+        Err(error) => invalid(error.to_string()),
+    }
+}
+
+fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
+    let text = error.terse();
+    check_text(&text)?;
+    let unhelpful = |wanted| Err(Breach::Unhelpful { wanted, text: text.clone() });
+    let ReadError::Content { place, column, found, .. } = error else {
+        return unhelpful("bytes in memory can be read");
+    };
+    if quoted_bytes(found) > LONGEST_TOKEN {
+        return unhelpful("a token of at most 64 bytes");
+    }
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    match *place {
+        Place::Offset(offset) if offset > bytes.len() => unhelpful("an offset within the file"),
+        Place::Line(line) if !has_place(bytes, line, *column) => unhelpful("a line and a column of the file"),
+        _ => Ok(Outcome::Refused),
+    }
+}
+
+/// One printable line with a code, of a length that can be read.
+fn check_text(text: &str) -> Result<(), Breach> {
+    let code = text.split_once("error[E").and_then(|(_, rest)| rest.split_once(']')).map_or("", |(code, _)| code);
+    let wanted = if code.len() != 3 || !code.bytes().all(|b| b.is_ascii_digit()) {
+        "a code of three digits"
+    } else if text.chars().any(char::is_control) {
+        "one printable line"
+    } else if text.len() > LONGEST_TEXT {
+        "at most 2000 bytes"
+    } else {
+        return Ok(());
+    };
+    Err(Breach::Unhelpful { wanted, text: text.to_owned() })
+}
+
+/// The fewest bytes of a file that give a quotation: an escape and a sign for damaged text stand for one byte each.
+fn quoted_bytes(found: &str) -> usize {
+    let found = found.strip_suffix('…').unwrap_or(found);
+    let mut bytes = 0;
+    let mut rest = found.chars();
+    while let Some(c) = rest.next() {
+        bytes += if c == char::REPLACEMENT_CHARACTER { 1 } else { c.len_utf8() };
+        if c == '\\' && rest.next() == Some('u') {
+            rest.by_ref().find(|&c| c == '}');
+        }
+    }
+    bytes
+}
+
+/// Whether a text has a line, or had it if one more followed, and in it a column.
+fn has_place(bytes: &[u8], line: usize, column: Option<u32>) -> bool {
+    let mut lines = Vec::new();
+    let mut start = 0;
+    while start <= bytes.len() {
+        let rest = &bytes[start..];
+        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        lines.push(&rest[..length]);
+        start += length + if rest[length..].starts_with(b"\r\n") { 2 } else { 1 };
+    }
+    let characters = |line: &[u8]| line.iter().filter(|&&b| b & 0xc0 != 0x80).count();
+    let width = line.checked_sub(1).and_then(|i| lines.get(i)).map(|line| characters(line));
+    match (width, column) {
+        (Some(width), Some(column)) => (1..=width + 1).contains(&(column as usize)),
+        (Some(_), None) => true,
+        (None, column) => line == lines.len() + 1 && column.is_none(),
+    }
+}
+
+/// Checks the reader of scenes on a text; bytes that are no text are made one.
+///
+/// Files are only asked whether they exist, and relative ones are looked for in a folder that does not.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
+    let text = String::from_utf8_lossy(bytes);
+    let folder = Path::new("no-such-folder");
+    let nothing = |_: &str| -> Option<OsString> { None };
+    let around = Surroundings { folder, variable: &nothing, overrides: &[] };
+    match caught(|| parse_with(&text, "s.toml", &around))? {
+        Ok(scene) if scene.frames == 0 || !(scene.frame_rate > 0.0 && scene.frame_rate.is_finite()) => {
+            Err(Breach::Invalid { detail: format!("{} frames at {}", scene.frames, scene.frame_rate) })
+        }
+        Ok(_) => Ok(Outcome::Accepted),
+        Err(error) => caught(|| check_scene_error(&error))?,
+    }
+}
+
+fn check_scene_error(error: &SceneError) -> Result<Outcome, Breach> {
+    let text = error.terse();
+    check_text(&text)?;
+    if error.place().is_none() {
+        return Err(Breach::Unhelpful { wanted: "a place", text });
+    }
+    let mut shown = String::new();
+    match miette::GraphicalReportHandler::new().render_report(&mut shown, error) {
+        Ok(()) => Ok(Outcome::Refused),
+        Err(_) => Err(Breach::Unhelpful { wanted: "an error that can be shown", text }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_beyond_the_file_are_seen() {
+        let text = "é 1\r\nv\r\n".as_bytes();
+        assert!(has_place(text, 1, Some(4)) && has_place(text, 2, Some(2)) && has_place(text, 3, None));
+        assert!(has_place(text, 4, None), "behind the end");
+        assert!(!has_place(text, 1, Some(5)) && !has_place(text, 5, None) && !has_place(text, 0, None));
+        assert!(!has_place(text, 1, Some(0)));
+    }
+
+    #[test]
+    fn quotations_are_counted_in_bytes_of_the_file() {
+        assert_eq!(quoted_bytes("é\\u{1b}\\nab\u{fffd}…"), 7);
+        assert_eq!(quoted_bytes(&"x".repeat(65)), 65);
+    }
+
+    #[test]
+    fn texts_that_do_not_help_are_seen() {
+        assert_eq!(check_text("a: error[E011]: x"), Ok(()));
+        for text in ["a: error[E11]: x", "a: x", "a: error[E011]: x\n", "a: error[EXYZ]: x"] {
+            assert!(check_text(text).is_err(), "{text}");
+        }
+        assert!(check_text(&format!("error[E011]{}", "x".repeat(2000))).is_err());
+    }
+
+    #[test]
+    fn a_binary_stl_gets_the_count_of_its_size() {
+        assert_eq!(sized_stl(&[0; 83]), None);
+        let sized = sized_stl(&[9; 84 + 149]).unwrap();
+        assert_eq!((sized.len(), &sized[80..84]), (184, &[2, 0, 0, 0][..]));
+    }
+}

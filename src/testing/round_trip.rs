@@ -1,0 +1,237 @@
+//! A mesh made of any bytes, through every writer and back: the same bits, or a refusal that has its reason.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+
+use super::loaders::{Breach, Outcome};
+use crate::io::{MeshFile, obj, ply, read, stl, vtk, vtp};
+use crate::mesh::TriangleMesh;
+
+/// The most vertices, so that an index is one byte.
+const MOST_VERTICES: usize = 40;
+
+/// A mesh and polylines.
+type Drawing = (TriangleMesh, Vec<Vec<u32>>);
+
+/// A writer, and what its format keeps.
+struct Writer {
+    name: &'static str,
+    write: fn(&Path, &Drawing) -> io::Result<()>,
+    keeps_lines: bool,
+    /// What becomes of a coordinate in a format of corners; `None` where vertices keep their bits and their order.
+    corners: Option<fn(f64) -> f64>,
+}
+
+const WRITERS: [Writer; 9] = [
+    Writer { name: "a.obj", write: |p, (m, l)| obj::write(p, m, l), keeps_lines: true, corners: None },
+    Writer {
+        name: "t.vtk",
+        write: |p, (m, l)| vtk::write(p, m, l, vtk::Encoding::Ascii),
+        keeps_lines: true,
+        corners: None,
+    },
+    Writer {
+        name: "b.vtk",
+        write: |p, (m, l)| vtk::write(p, m, l, vtk::Encoding::Binary),
+        keeps_lines: true,
+        corners: None,
+    },
+    Writer { name: "a.vtp", write: write_vtp, keeps_lines: true, corners: None },
+    Writer {
+        name: "t.ply",
+        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Text),
+        keeps_lines: false,
+        corners: None,
+    },
+    Writer {
+        name: "l.ply",
+        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Little),
+        keeps_lines: false,
+        corners: None,
+    },
+    Writer {
+        name: "b.ply",
+        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Big),
+        keeps_lines: false,
+        corners: None,
+    },
+    Writer {
+        name: "t.stl",
+        write: |p, (m, _)| stl::write(p, m, stl::Encoding::Text),
+        keeps_lines: false,
+        corners: Some(|c| c + 0.0),
+    },
+    Writer {
+        name: "b.stl",
+        write: |p, (m, _)| stl::write(p, m, stl::Encoding::Binary),
+        keeps_lines: false,
+        corners: Some(|c| f64::from(c as f32) + 0.0),
+    },
+];
+
+fn write_vtp(path: &Path, (mesh, lines): &Drawing) -> io::Result<()> {
+    let data = vtp::PolyData { points: &mesh.vertices, triangles: &mesh.triangles, lines, ..Default::default() };
+    vtp::write(path, &data)
+}
+
+/// A mesh whose numbers are the bytes: counts, coordinates of eight bytes, indices of one, now and then out of range.
+pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
+    let mut rest = bytes.iter().copied();
+    let mut byte = || usize::from(rest.next().unwrap_or(0));
+    let (vertices, triangles, lines) = (byte() % (MOST_VERTICES + 1), byte() % 64, byte() % 8);
+    // Bits of any kind are nearly always a number of strange size; the first byte may ask for plain ones instead.
+    let mut coordinate = || match byte() % 4 {
+        0 => f64::from_be_bytes(std::array::from_fn(|_| byte() as u8)),
+        1 => f64::from(f32::from_be_bytes(std::array::from_fn(|_| byte() as u8))),
+        2 => byte() as f64 - 128.0,
+        _ => f64::from(byte() as u32) * f64::MIN_POSITIVE / 16.0,
+    };
+    let vertices: Vec<Point3<f64>> =
+        (0..vertices).map(|_| Point3::new(coordinate(), coordinate(), coordinate())).collect();
+    let within = vertices.len().max(1) + usize::from(byte() == 77);
+    let mut index = || (byte() % within) as u32;
+    let triangles = (0..triangles).map(|_| std::array::from_fn(|_| index())).collect();
+    let lines = (0..lines).map(|_| (0..1 + index() % 5).map(|_| index()).collect()).collect();
+    (TriangleMesh { vertices, triangles }, lines)
+}
+
+/// Writes a mesh made of bytes in every format, reads it again and compares.
+///
+/// # Errors
+/// A file that differs, an error for a mesh that can be written, none for one that cannot.
+pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
+    let drawing = drawing(bytes);
+    let mut outcome = Outcome::Refused;
+    for writer in &WRITERS {
+        let path = scratch(writer.name);
+        let done = (writer.write)(&path, &drawing);
+        let result = compare(writer, &drawing, &path, done);
+        // Not every mesh gets a file.
+        let _ = std::fs::remove_file(&path);
+        match result {
+            Ok(Outcome::Accepted) => outcome = Outcome::Accepted,
+            Ok(Outcome::Refused) => {}
+            Err(detail) => return Err(Breach::Changed { writer: writer.name, detail }),
+        }
+    }
+    Ok(outcome)
+}
+
+/// A file of this process and thread alone.
+fn scratch(name: &str) -> PathBuf {
+    let thread: String = format!("{:?}", std::thread::current().id()).chars().filter(char::is_ascii_digit).collect();
+    std::env::temp_dir().join(format!("pliant-round-{}-{thread}-{name}", std::process::id()))
+}
+
+fn compare(writer: &Writer, drawing: &Drawing, path: &Path, done: io::Result<()>) -> Result<Outcome, String> {
+    let (mesh, lines) = drawing;
+    let finite = |c: &f64| c.is_finite() && writer.corners.is_none_or(|of| of(*c).is_finite());
+    let count = mesh.vertices.len();
+    let within = |i: &u32| (*i as usize) < count;
+    let lines: &[Vec<u32>] = if writer.keeps_lines { lines } else { &[] };
+    let numbers = mesh.vertices.iter().flat_map(|v| v.iter()).all(finite);
+    let indices = mesh.triangles.iter().flatten().chain(lines.iter().flatten()).all(within);
+    let ends = lines.iter().all(|line| line.len() >= 2);
+    if let Err(error) = done {
+        let right = !(numbers && indices && ends);
+        return if right && !path.exists() { Ok(Outcome::Refused) } else { Err(format!("not written: {error}")) };
+    }
+    let expected = Expected::of(writer, mesh, lines);
+    match read(path) {
+        Ok(file) if numbers && indices && ends => expected.compare(&file, writer).map(|()| Outcome::Accepted),
+        Ok(_) => Err("a mesh that is none was written and read".into()),
+        // The writer of frames passes on what it is given; its readers refuse it.
+        Err(_) if !numbers || !ends || expected.is_empty() => Ok(Outcome::Refused),
+        Err(error) => Err(error.terse()),
+    }
+}
+
+/// What a reader must find: triangles that name or have a corner twice are left out.
+struct Expected {
+    vertices: Vec<[u64; 3]>,
+    triangles: Vec<[u32; 3]>,
+    corners: Vec<[[u64; 3]; 3]>,
+    lines: Vec<Vec<u32>>,
+    degenerate: usize,
+}
+
+fn bits(point: &Point3<f64>, of: Option<fn(f64) -> f64>) -> [u64; 3] {
+    [point.x, point.y, point.z].map(|c| of.map_or(c, |of| of(c)).to_bits())
+}
+
+fn differ<T: PartialEq>([a, b, c]: &[T; 3]) -> bool {
+    a != b && b != c && c != a
+}
+
+impl Expected {
+    fn of(writer: &Writer, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Self {
+        let vertices: Vec<[u64; 3]> = mesh.vertices.iter().map(|v| bits(v, writer.corners)).collect();
+        let place = |i: u32| vertices.get(i as usize).copied().unwrap_or_default();
+        let kept = |t: &&[u32; 3]| if writer.corners.is_some() { differ(&t.map(place)) } else { differ(t) };
+        let triangles: Vec<[u32; 3]> = mesh.triangles.iter().filter(kept).copied().collect();
+        let corners = triangles.iter().map(|t| t.map(place)).collect();
+        let degenerate = mesh.triangles.len() - triangles.len();
+        Self { corners, degenerate, triangles, lines: lines.to_vec(), vertices }
+    }
+
+    /// Nothing that a reader accepts.
+    fn is_empty(&self) -> bool {
+        self.vertices.is_empty() || self.triangles.is_empty() && self.lines.is_empty()
+    }
+
+    fn compare(&self, file: &MeshFile, writer: &Writer) -> Result<(), String> {
+        let vertices: Vec<[u64; 3]> = file.mesh.vertices.iter().map(|v| bits(v, None)).collect();
+        let same = if writer.corners.is_some() {
+            let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize]);
+            file.mesh.triangles.iter().map(corners).eq(self.corners.iter().copied())
+        } else {
+            vertices == self.vertices && file.mesh.triangles == self.triangles
+        };
+        if same && file.lines == self.lines && file.degenerate == self.degenerate {
+            return Ok(());
+        }
+        Err(format!("{} triangles and {} lines were read", file.mesh.triangles.len(), file.lines.len()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two triangles and a line over four points with plain coordinates.
+    fn plain() -> Vec<u8> {
+        let mut bytes = vec![4, 2, 1];
+        bytes.extend([2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 129, 2, 129, 2, 131]);
+        bytes.extend([0, 0, 1, 2, 1, 3, 2, 1, 0, 3]);
+        bytes
+    }
+
+    #[test]
+    fn a_plain_mesh_comes_back() {
+        let (mesh, lines) = drawing(&plain());
+        assert_eq!((mesh.vertices[3], mesh.triangles.len(), lines), (Point3::new(1., 1., 3.), 2, vec![vec![0, 3]]));
+        assert_eq!(check_round_trip(&plain()), Ok(Outcome::Accepted));
+        assert_eq!(check_round_trip(b""), Ok(Outcome::Refused));
+    }
+
+    #[test]
+    fn a_writer_that_changes_a_bit_is_seen() {
+        let deed = |path: &Path, drawing: &Drawing| {
+            let mut changed = drawing.clone();
+            changed.0.vertices[3].x = f64::from_bits(changed.0.vertices[3].x.to_bits() + 1);
+            obj::write(path, &changed.0, &changed.1)
+        };
+        let broken = Writer { name: "broken.obj", write: deed, keeps_lines: true, corners: None };
+        let silent = Writer { name: "silent.obj", write: |_, _| Err(io::Error::other("no")), ..broken };
+        let drawing = drawing(&plain());
+        for writer in [broken, silent] {
+            let path = scratch(writer.name);
+            let done = (writer.write)(&path, &drawing);
+            let result = compare(&writer, &drawing, &path, done);
+            let _ = std::fs::remove_file(&path);
+            assert!(result.is_err(), "{}", writer.name);
+        }
+    }
+}
