@@ -64,7 +64,7 @@ def run(target, seconds, work):
         command.append(f"-dict={words}")
     before = set(artifacts.iterdir())
     start = now()
-    seeds = os.environ | {"PLIANT_SEEDS": str(corpus)}
+    seeds = os.environ | {"PLIANT_SEEDS": str(corpus), "RUST_BACKTRACE": "0"}
     text = subprocess.run([*command, corpus], capture_output=True, text=True, errors="replace", env=seeds).stderr
     stop = now()
     found = sorted(set(artifacts.iterdir()) - before)
@@ -82,7 +82,8 @@ def run(target, seconds, work):
             writer.writerow(COLUMNS)
         writer.writerow(row)
     for path in found:
-        print(f"{target}: {path}\n" + "\n".join(text.splitlines()[-40:]), flush=True)
+        what = re.search(r"panicked at .*\n(.*)|ERROR: libFuzzer: (.*)", text)
+        print(f"{target}: {path}: {what[0] if what else 'slow'}", flush=True)
     return len(found)
 
 

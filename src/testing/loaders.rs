@@ -196,16 +196,24 @@ fn check_text(text: &str) -> Result<(), Breach> {
 
 /// The fewest bytes of a file that give a quotation: an escape and a sign for damaged text stand for one byte each.
 fn quoted_bytes(found: &str) -> usize {
-    let found = found.strip_suffix('…').unwrap_or(found);
+    let mut rest = found.strip_suffix('…').unwrap_or(found);
     let mut bytes = 0;
-    let mut rest = found.chars();
-    while let Some(c) = rest.next() {
-        bytes += if c == char::REPLACEMENT_CHARACTER { 1 } else { c.len_utf8() };
-        if c == '\\' && rest.next() == Some('u') {
-            rest.by_ref().find(|&c| c == '}');
-        }
+    while let Some(c) = rest.chars().next() {
+        let escape = if c == '\\' { escape_length(&rest[1..]) } else { None };
+        bytes += if escape.is_some() || c == char::REPLACEMENT_CHARACTER { 1 } else { c.len_utf8() };
+        rest = &rest[c.len_utf8() + escape.unwrap_or(0)..];
     }
     bytes
+}
+
+/// The length of an escape behind its backslash; a backslash of the file itself is quoted as it stands.
+fn escape_length(tail: &str) -> Option<usize> {
+    if tail.starts_with(['n', 'r', 't']) {
+        return Some(1);
+    }
+    let digits = tail.strip_prefix("u{")?;
+    let length = digits.find('}')?;
+    digits[..length].bytes().all(|b| b.is_ascii_hexdigit()).then_some(length + 3)
 }
 
 /// Whether a text has a line, or had it if one more followed, and in it a column.
@@ -277,6 +285,7 @@ mod tests {
     fn quotations_are_counted_in_bytes_of_the_file() {
         assert_eq!(quoted_bytes("é\\u{1b}\\nab\u{fffd}…"), 7);
         assert_eq!(quoted_bytes(&"x".repeat(65)), 65);
+        assert_eq!(quoted_bytes("\\\\u{0}\\x\\u{1\\"), 9);
     }
 
     #[test]
