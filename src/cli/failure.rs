@@ -73,18 +73,30 @@ impl Failure {
     /// Says it on standard error: with the source and a caret to a person, in one line to a pipe.
     pub(super) fn show(&self) {
         match self {
-            Self::Scene(error) => say_with_source(error, &error.terse()),
+            Self::Scene(error) => say_with_source(error, &self.terse()),
+            Self::Load { error, .. } => match &**error {
+                LoadError::Read(error) => say_with_source(&Excerpt::of(error), &self.terse()),
+                _ => warn(&self.terse()),
+            },
+            Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
+        }
+    }
+
+    /// In one line.
+    pub(super) fn terse(&self) -> String {
+        match self {
+            Self::Scene(error) => error.terse(),
             Self::Load { error, scene } => match &**error {
                 // An error of reading names its own file.
-                LoadError::Read(error) => say_with_source(&Excerpt::of(error), &error.terse()),
+                LoadError::Read(error) => error.terse(),
                 error => {
                     let at = if scene.is_empty() { String::new() } else { format!("{scene}: ") };
                     let hint = hint(error).map_or_else(String::new, |h| format!("; {h}"));
-                    warn(&format!("{at}error: {error}{hint}"));
+                    format!("{at}error: {error}{hint}")
                 }
             },
-            Self::Folder(error) => warn(&format!("error: {error}")),
-            Self::Usage { message, hint } => warn(&format!("error: {message}; {hint}")),
+            Self::Folder(error) => format!("error: {error}"),
+            Self::Usage { message, hint } => format!("error: {message}; {hint}"),
         }
     }
 }

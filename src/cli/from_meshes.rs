@@ -4,9 +4,9 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
+use super::length_unit;
 use crate::contact::{Obstacle, Surface};
 use crate::mesh::TriangleMesh;
-use crate::scene::units::{self, Dimension};
 use crate::scene::{Scene, Surroundings, environment, parse_with};
 use crate::simulation::Assets;
 
@@ -52,10 +52,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
         let hint = "add the unit of their coordinates, for example --unit mm";
         return Err(Failure::usage("mesh files do not say their length unit", hint));
     };
-    units::scale(unit, Dimension::Length).map_err(|_| {
-        let known = Dimension::Length.known();
-        Failure::usage(format!("`{unit}` is no unit of length"), format!("known units: {known}"))
-    })?;
+    length_unit(unit)?;
     if meshes.fibre_lines.len() > meshes.muscles.len() {
         let (fibres, muscles) = (meshes.fibre_lines.len(), meshes.muscles.len());
         let message = format!("{fibres} files of fibre lines for {muscles} muscles");

@@ -2,6 +2,8 @@
 //!
 //! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
+mod check;
+mod convert;
 mod excerpt;
 mod failure;
 mod from_meshes;
@@ -52,6 +54,10 @@ enum Command {
     Plan(plan::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
+    /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
+    Check(check::Arguments),
+    /// Write a mesh in another format or unit
+    Convert(convert::Arguments),
 }
 
 /// Reads the command line and does what it says; the result is the exit code of the process.
@@ -69,6 +75,8 @@ pub fn main() -> ExitCode {
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
+        Some(Command::Check(arguments)) => check::run(&arguments),
+        Some(Command::Convert(arguments)) => convert::run(&arguments),
     };
     match done {
         Ok(code) => ExitCode::from(code),
@@ -94,6 +102,15 @@ fn warn(text: &str) {
 fn say_json(value: &impl serde::Serialize) {
     // Structures of texts, numbers and lists always have a JSON form.
     say(&format!("{}\n", serde_json::to_string_pretty(value).unwrap_or_default()));
+}
+
+/// The length of a unit [m].
+fn length_unit(name: &str) -> Result<f64, failure::Failure> {
+    use crate::scene::units::{Dimension, scale};
+    scale(name, Dimension::Length).map_err(|_| {
+        let known = Dimension::Length.known();
+        failure::Failure::usage(format!("`{name}` is no unit of length"), format!("known units: {known}"))
+    })
 }
 
 /// Columns of text, the first of each row to the left, wide enough for all; `right` marks those set to the right.

@@ -1,8 +1,8 @@
 //! Readers and writers, one file a format.
 //!
 //! [`read`] takes OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text, and finds the format in the content.
-//! [`obj::write`], [`ply::write`], [`stl::write`] and [`vtk::write`] write a mesh; frames for ParaView are written by
-//! [`vtp::write`] and collected by [`pvd::Collection`].
+//! [`write`] writes a mesh in the format of its ending; frames for ParaView are written by [`vtp::write`()] and collected by
+//! [`pvd::Collection`].
 //! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
 
 mod cursor;
@@ -19,6 +19,7 @@ mod surface;
 pub mod vtk;
 pub mod vtp;
 mod warning;
+mod write;
 mod xml;
 mod xz;
 
@@ -31,6 +32,7 @@ use cursor::Cursor;
 pub use error::{Place, Problem, ReadError};
 pub(crate) use part::write_whole;
 pub use warning::{Warned, Warning, Warnings};
+pub use write::{Encoding, WRITABLE, WriteError, write};
 
 /// The largest file that is read [bytes].
 pub const MAX_FILE_BYTES: u64 = 1 << 31;

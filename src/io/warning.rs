@@ -36,6 +36,18 @@ impl Warning {
     }
 }
 
+impl Warning {
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match self {
+            Warning::Underflow => "give such coordinates a larger unit if they matter",
+            Warning::NotFlatOrConvex => "export triangles if another split is meant",
+            Warning::RepeatedCorner => "nothing is lost: it had no area",
+            Warning::OtherFormat { .. } => "rename the file",
+        }
+    }
+}
+
 /// A warning, how often there was reason for it, and where first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Warned {

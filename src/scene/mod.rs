@@ -5,6 +5,7 @@
 
 pub mod builtin;
 pub mod error;
+mod guess;
 pub mod motion;
 pub mod overrides;
 pub mod parse;
@@ -20,12 +21,14 @@ pub mod units;
 
 pub use crate::constraints::Order;
 pub use error::{Problem, SceneError};
+pub use guess::likely_units;
 pub use parse::{Surroundings, parse, parse_with};
 pub use paths::environment;
 pub use shapes_known::{FIBRE_SHAPES, SHAPES};
 
 use std::path::PathBuf;
 
+use crate::mesh::repair;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A checked scene: SI units, every path resolved, every name found.
@@ -70,6 +73,8 @@ pub struct Bone {
     pub name: String,
     /// Its surface.
     pub surface: Source,
+    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    pub repair: Option<repair::Options>,
     /// Its motion; empty for a bone at rest.
     pub motion: Motion,
 }
@@ -110,6 +115,8 @@ pub struct Muscle {
     pub name: String,
     /// Its surface.
     pub surface: Source,
+    /// What is repaired before it is used, lengths in metres; `None` takes it as it is.
+    pub repair: Option<repair::Options>,
     /// Wanted edge length \[m\]; `None` keeps the mesh as it is.
     pub edge_length: Option<f64>,
     /// Material constants.

@@ -19,6 +19,7 @@ use super::spelling::{nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{Bone, Capsule, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
+use crate::mesh::repair;
 
 /// Longest name [bytes]; it becomes part of the names of files.
 const LONGEST_NAME: usize = 100;
@@ -118,12 +119,12 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, S
     let mut bones = Vec::new();
     for section in root.sections("bone")? {
         let name = unique_name(&section, taken)?;
-        let surface = surface(&section)?;
+        let (surface, repair) = (surface(&section)?, repair(&section)?);
         let motion = match section.section("motion")? {
             Some(section) => motion::read(&section)?,
             None => super::Motion::default(),
         };
-        bones.push(Bone { name, surface, motion });
+        bones.push(Bone { name, surface, repair, motion });
     }
     Ok(bones)
 }
@@ -204,6 +205,26 @@ pub(super) fn surface(section: &Section<'_>) -> Result<Source, SceneError> {
             add: "`mesh = \"FILE\"` with its `unit`, or `shape = \"NAME\"`".to_owned(),
         }),
     }
+}
+
+/// What `repair`, and the keys that go with it, ask for.
+pub(super) fn repair(section: &Section<'_>) -> Result<Option<repair::Options>, SceneError> {
+    section.exclusive("shape", "repair")?;
+    let wanted = section.get("repair").map_or(Ok(false), |item| item.flag())?;
+    let more = ["close_holes", "keep_largest", "merge_within"];
+    if !wanted {
+        return match more.iter().find_map(|key| section.get(key)) {
+            Some(item) => item.fail(Problem::missing("repair", "`repair = true`, which it is a part of")),
+            None => Ok(None),
+        };
+    }
+    let longest = u32::try_from(repair::LONGEST_RIM).unwrap_or(u32::MAX);
+    let close_holes = section.get("close_holes").map_or(Ok(0), |item| item.whole(0, longest))?;
+    Ok(Some(repair::Options {
+        merge_within: section.quantity_or("merge_within", Dimension::Length, Limit::NotNegative, 0.0)?,
+        close_holes: close_holes as usize,
+        keep_largest: section.get("keep_largest").map_or(Ok(false), |item| item.flag())?,
+    }))
 }
 
 /// The file of a value, with the key `unit` of its section.

@@ -1,7 +1,7 @@
 //! Reads the sections `[[muscle]]`.
 
 use super::error::{Problem, SceneError};
-use super::parse::{KnownBones, file, file_at, shape, surface};
+use super::parse::{KnownBones, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::shapes_known::FIBRE_SHAPES;
 use super::tree::Value;
@@ -20,6 +20,7 @@ const LIMIT: f64 = 0.1;
 /// One muscle whose name is already checked.
 pub(super) fn muscle(section: &Section<'_>, name: String, bones: &KnownBones<'_>) -> Result<Muscle, SceneError> {
     let surface = surface(section)?;
+    let repair = repair(section)?;
     let edge_length = section.get("edge_length").map(|i| i.quantity(Dimension::Length, Limit::Positive)).transpose()?;
     let material = match section.section("material")? {
         Some(section) => material(&section)?,
@@ -39,7 +40,13 @@ pub(super) fn muscle(section: &Section<'_>, name: String, bones: &KnownBones<'_>
         let by = section.need("by", "[\"1 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?;
         displacements.push(Displacement { vertices, by });
     }
-    Ok(Muscle { name, surface, edge_length, material, attachments, fibres, forces, displacements })
+    let by_index = attachments.iter().any(|a| matches!(a.area, Area::Vertices(_)));
+    if repair.is_some() && (by_index || !forces.is_empty() || !displacements.is_empty()) {
+        // A repair may drop and add vertices, so that an index would name another one.
+        let problem = Problem::Conflict { first: "repair".to_owned(), second: "vertices".to_owned() };
+        return section.need("repair", "true")?.fail(problem);
+    }
+    Ok(Muscle { name, surface, repair, edge_length, material, attachments, fibres, forces, displacements })
 }
 
 fn material(section: &Section<'_>) -> Result<Material, SceneError> {

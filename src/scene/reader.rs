@@ -109,6 +109,13 @@ impl<'a> Item<'a> {
         self.fail(Problem::OutOfRange { found, allowed: limit.describe(what) })
     }
 
+    pub(super) fn flag(&self) -> Read<bool> {
+        match self.node.value {
+            Value::Boolean(flag) => Ok(flag),
+            _ => self.wrong_type("true or false"),
+        }
+    }
+
     pub(super) fn whole(&self, low: u32, high: u32) -> Read<u32> {
         let allowed = format!("a whole number from {low} to {high}");
         match self.node.value {

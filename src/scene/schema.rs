@@ -51,7 +51,17 @@ pub(super) const ROOT: Schema = Schema {
 };
 
 const BONE: Schema = Schema {
-    keys: &[("name", Text), ("mesh", Text), ("shape", Text), ("unit", Text), ("motion", Kind::Table(&MOTION))],
+    keys: &[
+        ("name", Text),
+        ("mesh", Text),
+        ("shape", Text),
+        ("unit", Text),
+        ("repair", Plain),
+        ("close_holes", Plain),
+        ("keep_largest", Plain),
+        ("merge_within", Text),
+        ("motion", Kind::Table(&MOTION)),
+    ],
 };
 
 const MOTION: Schema = Schema { keys: &[("centre", Plain), ("axis", Plain), ("keys", List(&KEY))] };
@@ -68,6 +78,10 @@ const MUSCLE: Schema = Schema {
         ("mesh", Text),
         ("shape", Text),
         ("unit", Text),
+        ("repair", Plain),
+        ("close_holes", Plain),
+        ("keep_largest", Plain),
+        ("merge_within", Text),
         ("edge_length", Text),
         ("material", Kind::Table(&MATERIAL)),
         ("attachment", List(&ATTACHMENT)),

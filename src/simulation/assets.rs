@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use crate::io::{self, MeshFile, ReadError};
 use crate::mesh::topology::Topology;
-use crate::mesh::{TriangleMesh, refine, shapes};
+use crate::mesh::{TriangleMesh, refine, repair, shapes};
 use crate::scene::{Area, Scene, Source};
 
 /// A muscle as read.
@@ -25,6 +25,8 @@ pub struct MuscleAsset {
 pub struct Assets {
     /// Bones, in the scene's order.
     pub bones: Vec<TriangleMesh>,
+    /// What reading and repairing changed in each bone, in words.
+    pub bone_notes: Vec<Vec<String>>,
     /// Muscles, in the scene's order.
     pub muscles: Vec<MuscleAsset>,
     /// Attachment patches, for each muscle and each attachment; `None` where the area is no patch.
@@ -144,17 +146,43 @@ fn surface(source: &Source, what: &str) -> Result<TriangleMesh, LoadError> {
     Ok(mesh)
 }
 
+/// The mesh after the repair that was asked for, if any; never silently.
+fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec<String>) -> TriangleMesh {
+    let Some(options) = options else { return mesh };
+    let repaired = repair::repair(&mesh, &[], options);
+    if repaired.changes.is_empty() {
+        notes.push("repair: nothing needed".to_owned());
+        return mesh;
+    }
+    notes.extend(repaired.changes.iter().map(|change| format!("repair: {}", change.message)));
+    let away = repair::deviation(&mesh, &repaired.mesh);
+    let mm = |distance: Option<f64>| distance.map_or_else(|| "nothing".to_owned(), |d| format!("{:.3} mm", d * 1e3));
+    notes.push(format!(
+        "repair: vertices moved by at most {:.3} mm; the surface as read is at most {} from the repaired one, which is at \
+         most {} from it",
+        repaired.moved * 1e3,
+        mm(away.lost),
+        mm(away.added)
+    ));
+    repaired.mesh
+}
+
 impl Assets {
     /// Reads everything that `scene` names.
     ///
     /// # Errors
     /// A file that cannot be read, or that does not hold what the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
-        let bones = scene.bones.iter().map(|b| surface(&b.surface, &format!("bone `{}`", b.name)));
-        let bones = bones.collect::<Result<_, _>>()?;
+        let (mut bones, mut bone_notes) = (Vec::new(), Vec::new());
+        for bone in &scene.bones {
+            let mesh = surface(&bone.surface, &format!("bone `{}`", bone.name))?;
+            let mut notes = Vec::new();
+            bones.push(mended(mesh, bone.repair.as_ref(), &mut notes));
+            bone_notes.push(notes);
+        }
         let muscles = scene.muscles.iter().map(|m| load_muscle(m, scene)).collect::<Result<_, _>>()?;
         let patches = scene.muscles.iter().map(load_patches).collect::<Result<_, _>>()?;
-        Ok(Self { bones, muscles, patches })
+        Ok(Self { bones, bone_notes, muscles, patches })
     }
 }
 
@@ -183,7 +211,7 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         file => {
             let read = read_scaled(file)?;
             notes.extend(read.warnings.iter().map(|warned| warned.to_string()));
-            (read.mesh, Vec::new())
+            (mended(read.mesh, muscle.repair.as_ref(), &mut notes), Vec::new())
         }
     };
     if mesh.triangles.is_empty() && edges.is_empty() {

@@ -65,6 +65,9 @@ impl Simulation {
             .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &surfaces, &placed))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = Vec::new();
+        for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {
+            notes.extend(found.iter().map(|n| format!("{}: {n}", bone.name)));
+        }
         for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }

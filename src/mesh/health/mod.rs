@@ -80,7 +80,15 @@ pub struct Health {
 impl Health {
     /// Examines a surface with valid indices and finite coordinates.
     pub fn of(mesh: &TriangleMesh) -> Self {
-        let parts = Parts::of(mesh);
+        Self::with_lines(mesh, &[])
+    }
+
+    /// As [`Self::of`]; vertices of `lines` count as used.
+    pub fn with_lines(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Self {
+        let mut parts = Parts::of(mesh);
+        let mut on_line = vec![false; mesh.vertices.len()];
+        lines.iter().flatten().for_each(|v| on_line[*v as usize] = true);
+        parts.unused.retain(|v| !on_line[*v as usize]);
         let mut health = parts.counts(mesh);
         health.findings = finding::all(&parts, mesh, &health);
         health

@@ -1,0 +1,102 @@
+//! Writes a mesh in the format that the ending of its name says.
+
+use std::path::Path;
+
+use super::{Format, obj, ply, stl, vtk, vtp};
+use crate::mesh::TriangleMesh;
+
+/// The endings that [`write`] knows.
+pub const WRITABLE: &str = ".obj, .ply, .stl, .vtk, .vtp";
+
+/// How numbers are written where a format leaves the choice (PLY, STL and legacy VTK).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Encoding {
+    /// As bytes.
+    #[default]
+    Binary,
+    /// As text.
+    Text,
+}
+
+/// Why a mesh was not written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
+    /// The ending of the name is none of [`WRITABLE`].
+    #[error("{file}: the ending names no format that can be written")]
+    UnknownEnding {
+        /// The file, as it was named by the caller.
+        file: String,
+    },
+    /// The mesh does not fit the format, or the operating system refuses the file.
+    #[error("{file}: cannot be written: {source}")]
+    Io {
+        /// The file, as it was named by the caller.
+        file: String,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// Writes a mesh and its polylines; gives how many of these the format cannot hold (PLY and STL hold none).
+///
+/// All formats but binary STL keep every bit of a coordinate; STL keeps no vertices that no triangle names.
+///
+/// # Errors
+/// An ending that is not known, a mesh that the format cannot hold, a file that cannot be written.
+pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> Result<usize, WriteError> {
+    let file = path.display().to_string();
+    let binary = encoding == Encoding::Binary;
+    let (done, lost) = match Format::from_name(&file) {
+        Some(Format::Obj) => (obj::write(path, mesh, lines), 0),
+        Some(Format::Ply) => {
+            let encoding = if binary { ply::Encoding::Little } else { ply::Encoding::Text };
+            (ply::write(path, mesh, encoding), lines.len())
+        }
+        Some(Format::StlBinary) => {
+            let encoding = if binary { stl::Encoding::Binary } else { stl::Encoding::Text };
+            (stl::write(path, mesh, encoding), lines.len())
+        }
+        Some(Format::Vtk) => {
+            let encoding = if binary { vtk::Encoding::Binary } else { vtk::Encoding::Ascii };
+            (vtk::write(path, mesh, lines, encoding), 0)
+        }
+        Some(Format::Vtp) => {
+            let (points, triangles) = (&mesh.vertices, &mesh.triangles);
+            (vtp::write(path, &vtp::PolyData { points, triangles, lines, point_data: Vec::new() }), 0)
+        }
+        _ => return Err(WriteError::UnknownEnding { file }),
+    };
+    done.map(|()| lost).map_err(|source| WriteError::Io { file, source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::part::tests::scratch;
+    use crate::mesh::shapes::tetrahedron;
+
+    #[test]
+    fn the_ending_decides() {
+        let mesh = tetrahedron();
+        let line = vec![vec![0, 1, 2]];
+        for (ending, format, lost) in [
+            ("obj", Format::Obj, 0),
+            ("PLY", Format::Ply, 1),
+            ("stl", Format::StlBinary, 1),
+            ("vtk", Format::Vtk, 0),
+            ("vtp", Format::Vtp, 0),
+        ] {
+            let path = scratch(&format!("write.{ending}"));
+            for encoding in [Encoding::Binary, Encoding::Text] {
+                assert_eq!(write(&path, &mesh, &line, encoding).unwrap(), lost, "{ending}");
+                let read = crate::io::read(&path).unwrap();
+                assert_eq!((read.format.map(Format::name), read.mesh.triangles.len()), (Some(format.name()), 4));
+                assert_eq!(read.lines.len(), 1 - lost, "{ending}");
+            }
+        }
+        let error = write(Path::new("a.off"), &mesh, &[], Encoding::Text).unwrap_err().to_string();
+        assert_eq!(error, "a.off: the ending names no format that can be written");
+        let error = write(Path::new("no/such/folder/a.obj"), &mesh, &[], Encoding::Text).unwrap_err().to_string();
+        assert!(error.starts_with("no/such/folder/a.obj: cannot be written: "), "{error}");
+    }
+}
