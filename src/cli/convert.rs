@@ -56,7 +56,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
     let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
     let input = arguments.input.display().to_string();
-    let mut file = io::read(&arguments.input).map_err(|e| Failure::load(LoadError::Read(e), ""))?;
+    let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
     file.mesh.vertices.iter_mut().for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
     if let Some(vertex) = file.mesh.vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
         let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");

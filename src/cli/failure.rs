@@ -18,9 +18,9 @@ pub(super) enum Failure {
     /// A mesh cannot be used.
     Load {
         /// Why.
-        error: Box<LoadError>,
-        /// The scene that names it; empty where there is none.
-        scene: String,
+        error: LoadError,
+        /// Whether a person wrote the scene that names it.
+        written: bool,
     },
     /// The results cannot be written.
     Folder(FolderError),
@@ -41,7 +41,7 @@ impl From<SceneError> for Failure {
 
 impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
-        Self::load(error, "")
+        Self::Load { error, written: true }
     }
 }
 
@@ -57,9 +57,9 @@ impl Failure {
         Self::Usage { message: message.into(), hint: hint.into() }
     }
 
-    /// A mesh of a scene that cannot be used.
-    pub(super) fn load(error: LoadError, scene: &str) -> Self {
-        Self::Load { error: error.into(), scene: scene.to_owned() }
+    /// A mesh named on the command line that cannot be used.
+    pub(super) fn of_meshes(error: LoadError) -> Self {
+        Self::Load { error, written: false }
     }
 
     /// The exit code.
@@ -74,9 +74,11 @@ impl Failure {
     pub(super) fn show(&self) {
         match self {
             Self::Scene(error) => say_with_source(error, &self.terse()),
-            Self::Load { error, .. } => match &**error {
-                LoadError::Read(error) => say_with_source(&Excerpt::of(error), &self.terse()),
-                _ => warn(&self.terse()),
+            Self::Load { error, written } => match (error, written) {
+                // An error of reading names its own file.
+                (LoadError::Read(read), _) => say_with_source(&Excerpt::of(read), &self.terse()),
+                (LoadError::Unfit(unfit), true) => say_with_source(unfit.diagnostic(), &self.terse()),
+                (LoadError::Unfit(_), false) => warn(&self.terse()),
             },
             Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
         }
@@ -86,14 +88,9 @@ impl Failure {
     pub(super) fn terse(&self) -> String {
         match self {
             Self::Scene(error) => error.terse(),
-            Self::Load { error, scene } => match &**error {
-                // An error of reading names its own file.
-                LoadError::Read(error) => error.terse(),
-                error => {
-                    let at = if scene.is_empty() { String::new() } else { format!("{scene}: ") };
-                    let hint = hint(error).map_or_else(String::new, |h| format!("; {h}"));
-                    format!("{at}error: {error}{hint}")
-                }
+            Self::Load { error, written } => match (error, written) {
+                (LoadError::Unfit(unfit), false) => unfit.without_place(),
+                _ => error.terse(),
             },
             Self::Folder(error) => format!("error: {error}"),
             Self::Usage { message, hint } => format!("error: {message}; {hint}"),
@@ -112,22 +109,4 @@ pub(super) fn graphical(error: &dyn Diagnostic, handler: &GraphicalReportHandler
     let mut text = String::new();
     handler.render_report(&mut text, error).ok()?;
     Some(text.trim_end().to_owned())
-}
-
-/// What to do about a mesh that cannot be used, where its message does not say so itself.
-fn hint(error: &LoadError) -> Option<String> {
-    match error {
-        LoadError::NoTriangles { file, .. } => Some(match file.strip_prefix("shape ") {
-            Some(shape) => format!("this version cannot make the shape `{shape}`"),
-            None => "name a file with a surface".to_owned(),
-        }),
-        LoadError::Refine { .. } => Some("ask for a longer edge length".to_owned()),
-        LoadError::NoSuchComponent { .. } => Some("name another number behind `#`, or none".to_owned()),
-        LoadError::Read(_)
-        | LoadError::NoLines { .. }
-        | LoadError::NotClosed { .. }
-        | LoadError::NoSuchVertex { .. }
-        | LoadError::NothingAttached { .. }
-        | LoadError::TooManyAttached { .. } => None,
-    }
 }

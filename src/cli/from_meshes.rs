@@ -65,7 +65,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
     let base = Written { unit, muscles, bones, fibres };
     // Only the meshes as they are can tell which bones hold which muscle.
     let free = base.toml(&[]);
-    let assets = Assets::load(&parse(&free, changes)?)?;
+    let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
     let toml = base.toml(&holders(&assets));
     Ok((parse(&toml, changes)?, toml))
 }

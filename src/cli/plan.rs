@@ -35,7 +35,7 @@ struct Report<'a> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scene = builtin::load(&arguments.scene, &arguments.set)?;
-    let assets = Assets::load(&scene).map_err(|e| Failure::load(e, &arguments.scene))?;
+    let assets = Assets::load(&scene)?;
     let plan = Plan::new(&scene, &assets);
     if arguments.json {
         say_json(&Report { scene: &scene.name, frames: scene.frames, run: &plan.run, left_out: &plan.left_out });

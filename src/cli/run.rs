@@ -81,9 +81,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let name = arguments.scene.as_deref().unwrap_or(FIRST_SCENE);
         (builtin::load(name, &changes)?, None)
     };
-    // Meshes without a scene have no file to name.
-    let source = arguments.scene.as_deref().unwrap_or_default();
-    let mut simulation = Simulation::new(scene).map_err(|e| Failure::load(e, source))?;
+    let made = written.is_some();
+    let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
+    let mut simulation = Simulation::new(scene).map_err(refused)?;
     let default = || PathBuf::from("pliant-out").join(file_name(&simulation.scene.name));
     let folder = Folder::open(&arguments.out.clone().unwrap_or_else(default))?;
     if let Some(toml) = written {

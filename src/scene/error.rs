@@ -155,6 +155,16 @@ pub enum Problem {
         /// What to do.
         hint: String,
     },
+    /// E020 to E073: a mesh, or what is attached to it, does not do; see `simulation::fault`.
+    #[error("{message}")]
+    Unfit {
+        /// The code of the fault.
+        code: &'static str,
+        /// What is wrong.
+        message: String,
+        /// What to do.
+        help: String,
+    },
     /// E069: a turn between two key frames whose way is not clear.
     #[error("the way from the key before to this one is not clear: {why}")]
     UnclearTurn {
@@ -180,7 +190,7 @@ impl Problem {
         Self::Missing { what: format!("`{key}`"), add: add.into() }
     }
 
-    /// The code of the kind, `E050` to `E069`, which stays the same when messages change.
+    /// The code of the kind, `E050` to `E069` but for meshes, which stays the same when messages change.
     #[must_use]
     pub fn code(&self) -> &'static str {
         match self {
@@ -206,6 +216,7 @@ impl Problem {
             Self::TooDeep { .. } => "E067",
             Self::Override { .. } => "E068",
             Self::UnclearTurn { .. } => "E069",
+            Self::Unfit { code, .. } => code,
         }
     }
 
@@ -237,6 +248,7 @@ impl Problem {
             Self::HeldTwice { .. } => "name each vertex in one attachment".to_owned(),
             Self::TooDeep { .. } => "a scene needs no more than a few levels".to_owned(),
             Self::Override { hint, .. } => hint.clone(),
+            Self::Unfit { help, .. } => help.clone(),
             Self::UnclearTurn { .. } => "add key frames between the two".to_owned(),
         }
     }
@@ -271,6 +283,12 @@ impl SceneError {
     pub(super) fn of_name(problem: Problem, name: &str) -> Self {
         let source = NamedSource::new("SCENE", Arc::from(name));
         Self(Box::new(Placed { problem, key: String::new(), source, span: 0..name.len(), place: None }))
+    }
+
+    /// An error in a scene without a text.
+    pub(super) fn nowhere(problem: Problem, key: &str) -> Self {
+        let source = NamedSource::new("scene", Arc::from(""));
+        Self(Box::new(Placed { problem, key: key.to_owned(), source, span: 0..0, place: None }))
     }
 
     /// What is wrong.

@@ -7,6 +7,7 @@ pub mod builtin;
 pub mod error;
 mod guess;
 pub mod motion;
+mod origin;
 pub mod overrides;
 pub mod parse;
 mod parse_effects;
@@ -22,6 +23,7 @@ pub mod units;
 pub use crate::constraints::Order;
 pub use error::{Problem, SceneError};
 pub use guess::likely_units;
+pub use origin::Origin;
 pub use parse::{Surroundings, parse, parse_with};
 pub use paths::environment;
 pub use shapes_known::{FIBRE_SHAPES, SHAPES};
@@ -50,6 +52,8 @@ pub struct Scene {
     pub effects: Effects,
     /// How the motion is computed.
     pub solver: Solver,
+    /// Where it was read from, for errors that only its meshes show.
+    pub origin: Origin,
 }
 
 /// Where a surface comes from.

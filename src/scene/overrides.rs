@@ -9,7 +9,7 @@
 use super::error::{Problem, SceneError};
 use super::reader::unknown_key;
 use super::schema::{EFFECTS, Kind, ROOT, SOLVER, Schema};
-use super::spelling::{nearest, shown};
+use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
 
 /// What the help text of `--set` says.
@@ -280,7 +280,7 @@ fn chosen(list: &[Node], segment: &Segment) -> Result<Vec<usize>, Problem> {
             what: "element",
             name: shown(text),
             nearest: nearest(text, names.iter().copied().flatten()).map(shown),
-            known: names.into_iter().flatten().map(shown).collect::<Vec<_>>().join(", "),
+            known: listed(names.into_iter().flatten()),
         }),
     }
 }

@@ -15,10 +15,10 @@ use super::error::{Problem, SceneError};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
 use super::shapes_known::SHAPES;
-use super::spelling::{nearest, shown};
+use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
-use super::{Bone, Capsule, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
+use super::{Bone, Capsule, Origin, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
 use crate::mesh::repair;
 
 /// Longest name [bytes]; it becomes part of the names of files.
@@ -80,7 +80,8 @@ pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Re
     let context = Context { sources: &sources, surroundings };
     let root = Item { context, node: &document, key: String::new() };
     let file_stem = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-    scene(&root.section(&ROOT)?, file_stem)
+    let scene = scene(&root.section(&ROOT)?, file_stem)?;
+    Ok(Scene { origin: Origin::new(document, sources), ..scene })
 }
 
 fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
@@ -112,6 +113,7 @@ fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
         muscles,
         effects: parse_effects::effects(root)?,
         solver: parse_effects::solver(root)?,
+        origin: Origin::default(),
     })
 }
 
@@ -187,7 +189,7 @@ pub(super) fn unknown_name<'a>(
         what,
         name: shown(name),
         nearest: nearest(name, known.clone()).map(shown),
-        known: known.map(shown).collect::<Vec<_>>().join(", "),
+        known: listed(known),
     }
 }
 

@@ -29,6 +29,20 @@ fn shortened(text: &str, most: usize) -> String {
     out
 }
 
+/// Most names that a message lists.
+const LISTED: usize = 12;
+
+/// Names one behind the other, the first twelve of them.
+pub(super) fn listed<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    let mut names = names.fuse();
+    let first: Vec<String> = names.by_ref().take(LISTED).map(shown).collect();
+    let text = first.join(", ");
+    match names.count() {
+        0 => text,
+        more => format!("{text} and {more} more"),
+    }
+}
+
 /// The known name that differs least from `name`, if it differs so little that it may have been meant.
 pub(super) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     // A text of any length may come in; beyond the longest key no distance can be small.
@@ -85,6 +99,15 @@ mod tests {
         assert_eq!(nearest("Firction", known), Some("friction"));
         assert_eq!(nearest("colour", known), None);
         assert_eq!(nearest(&"x".repeat(100_000), known), None);
+    }
+
+    #[test]
+    fn long_lists_are_cut() {
+        let names: Vec<String> = (1..=14).map(|i| format!("n{i}")).collect();
+        let list = |count: usize| listed(names[..count].iter().map(String::as_str));
+        assert_eq!((list(0).as_str(), list(2).as_str()), ("", "n1, n2"));
+        assert!(list(12).ends_with("n11, n12"));
+        assert!(list(13).ends_with("n11, n12 and 1 more"));
     }
 
     #[test]

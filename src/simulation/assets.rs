@@ -2,7 +2,8 @@
 
 use nalgebra::Point3;
 
-use crate::io::{self, MeshFile, ReadError};
+use super::fault::{Fault, LoadError};
+use crate::io::{self, MeshFile};
 use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, refine, repair, shapes};
 use crate::scene::{Area, Scene, Source};
@@ -33,90 +34,6 @@ pub struct Assets {
     pub patches: Vec<Vec<Option<TriangleMesh>>>,
 }
 
-/// Why a scene's meshes cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum LoadError {
-    /// A file cannot be read as a mesh.
-    #[error("{0}")]
-    Read(#[from] ReadError),
-    /// A mesh has no triangles, but what it is for needs some.
-    #[error("{what}: {file} holds no triangles")]
-    NoTriangles {
-        /// Which part of the scene.
-        what: String,
-        /// The file or shape.
-        file: String,
-    },
-    /// A mesh file has no polylines.
-    #[error("{what}: {file} holds no lines; fibres are read from LINES of a legacy VTK file or `l` of an OBJ file")]
-    NoLines {
-        /// Which part of the scene.
-        what: String,
-        /// The file.
-        file: String,
-    },
-    /// The wanted edge length cannot be had.
-    #[error("{what}: cannot refine to the wanted edge length: {why}")]
-    Refine {
-        /// Which part of the scene.
-        what: String,
-        /// Why.
-        why: String,
-    },
-    /// A volume is to be kept, but the surface encloses none.
-    #[error(
-        "{what}: {found}; the volume effect needs a closed surface with triangles turned outward: repair the mesh, or leave [effects.volume] out"
-    )]
-    NotClosed {
-        /// Which muscle.
-        what: String,
-        /// What is wrong.
-        found: String,
-    },
-    /// An index list names a vertex that the muscle does not have.
-    #[error("{what}: vertex {index} does not exist: the muscle has {count} vertices{}", if *.refined { " after refinement, which renumbers them; leave `edge_length` out or attach by nearness" } else { "" })]
-    NoSuchVertex {
-        /// Which part of the scene.
-        what: String,
-        /// The index.
-        index: u32,
-        /// Number of vertices.
-        count: usize,
-        /// Whether the mesh was refined.
-        refined: bool,
-    },
-    /// A patch has fewer components than asked for.
-    #[error("{what}: {file} has no component {wanted} (components are counted from 0, by falling area)")]
-    NoSuchComponent {
-        /// Which attachment.
-        what: String,
-        /// The patch.
-        file: String,
-        /// The component.
-        wanted: usize,
-    },
-    /// An attachment found no vertex.
-    #[error(
-        "{what}: no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away: check that muscle, bone and patch belong together and each `unit` is right, or raise `near` or `within`"
-    )]
-    NothingAttached {
-        /// Which attachment.
-        what: String,
-        /// Distance of the nearest vertex [mm].
-        nearest_mm: f64,
-    },
-    /// More of a muscle is held than can be.
-    #[error("{what}: {held} of {count} vertices are held, more than 10 %: lower `limit` or the distances")]
-    TooManyAttached {
-        /// Which muscle.
-        what: String,
-        /// Vertices held.
-        held: usize,
-        /// Vertices in all.
-        count: usize,
-    },
-}
-
 fn name_of(source: &Source) -> String {
     match source {
         Source::File { path, .. } => path.display().to_string(),
@@ -127,7 +44,7 @@ fn name_of(source: &Source) -> String {
 fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     match source {
         Source::File { path, scale } => {
-            let mut file = io::read(path)?;
+            let mut file = io::read(path).map_err(Box::new)?;
             file.mesh.vertices.iter_mut().for_each(|v| v.coords *= *scale);
             Ok(file)
         }
@@ -138,10 +55,12 @@ fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     }
 }
 
-fn surface(source: &Source, what: &str) -> Result<TriangleMesh, LoadError> {
+/// A mesh that must have triangles; `key` is the section that names it, `from` the key of a file there.
+fn surface(scene: &Scene, source: &Source, key: &str, from: &str, part: String) -> Result<TriangleMesh, LoadError> {
     let mesh = read_scaled(source)?.mesh;
     if mesh.triangles.is_empty() {
-        return Err(LoadError::NoTriangles { what: what.into(), file: name_of(source) });
+        let fault = Fault::NoTriangles { file: name_of(source) };
+        return Err(LoadError::new(scene, &named_at(source, key, from), part, fault));
     }
     Ok(mesh)
 }
@@ -167,6 +86,14 @@ fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec
     repaired.mesh
 }
 
+/// The key that names a mesh.
+fn named_at(source: &Source, key: &str, from: &str) -> String {
+    match source {
+        Source::File { .. } => format!("{key}.{from}"),
+        Source::Shape(_) => format!("{key}.shape"),
+    }
+}
+
 impl Assets {
     /// Reads everything that `scene` names.
     ///
@@ -174,34 +101,40 @@ impl Assets {
     /// A file that cannot be read, or that does not hold what the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
         let (mut bones, mut bone_notes) = (Vec::new(), Vec::new());
-        for bone in &scene.bones {
-            let mesh = surface(&bone.surface, &format!("bone `{}`", bone.name))?;
+        for (b, bone) in scene.bones.iter().enumerate() {
+            let mesh = surface(scene, &bone.surface, &format!("bone.{b}"), "mesh", format!("bone `{}`", bone.name))?;
             let mut notes = Vec::new();
             bones.push(mended(mesh, bone.repair.as_ref(), &mut notes));
             bone_notes.push(notes);
         }
-        let muscles = scene.muscles.iter().map(|m| load_muscle(m, scene)).collect::<Result<_, _>>()?;
-        let patches = scene.muscles.iter().map(load_patches).collect::<Result<_, _>>()?;
+        let all = 0..scene.muscles.len();
+        let muscles = all.clone().map(|m| load_muscle(scene, m)).collect::<Result<_, _>>()?;
+        let patches = all.map(|m| load_patches(scene, m)).collect::<Result<_, _>>()?;
         Ok(Self { bones, bone_notes, muscles, patches })
     }
 }
 
-fn load_patches(muscle: &crate::scene::Muscle) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
-    let patch = |area: &Area| match area {
+fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
+    let muscle = &scene.muscles[m];
+    let patch = |(a, area): (usize, &Area)| match area {
         Area::Patch { source, component, .. } => {
-            let what = format!("attachment of muscle `{}`", muscle.name);
-            let whole = surface(source, &what)?;
-            let part = crate::muscles::attachments::component(&whole, *component);
-            let missing = || LoadError::NoSuchComponent { what, file: name_of(source), wanted: component.unwrap_or(0) };
-            part.ok_or_else(missing).map(Some)
+            let part = format!("attachment of muscle `{}`", muscle.name);
+            let key = format!("muscle.{m}.attachment.{a}");
+            let whole = surface(scene, source, &key, "patch", part.clone())?;
+            let fault = || Fault::NoSuchComponent { file: name_of(source), wanted: component.unwrap_or(0) };
+            let missing = || LoadError::new(scene, &format!("{key}.patch"), part, fault());
+            crate::muscles::attachments::component(&whole, *component).ok_or_else(missing).map(Some)
         }
         Area::Near(_) | Area::Vertices(_) => Ok(None),
     };
-    muscle.attachments.iter().map(|a| patch(&a.area)).collect()
+    muscle.attachments.iter().map(|a| &a.area).enumerate().map(patch).collect()
 }
 
-fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAsset, LoadError> {
-    let what = format!("muscle `{}`", muscle.name);
+fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
+    let muscle = &scene.muscles[m];
+    let (key, part) = (format!("muscle.{m}"), format!("muscle `{}`", muscle.name));
+    let unfit = |key: &str, fault| LoadError::new(scene, key, part.clone(), fault);
+    let mesh_key = named_at(&muscle.surface, &key, "mesh");
     let mut notes = Vec::new();
     let (mut mesh, edges) = match &muscle.surface {
         Source::Shape(name) => {
@@ -215,11 +148,11 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         }
     };
     if mesh.triangles.is_empty() && edges.is_empty() {
-        return Err(LoadError::NoTriangles { what, file: name_of(&muscle.surface) });
+        return Err(unfit(&mesh_key, Fault::NoTriangles { file: name_of(&muscle.surface) }));
     }
     if let Some(length) = muscle.edge_length {
-        let refined =
-            refine::refine(&mesh, length).map_err(|e| LoadError::Refine { what: what.clone(), why: e.to_string() })?;
+        let refined = refine::refine(&mesh, length)
+            .map_err(|e| unfit(&format!("{key}.edge_length"), Fault::Refine { why: e.to_string() }))?;
         notes.push(format!(
             "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
             mesh.vertices.len(),
@@ -231,7 +164,7 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         mesh = refined.mesh;
     }
     if scene.effects.volume.is_some() && edges.is_empty() {
-        check_closed(&mesh, &what)?;
+        check_closed(&mesh).map_err(|fault| unfit(&mesh_key, fault))?;
     }
     let fibres = match &muscle.fibres {
         None => Vec::new(),
@@ -239,7 +172,8 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
         Some(file) => {
             let read = read_scaled(file)?;
             if read.lines.is_empty() {
-                return Err(LoadError::NoLines { what: format!("fibres of {what}"), file: name_of(file) });
+                let fault = Fault::NoLines { file: name_of(file) };
+                return Err(LoadError::new(scene, &format!("{key}.fibres.lines"), format!("fibres of {part}"), fault));
             }
             let place = |v: &u32| read.mesh.vertices[*v as usize];
             read.lines.iter().map(|line| line.iter().map(place).collect()).collect()
@@ -248,19 +182,21 @@ fn load_muscle(muscle: &crate::scene::Muscle, scene: &Scene) -> Result<MuscleAss
     Ok(MuscleAsset { mesh, edges, fibres, notes })
 }
 
-fn check_closed(mesh: &TriangleMesh, what: &str) -> Result<(), LoadError> {
+/// What keeps a surface from enclosing a volume.
+fn check_closed(mesh: &TriangleMesh) -> Result<(), Fault> {
     let topology = Topology::new(mesh);
-    let open = topology.boundary_edges().len();
-    let found = if open > 0 {
-        format!("{open} edges have only one triangle")
-    } else if !topology.is_closed() {
-        format!("{} edges have more than two triangles", topology.non_manifold_edges().len())
-    } else if !topology.is_oriented() {
-        "neighbouring triangles do not agree in orientation".to_string()
-    } else if mesh.volume() <= 0.0 {
-        format!("the enclosed volume is {:e} m3: triangles turn inward", mesh.volume())
-    } else {
-        return Ok(());
-    };
-    Err(LoadError::NotClosed { what: what.into(), found })
+    if let edges @ [first, ..] = topology.boundary_edges().as_slice() {
+        return Err(Fault::OpenBoundary { count: edges.len(), edge: topology.edges[*first as usize] });
+    }
+    if let edges @ [first, ..] = topology.non_manifold_edges().as_slice() {
+        return Err(Fault::NonManifoldEdge { count: edges.len(), edge: topology.edges[*first as usize] });
+    }
+    if let edges @ [first, ..] = topology.inconsistent_edges().as_slice() {
+        let triangles = topology.triangles_of_edge(*first as usize);
+        return Err(Fault::InconsistentOrientation { count: edges.len(), triangles: [triangles[0], triangles[1]] });
+    }
+    match mesh.volume() {
+        volume if volume <= 0.0 => Err(Fault::InsideOut { volume }),
+        _ => Ok(()),
+    }
 }

@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::assets::{Assets, LoadError};
+use super::assets::Assets;
+use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
 use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
@@ -69,7 +70,7 @@ impl Body {
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
         let mut mesh = asset.mesh.clone();
-        let attached = attach(muscle, &mesh, &assets.patches[m], surfaces, placed)?;
+        let attached = attach(scene, m, &mesh, &assets.patches[m], surfaces, placed)?;
         let mut untangled = Untangled::default();
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
             untangled = untangle(&mut mesh, placed, &plan.obstacles, contact.thickness);
@@ -77,7 +78,7 @@ impl Body {
         let topology = Topology::new(&mesh);
         let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, &mesh));
         attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
-        displace(muscle, &mut particles)?;
+        displace(scene, m, &mut particles)?;
         let length = mesh.length();
         let mut system = System::new(particles, settings(scene, length));
         let (edges, edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
@@ -103,7 +104,7 @@ impl Body {
             system.volume = Some(volume(scene, muscle, &mesh, target_volume, rest_volume));
         }
         system.held = hold(&attached, &mesh, placed);
-        system.forces = forces(muscle, count)?;
+        system.forces = forces(scene, m, count)?;
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
             let obstacles = plan.obstacles.clone();
             let contacts =
@@ -227,21 +228,25 @@ fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest
 }
 
 fn attach(
-    muscle: &Muscle,
+    scene: &Scene,
+    m: usize,
     mesh: &TriangleMesh,
     patches: &[Option<TriangleMesh>],
     surfaces: &[std::sync::Arc<Surface>],
     placed: &[Placed],
 ) -> Result<Vec<Attached>, LoadError> {
+    let muscle = &scene.muscles[m];
     let mut choices = Vec::new();
-    for (attachment, patch) in muscle.attachments.iter().zip(patches) {
+    for (a, (attachment, patch)) in muscle.attachments.iter().zip(patches).enumerate() {
         let bone = attachment.bone;
-        let what = format!("attachment of muscle `{}` to `{}`", muscle.name, placed[bone].name);
+        let part = || format!("attachment of muscle `{}` to `{}`", muscle.name, placed[bone].name);
+        let key = format!("muscle.{m}.attachment.{a}");
         let back = placed[bone].now.inverse();
         let local: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| back * v).collect();
         let found = match (&attachment.area, patch) {
             (Area::Vertices(list), _) => {
-                check_indices(list, &what, mesh.vertices.len(), muscle.edge_length.is_some())?;
+                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some())
+                    .map_err(|(at, fault)| LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault))?;
                 list.clone()
             }
             (Area::Near(within), _) => attachments::nearest(&local, &surfaces[bone], true, *within, attachment.limit),
@@ -257,7 +262,9 @@ fn attach(
             };
             let distances = local.iter().filter_map(|p| surface.closest(p)).map(|c| c.distance.abs());
             let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
-            return Err(LoadError::NothingAttached { what, nearest_mm });
+            let area = if patch.is_some() { "within" } else { "near" };
+            let fault = Fault::NothingAttached { nearest_mm };
+            return Err(LoadError::new(scene, &format!("{key}.{area}"), part(), fault));
         }
         choices.push((bone, found));
     }
@@ -265,15 +272,21 @@ fn attach(
     let count = mesh.vertices.len();
     // A handful of points (the tetrahedron scenes) may be held by choice.
     if attached.len() as f64 > MOST_HELD * count as f64 && count > 100 {
-        let what = format!("muscle `{}`", muscle.name);
-        return Err(LoadError::TooManyAttached { what, held: attached.len(), count });
+        let fault = Fault::TooManyAttached { held: attached.len(), count };
+        return Err(LoadError::new(
+            scene,
+            &format!("muscle.{m}.attachment"),
+            format!("muscle `{}`", muscle.name),
+            fault,
+        ));
     }
     Ok(attached)
 }
 
-fn check_indices(list: &[u32], what: &str, count: usize, refined: bool) -> Result<(), LoadError> {
-    match list.iter().find(|&&v| v as usize >= count) {
-        Some(&index) => Err(LoadError::NoSuchVertex { what: what.to_string(), index, count, refined }),
+/// Refuses an index beyond the mesh, with its number in the list.
+fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
+    match list.iter().position(|&v| v as usize >= count) {
+        Some(at) => Err((at, Fault::NoSuchVertex { index: list[at], count, refined })),
         None => Ok(()),
     }
 }
@@ -304,19 +317,26 @@ fn loaded_vertices(muscle: &Muscle) -> Vec<u32> {
     forces.chain(displaced).copied().collect()
 }
 
-fn displace(muscle: &Muscle, particles: &mut Particles) -> Result<(), LoadError> {
-    let count = particles.len();
-    for displacement in &muscle.displacements {
-        check_indices(&displacement.vertices, &format!("displacement of muscle `{}`", muscle.name), count, false)?;
+fn displace(scene: &Scene, m: usize, particles: &mut Particles) -> Result<(), LoadError> {
+    let (muscle, count) = (&scene.muscles[m], particles.len());
+    for (d, displacement) in muscle.displacements.iter().enumerate() {
+        check_indices(&displacement.vertices, count, muscle.edge_length.is_some()).map_err(|(at, fault)| {
+            let key = format!("muscle.{m}.displace.{d}.vertices.{at}");
+            LoadError::new(scene, &key, format!("displacement of muscle `{}`", muscle.name), fault)
+        })?;
         displacement.vertices.iter().for_each(|&v| particles.position[v as usize] += displacement.by);
     }
     Ok(())
 }
 
-fn forces(muscle: &Muscle, count: usize) -> Result<Vec<(u32, Vector3<f64>)>, LoadError> {
+fn forces(scene: &Scene, m: usize, count: usize) -> Result<Vec<(u32, Vector3<f64>)>, LoadError> {
+    let muscle = &scene.muscles[m];
     let mut all = Vec::new();
-    for force in &muscle.forces {
-        check_indices(&force.vertices, &format!("force on muscle `{}`", muscle.name), count, false)?;
+    for (f, force) in muscle.forces.iter().enumerate() {
+        check_indices(&force.vertices, count, muscle.edge_length.is_some()).map_err(|(at, fault)| {
+            let key = format!("muscle.{m}.force.{f}.vertices.{at}");
+            LoadError::new(scene, &key, format!("force on muscle `{}`", muscle.name), fault)
+        })?;
         all.extend(force.vertices.iter().map(|&v| (v, force.force)));
     }
     Ok(all)

@@ -3,6 +3,7 @@
 pub mod assets;
 pub mod audit;
 pub mod body;
+mod fault;
 pub mod measures;
 pub mod plan;
 
@@ -11,8 +12,9 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-pub use assets::{Assets, LoadError};
+pub use assets::Assets;
 pub use body::Body;
+pub use fault::{Fault, LoadError, Unfit};
 pub use measures::Measures;
 pub use plan::Plan;
 

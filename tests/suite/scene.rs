@@ -297,6 +297,8 @@ fn names_are_told_apart_and_found_among_20_000() {
     let scene = read(&text).expect("a scene");
     assert_eq!((scene.bones.len(), scene.muscles.len()), (10_000, 10_000));
     assert!(scene.muscles.iter().enumerate().all(|(i, m)| m.attachments[0].bone == i));
+    let misspelt = terse(&text.replacen("bone = 'bone 7'", "bone = 'bonne 7'", 1));
+    assert!(misspelt.ends_with("bone 10, bone 11 and 9988 more") && misspelt.len() < 300, "{misspelt}");
     let lines = text.lines().count();
     assert_eq!(
         terse(&format!("{text}[[muscle]]\nname = 'muscle 9999'\nshape = 'chain'\n")),

@@ -189,7 +189,7 @@ pub(super) fn check(path: &Path, unit: Option<f64>, target: Option<&Path>, optio
 }
 
 fn of_reading(error: ReadError) -> Failure {
-    Failure::load(LoadError::Read(error), "")
+    LoadError::from(Box::new(error)).into()
 }
 
 fn mend(read: &MeshFile, target: &Path, options: &Options) -> Result<Mended, io::WriteError> {

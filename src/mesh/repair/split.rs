@@ -49,11 +49,13 @@ pub(super) fn split(working: &mut Working) {
     copied.extend(divide::divide(working, &edges, &groups));
     let (count, edges) = (copied.len(), edges.len());
     let message = || {
-        let at = counted(edges, "edge", "edges");
-        format!(
-            "added {} where surfaces touch, {at} with more than two triangles",
-            counted(count, "vertex", "vertices")
-        )
+        let added = counted(count, "vertex", "vertices");
+        let at = if edges == 0 {
+            String::new()
+        } else {
+            format!(", {} with more than two triangles", counted(edges, "edge", "edges"))
+        };
+        format!("added {added} where surfaces touch{at}")
     };
     working.note(Step::SplitVertices, count, message, copied);
 }

@@ -1,0 +1,193 @@
+//! Why what a scene names cannot be used, with the line of the scene that names it.
+
+use miette::Diagnostic;
+
+use crate::io::ReadError;
+use crate::scene::{Problem, Scene, SceneError};
+
+/// What is wrong with a mesh or an attachment of a scene.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Fault {
+    /// E020: an index list names a vertex that the muscle does not have.
+    #[error("vertex {index} does not exist: the muscle has {count} vertices{}", if *.refined { " after refinement, which renumbers them" } else { "" })]
+    NoSuchVertex {
+        /// The index.
+        index: u32,
+        /// Number of vertices.
+        count: usize,
+        /// Whether the mesh was refined.
+        refined: bool,
+    },
+    /// E030: an edge with more than two triangles, where a volume is to be kept.
+    #[error("edges with more than two triangles: {count}, the first between the vertices {} and {}", .edge[0], .edge[1])]
+    NonManifoldEdge {
+        /// Number of such edges.
+        count: usize,
+        /// The vertices of the first.
+        edge: [u32; 2],
+    },
+    /// E031: two neighbours that face opposite sides, where a volume is to be kept.
+    #[error("neighbours that do not agree in orientation: {count} pairs, the first the triangles {} and {}", .triangles[0], .triangles[1])]
+    InconsistentOrientation {
+        /// Number of such pairs.
+        count: usize,
+        /// The first pair.
+        triangles: [u32; 2],
+    },
+    /// E032: an edge with one triangle, where a volume is to be kept.
+    #[error("edges with only one triangle: {count}, the first between the vertices {} and {}", .edge[0], .edge[1])]
+    OpenBoundary {
+        /// Number of such edges.
+        count: usize,
+        /// The vertices of the first.
+        edge: [u32; 2],
+    },
+    /// E038: a surface whose triangles turn inward, where a volume is to be kept.
+    #[error("the enclosed volume is {volume:e} m3: triangles turn inward")]
+    InsideOut {
+        /// The volume with its sign [m^3].
+        volume: f64,
+    },
+    /// E046: a mesh without triangles, but what it is for needs some.
+    #[error("{file} holds no triangles")]
+    NoTriangles {
+        /// The file or shape.
+        file: String,
+    },
+    /// E047: a mesh file without polylines, where fibres are read.
+    #[error("{file} holds no lines")]
+    NoLines {
+        /// The file.
+        file: String,
+    },
+    /// E070: the wanted edge length cannot be had.
+    #[error("cannot refine to the wanted edge length: {why}")]
+    Refine {
+        /// Why.
+        why: String,
+    },
+    /// E071: a patch has fewer components than asked for.
+    #[error("{file} has no component {wanted} (components are counted from 0, by falling area)")]
+    NoSuchComponent {
+        /// The patch.
+        file: String,
+        /// The component.
+        wanted: usize,
+    },
+    /// E072: an attachment found no vertex.
+    #[error("no vertex of the muscle is that near; the nearest is {nearest_mm:.2} mm away")]
+    NothingAttached {
+        /// Distance of the nearest vertex [mm].
+        nearest_mm: f64,
+    },
+    /// E073: more of a muscle is held than can be.
+    #[error("{held} of {count} vertices are held, more than 10 %")]
+    TooManyAttached {
+        /// Vertices held.
+        held: usize,
+        /// Vertices in all.
+        count: usize,
+    },
+}
+
+impl Fault {
+    /// The code, the same for each fault of one kind.
+    #[must_use]
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NoSuchVertex { .. } => "E020",
+            Self::NonManifoldEdge { .. } => "E030",
+            Self::InconsistentOrientation { .. } => "E031",
+            Self::OpenBoundary { .. } => "E032",
+            Self::InsideOut { .. } => "E038",
+            Self::NoTriangles { .. } => "E046",
+            Self::NoLines { .. } => "E047",
+            Self::Refine { .. } => "E070",
+            Self::NoSuchComponent { .. } => "E071",
+            Self::NothingAttached { .. } => "E072",
+            Self::TooManyAttached { .. } => "E073",
+        }
+    }
+
+    /// What to do about it.
+    #[must_use]
+    pub fn help(&self) -> String {
+        match self {
+            Self::NoSuchVertex { refined: true, .. } => "leave `edge_length` out or attach by nearness".to_owned(),
+            Self::NoSuchVertex { count, .. } => format!("give indices from 0 to {}", count.saturating_sub(1)),
+            Self::NonManifoldEdge { .. }
+            | Self::InconsistentOrientation { .. }
+            | Self::OpenBoundary { .. }
+            | Self::InsideOut { .. } => "the volume effect needs a closed surface with triangles turned outward: \
+                `repair = true` below its `mesh` may mend it (`pliant check` tells), or leave [effects.volume] out"
+                .to_owned(),
+            Self::NoTriangles { file } => match file.strip_prefix("shape ") {
+                Some(shape) => format!("this version cannot make the shape `{shape}`"),
+                None => "name a file with a surface".to_owned(),
+            },
+            Self::NoLines { .. } => "fibres are read from LINES of a legacy VTK file or `l` of an OBJ file".to_owned(),
+            Self::Refine { .. } => "ask for a longer edge length".to_owned(),
+            Self::NoSuchComponent { .. } => "name another number behind `#`, or none".to_owned(),
+            Self::NothingAttached { .. } => "check that muscle, bone and patch belong together and each `unit` is \
+                right, or raise `near` or `within`"
+                .to_owned(),
+            Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
+        }
+    }
+}
+
+/// Why a scene's meshes cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// A file cannot be read as a mesh.
+    #[error("{0}")]
+    Read(#[from] Box<ReadError>),
+    /// What was read does not do.
+    #[error("{0}")]
+    Unfit(Box<Unfit>),
+}
+
+/// A part of a scene that cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[error("{part}: {fault}")]
+pub struct Unfit {
+    /// Which part, by its name.
+    pub part: String,
+    /// What is wrong with it.
+    pub fault: Fault,
+    placed: SceneError,
+}
+
+impl LoadError {
+    /// A fault of the part that stands at `key` in the scene's text.
+    pub(super) fn new(scene: &Scene, key: &str, part: String, fault: Fault) -> Self {
+        let message = format!("{part}: {fault}");
+        let problem = Problem::Unfit { code: fault.code(), message, help: fault.help() };
+        let placed = scene.origin.error(problem, key);
+        Self::Unfit(Box::new(Unfit { part, fault, placed }))
+    }
+
+    /// One line with the place, for pipes and logs: that in the mesh file, or that in the scene which names it.
+    #[must_use]
+    pub fn terse(&self) -> String {
+        match self {
+            Self::Read(error) => error.terse(),
+            Self::Unfit(unfit) => unfit.placed.terse(),
+        }
+    }
+}
+
+impl Unfit {
+    /// The error at its line of the scene, for a person.
+    #[must_use]
+    pub fn diagnostic(&self) -> &dyn Diagnostic {
+        &self.placed
+    }
+
+    /// One line without a place, where nobody wrote the scene.
+    #[must_use]
+    pub fn without_place(&self) -> String {
+        format!("error[{}]: {self}; {}", self.fault.code(), self.fault.help())
+    }
+}
