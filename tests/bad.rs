@@ -1,7 +1,8 @@
 //! The folder `tests/bad`: files that are wrong or odd, each with the exact text of what is said about it.
 //!
 //! `NNN_name.ext` has the number of its row in the catalogue of bad inputs. Beside it stands at least one expectation:
-//! `NNN_name.err`, the error in one line; `NNN_name.ok`, what was read, with its warnings. A file that is too large or too odd
+//! `NNN_name.err`, the error in one line; `NNN_name.ok`, what was read, with its warnings; `NNN_name.check`, what is wrong with
+//! the mesh, and what a repair changes. A file that is too large or too odd
 //! to be kept is made by `NNN_name.gen`. Files that others refer to stand in `tests/bad/meshes`.
 
 use std::collections::BTreeMap;
@@ -9,14 +10,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use pliant::io;
+use pliant::mesh::{Health, repair};
 use pliant::scene::builtin;
-use pliant::simulation::{LoadError, Simulation};
+use pliant::simulation::Simulation;
 
 /// Looks at a file, and says what there is to say.
 type Look = fn(&Path) -> String;
 
 /// What may stand beside a fixture, and what it is compared with: one line of this list for each kind.
-const EXPECTATIONS: [(&str, Look); 2] = [("err", refused), ("ok", accepted)];
+const EXPECTATIONS: [(&str, Look); 3] = [("err", refused), ("ok", accepted), ("check", examined)];
 
 /// What is said of a file that must be refused.
 fn refused(path: &Path) -> String {
@@ -36,10 +38,7 @@ fn look(path: &Path) -> Result<String, String> {
     if path.extension().is_some_and(|e| e == "toml") {
         let scene = builtin::load(&path.display().to_string(), &[]).map_err(|e| e.terse())?;
         let (bones, muscles) = (scene.bones.len(), scene.muscles.len());
-        Simulation::new(scene).map_err(|error| match error {
-            LoadError::Read(error) => error.terse(),
-            error => error.to_string(),
-        })?;
+        Simulation::new(scene).map_err(|e| e.terse())?;
         return Ok(format!("{bones} bones, {muscles} muscles"));
     }
     let file = io::read(path).map_err(|e| e.terse())?;
@@ -53,6 +52,30 @@ fn look(path: &Path) -> Result<String, String> {
         text.push_str(&warned.terse(&path.display().to_string()));
     }
     Ok(text)
+}
+
+/// What is wrong with a mesh, what a repair changes, and what is wrong then.
+fn examined(path: &Path) -> String {
+    let file = match io::read(path) {
+        Ok(file) => file,
+        Err(error) => return error.terse(),
+    };
+    let verdict = |health: &Health| {
+        let genus = health.genus.map_or_else(|| "none".to_owned(), |g| g.to_string());
+        let fit = if health.is_fit() { "fit" } else { "refused" };
+        format!("{fit}, {} pieces, genus {genus}, volume {:.6}\n", health.components, health.volume)
+    };
+    let health = Health::of(&file.mesh);
+    let mut text = verdict(&health);
+    for finding in &health.findings {
+        text.push_str(&format!("{}: {}; {}\n", finding.kind.code(), finding.message, finding.kind.repair()));
+    }
+    let repaired = repair::repair(&file.mesh, &file.lines, &repair::Options { close_holes: 9, ..Default::default() });
+    for change in &repaired.changes {
+        text.push_str(&format!("repair: {} {:?}\n", change.message, change.elements));
+    }
+    text.push_str(&format!("then {}", verdict(&Health::of(&repaired.mesh)).trim_end()));
+    text
 }
 
 /// A hash of every bit of a mesh (FNV-1a), so that two files that must give the same mesh can be compared by eye.
@@ -159,7 +182,7 @@ fn faults(folder: &Path) -> (Vec<String>, usize) {
         };
         count += 1;
         if expectations.is_empty() {
-            faults.push(format!("{stem}: no expectation, {stem}.err or {stem}.ok is wanted"));
+            faults.push(format!("{stem}: no expectation, {stem}.err, {stem}.ok or {stem}.check is wanted"));
         }
         let made = if fixture.extension().is_some_and(|e| e == "gen") { Some(make(fixture, &stem)) } else { None };
         let path = match &made {

@@ -1,5 +1,7 @@
 //! The command as a person or a script meets it: exit codes, messages, and the files of a run.
 
+mod check;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -298,7 +300,11 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
         (&["--muscles", &ball, "--fibre-lines", shown(&whole), "--unit", "mm"], &["fibres of", "holds no lines"]),
         (
             &[shown(&far)],
-            &["far.toml: error: attachment of muscle `ball` to `plate`", "the nearest is", "raise `near`"],
+            &[
+                "far.toml:13:8: error[E072]: muscle.0.attachment.0.near: attachment of muscle `ball` to `plate`",
+                "the nearest is",
+                "raise `near`",
+            ],
         ),
     ];
     for (arguments, wanted) in cases {

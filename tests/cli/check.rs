@@ -1,0 +1,185 @@
+//! `pliant check` and `pliant convert`.
+
+use super::*;
+use pliant::io::{self, Encoding};
+use pliant::mesh::TriangleMesh;
+
+/// A sphere of 50 mm in metres, with a triangle missing, one turned round and a vertex too many.
+fn sick() -> TriangleMesh {
+    let mut mesh = shapes::icosphere(0.05, 2);
+    mesh.triangles.pop();
+    mesh.triangles[7].swap(0, 1);
+    mesh.vertices.push(mesh.vertices[0] * 1.5);
+    mesh
+}
+
+fn write(path: &Path, mesh: &TriangleMesh) {
+    io::write(path, mesh, &[], Encoding::Binary).unwrap();
+}
+
+fn code(done: &Output) -> Option<i32> {
+    done.status.code()
+}
+
+#[test]
+fn check_says_what_is_wrong_and_whether_it_will_do() {
+    let scratch = Scratch::new("check");
+    let (good, bad) = (scratch.join("good.ply"), scratch.join("bad.obj"));
+    write(&good, &shapes::icosphere(0.05, 2));
+    write(&bad, &sick());
+    let done = run(&["check", shown(&good)]);
+    let said = text(&done.stdout);
+    assert_eq!(code(&done), Some(0), "{said}");
+    assert!(said.contains("good.ply: PLY, fit for simulation") && said.contains("unit, as a guess    m"), "{said}");
+    let done = run(&["check", shown(&good), shown(&bad), "--unit", "m"]);
+    let said = text(&done.stdout);
+    assert_eq!(code(&done), Some(1), "{said}");
+    for part in
+        ["error[E031]: 3 edges", "error[E032]: 3 edges", "warning[W005]: 1 vertex", "--repair drops", "1 of 2 are fit"]
+    {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let done = run(&["check", shown(&good), shown(&bad), "--json"]);
+    let all: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!((&all[0]["fit"], &all[1]["fit"]), (&Value::Bool(true), &Value::Bool(false)));
+    assert_eq!(all[1]["findings"][0]["code"], "E031");
+    assert_eq!((&all[1]["boundary_loops"], &all[1]["unused_vertices"]), (&1.into(), &1.into()));
+    assert!(all[1]["findings"][0]["place"]["triangles"].as_array().is_some_and(|t| t.len() == 2));
+}
+
+#[test]
+fn an_unreadable_file_does_not_hide_the_others() {
+    let scratch = Scratch::new("check-unreadable");
+    let (good, bad) = (scratch.join("good.ply"), scratch.join("bad.obj"));
+    write(&good, &shapes::icosphere(0.05, 2));
+    fs::write(&bad, "v 1 2\n").unwrap();
+    let done = run(&["check", shown(&bad), shown(&good), shown(&scratch.join("absent.stl"))]);
+    assert_eq!(code(&done), Some(2));
+    assert!(
+        text(&done.stdout).contains("1 of 1 are fit") || text(&done.stdout).contains("good.ply"),
+        "{}",
+        text(&done.stdout)
+    );
+    let errors = text(&done.stderr);
+    assert!(
+        errors.contains("bad.obj:1:") && errors.contains("error[E010]") && errors.contains("error[E060]"),
+        "{errors}"
+    );
+    let done = run(&["check", shown(&bad), "--json"]);
+    let all: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(all[0]["error"].as_str().is_some_and(|e| e.contains("E010")) && code(&done) == Some(2));
+}
+
+#[test]
+fn a_repair_tells_what_it_changed() {
+    let scratch = Scratch::new("check-repair");
+    let bad = scratch.join("bad.obj");
+    write(&bad, &sick());
+    let before = fs::read(&bad).unwrap();
+    let folder = scratch.join("mended");
+    let done = run(&["check", shown(&bad), "--unit", "m", "--repair", shown(&folder), "--close-holes"]);
+    let said = text(&done.stdout);
+    assert_eq!(code(&done), Some(0), "{said}");
+    for part in
+        ["closed 1 hole with 1 triangle", "turned 1 triangle round", "dropped 1 vertex", "moved by at most 0 mm"]
+    {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    assert_eq!((names_in(&folder), fs::read(&bad).unwrap()), (vec!["bad.obj".into(), "changes.json".into()], before));
+    let changes = json(&folder.join("changes.json"));
+    let steps: Vec<_> =
+        changes["files"][0]["repair"]["changes"].as_array().unwrap().iter().map(|c| &c["step"]).collect();
+    assert_eq!(steps, ["closed_holes", "turned_triangles", "dropped_vertices"]);
+    assert_eq!(changes["files"][0]["repair"]["changes"][1]["elements"], serde_json::json!([7]));
+    let done = run(&["check", shown(&folder.join("bad.obj"))]);
+    assert_eq!(code(&done), Some(0), "{}", text(&done.stdout));
+    // Without holes closed it is still refused.
+    let done = run(&["check", shown(&bad), "--repair", shown(&folder)]);
+    assert_eq!(code(&done), Some(1), "{}", text(&done.stdout));
+}
+
+#[test]
+fn wrong_uses_of_check_and_convert_are_refused() {
+    let scratch = Scratch::new("check-wrong");
+    let mesh = scratch.join("a.obj");
+    write(&mesh, &shapes::icosphere(0.05, 1));
+    let here = shown(&scratch.0).to_owned();
+    let cases: [(&[&str], &str); 9] = [
+        (&["check"], "MESH"),
+        (&["check", shown(&mesh), "--unit", "parsec"], "no unit of length; known units: m, dm"),
+        (&["check", shown(&mesh), "--close-holes", "4"], "--repair"),
+        (&["check", shown(&mesh), "--repair", "x", "--close-holes", "501"], "501"),
+        (&["check", shown(&mesh), "--repair", &here], "would be written over; name another folder"),
+        (&["check", shown(&mesh), shown(&mesh), "--repair", "x"], "would both become"),
+        (&["check", shown(&mesh), "--unit", "m", "--repair", &here, "--merge-within", "3"], "unit"),
+        (&["convert", shown(&mesh), "b.off"], "end the name in one of .obj, .ply, .stl, .vtk, .vtp"),
+        (&["convert", shown(&mesh), "no/folder/b.obj"], "cannot be written"),
+    ];
+    for (arguments, wanted) in cases {
+        let done = run(arguments);
+        let said = text(&done.stderr);
+        assert!(code(&done) == Some(2) && said.contains(wanted), "{arguments:?}: {said}");
+    }
+    assert_eq!(names_in(&scratch.0), ["a.obj"]);
+}
+
+#[test]
+fn convert_changes_format_and_unit_and_nothing_else() {
+    let scratch = Scratch::new("convert");
+    let sphere = shapes::icosphere(50.0, 2);
+    let first = scratch.join("a.obj");
+    io::write(&first, &sphere, &[vec![0, 1, 2]], Encoding::Text).unwrap();
+    for ending in ["ply", "vtk", "vtp", "obj"] {
+        for ascii in [false, true] {
+            let second = scratch.join(&format!("b.{ending}"));
+            let mut arguments = vec!["convert", shown(&first), shown(&second)];
+            arguments.extend(ascii.then_some("--ascii"));
+            let done = run(&arguments);
+            assert_eq!(code(&done), Some(0), "{}", text(&done.stderr));
+            assert_eq!(io::read(&second).unwrap().mesh, sphere, "{ending}");
+        }
+    }
+    let second = scratch.join("b.stl");
+    let done = run(&["convert", shown(&first), shown(&second), "--unit", "mm", "--to-unit", "m"]);
+    assert!(text(&done.stdout).contains("1 polylines are lost"), "{}", text(&done.stdout));
+    let side = io::read(&second).unwrap().mesh.length();
+    assert!((side - 0.1).abs() <= 1e-8, "{side}");
+}
+
+#[test]
+fn a_scene_may_ask_for_a_repair() {
+    let scratch = Scratch::new("scene-repair");
+    write(&scratch.join("sick.obj"), &sick());
+    let scene = scratch.join("sick.toml");
+    let toml = |more: &str| {
+        format!(
+            "frames = 1\nframe_rate = \"60 Hz\"\n[[muscle]]\nname = \"ball\"\nmesh = \"sick.obj\"\nunit = \"m\"\n{more}\n[effects.volume]\n"
+        )
+    };
+    fs::write(&scene, toml("")).unwrap();
+    let done = run(&["run", shown(&scene), "--out", shown(&scratch.join("out"))]);
+    assert!(code(&done) == Some(2) && text(&done.stderr).contains("repair = true"), "{}", text(&done.stderr));
+    fs::write(&scene, toml("repair = true\nclose_holes = 3")).unwrap();
+    let done = run_into(&scratch.join("out"), &[shown(&scene)]);
+    assert!(text(&done.stdout).contains("note: ball: repair: closed 1 hole with 1 triangle"), "{}", text(&done.stdout));
+    let page = fs::read_to_string(scratch.join("out/report.html")).unwrap();
+    assert!(page.contains("ball: repair: turned 1 triangle round"));
+    let summary = json(&scratch.join("out/summary.json"));
+    assert!(
+        summary["notes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|n| n.as_str().unwrap().contains("vertices moved by at most 0.000 mm"))
+    );
+    for (more, wanted) in [
+        ("close_holes = 3", "error[E055]"),
+        ("repair = 1", "error[E054]"),
+        ("repair = true\nclose_holes = 501", "error[E051]"),
+        ("repair = true\n[[muscle.displace]]\nvertices = [0]\nby = [\"1 mm\", \"0 mm\", \"0 mm\"]", "error[E056]"),
+    ] {
+        fs::write(&scene, toml(more)).unwrap();
+        let done = run(&["plan", shown(&scene)]);
+        assert!(code(&done) == Some(2) && text(&done.stderr).contains(wanted), "{more}: {}", text(&done.stderr));
+    }
+}
