@@ -83,6 +83,22 @@ const LIARS: [(&str, &str); 7] = [
     ("a.x", "xof 0302txt 0064 Mesh { 4000000000; 0;0;0;, "),
 ];
 
+/// `hello pliant` 20 times, in an LZMA stream whose header asks for a dictionary of 4 GiB.
+const LARGE_DICTIONARY: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x28\x00\x00\x00\xe6\xa0\x11\xb3\xe0\x00\xef\x00\x13\x5d\x00\x34\x19\x49\xee\x8d\xe9\x15\x9f\xb1\x1a\xf5\x63\x23\x6b\xd5\x55\x28\x00\x00\x00\x00\x92\xdf\x64\xe2\x00\x01\x2b\xf0\x01\x00\x00\x00\x10\x16\xb6\x5e\x3e\x30\x0d\x8b\x02\x00\x00\x00\x00\x01\x59\x5a";
+
+/// A VTP file with these 240 bytes as its points.
+fn large_dictionary() -> Vec<u8> {
+    let mut bytes =
+        b"<VTKFile type='PolyData' compressor='vtkLZMADataCompressor'><PolyData><Piece NumberOfPoints='80'>\
+        <Points><DataArray type='UInt8' format='appended' offset='0'/></Points></Piece></PolyData>\
+        <AppendedData encoding='raw'>_"
+            .to_vec();
+    let header = [1, 240, 0, LARGE_DICTIONARY.len() as u32];
+    bytes.extend(header.iter().flat_map(|word| word.to_le_bytes()));
+    bytes.extend(LARGE_DICTIONARY);
+    bytes
+}
+
 #[test]
 fn memory_is_bounded_by_the_size_of_the_file() {
     ALLOCATOR.reset_peak_usage();
@@ -103,6 +119,10 @@ fn memory_is_bounded_by_the_size_of_the_file() {
             changed[bit / 8] ^= 1 << (bit % 8);
         }
     }
+    let bytes = large_dictionary();
+    check(&bytes, "dictionary.vtp");
+    let text = read_bytes(&bytes, "a").unwrap_err().to_string();
+    assert_eq!(text, "a: the file has 80 vertices, but no faces and no lines", "control: the stream is not read");
     let root = std::env::var_os("PLIANT_DATA").unwrap_or_else(|| "../shared/data".into());
     let folder = std::path::Path::new(&root).join("vtk/one-mesh-many-encodings");
     match std::fs::read_dir(folder) {

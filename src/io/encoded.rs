@@ -1,10 +1,9 @@
 //! The bytes of the arrays of VTK XML: raw or base64, plain or in compressed blocks.
 //!
-//! zlib by `miniz_oxide` and lz4 by `lz4_flex`, both in safe Rust and with a limit to what they give; LZMA by own code.
+//! zlib by `miniz_oxide`, lz4 by `lz4_flex` and LZMA by `lzma-rust2`, all in safe Rust and with a limit to what they give.
 
 use std::borrow::Cow;
-
-use super::xz;
+use std::io::Read;
 
 /// How the blocks of an array are compressed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,7 +184,13 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
             block.truncate(length);
             block
         }
-        Compressor::Lzma => xz::decode(bytes, wanted).map_err(Fault::Expected)?,
+        Compressor::Lzma => {
+            let mut block = Vec::new();
+            // One byte more shows a stream that is longer than declared; its end and its check are read by then.
+            let mut stream = lzma_rust2::XzReader::new(bytes, false).take(wanted as u64 + 1);
+            stream.read_to_end(&mut block).map_err(|_| Fault::Expected("undamaged LZMA data of the declared size"))?;
+            block
+        }
     };
     if block.len() != wanted {
         return Err(Fault::Expected("a block of the declared size"));
@@ -212,6 +217,44 @@ mod tests {
         assert_eq!(source.used(), 18);
         for wrong in [&b"AwAAAA"[..], b"AwA*AA==", b"A=AA", b"AwAAAA=A"] {
             assert!(Source::new(wrong, true).array(PLAIN).is_err());
+        }
+    }
+
+    /// `v I J` on 60 lines with I = i mod 7 and J = i * i mod 11, by liblzma with CRC64.
+    const LINES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x04\xe6\xd6\xb4\x46\x02\x00\x21\x01\x16\x00\x00\x00\x74\x2f\xe5\xa3\xe0\x01\x67\x00\x62\x5d\x00\x3b\x08\x02\x10\x02\x0a\x80\x54\x52\xdf\x18\xa7\x58\xa0\xb2\x40\x00\x24\xe3\x68\xe7\x50\x9d\x1f\x92\xb0\xaf\x9b\xbd\x95\xd5\x7d\x62\x16\x37\xd9\x76\x24\xa6\x4d\xdc\x7e\xdb\x3a\x49\x96\xee\x5f\x07\x7e\xa3\xfa\x60\xe2\x4b\xa3\x38\x00\x30\xce\x78\x01\xef\x87\x8d\xd2\xb6\x5d\x8d\x5a\x50\xba\xfe\xdf\xab\xfb\x1b\x9e\x80\x40\xce\x26\xc1\xb6\xb1\xf8\xf5\xb3\x09\x70\xcb\xe1\xba\x47\x82\xbd\x63\xa0\x00\x00\x00\xcc\x24\xa8\x40\x88\x05\x8d\xcf\x00\x01\x7e\xe8\x02\x00\x00\x00\xf9\xfc\xd0\x40\xb1\xc4\x67\xfb\x02\x00\x00\x00\x00\x04\x59\x5a";
+
+    /// The bytes from 0 to 39, which do not become shorter, by liblzma with CRC32.
+    const BYTES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x0c\x00\x00\x00\x8f\x98\x41\x9c\x01\x00\x27\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e\x0f\x10\x11\x12\x13\x14\x15\x16\x17\x18\x19\x1a\x1b\x1c\x1d\x1e\x1f\x20\x21\x22\x23\x24\x25\x26\x27\x00\x3c\x2e\xa6\x0d\x00\x01\x3c\x28\x2e\x64\xc0\x66\x90\x42\x99\x0d\x01\x00\x00\x00\x00\x01\x59\x5a";
+
+    fn lines() -> Vec<u8> {
+        (0..60).flat_map(|i| format!("v {} {}\n", i % 7, i * i % 11).into_bytes()).collect()
+    }
+
+    fn decode(bytes: &[u8], wanted: usize) -> Result<Vec<u8>, Fault> {
+        let mut out = Vec::new();
+        unpack(Compressor::Lzma, bytes, wanted, &mut out).map(|()| out)
+    }
+
+    #[test]
+    fn what_another_encoder_of_lzma_wrote_is_decoded() {
+        assert_eq!(decode(LINES, lines().len()).unwrap(), lines());
+        assert_eq!(decode(BYTES, 40).unwrap(), (0..40).collect::<Vec<u8>>());
+    }
+
+    #[test]
+    fn damage_of_lzma_is_found() {
+        assert!(decode(LINES, lines().len() - 1).is_err());
+        assert!(decode(LINES, lines().len() + 1).is_err());
+        for bytes in [LINES, BYTES] {
+            let size = if bytes == LINES { lines().len() } else { 40 };
+            for bit in 0..8 * bytes.len() {
+                let mut changed = bytes.to_vec();
+                changed[bit / 8] ^= 1 << (bit % 8);
+                if let Ok(out) = decode(&changed, size) {
+                    assert_eq!(out, decode(bytes, size).unwrap(), "bit {bit}");
+                }
+                let _ = decode(&bytes[..bit / 8], size);
+            }
         }
     }
 

@@ -21,7 +21,6 @@ pub mod vtp;
 mod warning;
 mod write;
 mod xml;
-mod xz;
 
 use std::fs::File;
 use std::io::Read;
