@@ -104,6 +104,11 @@ fn changed_scenes() {
     changed_files("scene", 1);
 }
 
+#[test]
+fn changed_meshes_are_repaired() {
+    changed_files("repair", 1);
+}
+
 /// Files are written here, which takes longer than reading them.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

@@ -196,7 +196,8 @@ fn check_closed(mesh: &TriangleMesh) -> Result<(), Fault> {
         return Err(Fault::InconsistentOrientation { count: edges.len(), triangles: [triangles[0], triangles[1]] });
     }
     match mesh.volume() {
-        volume if volume <= 0.0 => Err(Fault::InsideOut { volume }),
-        _ => Ok(()),
+        volume if volume > 0.0 => Ok(()),
+        // Not a number, too: coordinates whose cubes are too large for a double.
+        volume => Err(Fault::InsideOut { volume }),
     }
 }

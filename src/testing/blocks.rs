@@ -6,16 +6,37 @@ use crate::io::read_bytes;
 /// Words of a file, by the lowest two bits of the first byte.
 const COMPRESSORS: [&str; 4] = ["vtkZLibDataCompressor", "vtkLZ4DataCompressor", "vtkLZMADataCompressor", ""];
 
-/// An `.xz` stream without a check around chunks of LZMA2.
+/// An `.xz` stream without a check of the data around chunks of LZMA2, with an index and a footer that are right.
 pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
     let mut stream = b"\xfd7zXZ\0\0\0\xff\x12\xd9\x41".to_vec();
     // Three words: no optional sizes, LZMA2 with a dictionary of 64 KiB, padding, CRC32.
-    stream.extend(b"\x02\x00\x21\x01\x08\0\0\0\xd8\x0f\x23\x13");
+    let header = b"\x02\x00\x21\x01\x08\0\0\0\xd8\x0f\x23\x13";
+    stream.extend(header);
     stream.extend(chunks);
     stream.resize(stream.len().next_multiple_of(4), 0);
-    // The index, which nobody reads.
-    stream.push(0);
+    // One block; its size, and a size of what it gives that no reader compares.
+    let mut index = vec![0, 1];
+    let mut size = header.len() + chunks.len();
+    while size >= 128 {
+        index.push((size & 127) as u8 | 128);
+        size >>= 7;
+    }
+    index.extend([size as u8, 1]);
+    index.resize(index.len().next_multiple_of(4), 0);
+    index.extend(crc32(&index).to_le_bytes());
+    let mut footer = (index.len() as u32 / 4 - 1).to_le_bytes().to_vec();
+    footer.extend([0, 0]);
+    stream.extend(index);
+    stream.extend(crc32(&footer).to_le_bytes());
+    stream.extend(footer);
+    stream.extend(b"YZ");
     stream
+}
+
+/// The check sum of IEEE 802.3, bit by bit.
+fn crc32(bytes: &[u8]) -> u32 {
+    let bit = |crc: u32, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
+    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
 }
 
 /// The letters of bytes in base64, with padding.

@@ -85,7 +85,7 @@ pub enum Outcome {
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene` or `write`.
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `write` or `repair`.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -94,7 +94,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "blocks" => super::blocks::check_blocks(bytes),
         "scene" => check_scene(bytes),
         "write" => super::round_trip::check_round_trip(bytes),
-        // The check of repair goes here, and its name into fuzz/Cargo.toml and fuzz/run.sh.
+        "repair" => super::mending::check_repair(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown { name: name.to_owned() }),

@@ -27,6 +27,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "blocks" => blocks(),
         "scene" => BUILTIN.iter().map(|(_, text, _)| text.as_bytes().to_vec()).collect(),
         "write" => write(),
+        "repair" => repair(),
         _ => Vec::new(),
     }
 }
@@ -320,6 +321,20 @@ fn write() -> Vec<Vec<u8>> {
     vec![plain, hard]
 }
 
+/// Options, and a mesh for [`check_repair`](super::mending::check_repair).
+fn repair() -> Vec<Vec<u8>> {
+    // A cube on a grid of whole numbers, and a heap of triangles over its corners.
+    let corners = (0..8u8).flat_map(|k| [k & 1, k >> 1 & 1, k >> 2]);
+    let cube: Vec<u8> = corners.flat_map(|c| [2, 128 + c]).collect();
+    let faces =
+        [0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5];
+    let heap: Vec<u8> = (0..20u8).flat_map(|k| [k % 8, (k / 2 + 1) % 8, (k / 3 + 2 + k % 5) % 8]).collect();
+    let mesh = |options: [u8; 2], indices: &[u8]| {
+        [&options[..], &[8, (indices.len() / 3) as u8, 0], &cube, &[0], indices].concat()
+    };
+    vec![mesh([0, 0], &faces), mesh([2, 8], &faces[3..]), mesh([1, 15], &heap)]
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::{Outcome, check_target};
@@ -328,7 +343,8 @@ mod tests {
     /// What no reader takes would only teach how to be refused.
     #[test]
     fn every_seed_is_a_mesh_or_a_scene() {
-        let targets = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write"];
+        let targets =
+            ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write", "repair"];
         for target in targets {
             let seeds = seeds(target);
             assert!(!seeds.is_empty(), "{target}");

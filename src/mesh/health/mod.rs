@@ -15,7 +15,7 @@ pub use finding::{Finding, Kind, Place};
 
 use super::boundary::{Rim, rims};
 use super::coincident::{first_in_place, same_corners};
-use super::measures::{Aabb, smallest_angle};
+use super::measures::{Aabb, smallest_angle, volume};
 use super::orientation::Orientation;
 use super::topology::Topology;
 use super::{TriangleMesh, predicates};
@@ -118,6 +118,8 @@ struct Parts {
     inconsistent: Vec<u32>,
     non_manifold_vertices: Vec<u32>,
     unused: Vec<u32>,
+    /// Volume of the points as scaled, whose sign is right where the volume itself is too large or too small for a double.
+    scaled_volume: f64,
 }
 
 impl Parts {
@@ -144,6 +146,7 @@ impl Parts {
                 .filter(|&v| topology.triangles_of_vertex(v).is_empty())
                 .map(|v| v as u32)
                 .collect(),
+            scaled_volume: volume(&points, &mesh.triangles),
             topology,
             first_in_place,
             duplicates,

@@ -51,7 +51,8 @@ impl Working {
     /// A new vertex in the middle of an edge.
     fn middle_of(&mut self, [a, b]: [u32; 2]) -> u32 {
         let (p, q) = (self.vertices[a as usize], self.vertices[b as usize]);
-        self.vertices.push(p + (q - p) * 0.5);
+        // Halved first: the difference of the largest doubles is infinite.
+        self.vertices.push((p.coords * 0.5 + q.coords * 0.5).into());
         self.vertex_origin.push(self.vertex_origin[a as usize]);
         self.vertices.len() as u32 - 1
     }
