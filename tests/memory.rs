@@ -34,6 +34,11 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
         ply.extend(100_000u32.to_le_bytes());
         ply.extend((0..100_000).map(|i| (i % 3) as u8));
     }
+    let mut edges = b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty char x\nproperty char y\n\
+        property char z\nelement edge 500000\nproperty uchar vertex1\nproperty uchar vertex2\nend_header\n"
+        .to_vec();
+    edges.extend([0, 0, 0, 1, 0, 0, 0, 1, 0]);
+    edges.extend((0..500_000).flat_map(|_| [0, 1]));
     let points = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     let vtk = "# vtk DataFile Version 5.1\nt\nBINARY\nDATASET POLYDATA\nPOINTS 3 char\n";
     let mut strip = vtk.as_bytes().to_vec();
@@ -45,6 +50,7 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
     let pieces = format!("<VTKFile type='PolyData'><PolyData>{}</PolyData></VTKFile>", "<Piece>".repeat(100_000));
     vec![
         ("list.ply", ply),
+        ("edges.ply", edges),
         ("strip.vtk", strip),
         ("polygon.obj", format!("{points}{}", format!("f {}\n", "1 2 3 ".repeat(33_333)).repeat(6)).into_bytes()),
         ("lines.obj", format!("{points}{}", "l 1 2\n".repeat(count / 6)).into_bytes()),

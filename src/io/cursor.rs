@@ -148,7 +148,8 @@ impl<'a> Cursor<'a> {
     /// An error at a place.
     pub(super) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
         let column = if matches!(place, Place::Line(_)) { self.column(found) } else { None };
-        ReadError::Content { file: self.name.to_owned(), place, column, read_as: None, problem, found: quote(found) }
+        let (file, within, found) = (self.name.to_owned(), "".into(), quote(found).into());
+        ReadError::Content { file, place, column, read_as: None, problem, within, found }
     }
 
     /// An error at an offset of text or, where `text` is false, of binary data.

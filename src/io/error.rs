@@ -25,7 +25,7 @@ pub enum ReadError {
         source: std::io::Error,
     },
     /// The bytes are no mesh that can be used.
-    #[error("{file}:{place} {problem}{}", Found(.found))]
+    #[error("{file}:{place} {problem}{}{}", Within(.within), Found(.found))]
     Content {
         /// The file, as it was named by the caller.
         file: String,
@@ -37,8 +37,10 @@ pub enum ReadError {
         read_as: Option<Format>,
         /// What is wrong, or what was expected.
         problem: Problem,
+        /// The part of the file, such as an array of VTK XML, where the place alone does not tell; else empty.
+        within: Box<str>,
         /// What stands there, at most 64 bytes of the file, made printable; empty where nothing does.
-        found: String,
+        found: Box<str>,
     },
 }
 
@@ -50,10 +52,11 @@ impl ReadError {
             ReadError::Io { file, source } => {
                 format!("{file}: error[{}]: cannot be read: {source}; {}", self.code(), self.help())
             }
-            ReadError::Content { file, place, column, read_as, problem, found } => {
+            ReadError::Content { file, place, column, read_as, problem, within, found } => {
                 let at = placed(file, place, *column);
                 let read_as = ReadAs(*read_as);
-                format!("{at} error[{}]: {problem}{}{read_as}; {}", self.code(), Found(found), self.help())
+                let (within, found) = (Within(within), Found(found));
+                format!("{at} error[{}]: {problem}{within}{found}{read_as}; {}", self.code(), self.help())
             }
         }
     }
@@ -70,7 +73,9 @@ impl ReadError {
     pub fn message(&self) -> String {
         match self {
             ReadError::Io { .. } => self.to_string(),
-            ReadError::Content { problem, read_as, .. } => format!("{problem}{}", ReadAs(*read_as)),
+            ReadError::Content { problem, within, read_as, .. } => {
+                format!("{problem}{}{}", Within(within), ReadAs(*read_as))
+            }
         }
     }
 
@@ -86,6 +91,14 @@ impl ReadError {
     pub(super) fn with_format(mut self, format: Format) -> Self {
         if let ReadError::Content { read_as, .. } = &mut self {
             *read_as = Some(format);
+        }
+        self
+    }
+
+    /// Names the part of the file that the error is in.
+    pub(super) fn within(mut self, part: String) -> Self {
+        if let ReadError::Content { within, .. } = &mut self {
+            *within = part.into();
         }
         self
     }
@@ -339,6 +352,15 @@ impl fmt::Display for Found<'_> {
     }
 }
 
+/// Shows the part of the file, or nothing.
+struct Within<'a>(&'a str);
+
+impl fmt::Display for Within<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_empty() { Ok(()) } else { write!(f, ", in {}", self.0) }
+    }
+}
+
 /// Says what the content is, where the name says something else.
 struct ReadAs(Option<Format>);
 
@@ -377,7 +399,8 @@ mod tests {
             column: Some(3),
             read_as: None,
             problem: Problem::TooFewNumbers { got: 2, wanted: 3 },
-            found: quote(b"v 1 2\x1b\n"),
+            within: "".into(),
+            found: quote(b"v 1 2\x1b\n").into(),
         };
         assert_eq!(error.to_string(), "a.obj:7: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n')");
         let terse = "a.obj:7:3: error[E010]: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n'); \
@@ -389,7 +412,8 @@ mod tests {
             column: None,
             read_as: Some(Format::Obj),
             problem: Problem::CountExceedsFile { declared: 9, possible: 1 },
-            found: String::new(),
+            within: "".into(),
+            found: "".into(),
         };
         let text = "a.stl: offset 0x50: 9 items are declared, but the file has room for at most 1";
         assert_eq!(error.to_string(), text);

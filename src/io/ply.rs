@@ -103,7 +103,8 @@ impl Element {
     }
 }
 
-/// Reads a PLY file: `x y z` of `vertex`, and the lists `vertex_indices` or `vertex_index` of `face`.
+/// Reads a PLY file: `x y z` of `vertex`, the lists `vertex_indices` or `vertex_index` of `face`, and `vertex1 vertex2` of
+/// `edge`, each of which is a line of its own.
 ///
 /// # Errors
 /// A malformed header, counts that the file cannot hold, a number that is none, an index out of range.
@@ -117,30 +118,38 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         match element.name.as_slice() {
             b"vertex" => body.vertices(element)?,
             b"face" => body.faces(element)?,
+            b"edge" => body.edges(element)?,
             _ => body.records(element, |_, _, _| Ok(()))?,
         }
     }
     body.surface.finish(&body.cursor)
 }
 
-/// Writes a mesh with coordinates of type `double`, by way of `NAME.part`; the format has no polylines.
+/// Writes a mesh with coordinates of type `double`, by way of `NAME.part`; polylines become edges, one for each two
+/// vertices that follow one another.
 ///
 /// # Errors
-/// A coordinate that is not finite, an index out of range, and what the operating system refuses.
-pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
-    check_mesh(mesh, &[])?;
+/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
+/// operating system refuses.
+pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> io::Result<()> {
+    check_mesh(mesh, lines)?;
     let word = match encoding {
         Encoding::Text => "ascii",
         Encoding::Little => "binary_little_endian",
         Encoding::Big => "binary_big_endian",
     };
     let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+    let edges: usize = lines.iter().map(|line| line.len() - 1).sum();
     write_whole(path, |w| {
         write!(
             w,
             "ply\nformat {word} 1.0\nelement vertex {vertices}\nproperty double x\nproperty double y\n\
-             property double z\nelement face {triangles}\nproperty list uchar uint vertex_indices\nend_header\n"
+             property double z\nelement face {triangles}\nproperty list uchar uint vertex_indices\n"
         )?;
+        if edges > 0 {
+            write!(w, "element edge {edges}\nproperty uint vertex1\nproperty uint vertex2\n")?;
+        }
+        writeln!(w, "end_header")?;
         for v in &mesh.vertices {
             match encoding {
                 Encoding::Text => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
@@ -149,17 +158,24 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
             }
         }
         for triangle in &mesh.triangles {
-            if encoding == Encoding::Text {
-                let [a, b, c] = triangle;
-                writeln!(w, "3 {a} {b} {c}")?;
-                continue;
-            }
-            w.write_all(&[3])?;
-            let big = encoding == Encoding::Big;
-            triangle.iter().try_for_each(|i| w.write_all(&if big { i.to_be_bytes() } else { i.to_le_bytes() }))?;
+            w.write_all(if encoding == Encoding::Text { b"3 " } else { &[3] })?;
+            write_indices(w, triangle, encoding)?;
         }
-        Ok(())
+        lines.iter().flat_map(|line| line.windows(2)).try_for_each(|edge| write_indices(w, edge, encoding))
     })
+}
+
+/// The rest of a record, which is nothing but indices.
+fn write_indices(w: &mut impl Write, indices: &[u32], encoding: Encoding) -> io::Result<()> {
+    for (k, i) in indices.iter().enumerate() {
+        match encoding {
+            Encoding::Text if k == 0 => write!(w, "{i}")?,
+            Encoding::Text => write!(w, " {i}")?,
+            Encoding::Little => w.write_all(&i.to_le_bytes())?,
+            Encoding::Big => w.write_all(&i.to_be_bytes())?,
+        }
+    }
+    if encoding == Encoding::Text { writeln!(w) } else { Ok(()) }
 }
 
 fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError> {
@@ -267,12 +283,23 @@ impl<'a> Body<'a> {
             corners.clear();
             corners.reserve_exact(record.property(property).len());
             for value in record.property(property) {
-                let Number::Whole(index) = *value else {
-                    return Err(Problem::Expected { what: "whole numbers as vertex indices" });
-                };
-                corners.push(surface.index(index)?);
+                corners.push(surface.index(whole_index(*value)?)?);
             }
             surface.polygon(&corners, &|| place)
+        })
+    }
+
+    /// Edges are lines of two vertices; an element of that name with other properties is skipped.
+    fn edges(&mut self, element: &Element) -> Result<(), ReadError> {
+        let ends = [b"vertex1", b"vertex2"].map(|end| element.position(&[end.as_slice()]));
+        let [Some(first), Some(second)] = ends else { return self.records(element, |_, _, _| Ok(())) };
+        self.records(element, |surface, record, _| {
+            let mut corners = [0; 2];
+            for (got, property) in [first, second].into_iter().enumerate() {
+                let value = record.first(property).ok_or(Problem::TooFewNumbers { got, wanted: 2 })?;
+                corners[got] = surface.index(whole_index(value)?)?;
+            }
+            surface.line(&corners)
         })
     }
 
@@ -386,6 +413,13 @@ impl<'a> Body<'a> {
     }
 }
 
+fn whole_index(index: Number) -> Result<i64, Problem> {
+    match index {
+        Number::Whole(index) => Ok(index),
+        _ => Err(Problem::Expected { what: "whole numbers as vertex indices" }),
+    }
+}
+
 fn whole_length(length: Number) -> Result<u64, Problem> {
     match length {
         Number::Whole(n) if n >= 0 => Ok(n as u64),
@@ -479,6 +513,24 @@ mod tests {
         assert_eq!(little.mesh, read_bytes(&binary(true), "").unwrap().mesh);
         let crlf = text().replace('\n', "\r\n");
         assert_eq!(file, read_bytes(crlf.as_bytes(), "").unwrap());
+    }
+
+    #[test]
+    fn edges_are_lines() {
+        let head = "element edge 2\nproperty uchar red\nproperty int vertex1\nproperty ushort vertex2\nend_header";
+        let with_edges = |edges: &str| format!("{}\n{edges}", text().replace("end_header", head));
+        let file = read_bytes(with_edges("7 0 1\n7 3 2\n").as_bytes(), "a").unwrap();
+        assert_eq!(file.lines, [[0, 1], [3, 2]]);
+        let error = |edges: &str| read_bytes(with_edges(edges).as_bytes(), "a").unwrap_err().to_string();
+        assert!(
+            error("7 0 1\n7 3 4\n").contains("a:24: vertex index 4 is out of range"),
+            "{}",
+            error("7 0 1\n7 3 4\n")
+        );
+        let other = with_edges("7 0 1\n7 3 4\n").replace("vertex2", "other");
+        assert!(read_bytes(other.as_bytes(), "a").unwrap().lines.is_empty());
+        let real = with_edges("7 0 1\n7 3 2\n").replace("ushort", "float");
+        assert!(read_bytes(real.as_bytes(), "a").unwrap_err().to_string().contains("whole numbers as vertex indices"));
     }
 
     #[test]

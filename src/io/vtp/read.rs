@@ -60,11 +60,30 @@ struct Array<'a> {
     kind: Kind,
     stored: Stored<'a>,
     tag: &'a [u8],
+    slot: Slot,
+    /// The number of its piece, from 1.
+    piece: usize,
+}
+
+impl Array<'_> {
+    /// What errors call it.
+    fn describe(&self) -> String {
+        let section = |i: usize| SECTIONS.get(i).map_or("", |(_, _, name)| name);
+        let piece = self.piece;
+        match self.slot {
+            Slot::Points => format!("the array of Points of piece {piece}"),
+            Slot::Corners(i) => format!("the connectivity of {} of piece {piece}", section(i)),
+            Slot::Ends(i) => format!("the offsets of {} of piece {piece}", section(i)),
+        }
+    }
 }
 
 /// The kinds of cells, in the order of the sections of a piece.
-const SECTIONS: [(&[u8], &str); 3] =
-    [(b"Lines", "NumberOfLines"), (b"Strips", "NumberOfStrips"), (b"Polys", "NumberOfPolys")];
+const SECTIONS: [(&[u8], &str, &str); 3] = [
+    (b"Lines", "NumberOfLines", "Lines"),
+    (b"Strips", "NumberOfStrips", "Strips"),
+    (b"Polys", "NumberOfPolys", "Polys"),
+];
 
 /// The arrays of a piece and the numbers of points and cells that it declares.
 ///
@@ -73,7 +92,7 @@ const SECTIONS: [(&[u8], &str); 3] =
 struct Piece<'a> {
     point_count: Option<u64>,
     counts: [Option<u64>; 3],
-    arrays: Vec<(Slot, Array<'a>)>,
+    arrays: Vec<Array<'a>>,
 }
 
 /// What an array holds; cells by the index of their section.
@@ -86,12 +105,13 @@ enum Slot {
 
 impl<'a> Piece<'a> {
     fn get(&self, slot: Slot) -> Option<Array<'a>> {
-        self.arrays.iter().find(|(s, _)| *s == slot).map(|(_, array)| *array)
+        self.arrays.iter().find(|array| array.slot == slot).copied()
     }
 }
 
 /// The numbers of an array.
 struct Numbers<'a> {
+    array: Array<'a>,
     values: Values<'a>,
     /// Where an error in them is.
     place: usize,
@@ -190,8 +210,9 @@ impl<'a> Reader<'a> {
                     section = if tag.closes || tag.empty { b"" } else { tag.name };
                 }
                 b"DataArray" if !tag.closes => {
+                    let number = pieces.len();
                     if let Some(piece) = pieces.last_mut() {
-                        self.array(&tag, section, piece)?;
+                        piece.arrays.extend(self.array(&tag, section, number)?);
                     }
                 }
                 _ => {}
@@ -238,7 +259,7 @@ impl<'a> Reader<'a> {
 
     fn new_piece(&self, tag: &Tag<'a>) -> Result<Piece<'a>, ReadError> {
         let mut piece = Piece { point_count: self.count(tag, "NumberOfPoints")?, ..Piece::default() };
-        for (count, (_, attribute)) in piece.counts.iter_mut().zip(SECTIONS) {
+        for (count, (_, attribute, _)) in piece.counts.iter_mut().zip(SECTIONS) {
             *count = self.count(tag, attribute)?;
         }
         Ok(piece)
@@ -262,15 +283,15 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes note of an array of points or cells; others are skipped.
-    fn array(&self, tag: &Tag<'a>, section: &[u8], piece: &mut Piece<'a>) -> Result<(), ReadError> {
+    /// An array of points or cells; `None` for others, which are skipped.
+    fn array(&self, tag: &Tag<'a>, section: &[u8], piece: usize) -> Result<Option<Array<'a>>, ReadError> {
         let name = tag.attribute("Name").unwrap_or_default();
-        let cells = SECTIONS.iter().position(|(name, _)| *name == section);
+        let cells = SECTIONS.iter().position(|(name, ..)| *name == section);
         let slot = match (section, cells, name) {
             (b"Points", ..) => Slot::Points,
             (_, Some(i), b"connectivity") => Slot::Corners(i),
             (_, Some(i), b"offsets") => Slot::Ends(i),
-            _ => return Ok(()),
+            _ => return Ok(None),
         };
         let word = tag.attribute("type").unwrap_or_default();
         let Some(kind) = Kind::parse(word) else {
@@ -286,8 +307,7 @@ impl<'a> Reader<'a> {
             }
             Some(other) => return Err(self.expected("ascii, binary or appended", other)),
         };
-        piece.arrays.push((slot, Array { kind, stored, tag: tag.name }));
-        Ok(())
+        Ok(Some(Array { kind, stored, tag: tag.name, slot, piece }))
     }
 
     fn piece(&mut self, piece: &Piece<'a>) -> Result<(), ReadError> {
@@ -385,12 +405,16 @@ impl<'a> Reader<'a> {
     }
 
     fn fail_in(&self, numbers: &Numbers<'_>, problem: Problem, found: &[u8]) -> ReadError {
-        self.xml.cursor.fail_at_offset(numbers.place, numbers.text, problem, found)
+        self.xml.cursor.fail_at_offset(numbers.place, numbers.text, problem, found).within(numbers.array.describe())
     }
 
     fn numbers(&mut self, array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
+        self.decoded(array, real).map_err(|error| error.within(array.describe()))
+    }
+
+    fn decoded(&mut self, array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
         let (text, base64) = match array.stored {
-            Stored::Text(text) => return self.text(text, array.tag, real),
+            Stored::Text(text) => return self.text(text, array, real),
             Stored::Base64(text) => (text, true),
             Stored::Appended(offset) => {
                 let Some((data, base64)) = self.appended else {
@@ -416,13 +440,13 @@ impl<'a> Reader<'a> {
             return Err(self.xml.cursor.fail_at(Place::Offset(place), problem, b""));
         }
         let values = Values::Bytes { bytes, kind: array.kind, big_endian: self.layout.big_endian };
-        Ok(Numbers { values, place, text: false })
+        Ok(Numbers { array, values, place, text: false })
     }
 
-    fn text(&mut self, text: &'a [u8], tag: &'a [u8], real: bool) -> Result<Numbers<'a>, ReadError> {
+    fn text(&mut self, text: &'a [u8], array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
         let mut words = Cursor::new("", text);
         let cursor = self.xml.cursor;
-        let place = cursor.offset_of(text).or(cursor.offset_of(tag)).unwrap_or_default();
+        let place = cursor.offset_of(text).or(cursor.offset_of(array.tag)).unwrap_or_default();
         let mut values = if real { Values::Real(Vec::new()) } else { Values::Whole(Vec::new()) };
         while let Some(word) = words.token() {
             let read = match &mut values {
@@ -437,7 +461,7 @@ impl<'a> Reader<'a> {
             };
             read.map_err(|problem| self.xml.fail(problem, word))?;
         }
-        Ok(Numbers { values, place, text: true })
+        Ok(Numbers { array, values, place, text: true })
     }
 
     fn fault(&self, fault: Fault, place: usize) -> ReadError {
@@ -483,14 +507,24 @@ mod tests {
             assert!(file(1).contains(from));
             read_bytes(file(1).replacen(from, to, 1).as_bytes(), "a").unwrap_err().terse()
         };
-        assert!(error("1 1 0 0 1 0", "1 1 x 0 1 0").starts_with("a:7:5: error[E011]: expected a number (found 'x')"));
+        assert!(
+            error("1 1 0 0 1 0", "1 1 x 0 1 0")
+                .starts_with("a:7:5: error[E011]: expected a number, in the array of Points of piece 1 (found 'x')")
+        );
         assert!(error("1 1 0 0 1 0", "1 1 0 0 inf 0").contains("error[E012]: vertex 3 has"));
         assert!(error("1 1 0 0 1 0", "1 1 0").contains("the number of points does not fit: 4 declared, 3 used"));
         assert!(error(">0 1 3 2<", ">0 1 3 4<").contains("a:11: error[E020]: vertex index 4 is out of range"));
         assert!(error(">4<", ">5<").contains("expected offsets that rise"));
         assert!(error(">4<", ">3<").contains("the connectivity of the cells does not fit: 4 declared, 3 used"));
         assert!(error("Strips=\"1\"", "Strips=\"2\"").contains("the number of cells does not fit: 2 declared, 1 used"));
-        assert!(error("BwAAAAAB", "CAAAAAAB").contains(": offset 0x"));
+        let binary = error("BwAAAAAB", "CAAAAAAB");
+        assert!(
+            binary.contains(": offset 0x") && binary.contains(", in the connectivity of Polys of piece 1;"),
+            "{binary}"
+        );
+        let second = file(2).rsplit_once(">4<").map(|(a, b)| format!("{a}>5<{b}")).unwrap();
+        let second = read_bytes(second.as_bytes(), "a").unwrap_err().terse();
+        assert!(second.contains(", in the offsets of Strips of piece 2 (found '5')"), "{second}");
         assert!(error("BwAAAAAB", "Bw*AAAAB").contains("expected base64"));
         assert!(error("type=\"PolyData\"", "type=\"ImageData\"").contains("VTK XML of another type than PolyData"));
         assert!(error("<VTKFile type", "<?xml?><svg type").contains("XML other than VTK's"));
