@@ -162,6 +162,7 @@ fn control_errors_that_do_not_help_are_found() {
     let good = |found: &str, place| ReadError::Content {
         file: "a".into(),
         place,
+        within: "".into(),
         column: Some(1),
         read_as: None,
         problem: Problem::ZeroIndex,

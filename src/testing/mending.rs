@@ -12,7 +12,9 @@ use crate::mesh::repair::{Options, Repaired, Step, deviation, repair};
 /// The first promise that is broken.
 pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
     let (&[choice, holes], rest) = bytes.split_first_chunk().unwrap_or((&[0, 0], bytes));
-    let (mesh, lines) = drawing(rest);
+    let (mut mesh, lines) = drawing(rest);
+    // A reader leaves these out.
+    mesh.triangles.retain(|[a, b, c]| a != b && b != c && c != a);
     let Ok(mesh) = TriangleMesh::new(mesh.vertices, mesh.triangles) else { return Ok(Outcome::Refused) };
     if lines.iter().flatten().any(|v| *v as usize >= mesh.vertices.len()) {
         return Ok(Outcome::Refused);

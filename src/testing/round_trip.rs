@@ -41,19 +41,19 @@ const WRITERS: [Writer; 9] = [
     Writer { name: "a.vtp", write: write_vtp, keeps_lines: true, corners: None },
     Writer {
         name: "t.ply",
-        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Text),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Text),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "l.ply",
-        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Little),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Little),
         keeps_lines: false,
         corners: None,
     },
     Writer {
         name: "b.ply",
-        write: |p, (m, _)| ply::write(p, m, ply::Encoding::Big),
+        write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Big),
         keeps_lines: false,
         corners: None,
     },
