@@ -45,8 +45,9 @@ fn changed_files(target: &'static str, share: usize) {
             }
         }
         println!("{target}: {count} changed files, {accepted} of them accepted");
-        // Were all of them refused at their first byte, or none changed, this would show nothing.
-        assert!(accepted > count / 100 && accepted < count - count / 10, "{accepted} of {count}");
+        // Were all of them refused at their first byte, or none changed, this would show nothing. Any mesh can be repaired.
+        let most = if target == "repair" { count } else { count - count / 10 };
+        assert!(accepted > count / 100 && accepted <= most, "{accepted} of {count}");
     };
     let thread = std::thread::Builder::new().stack_size(STACK).spawn(deed).expect("a thread");
     if let Err(panic) = thread.join() {
@@ -106,7 +107,7 @@ fn changed_scenes() {
 
 #[test]
 fn changed_meshes_are_repaired() {
-    changed_files("repair", 1);
+    changed_files("repair", 10);
 }
 
 /// Files are written here, which takes longer than reading them.
