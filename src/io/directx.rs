@@ -13,6 +13,18 @@ use super::surface::Surface;
 /// The most objects that may be nested; real files nest as deep as a skeleton.
 const DEEPEST: usize = 256;
 
+/// Whether a byte stands behind a word; a table, because every byte of a file is asked for.
+const ENDS_WORD: [bool; 256] = {
+    let ends = b" \t\r\n\x0b\x0c;,{}\"#";
+    let mut table = [false; 256];
+    let mut i = 0;
+    while i < ends.len() {
+        table[ends[i] as usize] = true;
+        i += 1;
+    }
+    table
+};
+
 struct Reader<'a> {
     cursor: Cursor<'a>,
     bytes: &'a [u8],
@@ -68,7 +80,7 @@ impl<'a> Reader<'a> {
         let length = match rest.first()? {
             b'{' | b'}' => 1,
             b'"' => rest[1..].iter().position(|&b| b == b'"').map_or(rest.len(), |n| n + 2),
-            _ => rest.iter().position(|b| b" \t\r\n\x0b\x0c;,{}\"#".contains(b)).unwrap_or(rest.len()).max(1),
+            _ => rest.iter().position(|&b| ENDS_WORD[usize::from(b)]).unwrap_or(rest.len()).max(1),
         };
         self.position += length;
         Some(&rest[..length])

@@ -42,6 +42,18 @@ pub(super) enum Fault {
 const ZLIB_GAIN: u64 = 1032;
 const LZ4_GAIN: u64 = 255;
 
+/// The value of each letter of base64; 255 for what is none.
+const VALUES: [u8; 256] = {
+    let letters = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut values = [255; 256];
+    let mut i = 0;
+    while i < letters.len() {
+        values[letters[i] as usize] = i as u8;
+        i += 1;
+    }
+    values
+};
+
 /// Encoded bytes, read from the front.
 pub(super) struct Source<'a> {
     text: &'a [u8],
@@ -78,10 +90,28 @@ impl<'a> Source<'a> {
         let mut taken = Vec::with_capacity(count + 2);
         taken.append(&mut self.left);
         while taken.len() < count {
-            self.group(&mut taken)?;
+            self.plain_groups(&mut taken, count);
+            if taken.len() < count {
+                self.group(&mut taken)?;
+            }
         }
         self.left = taken.split_off(count);
         Ok(Cow::Owned(taken))
+    }
+
+    /// Decodes letters by four, up to one that is none or until there are enough bytes.
+    fn plain_groups(&mut self, out: &mut Vec<u8>, count: usize) {
+        while out.len() < count
+            && let Some((letters, rest)) = self.text.split_first_chunk::<4>()
+        {
+            let values = letters.map(|letter| u32::from(VALUES[usize::from(letter)]));
+            if values.iter().any(|&value| value > 63) {
+                return;
+            }
+            let word = values.iter().fold(0, |word, value| word << 6 | value);
+            out.extend_from_slice(&word.to_be_bytes()[1..]);
+            self.text = rest;
+        }
     }
 
     /// Decodes four letters; white space between them is skipped, `=` ends a stream, behind which another may begin.
@@ -90,13 +120,9 @@ impl<'a> Source<'a> {
         while letters < 4 {
             let (&letter, rest) = self.text.split_first().ok_or(Fault::Short)?;
             self.text = rest;
-            let value = match letter {
-                b'A'..=b'Z' => letter - b'A',
-                b'a'..=b'z' => letter - b'a' + 26,
-                b'0'..=b'9' => letter - b'0' + 52,
-                b'+' => 62,
-                b'/' => 63,
-                b'=' if letters >= 2 => {
+            let value = match VALUES[usize::from(letter)] {
+                value @ 0..64 => value,
+                _ if letter == b'=' && letters >= 2 => {
                     padding += 1;
                     0
                 }

@@ -1,6 +1,6 @@
 //! STL, text and binary.
 
-use std::collections::HashMap;
+use std::hash::{BuildHasher, RandomState};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -82,22 +82,70 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
 }
 
 /// A surface whose corners are merged where they are equal.
-#[derive(Default)]
+///
+/// The table holds indices of vertices and no copy of them, at most half full; where a vertex begins to be looked for
+/// depends on two random numbers, so that no file can make all of them begin at one place.
 struct Corners {
     surface: Surface,
-    known: HashMap<[u64; 3], u32>,
+    slots: Vec<u32>,
+    random: [u64; 2],
+}
+
+/// A place of the table that holds no vertex; a file of at most 2 GiB has fewer.
+const FREE: u32 = u32::MAX;
+
+impl Default for Corners {
+    fn default() -> Self {
+        let random = [0u8, 1].map(|i| RandomState::new().hash_one(i));
+        Self { surface: Surface::default(), slots: vec![FREE; 1024], random }
+    }
 }
 
 impl Corners {
     /// The vertex of a corner; writers differ in the sign of zero from facet to facet, so -0 becomes 0 first.
     fn vertex(&mut self, position: [f64; 3]) -> u32 {
-        let position = position.map(|c| c + 0.0);
-        // A file of at most 2 GiB has fewer corners than 32 bits count.
+        let position = Point3::from(position.map(|c| c + 0.0));
+        if self.surface.vertices.len() * 2 >= self.slots.len() {
+            self.grow();
+        }
+        let slot = self.slot(&position);
         let next = self.surface.vertices.len() as u32;
-        *self.known.entry(position.map(f64::to_bits)).or_insert_with(|| {
-            self.surface.vertices.push(Point3::from(position));
-            next
-        })
+        match self.slots.get_mut(slot) {
+            Some(free) if *free == FREE => *free = next,
+            Some(known) => return *known,
+            None => {}
+        }
+        self.surface.vertices.push(position);
+        next
+    }
+
+    /// The place that holds a vertex, or that is free for it.
+    fn slot(&self, position: &Point3<f64>) -> usize {
+        let mask = self.slots.len() - 1;
+        let mut slot = self.hash(position) as usize & mask;
+        // Numbers that are not NaN and not -0 are equal exactly where their bits are.
+        while self.slots[slot] != FREE && self.surface.vertices[self.slots[slot] as usize] != *position {
+            slot = (slot + 1) & mask;
+        }
+        slot
+    }
+
+    fn hash(&self, position: &Point3<f64>) -> u64 {
+        let mix = |a: u64, b: u64| {
+            let product = u128::from(a) * u128::from(b);
+            product as u64 ^ (product >> 64) as u64
+        };
+        let [first, second] = self.random;
+        let plane = mix(position.x.to_bits() ^ first, position.y.to_bits() ^ second);
+        mix(plane ^ second, position.z.to_bits() ^ first)
+    }
+
+    fn grow(&mut self) {
+        self.slots = vec![FREE; 4 * self.slots.len()];
+        for i in 0..self.surface.vertices.len() {
+            let slot = self.slot(&self.surface.vertices[i]);
+            self.slots[slot] = i as u32;
+        }
     }
 }
 
@@ -233,6 +281,19 @@ mod tests {
         assert_eq!((file.format, as_text.format), (Some(Format::StlBinary), Some(Format::StlText)));
         as_text.format = file.format;
         assert_eq!(file, as_text);
+    }
+
+    #[test]
+    fn corners_are_merged_however_many_there_are() {
+        // Rows of numbers that differ in their last bits, which a bad hash would put at one place.
+        let point = |i: u32| [f32::from_bits(0x3f80_0000 + i % 90), f32::from_bits(1 + i / 90), -0.0];
+        let facets: Vec<_> = (0..8000).map(|i| [point(i), point(i + 1), point(i + 90)]).collect();
+        let file = read_bytes(&binary(b"", &facets), "a.stl").unwrap();
+        assert_eq!((file.mesh.vertices.len(), file.mesh.triangles.len()), (8090, 8000));
+        let corner = |i: u32| file.mesh.vertices[i as usize].map(|c| c as f32);
+        for (triangle, facet) in file.mesh.triangles.iter().zip(&facets) {
+            assert_eq!(triangle.map(|i| <[f32; 3]>::from(corner(i))), *facet);
+        }
     }
 
     #[test]

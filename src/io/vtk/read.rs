@@ -305,7 +305,10 @@ impl<'a> Reader<'a> {
 
     fn big_endian(&mut self, count: usize) -> Result<u64, ReadError> {
         let bytes = self.cursor.take(count, "binary numbers")?;
-        Ok(bytes.iter().fold(0, |word, &b| word << 8 | u64::from(b)))
+        Ok(match *bytes {
+            [a, b, c, d] => u64::from(u32::from_be_bytes([a, b, c, d])),
+            _ => bytes.iter().fold(0, |word, &b| word << 8 | u64::from(b)),
+        })
     }
 
     fn numbers(&mut self, count: u64, kind: Kind) -> Result<Numbers<'a>, ReadError> {
