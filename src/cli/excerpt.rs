@@ -32,7 +32,7 @@ impl<'a> Excerpt<'a> {
             match *place {
                 Place::Whole => {}
                 Place::Line(line) => excerpt.line = Line::read(file, line, *column, found).ok().flatten(),
-                Place::Offset(offset) => excerpt.bytes = hexadecimal(Path::new(file), offset as u64).ok(),
+                Place::Offset(offset) => excerpt.bytes = hexadecimal(Path::new(&**file), offset as u64).ok(),
             }
         }
         excerpt

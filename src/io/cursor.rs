@@ -150,7 +150,7 @@ impl<'a> Cursor<'a> {
     /// An error at a place.
     pub(super) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
         let column = if matches!(place, Place::Line(_)) { self.column(found) } else { None };
-        let (file, within, found) = (self.name.to_owned(), "".into(), quote(found).into());
+        let (file, within, found) = (self.name.into(), "".into(), quote(found).into());
         ReadError::Content { file, place, column, read_as: None, problem, within, found }
     }
 

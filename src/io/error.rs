@@ -28,7 +28,7 @@ pub enum ReadError {
     #[error("{file}:{place} {problem}{}{}", Within(.within), Found(.found))]
     Content {
         /// The file, as it was named by the caller.
-        file: String,
+        file: Box<str>,
         /// Where in the file.
         place: Place,
         /// The column in a line of text, counted from 1 in characters, where the item is known to stand there.
