@@ -17,7 +17,8 @@ pub struct Rim {
 pub fn rims(topology: &Topology) -> Vec<Rim> {
     let boundary = topology.boundary_edges();
     let mut at: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for &e in &boundary {
+    // The lowest last, from where they are taken.
+    for &e in boundary.iter().rev() {
         topology.edges[e as usize].iter().for_each(|&v| at.entry(v).or_default().push(e));
     }
     let mut used = vec![false; topology.edges.len()];
@@ -28,18 +29,28 @@ pub fn rims(topology: &Topology) -> Vec<Rim> {
         }
         used[seed as usize] = true;
         let [first, second] = topology.edges[seed as usize];
-        walk(topology, &at, &mut used, vec![first, second], &mut rims);
+        walk(topology, &mut at, &mut used, vec![first, second], &mut rims);
     }
     rims
 }
 
 /// Goes on from the last vertex of `path`; each return to a vertex of the path cuts off a closed rim.
-fn walk(topology: &Topology, at: &BTreeMap<u32, Vec<u32>>, used: &mut [bool], mut path: Vec<u32>, rims: &mut Vec<Rim>) {
+fn walk(
+    topology: &Topology,
+    at: &mut BTreeMap<u32, Vec<u32>>,
+    used: &mut [bool],
+    mut path: Vec<u32>,
+    rims: &mut Vec<Rim>,
+) {
     // Where on the path each vertex stands.
     let mut place: BTreeMap<u32, usize> = path.iter().enumerate().map(|(k, v)| (*v, k)).collect();
     while let Some(&last) = path.last() {
-        let free = at.get(&last).and_then(|edges| edges.iter().find(|e| !used[**e as usize]));
-        let Some(&edge) = free else { break };
+        // What was used is taken off for good, so that no edge is looked at twice from one of its ends.
+        let Some(edges) = at.get_mut(&last) else { break };
+        while edges.last().is_some_and(|e| used[*e as usize]) {
+            edges.pop();
+        }
+        let Some(&edge) = edges.last() else { break };
         used[edge as usize] = true;
         let [a, b] = topology.edges[edge as usize];
         let next = if a == last { b } else { a };

@@ -9,6 +9,9 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use crate::mesh::measures::Aabb;
 
+/// The most cells that a triangle is listed in, on average.
+const ENTRIES: usize = 16;
+
 /// A surface sorted into a grid over y and z, for rays along +x.
 #[derive(Debug)]
 pub struct Inside<'a> {
@@ -21,13 +24,21 @@ pub struct Inside<'a> {
 }
 
 impl<'a> Inside<'a> {
-    /// Sorts the triangles; about as many cells as triangles.
+    /// Sorts the triangles; about as many cells as triangles, or fewer where triangles are so large that the lists would
+    /// grow beyond a few entries for each.
     pub fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let cells = ((triangles.len() as f64).sqrt() as usize).max(1);
         let bounds = Aabb::of_points(vertices);
-        let mut this =
-            Self { vertices, triangles, bounds, cells, start: vec![0; cells * cells + 1], listed: Vec::new() };
-        let ranges: Vec<_> = (0..triangles.len()).map(|t| this.cells_of(t)).collect();
+        let mut this = Self { vertices, triangles, bounds, cells, start: Vec::new(), listed: Vec::new() };
+        let of_all = |this: &Self| (0..triangles.len()).map(|t| this.cells_of(t)).collect::<Vec<_>>();
+        let mut ranges = of_all(&this);
+        let entries =
+            |ranges: &[[usize; 4]]| ranges.iter().map(|[a, b, c, d]| (b - a + 1) * (d - c + 1)).sum::<usize>();
+        while this.cells > 1 && entries(&ranges) > ENTRIES * triangles.len() {
+            this.cells /= 2;
+            ranges = of_all(&this);
+        }
+        let cells = this.cells;
         let visit = |deed: &mut dyn FnMut(usize, usize)| {
             for (t, &[y0, y1, z0, z1]) in ranges.iter().enumerate() {
                 (y0..=y1).for_each(|y| (z0..=z1).for_each(|z| deed(t, y * cells + z)));
@@ -62,22 +73,27 @@ impl<'a> Inside<'a> {
     /// The winding number of a closed surface about `p`: signed crossings of the ray from `p` along +x. Points on
     /// shared edges are counted once by a half-open rule; a point on the surface counts as outside or inside.
     pub fn winding(&self, p: &Point3<f64>) -> i32 {
+        self.list(p).iter().map(|&t| self.crossing(p, t as usize)).sum()
+    }
+
+    /// How many triangles have to be looked at for a point.
+    pub fn effort(&self, p: &Point3<f64>) -> usize {
+        self.list(p).len()
+    }
+
+    fn list(&self, p: &Point3<f64>) -> &[u32] {
         if !self.bounds.contains(p) {
-            return 0;
+            return &[];
         }
         let cell = self.cell(p.y, 1) * self.cells + self.cell(p.z, 2);
-        let list = &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize];
-        list.iter().map(|&t| self.crossing(p, t as usize)).sum()
+        &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize]
     }
 
     /// As [`Self::winding`], apart for each group of triangles that `group` names.
     pub fn winding_by(&self, p: &Point3<f64>, group: impl Fn(usize) -> u32) -> BTreeMap<u32, i32> {
         let mut all = BTreeMap::new();
-        if self.bounds.contains(p) {
-            let cell = self.cell(p.y, 1) * self.cells + self.cell(p.z, 2);
-            for &t in &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize] {
-                *all.entry(group(t as usize)).or_insert(0) += self.crossing(p, t as usize);
-            }
+        for &t in self.list(p) {
+            *all.entry(group(t as usize)).or_insert(0) += self.crossing(p, t as usize);
         }
         all
     }

@@ -195,32 +195,24 @@ impl Topology {
 
     fn fan_count(&self, mesh: &TriangleMesh, vertex: usize) -> usize {
         let ring = self.triangles_of_vertex(vertex);
-        let mut seen = vec![false; ring.len()];
-        let mut stack = Vec::new();
-        let mut fans = 0;
-        for start in 0..ring.len() {
-            if seen[start] {
-                continue;
-            }
-            fans += 1;
-            seen[start] = true;
-            stack.push(start);
-            while let Some(k) = stack.pop() {
-                let t = ring[k] as usize;
-                for side in 0..3 {
-                    let ends = [mesh.triangles[t][side], mesh.triangles[t][(side + 1) % 3]];
-                    if !ends.contains(&(vertex as u32)) {
-                        continue;
-                    }
-                    for other in self.triangles_of_edge(self.triangle_edges[t][side] as usize) {
-                        if let Ok(m) = ring.binary_search(other)
-                            && !seen[m]
-                        {
-                            seen[m] = true;
-                            stack.push(m);
-                        }
-                    }
+        // Each triangle has two sides at the vertex; triangles with a side in common are of one fan.
+        let mut sides: Vec<(u32, u32)> = Vec::with_capacity(2 * ring.len());
+        for (k, &t) in ring.iter().enumerate() {
+            for side in 0..3 {
+                let corners = mesh.triangles[t as usize];
+                if [corners[side], corners[(side + 1) % 3]].contains(&(vertex as u32)) {
+                    sides.push((self.triangle_edges[t as usize][side], k as u32));
                 }
+            }
+        }
+        sides.sort_unstable();
+        let mut parents: Vec<u32> = (0..ring.len() as u32).collect();
+        let mut fans = ring.len();
+        for pair in sides.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+            let (a, b) = (root(&mut parents, pair[0].1), root(&mut parents, pair[1].1));
+            if a != b {
+                parents[a.max(b) as usize] = a.min(b);
+                fans -= 1;
             }
         }
         fans

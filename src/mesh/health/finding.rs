@@ -145,6 +145,11 @@ pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
+/// Every digit of a coordinate, but not three hundred zeros.
+fn coordinate(c: f64) -> String {
+    if c == 0.0 || (1e-6..1e16).contains(&c.abs()) { format!("{c}") } else { format!("{c:e}") }
+}
+
 struct Found<'a> {
     mesh: &'a TriangleMesh,
     findings: Vec<Finding>,
@@ -158,7 +163,7 @@ impl Found<'_> {
         }
         let first = vertices.first().copied().or_else(|| Some(self.mesh.triangles[*triangles.first()? as usize][0]));
         let point: Option<[f64; 3]> = first.map(|v| self.mesh.vertices[v as usize].into());
-        let at = point.map_or_else(String::new, |[x, y, z]| format!(" at ({x}, {y}, {z})"));
+        let at = point.map_or_else(String::new, |p| format!(" at ({})", p.map(coordinate).join(", ")));
         let message = format!("{what}{at}");
         self.findings.push(Finding { kind, count, message, place: Place { vertices, triangles, point } });
     }

@@ -11,6 +11,9 @@ use crate::mesh::topology::Topology;
 /// Rounds, each of which cuts triangles that do not touch; more are needed only by long rows of flat triangles.
 const ROUNDS: usize = 64;
 
+/// Vertices with more triangles are left alone: each triangle without area asks for all of them.
+const CROWD: usize = 1000;
+
 /// What is done about one triangle without area.
 enum Cut {
     /// Two corners coincide: the second becomes the first.
@@ -27,7 +30,7 @@ enum Cut {
 
 /// Flips, collapses or drops every triangle without area that can be, exactly where it lies.
 ///
-/// Left is what would give an edge a third triangle.
+/// Left is what would give an edge a third triangle, and what hangs on a vertex with more than 1000 triangles.
 pub(super) fn cut(working: &mut Working) {
     let mut cut = Vec::new();
     for _ in 0..ROUNDS {
@@ -83,6 +86,9 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
 /// What to do about triangle `t`, and the vertices that it concerns; `None` where nothing can be done now.
 fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Topology) -> Option<(Cut, Vec<u32>)> {
     let corners = triangles[t];
+    if corners.iter().any(|v| topology.triangles_of_vertex(*v as usize).len() > CROWD) {
+        return None;
+    }
     let at = |v: u32| points[v as usize];
     for k in 0..3 {
         let (u, v) = (corners[k], corners[(k + 1) % 3]);
@@ -122,7 +128,8 @@ fn link_is_free(a: u32, b: u32, topology: &Topology, triangles: &[[u32; 3]]) -> 
         ring
     };
     let Some(edge) = topology.find_edge(a, b) else { return false };
-    let common = around(a).iter().filter(|v| around(b).binary_search(v).is_ok()).count();
+    let (around_a, around_b) = (around(a), around(b));
+    let common = around_a.iter().filter(|v| around_b.binary_search(v).is_ok()).count();
     let opposite = topology.triangles_of_edge(edge as usize).len();
     // Two rims that a collapse would bring together stay apart.
     let on_rim = |v: u32| {

@@ -8,6 +8,10 @@ use crate::mesh::measures::volume;
 use crate::mesh::orientation::Orientation;
 use crate::mesh::predicates::scaled;
 
+/// Triangles that may be looked at to find what lies in what, in all and for each triangle; pieces beyond are taken as lying
+/// in none. Only thousands of pieces one behind the other come near it.
+const EFFORT: (usize, usize) = (1 << 26, 64);
+
 /// Turns the fewer triangles of each patch that disagrees with itself; then each closed piece outward. A piece within
 /// another is turned only if that one is: whether it is the wall of a cavity or a body of its own, only its maker knows.
 pub(super) fn turn(working: &mut Working) {
@@ -35,12 +39,17 @@ pub(super) fn turn(working: &mut Working) {
     // The pieces that each closed piece lies in; the outermost decides, and what lies in it is turned with it.
     let mut within: Vec<Vec<u32>> = vec![Vec::new(); components.count];
     let mut inward = vec![false; components.count];
+    let mut effort = 0;
     for (piece, members) in pieces.iter().enumerate().filter(|(piece, _)| closed[*piece]) {
         let own: Vec<[u32; 3]> = members.iter().map(|t| turned(&turn, *t)).collect();
         inward[piece] = volume(&points, &own) < 0.0;
         let x = |v: &u32| points[*v as usize].x;
         // A point of the piece with nothing else of it before or behind.
         let Some(lowest) = own.iter().flatten().min_by(|a, b| x(a).total_cmp(&x(b)).then(a.cmp(b))) else { continue };
+        effort += inside.effort(&points[*lowest as usize]);
+        if effort > EFFORT.0 + EFFORT.1 * turn.len() {
+            continue;
+        }
         let around = inside.winding_by(&points[*lowest as usize], |wall| components.labels[walls[wall][0] as usize]);
         let others = around.into_iter().filter(|(other, winding)| *other != piece as u32 && *winding != 0);
         within[piece] = others.map(|(other, _)| other).collect();

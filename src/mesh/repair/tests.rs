@@ -187,6 +187,32 @@ fn a_moebius_strip_stays_one_sided() {
     assert!(!health.orientable && !health.is_fit());
 }
 
+/// Meshes for which the square of their size would be asked for by what walks around a vertex, an edge or a rim, or along
+/// a ray: with it this test would run for hours.
+#[test]
+fn heaps_end() {
+    let n = 30_000u32;
+    let at = |k: u32, y: f64| Point3::new(f64::from(k), y, f64::from(k % 7));
+    let line: Vec<Point3<f64>> = (0..n + 2).map(|k| Point3::new(f64::from(k % 1000), 0.0, 0.0)).collect();
+    let curve: Vec<Point3<f64>> = (0..2 * n + 2).map(|k| at(k, f64::from(k * k % 101))).collect();
+    let mut stacked = TriangleMesh::default();
+    let four = crate::mesh::shapes::tetrahedron();
+    (0..n / 4).for_each(|k| append(&mut stacked, &four, Vector3::x() * f64::from(k)));
+    let heaps = [
+        ("flat triangles about a vertex", line.clone(), (0..n).map(|k| [0, k + 1, k + 2]).collect::<Vec<_>>()),
+        ("flat triangles in a row", line, (0..n).map(|k| [k, k + 1, k + 2]).collect()),
+        ("triangles about an edge", curve.clone(), (0..n).map(|k| [0, 1, k + 2]).collect()),
+        ("triangles that touch in a vertex", curve.clone(), (0..n).map(|k| [0, 2 * k + 1, 2 * k + 2]).collect()),
+        ("one long rim", curve, (0..n).map(|k| [k, k + 1, k + 2]).collect()),
+        ("pieces in one line", stacked.vertices, stacked.triangles),
+    ];
+    for (name, vertices, triangles) in heaps {
+        let mesh = TriangleMesh { vertices, triangles };
+        let repaired = repair(&mesh, &[], &Options { close_holes: 8, ..Options::default() });
+        assert_eq!(crate::testing::check_repaired(&mesh, &[], &repaired), Ok(()), "{name}");
+    }
+}
+
 /// What must hold of every repair, whatever was repaired.
 fn assert_repaired(mesh: &TriangleMesh, repaired: &Repaired) {
     assert_eq!(crate::testing::check_repaired(mesh, &[], repaired), Ok(()), "{mesh:?}\n{:?}", repaired.changes);
