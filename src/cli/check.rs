@@ -27,8 +27,8 @@ Examples:
 
 A repair merges vertices of rims that lie in one place, drops repeated triangles and unused vertices, cuts triangles
 without area, takes surfaces apart where more than two triangles meet, and turns triangles outward. It moves nothing,
-unless --merge-within is given. DIR gets each mesh under its own name (OFF and DirectX become OBJ; attributes such as
-colours are not kept) and changes.json, which lists every vertex and triangle that was changed.
+unless --merge-within is given. DIR gets each mesh under its own name (STL, which cannot hold vertices, OFF and DirectX get
+.obj behind it; attributes such as colours are not kept) and changes.json, which lists the elements that each step changed.
 
 Exit codes: 0 a simulation takes every mesh (with --repair: every repaired mesh); 1 it refuses one (a code with E);
 2 a file cannot be read as a mesh, or the usage is wrong.")]
@@ -43,7 +43,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "DIR")]
     repair: Option<PathBuf>,
     /// Also close holes of at most N edges [1 to 500; 100 without a number]
-    #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, default_missing_value = "100",
+    #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, require_equals = true, default_missing_value = "100",
         value_parser = clap::value_parser!(u16).range(1..=LONGEST_RIM as i64))]
     close_holes: Option<u16>,
     /// Also drop all pieces but the one of the greatest area
@@ -52,6 +52,9 @@ pub(super) struct Arguments {
     /// Also merge vertices of rims that are at most this far apart, such as '0.01 mm'; needs --unit
     #[arg(long, value_name = "LENGTH", requires_all = ["repair", "unit"])]
     merge_within: Option<String>,
+    /// Write over repaired meshes and a changes.json that are there already
+    #[arg(long, requires = "repair")]
+    force: bool,
     /// Write the result as JSON
     #[arg(long)]
     json: bool,
@@ -146,6 +149,13 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
             return Err(Failure::usage(message, "name another folder for --repair"));
         }
     }
+    let lists = [folder.join("changes.json")];
+    if let Some(old) = targets.iter().chain(&lists).find(|path| path.exists() && !arguments.force) {
+        return Err(Failure::usage(
+            format!("{} is there already", old.display()),
+            "name another folder, or add --force",
+        ));
+    }
     Ok(targets)
 }
 
@@ -153,7 +163,7 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
 fn repaired_name(mesh: &Path) -> PathBuf {
     let name = PathBuf::from(mesh.file_name().unwrap_or(mesh.as_os_str()));
     let ending = name.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    if ["obj", "ply", "stl", "vtk", "vtp"].contains(&ending.as_str()) {
+    if ["obj", "ply", "vtk", "vtp"].contains(&ending.as_str()) {
         name
     } else {
         let mut name = name.into_os_string();

@@ -35,6 +35,9 @@ pub(super) struct Arguments {
     /// Write numbers as text where the format leaves the choice
     #[arg(long)]
     ascii: bool,
+    /// Write over a file that is there already
+    #[arg(long)]
+    force: bool,
     /// Write what was done as JSON
     #[arg(long)]
     json: bool,
@@ -54,6 +57,10 @@ struct Converted {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
+    if arguments.output.exists() && !arguments.force {
+        let message = format!("{} is there already", arguments.output.display());
+        return Err(Failure::usage(message, "name another file, or add --force"));
+    }
     let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
     let input = arguments.input.display().to_string();
     let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;

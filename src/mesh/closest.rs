@@ -189,7 +189,7 @@ impl SurfaceTree {
                 if square < limit || (best.is_none() && square <= limit) {
                     limit = square;
                     best = Some(Closest { point, triangle: self.names[t], distance: square.sqrt() });
-                    if any {
+                    if any || square == 0.0 {
                         return best;
                     }
                 }

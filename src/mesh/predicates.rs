@@ -1,22 +1,28 @@
 //! Exact answers about triangles: without area, crossing one another, folded onto one another.
 //!
-//! Signs are those of the doubles as stored \[shewchuk1997\]. Points pass through [`scaled`] first, which multiplies all of
-//! them by one power of two, so that no product overflows and nothing that could decide is lost below.
+//! Signs are those of the doubles as stored \[shewchuk1997\]. The few points of a question are multiplied by one power of two
+//! where their products could overflow or vanish, so that a vertex far away has no say in what it is no part of. Within one
+//! question coordinates may differ by a factor of 1e60; what is smaller beside the others may be taken for zero.
 
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
-/// The points times the power of two that brings the greatest coordinate near 1: exact, whatever their unit.
-pub fn scaled(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
-    let greatest = points.iter().flat_map(|p| p.coords.iter()).fold(0.0_f64, |most, c| most.max(c.abs()));
-    if !(greatest > 0.0 && greatest.is_finite()) {
-        return points.to_vec();
+use super::measures::greatest;
+
+/// Coordinates between these have products of three that neither overflow nor vanish.
+const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
+
+/// The points times the power of two that brings the greatest coordinate near 1, where it is far from that: no digit changes.
+pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
+    let greatest = greatest(points.iter().flat_map(|p| p.coords.iter().map(|c| c.abs())));
+    if PLAIN.contains(&greatest) || !(greatest > 0.0 && greatest.is_finite()) {
+        return points;
     }
     // In two halves, because a single factor for the smallest doubles would itself overflow.
     let exponent = -libm::ilogb(greatest);
     let half = exponent / 2;
     let (one, two) = (libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half));
-    points.iter().map(|p| p.map(|c| c * one * two)).collect()
+    points.map(|p| p.map(|c| c * one * two))
 }
 
 /// On which side of the plane through a triangle a point lies: a positive, a negative number or exactly 0.
@@ -38,7 +44,7 @@ fn open_axis([a, b, c]: &[Point3<f64>; 3]) -> Option<usize> {
 
 /// Whether the corners lie on one line, or coincide.
 pub fn is_flat(triangle: &[Point3<f64>; 3]) -> bool {
-    open_axis(triangle).is_none()
+    open_axis(&near_one(*triangle)).is_none()
 }
 
 /// Whether a closed segment and a closed triangle with area share a point.
@@ -84,6 +90,9 @@ fn segments_meet(axis: usize, [p, q]: [&Point3<f64>; 2], [a, b]: [&Point3<f64>; 
 /// Triangles with an edge in common meet elsewhere only where one is folded onto the other; with all three corners in
 /// common they are duplicates, which is another question.
 pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> bool {
+    let names = [s[0], s[1], s[2], t[0], t[1], t[2]];
+    let points = near_one(names.map(&at));
+    let at = |v: u32| points[names.iter().position(|n| *n == v).unwrap_or(0)];
     let of = |names: [u32; 3]| names.map(&at);
     let shared = |v: &u32| t.contains(v);
     let opposite = |names: [u32; 3], k: usize| [at(names[(k + 1) % 3]), at(names[(k + 2) % 3])];
@@ -122,6 +131,7 @@ pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> b
 mod tests {
     use super::*;
     use crate::testing::Draw;
+    use nalgebra::Vector3;
 
     fn p(x: f64, y: f64, z: f64) -> Point3<f64> {
         Point3::new(x, y, z)
@@ -129,7 +139,7 @@ mod tests {
 
     /// Tests two triangles given by points; equal points are one vertex.
     fn meet(s: [Point3<f64>; 3], t: [Point3<f64>; 3]) -> bool {
-        let points: Vec<Point3<f64>> = scaled(&[s, t].concat());
+        let points: Vec<Point3<f64>> = [s, t].concat();
         let name = |k: usize| points.iter().position(|q| *q == points[k]).unwrap_or(k) as u32;
         let names = |from: usize| [name(from), name(from + 1), name(from + 2)];
         let both = intersect(names(0), names(3), |v| points[v as usize]);
@@ -193,11 +203,14 @@ mod tests {
         assert!(is_flat(&[p(1.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(3.0, 3.0, 3.0)]));
         // A tenth is no exact number, and three tenths are not three times it.
         assert!(!is_flat(&[p(0.0, 0.0, 0.0), p(0.1, 0.1, 0.1), p(0.3, 0.3, 0.30000000000000004)]));
-        let tiny = scaled(&[p(0.0, 0.0, 0.0), p(1e-300, 0.0, 0.0), p(0.0, 1e-300, 0.0)]);
-        assert!(!is_flat(&[tiny[0], tiny[1], tiny[2]]));
-        let huge = scaled(&[p(0.0, 0.0, 0.0), p(1e300, 0.0, 0.0), p(0.0, 1e300, 0.0)]);
-        assert!(!is_flat(&[huge[0], huge[1], huge[2]]));
-        assert!(scaled(&[p(f64::from_bits(1), 0.0, 0.0)])[0].x == 1.0);
+        for size in [1e-300, 1e-100, 1e100, 1e300] {
+            let triangle = [p(0.0, 0.0, 0.0), p(size, 0.0, 0.0), p(0.0, size, 0.0)];
+            assert!(!is_flat(&triangle), "{size}");
+            let above = triangle.map(|v| v + Vector3::z() * size);
+            let through = [p(0.1 * size, 0.1 * size, -size), p(0.1 * size, 0.1 * size, size), p(size, size, 0.0)];
+            assert!(!meet(triangle, above) && meet(triangle, through), "{size}");
+        }
+        assert_eq!(near_one([p(f64::from_bits(1), 0.0, 0.0)])[0].x, 1.0);
     }
 
     #[test]

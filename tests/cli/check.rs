@@ -95,6 +95,8 @@ fn a_repair_tells_what_it_changed() {
     assert_eq!(code(&done), Some(0), "{}", text(&done.stdout));
     // Without holes closed it is still refused.
     let done = run(&["check", shown(&bad), "--repair", shown(&folder)]);
+    assert!(code(&done) == Some(2) && text(&done.stderr).contains("is there already"), "{}", text(&done.stderr));
+    let done = run(&["check", shown(&bad), "--repair", shown(&folder), "--force"]);
     assert_eq!(code(&done), Some(1), "{}", text(&done.stdout));
 }
 
@@ -104,11 +106,12 @@ fn wrong_uses_of_check_and_convert_are_refused() {
     let mesh = scratch.join("a.obj");
     write(&mesh, &shapes::icosphere(0.05, 1));
     let here = shown(&scratch.0).to_owned();
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 10] = [
+        (&["convert", shown(&mesh), shown(&mesh)], "is there already; name another file, or add --force"),
         (&["check"], "MESH"),
         (&["check", shown(&mesh), "--unit", "parsec"], "no unit of length; known units: m, dm"),
-        (&["check", shown(&mesh), "--close-holes", "4"], "--repair"),
-        (&["check", shown(&mesh), "--repair", "x", "--close-holes", "501"], "501"),
+        (&["check", shown(&mesh), "--close-holes=4"], "--repair"),
+        (&["check", shown(&mesh), "--repair", "x", "--close-holes=501"], "501"),
         (&["check", shown(&mesh), "--repair", &here], "would be written over; name another folder"),
         (&["check", shown(&mesh), shown(&mesh), "--repair", "x"], "would both become"),
         (&["check", shown(&mesh), "--unit", "m", "--repair", &here, "--merge-within", "3"], "unit"),
@@ -132,7 +135,7 @@ fn convert_changes_format_and_unit_and_nothing_else() {
     for ending in ["ply", "vtk", "vtp", "obj"] {
         for ascii in [false, true] {
             let second = scratch.join(&format!("b.{ending}"));
-            let mut arguments = vec!["convert", shown(&first), shown(&second)];
+            let mut arguments = vec!["convert", shown(&first), shown(&second), "--force"];
             arguments.extend(ascii.then_some("--ascii"));
             let done = run(&arguments);
             assert_eq!(code(&done), Some(0), "{}", text(&done.stderr));

@@ -39,8 +39,7 @@ pub fn crossings(
     names: &[u32],
     skipped: impl Fn(usize) -> bool + Sync,
 ) -> Crossings {
-    let points = predicates::scaled(vertices);
-    let tree = SurfaceTree::new(&points, triangles);
+    let tree = SurfaceTree::new(vertices, triangles);
     let budget = BUDGET.0 + BUDGET.1 * triangles.len();
     let mut all = Crossings { complete: true, ..Crossings::default() };
     let mut looked = 0;
@@ -53,16 +52,17 @@ pub fn crossings(
             if skipped(t) {
                 return (near, 0, 0, true);
             }
-            let bounds = Aabb::of_points(&triangles[t].map(|v| points[v as usize]));
+            let bounds = Aabb::of_points(&triangles[t].map(|v| vertices[v as usize]));
             let whole = tree.meeting(&bounds, share, &mut near);
             let looked = near.len();
             near.retain(|&u| {
                 let u = u as usize;
-                u > t && !skipped(u) && predicates::intersect(of(t), of(u), |v| points[v as usize])
+                u > t && !skipped(u) && predicates::intersect(of(t), of(u), |v| vertices[v as usize])
             });
             near.sort_unstable();
             let count = near.len();
             near.truncate(LISTED);
+            near.shrink_to_fit();
             (near, count, looked, whole)
         };
         let found: Vec<_> = (start..end).into_par_iter().map(search).collect();

@@ -246,9 +246,9 @@ fn rims(found: &mut Found<'_>, parts: &Parts) {
 fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
     // Only of a closed surface whose triangles agree is the volume that of an inside.
     let decided = parts.topology.is_closed() && parts.topology.is_oriented();
-    if decided && parts.scaled_volume <= 0.0 {
+    if decided && (health.volume <= 0.0 || health.volume.is_nan()) {
         let what = match health.volume {
-            volume if parts.scaled_volume < 0.0 => {
+            volume if volume < 0.0 => {
                 format!("the enclosed volume is {volume:e}: triangles are turned inward")
             }
             _ => "it encloses no volume".to_owned(),

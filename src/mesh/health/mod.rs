@@ -15,7 +15,7 @@ pub use finding::{Finding, Kind, Place};
 
 use super::boundary::{Rim, rims};
 use super::coincident::{first_in_place, same_corners};
-use super::measures::{Aabb, smallest_angle, volume};
+use super::measures::{Aabb, smallest_angle};
 use super::orientation::Orientation;
 use super::topology::Topology;
 use super::{TriangleMesh, predicates};
@@ -118,18 +118,16 @@ struct Parts {
     inconsistent: Vec<u32>,
     non_manifold_vertices: Vec<u32>,
     unused: Vec<u32>,
-    /// Volume of the points as scaled, whose sign is right where the volume itself is too large or too small for a double.
-    scaled_volume: f64,
 }
 
 impl Parts {
     fn of(mesh: &TriangleMesh) -> Self {
         let topology = Topology::new(mesh);
-        let points = predicates::scaled(&mesh.vertices);
-        let corners = |t: &u32| mesh.triangles[*t as usize].map(|v| points[v as usize]);
+        let corners = |t: &u32| mesh.corners(*t as usize);
         let all = 0..mesh.triangles.len() as u32;
         let zero_area: Vec<u32> = all.clone().filter(|t| predicates::is_flat(&corners(t))).collect();
-        let is_sliver = |t: &u32| smallest_angle(corners(t)) < SLIVER && zero_area.binary_search(t).is_err();
+        let is_sliver =
+            |t: &u32| smallest_angle(predicates::near_one(corners(t))) < SLIVER && zero_area.binary_search(t).is_err();
         let slivers = all.filter(is_sliver).collect();
         let first_in_place = first_in_place(&mesh.vertices);
         let named: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| first_in_place[v as usize])).collect();
@@ -146,7 +144,6 @@ impl Parts {
                 .filter(|&v| topology.triangles_of_vertex(v).is_empty())
                 .map(|v| v as u32)
                 .collect(),
-            scaled_volume: volume(&points, &mesh.triangles),
             topology,
             first_in_place,
             duplicates,

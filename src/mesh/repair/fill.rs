@@ -8,7 +8,7 @@ use super::working::Working;
 use super::{Step, topology};
 use crate::mesh::boundary::rims;
 use crate::mesh::health::counted;
-use crate::mesh::predicates::{is_flat, scaled};
+use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
 /// Closes every rim of at most `longest` edges without a new vertex, where that gives no edge a third triangle.
@@ -17,7 +17,6 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         return;
     }
     let topology = topology(working);
-    let points = scaled(&working.vertices);
     let (mut closed, mut around, mut added) = (0, Vec::new(), 0);
     // Chords of covers; a second cover over the same chord would make it an edge of four triangles.
     let mut chords = BTreeSet::new();
@@ -34,7 +33,11 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         if !along {
             ring.reverse();
         }
-        let Some(cover) = cover(&ring, &points, &topology, &chords) else { continue };
+        let Some(cover) = cover(&ring, &working.vertices, &topology, &chords) else { continue };
+        // A loose triangle is no hole: its cover would be the same triangle turned round.
+        if cover.len() == 1 && ring.iter().all(|v| corners.contains(v)) {
+            continue;
+        }
         chords.extend(cover.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)].map(|(u, v)| [u.min(v), u.max(v)])));
         closed += 1;
         added += cover.len();

@@ -5,10 +5,13 @@ use nalgebra::Point3;
 use super::working::Working;
 use super::{Step, topology};
 use crate::mesh::health::counted;
-use crate::mesh::predicates::{is_flat, scaled};
+use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
-/// Rounds, each of which cuts triangles that do not touch; more are needed only by long rows of flat triangles.
+/// Triangles that the rounds may look at in all. Each round cuts triangles that do not touch, a row of them one by one.
+const EFFORT: usize = 20_000_000;
+
+/// The fewest rounds that are allowed, however many triangles there are.
 const ROUNDS: usize = 64;
 
 /// Vertices with more triangles are left alone: each triangle without area asks for all of them.
@@ -33,7 +36,7 @@ enum Cut {
 /// Left is what would give an edge a third triangle, and what hangs on a vertex with more than 1000 triangles.
 pub(super) fn cut(working: &mut Working) {
     let mut cut = Vec::new();
-    for _ in 0..ROUNDS {
+    for _ in 0..ROUNDS.max(EFFORT / (working.triangles.len() + 1)) {
         let before = cut.len();
         round(working, &mut cut);
         if cut.len() == before {
@@ -41,14 +44,18 @@ pub(super) fn cut(working: &mut Working) {
         }
     }
     let count = cut.len();
-    let message = || format!("cut away {} without area, which moves nothing", counted(count, "triangle", "triangles"));
+    let left = (0..working.triangles.len()).filter(|&t| is_flat(&working.corners(t))).count();
+    let message = || {
+        let rest = if left > 0 { format!("; {left} are left") } else { String::new() };
+        format!("cut away {} without area, which moves nothing{rest}", counted(count, "triangle", "triangles"))
+    };
     working.note(Step::CutZeroArea, count, message, cut.into_iter().flatten().collect());
 }
 
 fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
-    let points = scaled(&working.vertices);
-    let flat: Vec<usize> =
-        (0..working.triangles.len()).filter(|&t| is_flat(&working.triangles[t].map(|v| points[v as usize]))).collect();
+    let flat: Vec<usize> = (0..working.triangles.len())
+        .filter(|&t| is_flat(&working.triangles[t].map(|v| working.vertices[v as usize])))
+        .collect();
     if flat.is_empty() {
         return;
     }
@@ -57,7 +64,7 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
     let mut touched = vec![false; working.vertices.len()];
     let mut gone = vec![false; working.triangles.len()];
     for t in flat {
-        let Some((deed, corners)) = plan(t, &working.triangles, &points, &topology) else { continue };
+        let Some((deed, corners)) = plan(t, &working.triangles, &working.vertices, &topology) else { continue };
         let around = || corners.iter().flat_map(|v| topology.triangles_of_vertex(*v as usize));
         if around().any(|u| working.triangles[*u as usize].iter().any(|v| touched[*v as usize])) {
             continue;
@@ -98,16 +105,23 @@ fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Top
             return allowed.then(|| (Cut::Collapse([keep, drop]), vec![keep, drop]));
         }
     }
-    // Distinct corners on one line: the long side is the one that holds the third corner.
-    let length = |k: usize| (at(corners[k]) - at(corners[(k + 1) % 3])).norm_squared();
-    let long = (0..3).max_by(|&i, &j| length(i).total_cmp(&length(j)))?;
+    // Distinct corners on one line: in any order along it the second is the one between the others.
+    let key = |k: usize| at(corners[k]);
+    let compare = |i: &usize, j: &usize| {
+        let (p, q) = (key(*i), key(*j));
+        p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z))
+    };
+    let mut order = [0, 1, 2];
+    order.sort_by(compare);
+    let long = (order[1] + 1) % 3;
     let [a, c, b] = [corners[long], corners[(long + 1) % 3], corners[(long + 2) % 3]];
     match *topology.triangles_of_edge(topology.triangle_edges[t][long] as usize) {
         [_] => Some((Cut::Drop, corners.to_vec())),
         [s, u] => {
             let across = if s as usize == t { u } else { s } as usize;
             let apex = *triangles[across].iter().find(|v| **v != a && **v != c)?;
-            if apex == b || topology.find_edge(apex, b).is_some() {
+            // One without area has to be cut first, or the two would be flipped back and forth.
+            if apex == b || topology.find_edge(apex, b).is_some() || is_flat(&triangles[across].map(at)) {
                 return None;
             }
             // Each half is the triangle across with one end of the long side moved to the middle.

@@ -1,16 +1,32 @@
 //! Turns triangles so that neighbours agree and closed pieces face outward.
 
+use std::collections::BTreeMap;
+
+use nalgebra::Point3;
+
 use super::working::Working;
 use super::{Step, topology};
 use crate::mesh::health::counted;
 use crate::mesh::inside::Inside;
-use crate::mesh::measures::volume;
 use crate::mesh::orientation::Orientation;
-use crate::mesh::predicates::scaled;
 
 /// Triangles that may be looked at to find what lies in what, in all and for each triangle; pieces beyond are taken as lying
 /// in none. Only thousands of pieces one behind the other come near it.
 const EFFORT: (usize, usize) = (1 << 26, 64);
+
+/// Vertices of a piece that are asked what they lie in.
+const VOTES: usize = 8;
+
+/// Six times the volume of a closed piece, seen from a corner of it; only its sign is asked for.
+fn six_volumes(points: &[Point3<f64>], own: &[[u32; 3]]) -> f64 {
+    let Some(first) = own.first() else { return 0.0 };
+    let origin = points[first[0] as usize];
+    let part = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| points[v as usize] - origin);
+        a.dot(&b.cross(&c))
+    };
+    own.iter().map(part).sum()
+}
 
 /// Turns the fewer triangles of each patch that disagrees with itself; then each closed piece outward. A piece within
 /// another is turned only if that one is: whether it is the wall of a cavity or a body of its own, only its maker knows.
@@ -18,7 +34,7 @@ pub(super) fn turn(working: &mut Working) {
     let topology = topology(working);
     let orientation = Orientation::new(&topology, &working.triangles);
     let mut turn = orientation.turn;
-    let points = scaled(&working.vertices);
+    let points = &working.vertices;
     let turned = |turn: &[bool], t: usize| {
         let [a, b, c] = working.triangles[t];
         if turn[t] { [b, a, c] } else { [a, b, c] }
@@ -35,24 +51,31 @@ pub(super) fn turn(working: &mut Working) {
     }
     let walls: Vec<[u32; 3]> =
         (0..turn.len()).filter(|t| closed[label(*t) as usize]).map(|t| turned(&turn, t)).collect();
-    let inside = Inside::new(&points, &walls);
+    let inside = Inside::new(points, &walls);
     // The pieces that each closed piece lies in; the outermost decides, and what lies in it is turned with it.
     let mut within: Vec<Vec<u32>> = vec![Vec::new(); components.count];
     let mut inward = vec![false; components.count];
     let mut effort = 0;
     for (piece, members) in pieces.iter().enumerate().filter(|(piece, _)| closed[*piece]) {
         let own: Vec<[u32; 3]> = members.iter().map(|t| turned(&turn, *t)).collect();
-        inward[piece] = volume(&points, &own) < 0.0;
-        let x = |v: &u32| points[*v as usize].x;
-        // A point of the piece with nothing else of it before or behind.
-        let Some(lowest) = own.iter().flatten().min_by(|a, b| x(a).total_cmp(&x(b)).then(a.cmp(b))) else { continue };
-        effort += inside.effort(&points[*lowest as usize]);
+        inward[piece] = six_volumes(points, &own) < 0.0;
+        // Of several vertices each has to lie within another piece: where pieces touch, one alone may lie on its wall.
+        let step = own.len().div_ceil(VOTES);
+        let votes: Vec<&Point3<f64>> = own.iter().step_by(step).map(|t| &points[t[0] as usize]).collect();
+        effort += votes.iter().map(|p| inside.effort(p)).sum::<usize>();
         if effort > EFFORT.0 + EFFORT.1 * turn.len() {
             continue;
         }
-        let around = inside.winding_by(&points[*lowest as usize], |wall| components.labels[walls[wall][0] as usize]);
-        let others = around.into_iter().filter(|(other, winding)| *other != piece as u32 && *winding != 0);
-        within[piece] = others.map(|(other, _)| other).collect();
+        let mut found: BTreeMap<u32, usize> = BTreeMap::new();
+        for p in &votes {
+            let around = inside.winding_by(p, |wall| components.labels[walls[wall][0] as usize]);
+            around
+                .into_iter()
+                .filter(|(_, winding)| *winding != 0)
+                .for_each(|(w, _)| *found.entry(w).or_insert(0) += 1);
+        }
+        let holds = |(other, count): &(u32, usize)| *other != piece as u32 && *count == votes.len();
+        within[piece] = found.into_iter().filter(holds).map(|(other, _)| other).collect();
     }
     for (piece, members) in pieces.iter().enumerate().filter(|(piece, _)| closed[*piece]) {
         let outermost = within[piece].iter().find(|other| within[**other as usize].is_empty());

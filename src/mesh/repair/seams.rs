@@ -45,10 +45,14 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     let message = || {
         let many = counted(merged.len(), "vertex", "vertices");
         let far = if moved > 0.0 { format!(", moved by at most {moved:e}") } else { String::new() };
-        format!("merged {many} on rims with another in the same place{far}")
+        let near = if moved > 0.0 { "near by" } else { "in the same place" };
+        format!("merged {many} on rims with another {near}{far}")
     };
     working.note(Step::MergedVertices, merged.len(), message, merged.clone());
 }
+
+/// Cells beyond this number are smaller than the distance between doubles.
+const FINEST: f64 = 9e15;
 
 /// Vertices sorted into cells as wide as the distance asked for.
 struct Grid {
@@ -58,12 +62,12 @@ struct Grid {
 
 impl Grid {
     fn cell(&self, p: &Point3<f64>) -> [i64; 3] {
-        if self.within > 0.0 {
-            // Saturates far out, where cells then hold more, not less.
-            [p.x, p.y, p.z].map(|c| (c / self.within).floor() as i64)
+        let cells = p.coords.map(|c| (c / self.within).floor());
+        if cells.iter().all(|c| c.abs() < FINEST) {
+            cells.map(|c| c as i64).into()
         } else {
-            // Adding 0 makes -0 into 0.
-            [p.x, p.y, p.z].map(|c| (c + 0.0).to_bits() as i64)
+            // As fine as doubles are, or no distance at all: only the same place is near. Adding 0 makes -0 into 0.
+            p.coords.map(|c| (c + 0.0).to_bits() as i64).into()
         }
     }
 

@@ -11,7 +11,7 @@ use super::{Step, topology};
 use crate::mesh::health::counted;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::orientation::Orientation;
-use crate::mesh::predicates::scaled;
+use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
 /// Leaves each edge with at most two triangles and each vertex with one fan.
@@ -21,7 +21,6 @@ use crate::mesh::topology::Topology;
 pub(super) fn split(working: &mut Working) {
     let before = topology(working);
     let edges = before.non_manifold_edges();
-    let points = scaled(&working.vertices);
     let patches = Orientation::new(&before, &working.triangles);
     let sheets = sheets(working, &before, &edges, &patches);
     // As the triangles will be turned within their patch.
@@ -29,7 +28,15 @@ pub(super) fn split(working: &mut Working) {
     let oriented: Vec<[u32; 3]> = working.triangles.iter().zip(&patches.turn).map(turned).collect();
     let groups: Vec<Vec<Vec<u32>>> = edges
         .iter()
-        .map(|&e| groups(before.edges[e as usize], before.triangles_of_edge(e as usize), &sheets, &oriented, &points))
+        .map(|&e| {
+            groups(
+                before.edges[e as usize],
+                before.triangles_of_edge(e as usize),
+                &sheets,
+                &oriented,
+                &working.vertices,
+            )
+        })
         .collect();
     let mut corners = Corners::new(working.triangles.len());
     for e in 0..before.edges.len() {
@@ -143,7 +150,7 @@ fn pairs(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Point
 
 /// The triangles by their angle about the edge, from that of the first, counter-clockwise seen against its direction.
 ///
-/// Angles are rounded to about 1e-15; triangles nearer to each other than that are taken in the order of their indices.
+/// Angles are rounded, to about 1e-15 times the length of the edge over the height of the triangle; triangles nearer to each other than that are taken in the order of their indices.
 fn by_angle(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Point3<f64>]) -> Vec<u32> {
     let at = |v: u32| points[v as usize];
     let (a, b) = (at(edge[0]), at(edge[1]));
@@ -153,7 +160,9 @@ fn by_angle(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Po
         let away = at(apex) - a;
         away - axis * away.dot(&axis)
     };
-    let start = around.first().map_or_else(Vector3::x, |t| across(*t));
+    // One without area has no direction to count from.
+    let open = around.iter().find(|t| !is_flat(&triangles[**t as usize].map(at)));
+    let start = open.map_or_else(Vector3::x, |t| across(*t));
     let angle = |t: u32| {
         let away = across(t);
         let angle = libm::atan2(axis.dot(&start.cross(&away)), start.dot(&away));

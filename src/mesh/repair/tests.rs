@@ -187,6 +187,47 @@ fn a_moebius_strip_stays_one_sided() {
     assert!(!health.orientable && !health.is_fit());
 }
 
+/// One side of a surface has points on an edge that the other side has not, and a fan without area makes up for it.
+#[test]
+fn a_row_of_flat_triangles_is_cut_whole() {
+    for count in [1, 5, 50, 300] {
+        let mut mesh = cube();
+        let [a, z, c] = mesh.triangles[0];
+        let (p, q) = (mesh.vertices[a as usize], mesh.vertices[z as usize]);
+        let first = mesh.vertices.len() as u32;
+        // Dyadic shares of a side of length 1 lie on it exactly.
+        mesh.vertices.extend((1..=count).map(|k| p + (q - p) * (f64::from(k) / 512.0)));
+        let chain: Vec<u32> = [a].into_iter().chain(first..first + count).chain([z]).collect();
+        mesh.triangles.swap_remove(0);
+        mesh.triangles.extend(chain.windows(2).map(|w| [w[0], w[1], c]));
+        mesh.triangles.extend(chain[1..].windows(2).map(|w| [a, w[1], w[0]]));
+        let sick = Health::of(&mesh);
+        assert_eq!((sick.zero_area as u32, sick.is_fit()), (count, true), "{:?}", sick.findings);
+        let repaired = plain(&mesh);
+        let health = Health::of(&repaired.mesh);
+        assert_eq!((health.zero_area, health.is_fit(), repaired.changes[0].count as u32), (0, true, count));
+        assert!((health.volume - 1.0).abs() <= 1e-13);
+    }
+}
+
+#[test]
+fn pieces_that_touch_are_not_within_one_another() {
+    // The first vertex of the second cube lies on a wall of the first.
+    let mut mesh = cube();
+    mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+    append(&mut mesh, &cube(), Vector3::y());
+    let repaired = plain(&mesh);
+    assert_eq!((repaired.mesh.volume(), repaired.changes[0].count), (2.0, 12));
+}
+
+#[test]
+fn a_loose_triangle_is_no_hole() {
+    let mut mesh = cube();
+    append(&mut mesh, &TriangleMesh { vertices: cube().vertices, triangles: vec![[0, 1, 2]] }, Vector3::x() * 4.0);
+    let repaired = repair(&mesh, &[], &Options { close_holes: 9, ..Options::default() });
+    assert!(!Health::of(&repaired.mesh).is_fit());
+}
+
 /// Meshes for which the square of their size would be asked for by what walks around a vertex, an edge or a rim, or along
 /// a ray: with it this test would run for hours.
 #[test]
@@ -210,6 +251,7 @@ fn heaps_end() {
         let mesh = TriangleMesh { vertices, triangles };
         let repaired = repair(&mesh, &[], &Options { close_holes: 8, ..Options::default() });
         assert_eq!(crate::testing::check_repaired(&mesh, &[], &repaired), Ok(()), "{name}");
+        assert!(deviation(&mesh, &repaired.mesh).lost.is_none_or(f64::is_finite), "{name}");
     }
 }
 

@@ -45,6 +45,11 @@ impl Working {
         }
     }
 
+    /// The corners of a triangle.
+    pub fn corners(&self, t: usize) -> [Point3<f64>; 3] {
+        self.triangles[t].map(|v| self.vertices[v as usize])
+    }
+
     /// Keeps the triangles for which `keep` holds; gives the others' indices as read.
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool) -> Vec<u32> {
         let mut dropped = Vec::new();
@@ -111,7 +116,8 @@ impl Working {
         let pieces = counted(components.count - 1, "piece", "pieces");
         let message = || {
             let triangles = counted(dropped.len(), "triangle", "triangles");
-            format!("dropped {pieces} of {triangles}, {share:.2} % of the area")
+            let area = if share.is_finite() { format!(", {share:.2} % of the area") } else { String::new() };
+            format!("dropped {pieces} of {triangles}{area}")
         };
         self.note(Step::DroppedPieces, dropped.len(), message, dropped.clone());
     }
@@ -128,6 +134,10 @@ impl Working {
             index[v] = vertices.len() as u32;
             if *used { vertices.push(self.vertices[v]) } else { dropped.push(self.vertex_origin[v]) }
         }
+        // What lives on as a copy was not dropped.
+        let mut lives = vec![false; used.len()];
+        used.iter().zip(&self.vertex_origin).filter(|(used, _)| **used).for_each(|(_, v)| lives[*v as usize] = true);
+        dropped.retain(|v| !lives[*v as usize]);
         let renumber = |v: &mut u32| *v = index[*v as usize];
         self.triangles.iter_mut().flatten().for_each(renumber);
         self.lines.iter_mut().flatten().for_each(renumber);
