@@ -3,7 +3,8 @@
 //! A binary of its own with a single test, because the allocator counts what all threads use.
 
 use peak_alloc::PeakAlloc;
-use pliant::io::read_bytes;
+use pliant::io::{read_bytes, read_bytes_within};
+use pliant::testing::block_file;
 
 #[global_allocator]
 static ALLOCATOR: PeakAlloc = PeakAlloc;
@@ -105,6 +106,49 @@ fn large_dictionary() -> Vec<u8> {
     bytes
 }
 
+/// 65,536 zeros by liblzma, as a chunk of LZMA2 that stands on its own.
+const ZEROS: &[u8] = b"\xe0\xff\xff\x00\x4c\x5d\x00\x00\x6f\xfd\xff\xff\xa3\xb7\xff\x47\x3e\x48\x15\x72\x39\x61\x51\xb8\x92\x28\xe6\xa3\x86\x07\xf9\xee\xe4\x1e\x82\xd3\x2f\xc5\x3a\x3c\x01\x4b\xb1\x7e\xc9\x8a\x8a\x4d\x2f\xa3\x0d\xd9\x7f\xa6\xe3\x8c\x23\x11\x53\xe0\x59\x18\xc5\x75\x8a\xe2\x77\xf8\xb6\x94\x7f\x0c\x6a\xc0\xde\x74\x49\x64\x5c\x9e\x3a\xd1\x00";
+
+/// Files of few bytes that give many, honestly and not; what is used may go with what the file gives.
+fn check_bombs() {
+    const COUNT: usize = 96 * 65_536;
+    let zeros = vec![0; COUNT];
+    let packed = [
+        miniz_oxide::deflate::compress_to_vec_zlib(&zeros, 6),
+        lz4_flex::compress(&zeros),
+        [&ZEROS.repeat(COUNT / 65_536), &[0][..]].concat(),
+    ];
+    drop(zeros);
+    let used = |bytes: &[u8], limit: usize| {
+        let before = ALLOCATOR.current_usage();
+        ALLOCATOR.reset_peak_usage();
+        let code = read_bytes_within(bytes, "a.vtp", limit as u64).err().map(|error| error.code());
+        (code, ALLOCATOR.peak_usage().saturating_sub(before))
+    };
+    let mut noise = 1u32;
+    let garbage: Vec<u8> = std::iter::repeat_with(|| {
+        noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (noise >> 24) as u8
+    })
+    .take(1 << 16)
+    .collect();
+    for (choice, packed) in (0u8..).zip(&packed) {
+        let file = block_file(choice, COUNT as u64, packed);
+        assert!(200 * file.len() < COUNT, "control: {} bytes are no bomb", file.len());
+        let (code, most) = used(&file, COUNT);
+        assert!(code.is_none() && most <= 64 * COUNT + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        let (code, most) = used(&file, COUNT - 1);
+        assert!(code == Some("E044") && most <= 64 * file.len() + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        // It gives more than it declares: reading ends there.
+        let (code, most) = used(&block_file(choice, 3 << 14, packed), COUNT);
+        assert!(code == Some("E042") && most <= 64 * (3 << 14) + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        // It declares as much as its format can give, and gives nothing of it.
+        let file = block_file(choice, 255 * garbage.len() as u64, &garbage);
+        let (code, most) = used(&file, usize::MAX);
+        assert!(code == Some("E042") && most <= 64 * file.len() + (1 << 20), "{choice}: {code:?}, {most} bytes");
+    }
+}
+
 #[test]
 fn memory_is_bounded_by_the_size_of_the_file() {
     ALLOCATOR.reset_peak_usage();
@@ -125,6 +169,7 @@ fn memory_is_bounded_by_the_size_of_the_file() {
             changed[bit / 8] ^= 1 << (bit % 8);
         }
     }
+    check_bombs();
     let bytes = large_dictionary();
     check(&bytes, "dictionary.vtp");
     let text = read_bytes(&bytes, "a").unwrap_err().to_string();

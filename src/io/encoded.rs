@@ -188,6 +188,40 @@ impl<'a> Source<'a> {
     }
 }
 
+/// The number of bytes that a block of lz4 gives, from the lengths of its literals and matches; `None` for a damaged one.
+fn lz4_length(mut bytes: &[u8]) -> Option<usize> {
+    let mut total = 0usize;
+    loop {
+        let (&token, rest) = bytes.split_first()?;
+        let (literals, rest) = lz4_number(token >> 4, rest)?;
+        total = total.checked_add(literals)?;
+        // The last literals have no match behind them.
+        let rest = rest.get(literals..)?;
+        if rest.is_empty() {
+            return Some(total);
+        }
+        let (length, rest) = lz4_number(token & 15, rest.get(2..)?)?;
+        total = total.checked_add(length)?.checked_add(4)?;
+        bytes = rest;
+    }
+}
+
+/// A number of four bits, which goes on in bytes where it is 15.
+fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
+    let mut number = usize::from(first);
+    if first < 15 {
+        return Some((number, bytes));
+    }
+    loop {
+        let (&more, rest) = bytes.split_first()?;
+        number = number.checked_add(usize::from(more))?;
+        bytes = rest;
+        if more < 255 {
+            return Some((number, bytes));
+        }
+    }
+}
+
 /// Decompresses a block of a declared size behind `out`.
 fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>) -> Result<(), Fault> {
     let gain = |gain: u64| {
@@ -204,6 +238,10 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
         }
         Compressor::Lz4 => {
             gain(LZ4_GAIN)?;
+            // Reserving what is declared before it is known to come would let a small file take 255 times its size.
+            if lz4_length(bytes) != Some(wanted) {
+                return Err(Fault::Expected("undamaged lz4 data of the declared size"));
+            }
             let mut block = vec![0; wanted];
             let length = lz4_flex::block::decompress_into(bytes, &mut block)
                 .map_err(|_| Fault::Expected("undamaged lz4 data of the declared size"))?;
@@ -282,6 +320,27 @@ mod tests {
                 let _ = decode(&bytes[..bit / 8], size);
             }
         }
+    }
+
+    #[test]
+    fn the_length_of_lz4_is_known_before_it_is_unpacked() {
+        let mut noise = 1u32;
+        let mut next = || {
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (noise >> 24) as u8
+        };
+        for length in (0..40).chain([270, 271, 5000, 70_000]) {
+            let mixed: Vec<u8> = (0..length).map(|i| if i % 700 < 300 { next() } else { 7 }).collect();
+            for bytes in [vec![0; length], mixed] {
+                let packed = lz4_flex::compress(&bytes);
+                assert_eq!(lz4_length(&packed), Some(length));
+                for end in 0..packed.len() {
+                    let cut = lz4_length(&packed[..end]);
+                    assert!(cut.is_none_or(|n| n <= length), "{end} of {length}: {cut:?}");
+                }
+            }
+        }
+        assert_eq!(lz4_length(b""), None);
     }
 
     #[test]

@@ -112,7 +112,8 @@ pub fn read(path: &Path) -> Result<MeshFile, ReadError> {
     read_within(path, MAX_FILE_BYTES)
 }
 
-/// As [`read`], with a limit of one's own instead of [`MAX_FILE_BYTES`] to the size of the file [bytes].
+/// As [`read`], with a limit of one's own instead of [`MAX_FILE_BYTES`] to the size of the file, and to what its compressed
+/// arrays give together [bytes].
 ///
 /// # Errors
 /// As [`read`].
@@ -135,7 +136,7 @@ pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
     if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
     }
-    read_bytes(&bytes, &name)
+    read_bytes_within(&bytes, &name, limit)
 }
 
 /// Reads a mesh from the bytes of a file; `name` stands in errors and its extension breaks ties.
@@ -143,6 +144,14 @@ pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
 /// # Errors
 /// As [`read`], but for those of the file system.
 pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
+    read_bytes_within(bytes, name, MAX_FILE_BYTES)
+}
+
+/// As [`read_bytes`], with a limit of one's own to what compressed arrays give together [bytes].
+///
+/// # Errors
+/// As [`read`], but for those of the file system.
+pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let format = detect(bytes, name)
         .map_err(|problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)]))?;
@@ -152,7 +161,7 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         Format::StlText => stl::read_text(bytes, name),
         Format::StlBinary => stl::read_binary(bytes, name),
         Format::Vtk => vtk::read(bytes, name),
-        Format::Vtp => vtp::read(bytes, name),
+        Format::Vtp => vtp::read(bytes, name, limit.min(MAX_FILE_BYTES)),
         Format::Off => off::read(bytes, name),
         Format::DirectX => directx::read(bytes, name),
     };

@@ -51,13 +51,19 @@ pub(super) fn base64(bytes: &[u8]) -> Vec<u8> {
     text
 }
 
-/// A file of one triangle or more, whose points are one block of compressed bytes.
+/// A file whose points are one block of compressed bytes.
 ///
 /// The first byte chooses compressor, header, byte order and encoding, the next two the size of the block.
 pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
     let at = |i: usize| bytes.get(i).copied().unwrap_or(0);
-    let (choice, size) = (at(0), u64::from(at(1)) << 4 | u64::from(at(2)) & 15);
-    let payload = bytes.get(3..).unwrap_or_default();
+    block_file(at(0), u64::from(at(1)) << 4 | u64::from(at(2)) & 15, bytes.get(3..).unwrap_or_default())
+}
+
+/// A VTP file of one triangle, whose points are bytes: one compressed block of a declared size.
+///
+/// The two lowest bits of `choice` are the compressor (0: zlib, 1: lz4, 2: LZMA2 without its stream, 3: none), the next
+/// are 64-bit headers, big-endian numbers and base64.
+pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
     let packed = if choice & 3 == 2 { xz(payload) } else { payload.to_vec() };
     let (long, big, encoded) = (choice & 4 != 0, choice & 8 != 0, choice & 16 != 0);
     let number = |n: u64| {

@@ -14,6 +14,7 @@ mod round_trip;
 mod seeds;
 mod subject;
 
+pub use blocks::block_file;
 pub use conformance::{Failure, check, check_constraint};
 pub use controls::{Broken, CONTROLS};
 pub use draw::Draw;

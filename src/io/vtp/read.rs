@@ -4,12 +4,12 @@ use std::borrow::Cow;
 
 use nalgebra::Point3;
 
+use crate::io::MeshFile;
 use crate::io::cursor::{Cursor, beyond_double, coordinate, count, finite, integer};
 use crate::io::encoded::{Compressor, Fault, Layout, Source};
 use crate::io::error::{Place, Problem, ReadError};
 use crate::io::surface::Surface;
 use crate::io::xml::{Tag, Xml};
-use crate::io::{MAX_FILE_BYTES, MeshFile};
 
 /// The type of the numbers of an array.
 #[derive(Clone, Copy)]
@@ -175,8 +175,8 @@ struct Reader<'a> {
 ///
 /// # Errors
 /// Another XML file, an array that is missing, damaged or of another size than declared, an index out of range.
-pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit: MAX_FILE_BYTES };
+pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
+    let layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit };
     let xml = Xml::new(name, bytes);
     let mut reader = Reader { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() };
     let pieces = reader.structure()?;
