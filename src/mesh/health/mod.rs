@@ -15,7 +15,7 @@ pub use finding::{Finding, Kind, Place};
 
 use super::boundary::{Rim, rims};
 use super::coincident::{first_in_place, same_corners};
-use super::measures::{Aabb, smallest_angle};
+use super::measures::{Aabb, smallest_angle, volume};
 use super::orientation::Orientation;
 use super::topology::Topology;
 use super::{TriangleMesh, predicates};
@@ -152,6 +152,14 @@ impl Parts {
         }
     }
 
+    /// The enclosed volume; vertices that nothing names have no part in it, not even in the middle of the box.
+    fn volume(&self, mesh: &TriangleMesh) -> f64 {
+        let (Some(first), false) = (mesh.triangles.first(), self.unused.is_empty()) else { return mesh.volume() };
+        let mut vertices = mesh.vertices.clone();
+        self.unused.iter().for_each(|v| vertices[*v as usize] = mesh.vertices[first[0] as usize]);
+        volume(&vertices, &mesh.triangles)
+    }
+
     fn counts(&self, mesh: &TriangleMesh) -> Health {
         let topology = &self.topology;
         let components = topology.components().count;
@@ -182,7 +190,7 @@ impl Parts {
             unused_vertices: self.unused.len(),
             self_intersections: self.crossings.count,
             self_intersections_complete: self.crossings.complete,
-            volume: mesh.volume(),
+            volume: self.volume(mesh),
             area: mesh.area(),
             lowest: bounds.min.into(),
             highest: bounds.max.into(),
