@@ -219,7 +219,7 @@ fn wrong_overrides_name_themselves() {
         (
             "muscle.0=3",
             "error[E068]: muscle: `muscle.0` is a section, not a value; name one of its keys: name, mesh, \
-          shape, unit, edge_length, material, attachment, fibres, force, displace",
+          shape, unit, repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, force, displace",
         ),
         ("capsule.0.radius=3 mm", "error[E068]: capsule: the scene has no `capsule`; add [[capsule]] to it"),
         ("solver.pbd=on", "error[E056]: solver.pbd: `xpbd` and `pbd` exclude each other; keep either `xpbd` or `pbd`"),
