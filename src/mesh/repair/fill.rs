@@ -52,6 +52,56 @@ pub(super) fn close(working: &mut Working, longest: usize) {
     working.note(Step::ClosedHoles, closed, message, around);
 }
 
+/// Open edges at a vertex beyond this number are not searched for gaps, as the time is that of their square.
+const MOST_OPEN: usize = 64;
+
+/// Closes every gap of three edges between triangles that meet at its corners, before they are taken apart there: what
+/// a missing triangle leaves where the triangle next to it has no other neighbour. Wants rims of three to be closed.
+pub(super) fn close_gaps(working: &mut Working, longest: usize) {
+    if longest < 3 {
+        return;
+    }
+    let topology = topology(working);
+    let mut open: Vec<Vec<(u32, u32)>> = vec![Vec::new(); working.vertices.len()];
+    let mut edges = Vec::new();
+    for e in topology.boundary_edges() {
+        let ([a, b], [t]) = (topology.edges[e as usize], topology.triangles_of_edge(e as usize)) else { continue };
+        edges.push(([a, b], *t));
+        open[a as usize].push((b, *t));
+        open[b as usize].push((a, *t));
+    }
+    open.iter_mut().for_each(|list| list.sort_unstable());
+    let pinched = |v: u32| open[v as usize].len() > 2;
+    let few = |v: u32| open[v as usize].len() <= MOST_OPEN;
+    let (mut used, mut added) = (BTreeSet::new(), Vec::new());
+    for ([a, b], t) in edges {
+        if !(few(a) && few(b) && (pinched(a) || pinched(b))) || used.contains(&[a, b]) {
+            continue;
+        }
+        let third = open[a as usize].iter().find_map(|&(c, s)| {
+            let at = open[b as usize].binary_search_by_key(&c, |(other, _)| *other).ok()?;
+            let all = [t, s, open[b as usize][at].1];
+            // Three edges of one triangle are that triangle, and no gap.
+            let apart = all[0] != all[1] && all[1] != all[2] && all[2] != all[0];
+            let unused = [[a, c], [b, c]].iter().all(|[u, v]| !used.contains(&[*u.min(v), *u.max(v)]));
+            (c != b && apart && unused).then_some(c)
+        });
+        if let Some(c) = third {
+            used.extend([[a, b], [a, c], [b, c]].map(|[u, v]| [u.min(v), u.max(v)]));
+            // Against its neighbour along the first edge; should others disagree, they are turned later.
+            let corners = working.triangles[t as usize];
+            let along = (0..3).any(|k| corners[k] == a && corners[(k + 1) % 3] == b);
+            added.push(if along { [b, a, c] } else { [a, b, c] });
+        }
+    }
+    let around: Vec<u32> = added.iter().flatten().map(|v| working.vertex_origin[*v as usize]).collect();
+    let count = added.len();
+    working.triangle_origin.extend(added.iter().map(|_| None));
+    working.triangles.extend(added);
+    let message = || format!("closed {} between triangles that meet in corners", counted(count, "gap", "gaps"));
+    working.note(Step::ClosedHoles, count, message, around);
+}
+
 /// What a part of a cover costs: first the triangles without area, then the area.
 type Cost = (u32, f64);
 

@@ -89,8 +89,12 @@ pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &Options) -> Rep
     seams::merge(&mut working, options.merge_within);
     working.drop_duplicates();
     // Where surfaces touch, triangles without area cannot be flipped; where such a triangle was, surfaces may touch.
-    for _ in 0..2 {
+    for round in 0..2 {
         flat::cut(&mut working);
+        if round == 0 {
+            // Taken apart, such triangles would be loose pieces, and the gaps between them one hole over which they lie.
+            fill::close_gaps(&mut working, options.close_holes);
+        }
         split::split(&mut working);
     }
     if options.keep_largest {

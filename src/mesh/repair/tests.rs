@@ -221,6 +221,30 @@ fn pieces_that_touch_are_not_within_one_another() {
 }
 
 #[test]
+fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
+    // Of four triangles that divide one, those at the corners are missing: the one in the middle hangs by points.
+    let mut mesh = icosphere(1.0, 3);
+    let whole = mesh.clone();
+    mesh.triangles.drain(100..103);
+    let before = mesh.triangles.clone();
+    let mended = repair(&mesh, &[], &Options { close_holes: 3, ..Options::default() });
+    assert!(Health::of(&mended.mesh).is_fit(), "{:?}", Health::of(&mended.mesh).findings);
+    assert_eq!(mended.mesh.triangles[..before.len()], before);
+    let sorted = |mesh: &TriangleMesh| {
+        let mut all: Vec<[u32; 3]> = mesh.triangles.clone();
+        // From the lowest corner on, so that the sense of rotation counts.
+        all.iter_mut().for_each(|t| (0..2).for_each(|_| if t[0] > t[1] || t[0] > t[2] { t.rotate_left(1) }));
+        all.sort_unstable();
+        all
+    };
+    assert_eq!(sorted(&mended.mesh), sorted(&whole), "the same triangles as before they were removed");
+    assert_eq!(mended.changes.iter().map(|c| (c.step, c.count)).collect::<Vec<_>>(), [(Step::ClosedHoles, 3)]);
+    // Not asked to close holes, it takes the triangle off.
+    let apart = repair(&mesh, &[], &Options::default());
+    assert_eq!(Health::of(&apart.mesh).components, 2);
+}
+
+#[test]
 fn a_loose_triangle_is_no_hole() {
     let mut mesh = cube();
     append(&mut mesh, &TriangleMesh { vertices: cube().vertices, triangles: vec![[0, 1, 2]] }, Vector3::x() * 4.0);
