@@ -8,7 +8,6 @@ use std::io::Read;
 /// How the blocks of an array are compressed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Compressor {
-    None,
     Zlib,
     Lz4,
     Lzma,
@@ -20,7 +19,8 @@ pub(super) struct Layout {
     pub(super) big_endian: bool,
     /// Bytes of a number of the header of an array.
     pub(super) header_bytes: usize,
-    pub(super) compressor: Compressor,
+    /// `None` where the bytes stand as they are.
+    pub(super) compressor: Option<Compressor>,
     /// The most bytes that all arrays together may give.
     pub(super) limit: u64,
 }
@@ -148,8 +148,8 @@ impl<'a> Source<'a> {
 
     /// The bytes of an array, decompressed.
     pub(super) fn array(&mut self, layout: Layout) -> Result<Cow<'a, [u8]>, Fault> {
-        if layout.compressor != Compressor::None {
-            return self.blocks(layout).map(Cow::Owned);
+        if let Some(compressor) = layout.compressor {
+            return self.blocks(layout, compressor).map(Cow::Owned);
         }
         let count = self.number(layout)?;
         let possible = self.room() as u64;
@@ -160,7 +160,7 @@ impl<'a> Source<'a> {
     }
 
     /// Compressed: the number of blocks, the size of each, that of a last one that is shorter, all compressed sizes.
-    fn blocks(&mut self, layout: Layout) -> Result<Vec<u8>, Fault> {
+    fn blocks(&mut self, layout: Layout, compressor: Compressor) -> Result<Vec<u8>, Fault> {
         let blocks = self.number(layout)?;
         if blocks == 0 {
             return Ok(Vec::new());
@@ -182,7 +182,7 @@ impl<'a> Source<'a> {
         for (i, &packed) in packed.iter().enumerate() {
             let wanted = if (i as u64) < full { size } else { last };
             let bytes = self.take(usize::try_from(packed).map_err(|_| Fault::Short)?)?;
-            unpack(layout.compressor, &bytes, wanted as usize, &mut out)?;
+            unpack(compressor, &bytes, wanted as usize, &mut out)?;
         }
         Ok(out)
     }
@@ -230,7 +230,6 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
         if declared > possible { Err(Fault::TooMany { declared, possible }) } else { Ok(()) }
     };
     let block = match compressor {
-        Compressor::None => bytes.to_vec(),
         Compressor::Zlib => {
             gain(ZLIB_GAIN)?;
             miniz_oxide::inflate::decompress_to_vec_zlib_with_limit(bytes, wanted)
@@ -271,7 +270,7 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
 mod tests {
     use super::*;
 
-    const PLAIN: Layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit: 1 << 20 };
+    const PLAIN: Layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit: 1 << 20 };
 
     #[test]
     fn base64_with_padding_inside_and_white_space() {
@@ -345,7 +344,7 @@ mod tests {
 
     #[test]
     fn sizes_that_cannot_be_are_refused() {
-        let zlib = Layout { compressor: Compressor::Zlib, ..PLAIN };
+        let zlib = Layout { compressor: Some(Compressor::Zlib), ..PLAIN };
         let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
         let array = |w: &[u32], layout| Source::new(&words(w), false).array(layout).map(Cow::into_owned);
         assert_eq!(array(&[9, 0], PLAIN), Err(Fault::TooMany { declared: 9, possible: 4 }));
@@ -355,7 +354,7 @@ mod tests {
         assert!(matches!(array(&[1, 1 << 20, 0, 4, 0], zlib), Err(Fault::TooMany { .. })));
         assert_eq!(array(&[1, 8, 0, 400, 0], zlib), Err(Fault::Short));
         for compressor in [Compressor::Zlib, Compressor::Lz4, Compressor::Lzma] {
-            assert!(array(&[1, 8, 0, 4, 0xffff_ffff], Layout { compressor, ..PLAIN }).is_err());
+            assert!(array(&[1, 8, 0, 4, 0xffff_ffff], Layout { compressor: Some(compressor), ..PLAIN }).is_err());
         }
     }
 }

@@ -110,11 +110,10 @@ impl Corners {
         }
         let slot = self.slot(&position);
         let next = self.surface.vertices.len() as u32;
-        match self.slots.get_mut(slot) {
-            Some(free) if *free == FREE => *free = next,
-            Some(known) => return *known,
-            None => {}
+        if self.slots[slot] != FREE {
+            return self.slots[slot];
         }
+        self.slots[slot] = next;
         self.surface.vertices.push(position);
         next
     }

@@ -176,7 +176,7 @@ struct Reader<'a> {
 /// # Errors
 /// Another XML file, an array that is missing, damaged or of another size than declared, an index out of range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
-    let layout = Layout { big_endian: false, header_bytes: 4, compressor: Compressor::None, limit };
+    let layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit };
     let xml = Xml::new(name, bytes);
     let mut reader = Reader { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() };
     let pieces = reader.structure()?;
@@ -248,10 +248,10 @@ impl<'a> Reader<'a> {
             Some(other) => return Err(self.expected("UInt32 or UInt64", other)),
         };
         self.layout.compressor = match tag.attribute("compressor") {
-            None | Some(b"") => Compressor::None,
-            Some(b"vtkZLibDataCompressor") => Compressor::Zlib,
-            Some(b"vtkLZ4DataCompressor") => Compressor::Lz4,
-            Some(b"vtkLZMADataCompressor") => Compressor::Lzma,
+            None | Some(b"") => None,
+            Some(b"vtkZLibDataCompressor") => Some(Compressor::Zlib),
+            Some(b"vtkLZ4DataCompressor") => Some(Compressor::Lz4),
+            Some(b"vtkLZMADataCompressor") => Some(Compressor::Lzma),
             Some(other) => return Err(self.expected("the compressor of VTK for zlib, lz4 or LZMA", other)),
         };
         Ok(())
@@ -447,20 +447,20 @@ impl<'a> Reader<'a> {
         let mut words = Cursor::new("", text);
         let cursor = self.xml.cursor;
         let place = cursor.offset_of(text).or(cursor.offset_of(array.tag)).unwrap_or_default();
-        let mut values = if real { Values::Real(Vec::new()) } else { Values::Whole(Vec::new()) };
+        let (mut reals, mut wholes) = (Vec::new(), Vec::new());
         while let Some(word) = words.token() {
-            let read = match &mut values {
-                Values::Real(values) => coordinate(word, self.surface.vertices.len() + values.len() / 3).map(|value| {
-                    if beyond_double(word, value) {
-                        self.surface.underflow(&|| cursor.place_of(cursor.offset_of(word).unwrap_or(place), true));
-                    }
-                    values.push(value);
-                }),
-                Values::Whole(values) => integer(word).map(|value| values.push(value)),
-                Values::Bytes { .. } => Ok(()),
-            };
-            read.map_err(|problem| self.xml.fail(problem, word))?;
+            if real {
+                let value = coordinate(word, self.surface.vertices.len() + reals.len() / 3);
+                let value = value.map_err(|problem| self.xml.fail(problem, word))?;
+                if beyond_double(word, value) {
+                    self.surface.underflow(&|| cursor.place_of(cursor.offset_of(word).unwrap_or(place), true));
+                }
+                reals.push(value);
+            } else {
+                wholes.push(integer(word).map_err(|problem| self.xml.fail(problem, word))?);
+            }
         }
+        let values = if real { Values::Real(reals) } else { Values::Whole(wholes) };
         Ok(Numbers { array, values, place, text: true })
     }
 
