@@ -261,6 +261,19 @@ mod tests {
     }
 
     #[test]
+    fn what_is_skipped_ends_with_the_file() {
+        let mut cursor = Cursor::new("", b"a b\nc\nd");
+        cursor.skip_tokens(2);
+        assert_eq!(cursor.peek(), Some(&b"c"[..]));
+        cursor.skip_lines(2);
+        assert_eq!(cursor.peek(), Some(&b"d"[..]));
+        let mut lines = cursor;
+        cursor.skip_tokens(usize::MAX);
+        lines.skip_lines(usize::MAX);
+        assert_eq!([cursor, lines].map(|c| (c.position(), c.place())), [(7, Place::Line(3)), (7, Place::Line(4))]);
+    }
+
+    #[test]
     fn a_part_of_the_file_has_a_column() {
         let text = "v 1\n\u{e9} x 2";
         let cursor = Cursor::new("a", text.as_bytes());

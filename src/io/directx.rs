@@ -261,6 +261,27 @@ mod tests {
     }
 
     #[test]
+    fn braces_inside_a_template_are_part_of_it() {
+        let template = "template T { { Mesh } [ { a } ] Mesh }";
+        let file = read_bytes(format!("xof 0302txt 0064 {template} {MESH}").as_bytes(), "a").unwrap();
+        assert_eq!((file.mesh.vertices.len(), file.mesh.triangles.len()), (4, 3));
+        let cut = error("xof 0302txt 0064\ntemplate T { { a }\n");
+        assert!(cut.starts_with("a.x:3: error[E041]: the file ends too early, in a template;"), "{cut}");
+    }
+
+    #[test]
+    fn an_identity_changes_no_bit() {
+        let mesh = MESH.replace(" 0.0;0.0;0.0;,", " -0.0;0.1;1e-320;,");
+        let matrix = "FrameTransformMatrix { 1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1;; }";
+        let text = format!("xof 0302txt 0064 Frame {{ {matrix} {mesh} }}");
+        let corner = read_bytes(text.as_bytes(), "a").unwrap().mesh.vertices[0];
+        assert_eq!([corner.x, corner.y, corner.z].map(f64::to_bits), [-0.0f64, 0.1, 1e-320].map(f64::to_bits));
+        // Outside of all frames there is nothing that a matrix could move.
+        let text = format!("xof 0302txt 0064 {} {MESH}", matrix.replace("0,0,0,1;;", "5,0,0,1;;"));
+        assert_eq!(read_bytes(text.as_bytes(), "a").unwrap().mesh.vertices[1].x, 1.0);
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         let whole = format!("xof 0302txt 0064\n{MESH}");
         let wrong = error(&whole.replace("3;0,1,2;,\n", "3;0,1,4;,\n"));

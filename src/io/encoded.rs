@@ -343,6 +343,36 @@ mod tests {
     }
 
     #[test]
+    fn blocks_follow_one_another_and_the_last_may_be_shorter() {
+        let all: Vec<u8> = (0..250).collect();
+        let array = |last: u32, parts: &[&[u8]]| {
+            let packed: Vec<Vec<u8>> =
+                parts.iter().map(|part| miniz_oxide::deflate::compress_to_vec_zlib(part, 6)).collect();
+            let head = [parts.len() as u32, 100, last].into_iter().chain(packed.iter().map(|part| part.len() as u32));
+            let bytes = [head.flat_map(u32::to_le_bytes).collect(), packed.concat()].concat();
+            let layout = Layout { compressor: Some(Compressor::Zlib), ..PLAIN };
+            Source::new(&bytes, false).array(layout).map(Cow::into_owned)
+        };
+        assert_eq!(array(50, &[&all[..100], &all[100..200], &all[200..]]).as_ref(), Ok(&all));
+        assert_eq!(array(0, &[&all[..100], &all[100..200]]).as_deref(), Ok(&all[..200]));
+        let other = Err(Fault::Expected("a block of the declared size"));
+        assert_eq!(array(50, &[&all[..99], &all[99..149]]), other);
+        assert_eq!(array(50, &[&all[..100], &all[100..149]]), other);
+    }
+
+    #[test]
+    fn a_match_of_lz4_before_the_block_is_refused() {
+        let decode = |offset: u8| {
+            // One letter, a match of four bytes at this distance, five letters.
+            let bytes = [0x10, b'a', offset, 0, 0x50, b'b', b'c', b'd', b'e', b'f'];
+            let mut out = Vec::new();
+            unpack(Compressor::Lz4, &bytes, 10, &mut out).map(|()| out)
+        };
+        assert_eq!(decode(1), Ok(b"aaaaabcdef".to_vec()));
+        assert_eq!(decode(2), Err(Fault::Expected("undamaged lz4 data of the declared size")));
+    }
+
+    #[test]
     fn sizes_that_cannot_be_are_refused() {
         let zlib = Layout { compressor: Some(Compressor::Zlib), ..PLAIN };
         let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();

@@ -422,6 +422,29 @@ mod tests {
     }
 
     #[test]
+    fn a_message_has_no_place_and_no_quote() {
+        let content = ReadError::Content {
+            file: "a.vtp".into(),
+            place: Place::Line(7),
+            column: Some(3),
+            read_as: None,
+            problem: Problem::DecimalComma,
+            within: "".into(),
+            found: "1,5".into(),
+        };
+        let content = content.within("the array of Points of piece 1".into()).with_format(Format::Vtp);
+        let message = "not a number; decimal comma? Write a point, in the array of Points of piece 1; \
+            the content is VTK XML, whatever the name says";
+        assert_eq!(content.message(), message);
+        let io = || ReadError::Io { file: "a.obj".into(), source: std::io::Error::other("no") };
+        assert_eq!(io().message(), "a.obj: cannot be read: no");
+        let terse = "a.obj: error[E060]: cannot be read: no; check the path and whether you may read it";
+        assert_eq!(io().terse(), terse);
+        // The operating system knows no format and no part of a file.
+        assert_eq!(io().with_format(Format::Obj).within("x".into()).terse(), terse);
+    }
+
+    #[test]
     fn a_quote_is_short_and_never_splits_the_message() {
         let text = quote(&[0xff; 500]);
         assert_eq!(text.chars().count(), QUOTED_BYTES + 1);

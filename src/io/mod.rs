@@ -259,6 +259,7 @@ mod tests {
         let mesh = read_bytes(OBJ.as_bytes(), "no extension").unwrap();
         assert_eq!((mesh.mesh.triangles.as_slice(), mesh.format), (&[[0, 1, 2]][..], Some(Format::Obj)));
         assert!(mesh.warnings.is_empty());
+        assert_eq!(Ok(&mesh), read_bytes(OBJ.as_bytes(), "a.txt").as_ref().map_err(ReadError::terse), "no promise");
         let mut misnamed = read_bytes(OBJ.as_bytes(), "wrong.ply").unwrap();
         let lines: Vec<String> = misnamed.warnings.iter().map(|w| w.terse("wrong.ply")).collect();
         assert_eq!(lines, ["wrong.ply: warning[W010]: the name says PLY, the content is OBJ"]);
@@ -287,6 +288,17 @@ mod tests {
         assert!(read_within(&path, OBJ.len() as u64).is_ok());
         let text = read_within(&path, 10).unwrap_err().to_string();
         assert!(text.contains("bytes, more than the limit of 10"), "{text}");
+    }
+
+    /// A device says that it has no bytes and gives as many as are asked for.
+    #[cfg(unix)]
+    #[test]
+    fn the_limit_holds_where_the_length_is_not_known() {
+        let text = read_within(Path::new("/dev/zero"), 10).unwrap_err().terse();
+        assert!(
+            text.starts_with("/dev/zero: error[E044]: the file has 11 bytes, more than the limit of 10;"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -193,6 +193,7 @@ mod tests {
         assert_eq!(surface.triangles, [[5, 6, 7], [5, 7, 8], [0, 1, 2], [2, 1, 3]]);
         assert_eq!(surface.polygon(&[1, 2], NOWHERE), Err(Problem::TooFewCorners { got: 2, wanted: 3 }));
         assert_eq!(surface.line(&[1]), Err(Problem::TooFewCorners { got: 1, wanted: 2 }));
+        assert_eq!(surface.strip(&[0, 1], NOWHERE), Err(Problem::TooFewCorners { got: 2, wanted: 3 }));
         let many: Vec<u32> = (0..=MAX_CORNERS as u32).collect();
         assert!(surface.polygon(&many[1..], NOWHERE).is_ok());
         let (got, limit) = (MAX_CORNERS + 1, MAX_CORNERS);
@@ -204,6 +205,10 @@ mod tests {
         let mut surface = Surface::default();
         surface.polygon(&[0, 1, 1, 2], NOWHERE).unwrap();
         assert_eq!((surface.triangles.len(), surface.warnings.count(Warning::RepeatedCorner)), (1, 1));
+        // Of this polygon no triangle is left that could be flat or not.
+        surface.polygon(&[0, 1, 0, 1], NOWHERE).unwrap();
+        assert_eq!((surface.triangles.len(), surface.warnings.count(Warning::RepeatedCorner)), (1, 3));
+        assert_eq!((surface.warnings.count(Warning::NotFlatOrConvex), surface.ahead.len()), (0, 1));
     }
 
     /// Whether one polygon at a scale and place is warned of.

@@ -212,6 +212,9 @@ mod tests {
         let none = PolyData { points: &points, point_data: vec![("a", Vec::new())], ..Default::default() };
         assert!(write(&path, &none).is_err());
         assert!(!path.exists());
-        write(&scratch("empty.vtp"), &PolyData::default()).unwrap();
+        let path = scratch("empty.vtp");
+        write(&path, &PolyData { point_data: vec![("a", Vec::new())], ..Default::default() }).unwrap();
+        let text = std::fs::read_to_string(&*path).unwrap();
+        assert!(text.contains("Name=\"a\" NumberOfComponents=\"1\""), "{text}");
     }
 }

@@ -151,5 +151,13 @@ mod tests {
         ];
         assert_eq!(lines, wanted);
         assert_eq!((warnings.count(Warning::RepeatedCorner), warnings.count(Warning::NotFlatOrConvex)), (2, 0));
+        let all = [Warning::Underflow, Warning::NotFlatOrConvex, Warning::RepeatedCorner, other];
+        let help = [
+            "give such coordinates a larger unit if they matter",
+            "export triangles if another split is meant",
+            "nothing is lost: it had no area",
+            "rename the file",
+        ];
+        assert_eq!(all.map(|warning| warning.help()), help);
     }
 }

@@ -96,6 +96,9 @@ mod tests {
                 assert_eq!(read.lines.len(), parts, "{ending}");
             }
         }
+        let path = scratch("write.ply");
+        write(&path, &mesh, &[], Encoding::Text).unwrap();
+        assert!(!std::fs::read_to_string(&*path).unwrap().contains("edge"), "no element without its records");
         let error = write(Path::new("a.off"), &mesh, &[], Encoding::Text).unwrap_err().to_string();
         assert_eq!(error, "a.off: the ending names no format that can be written");
         let error = write(Path::new("no/such/folder/a.obj"), &mesh, &[], Encoding::Text).unwrap_err().to_string();

@@ -127,6 +127,8 @@ mod tests {
         assert!(c.empty && !c.closes && c.name == b"c");
         assert!(xml.tag().unwrap().unwrap().closes);
         assert!(xml.tag().unwrap().is_none());
+        let bare = Xml::new("", b"<a x=1 y='1'>").tag().unwrap().unwrap();
+        assert_eq!((bare.attribute("x"), bare.attribute("y")), (None, None), "a value without quotes");
         for wrong in ["<a", "<a x=\">", "<!-- x", "<?xml", "<!DOCTYPE a>"] {
             assert!(Xml::new("", wrong.as_bytes()).tag().is_err(), "{wrong}");
         }

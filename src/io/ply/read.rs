@@ -604,5 +604,17 @@ mod tests {
         assert!(error("comment c", "hello").contains("a:3: expected format, comment, element"));
         assert!(error("property float x", "property float u").contains("properties x, y and z"));
         assert!(error("vertex_indices", "indices").contains("a list vertex_indices"));
+        assert!(
+            error("property float x", "property list uchar float x").contains("expected numbers x, y and z, not lists")
+        );
+    }
+
+    #[test]
+    fn coordinates_too_small_for_a_double_are_counted() {
+        let file = read_bytes(text().replace("1 0.1 0", "-1e-400 1e-999 0").as_bytes(), "a").unwrap();
+        let lines: Vec<String> = file.warnings.iter().map(|w| w.terse("a")).collect();
+        assert_eq!(lines[0], "a:13: warning[W001]: 2 coordinates too small for a double became 0");
+        let vertex = file.mesh.vertices[1];
+        assert_eq!([vertex.x, vertex.y].map(f64::to_bits), [-0.0f64, 0.0].map(f64::to_bits));
     }
 }

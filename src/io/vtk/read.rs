@@ -499,6 +499,8 @@ mod tests {
         assert!(error("POINTS 1 float\n0 nan 0").contains("a:10: vertex 4 has a coordinate that is not finite"));
         assert!(error("POINTS 1 quad\n0 0 0").contains("a:9: expected a type such as"));
         assert!(error("hello").contains("a:9: expected POINTS, POLYGONS"));
+        let unused = error("POLYGONS 2 4\nOFFSETS int\n0 3\nCONNECTIVITY int\n0 1 2 3\n");
+        assert_eq!(unused, "a:13: the size of the cells does not fit: 4 declared, 3 used (found '3')");
         let other = SQUARE.replace("polydata", "STRUCTURED_GRID");
         let text = read_bytes(other.as_bytes(), "a").unwrap_err().to_string();
         assert!(text.contains("a:5: expected POLYDATA or UNSTRUCTURED_GRID: other data sets"), "{text}");
@@ -527,6 +529,72 @@ mod tests {
         let expected =
             format!("a: offset {:#x}: vertex 0 has a coordinate that is not finite (found 'inf')", start + 8);
         assert_eq!(text, expected);
+    }
+
+    const BINARY: &str = "# vtk DataFile Version 4.2\nt\nBINARY\nDATASET POLYDATA\n";
+
+    /// A triangle of points in a type of numbers; behind the type there may be more white space than a line feed.
+    fn triangle(kind: &str, numbers: impl Fn(i8) -> Vec<u8>) -> Vec<u8> {
+        let mut bytes = format!("{BINARY}POINTS 3 {kind} \t\r\n").into_bytes();
+        bytes.extend([0, 0, 0, 1, 0, 0, 0, 1, -2].into_iter().flat_map(numbers));
+        bytes.extend(b"\nPOLYGONS 1 4\n");
+        bytes.extend([3i32, 0, 1, 2].iter().flat_map(|i| i.to_be_bytes()));
+        bytes
+    }
+
+    #[test]
+    fn every_type_of_binary_numbers_is_read() {
+        type Encode = fn(i8) -> Vec<u8>;
+        let kinds: [(&str, Encode, f64); 15] = [
+            ("char", |i| i.to_be_bytes().into(), -2.),
+            ("signed_char", |i| i.to_be_bytes().into(), -2.),
+            ("unsigned_char", |i| i.to_be_bytes().into(), 254.),
+            ("short", |i| i16::from(i).to_be_bytes().into(), -2.),
+            ("unsigned_short", |i| (i as u16).to_be_bytes().into(), 65_534.),
+            ("int", |i| i32::from(i).to_be_bytes().into(), -2.),
+            ("vtkIdType", |i| i32::from(i).to_be_bytes().into(), -2.),
+            ("unsigned_int", |i| (i as u32).to_be_bytes().into(), 4_294_967_294.),
+            ("long", |i| i64::from(i).to_be_bytes().into(), -2.),
+            ("vtktypeint64", |i| i64::from(i).to_be_bytes().into(), -2.),
+            // What needs 64 bits becomes the largest of 63.
+            ("unsigned_long", |i| (i as u64).to_be_bytes().into(), i64::MAX as f64),
+            ("vtktypeuint64", |i| (i as u64).to_be_bytes().into(), i64::MAX as f64),
+            ("float", |i| f32::from(i).to_be_bytes().into(), -2.),
+            ("double", |i| f64::from(i).to_be_bytes().into(), -2.),
+            ("DOUBLE", |i| (f64::from(i) / 4.0).to_be_bytes().into(), -0.5),
+        ];
+        for (kind, encode, last) in kinds {
+            let file = read_bytes(&triangle(kind, encode), "a").unwrap();
+            assert_eq!(file.mesh.vertices[2].z, last, "{kind}");
+            assert_eq!(file.mesh.triangles, [[0, 1, 2]], "{kind}");
+        }
+    }
+
+    #[test]
+    fn errors_in_binary_numbers_name_their_offset() {
+        let error = |bytes: &[u8]| read_bytes(bytes, "a").unwrap_err().to_string();
+        let mut bytes = triangle("char", |i| i.to_be_bytes().into());
+        let last = bytes.len() - 1;
+        bytes[last] = 9;
+        let out = "vertex index 9 is out of range: there are 3 vertices (found '9')";
+        assert_eq!(error(&bytes), format!("a: offset {:#x}: {out}", last - 3));
+        let start = BINARY.len();
+        let text = error(format!("{BINARY}POINTS 3 float  x\n").as_bytes());
+        assert_eq!(text, format!("a: offset {:#x}: expected the end of the line (found 'x')", start + 16));
+        let text = error(format!("{BINARY}POINTS 3 bit\n\0\0").as_bytes());
+        assert_eq!(text, format!("a: offset {:#x}: expected numbers of another type here", start + 12));
+        let text = error(format!("{BINARY}POLYGONS 2 3\nOFFSETS double\n{}", "\0".repeat(16)).as_bytes());
+        assert_eq!(text, format!("a: offset {:#x}: expected numbers of another type here", start + 27));
+    }
+
+    #[test]
+    fn metadata_between_the_arrays_of_a_field_are_skipped() {
+        let metadata = "METADATA\nINFORMATION 1\nNAME L2 LOCATION v\n\n";
+        let tail = format!("FIELD f 2\na 1 1 int\n1\n{metadata}{metadata}b 1 1 int\n2\nPOLYGONS 1 4\n3 0 1 2\n");
+        let file = read_bytes(format!("{SQUARE}{tail}").as_bytes(), "").unwrap();
+        assert_eq!(file.mesh.triangles, [[0, 1, 2]]);
+        let cut = error("FIELD f 2\na 1 1 int\n1\nMETADATA\n");
+        assert_eq!(cut, "a:13: expected the name of an array");
     }
 
     fn with_strings() -> Vec<u8> {
