@@ -82,6 +82,28 @@ impl EnclosedVolume {
         self.target
     }
 
+    /// The triangles that enclose it.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
+    /// Its compliance [m^6/J].
+    pub fn compliance(&self) -> f64 {
+        self.compliance
+    }
+
+    /// Moves `x` along `field` until the volume is at its target exactly; returns the multiple of `field`.
+    ///
+    /// # Errors
+    /// No multiple near zero does it; nothing is moved.
+    pub fn retract(&self, x: &mut [Point3<f64>], field: &[Vector3<f64>]) -> Result<f64, Unsolvable> {
+        let (excess, gradient) = self.value_and_gradient(x);
+        let found = self.solve_along(x, &gradient, field, -excess, 0.0);
+        let multiple = found.ok_or(Unsolvable { volume: excess + self.target, target: self.target })?;
+        x.iter_mut().zip(field).for_each(|(x, d)| *x += d * multiple);
+        Ok(multiple)
+    }
+
     /// C(x), in any number.
     pub fn value<S: super::Scalar>(&self, x: &[Point3<S>]) -> S {
         let mut six = S::zero();

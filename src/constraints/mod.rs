@@ -9,6 +9,7 @@ pub mod batch;
 pub mod enclosed_volume;
 pub mod order;
 mod scalar;
+pub mod second;
 
 pub use batch::{Batch, Project, Residual};
 pub use enclosed_volume::EnclosedVolume;

@@ -6,6 +6,7 @@
 pub mod capsule;
 mod nearest;
 mod response;
+mod row;
 pub mod surface;
 mod triangles;
 pub mod untangle;
@@ -16,6 +17,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 pub use response::{Barred, Contacts, Counts};
+pub use row::Row;
 pub use surface::Surface;
 
 use crate::mesh::measures::Aabb;

@@ -2,11 +2,12 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+use super::row::Row;
 use super::surface::Surface;
 use super::triangles::{TriangleContacts, plane_row};
-use super::vertices::{Row, VertexContacts};
+use super::vertices::{self, VertexContacts};
 use super::{Obstacle, Placed};
-use crate::constraints::Constraint;
+use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::particles::Particles;
@@ -224,12 +225,35 @@ impl Contacts {
         }
     }
 
+    /// The distance kept between muscle and bone [m].
+    pub fn thickness(&self) -> f64 {
+        self.thickness
+    }
+
+    /// The planes over which vertices near a bone, and triangles near a bone vertex, must stay, as of the last push.
+    pub fn near_rows(&self) -> Vec<Row> {
+        let vertices = self.vertices.iter().flat_map(|c| &c.rows).map(|row| Row {
+            terms: [(row.vertex, 1.0), (row.vertex, 0.0), (row.vertex, 0.0)],
+            normal: row.normal,
+            origin: row.origin,
+            distance: self.thickness,
+        });
+        let active = self.triangles.iter().flat_map(|c| &c.active);
+        let triangles = active.map(|row| Row {
+            terms: std::array::from_fn(|k| (row.points[k], row.weights[k])),
+            normal: -row.normal,
+            origin: row.origin,
+            distance: row.thickness,
+        });
+        vertices.chain(triangles).collect()
+    }
+
     /// The directions that contact bars to vertices at `x`.
     pub fn barred(&self, x: &[Point3<f64>]) -> Barred {
         let rows = self.vertices.iter().flat_map(|c| &c.rows);
         let touching = rows.filter(|r| r.height(x) < 1.5 * self.thickness).map(|r| (r.vertex, r.normal));
         let active = self.triangles.iter().flat_map(|c| &c.active);
-        let corners = active.flat_map(|(points, normal)| points.map(|v| (v, -normal)));
+        let corners = active.flat_map(|row| row.points.map(|v| (v, -row.normal)));
         Barred(touching.chain(corners).collect())
     }
 
@@ -256,7 +280,7 @@ impl Contacts {
         // Triangles likewise: what a bone vertex pushed away does not fly off.
         for (contacts, &o) in self.triangles.iter().zip(&self.obstacles) {
             let carried = placed[o].before * placed[o].now.inverse();
-            for (points, normal) in &contacts.active {
+            for TriangleContact { points, normal, .. } in &contacts.active {
                 for v in points.map(|v| v as usize) {
                     if particles.inverse_mass[v] > 0.0 {
                         let x = particles.position[v];
@@ -349,7 +373,7 @@ fn two_lowest(heights: &[f64]) -> f64 {
 }
 
 /// Pushes a vertex over its row; returns by how much [m].
-fn push(row: &mut Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
+fn push(row: &mut vertices::Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
     let lack = thickness - row.height(x);
     if lack > 0.0 {
         x[row.vertex as usize] += row.normal * lack;

@@ -49,8 +49,8 @@ pub(super) struct TriangleContacts {
     /// The triangle that was nearest to each vertex when it was last looked up.
     nearest: Vec<u32>,
     watched: Vec<Watched>,
-    /// Triangles pushed in this step, with the direction that is barred to them.
-    pub active: Vec<([u32; 3], Vector3<f64>)>,
+    /// Rows by which triangles were pushed in this step.
+    pub active: Vec<TriangleContact>,
     thickness: f64,
     /// Vertices looked up at the last refit, with what each bound was worth beyond the travel of that time.
     looked: Vec<(u32, f64)>,
@@ -179,7 +179,7 @@ impl TriangleContacts {
                 particles.position[v as usize] -= g * (w * c / weight);
             }
             largest = largest.max(-c);
-            self.active.push((row.points, row.normal));
+            self.active.push(row);
         }
         largest
     }
@@ -239,7 +239,7 @@ impl TriangleContacts {
     pub fn bytes(&self) -> usize {
         self.wake.capacity() * (8 + 16 + 4)
             + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
-            + self.active.capacity() * std::mem::size_of::<([u32; 3], Vector3<f64>)>()
+            + self.active.capacity() * std::mem::size_of::<TriangleContact>()
     }
 }
 

@@ -28,6 +28,28 @@ pub fn tree_sum_by(count: usize, value: impl Fn(usize) -> f64 + Sync) -> f64 {
     }
 }
 
+/// A sum that carries what rounding lost \[neumaier1974\]: for numbers that come one by one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Compensated {
+    sum: f64,
+    lost: f64,
+}
+
+impl Compensated {
+    /// Adds a number.
+    #[inline]
+    pub fn add(&mut self, value: f64) {
+        let sum = self.sum + value;
+        self.lost += if self.sum.abs() >= value.abs() { (self.sum - sum) + value } else { (value - sum) + self.sum };
+        self.sum = sum;
+    }
+
+    /// The sum so far.
+    pub fn total(&self) -> f64 {
+        self.sum + self.lost
+    }
+}
+
 fn block_sum(start: usize, end: usize, value: &impl Fn(usize) -> f64) -> f64 {
     let mut lanes = [0.0; LANES];
     let whole = start + (end - start) / LANES * LANES;
@@ -75,6 +97,14 @@ mod tests {
         let error = |sum: f64| (sum - 1e5).abs();
         let in_turn: f64 = std::iter::repeat_n(0.1, count).sum();
         assert!(error(tree_sum_by(count, |_| 0.1)) < 1e-2 * error(in_turn));
+    }
+
+    #[test]
+    fn a_compensated_sum_keeps_what_cancels() {
+        let mut sum = Compensated::default();
+        [1e16, 1.0, -1e16, 0.5].into_iter().for_each(|v| sum.add(v));
+        assert_eq!(sum.total(), 1.5);
+        assert_ne!([1e16, 1.0, -1e16, 0.5].into_iter().sum::<f64>(), 1.5);
     }
 
     proptest! {

@@ -212,6 +212,10 @@ fn solver(solver: &Solver) -> String {
              tolerance {}",
             s.substeps, s.iterations, s.stretch, s.bending, s.volume, s.velocity_damping, s.order, s.tolerance
         ),
+        Solver::QuasiStatic(s) => format!(
+            "quasi-static: substeps {}, iterations at most {}, tolerance {} of the force of a strain of one",
+            s.substeps, s.iterations, s.tolerance
+        ),
     }
 }
 
@@ -269,7 +273,7 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
     }
     let unconverged = s.frames_not_converged;
     say("every frame is converged", format!("{unconverged} frames are not"), unconverged == 0);
-    if plan.volume && scene.muscles[m].material.bulk.is_none() && matches!(scene.solver, Solver::Xpbd(_)) {
+    if plan.volume && scene.muscles[m].material.bulk.is_none() && !matches!(scene.solver, Solver::Pbd(_)) {
         let kept = s.volume_error_max <= VOLUME_HELD;
         say("volume error at most 1e-6", format!("{:.1e}", s.volume_error_max), kept);
     }

@@ -255,6 +255,57 @@ pub enum Solver {
     Xpbd(Xpbd),
     /// Classic position-based dynamics with stiffness 0..1, for comparison.
     Pbd(Pbd),
+    /// Equilibrium at every frame, without mass and velocity.
+    QuasiStatic(QuasiStatic),
+}
+
+impl Solver {
+    /// Steps a frame.
+    pub fn substeps(&self) -> u32 {
+        match self {
+            Self::Xpbd(s) => s.substeps,
+            Self::Pbd(s) => s.substeps,
+            Self::QuasiStatic(s) => s.substeps,
+        }
+    }
+
+    /// Sweeps or iterations a step, at most.
+    pub fn iterations(&self) -> u32 {
+        match self {
+            Self::Xpbd(s) => s.iterations,
+            Self::Pbd(s) => s.iterations,
+            Self::QuasiStatic(s) => s.iterations,
+        }
+    }
+
+    /// Largest relative residual at which a frame counts as converged.
+    pub fn tolerance(&self) -> f64 {
+        match self {
+            Self::Xpbd(s) => s.tolerance,
+            Self::Pbd(s) => s.tolerance,
+            Self::QuasiStatic(s) => s.tolerance,
+        }
+    }
+
+    /// Order of a sweep; a solver without sweeps has none.
+    pub fn order(&self) -> Order {
+        match self {
+            Self::Xpbd(s) => s.order,
+            Self::Pbd(s) => s.order,
+            Self::QuasiStatic(_) => Order::default(),
+        }
+    }
+}
+
+/// Settings of the quasi-static solver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuasiStatic {
+    /// Equilibria a frame, the bones moving between them.
+    pub substeps: u32,
+    /// Iterations a step, at most.
+    pub iterations: u32,
+    /// Largest force left, as a share of that of a strain of one, at which a frame counts as converged.
+    pub tolerance: f64,
 }
 
 /// Settings of small-step XPBD.

@@ -20,7 +20,7 @@ Change the scene before it is checked: PATH=VALUE
   --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
   --set effects.contact=off               remove a section or a key (none or off)
   --set effects.stretch=on                add a section that needs no keys
-  --set solver=pbd                        change the solver, with its default settings
+  --set solver=quasi_static               change the solver, with its default settings
 Texts need no quotes. May be given several times; the last one wins.";
 
 /// One segment of a path.
@@ -128,7 +128,7 @@ fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
         return put(&["solver"], path);
     }
     let in_use = match root.get("solver").map(|e| &e.node.value) {
-        Some(Value::Table(solver)) if solver.get("pbd").is_some() => "pbd",
+        Some(Value::Table(solver)) => SOLVER.names().find(|name| solver.get(name).is_some()).unwrap_or("xpbd"),
         _ => "xpbd",
     };
     match SOLVER.get(in_use) {

@@ -4,12 +4,16 @@ use super::error::SceneError;
 use super::parse::unknown_name;
 use super::reader::{Limit, Section};
 use super::units::Dimension;
-use super::{Anisotropy, ContactEffect, Effects, Order, Pbd, Solver, Volume, Xpbd};
+use super::{Anisotropy, ContactEffect, Effects, Order, Pbd, QuasiStatic, Solver, Volume, Xpbd};
 
 /// Steps a frame and sweeps a step are at most this many.
 const MOST: u32 = 1_000_000;
 /// Largest relative residual of a frame that counts as converged.
 const TOLERANCE: f64 = 0.01;
+
+/// Force left at which an equilibrium counts as reached, as a share of that of a strain of one: at it the error of a
+/// pose is about a thousandth of a muscle's length.
+const FORCE_TOLERANCE: f64 = 2e-4;
 /// A plain number from 0 to 1.
 const SHARE: Limit = Limit::Within(0.0, 1.0);
 
@@ -58,10 +62,23 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
         return Ok(Solver::Xpbd(xpbd(None)?));
     };
     section.exclusive("xpbd", "pbd")?;
+    section.exclusive("xpbd", "quasi_static")?;
+    section.exclusive("pbd", "quasi_static")?;
+    if let Some(section) = section.section("quasi_static")? {
+        return Ok(Solver::QuasiStatic(quasi_static(&section)?));
+    }
     match section.section("pbd")? {
         Some(section) => Ok(Solver::Pbd(pbd(&section)?)),
         None => Ok(Solver::Xpbd(xpbd(section.section("xpbd")?.as_ref())?)),
     }
+}
+
+fn quasi_static(section: &Section<'_>) -> Result<QuasiStatic, SceneError> {
+    Ok(QuasiStatic {
+        substeps: count(Some(section), "substeps", 1)?,
+        iterations: count(Some(section), "iterations", 500)?,
+        tolerance: section.number_or("tolerance", Limit::Positive, FORCE_TOLERANCE)?,
+    })
 }
 
 fn xpbd(section: Option<&Section<'_>>) -> Result<Xpbd, SceneError> {

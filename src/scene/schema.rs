@@ -133,7 +133,11 @@ const GRAVITY: Schema = Schema { keys: &[("acceleration", Plain)] };
 const DAMPING: Schema = Schema { keys: &[("rate", Text)] };
 
 /// How the motion is computed.
-pub(super) const SOLVER: Schema = Schema { keys: &[("xpbd", Kind::Table(&XPBD)), ("pbd", Kind::Table(&PBD))] };
+pub(super) const SOLVER: Schema = Schema {
+    keys: &[("xpbd", Kind::Table(&XPBD)), ("pbd", Kind::Table(&PBD)), ("quasi_static", Kind::Table(&QUASI_STATIC))],
+};
+
+const QUASI_STATIC: Schema = Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("tolerance", Plain)] };
 
 const XPBD: Schema =
     Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("order", Text), ("tolerance", Plain)] };

@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::assets::Assets;
+use super::equilibrium::{Equilibrium, Parts};
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
 use crate::constraints::bending::Bending;
@@ -17,6 +18,7 @@ use crate::mesh::topology::Topology;
 use crate::muscles::attachments::{self, Attached};
 use crate::particles::Particles;
 use crate::scene::{Area, Mass, Muscle, Scene, Solver};
+use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
 
 /// A muscle vertex may not be faster than this many muscle lengths a second.
@@ -35,6 +37,8 @@ pub struct Body {
     pub rest: TriangleMesh,
     /// Edges with their rest lengths [m].
     pub edges: Vec<Distance>,
+    /// Its equilibrium, where the scene asks for that instead of motion.
+    pub equilibrium: Option<Equilibrium>,
     /// Vertices held by bones.
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
@@ -89,14 +93,12 @@ impl Body {
         };
         let loaded = loaded_vertices(muscle);
         let count = mesh.vertices.len();
-        if plan.stretch {
-            let factors = factors(scene, plan, &mesh, &edges, &fibres);
-            system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, count, &loaded));
-        }
-        if plan.bending {
-            let (hinges, k) = stiffness::hinges(&mesh, &topology, muscle.material.bending);
-            system.elastic.push(bending(scene, hinges, &k, count, &loaded));
-        }
+        let factors = if plan.stretch { factors(scene, plan, &mesh, &edges, &fibres) } else { Vec::new() };
+        let hinges = if plan.bending {
+            stiffness::hinges(&mesh, &topology, muscle.material.bending)
+        } else {
+            Default::default()
+        };
         let rest_volume = if topology.is_closed() { mesh.volume() } else { 0.0 };
         let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
         let target_volume = if plan.volume { pressure * rest_volume } else { 0.0 };
@@ -105,6 +107,23 @@ impl Body {
         }
         system.held = hold(&attached, &mesh, placed);
         system.forces = forces(scene, m, count)?;
+        let mut equilibrium = None;
+        if let Solver::QuasiStatic(settings) = scene.solver {
+            let k = edge_stiffness.iter().zip(&factors).map(|(k, f)| k * f).collect();
+            let edges = if plan.stretch { (edges.clone(), k) } else { Default::default() };
+            let parts = Parts { edges, hinges, volume: system.volume.clone() };
+            let made = system.clock.time("equilibrium", || {
+                Equilibrium::new(parts, &system.particles, &system.forces, &scene.effects, settings)
+            });
+            equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
+        } else {
+            if plan.stretch {
+                system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, count, &loaded));
+            }
+            if plan.bending {
+                system.elastic.push(bending(scene, hinges.0, &hinges.1, count, &loaded));
+            }
+        }
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
             let obstacles = plan.obstacles.clone();
             let contacts =
@@ -118,6 +137,7 @@ impl Body {
             system,
             edge_length: crate::mesh::measures::median(lengths).unwrap_or(length),
             edges,
+            equilibrium,
             attached,
             fibres,
             untangled,
@@ -127,6 +147,18 @@ impl Body {
             rest: mesh,
             stopped: None,
         })
+    }
+
+    /// Steps by `dt` [s] while the bones go to where they are `placed`.
+    ///
+    /// # Errors
+    /// A number that is not finite appeared.
+    pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+        let Some(equilibrium) = &mut self.equilibrium else { return self.system.step(placed, dt) };
+        let begin = std::time::Instant::now();
+        let done = equilibrium.step(&mut self.system, placed);
+        self.system.clock.note("equilibrium", begin);
+        done
     }
 
     /// Whether vertex `v` is not held by a bone.
@@ -146,11 +178,19 @@ fn factors(scene: &Scene, plan: &MusclePlan, mesh: &TriangleMesh, edges: &[Dista
     }
 }
 
-fn settings(scene: &Scene, length: f64) -> Settings {
-    let (substeps, iterations, per_frame) = match scene.solver {
-        Solver::Xpbd(s) => (s.substeps, s.iterations, 1.0),
-        Solver::Pbd(s) => (s.substeps, s.iterations, s.velocity_damping),
+/// Why a muscle has no equilibrium that could be computed.
+fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
+    let part = format!("muscle `{}`", scene.muscles[m].name);
+    let fault = match error {
+        FactorError::NotPositiveDefinite { .. } => Fault::Unheld,
+        FactorError::OutOfMemory { bytes } => Fault::FactorTooLarge { bytes },
     };
+    LoadError::new(scene, "solver.quasi_static", part, fault)
+}
+
+fn settings(scene: &Scene, length: f64) -> Settings {
+    let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
+    let per_frame = if let Solver::Pbd(s) = scene.solver { s.velocity_damping } else { 1.0 };
     let dt = 1.0 / (scene.frame_rate * f64::from(substeps));
     let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor = libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
@@ -164,10 +204,7 @@ fn settings(scene: &Scene, length: f64) -> Settings {
 }
 
 fn order_of(scene: &Scene) -> Order {
-    match scene.solver {
-        Solver::Xpbd(s) => s.order,
-        Solver::Pbd(s) => s.order,
-    }
+    scene.solver.order()
 }
 
 fn edges_of(mesh: &TriangleMesh, topology: &Topology, extra: &[[u32; 2]], membrane: f64) -> (Vec<Distance>, Vec<f64>) {
@@ -190,7 +227,7 @@ fn stretch(
 ) -> Box<dyn Project> {
     let order = order_of(scene);
     match scene.solver {
-        Solver::Xpbd(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
             let weighed = edges.iter().copied().zip(k.iter().zip(factors).map(|(k, f)| k * f));
             let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
@@ -207,7 +244,9 @@ fn stretch(
 fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded: &[u32]) -> Box<dyn Project> {
     let order = order_of(scene);
     match scene.solver {
-        Solver::Xpbd(_) => Box::new(Batch::<Bending, 4>::new(hinges, stiffness::compliance(k), order, count, loaded)),
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+            Box::new(Batch::<Bending, 4>::new(hinges, stiffness::compliance(k), order, count, loaded))
+        }
         Solver::Pbd(s) => {
             let relaxation = vec![s.bending; hinges.len()];
             let compliance = vec![0.0; hinges.len()];
@@ -219,7 +258,7 @@ fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded:
 fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest: f64) -> EnclosedVolume {
     let count = mesh.vertices.len();
     match scene.solver {
-        Solver::Xpbd(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
             let compliance = muscle.material.bulk.map_or(0.0, |bulk| rest / bulk);
             EnclosedVolume::new(&mesh.triangles, count, target, compliance)
         }

@@ -89,6 +89,15 @@ pub enum Fault {
         /// Vertices in all.
         count: usize,
     },
+    /// E074: a part of a muscle that nothing holds has no place of its own at rest.
+    #[error("a part of it is held by nothing, so its equilibrium has no place of its own")]
+    Unheld,
+    /// E075: the factor of the muscle's matrix does not fit into memory.
+    #[error("a factor of {bytes} bytes does not fit into memory")]
+    FactorTooLarge {
+        /// Size of the factor [bytes].
+        bytes: usize,
+    },
 }
 
 impl Fault {
@@ -107,6 +116,8 @@ impl Fault {
             Self::NoSuchComponent { .. } => "E071",
             Self::NothingAttached { .. } => "E072",
             Self::TooManyAttached { .. } => "E073",
+            Self::Unheld => "E074",
+            Self::FactorTooLarge { .. } => "E075",
         }
     }
 
@@ -133,6 +144,8 @@ impl Fault {
                 right, or raise `near` or `within`"
                 .to_owned(),
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
+            Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
+            Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
         }
     }
 }

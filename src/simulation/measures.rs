@@ -7,7 +7,7 @@ use super::audit::{self, Findings};
 use super::body::Body;
 use crate::constraints::Residual;
 use crate::contact::Counts;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 
 /// A frame holds its volume where it is off by no more than this (tolerance T6).
 pub const VOLUME_HELD: f64 = 1e-6;
@@ -64,13 +64,11 @@ impl Measures {
             Findings::default()
         };
         let counts = body.system.contacts.as_ref().map_or(Counts::default(), |c| c.counts(x));
-        let residual_m = elastic_residual(body);
+        let residual_m =
+            body.equilibrium.as_ref().map_or_else(|| elastic_residual(body), |e| e.residual * body.edge_length);
         let n = x.len().max(1) as f64;
         let apart = x.iter().zip(&body.rest.vertices).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / n;
-        let tolerance = match scene.solver {
-            Solver::Xpbd(s) => s.tolerance,
-            Solver::Pbd(s) => s.tolerance,
-        };
+        let tolerance = scene.solver.tolerance();
         let rigid = scene.muscles.iter().any(|m| m.name == body.name && m.material.bulk.is_none());
         let converged = body.stopped.is_none()
             && residual_m <= tolerance * body.edge_length

@@ -3,6 +3,7 @@
 pub mod assets;
 pub mod audit;
 pub mod body;
+pub mod equilibrium;
 mod fault;
 pub mod measures;
 pub mod plan;
@@ -22,7 +23,7 @@ use crate::contact::capsule::Capsule;
 use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 
 /// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
 const SETTLED: f64 = 2e-4;
@@ -73,10 +74,7 @@ impl Simulation {
         for (muscle, asset) in scene.muscles.iter().zip(&assets.muscles) {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }
-        let substeps = match scene.solver {
-            Solver::Xpbd(s) => s.substeps,
-            Solver::Pbd(s) => s.substeps,
-        };
+        let substeps = scene.solver.substeps();
         Ok(Self { plan, bodies, bones: assets.bones, notes, surfaces, placed, frame: 0, substeps, scene })
     }
 
@@ -171,14 +169,18 @@ impl Simulation {
 }
 
 fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thickness: f64) {
+    if let Some(equilibrium) = &mut body.equilibrium {
+        equilibrium.begin_frame();
+    }
     for placed in steps {
-        if let Err(broken) = body.system.step(placed, dt) {
+        if let Err(broken) = body.step(placed, dt) {
             body.system.particles = body.good.clone();
             body.stopped = Some((frame, broken));
             return;
         }
     }
-    if let Some(last) = steps.last() {
+    // An equilibrium ends with contact and volume satisfied.
+    if let Some(last) = steps.last().filter(|_| body.equilibrium.is_none()) {
         body.system.settle(last, SETTLED * thickness);
     }
     body.good.clone_from(&body.system.particles);

@@ -81,10 +81,11 @@ impl Plan {
     }
 
     fn run(&mut self, scene: &Scene, muscle: &str, effect: &str, elements: usize, bytes: usize) {
-        let sweeps = f64::from(match scene.solver {
-            Solver::Xpbd(s) => s.substeps * s.iterations,
-            Solver::Pbd(s) => s.substeps * s.iterations,
-        });
+        let sweeps = match scene.solver {
+            // An equilibrium next to the last takes about so many evaluations.
+            Solver::QuasiStatic(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
+            _ => f64::from(scene.solver.substeps()) * f64::from(scene.solver.iterations()),
+        };
         let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;
         let (muscle, effect) = (muscle.to_string(), effect.to_string());
         self.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
@@ -198,16 +199,15 @@ impl Plan {
 }
 
 fn sub_steps(scene: &Scene) -> f64 {
-    f64::from(match scene.solver {
-        Solver::Xpbd(s) => s.substeps,
-        Solver::Pbd(s) => s.substeps,
-    })
+    f64::from(scene.solver.substeps())
 }
 
 /// Stiffness of stretch, bending and volume as the scene's solver takes them; only zero or not matters here.
 fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
     match scene.solver {
-        Solver::Xpbd(_) => (muscle.material.stretch, muscle.material.bending, muscle.material.bulk.unwrap_or(1.0)),
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+            (muscle.material.stretch, muscle.material.bending, muscle.material.bulk.unwrap_or(1.0))
+        }
         Solver::Pbd(s) => (s.stretch, s.bending, s.volume),
     }
 }

@@ -1,12 +1,23 @@
-//! Position-based solvers: a step that all of them share, and what stiffness means in each.
+//! Solvers: a step of position-based dynamics, equilibrium at rest, and what stiffness means in each.
 //!
 //! * XPBD with small steps: material stiffness, independent of sweeps; see [`stiffness`] \[macklin2016, macklin2019\].
 //! * Classic PBD: stiffness 0..1, kept to be compared with \[mueller2007\].
+//! * [`quasi_static`]: equilibrium by L-BFGS over a constant matrix that is factored once \[liu2017\].
+//! * [`newton`]: equilibrium by Newton's method, the reference for the others.
 //!
-//! *Limitations.* Both are local: an error that spreads over the whole muscle falls slowly with sweeps. Both damp:
-//! fast vibration loses amplitude with the step.
+//! *Limitations.* The first two are local: an error that spreads over the whole muscle falls slowly with sweeps. Both
+//! damp: fast vibration loses amplitude with the step. The others know no time.
 
+mod active;
+pub mod descent;
+pub mod energy;
+mod history;
+pub mod newton;
+pub mod potential;
+pub mod quasi_static;
+pub mod sparse;
 pub mod stiffness;
 mod step;
+mod unknowns;
 
 pub use step::{Broken, Clock, Held, Settings, System};

@@ -43,13 +43,18 @@ pub struct Clock {
 }
 
 impl Clock {
-    fn time<T>(&mut self, effect: &'static str, deed: impl FnOnce() -> T) -> T {
+    pub(crate) fn time<T>(&mut self, effect: &'static str, deed: impl FnOnce() -> T) -> T {
         let begin = Instant::now();
         let result = deed();
+        self.note(effect, begin);
+        result
+    }
+
+    /// Notes a call that began at `begin`.
+    pub(crate) fn note(&mut self, effect: &'static str, begin: Instant) {
         let entry = self.effects.entry(effect).or_default();
         entry.0 += begin.elapsed().as_secs_f64();
         entry.1 += 1;
-        result
     }
 }
 

@@ -9,6 +9,7 @@ mod degenerate;
 mod determinism;
 mod effects;
 mod enclosed_volume;
+mod equilibrium;
 mod errata;
 #[path = "../io.rs"]
 mod io;

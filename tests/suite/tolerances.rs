@@ -28,6 +28,8 @@ pub const T12: f64 = 1e-14;
 pub const T13: f64 = 1e-6;
 /// T14: an acceptance number of a digest, as far as its printed digits go.
 pub const T14: f64 = 5e-7;
+/// T15: equilibria of two solvers whose forces have fallen below 1e-9 of the scale, relative to the length of the body.
+pub const T15: f64 = 1e-6;
 
 /// What the table of `docs/verification.md` must say.
 const ALL: &[(&str, f64)] = &[
@@ -45,6 +47,7 @@ const ALL: &[(&str, f64)] = &[
     ("T12", T12),
     ("T13", T13),
     ("T14", T14),
+    ("T15", T15),
 ];
 
 /// Number of drawn cases: `default`, or what `PLIANT_CASES` says.

@@ -233,7 +233,13 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
     let sorted = |mesh: &TriangleMesh| {
         let mut all: Vec<[u32; 3]> = mesh.triangles.clone();
         // From the lowest corner on, so that the sense of rotation counts.
-        all.iter_mut().for_each(|t| (0..2).for_each(|_| if t[0] > t[1] || t[0] > t[2] { t.rotate_left(1) }));
+        all.iter_mut().for_each(|t| {
+            (0..2).for_each(|_| {
+                if t[0] > t[1] || t[0] > t[2] {
+                    t.rotate_left(1)
+                }
+            })
+        });
         all.sort_unstable();
         all
     };

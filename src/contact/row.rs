@@ -1,0 +1,54 @@
+//! One contact as a linear inequality of positions.
+
+use nalgebra::{Point3, Vector3};
+
+/// A plane that a weighted mean of up to three vertices must stay over: n.(sum w x - o) >= distance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// Vertices and their weights; of a single vertex the others have weight zero.
+    pub terms: [(u32, f64); 3],
+    /// Unit direction away from the obstacle.
+    pub normal: Vector3<f64>,
+    /// A point of the obstacle [m].
+    pub origin: Point3<f64>,
+    /// Height to be kept over it [m].
+    pub distance: f64,
+}
+
+impl Row {
+    /// Height over what is to be kept [m], negative where it is not.
+    pub fn room(&self, x: &[Point3<f64>]) -> f64 {
+        let mut sum = -self.distance;
+        for &(v, w) in &self.terms {
+            sum += w * (x[v as usize] - self.origin).dot(&self.normal);
+        }
+        sum
+    }
+
+    /// The row's product with a field.
+    pub(crate) fn along(&self, field: &[Vector3<f64>]) -> f64 {
+        self.terms.iter().map(|&(v, w)| w * field[v as usize].dot(&self.normal)).sum()
+    }
+
+    /// Adds `factor` times the row to a field.
+    pub(crate) fn spread(&self, factor: f64, field: &mut [Vector3<f64>]) {
+        self.terms
+            .iter()
+            .filter(|(_, w)| *w != 0.0)
+            .for_each(|&(v, w)| field[v as usize] += self.normal * (w * factor));
+    }
+
+    /// Whether a force presses against the obstacle.
+    pub fn is_pressed(&self, force: &[Vector3<f64>]) -> bool {
+        self.along(force) < 0.0
+    }
+
+    /// Takes the obstacle's reaction off a force.
+    pub fn support(&self, force: &mut [Vector3<f64>]) {
+        let square: f64 = self.terms.iter().map(|(_, w)| w * w).sum();
+        let pressed = self.along(force) / square;
+        if pressed < 0.0 {
+            self.spread(-pressed, force);
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! A muscle that is brought to equilibrium at every step, the bones its guard.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::constraints::EnclosedVolume;
+use crate::constraints::bending::Bending;
+use crate::constraints::distance::Distance;
+use crate::contact::{Contacts, Placed, Row};
+use crate::particles::Particles;
+use crate::scene::{self, Effects};
+use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
+use crate::solvers::energy::Energy;
+use crate::solvers::potential::Quadratic;
+use crate::solvers::quasi_static::QuasiStatic;
+use crate::solvers::sparse::FactorError;
+use crate::solvers::{Broken, System};
+
+/// A vertex touches a bone where it has no more room than this many contact thicknesses.
+const TOUCHING: f64 = 0.02;
+
+/// What a muscle's energy is made of.
+pub(super) struct Parts {
+    /// Edges and their stiffness [N/m].
+    pub edges: (Vec<Distance>, Vec<f64>),
+    /// Hinges and their stiffness [N m].
+    pub hinges: (Vec<Bending>, Vec<f64>),
+    /// The enclosed volume.
+    pub volume: Option<EnclosedVolume>,
+}
+
+/// A muscle's equilibrium, followed from step to step.
+pub struct Equilibrium {
+    solver: QuasiStatic,
+    /// The last step's end.
+    pub outcome: Outcome,
+    /// Greatest residual of the frame's steps, as a share of the force of a strain of one.
+    pub residual: f64,
+    scratch: Particles,
+}
+
+impl Equilibrium {
+    /// Prepares a muscle with `particles` at rest.
+    ///
+    /// # Errors
+    /// A part of it that nothing holds, or no memory.
+    pub(super) fn new(
+        parts: Parts,
+        particles: &Particles,
+        loads: &[(u32, Vector3<f64>)],
+        effects: &Effects,
+        settings: scene::QuasiStatic,
+    ) -> Result<Self, FactorError> {
+        let mut energy = Energy { volume: parts.volume, ..Energy::default() };
+        let (edges, k) = parts.edges;
+        // An edge without stiffness (along a fibre, at full strength) exerts no force.
+        let (edges, k): (Vec<_>, Vec<_>) = edges.into_iter().zip(k).filter(|(_, k)| *k > 0.0).unzip();
+        if !edges.is_empty() {
+            energy.elastic.push(Box::new(Quadratic::<Distance, 2>::new(edges, k)));
+        }
+        if !parts.hinges.0.is_empty() {
+            energy.elastic.push(Box::new(Quadratic::<Bending, 4>::new(parts.hinges.0, parts.hinges.1)));
+        }
+        energy.forces = forces(particles, loads, effects.gravity);
+        let settings = Settings { tolerance: settings.tolerance, iterations: settings.iterations };
+        let solver = QuasiStatic::new(energy, &particles.position, &particles.inverse_mass, settings)?;
+        Ok(Self { solver, outcome: Outcome::default(), residual: 0.0, scratch: particles.clone() })
+    }
+
+    /// A new frame begins.
+    pub(super) fn begin_frame(&mut self) {
+        self.residual = 0.0;
+    }
+
+    /// Follows the bones to where they are now and comes to equilibrium there; velocities become zero.
+    ///
+    /// # Errors
+    /// A number that is not finite; the body is as it was before.
+    pub(super) fn step(&mut self, system: &mut System, placed: &[Placed]) -> Result<(), Broken> {
+        let start = system.particles.position.clone();
+        let held: Vec<(u32, Point3<f64>)> =
+            system.held.iter().map(|h| (h.vertex, placed[h.bone].now * h.local)).collect();
+        let x = &mut system.particles.position;
+        let outcome = match &mut system.contacts {
+            None => {
+                self.solver.follow(x, &held, &mut Unguarded);
+                self.solver.solve(x, &mut Unguarded, |_, _| true)
+            }
+            Some(contacts) => {
+                let mut guard = Bones { contacts, placed: placed.to_vec(), scratch: &mut self.scratch };
+                self.solver.follow(x, &held, &mut guard);
+                // A bone may have moved though nothing that it holds did.
+                if guard.moves() {
+                    let before = x.clone();
+                    guard.push(&before, x);
+                    guard.accept(x);
+                }
+                self.solver.solve(x, &mut guard, |_, _| true)
+            }
+        };
+        system.particles.velocity.fill(Vector3::zeros());
+        if let Some(particle) = system.particles.first_non_finite() {
+            system.particles.position = start;
+            return Err(Broken { effect: "equilibrium", particle });
+        }
+        // Not `f64::max`, which would hide a NaN.
+        if !(outcome.residual <= self.residual) {
+            self.residual = outcome.residual;
+        }
+        self.outcome = outcome;
+        Ok(())
+    }
+}
+
+/// Weight and given forces on each vertex [N]; empty where there is none.
+fn forces(particles: &Particles, loads: &[(u32, Vector3<f64>)], gravity: Option<Vector3<f64>>) -> Vec<Vector3<f64>> {
+    if loads.is_empty() && gravity.is_none() {
+        return Vec::new();
+    }
+    let weight = |w: &f64| if *w > 0.0 { gravity.unwrap_or_else(Vector3::zeros) / *w } else { Vector3::zeros() };
+    let mut all: Vec<Vector3<f64>> = particles.inverse_mass.iter().map(weight).collect();
+    loads.iter().for_each(|&(v, force)| all[v as usize] += force);
+    all
+}
+
+/// The bones keep a muscle out while its solver tries positions.
+struct Bones<'a> {
+    contacts: &'a mut Contacts,
+    placed: Vec<Placed>,
+    scratch: &'a mut Particles,
+}
+
+impl Bones<'_> {
+    fn moves(&self) -> bool {
+        self.placed.iter().any(|p| p.before != p.now)
+    }
+}
+
+impl Guard for Bones<'_> {
+    fn rows(&self) -> Vec<Row> {
+        self.contacts.near_rows()
+    }
+
+    fn touching(&self) -> f64 {
+        TOUCHING * self.contacts.thickness()
+    }
+
+    fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        self.contacts.begin_step(start);
+        self.scratch.position.copy_from_slice(x);
+        self.contacts.project(&self.placed, self.scratch);
+        x.copy_from_slice(&self.scratch.position);
+    }
+
+    fn accept(&mut self, x: &[Point3<f64>]) {
+        self.scratch.position.copy_from_slice(x);
+        self.contacts.end_step(&self.placed, self.scratch, 1.0);
+        // From here on the bones stand still.
+        self.placed.iter_mut().for_each(|p| p.before = p.now);
+    }
+}

@@ -1,0 +1,130 @@
+//! Rows that hold while a body comes to equilibrium: the constant inverse restricted to the displacements they allow.
+//!
+//! With N the rows and A the constant matrix, the inverse is A^-1 - A^-1 N^T (N A^-1 N^T)^-1 N A^-1: a correction for a
+//! contact spreads as smoothly as any other. Only the entries of A^-1 between vertices that touch are needed for the
+//! small matrix in the middle; they never change, and each vertex is solved for once.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
+
+use super::history::Field;
+use super::unknowns::{Laplacian, Unknowns};
+use crate::contact::Row;
+
+/// Vertices for which entries of the inverse are kept at most; of further rows only the pushing back takes care.
+const MOST_VERTICES: usize = 2048;
+
+/// Added to the diagonal of the small matrix, as a share of it: rows of one vertex may depend on each other.
+const RIDGE: f64 = 1e-9;
+
+/// Entries of the constant inverse between vertices that have touched an obstacle.
+#[derive(Default)]
+pub struct Touched {
+    place: BTreeMap<u32, usize>,
+    vertices: Vec<u32>,
+    /// Of each vertex, with those before it and itself.
+    entries: Vec<Vec<f64>>,
+}
+
+impl Touched {
+    fn learn(&mut self, rows: &[Row], laplacian: &mut Laplacian, unknowns: &Unknowns) {
+        let all = rows.iter().flat_map(|row| row.terms).filter(|(_, w)| *w != 0.0).map(|(v, _)| v);
+        let mut fresh: Vec<u32> = all.filter(|v| unknowns.of(*v).is_some() && !self.place.contains_key(v)).collect();
+        fresh.sort_unstable();
+        fresh.dedup();
+        fresh.truncate(MOST_VERTICES.saturating_sub(self.vertices.len()));
+        for group in fresh.chunks(6) {
+            let columns = laplacian.columns(unknowns, group);
+            for (&v, column) in group.iter().zip(columns) {
+                self.place.insert(v, self.vertices.len());
+                self.vertices.push(v);
+                let before = self.vertices.iter().filter_map(|w| unknowns.of(*w));
+                self.entries.push(before.map(|w| column[w as usize]).collect());
+            }
+        }
+    }
+
+    /// The rows with the factor of N A^-1 N^T; those without an unknown vertex are left out.
+    pub fn hold(&mut self, rows: Vec<Row>, laplacian: &mut Laplacian, unknowns: &Unknowns) -> Active {
+        self.learn(&rows, laplacian, unknowns);
+        let known = |row: &Row| row.terms.iter().any(|(v, w)| *w != 0.0 && self.place.contains_key(v));
+        let rows: Vec<Row> = rows.into_iter().filter(known).collect();
+        let n = rows.len();
+        let weighed = |row: &Row| -> Vec<(usize, f64)> {
+            let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
+            terms.filter_map(|(v, w)| self.place.get(v).map(|place| (*place, *w))).collect()
+        };
+        let terms: Vec<Vec<(usize, f64)>> = rows.iter().map(weighed).collect();
+        let product = |r: usize, s: usize| {
+            let mut sum = 0.0;
+            for &(a, wa) in &terms[r] {
+                for &(b, wb) in &terms[s] {
+                    sum += wa * wb * self.entries[a.max(b)][a.min(b)];
+                }
+            }
+            sum * rows[r].normal.dot(&rows[s].normal)
+        };
+        let mut matrix = DMatrix::zeros(n, n);
+        for i in 0..n {
+            for j in 0..=i {
+                matrix[(i, j)] = product(i, j);
+                matrix[(j, i)] = matrix[(i, j)];
+            }
+            matrix[(i, i)] *= 1.0 + RIDGE;
+        }
+        Active { rows, factor: if n > 0 { matrix.cholesky() } else { None } }
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.entries.iter().map(|e| e.capacity() * 8).sum::<usize>() + self.vertices.len() * 24
+    }
+}
+
+/// Rows that hold.
+#[derive(Default)]
+pub struct Active {
+    rows: Vec<Row>,
+    factor: Option<Cholesky<f64, Dyn>>,
+}
+
+impl Active {
+    /// The rows.
+    pub fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Applies the restricted inverse to fields, in place: no row's height changes along the result.
+    pub fn solve(&self, laplacian: &mut Laplacian, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
+        laplacian.solve(unknowns, fields);
+        let Some(factor) = &self.factor else { return };
+        let mut pulls: Vec<Field> = fields
+            .iter()
+            .map(|field| {
+                let along = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| row.along(field)));
+                self.pull(&factor.solve(&along), field.len())
+            })
+            .collect();
+        let mut all: Vec<&mut [Vector3<f64>]> = pulls.iter_mut().map(Vec::as_mut_slice).collect();
+        laplacian.solve(unknowns, &mut all);
+        for (field, pull) in fields.iter_mut().zip(&pulls) {
+            field.iter_mut().zip(pull).for_each(|(f, p)| *f -= p);
+        }
+    }
+
+    /// The smoothest displacement that brings every row of `x` to no room at all.
+    pub fn lift(&self, x: &[Point3<f64>], laplacian: &mut Laplacian, unknowns: &Unknowns) -> Option<Field> {
+        let factor = self.factor.as_ref()?;
+        let lack = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| -row.room(x)));
+        let mut pull = self.pull(&factor.solve(&lack), x.len());
+        laplacian.solve(unknowns, &mut [&mut pull]);
+        Some(pull)
+    }
+
+    fn pull(&self, factors: &DVector<f64>, count: usize) -> Field {
+        let mut pull = vec![Vector3::zeros(); count];
+        self.rows.iter().zip(factors.iter()).for_each(|(row, factor)| row.spread(*factor, &mut pull));
+        pull
+    }
+}

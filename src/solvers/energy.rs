@@ -1,0 +1,107 @@
+//! The potential energy of a body: elastic parts, constant forces, and the inertia of an implicit step.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::potential::{Potential, volume_hessian};
+use crate::constraints::EnclosedVolume;
+use crate::mesh::sum::tree_sum_by;
+
+/// The energy sum m |x - y|^2 / (2 dt^2), which makes a minimum an implicit Euler step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Inertia {
+    /// m / dt^2 [kg/s^2], shape `[count]`.
+    pub weight: Vec<f64>,
+    /// Where a vertex would go by its velocity and constant forces [m], shape `[count]`.
+    pub target: Vec<Point3<f64>>,
+}
+
+/// The energy of a body as a function of its positions; the enclosed volume is kept apart, as a constraint.
+///
+/// The volume's multiplier `pressure` [Pa] enters the gradient as -pressure dV/dx; with a compliance `a` it is
+/// (target - V) / a.
+#[derive(Default)]
+pub struct Energy {
+    /// Elastic parts.
+    pub elastic: Vec<Box<dyn Potential>>,
+    /// Constant forces [N], shape `[count]`; empty where there is none.
+    pub forces: Vec<Vector3<f64>>,
+    /// Inertia of an implicit step; `None` at rest.
+    pub inertia: Option<Inertia>,
+    /// The enclosed volume.
+    pub volume: Option<EnclosedVolume>,
+}
+
+impl Energy {
+    /// Energy [J] without that of the volume, at positions `x` [m].
+    pub fn value(&self, x: &[Point3<f64>]) -> f64 {
+        self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + self.of_loads(x)
+    }
+
+    /// Energy [J] without that of the volume; writes its gradient [N].
+    pub fn value_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
+        gradient.fill(Vector3::zeros());
+        let elastic: f64 = self.elastic.iter().map(|part| part.energy_and_gradient(x, gradient)).sum();
+        gradient.iter_mut().zip(&self.forces).for_each(|(g, f)| *g -= f);
+        if let Some(inertia) = &self.inertia {
+            let each = gradient.iter_mut().zip(x).zip(inertia.target.iter().zip(&inertia.weight));
+            each.for_each(|((g, x), (target, weight))| *g += (x - target) * *weight);
+        }
+        elastic + self.of_loads(x)
+    }
+
+    fn of_loads(&self, x: &[Point3<f64>]) -> f64 {
+        let moving = self.inertia.as_ref().map_or(0.0, |inertia| {
+            let square = |i: usize| inertia.weight[i] * (x[i] - inertia.target[i]).norm_squared();
+            0.5 * tree_sum_by(inertia.weight.len(), square)
+        });
+        moving - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
+    }
+
+    /// Calls `pair` with every two vertices that the second derivative couples, the volume's by its edges.
+    pub fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
+        self.elastic.iter().for_each(|part| part.pairs(pair));
+        for [a, b, c] in self.volume.iter().flat_map(EnclosedVolume::triangles) {
+            pair(*a, *b);
+            pair(*b, *c);
+            pair(*c, *a);
+        }
+    }
+
+    /// Calls `add` with the blocks of the second derivative [N/m] of energy and -`pressure` V; with `convex`, without
+    /// what may be indefinite.
+    pub fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        pressure: f64,
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
+        self.elastic.iter().for_each(|part| part.hessian(x, convex, add));
+        if let Some(inertia) = &self.inertia {
+            let each = inertia.weight.iter().enumerate();
+            each.for_each(|(i, w)| add(i as u32, i as u32, &Matrix3::from_diagonal_element(*w)));
+        }
+        if let Some(volume) = self.volume.as_ref().filter(|_| !convex && pressure != 0.0) {
+            volume_hessian(volume, x, -pressure, add);
+        }
+    }
+
+    /// Calls `add` with entries [N/m] of a constant positive semi-definite matrix over vertices that stands for the
+    /// second derivative near `x` in every direction of space.
+    pub fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
+        self.elastic.iter().for_each(|part| part.scalar_hessian(x, add));
+        if let Some(inertia) = &self.inertia {
+            inertia.weight.iter().enumerate().for_each(|(i, w)| add(i as u32, i as u32, *w));
+        }
+    }
+
+    /// A force [N] to judge forces on a vertex by: that of a strain of one.
+    pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
+        self.elastic.iter().map(|part| part.force_scale(x)).fold(0.0, f64::max)
+    }
+
+    /// Lets constraints that are known up to a period take note of where they are.
+    pub fn remember(&mut self, x: &[Point3<f64>]) {
+        self.elastic.iter_mut().for_each(|part| part.remember(x));
+    }
+}

@@ -1,0 +1,152 @@
+//! Equilibrium by Newton's method with a sparse factor of the whole second derivative: the reference for the others.
+//!
+//! The second derivative is used as it is where it is positive definite; only where it is not, each constraint's part
+//! is replaced by its positive semi-definite part (projection on demand \[longva2023\]).
+//!
+//! *Limitations.* It knows no obstacles: with them, [`super::quasi_static`] to a small force is the reference. Of several equilibria it finds one near the start. A factor of 3 unknowns a vertex takes some hundred
+//! times the memory of the constant one of [`super::quasi_static`].
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::descent::{Outcome, Problem, Settings, State};
+use super::energy::Energy;
+use super::sparse::{Factor, FactorError};
+
+/// Shifts of the diagonal that are tried where even the projected matrix has no factor, in mean entries of it.
+const SHIFTS: [f64; 4] = [1e-10, 1e-6, 1e-3, 1.0];
+
+/// A body ready to be brought to equilibrium.
+pub struct Newton {
+    /// What is minimised.
+    pub problem: Problem,
+    factor: Factor<3>,
+    numbers: Vec<f64>,
+    /// Factorisations done.
+    pub factorisations: u64,
+    /// Those of projected matrices.
+    pub projections: u64,
+}
+
+impl Newton {
+    /// Prepares a body; vertices without inverse mass are held.
+    ///
+    /// # Errors
+    /// No memory for the factor.
+    pub fn new(
+        energy: Energy,
+        x: &[Point3<f64>],
+        inverse_mass: &[f64],
+        settings: Settings,
+    ) -> Result<Self, FactorError> {
+        let problem = Problem::new(energy, x, inverse_mass, settings);
+        let unknowns = &problem.unknowns;
+        let factor = Factor::new(unknowns.free.len(), &unknowns.pairs(&problem.energy))?;
+        let numbers = vec![0.0; unknowns.free.len() * 6];
+        Ok(Self { problem, factor, numbers, factorisations: 0, projections: 0 })
+    }
+
+    /// Entries of the factor.
+    pub fn entries(&self) -> usize {
+        self.factor.entries()
+    }
+
+    /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
+    ///
+    /// # Errors
+    /// The second derivative is singular whatever is done: something moves freely.
+    pub fn solve(
+        &mut self,
+        x: &mut [Point3<f64>],
+        mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
+    ) -> Result<Outcome, FactorError> {
+        let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
+        let mut state = self.problem.state(x);
+        let mut multiplier = self.problem.first_multiplier(&state);
+        loop {
+            self.problem.judge(&state, multiplier, &[], &mut outcome);
+            let more = watch(&outcome, x);
+            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
+                return Ok(outcome);
+            }
+            self.factorise(x, -multiplier)?;
+            let Self { problem, factor, numbers, .. } = self;
+            let direction;
+            (direction, multiplier) = problem.direction(&state, |fields| invert(problem, factor, numbers, fields));
+            let Some((end, new)) = self.search(x, &state, &direction, &mut outcome) else { return Ok(outcome) };
+            outcome.iterations += 1;
+            x.copy_from_slice(&end);
+            self.problem.energy.remember(x);
+            state = new;
+        }
+    }
+
+    fn search(
+        &mut self,
+        x: &[Point3<f64>],
+        state: &State,
+        direction: &[Vector3<f64>],
+        outcome: &mut Outcome,
+    ) -> Option<(Vec<Point3<f64>>, State)> {
+        let Self { problem, factor, numbers, .. } = self;
+        problem.search(x, state, direction, outcome, |end| {
+            let Some(volume) = problem.energy.volume.as_ref().filter(|v| v.compliance() == 0.0) else { return true };
+            let (excess, mut field) = volume.value_and_gradient(end);
+            invert(problem, factor, numbers, &mut [&mut field]);
+            excess == 0.0 || volume.retract(end, &field).is_ok()
+        })
+    }
+
+    /// Factors the second derivative, projected or shifted where that is needed.
+    fn factorise(&mut self, x: &[Point3<f64>], pressure: f64) -> Result<(), FactorError> {
+        let mut last = FactorError::NotPositiveDefinite { unknown: 0 };
+        for (attempt, shift) in [0.0, 0.0].into_iter().chain(SHIFTS).enumerate() {
+            // A shift adds to what the last attempt left.
+            if attempt < 2 {
+                self.assemble(x, pressure, attempt > 0);
+            }
+            let mean = self.factor.trace() / (3 * self.factor.count().max(1)) as f64;
+            (0..self.factor.count() as u32).for_each(|i| self.factor.add_diagonal(i, shift * mean));
+            self.factorisations += 1;
+            self.projections += u64::from(attempt > 0);
+            match self.factor.factorise() {
+                Ok(()) => return Ok(()),
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    }
+
+    fn assemble(&mut self, x: &[Point3<f64>], pressure: f64, convex: bool) {
+        let Self { problem, factor, .. } = self;
+        factor.clear();
+        problem.energy.hessian(x, pressure, convex, &mut |a, b, block| {
+            if let (Some(i), Some(j)) = (problem.unknowns.of(a), problem.unknowns.of(b))
+                && i >= j
+            {
+                factor.add(i, j, &columns(block));
+            }
+        });
+    }
+}
+
+fn columns(block: &Matrix3<f64>) -> [[f64; 3]; 3] {
+    std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)]))
+}
+
+/// Applies the inverse to fields, in place.
+fn invert(problem: &Problem, factor: &mut Factor<3>, numbers: &mut [f64], fields: &mut [&mut [Vector3<f64>]]) {
+    let free = &problem.unknowns.free;
+    let n = 3 * free.len();
+    for (f, field) in fields.iter().enumerate() {
+        for (i, &v) in free.iter().enumerate() {
+            (0..3).for_each(|c| numbers[f * n + 3 * i + c] = field[v as usize][c]);
+        }
+    }
+    factor.solve(&mut numbers[..fields.len() * n], fields.len());
+    for (f, field) in fields.iter_mut().enumerate() {
+        problem.unknowns.release_held(field);
+        for (i, &v) in free.iter().enumerate() {
+            field[v as usize] = Vector3::from_fn(|c, _| numbers[f * n + 3 * i + c]);
+        }
+    }
+}

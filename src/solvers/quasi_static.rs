@@ -1,0 +1,193 @@
+//! Equilibrium of a body by L-BFGS over a constant matrix that is factored once.
+//!
+//! The error of a pose is smooth, and a local solver needs thousands of sweeps for it; the energy's second derivative,
+//! averaged over the directions of space and taken at rest, is a scalar matrix over a surface, cheap to factor, and its
+//! inverse spreads a correction over the whole body at once \[liu2017\]. The enclosed volume enters as one row beside
+//! that matrix (Sherman-Morrison), and is satisfied exactly after every step.
+//!
+//! *Limitations.* Mass, velocities and friction play no part. A net of springs can be folded in many ways: there may be
+//! several equilibria, and the one that is found is near the start.
+
+use nalgebra::{Point3, Vector3};
+
+use super::active::{Active, Touched};
+use super::descent::{Guard, Outcome, Problem, Settings, State};
+use super::energy::Energy;
+use super::history::{Field, History};
+use super::sparse::FactorError;
+use super::unknowns::Laplacian;
+use crate::contact::Row;
+
+/// Steps of the minimisation that are remembered: more cost more than they save.
+const MEMORY: usize = 8;
+
+/// A body ready to be brought to equilibrium.
+pub struct QuasiStatic {
+    /// What is minimised.
+    pub problem: Problem,
+    laplacian: Laplacian,
+    history: History,
+    touched: Touched,
+    active: Active,
+}
+
+impl QuasiStatic {
+    /// Prepares a body that rests at `x`; vertices without inverse mass are held.
+    ///
+    /// # Errors
+    /// A part of the body that nothing holds; no memory.
+    pub fn new(
+        energy: Energy,
+        x: &[Point3<f64>],
+        inverse_mass: &[f64],
+        settings: Settings,
+    ) -> Result<Self, FactorError> {
+        let problem = Problem::new(energy, x, inverse_mass, settings);
+        let laplacian = Laplacian::new(&problem.energy, &problem.unknowns, x)?;
+        let (touched, active) = (Touched::default(), Active::default());
+        Ok(Self { problem, laplacian, history: History::new(MEMORY), touched, active })
+    }
+
+    /// Entries of the factored matrix.
+    pub fn entries(&self) -> usize {
+        self.laplacian.entries()
+    }
+
+    /// Heap memory held by the matrix and what was learnt [bytes].
+    pub fn bytes(&self) -> usize {
+        self.laplacian.bytes() + self.history.bytes() + self.touched.bytes()
+    }
+
+    /// Moves held vertices to `held` and carries the others along smoothly, then keeps volume and obstacles.
+    pub fn follow(&mut self, x: &mut [Point3<f64>], held: &[(u32, Point3<f64>)], guard: &mut impl Guard) {
+        let mut displacement = vec![Vector3::zeros(); x.len()];
+        held.iter().for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
+        if displacement.iter().all(|d| *d == Vector3::zeros()) {
+            return;
+        }
+        let start = x.to_vec();
+        self.laplacian.extend(&self.problem.unknowns, &mut displacement);
+        x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
+        // Exactly, and not by what the addition rounds to.
+        held.iter().for_each(|&(v, to)| x[v as usize] = to);
+        self.active = Active::default();
+        self.stay_over(&guard.rows(), x);
+        guard.push(&start, x);
+        self.keep_volume(x);
+        guard.accept(x);
+        self.history.clear();
+    }
+
+    /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
+    pub fn solve(
+        &mut self,
+        x: &mut [Point3<f64>],
+        guard: &mut impl Guard,
+        mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
+    ) -> Outcome {
+        let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
+        self.keep_volume(x);
+        let mut state = self.problem.state(x);
+        let mut multiplier = self.problem.first_multiplier(&state);
+        loop {
+            let rows = guard.rows();
+            let pressed = self.problem.pressed(x, &state, multiplier, &rows, guard.touching());
+            self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
+            let direction;
+            (direction, multiplier) = self.direction(&state);
+            self.problem.judge(&state, multiplier, self.active.rows(), &mut outcome);
+            let more = watch(&outcome, x);
+            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
+                return outcome;
+            }
+            let Some((end, new)) = self.search(x, &state, &direction, &rows, guard, &mut outcome) else {
+                if self.history.is_empty() {
+                    return outcome;
+                }
+                // What was remembered misled it: once more from the constant matrix alone.
+                self.history.clear();
+                continue;
+            };
+            outcome.iterations += 1;
+            self.learn(x, &end, &state, &new, multiplier);
+            x.copy_from_slice(&end);
+            self.problem.energy.remember(x);
+            guard.accept(x);
+            state = new;
+        }
+    }
+
+    /// Notes a step and how the gradient of the Lagrangian changed over it, at one multiplier.
+    fn learn(&mut self, x: &[Point3<f64>], end: &[Point3<f64>], old: &State, new: &State, multiplier: f64) {
+        let step: Field = end.iter().zip(x).map(|(end, x)| end - x).collect();
+        let mut change: Field = new.gradient.iter().zip(&old.gradient).map(|(new, old)| new - old).collect();
+        let areas = change.iter_mut().zip(new.area.iter().zip(&old.area));
+        areas.for_each(|(c, (new, old))| *c += (new - old) * multiplier);
+        self.history.note(step, change);
+    }
+
+    fn direction(&mut self, state: &State) -> (Field, f64) {
+        let Self { problem, laplacian, history, active, .. } = self;
+        problem.direction(state, |fields| {
+            history.apply(fields, |fields| active.solve(laplacian, &problem.unknowns, fields));
+        })
+    }
+
+    fn search(
+        &mut self,
+        x: &[Point3<f64>],
+        state: &State,
+        direction: &[Vector3<f64>],
+        rows: &[Row],
+        guard: &mut impl Guard,
+        outcome: &mut Outcome,
+    ) -> Option<(Vec<Point3<f64>>, State)> {
+        let Self { problem, laplacian, touched, active, .. } = self;
+        // The volume's field for this search: any that changes the volume will do.
+        problem.search(x, state, direction, outcome, |end| {
+            lift(problem, laplacian, touched, active, rows, end);
+            guard.push(x, end);
+            keep_volume(problem, laplacian, active, end)
+        })
+    }
+
+    fn stay_over(&mut self, rows: &[Row], x: &mut [Point3<f64>]) {
+        lift(&self.problem, &mut self.laplacian, &mut self.touched, &self.active, rows, x);
+    }
+
+    fn keep_volume(&mut self, x: &mut [Point3<f64>]) -> bool {
+        keep_volume(&self.problem, &mut self.laplacian, &self.active, x)
+    }
+}
+
+/// Lifts `x` smoothly over the rows that it went under.
+fn lift(
+    problem: &Problem,
+    laplacian: &mut Laplacian,
+    touched: &mut Touched,
+    active: &Active,
+    rows: &[Row],
+    x: &mut [Point3<f64>],
+) {
+    let mut all: Vec<Row> = rows.iter().filter(|row| row.room(x) < 0.0).copied().collect();
+    if all.is_empty() {
+        return;
+    }
+    // Those that hold must go on holding.
+    all.extend(active.rows().iter().filter(|row| row.room(x) >= 0.0));
+    let over = touched.hold(all, laplacian, &problem.unknowns);
+    if let Some(lift) = over.lift(x, laplacian, &problem.unknowns) {
+        x.iter_mut().zip(&lift).for_each(|(x, d)| *x += d);
+    }
+}
+
+/// Brings a volume without compliance to its target, by the smoothest field that does it.
+fn keep_volume(problem: &Problem, laplacian: &mut Laplacian, active: &Active, x: &mut [Point3<f64>]) -> bool {
+    let Some(volume) = problem.energy.volume.as_ref().filter(|v| v.compliance() == 0.0) else { return true };
+    let (excess, mut field) = volume.value_and_gradient(x);
+    if excess == 0.0 {
+        return true;
+    }
+    active.solve(laplacian, &problem.unknowns, &mut [&mut field]);
+    volume.retract(x, &field).is_ok()
+}

@@ -1,0 +1,168 @@
+//! Which vertices are unknown, and the constant matrix over them that stands for the energy's second derivative.
+
+use nalgebra::{Point3, Vector3};
+
+use super::energy::Energy;
+use super::sparse::{Factor, FactorError};
+
+/// A vertex that is held has no number among the unknowns.
+const HELD: u32 = u32::MAX;
+
+/// The numbering of the vertices that are free to move.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Unknowns {
+    /// The vertex of each unknown, ascending.
+    pub free: Vec<u32>,
+    number: Vec<u32>,
+}
+
+impl Unknowns {
+    /// Those vertices whose inverse mass is not zero.
+    pub fn new(inverse_mass: &[f64]) -> Self {
+        let mut unknowns = Self::default();
+        for (v, w) in inverse_mass.iter().enumerate() {
+            unknowns.number.push(if *w > 0.0 { unknowns.free.len() as u32 } else { HELD });
+            if *w > 0.0 {
+                unknowns.free.push(v as u32);
+            }
+        }
+        unknowns
+    }
+
+    /// The number of a vertex; `None` where it is held.
+    #[inline]
+    pub fn of(&self, vertex: u32) -> Option<u32> {
+        Some(self.number[vertex as usize]).filter(|n| *n != HELD)
+    }
+
+    /// Pairs of unknowns that the energy couples.
+    pub fn pairs(&self, energy: &Energy) -> Vec<[u32; 2]> {
+        let mut all = Vec::new();
+        energy.pairs(&mut |a, b| {
+            if let (Some(a), Some(b)) = (self.of(a), self.of(b)) {
+                all.push([a.min(b), a.max(b)]);
+            }
+        });
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
+    /// Sets all but the unknowns' entries to zero.
+    pub fn release_held(&self, field: &mut [Vector3<f64>]) {
+        field.iter_mut().zip(&self.number).filter(|(_, n)| **n == HELD).for_each(|(f, _)| *f = Vector3::zeros());
+    }
+}
+
+/// The first unknown of a part that no held vertex and no inertia keeps in its place: rounding may hide from a factor
+/// that such a part can move freely.
+fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]) -> Option<usize> {
+    if energy.inertia.is_some() {
+        return None;
+    }
+    let mut above: Vec<u32> = (0..unknowns.free.len() as u32).collect();
+    let root = |above: &mut [u32], mut i: u32| {
+        while above[i as usize] != i {
+            above[i as usize] = above[above[i as usize] as usize];
+            i = above[i as usize];
+        }
+        i
+    };
+    // By elastic parts alone: the volume's pattern joins what no force does.
+    energy.elastic.iter().for_each(|part| {
+        part.pairs(&mut |a, b| {
+            if let (Some(i), Some(j)) = (unknowns.of(a), unknowns.of(b)) {
+                let (i, j) = (root(&mut above, i), root(&mut above, j));
+                above[i.max(j) as usize] = i.min(j);
+            }
+        });
+    });
+    let mut is_held = vec![false; above.len()];
+    for &(i, _, value) in to_held.iter().filter(|(_, _, value)| *value != 0.0) {
+        debug_assert!(value.is_finite());
+        is_held[root(&mut above, i) as usize] = true;
+    }
+    (0..above.len() as u32).find(|&i| !is_held[root(&mut above, i) as usize]).map(|i| i as usize)
+}
+
+/// A constant matrix over vertices, the same in every direction of space, factored once.
+pub struct Laplacian {
+    factor: Factor<1>,
+    /// Entries between an unknown and a held vertex.
+    to_held: Vec<(u32, u32, f64)>,
+    numbers: Vec<f64>,
+}
+
+impl Laplacian {
+    /// The scalar second derivative of `energy` at `x`, factored.
+    ///
+    /// # Errors
+    /// Some part of the body is not connected to a held vertex and nothing else holds it; or no memory.
+    pub fn new(energy: &Energy, unknowns: &Unknowns, x: &[Point3<f64>]) -> Result<Self, FactorError> {
+        let mut factor = Factor::new(unknowns.free.len(), &unknowns.pairs(energy))?;
+        let mut to_held = Vec::new();
+        energy.scalar_hessian(x, &mut |a, b, value| match (unknowns.of(a), unknowns.of(b)) {
+            (Some(i), Some(j)) if i >= j => factor.add(i, j, &[[value]]),
+            (Some(i), None) => to_held.push((i, b, value)),
+            _ => {}
+        });
+        if let Some(unknown) = first_loose(unknowns, energy, &to_held) {
+            return Err(FactorError::NotPositiveDefinite { unknown });
+        }
+        factor.factorise()?;
+        let numbers = vec![0.0; unknowns.free.len() * 6];
+        Ok(Self { factor, to_held, numbers })
+    }
+
+    /// Entries of its factor.
+    pub fn entries(&self) -> usize {
+        self.factor.entries()
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.factor.bytes() + self.to_held.capacity() * 16 + self.numbers.capacity() * 8
+    }
+
+    /// Applies the inverse to one or two fields over all vertices, in place; entries of held vertices become zero.
+    pub fn solve(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
+        let n = unknowns.free.len();
+        for (f, field) in fields.iter().enumerate() {
+            for (i, &v) in unknowns.free.iter().enumerate() {
+                (0..3).for_each(|c| self.numbers[(3 * f + c) * n + i] = field[v as usize][c]);
+            }
+        }
+        let columns = 3 * fields.len();
+        self.factor.solve(&mut self.numbers[..columns * n], columns);
+        for (f, field) in fields.iter_mut().enumerate() {
+            unknowns.release_held(field);
+            for (i, &v) in unknowns.free.iter().enumerate() {
+                field[v as usize] = Vector3::from_fn(|c, _| self.numbers[(3 * f + c) * n + i]);
+            }
+        }
+    }
+
+    /// Columns of the inverse of at most six vertices, by unknown.
+    pub fn columns(&mut self, unknowns: &Unknowns, vertices: &[u32]) -> impl Iterator<Item = &[f64]> {
+        let n = unknowns.free.len();
+        let wanted = &mut self.numbers[..vertices.len() * n];
+        wanted.fill(0.0);
+        for (column, &v) in vertices.iter().enumerate() {
+            if let Some(i) = unknowns.of(v) {
+                wanted[column * n + i as usize] = 1.0;
+            }
+        }
+        self.factor.solve(wanted, vertices.len());
+        wanted.chunks_exact(n.max(1))
+    }
+
+    /// Fills in the displacements of the unknowns that keep the matrix's energy least, given those of held vertices.
+    pub fn extend(&mut self, unknowns: &Unknowns, displacement: &mut [Vector3<f64>]) {
+        let mut pull = vec![Vector3::zeros(); displacement.len()];
+        for &(i, held, value) in &self.to_held {
+            pull[unknowns.free[i as usize] as usize] -= displacement[held as usize] * value;
+        }
+        self.solve(unknowns, &mut [&mut pull]);
+        unknowns.free.iter().for_each(|&v| displacement[v as usize] = pull[v as usize]);
+    }
+}

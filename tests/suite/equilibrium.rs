@@ -1,0 +1,293 @@
+//! Solvers of equilibrium: derivatives of the energy, invariants of the solution, obstacles, and each against the other.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
+use pliant::constraints::second::Second;
+use pliant::constraints::{Constraint, EnclosedVolume, ForEachKind, for_each_kind};
+use pliant::contact::Row;
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::volume;
+use pliant::mesh::shapes::make;
+use pliant::mesh::topology::Topology;
+use pliant::solvers::descent::{Guard, Settings, Unguarded};
+use pliant::solvers::energy::Energy;
+use pliant::solvers::newton::Newton;
+use pliant::solvers::potential::Quadratic;
+use pliant::solvers::quasi_static::QuasiStatic;
+use pliant::solvers::sparse::{Factor, FactorError};
+use pliant::solvers::stiffness;
+use pliant::testing::Draw;
+
+use crate::tolerances::{T2, T3, T7, T15, worst};
+
+/// Second derivatives of every kind of constraint, against differences of its analytic gradient.
+struct Derivatives {
+    draw: Draw,
+    kinds: usize,
+}
+
+/// Largest error of a Hessian by central differences of the gradient with step `h`, over its largest entry.
+fn hessian_error<C: Constraint<K>, const K: usize>(c: &C, x: &[Point3<f64>; K], second: &Second<K>, h: f64) -> f64 {
+    let gradient = |x: &[Point3<f64>; K]| c.value_and_gradient(x).expect("a regular shape").1;
+    let size = worst(second.hessian.iter().flatten().map(|b| b.abs().max())).max(1.0);
+    let mut errors = Vec::new();
+    for j in 0..K {
+        for axis in 0..3 {
+            let at = |by: f64| {
+                let mut moved = *x;
+                moved[j][axis] += by;
+                moved
+            };
+            let (above, below) = (gradient(&at(h)), gradient(&at(-h)));
+            for i in 0..K {
+                for r in 0..3 {
+                    let difference = (above[i][r] - below[i][r]) / (2.0 * h);
+                    errors.push((difference - second.hessian[i][j][(r, axis)]).abs() / size);
+                }
+            }
+        }
+    }
+    worst(errors)
+}
+
+impl ForEachKind for Derivatives {
+    fn visit<C: Constraint<K>, const K: usize>(&mut self) {
+        self.kinds += 1;
+        let mut orders = Vec::new();
+        for _ in 0..20 {
+            let parameters = self.draw.parameters(C::PARAMETERS);
+            let constraint = C::from_parameters(std::array::from_fn(|k| k as u32), &parameters);
+            let x: [Point3<f64>; K] = self.draw.shape(K).try_into().expect("as many points");
+            let (value, gradient) = constraint.value_and_gradient(&x).expect("a regular shape");
+            let second = constraint.value(&Second::variables(&x));
+            let steep = worst(gradient.iter().map(Vector3::norm)).max(1.0);
+            let apart = worst(gradient.iter().zip(&second.gradient).map(|(a, b)| (a - b).norm()));
+            // A hinge's gradient is divided by heights of 0.1 and more, each rounding by as much.
+            assert!((second.value - value).abs() <= 100.0 * T2, "{}: value", C::NAME);
+            assert!(apart <= 100.0 * T2 * steep, "{}: gradient off by {apart:e}", C::NAME);
+            let [coarse, fine] = [1e-3, 5e-4].map(|h| hessian_error(&constraint, &x, &second, h));
+            // A Hessian of zero, or of a constraint of second degree, has no error that could fall.
+            if coarse > 1e-9 {
+                orders.push((coarse / fine).log2());
+            }
+            assert!(coarse <= 2e-2, "{}: Hessian off by {coarse:e}", C::NAME);
+        }
+        orders.sort_by(f64::total_cmp);
+        if let Some(median) = orders.get(orders.len() / 2) {
+            assert!((median - 2.0).abs() <= T3, "{}: order {median}", C::NAME);
+        }
+    }
+}
+
+#[test]
+fn second_derivatives_of_every_constraint_are_those_of_its_gradient() {
+    let mut all = Derivatives { draw: Draw::new(11), kinds: 0 };
+    for_each_kind(&mut all);
+    assert_eq!(all.kinds, pliant::constraints::KINDS.len());
+    // Control: a Hessian with two points exchanged is noticed.
+    let hinge = pliant::constraints::Bending::new([0, 1, 2, 3], 0.3);
+    let x: [Point3<f64>; 4] = Draw::new(3).shape(4).try_into().expect("four points");
+    let mut wrong = hinge.value(&Second::variables(&x));
+    wrong.hessian.swap(2, 3);
+    assert!(!(hessian_error(&hinge, &x, &wrong, 5e-4) <= 2e-2));
+}
+
+/// A closed tube 2 m long with its vertices within 0.3 m of the ends held.
+struct Tube {
+    mesh: TriangleMesh,
+    inverse_mass: Vec<f64>,
+}
+
+impl Tube {
+    fn new() -> Self {
+        let mesh = make("tube").expect("a shape").mesh;
+        let middle = mesh.bounding_box().center();
+        let far = |p: &Point3<f64>| (*p - middle).amax() > 0.7;
+        let inverse_mass = mesh.vertices.iter().map(|p| if far(p) { 0.0 } else { 1.0 }).collect();
+        Self { mesh, inverse_mass }
+    }
+
+    /// Springs of 300 N/m, hinges of 0.5 N m, a volume with some compliance.
+    fn energy(&self, compliance: f64) -> Energy {
+        let topology = Topology::new(&self.mesh);
+        let (edges, k) = stiffness::edges(&self.mesh, &topology, 300.0);
+        let (hinges, b) = stiffness::hinges(&self.mesh, &topology, 0.5);
+        let count = self.mesh.vertices.len();
+        Energy {
+            elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
+            volume: Some(EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), compliance)),
+            ..Energy::default()
+        }
+    }
+
+    /// The held vertices of one half where `pose` puts them, those of the other where they are.
+    fn held(&self, pose: &Isometry3<f64>, both: bool) -> Vec<(u32, Point3<f64>)> {
+        let middle = self.mesh.bounding_box().center();
+        let along = self.mesh.bounding_box().extents().imax();
+        let each = self.mesh.vertices.iter().enumerate().filter(|(v, _)| self.inverse_mass[*v] == 0.0);
+        each.map(|(v, p)| (v as u32, if both || p[along] > middle[along] { pose * p } else { *p })).collect()
+    }
+
+    fn quasi_static(&self, pose: &Isometry3<f64>, both: bool, compliance: f64, tolerance: f64) -> Vec<Point3<f64>> {
+        let settings = Settings { tolerance, iterations: 3000 };
+        let energy = self.energy(compliance);
+        let mut solver = QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("held");
+        let mut x = self.mesh.vertices.clone();
+        solver.follow(&mut x, &self.held(pose, both), &mut Unguarded);
+        let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
+        assert!(outcome.converged, "{outcome:?}");
+        x
+    }
+
+    fn newton(&self, start: &[Point3<f64>], compliance: f64) -> Vec<Point3<f64>> {
+        let settings = Settings { tolerance: 1e-10, iterations: 60 };
+        let energy = self.energy(compliance);
+        let mut solver = Newton::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("memory");
+        let mut x = start.to_vec();
+        let outcome = solver.solve(&mut x, |_, _| true).expect("held");
+        assert!(outcome.converged, "{outcome:?}");
+        x
+    }
+}
+
+fn bent() -> Isometry3<f64> {
+    let turn = UnitQuaternion::from_euler_angles(0.2, 0.3, 0.25);
+    Isometry3::from_parts(Translation3::new(0.05, -0.1, 0.08), turn)
+}
+
+fn apart(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
+    worst(a.iter().zip(b).map(|(a, b)| (a - b).norm()))
+}
+
+#[test]
+fn two_solvers_find_one_equilibrium_and_keep_the_volume() {
+    let tube = Tube::new();
+    let length = tube.mesh.length();
+    for compliance in [0.0, 1e-6] {
+        let quasi_static = tube.quasi_static(&bent(), false, compliance, 1e-9);
+        let newton = tube.newton(&tube.quasi_static(&bent(), false, compliance, 1e-2), compliance);
+        let off = apart(&quasi_static, &newton);
+        assert!(off <= T15 * length, "compliance {compliance}: {off:e} m apart");
+        // Control: a solution stopped early is further away.
+        let early = tube.quasi_static(&bent(), false, compliance, 1e-3);
+        assert!(!(apart(&early, &newton) <= T15 * length));
+        let ratio = volume(&newton, &tube.mesh.triangles) / tube.mesh.volume();
+        if compliance == 0.0 {
+            assert!((ratio - 1.0).abs() <= T7, "volume off by {:e}", ratio - 1.0);
+        } else {
+            assert!((ratio - 1.0).abs() > 1e-9, "a compliant volume gives way");
+        }
+    }
+}
+
+#[test]
+fn a_body_carried_rigidly_is_not_deformed() {
+    let tube = Tube::new();
+    let carried: Vec<Point3<f64>> = tube.mesh.vertices.iter().map(|p| bent() * p).collect();
+    let x = tube.quasi_static(&bent(), true, 0.0, 1e-11);
+    let off = apart(&x, &carried);
+    assert!(off <= T15 * tube.mesh.length(), "{off:e} m from the carried shape");
+    assert!(!(apart(&x, &tube.mesh.vertices) <= T15), "control: it was carried");
+}
+
+#[test]
+fn an_equilibrium_has_the_same_bits_for_any_number_of_threads() {
+    let tube = Tube::new();
+    let run = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        pool.install(|| tube.quasi_static(&bent(), false, 0.0, 1e-4))
+    };
+    let one = run(1);
+    assert!([2, 8].into_iter().all(|threads| run(threads) == one));
+    assert!(tube.quasi_static(&bent(), false, 0.0, 1e-5) != one, "control: another tolerance has other bits");
+}
+
+/// A floor at a height, as a guard of single vertices.
+struct Floor {
+    height: f64,
+}
+
+impl Guard for Floor {
+    fn rows(&self) -> Vec<Row> {
+        let origin = Point3::new(0.0, self.height, 0.0);
+        let row = |v| Row { terms: [(v, 1.0), (v, 0.0), (v, 0.0)], normal: Vector3::y(), origin, distance: 0.0 };
+        (0..make("tube").expect("a shape").mesh.vertices.len() as u32).map(row).collect()
+    }
+    fn touching(&self) -> f64 {
+        1e-9
+    }
+    fn push(&mut self, _: &[Point3<f64>], x: &mut [Point3<f64>]) {
+        x.iter_mut().for_each(|p| p.y = p.y.max(self.height));
+    }
+    fn accept(&mut self, _: &[Point3<f64>]) {}
+}
+
+#[test]
+fn a_tube_on_a_floor_balances_its_weight() {
+    let tube = Tube::new();
+    let bottom = tube.mesh.bounding_box().min.y;
+    let mut floor = Floor { height: bottom - 0.01 };
+    let weight = Vector3::new(0.0, -0.2, 0.0);
+    let energy = || Energy { forces: vec![weight; tube.mesh.vertices.len()], ..tube.energy(1e-6) };
+    let settings = Settings { tolerance: 1e-9, iterations: 3000 };
+    let mut x = tube.mesh.vertices.clone();
+    let mut solver = QuasiStatic::new(energy(), &x.clone(), &tube.inverse_mass, settings).expect("held");
+    let outcome = solver.solve(&mut x, &mut floor, |_, _| true);
+    assert!(outcome.converged, "{outcome:?}");
+    let down: Vec<usize> = (0..x.len()).filter(|v| x[*v].y <= floor.height && tube.inverse_mass[*v] > 0.0).collect();
+    assert!(down.len() >= 3, "{} vertices touch the floor", down.len());
+    assert!(x.iter().all(|p| p.y >= floor.height));
+    // What the floor bears: the force on each vertex that touches points down, on all others there is none.
+    let mut gradient = vec![Vector3::zeros(); x.len()];
+    let energy_at = energy();
+    energy_at.value_and_gradient(&x, &mut gradient);
+    let (_, area) = energy_at.volume.as_ref().expect("a volume").value_and_gradient(&x);
+    let force = |v: usize| -(gradient[v] - area[v] * outcome.pressure);
+    for v in (0..x.len()).filter(|v| tube.inverse_mass[*v] > 0.0) {
+        let scale = 1e-6 * solver.problem.force_scale();
+        if down.contains(&v) {
+            assert!(force(v).y <= scale && force(v).xz().norm() <= scale, "vertex {v}: {}", force(v));
+        } else {
+            assert!(force(v).norm() <= scale, "vertex {v}: {}", force(v));
+        }
+    }
+    // Without a floor it hangs lower.
+    let mut free = tube.mesh.vertices.clone();
+    assert!(solver.solve(&mut free, &mut Unguarded, |_, _| true).converged);
+    assert!(free.iter().any(|p| p.y < floor.height - 1e-3), "control: the floor bears nothing");
+}
+
+#[test]
+fn what_nothing_holds_is_an_error() {
+    let tube = Tube::new();
+    let free = vec![1.0; tube.mesh.vertices.len()];
+    let made = QuasiStatic::new(tube.energy(0.0), &tube.mesh.vertices, &free, Settings::default());
+    assert!(matches!(made.err(), Some(FactorError::NotPositiveDefinite { .. })));
+}
+
+#[test]
+fn a_factor_solves_and_tells_what_is_not_positive_definite() {
+    let mut draw = Draw::new(5);
+    let (n, pairs) = (40_u32, (0..39).map(|i| [i, i + 1]).chain([[0, 20], [7, 33]]).collect::<Vec<_>>());
+    let mut factor = Factor::<3>::new(n as usize, &pairs).expect("memory");
+    let mut dense = nalgebra::DMatrix::<f64>::zeros(120, 120);
+    let mut add = |i: u32, j: u32, block: Matrix3<f64>, factor: &mut Factor<3>| {
+        factor.add(i, j, &std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)])));
+        let (r, c) = (3 * i as usize, 3 * j as usize);
+        dense.view_mut((r, c), (3, 3)).copy_from(&block);
+        dense.view_mut((c, r), (3, 3)).copy_from(&block.transpose());
+    };
+    for &[a, b] in &pairs {
+        add(b, a, Matrix3::from_fn(|_, _| draw.between(-1.0, 1.0)), &mut factor);
+    }
+    (0..n).for_each(|i| add(i, i, Matrix3::from_diagonal_element(20.0), &mut factor));
+    factor.factorise().expect("diagonally dominant");
+    let right = nalgebra::DMatrix::<f64>::from_fn(120, 2, |_, _| draw.between(-1.0, 1.0));
+    let mut found = right.as_slice().to_vec();
+    factor.solve(&mut found, 2);
+    let left = &dense * nalgebra::DMatrix::from_column_slice(120, 2, &found) - &right;
+    assert!(left.amax() <= T7, "residual {:e}", left.amax());
+    factor.add_diagonal(17, -100.0);
+    assert!(matches!(factor.factorise(), Err(FactorError::NotPositiveDefinite { .. })));
+    factor.add_diagonal(17, f64::NAN);
+    assert!(factor.factorise().is_err());
+}
