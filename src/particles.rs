@@ -36,3 +36,36 @@ impl Particles {
         self.position.iter().zip(&self.velocity).position(|(x, v)| !(finite(&x.coords) && finite(v)))
     }
 }
+
+/// Position and inverse mass of a particle side by side: x, y, z [m], w [1/kg]; half a cache line.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[repr(C, align(32))]
+pub struct Slot(pub [f64; 4]);
+
+/// A copy of positions and inverse masses in the layout that sweeps over constraints are fast with.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Packed {
+    /// Shape `[count]`.
+    pub slots: Vec<Slot>,
+}
+
+impl Packed {
+    /// Copies positions and inverse masses from `particles`.
+    pub fn read(&mut self, particles: &Particles) {
+        let both = particles.position.iter().zip(&particles.inverse_mass);
+        self.slots.clear();
+        self.slots.extend(both.map(|(x, w)| Slot([x.x, x.y, x.z, *w])));
+    }
+
+    /// Copies the positions back to `particles`, which must be as many.
+    pub fn write(&self, particles: &mut Particles) {
+        for (x, Slot([a, b, c, _])) in particles.position.iter_mut().zip(&self.slots) {
+            *x = Point3::new(*a, *b, *c);
+        }
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.slots.capacity() * size_of::<Slot>()
+    }
+}

@@ -2,6 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
+use super::Lane;
+
 /// tan(pi/8): above it the octant is turned by pi/4.
 const TAN_PI_8: f64 = 0.414_213_562_373_095_03;
 
@@ -23,26 +25,37 @@ const P: [f64; 11] = [
 /// Angle of the point `(x, y)` [rad] in [-pi, pi], at most 4 units in the last place off.
 #[inline(always)]
 pub fn atan2(y: f64, x: f64) -> f64 {
-    let (ax, ay) = (x.abs(), y.abs());
-    let (small, large) = if ay > ax { (ax, ay) } else { (ay, ax) };
+    let (angle, usual) = atan2_in_lanes((), y, x);
     // Zeros, numbers whose sum or quotient could overflow or lose digits, and what is not a number.
-    if !(small > 1e-140 && large < 1e140) {
-        return libm::atan2(y, x);
-    }
-    let turned = small > TAN_PI_8 * large;
-    let (top, bottom, base) = if turned { (small - large, small + large, FRAC_PI_4) } else { (small, large, 0.0) };
+    if usual { angle } else { libm::atan2(y, x) }
+}
+
+/// Angles [rad] as of [`atan2`], and where they are: neither very large or small nor all zero.
+#[inline(always)]
+pub fn atan2_in_lanes<N: Lane>(machine: N::Machine, y: N, x: N) -> (N, N::Mask) {
+    let of = |value| N::splat(machine, value);
+    let (ax, ay) = (x.abs(), y.abs());
+    let steep = ax.lt(ay);
+    let (small, large) = (N::select(steep, ax, ay), N::select(steep, ay, ax));
+    // On an axis the polynomial is of zero, and exact: flat hinges are usual.
+    let (tiny, huge) = (of(1e-140), of(1e140));
+    let usual = (tiny.lt(small) | (small.le(of(0.0)) & tiny.lt(large))) & large.lt(huge);
+    let turned = (of(TAN_PI_8) * large).lt(small);
+    let top = N::select(turned, small - large, small);
+    let bottom = N::select(turned, small + large, large);
+    let base = N::select(turned, of(FRAC_PI_4), of(0.0));
     let z = top / bottom;
     let u = z * z;
     // By pairs, so that multiplications do not wait for each other.
-    let (u2, pair) = (u * u, |k: usize| P[k] + P[k + 1] * u);
+    let (u2, pair) = (u * u, |k: usize| of(P[k]) + of(P[k + 1]) * u);
     let u4 = u2 * u2;
     let low = pair(0) + pair(2) * u2;
     let middle = pair(4) + pair(6) * u2;
-    let high = pair(8) + P[10] * u2;
+    let high = pair(8) + of(P[10]) * u2;
     let angle = base + (z + z * u * (low + (middle + high * u4) * u4));
-    let angle = if ay > ax { FRAC_PI_2 - angle } else { angle };
-    let angle = if x < 0.0 { PI - angle } else { angle };
-    angle.copysign(y)
+    let angle = N::select(steep, of(FRAC_PI_2) - angle, angle);
+    let angle = N::select(x.lt(of(0.0)), of(PI) - angle, angle);
+    (angle.copysign(y), usual)
 }
 
 #[cfg(test)]

@@ -1,11 +1,15 @@
 //! Many constraints of one kind, in sweep order, and the one projection that all kinds share.
 
-use nalgebra::{Point3, Vector3};
+use std::ops::Range;
+
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::Constraint;
+use super::lanes::{self, Width};
 use super::order::{Order, Schedule, schedule};
-use crate::particles::Particles;
+use super::projection::{Correction, Span, Sweep, Swept, correction};
+use crate::particles::{Packed, Particles};
 
 /// Less work than this in a colour is done by one thread: below it the hand-over costs more than two threads
 /// gain. In constraints times squared points, which goes about with the time of a projection. Measured on spheres: at
@@ -39,6 +43,8 @@ pub trait Project: Send + Sync {
     fn begin_step(&mut self);
     /// One sweep with time step `dt` [s].
     fn project(&mut self, particles: &mut Particles, dt: f64);
+    /// One sweep as of [`Self::project`] over a packed copy: what sweeps several sets packs only once.
+    fn project_packed(&mut self, packed: &mut Packed, dt: f64);
     /// Distance from satisfaction after the last sweep.
     fn residual(&self, particles: &Particles, dt: f64) -> Residual;
     /// Sweeps done so far.
@@ -59,45 +65,12 @@ pub struct Batch<C, const K: usize> {
     relaxation: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: Schedule,
+    spans: Vec<Span>,
+    width: Width,
+    packed: Packed,
     corrections: Vec<Option<Correction<K>>>,
     calls: u64,
     skipped: u64,
-}
-
-/// What one projection does.
-#[derive(Clone, Copy, Debug)]
-struct Correction<const K: usize> {
-    value: f64,
-    change: f64,
-    move_by: [Vector3<f64>; K],
-}
-
-/// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
-#[inline(always)]
-fn correction<C: Constraint<K>, const K: usize>(
-    constraint: &C,
-    position: &[Point3<f64>],
-    inverse_mass: &[f64],
-    (compliance, relaxation, multiplier): (f64, f64, f64),
-) -> Option<Correction<K>> {
-    let points = constraint.points();
-    let (c, mut g) = constraint.value_and_gradient(&points.map(|p| position[p as usize]))?;
-    let w = points.map(|p| inverse_mass[p as usize]);
-    let mut weight = 0.0;
-    for k in 0..K {
-        weight += w[k] * g[k].norm_squared();
-    }
-    // All points held, or a gradient of zero: nothing that moves could change C.
-    if weight <= 0.0 {
-        return None;
-    }
-    // Of an infinite compliance, infinity times a multiplier of zero would be NaN.
-    let compliance = compliance.min(f64::MAX);
-    let change = relaxation * (-c - compliance * multiplier) / (weight + compliance);
-    for k in 0..K {
-        g[k] *= w[k] * change;
-    }
-    Some(Correction { value: c, change, move_by: g })
 }
 
 impl<C: Constraint<K>, const K: usize> Batch<C, K> {
@@ -115,6 +88,9 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             compliance: schedule.sequence.iter().map(|i| compliance[sorted(i)]).collect(),
             relaxation: vec![1.0; constraints.len()],
             multipliers: vec![0.0; constraints.len()],
+            spans: spans(&schedule, &points),
+            width: Width::best(),
+            packed: Packed::default(),
             corrections: Vec::new(),
             schedule,
             calls: 0,
@@ -153,58 +129,60 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         &self.schedule
     }
 
-    fn project_serial(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
-        let mut skipped = 0;
-        let n = range.len();
-        let constraints = &mut self.constraints[range.clone()];
-        let compliance = &self.compliance[range.clone()];
-        let relaxation = &self.relaxation[range.clone()];
-        let multipliers = &mut self.multipliers[range];
-        for j in 0..n {
-            let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
-            match correction(&constraints[j], &particles.position, &particles.inverse_mass, numbers) {
-                Some(Correction { value, change, move_by }) => {
-                    multipliers[j] += change;
-                    constraints[j].remember(value);
-                    for (p, by) in constraints[j].points().into_iter().zip(move_by) {
-                        particles.position[p as usize] += by;
-                    }
-                }
-                None => skipped += 1,
-            }
-        }
-        self.skipped += skipped;
+    /// Computes as many constraints at once as `width` says, where the processor can, in place of as many as it can.
+    /// Changes no bit of any result.
+    #[must_use]
+    pub fn with_width(mut self, width: Width) -> Self {
+        self.width = width;
+        self
     }
 
-    /// Computes all corrections of a colour in parallel, then applies them: no two touch the same particle, so the
-    /// bits are those of the serial sweep.
-    fn project_parallel(&mut self, range: std::ops::Range<usize>, particles: &mut Particles, per_dt2: f64) {
-        let (position, inverse_mass) = (&particles.position, &particles.inverse_mass);
-        let constraints = &mut self.constraints[range.clone()];
-        let compliance = &self.compliance[range.clone()];
-        let relaxation = &self.relaxation[range.clone()];
-        let multipliers = &mut self.multipliers[range];
-        let shared = &*constraints;
-        (0..shared.len())
-            .into_par_iter()
-            .with_min_len(PARALLEL / (4 * K * K))
-            .map(|j| {
-                let numbers = (compliance[j] * per_dt2, relaxation[j], multipliers[j]);
-                correction(&shared[j], position, inverse_mass, numbers)
-            })
-            .collect_into_vec(&mut self.corrections);
-        for (j, correction) in self.corrections.iter().enumerate() {
-            match correction {
-                &Some(Correction { value, change, move_by }) => {
-                    multipliers[j] += change;
-                    constraints[j].remember(value);
-                    for (p, by) in constraints[j].points().into_iter().zip(move_by) {
-                        particles.position[p as usize] += by;
-                    }
-                }
-                None => self.skipped += 1,
-            }
+    fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
+        let parallel = !(C::LANES && self.width > Width::One) && rayon::current_num_threads() > 1;
+        let sweep = Sweep {
+            constraints: &mut self.constraints,
+            compliance: &self.compliance,
+            relaxation: &self.relaxation,
+            multipliers: &mut self.multipliers,
+            slots: &mut packed.slots,
+            per_dt2: 1.0 / (dt * dt),
+            skipped: &mut self.skipped,
+        };
+        if parallel {
+            in_parallel(sweep, &self.spans, &mut self.corrections);
+        } else {
+            lanes::run(if C::LANES { self.width } else { Width::One }, Swept(sweep, &self.spans));
         }
+    }
+}
+
+/// The ranges of the sweep, and in which of them lanes may be filled side by side.
+fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> {
+    // A constraint that names a particle twice moves it twice.
+    let repeats = |p: &[u32; K]| (1..K).any(|k| p[..k].contains(&p[k]));
+    let of = |range: &Range<usize>| {
+        let mut these = schedule.sequence[range.clone()].iter().map(|&c| &points[c as usize]);
+        Span { range: range.clone(), independent: schedule.independent && !these.any(repeats) }
+    };
+    schedule.colours.iter().map(of).collect()
+}
+
+/// A sweep that computes all corrections of a long colour in parallel, then applies them: no two touch the same
+/// particle, so the bits are those of the serial sweep.
+fn in_parallel<C: Constraint<K>, const K: usize>(
+    mut sweep: Sweep<C, K>,
+    spans: &[Span],
+    corrections: &mut Vec<Option<Correction<K>>>,
+) {
+    for Span { range, independent } in spans {
+        if !independent || range.len() * K * K < PARALLEL {
+            sweep.serial(range.clone(), *independent);
+            continue;
+        }
+        let shared = &sweep;
+        let compute = |j| correction(&shared.constraints[j], shared.slots, shared.numbers(j));
+        range.clone().into_par_iter().with_min_len(PARALLEL / (4 * K * K)).map(compute).collect_into_vec(corrections);
+        range.clone().zip(corrections.iter()).for_each(|(j, correction)| sweep.apply(j, *correction));
     }
 }
 
@@ -218,11 +196,12 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     }
 
     fn bytes(&self) -> usize {
-        use std::mem::size_of;
         self.constraints.capacity() * size_of::<C>()
             + (self.compliance.capacity() + self.relaxation.capacity() + self.multipliers.capacity()) * 8
             + self.schedule.sequence.capacity() * 4
-            + self.schedule.colours.capacity() * size_of::<std::ops::Range<usize>>()
+            + self.schedule.colours.capacity() * size_of::<Range<usize>>()
+            + self.spans.capacity() * size_of::<Span>()
+            + self.packed.bytes()
             + self.corrections.capacity() * size_of::<Option<Correction<K>>>()
     }
 
@@ -236,15 +215,17 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         if dt == 0.0 {
             return;
         }
-        let per_dt2 = 1.0 / (dt * dt);
-        let threads = rayon::current_num_threads();
-        for colour in 0..self.schedule.colours.len() {
-            let range = self.schedule.colours[colour].clone();
-            if self.schedule.independent && threads > 1 && range.len() * K * K >= PARALLEL {
-                self.project_parallel(range, particles, per_dt2);
-            } else {
-                self.project_serial(range, particles, per_dt2);
-            }
+        let mut packed = std::mem::take(&mut self.packed);
+        packed.read(particles);
+        self.sweep_packed(&mut packed, dt);
+        packed.write(particles);
+        self.packed = packed;
+    }
+
+    fn project_packed(&mut self, packed: &mut Packed, dt: f64) {
+        self.calls += 1;
+        if dt != 0.0 {
+            self.sweep_packed(packed, dt);
         }
     }
 

@@ -4,8 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Point3, Vector3};
 
-use super::angle::atan2;
-use super::{Constraint, Parameter, Scalar};
+use super::angle::{atan2, atan2_in_lanes};
+use super::lanes::{cross, dot, neg, scale, sub};
+use super::{Constraint, Lane, Parameter, Scalar, Several};
 
 /// A triangle with area below this share of its longest edge squared has no usable normal. The rule is relative, so
 /// it does not change with the unit of length.
@@ -37,10 +38,8 @@ impl Bending {
 }
 
 /// The number that differs from `angle` by whole turns and is nearest to `last`; in (-pi, pi] for `last` = 0.
-#[inline(always)]
 fn unwrap<S: Scalar>(angle: S, last: f64) -> S {
     let off = angle.real() - last;
-    // The usual case, without a division and a rounding.
     if off > -PI && off <= PI {
         return angle;
     }
@@ -83,29 +82,69 @@ impl Constraint<4> for Bending {
     // By force: returned through memory its numbers cost more than they take to compute.
     #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
-        let e = x[1] - x[0];
-        let a = x[2] - x[0];
-        let b = x[3] - x[0];
-        let n1 = e.cross(&a);
-        let n2 = b.cross(&e);
-        let ee = e.norm_squared();
-        let (q1, q2) = (n1.norm_squared(), n2.norm_squared());
-        let thin = |longest: f64| 4.0 * FLAT * FLAT * longest * longest;
-        let longest1 = ee.max(a.norm_squared()).max((x[2] - x[1]).norm_squared());
-        let longest2 = ee.max(b.norm_squared()).max((x[3] - x[1]).norm_squared());
-        if !(ee > 0.0 && q1 > thin(longest1) && q2 > thin(longest2)) {
-            return None;
-        }
+        let points = [x[0], x[1], x[2], x[3]].map(|p| p.coords.into());
+        let Several { value, gradient, usual } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+        let [a, b, c, d] = gradient;
+        let gradient = [a.into(), b.into(), c.into(), d.into()];
+        if usual { Some((value, gradient)) } else { Some((self.unusual(x)?, gradient)) }
+    }
+
+    const LANES: bool = true;
+
+    #[inline(always)]
+    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 4]) -> Several<N, 4> {
+        let of = |value| N::splat(machine, value);
+        let e = sub(x[1], x[0]);
+        let a = sub(x[2], x[0]);
+        let b = sub(x[3], x[0]);
+        let n1 = cross(e, a);
+        let n2 = cross(b, e);
+        let ee = dot(e, e);
+        let (q1, q2) = (dot(n1, n1), dot(n2, n2));
+        // The square of the third edge is at most twice the sum of the other two: enough area for this bound is enough
+        // for that of `is_solid`.
+        let (s1, s2) = (ee + dot(a, a), ee + dot(b, b));
+        let flat = of(17.0 * FLAT * FLAT);
+        let solid = of(0.0).lt(ee) & (flat * s1 * s1).lt(q1) & (flat * s2 * s2).lt(q2);
         let length = ee.sqrt();
         // N1 x N2 = -(N1.b) e: the same angle as in `value` with one product less.
-        let theta = atan2(-n1.dot(&b) * length, n1.dot(&n2));
-        let g3 = n1 * (-length / q1);
-        let g4 = n2 * (-length / q2);
-        let per_ee = 1.0 / ee;
-        let t3 = a.dot(&e) * per_ee;
-        let t4 = b.dot(&e) * per_ee;
-        let g2 = -(g3 * t3) - g4 * t4;
-        let g1 = -(g3 * (1.0 - t3)) - g4 * (1.0 - t4);
-        Some((unwrap(theta - self.rest, self.last), [g1, g2, g3, g4]))
+        let (theta, angular) = atan2_in_lanes(machine, -dot(n1, b) * length, dot(n1, n2));
+        let value = theta - N::each(machine, |l| these[l].rest);
+        let off = value - N::each(machine, |l| these[l].last);
+        let unwrapped = of(-PI).lt(off) & off.le(of(PI));
+        let g3 = scale(n1, -length / q1);
+        let g4 = scale(n2, -length / q2);
+        let (one, per_ee) = (of(1.0), of(1.0) / ee);
+        let t3 = dot(a, e) * per_ee;
+        let t4 = dot(b, e) * per_ee;
+        let g2 = sub(neg(scale(g3, t3)), scale(g4, t4));
+        let g1 = sub(neg(scale(g3, one - t3)), scale(g4, one - t4));
+        Several { value, gradient: [g1, g2, g3, g4], usual: solid & angular & unwrapped }
+    }
+}
+
+/// Whether both triangles have area enough for a normal.
+fn is_solid(x: &[Point3<f64>; 4]) -> bool {
+    let (e, a, b) = (x[1] - x[0], x[2] - x[0], x[3] - x[0]);
+    let ee = e.norm_squared();
+    let (q1, q2) = (e.cross(&a).norm_squared(), b.cross(&e).norm_squared());
+    let thin = |longest: f64| 4.0 * FLAT * FLAT * longest * longest;
+    let longest1 = ee.max(a.norm_squared()).max((x[2] - x[1]).norm_squared());
+    let longest2 = ee.max(b.norm_squared()).max((x[3] - x[1]).norm_squared());
+    ee > 0.0 && q1 > thin(longest1) && q2 > thin(longest2)
+}
+
+impl Bending {
+    /// C of a hinge that is nearly degenerate, was turned by more than half a turn, or has odd numbers; `None` where
+    /// the gradient is undefined.
+    #[cold]
+    fn unusual(&self, x: &[Point3<f64>; 4]) -> Option<f64> {
+        if !is_solid(x) {
+            return None;
+        }
+        let (e, a, b) = (x[1] - x[0], x[2] - x[0], x[3] - x[0]);
+        let (n1, n2) = (e.cross(&a), b.cross(&e));
+        let theta = atan2(-n1.dot(&b) * e.norm_squared().sqrt(), n1.dot(&n2));
+        Some(unwrap(theta - self.rest, self.last))
     }
 }

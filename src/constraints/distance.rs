@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Constraint, Parameter, Scalar, safe_norm};
+use super::lanes::{dot, neg, scale, sub};
+use super::{Constraint, Lane, Parameter, Scalar, Several, safe_norm};
 
 /// Keeps two particles `rest` [m] apart: C = |p1 - p2| - d \[mueller2007\], gradient (u, -u) with
 /// u = (p1 - p2) / |p1 - p2|. Undefined where both points coincide.
@@ -35,6 +36,29 @@ impl Constraint<2> for Distance {
 
     #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
+        let points = [x[0].coords.into(), x[1].coords.into()];
+        let Several { value, gradient: [u, v], usual } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+        if usual { Some((value, [u.into(), v.into()])) } else { self.unusual(x) }
+    }
+
+    const LANES: bool = true;
+
+    #[inline(always)]
+    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
+        let d = sub(x[0], x[1]);
+        let squared = dot(d, d);
+        // Squares of components beyond these bounds lose digits or overflow.
+        let usual = N::splat(machine, 1e-280).lt(squared) & squared.lt(N::splat(machine, 1e280));
+        let length = squared.sqrt();
+        let u = scale(d, N::splat(machine, 1.0) / length);
+        Several { value: length - N::each(machine, |l| these[l].rest), gradient: [u, neg(u)], usual }
+    }
+}
+
+impl Distance {
+    /// For points that coincide, are very near or far, or are not numbers.
+    #[cold]
+    fn unusual(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
         let d = x[0] - x[1];
         let length = safe_norm(&d);
         if length == 0.0 {

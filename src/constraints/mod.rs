@@ -7,12 +7,16 @@
 mod angle;
 pub mod batch;
 pub mod enclosed_volume;
+pub mod lanes;
 pub mod order;
+mod projection;
+mod rings;
 mod scalar;
 pub mod second;
 
 pub use batch::{Batch, Project, Residual};
 pub use enclosed_volume::EnclosedVolume;
+pub use lanes::{Lane, Several, Width};
 pub use order::Order;
 pub use scalar::Scalar;
 
@@ -59,6 +63,16 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
 
     /// C(x) and dC/dx_i; `None` where the gradient is undefined (each constraint says where).
     fn value_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])>;
+
+    /// Whether [`Self::in_lanes`] is written: a constraint may do without.
+    const LANES: bool = false;
+
+    /// C(x) and dC/dx_i of several constraints, one a lane, with the bits of [`Self::value_and_gradient`] wherever
+    /// `usual` says so.
+    #[inline(always)]
+    fn in_lanes<N: Lane>(_these: &[Self], _machine: N::Machine, _x: &[[N; 3]; K]) -> Several<N, K> {
+        unreachable!("{} says that it has no form in lanes", Self::NAME)
+    }
 }
 
 /// Declares the constraints, and calls a macro on each: the one list that a new constraint must join.

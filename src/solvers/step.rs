@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::constraints::{EnclosedVolume, Project, Residual};
 use crate::contact::{Contacts, Placed};
-use crate::particles::Particles;
+use crate::particles::{Packed, Particles};
 
 /// A particle carried by a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +88,7 @@ pub struct System {
     pub clock: Clock,
     /// Velocities that were cut so far.
     pub speed_cuts: u64,
+    packed: Packed,
     start: Vec<Point3<f64>>,
     start_velocity: Vec<Vector3<f64>>,
     last_dt: f64,
@@ -100,6 +101,7 @@ impl System {
             start: particles.position.clone(),
             start_velocity: particles.velocity.clone(),
             particles,
+            packed: Packed::default(),
             elastic: Vec::new(),
             volume: None,
             contacts: None,
@@ -162,10 +164,20 @@ impl System {
     }
 
     fn sweep(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
-        for k in 0..self.elastic.len() {
-            let name = self.elastic[k].name();
-            self.clock.time(name, || self.elastic[k].project(&mut self.particles, dt));
-            self.watch(name, watch)?;
+        let last = self.elastic.len().wrapping_sub(1);
+        for (k, batch) in self.elastic.iter_mut().enumerate() {
+            let name = batch.name();
+            self.clock.time(name, || {
+                // Packed once for all: only the first reads, only the last writes.
+                if k == 0 {
+                    self.packed.read(&self.particles);
+                }
+                batch.project_packed(&mut self.packed, dt);
+                if k == last || watch {
+                    self.packed.write(&mut self.particles);
+                }
+            });
+            watch_positions(&self.particles, name, watch)?;
         }
         if let Some(contacts) = &mut self.contacts {
             self.clock.time("contact", || contacts.project(placed, &mut self.particles));
@@ -226,14 +238,7 @@ impl System {
     }
 
     fn watch(&self, effect: &'static str, watch: bool) -> Result<(), Broken> {
-        if !watch {
-            return Ok(());
-        }
-        let finite = |x: &Point3<f64>| x.coords.iter().all(|c| c.is_finite());
-        match self.particles.position.iter().position(|x| !finite(x)) {
-            Some(particle) => Err(Broken { effect, particle }),
-            None => Ok(()),
-        }
+        watch_positions(&self.particles, effect, watch)
     }
 
     /// After the last step of a frame: contact and volume once more, each looked up afresh, until both hold.
@@ -263,5 +268,17 @@ impl System {
             all.push(("volume", volume.residual(&self.particles, dt)));
         }
         all
+    }
+}
+
+/// Names the effect after which a position is not finite, if `watch` asks for it.
+fn watch_positions(particles: &Particles, effect: &'static str, watch: bool) -> Result<(), Broken> {
+    if !watch {
+        return Ok(());
+    }
+    let finite = |x: &Point3<f64>| x.coords.iter().all(|c| c.is_finite());
+    match particles.position.iter().position(|x| !finite(x)) {
+        Some(particle) => Err(Broken { effect, particle }),
+        None => Ok(()),
     }
 }

@@ -13,6 +13,7 @@ mod equilibrium;
 mod errata;
 #[path = "../io.rs"]
 mod io;
+mod lanes;
 mod scene;
 mod scenes;
 mod solvers;

@@ -1,0 +1,329 @@
+//! Lanes of x86: four by AVX2, eight by AVX-512. `pulp` hands out the intrinsics as safe methods of a value that only
+//! exists where the processor has them.
+
+use std::arch::x86_64::{__m256d, __m512d};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
+
+use pulp::NullaryFnOnce;
+use pulp::cast;
+use pulp::x86::{V3, V4};
+
+use super::{InLanes, InTrios, Lane, Trio};
+use crate::particles::Slot;
+
+/// Work to be compiled for AVX-512.
+pub struct Eight<W>(pub V4, pub W);
+
+impl<W: InLanes> NullaryFnOnce for Eight<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.1.run::<F64x8>(self.0);
+    }
+}
+
+/// Work to be compiled for AVX2.
+pub struct Four<W>(pub V3, pub W);
+
+impl<W: InLanes> NullaryFnOnce for Four<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.1.run::<F64x4>(self.0);
+    }
+}
+
+/// Work on vectors of space to be compiled for AVX2.
+pub struct Trios<W>(pub V3, pub W);
+
+impl<W: InTrios> NullaryFnOnce for Trios<W> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        self.1.run::<F64x4>(self.0);
+    }
+}
+
+/// Four numbers.
+#[derive(Clone, Copy)]
+pub struct F64x4(V3, __m256d);
+
+/// Four times yes or no, all bits of a lane alike.
+#[derive(Clone, Copy)]
+pub struct Mask4(V3, __m256d);
+
+/// Eight numbers.
+#[derive(Clone, Copy)]
+pub struct F64x8(V4, __m512d);
+
+/// Eight times yes or no.
+#[derive(Clone, Copy)]
+pub struct Mask8(u8);
+
+macro_rules! operators {
+    ($kind:ident, $set:ident: $($operator:ident::$method:ident = $intrinsic:ident),*) => {
+        $(impl $operator for $kind {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                Self(self.0, self.0.$set.$intrinsic(self.1, other.1))
+            }
+        })*
+    };
+}
+
+operators!(F64x4, avx:
+    Add::add = _mm256_add_pd,
+    Sub::sub = _mm256_sub_pd,
+    Mul::mul = _mm256_mul_pd,
+    Div::div = _mm256_div_pd
+);
+operators!(Mask4, avx:
+    BitAnd::bitand = _mm256_and_pd,
+    BitOr::bitor = _mm256_or_pd
+);
+operators!(F64x8, avx512f:
+    Add::add = _mm512_add_pd,
+    Sub::sub = _mm512_sub_pd,
+    Mul::mul = _mm512_mul_pd,
+    Div::div = _mm512_div_pd
+);
+
+impl Neg for F64x4 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0, self.0.avx._mm256_xor_pd(self.1, self.0.avx._mm256_set1_pd(-0.0)))
+    }
+}
+
+impl Neg for F64x8 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(self.0, self.0.avx512dq._mm512_xor_pd(self.1, self.0.avx512f._mm512_set1_pd(-0.0)))
+    }
+}
+
+impl BitAnd for Mask8 {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+
+impl BitOr for Mask8 {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+}
+
+/// The first numbers of a slice as an array.
+#[inline(always)]
+fn first<const W: usize>(from: &[f64]) -> [f64; W] {
+    *from.first_chunk().expect("as many numbers as lanes")
+}
+
+// Less than, and less or equal: false for what is not a number, without an exception.
+const LT: i32 = 0x11;
+const LE: i32 = 0x12;
+
+impl Lane for F64x4 {
+    type Machine = V3;
+    type Mask = Mask4;
+    const COUNT: usize = 4;
+
+    #[inline(always)]
+    fn splat(machine: V3, value: f64) -> Self {
+        Self(machine, machine.avx._mm256_set1_pd(value))
+    }
+    #[inline(always)]
+    fn each(machine: V3, value: impl Fn(usize) -> f64) -> Self {
+        Self(machine, machine.avx._mm256_setr_pd(value(0), value(1), value(2), value(3)))
+    }
+    #[inline(always)]
+    fn load(machine: V3, from: &[f64]) -> Self {
+        Self(machine, cast(first::<4>(from)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64]) {
+        *to.first_chunk_mut::<4>().expect("as many numbers as lanes") = cast(self.1);
+    }
+    #[inline(always)]
+    fn gather(machine: V3, slots: &[Slot], slot: impl Fn(usize) -> u32) -> [Self; 4] {
+        let [a, b, c, d]: [__m256d; 4] = [
+            cast(slots[slot(0) as usize].0),
+            cast(slots[slot(1) as usize].0),
+            cast(slots[slot(2) as usize].0),
+            cast(slots[slot(3) as usize].0),
+        ];
+        let [x, y, z, w] = transposed(machine, [a, b, c, d]);
+        [Self(machine, x), Self(machine, y), Self(machine, z), Self(machine, w)]
+    }
+    #[inline(always)]
+    fn scatter([x, y, z, w]: [Self; 4], slots: &mut [Slot], slot: impl Fn(usize) -> u32) {
+        let [a, b, c, d] = transposed(x.0, [x.1, y.1, z.1, w.1]);
+        slots[slot(0) as usize].0 = cast(a);
+        slots[slot(1) as usize].0 = cast(b);
+        slots[slot(2) as usize].0 = cast(c);
+        slots[slot(3) as usize].0 = cast(d);
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0, self.0.avx._mm256_sqrt_pd(self.1))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0, self.0.avx._mm256_andnot_pd(self.0.avx._mm256_set1_pd(-0.0), self.1))
+    }
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        let (set, bit) = (self.0.avx, self.0.avx._mm256_set1_pd(-0.0));
+        Self(self.0, set._mm256_or_pd(set._mm256_andnot_pd(bit, self.1), set._mm256_and_pd(bit, sign.1)))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask4 {
+        Mask4(self.0, self.0.avx._mm256_cmp_pd::<LT>(self.1, other.1))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask4 {
+        Mask4(self.0, self.0.avx._mm256_cmp_pd::<LE>(self.1, other.1))
+    }
+    #[inline(always)]
+    fn select(mask: Mask4, yes: Self, no: Self) -> Self {
+        Self(yes.0, yes.0.avx._mm256_blendv_pd(no.1, yes.1, mask.1))
+    }
+    #[inline(always)]
+    fn bits(mask: Mask4) -> u32 {
+        mask.0.avx._mm256_movemask_pd(mask.1) as u32
+    }
+}
+
+impl Trio for F64x4 {
+    type Machine = V3;
+    #[inline(always)]
+    fn read(machine: V3, slot: &Slot) -> Self {
+        Self(machine, cast(slot.0))
+    }
+    #[inline(always)]
+    fn splat(machine: V3, value: f64) -> Self {
+        <Self as Lane>::splat(machine, value)
+    }
+    #[inline(always)]
+    fn turned(self) -> Self {
+        Self(self.0, self.0.avx2._mm256_permute4x64_pd::<0b11_00_10_01>(self.1))
+    }
+    #[inline(always)]
+    fn slot(self) -> Slot {
+        Slot(cast(self.1))
+    }
+}
+
+/// Rows for columns.
+#[inline(always)]
+fn transposed(machine: V3, [a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
+    let set = machine.avx;
+    let (ab0, ab1) = (set._mm256_unpacklo_pd(a, b), set._mm256_unpackhi_pd(a, b));
+    let (cd0, cd1) = (set._mm256_unpacklo_pd(c, d), set._mm256_unpackhi_pd(c, d));
+    [
+        set._mm256_permute2f128_pd::<0x20>(ab0, cd0),
+        set._mm256_permute2f128_pd::<0x20>(ab1, cd1),
+        set._mm256_permute2f128_pd::<0x31>(ab0, cd0),
+        set._mm256_permute2f128_pd::<0x31>(ab1, cd1),
+    ]
+}
+
+impl Lane for F64x8 {
+    type Machine = V4;
+    type Mask = Mask8;
+    const COUNT: usize = 8;
+
+    #[inline(always)]
+    fn splat(machine: V4, value: f64) -> Self {
+        Self(machine, machine.avx512f._mm512_set1_pd(value))
+    }
+    #[inline(always)]
+    fn each(machine: V4, v: impl Fn(usize) -> f64) -> Self {
+        Self(machine, machine.avx512f._mm512_setr_pd(v(0), v(1), v(2), v(3), v(4), v(5), v(6), v(7)))
+    }
+    #[inline(always)]
+    fn load(machine: V4, from: &[f64]) -> Self {
+        Self(machine, cast(first::<8>(from)))
+    }
+    #[inline(always)]
+    fn store(self, to: &mut [f64]) {
+        *to.first_chunk_mut::<8>().expect("as many numbers as lanes") = cast(self.1);
+    }
+    #[inline(always)]
+    fn gather(machine: V4, slots: &[Slot], slot: impl Fn(usize) -> u32) -> [Self; 4] {
+        let set = machine.avx512f;
+        // Two slots beside each other in the order in which the shuffles below leave the lanes rising.
+        let two = |low: usize, high: usize| {
+            let low = set._mm512_castpd256_pd512(cast(slots[slot(low) as usize].0));
+            set._mm512_insertf64x4::<1>(low, cast(slots[slot(high) as usize].0))
+        };
+        let (a, b, c, d) = (two(0, 2), two(1, 3), two(4, 6), two(5, 7));
+        let (ab0, ab1) = (set._mm512_unpacklo_pd(a, b), set._mm512_unpackhi_pd(a, b));
+        let (cd0, cd1) = (set._mm512_unpacklo_pd(c, d), set._mm512_unpackhi_pd(c, d));
+        [
+            Self(machine, set._mm512_shuffle_f64x2::<0x88>(ab0, cd0)),
+            Self(machine, set._mm512_shuffle_f64x2::<0x88>(ab1, cd1)),
+            Self(machine, set._mm512_shuffle_f64x2::<0xDD>(ab0, cd0)),
+            Self(machine, set._mm512_shuffle_f64x2::<0xDD>(ab1, cd1)),
+        ]
+    }
+    #[inline(always)]
+    fn scatter([x, y, z, w]: [Self; 4], slots: &mut [Slot], slot: impl Fn(usize) -> u32) {
+        let set = x.0.avx512f;
+        // Of even and of odd lanes: x y of four lanes, z w of the same.
+        let (xy0, xy1) = (set._mm512_unpacklo_pd(x.1, y.1), set._mm512_unpackhi_pd(x.1, y.1));
+        let (zw0, zw1) = (set._mm512_unpacklo_pd(z.1, w.1), set._mm512_unpackhi_pd(z.1, w.1));
+        let low = cast([0_u64, 1, 8, 9, 2, 3, 10, 11]);
+        let high = cast([4_u64, 5, 12, 13, 6, 7, 14, 15]);
+        let pairs = [
+            (0, 2, set._mm512_permutex2var_pd(xy0, low, zw0)),
+            (1, 3, set._mm512_permutex2var_pd(xy1, low, zw1)),
+            (4, 6, set._mm512_permutex2var_pd(xy0, high, zw0)),
+            (5, 7, set._mm512_permutex2var_pd(xy1, high, zw1)),
+        ];
+        for (low, high, both) in pairs {
+            slots[slot(low) as usize].0 = cast(set._mm512_castpd512_pd256(both));
+            slots[slot(high) as usize].0 = cast(set._mm512_extractf64x4_pd::<1>(both));
+        }
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0, self.0.avx512f._mm512_sqrt_pd(self.1))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0, self.0.avx512dq._mm512_andnot_pd(self.0.avx512f._mm512_set1_pd(-0.0), self.1))
+    }
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        let (set, bit) = (self.0.avx512dq, self.0.avx512f._mm512_set1_pd(-0.0));
+        Self(self.0, set._mm512_or_pd(set._mm512_andnot_pd(bit, self.1), set._mm512_and_pd(bit, sign.1)))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask8 {
+        Mask8(self.0.avx512f._mm512_cmp_pd_mask::<LT>(self.1, other.1))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask8 {
+        Mask8(self.0.avx512f._mm512_cmp_pd_mask::<LE>(self.1, other.1))
+    }
+    #[inline(always)]
+    fn select(mask: Mask8, yes: Self, no: Self) -> Self {
+        Self(yes.0, yes.0.avx512f._mm512_mask_blend_pd(mask.0, no.1, yes.1))
+    }
+    #[inline(always)]
+    fn bits(mask: Mask8) -> u32 {
+        u32::from(mask.0)
+    }
+}

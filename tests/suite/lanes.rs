@@ -1,0 +1,216 @@
+//! Any number of lanes gives the bits of computing one by one (P42), in what is ordinary and in what is not.
+
+use nalgebra::{Point3, Vector3};
+use pliant::constraints::{
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Lane, Order, Parameter, Project, Scalar, Several, Width,
+};
+use pliant::mesh::shapes::icosphere;
+use pliant::particles::Particles;
+use pliant::testing::Draw;
+
+use crate::bodies::{bits, edges, finite, hinges};
+
+const DT: f64 = 0.01;
+
+/// A shaken sphere: an eighth of it held, edges without length, triangles without area, flat ones, folds.
+fn odd_body() -> (pliant::mesh::TriangleMesh, Particles) {
+    let mesh = icosphere(1.0, 4);
+    let mut draw = Draw::new(4242);
+    let mut x: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| p + draw.direction() * 0.02).collect();
+    for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
+        let [a, b, c] = [a, b, c].map(|v| v as usize);
+        match t % 97 {
+            0 => x[b] = x[a],
+            13 => x[c] = x[a] + (x[b] - x[a]) * 0.5,
+            29 => x[c] = Point3::from(x[c].coords * 0.7),
+            // Exactly flat.
+            41 => [a, b, c].into_iter().for_each(|v| x[v].z = 0.5),
+            _ => (),
+        }
+    }
+    let inverse_mass = mesh.vertices.iter().enumerate();
+    let inverse_mass = inverse_mass.map(|(i, p)| if p.x > 0.75 { 0.0 } else { 1.0 + (i % 7) as f64 }).collect();
+    (mesh, Particles::at_rest(x, inverse_mass))
+}
+
+/// Compliances of all kinds, none and infinite among them.
+fn compliance(count: usize) -> Vec<f64> {
+    (0..count).map(|i| [0.0, 1e-6, 1e-2, f64::INFINITY, 3.0][i % 5]).collect()
+}
+
+/// All that a sweep leaves behind, as bits.
+#[derive(PartialEq)]
+struct Left {
+    particles: Vec<u64>,
+    multipliers: Vec<u64>,
+    skipped: u64,
+}
+
+fn swept<C: Constraint<K>, const K: usize>(all: &[C], body: &Particles, width: Width) -> (Left, Vec<C>) {
+    let factors: Vec<f64> = (0..all.len()).map(|i| [1.0, 0.3, 0.0][i % 3]).collect();
+    let compliance = compliance(all.len());
+    let batch = Batch::new(all.to_vec(), compliance, Order::Coloured, body.len(), &[]);
+    let mut batch = batch.with_relaxation(&factors).with_width(width);
+    let mut particles = body.clone();
+    for step in 0..4 {
+        if step == 2 {
+            batch.begin_step();
+        }
+        batch.project(&mut particles, DT);
+    }
+    assert!(finite(&particles));
+    let multipliers = batch.multipliers().iter().map(|m| m.to_bits()).collect();
+    (Left { particles: bits(&particles), multipliers, skipped: batch.skipped() }, batch.constraints().to_vec())
+}
+
+/// Whether all widths leave what one by one leaves; the numbers of skipped projections and the constraints then.
+fn same<C: Constraint<K> + PartialEq, const K: usize>(all: &[C], body: &Particles) -> (bool, u64, Vec<C>) {
+    let (one, constraints) = swept(all, body, Width::One);
+    let others = Width::available().iter().map(|&width| swept(all, body, width));
+    let same = others.into_iter().all(|(left, then)| left == one && then == constraints);
+    (same, one.skipped, constraints)
+}
+
+#[test]
+fn p42_lanes_change_no_bit_of_edges() {
+    let (mesh, body) = odd_body();
+    let mut all = edges(&mesh);
+    // Of a colour's last places, fewer than lanes, and with a particle twice in a constraint.
+    let (same_bits, skipped, _) = same(&all, &body);
+    assert!(same_bits);
+    assert!(skipped > 4, "no edge without length or mass: the test would show little");
+    all.push(Distance { points: [5, 5], rest: 0.1 });
+    assert!(same(&all, &body).0, "an edge from a particle to itself");
+}
+
+#[test]
+fn p42_lanes_change_no_bit_of_hinges() {
+    let (mesh, body) = odd_body();
+    let mut all = hinges(&mesh);
+    for (i, hinge) in all.iter_mut().enumerate() {
+        // Some were led through whole turns before, some come from behind.
+        hinge.last = [0.0, 0.0, 0.0, 7.0, -9.5][i % 5] * f64::from(i % 61 < 20);
+    }
+    let (same_bits, skipped, then) = same(&all, &body);
+    assert!(same_bits);
+    assert!(skipped > 4, "no degenerate hinge and none held: the test would show little");
+    assert!(then.iter().any(|h| h.last.abs() > std::f64::consts::PI), "no angle beyond half a turn");
+    let [a, b, c, _] = all[0].points;
+    all.push(Bending::new([a, b, c, c], 0.5));
+    assert!(same(&all, &body).0, "both tips are one particle");
+}
+
+#[test]
+fn p42_lanes_change_no_bit_of_ordinary_bodies() {
+    // Nothing odd: all groups are computed side by side, and at any size some are left over.
+    for level in [0, 1, 3] {
+        let mesh = icosphere(0.1, level);
+        let mut draw = Draw::new(7);
+        let x = mesh.vertices.iter().map(|p| p + draw.direction() * 2e-4).collect();
+        let body = Particles::at_rest(x, vec![2.0; mesh.vertices.len()]);
+        let (stretch, bending) = (same(&edges(&mesh), &body), same(&hinges(&mesh), &body));
+        assert!(stretch.0 && bending.0, "level {level}");
+        assert_eq!((stretch.1, bending.1), (0, 0));
+    }
+}
+
+#[test]
+fn p42_lanes_change_no_bit_of_extreme_sizes() {
+    let (mesh, body) = odd_body();
+    for scale in [1e-150, 1e-90, 1e-3, 1e3, 1e60] {
+        let x: Vec<Point3<f64>> = body.position.iter().map(|p| p * scale).collect();
+        let body = Particles::at_rest(x, body.inverse_mass.clone());
+        let stretch: Vec<Distance> = edges(&mesh).iter().map(|e| Distance { rest: e.rest * scale, ..*e }).collect();
+        assert!(same(&stretch, &body).0, "scale {scale:e}");
+    }
+    for scale in [1e-30, 1e-3, 1e3, 1e30] {
+        let x: Vec<Point3<f64>> = body.position.iter().map(|p| p * scale).collect();
+        let body = Particles::at_rest(x, body.inverse_mass.clone());
+        let (left, _) = swept(&hinges(&mesh), &body, Width::One);
+        for &width in Width::available() {
+            assert!(swept(&hinges(&mesh), &body, width).0 == left, "scale {scale:e}, {width}");
+        }
+    }
+}
+
+#[test]
+fn p42_lanes_change_no_bit_of_the_volume() {
+    let (mesh, body) = odd_body();
+    let run = |width: Width| {
+        let count = mesh.vertices.len();
+        let mut volume = EnclosedVolume::new(&mesh.triangles, count, 0.93 * mesh.volume(), 1e-7).with_width(width);
+        let mut particles = body.clone();
+        for _ in 0..3 {
+            volume.project(&mut particles, DT).expect("a sphere can be inflated");
+        }
+        bits(&particles)
+    };
+    let one = run(Width::One);
+    assert!(Width::available().iter().all(|&width| run(width) == one));
+    assert!(one != bits(&body));
+}
+
+/// A distance whose form in lanes is not the scalar one: what the comparison must find.
+#[derive(Clone, Copy, PartialEq)]
+struct Wrong<const HOW: usize>(Distance);
+
+impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
+    const NAME: &'static str = "wrong";
+    const DEGREE: i32 = 1;
+    const PARAMETERS: &'static [Parameter] = &[Parameter::Length];
+    const LANES: bool = true;
+
+    fn from_parameters(points: [u32; 2], parameters: &[f64]) -> Self {
+        Self(Distance::from_parameters(points, parameters))
+    }
+    fn points(&self) -> [u32; 2] {
+        self.0.points
+    }
+    fn value<S: Scalar>(&self, x: &[Point3<S>; 2]) -> S {
+        self.0.value(x)
+    }
+    fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
+        self.0.value_and_gradient(x)
+    }
+    #[inline(always)]
+    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
+        let mut at = *x;
+        if N::COUNT > 1 && HOW == 1 {
+            // The sum of squares in another order.
+            at.iter_mut().for_each(|p| p.reverse());
+        }
+        let rest = N::each(machine, |l| these[l].0.rest);
+        let mut found = Distance::in_lanes::<N>(&these.iter().map(|w| w.0).collect::<Vec<_>>(), machine, &at);
+        if N::COUNT > 1 && HOW == 1 {
+            found.gradient.iter_mut().for_each(|g| g.reverse());
+        }
+        if N::COUNT > 1 && HOW == 2 {
+            // A fused operation keeps the digits that a rounding in between loses: here those of the length.
+            let third = N::splat(machine, 1.0 / 3.0);
+            found.value = ((found.value + rest) * third - rest * third) / third;
+        }
+        if N::COUNT > 1 && HOW == 3 {
+            let last = N::COUNT - 1;
+            // Another constraint's rest length in one lane.
+            found.value = found.value + rest - N::each(machine, |l| these[l - usize::from(l == last)].0.rest);
+        }
+        found
+    }
+}
+
+fn wrong<const HOW: usize>() -> bool {
+    let (mesh, body) = odd_body();
+    let all: Vec<Wrong<HOW>> = edges(&mesh).into_iter().map(Wrong).collect();
+    same(&all, &body).0
+}
+
+#[test]
+fn p42_other_roundings_in_lanes_are_found() {
+    assert!(wrong::<0>(), "the control itself is right");
+    if Width::best() == Width::One {
+        return;
+    }
+    assert!(!wrong::<1>(), "another order of a sum");
+    assert!(!wrong::<2>(), "another rounding");
+    assert!(!wrong::<3>(), "a neighbour's number");
+}
