@@ -96,9 +96,13 @@ impl EnclosedVolume {
     /// # Errors
     /// No multiple near zero does it; nothing is moved.
     pub fn retract(&self, x: &mut [Point3<f64>], field: &[Vector3<f64>]) -> Result<f64, Unsolvable> {
-        let (excess, gradient) = self.value_and_gradient(x);
-        let found = self.solve_along(x, &gradient, field, -excess, 0.0);
-        let multiple = found.ok_or(Unsolvable { volume: excess + self.target, target: self.target })?;
+        let slots: Vec<Slot> = x.iter().map(|p| Slot([p.x, p.y, p.z, 0.0])).collect();
+        let along: Vec<Slot> = field.iter().map(|d| Slot([d.x, d.y, d.z, 0.0])).collect();
+        let (mut gradient, mut terms) = (vec![Slot::default(); x.len()], Terms::default());
+        let volume = self.rings.volume(self.width, &slots, &mut gradient, &mut terms);
+        let coefficients = self.rings.along(self.width, &slots, &gradient, &along, &mut terms);
+        let found = nearest_root(coefficients, self.target - volume);
+        let multiple = found.ok_or(Unsolvable { volume, target: self.target })?;
         x.iter_mut().zip(field).for_each(|(x, d)| *x += d * multiple);
         Ok(multiple)
     }
@@ -170,7 +174,7 @@ impl EnclosedVolume {
         found.map(|_| ()).ok_or(Unsolvable { volume, target: self.target })
     }
 
-    /// The root nearest to zero of V(x + s d) - V(x) + compliance s = wanted, a cubic in s, by Newton's iteration.
+    /// The root nearest to zero of V(x + s d) - V(x) + compliance s = wanted, a cubic in s.
     fn solve_along_field(&mut self, wanted: f64, compliance: f64) -> Option<f64> {
         if wanted == 0.0 {
             return Some(0.0);
@@ -180,25 +184,7 @@ impl EnclosedVolume {
         }
         let [linear, square, cubic] =
             self.rings.along(self.width, &self.packed.slots, &self.gradient, &self.field_slots, &mut self.terms);
-        let linear = linear + compliance;
-        // A surface without extent, or all of it held: no direction changes the volume.
-        if !(linear > 0.0) {
-            return None;
-        }
-        let mut s = wanted / linear;
-        for _ in 0..32 {
-            let f = ((cubic * s + square) * s + linear) * s - wanted;
-            let slope = (3.0 * cubic * s + 2.0 * square) * s + linear;
-            if !(slope > 0.0) {
-                return None;
-            }
-            let step = f / slope;
-            s -= step;
-            if step.abs() <= 4.0 * f64::EPSILON * s.abs() {
-                break;
-            }
-        }
-        s.is_finite().then_some(s)
+        nearest_root([linear + compliance, square, cubic], wanted)
     }
 
     /// Distance from satisfaction: |C + alpha lambda| / |grad C| [m].
@@ -228,6 +214,31 @@ impl EnclosedVolume {
             + (self.gradient.capacity() + self.field_slots.capacity()) * size_of::<Slot>()
             + self.terms.bytes()
     }
+}
+
+/// The root nearest to zero of linear s + square s^2 + cubic s^3 = wanted, by Newton's iteration.
+fn nearest_root([linear, square, cubic]: [f64; 3], wanted: f64) -> Option<f64> {
+    if wanted == 0.0 {
+        return Some(0.0);
+    }
+    // A surface without extent, or all of it held: no direction changes the volume.
+    if !(linear > 0.0) {
+        return None;
+    }
+    let mut s = wanted / linear;
+    for _ in 0..32 {
+        let f = ((cubic * s + square) * s + linear) * s - wanted;
+        let slope = (3.0 * cubic * s + 2.0 * square) * s + linear;
+        if !(slope > 0.0) {
+            return None;
+        }
+        let step = f / slope;
+        s -= step;
+        if step.abs() <= 4.0 * f64::EPSILON * s.abs() {
+            break;
+        }
+    }
+    s.is_finite().then_some(s)
 }
 
 fn vector(&Slot([x, y, z, _]): &Slot) -> Vector3<f64> {
