@@ -163,6 +163,12 @@ pub enum Problem {
         /// What should stand here.
         what: &'static str,
     },
+    /// What the file holds is no surface, or none with straight edges.
+    #[error("expected {what}")]
+    NoSurface {
+        /// What can be read.
+        what: &'static str,
+    },
     /// A number is missing.
     #[error("too few numbers: {got} of {wanted}")]
     TooFewNumbers {
@@ -303,7 +309,7 @@ impl Problem {
             Problem::TooManyCorners { .. } => "E026",
             Problem::CountExceedsFile { .. } => "E040",
             Problem::Truncated { .. } => "E041",
-            Problem::Expected { .. } => "E042",
+            Problem::Expected { .. } | Problem::NoSurface { .. } => "E042",
             Problem::SizeMismatch { .. } => "E043",
             Problem::TooLarge { .. } => "E044",
             Problem::Unsupported { .. } => "E045",
@@ -320,6 +326,7 @@ impl Problem {
             | Problem::Truncated { .. }
             | Problem::UnfinishedLine
             | Problem::SizeMismatch { .. } => "the file is cut off or damaged: copy or export it again",
+            Problem::NoSurface { .. } => "extract its surface where it was made, and read that; it is not guessed here",
             Problem::Expected { .. } => "the file is cut off, damaged or of another dialect: export it again",
             Problem::DecimalComma => "export the file with the decimal point of the C locale",
             Problem::NotFinite { .. }

@@ -78,5 +78,9 @@ fn read(path: &Path) -> Result<String, Option<String>> {
     if bytes.len() as u64 > LARGEST {
         return Err(Some("it is larger than 4 MiB and so no scene".to_owned()));
     }
-    String::from_utf8(bytes).map_err(|_| Some("it is not text in UTF-8".to_owned()))
+    String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let found = e.as_bytes().get(at).copied().unwrap_or_default();
+        Some(format!("byte {at} (0x{found:02x}) begins no character of UTF-8; save it as text in UTF-8"))
+    })
 }

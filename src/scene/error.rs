@@ -88,7 +88,7 @@ pub enum Problem {
         before: f64,
     },
     /// E060: a file that is not there or cannot be read.
-    #[error("no file `{path}`{}", because(.reason.as_deref()))]
+    #[error("{}", missing(path, reason.as_deref()))]
     MissingFile {
         /// Where it was looked for.
         path: String,
@@ -177,8 +177,8 @@ fn meant(nearest: Option<&str>) -> String {
     nearest.map_or_else(String::new, |n| format!(", did you mean `{n}`?"))
 }
 
-fn because(reason: Option<&str>) -> String {
-    reason.map_or_else(String::new, |r| format!(": {r}"))
+fn missing(path: &str, reason: Option<&str>) -> String {
+    reason.map_or_else(|| format!("no file `{path}`"), |r| format!("`{path}` cannot be read: {r}"))
 }
 
 impl Problem {

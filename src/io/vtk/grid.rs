@@ -8,14 +8,14 @@ use crate::io::surface::Surface;
 pub(super) struct CellTypes<'a>(pub(super) Numbers<'a>);
 
 /// Said of a cell that fills a volume.
-const VOLUME: &str =
-    "a cell of a surface, not of a volume; extract the surface first (its outside is not guessed here)";
+const VOLUME: Problem = Problem::NoSurface { what: "a cell of a surface, not of a volume" };
 
 /// Said of a cell with curved sides.
-const CURVED: &str = "a cell with straight edges, not a curved one; make it linear first";
+const CURVED: Problem = Problem::NoSurface { what: "a cell with straight edges, not a curved one" };
 
 /// Said of any other number.
-const UNKNOWN: &str = "a cell type of VTK: line, triangle, strip, polygon, pixel or quad (3 to 9)";
+const UNKNOWN: Problem =
+    Problem::Expected { what: "a cell type of VTK: line, triangle, strip, polygon, pixel or quad (3 to 9)" };
 
 /// Adds each cell as what its type says.
 ///
@@ -56,8 +56,8 @@ pub(super) fn add_cells(surface: &mut Surface, cells: &Cells<'_>, types: &CellTy
     Ok(())
 }
 
-fn refused(types: &CellTypes<'_>, i: usize, what: &'static str) -> ReadError {
-    types.0.fail(i, Problem::Expected { what })
+fn refused(types: &CellTypes<'_>, i: usize, problem: Problem) -> ReadError {
+    types.0.fail(i, problem)
 }
 
 fn exactly(wanted: usize, corners: &[u32]) -> Result<(), Problem> {

@@ -149,8 +149,8 @@ impl<'a> Reader<'a> {
         let kind = self.word("POLYDATA or UNSTRUCTURED_GRID")?;
         let grid = kind.eq_ignore_ascii_case(b"UNSTRUCTURED_GRID");
         if !grid && !kind.eq_ignore_ascii_case(b"POLYDATA") {
-            let what = "POLYDATA or UNSTRUCTURED_GRID: other data sets hold no surface; extract it first";
-            return Err(self.cursor.fail(Problem::Expected { what }, kind));
+            let what = "POLYDATA or UNSTRUCTURED_GRID: other data sets hold no surface";
+            return Err(self.cursor.fail(Problem::NoSurface { what }, kind));
         }
         self.cursor.binary = binary;
         Ok(grid)

@@ -202,13 +202,13 @@ fn e060_missing_file_and_folder() {
     let wanted = |path: &Path, why: &str, hint: &str| {
         let path = path.display();
         format!(
-            "s.toml:5:8: error[E060]: bone.0.mesh: no file `{path}`{why}; \
-             check the path{hint}"
+            "s.toml:5:8: error[E060]: bone.0.mesh: {}; check the path{hint}",
+            if why.is_empty() { format!("no file `{path}`") } else { format!("`{path}` cannot be read: {why}") }
         )
     };
     assert_eq!(terse(&mesh("no.obj")), wanted(&folder.join("no.obj"), "", "; it is relative to the scene's folder"));
     assert_eq!(terse(&mesh("$HERE/a/../no.obj")), wanted(&folder.join("a/../no.obj"), "", variable));
-    assert_eq!(terse(&mesh("$HERE/.")), wanted(&folder.join("."), ": it is a folder", variable));
+    assert_eq!(terse(&mesh("$HERE/.")), wanted(&folder.join("."), "it is a folder", variable));
     assert_eq!(terse(&mesh("/no.obj")), wanted(Path::new("/no.obj"), "", ""));
     assert!(read(&mesh("$HERE/femur.obj")).is_ok());
     assert!(read(&mesh("${HERE}/femur.obj")).is_ok());
