@@ -90,20 +90,17 @@ impl WindingTree {
 
 /// Fan from the first boundary vertex over the boundary edges of some triangles.
 fn cap(mesh: &TriangleMesh, part: &[u32]) -> Vec<[Point3<f64>; 3]> {
-    let mut count = std::collections::BTreeMap::<(u32, u32), i32>::new();
+    // Each side with its lower end first, and whether it runs upwards.
+    let mut sides: Vec<(u32, u32, i32)> = Vec::with_capacity(3 * part.len());
     for &t in part {
         let [a, b, c] = mesh.triangles[t as usize];
-        for (u, v) in [(a, b), (b, c), (c, a)] {
-            if u < v {
-                *count.entry((u, v)).or_default() += 1;
-            } else {
-                *count.entry((v, u)).or_default() -= 1;
-            }
-        }
+        sides.extend([(a, b), (b, c), (c, a)].map(|(u, v)| if u < v { (u, v, 1) } else { (v, u, -1) }));
     }
+    sides.sort_unstable();
     let mut fan = Vec::new();
     let mut apex = None;
-    for ((u, v), times) in count {
+    for same in sides.chunk_by(|s, t| (s.0, s.1) == (t.0, t.1)) {
+        let (u, v, times) = (same[0].0, same[0].1, same.iter().map(|s| s.2).sum::<i32>());
         let (from, to) = if times > 0 { (u, v) } else { (v, u) };
         for _ in 0..times.abs() {
             let at = *apex.get_or_insert(from);
