@@ -135,20 +135,23 @@ impl Problem {
         if square > 0.0 { -dot(&state.gradient, &state.area) / square } else { 0.0 }
     }
 
-    /// The direction that `inverse` gives and the volume's multiplier: the volume is one row beside the matrix.
-    pub(super) fn direction(&self, state: &State, inverse: impl FnOnce(&mut [&mut [Vector3<f64>]])) -> (Field, f64) {
-        let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
+    /// The direction of descent and the volume's multiplier, -pressure: `pull` is the inverse matrix times the force,
+    /// `spread` that times the volume's gradient, the row beside the matrix.
+    pub(super) fn direction(&self, state: &State, mut pull: Field, spread: &[Vector3<f64>]) -> (Field, f64) {
         if state.area.is_empty() {
-            inverse(&mut [&mut pull]);
             return (pull, 0.0);
         }
-        let mut area = state.area.clone();
-        inverse(&mut [&mut pull, &mut area]);
-        let across = dot(&state.area, &area) + self.compliance();
+        let across = dot(&state.area, spread) + self.compliance();
         // All that encloses it is held: nothing changes the volume.
         let multiplier = if across > 0.0 { (state.excess + dot(&state.area, &pull)) / across } else { 0.0 };
-        add_scaled(&mut pull, -multiplier, &area);
+        add_scaled(&mut pull, -multiplier, spread);
         (pull, multiplier)
+    }
+
+    /// Brings a volume without compliance to its target along `spread`; whether that can be done.
+    pub(super) fn keep_volume(&self, x: &mut [Point3<f64>], spread: &[Vector3<f64>]) -> bool {
+        let rigid = self.energy.volume.as_ref().filter(|v| v.compliance() == 0.0);
+        rigid.is_none_or(|volume| volume.retract(x, spread).is_ok())
     }
 
     /// The force on each vertex [N], without what obstacles exert.

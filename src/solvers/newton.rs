@@ -8,8 +8,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::descent::{Outcome, Problem, Settings, State};
+use super::descent::{Outcome, Problem, Settings};
 use super::energy::Energy;
+use super::history::Field;
 use super::sparse::{Factor, FactorError};
 
 /// Shifts of the diagonal that are tried where even the projected matrix has no factor, in mean entries of it.
@@ -69,31 +70,25 @@ impl Newton {
                 return Ok(outcome);
             }
             self.factorise(x, -multiplier)?;
+            let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
+            let mut spread = state.area.clone();
             let Self { problem, factor, numbers, .. } = self;
+            if spread.is_empty() {
+                invert(problem, factor, numbers, &mut [&mut pull]);
+            } else {
+                invert(problem, factor, numbers, &mut [&mut pull, &mut spread]);
+            }
             let direction;
-            (direction, multiplier) = problem.direction(&state, |fields| invert(problem, factor, numbers, fields));
-            let Some((end, new)) = self.search(x, &state, &direction, &mut outcome) else { return Ok(outcome) };
+            (direction, multiplier) = problem.direction(&state, pull, &spread);
+            let complete = |end: &mut [Point3<f64>]| problem.keep_volume(end, &spread);
+            let Some((end, new)) = problem.search(x, &state, &direction, &mut outcome, complete) else {
+                return Ok(outcome);
+            };
             outcome.iterations += 1;
             x.copy_from_slice(&end);
             self.problem.energy.remember(x);
             state = new;
         }
-    }
-
-    fn search(
-        &mut self,
-        x: &[Point3<f64>],
-        state: &State,
-        direction: &[Vector3<f64>],
-        outcome: &mut Outcome,
-    ) -> Option<(Vec<Point3<f64>>, State)> {
-        let Self { problem, factor, numbers, .. } = self;
-        problem.search(x, state, direction, outcome, |end| {
-            let Some(volume) = problem.energy.volume.as_ref().filter(|v| v.compliance() == 0.0) else { return true };
-            let (excess, mut field) = volume.value_and_gradient(end);
-            invert(problem, factor, numbers, &mut [&mut field]);
-            excess == 0.0 || volume.retract(end, &field).is_ok()
-        })
     }
 
     /// Factors the second derivative, projected or shifted where that is needed.

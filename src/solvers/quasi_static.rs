@@ -21,6 +21,10 @@ use crate::contact::Row;
 /// Steps of the minimisation that are remembered: more cost more than they save.
 const MEMORY: usize = 8;
 
+/// Iterations for which the inverse of the volume's gradient is kept: it changes little, and is half of the solves. Any
+/// field that changes the volume keeps it exactly.
+const KEPT: u32 = 4;
+
 /// A body ready to be brought to equilibrium.
 pub struct QuasiStatic {
     /// What is minimised.
@@ -29,6 +33,8 @@ pub struct QuasiStatic {
     history: History,
     touched: Touched,
     active: Active,
+    /// The inverse matrix times the volume's gradient, and the iterations since it was computed.
+    spread: (Field, u32),
 }
 
 impl QuasiStatic {
@@ -45,7 +51,7 @@ impl QuasiStatic {
         let problem = Problem::new(energy, x, inverse_mass, settings);
         let laplacian = Laplacian::new(&problem.energy, &problem.unknowns, x)?;
         let (touched, active) = (Touched::default(), Active::default());
-        Ok(Self { problem, laplacian, history: History::new(MEMORY), touched, active })
+        Ok(Self { problem, laplacian, history: History::new(MEMORY), touched, active, spread: (Field::new(), 0) })
     }
 
     /// Entries of the factored matrix.
@@ -76,6 +82,7 @@ impl QuasiStatic {
         self.keep_volume(x);
         guard.accept(x);
         self.history.clear();
+        self.spread.0.clear();
     }
 
     /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
@@ -92,7 +99,10 @@ impl QuasiStatic {
         loop {
             let rows = guard.rows();
             let pressed = self.problem.pressed(x, &state, multiplier, &rows, guard.touching());
-            self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
+            if pressed != self.active.rows() {
+                self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
+                self.spread.0.clear();
+            }
             let direction;
             (direction, multiplier) = self.direction(&state);
             self.problem.judge(&state, multiplier, self.active.rows(), &mut outcome);
@@ -106,6 +116,7 @@ impl QuasiStatic {
                 }
                 // What was remembered misled it: once more from the constant matrix alone.
                 self.history.clear();
+                self.spread.0.clear();
                 continue;
             };
             outcome.iterations += 1;
@@ -127,10 +138,20 @@ impl QuasiStatic {
     }
 
     fn direction(&mut self, state: &State) -> (Field, f64) {
-        let Self { problem, laplacian, history, active, .. } = self;
-        problem.direction(state, |fields| {
+        let Self { problem, laplacian, history, active, spread: (spread, age), .. } = self;
+        let invert = |laplacian: &mut Laplacian, fields: &mut [&mut [Vector3<f64>]]| {
             history.apply(fields, |fields| active.solve(laplacian, &problem.unknowns, fields));
-        })
+        };
+        let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
+        if state.area.is_empty() || (*age < KEPT && !spread.is_empty()) {
+            invert(laplacian, &mut [&mut pull]);
+            *age += 1;
+        } else {
+            spread.clone_from(&state.area);
+            invert(laplacian, &mut [&mut pull, spread]);
+            *age = 0;
+        }
+        problem.direction(state, pull, spread)
     }
 
     fn search(
@@ -142,12 +163,11 @@ impl QuasiStatic {
         guard: &mut impl Guard,
         outcome: &mut Outcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
-        let Self { problem, laplacian, touched, active, .. } = self;
-        // The volume's field for this search: any that changes the volume will do.
+        let Self { problem, laplacian, touched, active, spread: (spread, _), .. } = self;
         problem.search(x, state, direction, outcome, |end| {
             lift(problem, laplacian, touched, active, rows, end);
             guard.push(x, end);
-            keep_volume(problem, laplacian, active, end)
+            problem.keep_volume(end, spread)
         })
     }
 
@@ -155,8 +175,13 @@ impl QuasiStatic {
         lift(&self.problem, &mut self.laplacian, &mut self.touched, &self.active, rows, x);
     }
 
-    fn keep_volume(&mut self, x: &mut [Point3<f64>]) -> bool {
-        keep_volume(&self.problem, &mut self.laplacian, &self.active, x)
+    /// Brings a volume without compliance to its target, by the smoothest field that does it.
+    fn keep_volume(&mut self, x: &mut [Point3<f64>]) {
+        if let Some(volume) = &self.problem.energy.volume {
+            let (_, mut field) = volume.value_and_gradient(x);
+            self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut [&mut field]);
+            self.problem.keep_volume(x, &field);
+        }
     }
 }
 
@@ -179,15 +204,4 @@ fn lift(
     if let Some(lift) = over.lift(x, laplacian, &problem.unknowns) {
         x.iter_mut().zip(&lift).for_each(|(x, d)| *x += d);
     }
-}
-
-/// Brings a volume without compliance to its target, by the smoothest field that does it.
-fn keep_volume(problem: &Problem, laplacian: &mut Laplacian, active: &Active, x: &mut [Point3<f64>]) -> bool {
-    let Some(volume) = problem.energy.volume.as_ref().filter(|v| v.compliance() == 0.0) else { return true };
-    let (excess, mut field) = volume.value_and_gradient(x);
-    if excess == 0.0 {
-        return true;
-    }
-    active.solve(laplacian, &problem.unknowns, &mut [&mut field]);
-    volume.retract(x, &field).is_ok()
 }

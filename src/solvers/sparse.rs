@@ -170,14 +170,31 @@ const MOST_COLUMNS: usize = 6;
 
 /// Block rows of each block column from the diagonal down, sorted, each once.
 fn pattern(count: usize, pairs: &[[u32; 2]]) -> (Vec<usize>, Vec<u32>) {
-    let lower = |&[a, b]: &[u32; 2]| (a.min(b), a.max(b));
-    let mut all: Vec<(u32, u32)> = pairs.iter().map(lower).chain((0..count as u32).map(|i| (i, i))).collect();
-    all.sort_unstable();
-    all.dedup();
-    let mut start = vec![0; count + 1];
-    all.iter().for_each(|&(j, _)| start[j as usize + 1] += 1);
-    (0..count).for_each(|j| start[j + 1] += start[j]);
-    (start, all.into_iter().map(|(_, i)| i).collect())
+    // Into buckets by column first: each is short, and sorting all pairs would cost more than the factor's analysis.
+    let mut end = vec![1; count];
+    pairs.iter().for_each(|[a, b]| end[*a.min(b) as usize] += 1);
+    let mut first = Vec::with_capacity(count);
+    let mut sum = 0;
+    for length in &end {
+        first.push(sum);
+        sum += length;
+    }
+    let mut all = vec![0; sum];
+    end.copy_from_slice(&first);
+    let mut put = |column: u32, row: u32| {
+        all[end[column as usize]] = row;
+        end[column as usize] += 1;
+    };
+    (0..count as u32).for_each(|i| put(i, i));
+    pairs.iter().for_each(|&[a, b]| put(a.min(b), a.max(b)));
+    let (mut start, mut rows) = (vec![0], Vec::new());
+    for (first, end) in first.into_iter().zip(end) {
+        let bucket = &mut all[first..end];
+        bucket.sort_unstable();
+        rows.extend(bucket.chunk_by(|a, b| a == b).map(|same| same[0]));
+        start.push(rows.len());
+    }
+    (start, rows)
 }
 
 /// The lower triangle by scalar columns: column c of a diagonal block begins at its own row.

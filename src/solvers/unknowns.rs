@@ -35,7 +35,7 @@ impl Unknowns {
         Some(self.number[vertex as usize]).filter(|n| *n != HELD)
     }
 
-    /// Pairs of unknowns that the energy couples.
+    /// Pairs of unknowns that the energy couples, some of them several times.
     pub fn pairs(&self, energy: &Energy) -> Vec<[u32; 2]> {
         let mut all = Vec::new();
         energy.pairs(&mut |a, b| {
@@ -43,8 +43,6 @@ impl Unknowns {
                 all.push([a.min(b), a.max(b)]);
             }
         });
-        all.sort_unstable();
-        all.dedup();
         all
     }
 
