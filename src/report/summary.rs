@@ -212,9 +212,12 @@ fn solver(solver: &Solver) -> String {
              tolerance {}",
             s.substeps, s.iterations, s.stretch, s.bending, s.volume, s.velocity_damping, s.order, s.tolerance
         ),
-        Solver::QuasiStatic(s) => format!(
-            "quasi-static: substeps {}, iterations at most {}, tolerance {} of the force of a strain of one",
-            s.substeps, s.iterations, s.tolerance
+        Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => format!(
+            "{}: substeps {}, iterations at most {}, tolerance {} of the force of a strain of one",
+            if matches!(solver, Solver::QuasiStatic(_)) { "quasi-static" } else { "implicit Euler" },
+            s.substeps,
+            s.iterations,
+            s.tolerance
         ),
     }
 }

@@ -256,7 +256,9 @@ pub enum Solver {
     /// Classic position-based dynamics with stiffness 0..1, for comparison.
     Pbd(Pbd),
     /// Equilibrium at every frame, without mass and velocity.
-    QuasiStatic(QuasiStatic),
+    QuasiStatic(Minimisation),
+    /// Implicit Euler steps, each solved as the minimum of energy and inertia.
+    ImplicitEuler(Minimisation),
 }
 
 impl Solver {
@@ -265,7 +267,7 @@ impl Solver {
         match self {
             Self::Xpbd(s) => s.substeps,
             Self::Pbd(s) => s.substeps,
-            Self::QuasiStatic(s) => s.substeps,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.substeps,
         }
     }
 
@@ -274,7 +276,7 @@ impl Solver {
         match self {
             Self::Xpbd(s) => s.iterations,
             Self::Pbd(s) => s.iterations,
-            Self::QuasiStatic(s) => s.iterations,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.iterations,
         }
     }
 
@@ -283,7 +285,7 @@ impl Solver {
         match self {
             Self::Xpbd(s) => s.tolerance,
             Self::Pbd(s) => s.tolerance,
-            Self::QuasiStatic(s) => s.tolerance,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.tolerance,
         }
     }
 
@@ -292,15 +294,15 @@ impl Solver {
         match self {
             Self::Xpbd(s) => s.order,
             Self::Pbd(s) => s.order,
-            Self::QuasiStatic(_) => Order::default(),
+            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => Order::default(),
         }
     }
 }
 
-/// Settings of the quasi-static solver.
+/// Settings of the solvers that minimise an energy.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct QuasiStatic {
-    /// Equilibria a frame, the bones moving between them.
+pub struct Minimisation {
+    /// Steps a frame, the bones moving between them.
     pub substeps: u32,
     /// Iterations a step, at most.
     pub iterations: u32,

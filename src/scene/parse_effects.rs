@@ -4,7 +4,7 @@ use super::error::SceneError;
 use super::parse::unknown_name;
 use super::reader::{Limit, Section};
 use super::units::Dimension;
-use super::{Anisotropy, ContactEffect, Effects, Order, Pbd, QuasiStatic, Solver, Volume, Xpbd};
+use super::{Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd};
 
 /// Steps a frame and sweeps a step are at most this many.
 const MOST: u32 = 1_000_000;
@@ -14,6 +14,9 @@ const TOLERANCE: f64 = 0.01;
 /// Force left at which an equilibrium counts as reached, as a share of that of a strain of one: at it the error of a
 /// pose is about a thousandth of a muscle's length.
 const FORCE_TOLERANCE: f64 = 2e-4;
+/// Sections of which a scene has at most one.
+const SOLVERS: [&str; 4] = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
+
 /// A plain number from 0 to 1.
 const SHARE: Limit = Limit::Within(0.0, 1.0);
 
@@ -61,11 +64,14 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     let Some(section) = root.section("solver")? else {
         return Ok(Solver::Xpbd(xpbd(None)?));
     };
-    section.exclusive("xpbd", "pbd")?;
-    section.exclusive("xpbd", "quasi_static")?;
-    section.exclusive("pbd", "quasi_static")?;
+    for (k, first) in SOLVERS.iter().enumerate() {
+        SOLVERS[k + 1..].iter().try_for_each(|second| section.exclusive(first, second))?;
+    }
     if let Some(section) = section.section("quasi_static")? {
-        return Ok(Solver::QuasiStatic(quasi_static(&section)?));
+        return Ok(Solver::QuasiStatic(minimisation(&section)?));
+    }
+    if let Some(section) = section.section("implicit_euler")? {
+        return Ok(Solver::ImplicitEuler(minimisation(&section)?));
     }
     match section.section("pbd")? {
         Some(section) => Ok(Solver::Pbd(pbd(&section)?)),
@@ -73,8 +79,8 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     }
 }
 
-fn quasi_static(section: &Section<'_>) -> Result<QuasiStatic, SceneError> {
-    Ok(QuasiStatic {
+fn minimisation(section: &Section<'_>) -> Result<Minimisation, SceneError> {
+    Ok(Minimisation {
         substeps: count(Some(section), "substeps", 1)?,
         iterations: count(Some(section), "iterations", 500)?,
         tolerance: section.number_or("tolerance", Limit::Positive, FORCE_TOLERANCE)?,

@@ -134,10 +134,15 @@ const DAMPING: Schema = Schema { keys: &[("rate", Text)] };
 
 /// How the motion is computed.
 pub(super) const SOLVER: Schema = Schema {
-    keys: &[("xpbd", Kind::Table(&XPBD)), ("pbd", Kind::Table(&PBD)), ("quasi_static", Kind::Table(&QUASI_STATIC))],
+    keys: &[
+        ("xpbd", Kind::Table(&XPBD)),
+        ("pbd", Kind::Table(&PBD)),
+        ("quasi_static", Kind::Table(&MINIMISATION)),
+        ("implicit_euler", Kind::Table(&MINIMISATION)),
+    ],
 };
 
-const QUASI_STATIC: Schema = Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("tolerance", Plain)] };
+const MINIMISATION: Schema = Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("tolerance", Plain)] };
 
 const XPBD: Schema =
     Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("order", Text), ("tolerance", Plain)] };

@@ -108,12 +108,13 @@ impl Body {
         system.held = hold(&attached, &mesh, placed);
         system.forces = forces(scene, m, count)?;
         let mut equilibrium = None;
-        if let Solver::QuasiStatic(settings) = scene.solver {
+        if let Solver::QuasiStatic(settings) | Solver::ImplicitEuler(settings) = scene.solver {
+            let step = matches!(scene.solver, Solver::ImplicitEuler(_)).then(|| time_step(scene));
             let k = edge_stiffness.iter().zip(&factors).map(|(k, f)| k * f).collect();
             let edges = if plan.stretch { (edges.clone(), k) } else { Default::default() };
             let parts = Parts { edges, hinges, volume: system.volume.clone() };
             let made = system.clock.time("equilibrium", || {
-                Equilibrium::new(parts, &system.particles, &system.forces, &scene.effects, settings)
+                Equilibrium::new(parts, &system.particles, &system.forces, &scene.effects, settings, step)
             });
             equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
         } else {
@@ -156,7 +157,7 @@ impl Body {
     pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
         let Some(equilibrium) = &mut self.equilibrium else { return self.system.step(placed, dt) };
         let begin = std::time::Instant::now();
-        let done = equilibrium.step(&mut self.system, placed);
+        let done = equilibrium.step(&mut self.system, placed, dt);
         self.system.clock.note("equilibrium", begin);
         done
     }
@@ -191,7 +192,7 @@ fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
 fn settings(scene: &Scene, length: f64) -> Settings {
     let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
     let per_frame = if let Solver::Pbd(s) = scene.solver { s.velocity_damping } else { 1.0 };
-    let dt = 1.0 / (scene.frame_rate * f64::from(substeps));
+    let dt = time_step(scene);
     let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor = libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     Settings {
@@ -201,6 +202,11 @@ fn settings(scene: &Scene, length: f64) -> Settings {
         force_factor: if matches!(scene.solver, Solver::Pbd(_)) { velocity_factor } else { 1.0 },
         speed_limit: SPEED_LIMIT * length,
     }
+}
+
+/// The time of a step [s].
+fn time_step(scene: &Scene) -> f64 {
+    1.0 / (scene.frame_rate * f64::from(scene.solver.substeps()))
 }
 
 fn order_of(scene: &Scene) -> Order {
@@ -227,7 +233,7 @@ fn stretch(
 ) -> Box<dyn Project> {
     let order = order_of(scene);
     match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
             let weighed = edges.iter().copied().zip(k.iter().zip(factors).map(|(k, f)| k * f));
             let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
@@ -244,7 +250,7 @@ fn stretch(
 fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded: &[u32]) -> Box<dyn Project> {
     let order = order_of(scene);
     match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             Box::new(Batch::<Bending, 4>::new(hinges, stiffness::compliance(k), order, count, loaded))
         }
         Solver::Pbd(s) => {
@@ -258,7 +264,7 @@ fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded:
 fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest: f64) -> EnclosedVolume {
     let count = mesh.vertices.len();
     match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             let compliance = muscle.material.bulk.map_or(0.0, |bulk| rest / bulk);
             EnclosedVolume::new(&mesh.triangles, count, target, compliance)
         }

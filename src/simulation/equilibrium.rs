@@ -1,4 +1,4 @@
-//! A muscle that is brought to equilibrium at every step, the bones its guard.
+//! A muscle whose energy is minimised at every step, with or without inertia, the bones its guard.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,7 +9,7 @@ use crate::contact::{Contacts, Placed, Row};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
-use crate::solvers::energy::Energy;
+use crate::solvers::energy::{Energy, Inertia};
 use crate::solvers::potential::Quadratic;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
@@ -39,7 +39,7 @@ pub struct Equilibrium {
 }
 
 impl Equilibrium {
-    /// Prepares a muscle with `particles` at rest.
+    /// Prepares a muscle with `particles` at rest; with a time `step` [s] for implicit Euler, else for equilibrium.
     ///
     /// # Errors
     /// A part of it that nothing holds, or no memory.
@@ -48,7 +48,8 @@ impl Equilibrium {
         particles: &Particles,
         loads: &[(u32, Vector3<f64>)],
         effects: &Effects,
-        settings: scene::QuasiStatic,
+        settings: scene::Minimisation,
+        step: Option<f64>,
     ) -> Result<Self, FactorError> {
         let mut energy = Energy { volume: parts.volume, ..Energy::default() };
         let (edges, k) = parts.edges;
@@ -61,6 +62,11 @@ impl Equilibrium {
             energy.elastic.push(Box::new(Quadratic::<Bending, 4>::new(parts.hinges.0, parts.hinges.1)));
         }
         energy.forces = forces(particles, loads, effects.gravity);
+        energy.inertia = step.map(|dt| {
+            let weight = |w: &f64| if *w > 0.0 { 1.0 / (w * dt * dt) } else { 0.0 };
+            let weight = particles.inverse_mass.iter().map(weight).collect();
+            Inertia { weight, target: particles.position.clone() }
+        });
         let settings = Settings { tolerance: settings.tolerance, iterations: settings.iterations };
         let solver = QuasiStatic::new(energy, &particles.position, &particles.inverse_mass, settings)?;
         Ok(Self { solver, outcome: Outcome::default(), residual: 0.0, scratch: particles.clone() })
@@ -71,12 +77,19 @@ impl Equilibrium {
         self.residual = 0.0;
     }
 
-    /// Follows the bones to where they are now and comes to equilibrium there; velocities become zero.
+    /// Follows the bones to where they are now and minimises there; velocities become zero, or with inertia those of
+    /// the step of `dt` [s].
     ///
     /// # Errors
     /// A number that is not finite; the body is as it was before.
-    pub(super) fn step(&mut self, system: &mut System, placed: &[Placed]) -> Result<(), Broken> {
+    pub(super) fn step(&mut self, system: &mut System, placed: &[Placed], dt: f64) -> Result<(), Broken> {
         let start = system.particles.position.clone();
+        let factor = system.settings.velocity_factor;
+        if let Some(inertia) = &mut self.solver.problem.energy.inertia {
+            let flown = start.iter().zip(&system.particles.velocity).map(|(x, v)| x + v * (factor * dt));
+            inertia.target.clear();
+            inertia.target.extend(flown);
+        }
         let held: Vec<(u32, Point3<f64>)> =
             system.held.iter().map(|h| (h.vertex, placed[h.bone].now * h.local)).collect();
         let x = &mut system.particles.position;
@@ -98,6 +111,10 @@ impl Equilibrium {
             }
         };
         system.particles.velocity.fill(Vector3::zeros());
+        if self.solver.problem.energy.inertia.is_some() {
+            let moved = system.particles.position.iter().zip(&start);
+            system.particles.velocity.iter_mut().zip(moved).for_each(|(v, (x, start))| *v = (x - start) / dt);
+        }
         if let Some(particle) = system.particles.first_non_finite() {
             system.particles.position = start;
             return Err(Broken { effect: "equilibrium", particle });

@@ -83,7 +83,7 @@ impl Plan {
     fn run(&mut self, scene: &Scene, muscle: &str, effect: &str, elements: usize, bytes: usize) {
         let sweeps = match scene.solver {
             // An equilibrium next to the last takes about so many evaluations.
-            Solver::QuasiStatic(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
+            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
             _ => f64::from(scene.solver.substeps()) * f64::from(scene.solver.iterations()),
         };
         let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;
@@ -190,9 +190,16 @@ impl Plan {
             Some(g) if g.norm() == 0.0 => self.leave("", "gravity", "its acceleration is zero"),
             Some(_) => self.run(scene, "", "gravity", count, 0),
         }
+        let minimises = matches!(scene.solver, Solver::QuasiStatic(_) | Solver::ImplicitEuler(_));
+        if minimises && scene.effects.contact.is_some_and(|c| c.friction > 0.0) {
+            self.leave("", "friction", "a minimum of energy knows none; `solver.xpbd` has it");
+        }
         match scene.effects.damping {
             None => self.leave("", "damping", "the scene has no [effects.damping]"),
             Some(0.0) => self.leave("", "damping", "its rate is zero"),
+            Some(_) if matches!(scene.solver, Solver::QuasiStatic(_)) => {
+                self.leave("", "damping", "an equilibrium has no velocities");
+            }
             Some(_) => self.run(scene, "", "damping", count, 0),
         }
     }
@@ -205,7 +212,7 @@ fn sub_steps(scene: &Scene) -> f64 {
 /// Stiffness of stretch, bending and volume as the scene's solver takes them; only zero or not matters here.
 fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
     match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) => {
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             (muscle.material.stretch, muscle.material.bending, muscle.material.bulk.unwrap_or(1.0))
         }
         Solver::Pbd(s) => (s.stretch, s.bending, s.volume),

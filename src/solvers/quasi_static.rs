@@ -72,6 +72,11 @@ impl QuasiStatic {
             return;
         }
         let start = x.to_vec();
+        if let Some(inertia) = &self.problem.energy.inertia {
+            // With inertia, a vertex flies on unless something holds it.
+            let flown = x.iter_mut().zip(&mut displacement).zip(&inertia.target);
+            flown.for_each(|((x, d), target)| (*d, *x) = (*d - (target - *x), *target));
+        }
         self.laplacian.extend(&self.problem.unknowns, &mut displacement);
         x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
         // Exactly, and not by what the addition rounds to.

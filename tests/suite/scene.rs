@@ -8,7 +8,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use pliant::scene::builtin::{BUILTIN, builtin, load};
-use pliant::scene::{self, Area, Mass, Order, QuasiStatic, Scene, SceneError, Solver, Source, Surroundings};
+use pliant::scene::{self, Area, Mass, Minimisation, Order, Scene, SceneError, Solver, Source, Surroundings};
 
 /// The smallest scene, to be spoilt.
 const SMALL: &str = r#"frames = 3
@@ -163,6 +163,7 @@ fn overrides_change_the_solver() {
     let steps = |name: &str, overrides: &[&str]| match changed(name, overrides).solver {
         Solver::Xpbd(x) => ("xpbd", x.substeps, x.iterations, x.order),
         Solver::Pbd(p) => ("pbd", p.substeps, p.iterations, p.order),
+        Solver::ImplicitEuler(q) => ("implicit_euler", q.substeps, q.iterations, Order::default()),
         Solver::QuasiStatic(q) => ("quasi_static", q.substeps, q.iterations, Order::default()),
     };
     assert_eq!(steps("hip", &["substeps=40"]), ("xpbd", 40, 1, Order::Coloured));
@@ -173,7 +174,9 @@ fn overrides_change_the_solver() {
     assert_eq!(steps("chain", &["solver=none"]), ("xpbd", 20, 1, Order::Coloured));
     assert_eq!(steps("hip", &["solver.xpbd=none", "pbd.iterations=5"]), ("pbd", 1, 5, Order::Coloured));
     let rest = changed("hip", &["solver=quasi_static", "iterations=7", "tolerance=0.001"]).solver;
-    assert_eq!(rest, Solver::QuasiStatic(QuasiStatic { substeps: 1, iterations: 7, tolerance: 0.001 }));
+    assert_eq!(rest, Solver::QuasiStatic(Minimisation { substeps: 1, iterations: 7, tolerance: 0.001 }));
+    let steps = changed("hip", &["solver=implicit_euler", "substeps=4"]).solver;
+    assert_eq!(steps, Solver::ImplicitEuler(Minimisation { substeps: 4, iterations: 500, tolerance: 2e-4 }));
 }
 
 #[test]
