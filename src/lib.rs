@@ -23,6 +23,7 @@ pub mod fibres;
 pub mod muscles;
 pub mod scene;
 pub mod simulation;
+pub mod accuracy;
 pub mod render;
 pub mod report;
 pub mod cli;

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
+mod accuracy;
 mod check;
 mod convert;
 mod excerpt;
@@ -52,6 +53,8 @@ enum Command {
     Run(Box<run::Arguments>),
     /// Tell which effects a scene will run, on how much, and what is left out and why
     Plan(plan::Arguments),
+    /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+    Accuracy(accuracy::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -74,6 +77,7 @@ pub fn main() -> ExitCode {
         None => run::run(&run::Arguments::default()),
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
+        Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

@@ -7,16 +7,18 @@ use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 
+use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::progress::Progress;
 use super::{DONE, FAILED, INTERRUPTED, columns, say, warn};
+use crate::accuracy::{self, Chosen, StudyError};
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
-use crate::scene::{builtin, overrides};
-use crate::simulation::Simulation;
+use crate::scene::{Accuracy, Scene, builtin, overrides};
+use crate::simulation::{Assets, LoadError, Plan, Simulation};
 
 /// The scene that runs when none is named.
 const FIRST_SCENE: &str = "hip";
@@ -26,6 +28,7 @@ const FIRST_SCENE: &str = "hip";
 #[command(after_help = "\
 Examples:
   pliant run hip
+  pliant run hip --accuracy \"1 %\"
   pliant run hip --frames 50 --set effects.contact=off --out without-contact
   pliant run examples/right-hip.toml --strict --json > summary.json
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
@@ -45,6 +48,10 @@ pub(super) struct Arguments {
     /// Number of frames, instead of the scene's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
     frames: Option<u32>,
+    /// Error that is allowed, "0.5 mm" or "1 %" of the muscle's length: choose solver and settings for it from a
+    /// study of the first frames
+    #[arg(long, value_name = "ERROR")]
+    accuracy: Option<String>,
     /// Number of threads [default: one for each core]; the results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -75,7 +82,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let mut changes = arguments.set.clone();
     changes.extend(arguments.frames.map(|n| format!("frames={n}")));
-    let (scene, written) = if arguments.meshes.are_given() {
+    changes.extend(arguments.accuracy.as_ref().map(|error| format!("accuracy={error}")));
+    let (mut scene, written) = if arguments.meshes.are_given() {
         from_meshes::scene(&arguments.meshes, &changes).map(|(scene, toml)| (scene, Some(toml)))?
     } else {
         let name = arguments.scene.as_deref().unwrap_or(FIRST_SCENE);
@@ -83,7 +91,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let made = written.is_some();
     let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
-    let mut simulation = Simulation::new(scene).map_err(refused)?;
+    let assets = Assets::load(&scene).map_err(refused)?;
+    let chosen = match scene.accuracy {
+        Some(accuracy) => Some(choose(&mut scene, &assets, accuracy, &stop, refused)?),
+        None => None,
+    };
+    let plan = Plan::new(&scene, &assets);
+    let mut simulation = Simulation::with(scene, assets, plan).map_err(refused)?;
     let default = || PathBuf::from("pliant-out").join(file_name(&simulation.scene.name));
     let folder = Folder::open(&arguments.out.clone().unwrap_or_else(default))?;
     if let Some(toml) = written {
@@ -91,7 +105,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let path = folder.path().to_owned();
     let results = Results::begin(folder, &simulation, arguments.animate.is_some(), begun)?;
-    let summary = advance(&mut simulation, results, &settings(arguments), &stop)?;
+    let summary = advance(&mut simulation, results, &settings(arguments), &stop, chosen.as_ref())?;
     if arguments.json {
         say(&format!("{}\n", summary.to_json()));
     } else {
@@ -100,12 +114,38 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(exit_code(&summary, arguments.strict))
 }
 
+/// Time for the study that chooses solver and settings.
+const STUDY: Duration = Duration::from_secs(20);
+
+/// Chooses solver and settings for an accuracy and puts them into the scene.
+fn choose(
+    scene: &mut Scene,
+    assets: &Assets,
+    accuracy: Accuracy,
+    stop: &AtomicBool,
+    refused: impl Fn(LoadError) -> Failure,
+) -> Result<Chosen, Failure> {
+    let threads = rayon::current_num_threads();
+    let chosen =
+        accuracy::choose(scene, assets, accuracy, STUDY, threads, &mut Said { stop }).map_err(|error| match error {
+            StudyError::Load(error) => refused(error),
+            StudyError::NoEnergy => Failure::usage(error.to_string(), "name another solver, or leave accuracy out"),
+            StudyError::NoReference(_) => {
+                Failure::usage(error.to_string(), "leave accuracy out, or see `pliant accuracy`")
+            }
+        })?;
+    scene.solver = chosen.candidate.solver;
+    warn(&format!("accuracy {} mm: {}", crate::render::number(chosen.target_m * 1e3), chosen.why));
+    Ok(chosen)
+}
+
 /// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
 fn advance(
     simulation: &mut Simulation,
     mut results: Results,
     settings: &[(String, String)],
     stop: &AtomicBool,
+    chosen: Option<&Chosen>,
 ) -> Result<Summary, Failure> {
     let progress = Progress::new(simulation.scene.frames);
     let mut writing = results.frame(simulation, Duration::ZERO);
@@ -120,7 +160,7 @@ fn advance(
     }
     progress.end();
     let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
-    Ok(results.finish(simulation, settings, interrupted)?)
+    Ok(results.finish(simulation, settings, interrupted, chosen)?)
 }
 
 /// What was asked for, for the report.
@@ -138,7 +178,7 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
 }
 
 /// A flag that Ctrl-C raises; a second Ctrl-C ends the process at once.
-fn stop_on_interrupt() -> Arc<AtomicBool> {
+pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
     let set = ctrlc::set_handler(move || {

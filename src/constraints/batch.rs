@@ -49,6 +49,8 @@ pub trait Project: Send + Sync {
     fn residual(&self, particles: &Particles, dt: f64) -> Residual;
     /// Sweeps done so far.
     fn calls(&self) -> u64;
+    /// Computes at most so many constraints at once; no bit of a result depends on it.
+    fn set_width(&mut self, width: Width);
     /// Projections left out so far because the gradient was undefined.
     fn skipped(&self) -> u64;
 }
@@ -256,6 +258,10 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn calls(&self) -> u64 {
         self.calls
+    }
+
+    fn set_width(&mut self, width: Width) {
+        self.width = width;
     }
 
     fn skipped(&self) -> u64 {

@@ -70,6 +70,8 @@ impl Constraint<4> for Bending {
         self.points
     }
 
+    const PERIODIC: bool = true;
+
     #[inline]
     fn remember(&mut self, value: f64) {
         self.last = value;

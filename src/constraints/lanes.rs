@@ -117,6 +117,22 @@ impl Lane for f64 {
     }
 }
 
+/// Does the same for `k` from 0 to below `K`, at most 6, with `k` known to the compiler: a loop over arrays of lanes
+/// that it does not unroll goes through memory.
+macro_rules! unrolled {
+    ($k:ident in $count:ident => $body:block) => {
+        const { assert!($count <= 6, "a constraint has at most six points") };
+        $crate::constraints::lanes::unrolled!(@ $k $count $body 0 1 2 3 4 5);
+    };
+    (@ $k:ident $count:ident $body:block $($value:literal)*) => {
+        $(if $count > $value {
+            let $k = $value;
+            $body
+        })*
+    };
+}
+pub(crate) use unrolled;
+
 /// Value and gradient of several constraints, one a lane.
 #[derive(Clone, Copy, Debug)]
 pub struct Several<N: Lane, const K: usize> {
@@ -150,6 +166,15 @@ impl Width {
     /// The greatest width that this processor has.
     pub fn best() -> Self {
         *Self::available().last().unwrap_or(&Self::One)
+    }
+
+    /// The number itself.
+    pub fn lanes(self) -> usize {
+        match self {
+            Self::One => 1,
+            Self::Four => 4,
+            Self::Eight => 8,
+        }
     }
 
     fn is_available(self) -> bool {

@@ -58,6 +58,9 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     #[inline]
     fn remember(&mut self, _value: f64) {}
 
+    /// Whether C is known up to a period only, and [`Self::remember`] does anything.
+    const PERIODIC: bool = false;
+
     /// C(x), in any number.
     fn value<S: Scalar>(&self, x: &[Point3<S>; K]) -> S;
 

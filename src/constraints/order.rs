@@ -16,6 +16,21 @@ pub enum Order {
     Coloured,
 }
 
+impl Order {
+    /// Every order with its name in scenes.
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("stored", Self::Stored),
+        ("reversed", Self::Reversed),
+        ("from-loaded-end", Self::FromLoadedEnd),
+        ("coloured", Self::Coloured),
+    ];
+
+    /// Its name in scenes.
+    pub fn name(self) -> &'static str {
+        Self::NAMES.iter().find(|(_, order)| *order == self).map_or("", |(name, _)| name)
+    }
+}
+
 /// Visiting order of constraints, and the ranges of it in which no two constraints share a particle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schedule {

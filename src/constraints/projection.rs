@@ -5,7 +5,7 @@ use std::ops::Range;
 use nalgebra::Point3;
 
 use super::Constraint;
-use super::lanes::{InLanes, Lane, Several, dot, scale};
+use super::lanes::{InLanes, Lane, Several, dot, scale, unrolled};
 use crate::particles::Slot;
 
 /// What one projection does.
@@ -35,21 +35,6 @@ pub struct Sweep<'a, C, const K: usize> {
     pub per_dt2: f64,
     /// Projections left out.
     pub skipped: &'a mut u64,
-}
-
-/// Does the same for `k` from 0 to below `K`, at most 6, with `k` known to the compiler: a loop over arrays of lanes
-/// that it does not unroll goes through memory.
-macro_rules! unrolled {
-    ($k:ident in $count:ident => $body:block) => {
-        const { assert!($count <= 6, "a constraint has at most six points") };
-        unrolled!(@ $k $count $body 0 1 2 3 4 5);
-    };
-    (@ $k:ident $count:ident $body:block $($value:literal)*) => {
-        $(if $count > $value {
-            let $k = $value;
-            $body
-        })*
-    };
 }
 
 /// Change of the multiplier, and sum w |g|^2.

@@ -31,7 +31,8 @@ impl Ticks {
         Self { values, labels }
     }
 
-    /// Powers of ten in a positive range, every second or third if there are many. Of any other range, none.
+    /// Powers of ten in a positive range, every second or third if there are many, with their multiples by 2 and 5 if
+    /// there are few. Of any other range, none.
     pub fn logarithmic(range: (f64, f64), wanted: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         if !(low > 0.0 && high.is_finite()) {
@@ -40,6 +41,13 @@ impl Ticks {
         let (first, last) = ((libm::log10(low) - 1e-9).ceil() as i32, (libm::log10(high) + 1e-9).floor() as i32);
         let every = ((last - first).max(0) as usize / wanted.max(1) + 1) as i32;
         let powers: Vec<i32> = (first..=last).filter(|p| p.rem_euclid(every) == 0).collect();
+        if powers.len() < 3 {
+            let multiples = (first - 1..=last).flat_map(|p| [1.0, 2.0, 5.0].map(|m| m * libm::pow(10.0, f64::from(p))));
+            let values: Vec<f64> = multiples.filter(|v| (low..=high).contains(v)).collect();
+            if values.len() > powers.len() && values.len() <= wanted + 2 {
+                return Self { labels: values.iter().map(|v| number(*v)).collect(), values };
+            }
+        }
         Self {
             values: powers.iter().map(|p| libm::pow(10.0, f64::from(*p))).collect(),
             labels: powers
@@ -119,6 +127,7 @@ mod tests {
         assert_eq!(labels(3.0, 3.0, 5), ["3"]);
         assert_eq!(labels(0.0, f64::NAN, 5), Vec::<String>::new());
         assert_eq!(Ticks::logarithmic((1e-6, 10.0), 4).labels, ["1e-6", "1e-4", "0.01", "1"]);
+        assert_eq!(Ticks::logarithmic((0.15, 7.0), 5).labels, ["0.2", "0.5", "1", "2", "5"]);
     }
 
     #[test]

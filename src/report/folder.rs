@@ -15,7 +15,7 @@ pub const LIST: &str = "pliant-files.txt";
 const HEADER: &str = "# Written by pliant. The next run into this folder removes the files listed here.";
 
 /// Endings of files that a run writes: nothing else is ever removed, whatever the list says.
-const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "toml"];
+const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml"];
 
 /// Why results cannot be written.
 #[derive(Debug, thiserror::Error)]

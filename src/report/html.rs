@@ -16,6 +16,8 @@ pub struct Report {
     pub verdict: Vec<(String, bool)>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
     pub pictures: Vec<(String, Vec<u8>)>,
+    /// Heading over the plots; "Over the run" where it is empty.
+    pub plots_title: String,
     /// Plots, two in a row.
     pub plots: Vec<LinePlot>,
     /// Tables, one below the other.
@@ -38,7 +40,7 @@ h2{font-size:18px;margin:36px 0 12px}
 .card{background:var(--card);border:1px solid var(--line);border-radius:10px;padding:16px 18px;margin:0}
 .grid{display:grid;gap:16px}
 .pictures{grid-template-columns:repeat(auto-fill,minmax(min(100%,320px),1fr))}
-.plots{grid-template-columns:repeat(auto-fill,minmax(min(100%,480px),1fr))}
+.plots{grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}
 .pictures .card{padding:0;overflow:hidden}
 .pictures img{display:block;width:100%;height:auto;background:#fff}
 figcaption{padding:10px 14px;color:var(--soft);border-top:1px solid var(--line)}
@@ -57,7 +59,7 @@ table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 th,td{padding:6px 18px;text-align:left;vertical-align:top;border-top:1px solid var(--line)}
 tr:first-child>*{border-top:0}
 th{color:var(--soft);font-weight:600;font-size:13px}
-.n{text-align:right}
+.n{text-align:right;white-space:nowrap}
 .notes{color:var(--soft)}
 @media print{body{background:#fff}main{max-width:none;padding:0}.card{break-inside:avoid}}
 ";
@@ -81,7 +83,8 @@ impl Report {
         self.write_verdict(&mut html);
         self.write_pictures(&mut html);
         if !self.plots.is_empty() {
-            html += "<h2>Over the run</h2>\n<div class=\"grid plots\">\n";
+            let heading = if self.plots_title.is_empty() { "Over the run" } else { &self.plots_title };
+            let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"grid plots\">", escape(heading));
             for plot in &self.plots {
                 let _ = writeln!(html, "<figure class=\"card\">{}</figure>", plot.to_svg());
             }
@@ -213,6 +216,7 @@ mod tests {
             subtitle: evil(),
             verdict: vec![(evil(), true), (evil(), false)],
             pictures: vec![(evil(), b"\"><script>".to_vec())],
+            plots_title: evil(),
             plots: vec![LinePlot::new(evil(), evil()).with(evil(), [(0.0, 0.0), (1.0, 1.0)]).with_limit(evil(), 1.0)],
             tables: vec![table],
             notes: vec![evil()],
@@ -223,7 +227,7 @@ mod tests {
     fn no_text_becomes_markup() {
         let html = evil_report().to_html();
         assert!(!html.contains("<script") && !html.contains("src='") && !html.contains('\0'));
-        assert_eq!(html.matches("&lt;script src=&#39;http://x&#39;&gt;").count(), 17);
+        assert_eq!(html.matches("&lt;script src=&#39;http://x&#39;&gt;").count(), 18);
     }
 
     #[test]

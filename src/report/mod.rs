@@ -13,6 +13,7 @@ mod plot;
 pub mod record;
 pub mod results;
 pub mod summary;
+pub mod work_precision;
 mod table;
 
 pub use html::Report;

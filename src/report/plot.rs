@@ -24,12 +24,23 @@ pub struct Series {
     pub name: String,
     /// Its points, by rising x. One that is not finite (or not positive on a logarithmic axis) breaks the line.
     pub points: Vec<(f64, f64)>,
+    /// Spread of points along x: y, least x, greatest x.
+    pub bars: Vec<(f64, f64, f64)>,
+    /// Whether it is drawn as dots instead of a line.
+    pub dots: bool,
 }
 
 impl Series {
     /// A series.
     pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
-        Self { name: name.into(), points: points.into_iter().collect() }
+        Self { name: name.into(), points: points.into_iter().collect(), ..Self::default() }
+    }
+
+    /// The same as dots, with their spread along x.
+    pub fn dotted(mut self, bars: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
+        self.bars = bars.into_iter().collect();
+        self.dots = true;
+        self
     }
 }
 
@@ -42,6 +53,10 @@ pub struct LinePlot {
     pub x_label: String,
     /// Whether y is logarithmic.
     pub log_y: bool,
+    /// Whether x is logarithmic.
+    pub log_x: bool,
+    /// Below this y nothing is known: drawn grey, with its name.
+    pub unknown_below: Option<(String, f64)>,
     /// The lines.
     pub series: Vec<Series>,
     /// Limits, drawn dashed, with their names.
@@ -53,12 +68,23 @@ struct Axes {
     x: (f64, f64),
     y: (f64, f64),
     log: bool,
+    log_x: bool,
     top: f64,
 }
 
 impl Axes {
+    /// The x at the left end.
+    fn first_x(&self) -> f64 {
+        if self.log_x { libm::pow(10.0, self.x.0) } else { self.x.0 }
+    }
+
     fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let y = if self.log { if y > 0.0 { libm::log10(y) } else { f64::NAN } } else { y };
+        let scaled = |v: f64, log: bool| match (log, v > 0.0) {
+            (false, _) => v,
+            (true, true) => libm::log10(v),
+            (true, false) => f64::NAN,
+        };
+        let (x, y) = (scaled(x, self.log_x), scaled(y, self.log));
         let across = (x - self.x.0) / (self.x.1 - self.x.0);
         let up = (y - self.y.0) / (self.y.1 - self.y.0);
         let bottom = SIZE[1] - BOTTOM;
@@ -91,6 +117,12 @@ impl LinePlot {
         self
     }
 
+    /// Makes x and y logarithmic.
+    pub fn logarithmic_both(mut self) -> Self {
+        (self.log_x, self.log_y) = (true, true);
+        self
+    }
+
     /// The plot as an SVG element, the same text for the same numbers. Its ink is the text colour around it, so that it
     /// can be read on white and on black.
     pub fn to_svg(&self) -> String {
@@ -104,6 +136,7 @@ impl LinePlot {
         let top = self.draw_key(&mut svg);
         match self.axes(top) {
             Some(axes) => {
+                self.draw_unknown(&mut svg, &axes);
                 self.draw_grid(&mut svg, &axes);
                 self.draw_lines(&mut svg, &axes);
             }
@@ -147,9 +180,12 @@ impl LinePlot {
 
     /// The ranges of the points that can be drawn; `None` if there are none.
     fn axes(&self, top: f64) -> Option<Axes> {
-        let scale = |y: f64| if self.log_y { libm::log10(y.max(0.0)) } else { y };
+        let power = |v: f64, log: bool| if log { libm::log10(v.max(0.0)) } else { v };
+        let scale = |y: f64| power(y, self.log_y);
         let points = || {
-            let points = self.series.iter().flat_map(|s| &s.points).map(|(x, y)| (*x, scale(*y)));
+            let bars = |s: &Series| s.bars.iter().flat_map(|(y, a, b)| [(*a, *y), (*b, *y)]).collect::<Vec<_>>();
+            let points = self.series.iter().flat_map(move |s| s.points.iter().copied().chain(bars(s)));
+            let points = points.map(|(x, y)| (power(x, self.log_x), scale(y)));
             points.filter(|(x, y)| x.abs() < 1e300 && y.abs() < 1e300)
         };
         let range = |values: &mut dyn Iterator<Item = f64>| {
@@ -167,7 +203,27 @@ impl LinePlot {
         }
         let padding = if self.log_y { (0.05 * (y.1 - y.0)).max(0.3) } else { 0.05 * (y.1 - y.0) };
         let y = (if y.0 == 0.0 && !self.log_y { 0.0 } else { y.0 - padding }, y.1 + padding);
-        Some(Axes { x: widened(x), y: widened(y), log: self.log_y, top })
+        // Dots shall not lie on the rim.
+        let aside = if self.log_x { (0.03 * (x.1 - x.0)).max(0.05) } else { 0.0 };
+        let x = widened((x.0 - aside, x.1 + aside));
+        Some(Axes { x, y: widened(y), log: self.log_y, log_x: self.log_x, top })
+    }
+
+    /// What lies below the bound of knowledge.
+    fn draw_unknown(&self, svg: &mut String, axes: &Axes) {
+        let Some((name, bound)) = &self.unknown_below else { return };
+        let Some((_, y)) = axes.place(axes.first_x(), *bound) else { return };
+        let bottom = SIZE[1] - BOTTOM;
+        let y = y.clamp(axes.top, bottom);
+        let _ = writeln!(
+            svg,
+            "<path d=\"M{LEFT} {y:.1}H{}V{bottom}H{LEFT}Z\" fill=\"currentColor\" fill-opacity=\"0.1\"/>\n\
+             <text x=\"{}\" y=\"{:.1}\" font-size=\"11\" opacity=\"0.7\">{}</text>",
+            SIZE[0] - RIGHT,
+            LEFT + 6.0,
+            (y + 13.0).min(bottom - 3.0),
+            escape(name)
+        );
     }
 
     fn draw_grid(&self, svg: &mut String, axes: &Axes) {
@@ -176,8 +232,14 @@ impl LinePlot {
         let range = (power(axes.y.0), power(axes.y.1));
         let ticks = if axes.log { Ticks::logarithmic(range, 5) } else { Ticks::linear(range, 5) };
         svg.push_str("<g stroke=\"currentColor\" stroke-opacity=\"0.14\">\n");
-        let rows: Vec<_> = ticks.values.iter().filter_map(|v| axes.place(axes.x.0, *v)).map(|p| p.1).collect();
-        let across = Ticks::linear(axes.x, 8);
+        let reach = |x: f64| if axes.log_x { libm::pow(10.0, x) } else { x };
+        let across = if axes.log_x {
+            Ticks::logarithmic((reach(axes.x.0), reach(axes.x.1)), 8)
+        } else {
+            Ticks::linear(axes.x, 8)
+        };
+        let first = axes.first_x();
+        let rows: Vec<_> = ticks.values.iter().filter_map(|v| axes.place(first, *v)).map(|p| p.1).collect();
         let columns: Vec<_> =
             across.values.iter().filter_map(|v| axes.place(*v, power(axes.y.0))).map(|p| p.0).collect();
         for y in &rows {
@@ -208,7 +270,7 @@ impl LinePlot {
 
     fn draw_lines(&self, svg: &mut String, axes: &Axes) {
         for (_, limit) in &self.limits {
-            if let Some((_, y)) = axes.place(axes.x.0, *limit) {
+            if let Some((_, y)) = axes.place(axes.first_x(), *limit) {
                 let _ = writeln!(
                     svg,
                     "<path d=\"M{LEFT} {y:.1}H{}\" stroke=\"currentColor\" stroke-opacity=\"0.7\" stroke-dasharray=\"5 4\"/>",
@@ -218,6 +280,10 @@ impl LinePlot {
         }
         for (i, series) in self.series.iter().enumerate() {
             let colour = COLOURS[i % COLOURS.len()];
+            if series.dots {
+                draw_dots(svg, axes, series, colour);
+                continue;
+            }
             let places = thinned(series.points.iter().map(|(x, y)| axes.place(*x, *y)));
             for run in places.split(Option::is_none).filter(|run| !run.is_empty()) {
                 let mut path = String::new();
@@ -233,6 +299,19 @@ impl LinePlot {
                     if run.len() == 1 { 4.0 } else { 1.8 }
                 );
             }
+        }
+    }
+}
+
+/// Dots, each with its spread.
+fn draw_dots(svg: &mut String, axes: &Axes, series: &Series, colour: &str) {
+    for (x, y) in series.points.iter().filter_map(|(x, y)| axes.place(*x, *y)) {
+        let _ =
+            writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\" fill=\"{colour}\" fill-opacity=\"0.85\"/>");
+    }
+    for (y, low, high) in &series.bars {
+        if let (Some((a, y)), Some((b, _))) = (axes.place(*low, *y), axes.place(*high, *y)) {
+            let _ = writeln!(svg, "<path d=\"M{a:.1} {y:.1}H{b:.1}\" stroke=\"{colour}\" stroke-width=\"1.5\"/>");
         }
     }
 }
@@ -290,6 +369,23 @@ mod tests {
     }
 
     #[test]
+    fn dots_lie_inside_and_what_is_unknown_is_grey() {
+        let series = Series::new("a", [(1e-3, 1e-2), (10.0, 1e-5), (0.0, 1.0)]).dotted([(1e-2, 5e-4, 2e-3)]);
+        let plot = LinePlot { series: vec![series], ..LinePlot::new("t", "x").logarithmic_both() };
+        let svg = LinePlot { unknown_below: Some(("?<".into(), 1e-4)), ..plot.clone() }.to_svg();
+        assert_eq!(svg.matches("<circle").count(), 2, "a time of zero has no place on a logarithmic axis");
+        assert!(
+            svg.contains("fill-opacity=\"0.1\"")
+                && svg.contains("?&lt;")
+                && !plot.to_svg().contains("fill-opacity=\"0.1\"")
+        );
+        for part in svg.split("cx=\"").skip(1) {
+            let x: f64 = part.split('"').next().and_then(|x| x.parse().ok()).expect("a number");
+            assert!(x > LEFT && x < SIZE[0] - RIGHT, "{x}");
+        }
+    }
+
+    #[test]
     fn every_text_is_escaped() {
         let evil = "<script>alert('&\"')</script>";
         let svg = LinePlot::new(evil, evil).with(evil, [(0.0, 1.0)]).with_limit(evil, 2.0).to_svg();
@@ -302,7 +398,8 @@ mod tests {
         let points = (0..200_000).map(|i| (f64::from(i), if i == 123_456 { 100.0 } else { 1.0 }));
         let svg = LinePlot::new("t", "x").with("a", points).to_svg();
         assert!(svg.len() < 100_000, "{}", svg.len());
-        let highest = Axes { x: (0.0, 1.0), y: (0.0, 100.0 * 1.05 - 0.0), log: false, top: 50.0 }.place(0.0, 100.0);
+        let highest =
+            Axes { x: (0.0, 1.0), y: (0.0, 100.0 * 1.05 - 0.0), log: false, log_x: false, top: 50.0 }.place(0.0, 100.0);
         assert!(highest.is_some_and(|(_, y)| svg.contains(&format!(" {y:.1}L"))), "{highest:?}");
     }
 

@@ -10,6 +10,7 @@ use super::page;
 use super::pictures::Painter;
 use super::record::Record;
 use super::summary::{Summary, Time};
+use crate::accuracy::Chosen;
 use crate::render::{PictureError, to_gif};
 use crate::simulation::{Measures, Simulation};
 
@@ -106,7 +107,8 @@ impl Results {
         &all[all.len().saturating_sub(self.cast.muscles.len())..]
     }
 
-    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report.
+    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report, `chosen` what
+    /// an accuracy asked for led to.
     ///
     /// # Errors
     /// What kept a file from being written.
@@ -115,6 +117,7 @@ impl Results {
         simulation: &Simulation,
         settings: &[(String, String)],
         interrupted: bool,
+        chosen: Option<&Chosen>,
     ) -> Result<Summary, FolderError> {
         let finishing = Instant::now();
         let collection = match self.writer.take() {
@@ -131,7 +134,7 @@ impl Results {
         let [total, prepared, finished] =
             [self.begun.elapsed(), self.prepared, finishing.elapsed()].map(|time| time.as_secs_f64());
         let time = Time::of(record, total, prepared, finished);
-        let summary = Summary::of(simulation, record, interrupted, time);
+        let summary = Summary::of(simulation, record, interrupted, time, chosen);
         self.write_report(&summary, settings, animated)?;
         let json = summary.to_json();
         self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::record::{Record, effect_name};
+use crate::accuracy::Chosen;
 use crate::mesh::measures::greatest;
 use crate::scene::Solver;
 use crate::simulation::measures::VOLUME_HELD;
@@ -29,6 +30,11 @@ pub struct Summary {
     pub interrupted: bool,
     /// Whether every muscle was converged in every frame.
     pub converged: bool,
+    /// Estimated error of the solver, RMS over the vertices of the worst frame and muscle [m]: see
+    /// [`MuscleSummary::error_estimate_m`].
+    pub error_estimate_m: f64,
+    /// What was chosen for the accuracy that the scene names.
+    pub accuracy: Option<Delivered>,
     /// Muscles.
     pub muscles: Vec<MuscleSummary>,
     /// Where the time went.
@@ -85,12 +91,32 @@ pub struct MuscleSummary {
     pub residual_end_m: f64,
     /// The same in the worst frame.
     pub residual_max_m: f64,
+    /// Estimated error of the solver, RMS over the vertices of the worst frame [m]. By [`Body::error_estimate`],
+    /// or where an accuracy was asked for by what a study of the first frames measured.
+    pub error_estimate_m: f64,
     /// Frames that were not converged.
     pub frames_not_converged: usize,
     /// Velocities that were cut to the limit.
     pub speed_cuts: u64,
     /// Where it was stopped by a number that is not finite.
     pub stopped: Option<Stopped>,
+}
+
+/// Solver and settings that were chosen for an accuracy.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Delivered {
+    /// The error asked for, RMS [m].
+    pub target_m: f64,
+    /// The error expected in the worst frame [m].
+    pub expected_m: f64,
+    /// Whether the estimate for the whole run keeps what was asked for.
+    pub reached: bool,
+    /// The solver.
+    pub solver: String,
+    /// Its settings.
+    pub settings: serde_json::Map<String, serde_json::Value>,
+    /// Why it was chosen.
+    pub why: String,
 }
 
 /// Where a muscle was stopped.
@@ -159,10 +185,18 @@ impl Time {
 
 impl Summary {
     /// Sums a run up.
-    pub fn of(simulation: &Simulation, record: &Record, interrupted: bool, time: Time) -> Self {
+    pub fn of(
+        simulation: &Simulation,
+        record: &Record,
+        interrupted: bool,
+        time: Time,
+        chosen: Option<&Chosen>,
+    ) -> Self {
         let scene = &simulation.scene;
-        let muscles: Vec<_> = simulation.bodies.iter().map(|b| muscle(b, record)).collect();
+        let muscles: Vec<_> = simulation.bodies.iter().map(|b| muscle(b, record, chosen)).collect();
+        let error_estimate_m = greatest(muscles.iter().map(|m| m.error_estimate_m));
         let mut verdicts = Vec::new();
+        verdicts.extend(chosen.map(|c| verdict_of(c, error_estimate_m)));
         for (m, summary) in muscles.iter().enumerate() {
             verdicts.extend(verdicts_of(simulation, m, summary));
         }
@@ -172,6 +206,15 @@ impl Summary {
             frames_wanted: scene.frames,
             interrupted,
             converged: muscles.iter().all(|m| m.frames_not_converged == 0 && m.stopped.is_none()),
+            error_estimate_m,
+            accuracy: chosen.map(|c| Delivered {
+                target_m: c.target_m,
+                expected_m: c.expected_m,
+                reached: c.keeps(error_estimate_m),
+                solver: c.candidate.name().to_owned(),
+                settings: c.candidate.settings(),
+                why: c.why.clone(),
+            }),
             muscles,
             time,
             effects: Effects { run: simulation.plan.run.clone(), left_out: simulation.plan.left_out.clone() },
@@ -222,7 +265,18 @@ fn solver(solver: &Solver) -> String {
     }
 }
 
-fn muscle(body: &Body, record: &Record) -> MuscleSummary {
+/// Whether the accuracy that was asked for is kept, as far as can be estimated.
+fn verdict_of(chosen: &Chosen, estimate_m: f64) -> Verdict {
+    let mm = |length: f64| crate::render::number(length * 1e3);
+    Verdict {
+        muscle: "all".to_owned(),
+        promise: format!("the error is at most {} mm", mm(chosen.target_m)),
+        found: format!("estimated {} mm; {}", mm(estimate_m), chosen.why),
+        kept: chosen.keeps(estimate_m),
+    }
+}
+
+fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummary {
     let all: Vec<&Measures> = record.of_muscle(&body.name).collect();
     let end = |f: fn(&Measures) -> f64| all.last().map_or(0.0, |m| f(m));
     let most = |f: fn(&Measures) -> usize| all.iter().map(|m| f(m)).max().unwrap_or(0);
@@ -232,6 +286,7 @@ fn muscle(body: &Body, record: &Record) -> MuscleSummary {
         effect: effect_name(broken.effect).to_owned(),
         particle: broken.particle,
     });
+    let residual_max_m = greatest(all.iter().filter(|m| m.frame > 0).map(|m| m.residual_m));
     MuscleSummary {
         name: body.name.clone(),
         vertices: body.rest.vertices.len(),
@@ -253,7 +308,8 @@ fn muscle(body: &Body, record: &Record) -> MuscleSummary {
         length_m: body.length,
         residual_end_m: end(|m| m.residual_m),
         // There is no residual before the first step.
-        residual_max_m: greatest(all.iter().filter(|m| m.frame > 0).map(|m| m.residual_m)),
+        residual_max_m,
+        error_estimate_m: chosen.map_or_else(|| body.error_estimate(residual_max_m), |c| c.estimate(residual_max_m)),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
         stopped,

@@ -52,8 +52,29 @@ pub struct Scene {
     pub effects: Effects,
     /// How the motion is computed.
     pub solver: Solver,
+    /// The error that the user allows: solver and settings are then chosen.
+    pub accuracy: Option<Accuracy>,
     /// Where it was read from, for errors that only its meshes show.
     pub origin: Origin,
+}
+
+/// An error that the user allows: root mean square of the vertices of the worst frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Accuracy {
+    /// \[m\].
+    Length(f64),
+    /// As a share of the shortest muscle's length.
+    Share(f64),
+}
+
+impl Accuracy {
+    /// The error \[m\] for a muscle so long \[m\].
+    pub fn length(self, muscle: f64) -> f64 {
+        match self {
+            Self::Length(length) => length,
+            Self::Share(share) => share * muscle,
+        }
+    }
 }
 
 /// Where a surface comes from.
@@ -249,7 +270,7 @@ pub struct ContactEffect {
 }
 
 /// How the motion is computed.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
     /// Extended position-based dynamics with small steps and material stiffness.
     Xpbd(Xpbd),

@@ -113,6 +113,7 @@ fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
         muscles,
         effects: parse_effects::effects(root)?,
         solver: parse_effects::solver(root)?,
+        accuracy: root.get("accuracy").map(|item| parse_effects::accuracy(&item)).transpose()?,
         origin: Origin::default(),
     })
 }

@@ -2,9 +2,10 @@
 
 use super::error::SceneError;
 use super::parse::unknown_name;
-use super::reader::{Limit, Section};
+use super::parse_muscle;
+use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
-use super::{Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd};
+use super::{Accuracy, Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd};
 
 /// Steps a frame and sweeps a step are at most this many.
 const MOST: u32 = 1_000_000;
@@ -19,14 +20,6 @@ const SOLVERS: [&str; 4] = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
 
 /// A plain number from 0 to 1.
 const SHARE: Limit = Limit::Within(0.0, 1.0);
-
-/// Names of the sweep orders.
-const ORDERS: [(&str, Order); 4] = [
-    ("stored", Order::Stored),
-    ("reversed", Order::Reversed),
-    ("from-loaded-end", Order::FromLoadedEnd),
-    ("coloured", Order::Coloured),
-];
 
 /// The effects; each is absent when its section is.
 pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
@@ -79,6 +72,14 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     }
 }
 
+/// An error that is allowed: a length, or a share of the muscle's.
+pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
+    if item.text("1 %")?.trim_end().ends_with('%') {
+        return Ok(Accuracy::Share(parse_muscle::share(item)?));
+    }
+    Ok(Accuracy::Length(item.quantity(Dimension::Length, Limit::Positive)?))
+}
+
 fn minimisation(section: &Section<'_>) -> Result<Minimisation, SceneError> {
     Ok(Minimisation {
         substeps: count(Some(section), "substeps", 1)?,
@@ -123,8 +124,8 @@ fn order(section: &Section<'_>) -> Result<Order, SceneError> {
         return Ok(Order::default());
     };
     let name = item.text("coloured")?;
-    match ORDERS.iter().find(|(known, _)| *known == name) {
+    match Order::NAMES.iter().find(|(known, _)| *known == name) {
         Some(&(_, order)) => Ok(order),
-        None => item.fail(unknown_name("order", name, ORDERS.iter().map(|(known, _)| *known))),
+        None => item.fail(unknown_name("order", name, Order::NAMES.iter().map(|(known, _)| *known))),
     }
 }

@@ -85,7 +85,7 @@ fn attachments(muscle: &Section<'_>, bones: &KnownBones<'_>) -> Result<Vec<Attac
 }
 
 /// A share above zero and up to the whole.
-fn share(item: &Item<'_>) -> Result<f64, SceneError> {
+pub(super) fn share(item: &Item<'_>) -> Result<f64, SceneError> {
     let share = item.quantity(Dimension::Ratio, Limit::Positive)?;
     if share <= 1.0 {
         return Ok(share);

@@ -42,6 +42,7 @@ pub(super) const ROOT: Schema = Schema {
         ("name", Text),
         ("frames", Plain),
         ("frame_rate", Text),
+        ("accuracy", Text),
         ("bone", List(&BONE)),
         ("capsule", List(&CAPSULE)),
         ("muscle", List(&MUSCLE)),

@@ -162,6 +162,12 @@ impl Body {
         done
     }
 
+    /// Estimate of the solver's error [m], RMS over the vertices, from the greatest residual [m]: a residual adds up
+    /// along a muscle, so it is taken times twice the edges along the length.
+    pub fn error_estimate(&self, residual_max_m: f64) -> f64 {
+        2.0 * self.length / self.edge_length * residual_max_m
+    }
+
     /// Whether vertex `v` is not held by a bone.
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0

@@ -33,6 +33,8 @@ pub struct Equilibrium {
     solver: QuasiStatic,
     /// The last step's end.
     pub outcome: Outcome,
+    /// Iterations of all steps so far.
+    pub iterations: u64,
     /// Greatest residual of the frame's steps, as a share of the force of a strain of one.
     pub residual: f64,
     scratch: Particles,
@@ -69,7 +71,7 @@ impl Equilibrium {
         });
         let settings = Settings { tolerance: settings.tolerance, iterations: settings.iterations };
         let solver = QuasiStatic::new(energy, &particles.position, &particles.inverse_mass, settings)?;
-        Ok(Self { solver, outcome: Outcome::default(), residual: 0.0, scratch: particles.clone() })
+        Ok(Self { solver, outcome: Outcome::default(), iterations: 0, residual: 0.0, scratch: particles.clone() })
     }
 
     /// A new frame begins.
@@ -124,6 +126,7 @@ impl Equilibrium {
             self.residual = outcome.residual;
         }
         self.outcome = outcome;
+        self.iterations += u64::from(outcome.iterations);
         Ok(())
     }
 }

@@ -83,7 +83,9 @@ impl Plan {
     fn run(&mut self, scene: &Scene, muscle: &str, effect: &str, elements: usize, bytes: usize) {
         let sweeps = match scene.solver {
             // An equilibrium next to the last takes about so many evaluations.
-            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
+            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
+                f64::from(s.substeps) * f64::from(s.iterations.min(20))
+            }
             _ => f64::from(scene.solver.substeps()) * f64::from(scene.solver.iterations()),
         };
         let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;

@@ -41,7 +41,7 @@ impl Newton {
     ) -> Result<Self, FactorError> {
         let problem = Problem::new(energy, x, inverse_mass, settings);
         let unknowns = &problem.unknowns;
-        let factor = Factor::new(unknowns.free.len(), &unknowns.pairs(&problem.energy))?;
+        let factor = Factor::new(unknowns.free.len(), &unknowns.pairs(|pair| problem.energy.pairs(pair)))?;
         let numbers = vec![0.0; unknowns.free.len() * 6];
         Ok(Self { problem, factor, numbers, factorisations: 0, projections: 0 })
     }

@@ -2,9 +2,11 @@
 
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
+use crate::constraints::lanes::{self, InLanes, Lane, Several, Width, unrolled};
 use crate::constraints::second::Second;
 use crate::constraints::{Constraint, EnclosedVolume};
 use crate::mesh::sum::Compensated;
+use crate::particles::Slot;
 
 /// A part of a body's energy.
 pub trait Potential: Send + Sync {
@@ -71,16 +73,9 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         let mut sum = Compensated::default();
-        for (constraint, k) in self.each() {
-            let points = constraint.points();
-            if let Some((c, g)) = constraint.value_and_gradient(&points.map(|p| x[p as usize])) {
-                let force = k * c;
-                sum.add(0.5 * force * c);
-                for (p, g) in points.into_iter().zip(g) {
-                    gradient[p as usize] += g * force;
-                }
-            }
-        }
+        let slots: Vec<Slot> = x.iter().map(|x| Slot([x.x, x.y, x.z, 0.0])).collect();
+        let forces = Forces { of: self, x, slots: &slots, gradient, sum: &mut sum };
+        lanes::run(if C::LANES { Width::best() } else { Width::One }, forces);
         sum.total()
     }
 
@@ -140,6 +135,9 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn remember(&mut self, x: &[Point3<f64>]) {
+        if !C::PERIODIC {
+            return;
+        }
         for constraint in &mut self.constraints {
             let at = constraint.points().map(|p| x[p as usize]);
             if let Some((c, _)) = constraint.value_and_gradient(&at) {
@@ -150,6 +148,78 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
 
     fn bytes(&self) -> usize {
         self.constraints.capacity() * size_of::<C>() + self.stiffness.capacity() * 8
+    }
+}
+
+/// Energy and forces, added in the order of the constraints however many are computed at once.
+struct Forces<'a, C, const K: usize> {
+    of: &'a Quadratic<C, K>,
+    x: &'a [Point3<f64>],
+    slots: &'a [Slot],
+    gradient: &'a mut [Vector3<f64>],
+    sum: &'a mut Compensated,
+}
+
+impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
+    #[inline(always)]
+    fn add(&mut self, j: usize, value: f64, gradient: &[[f64; 3]; K]) {
+        let force = self.of.stiffness[j] * value;
+        self.sum.add(0.5 * force * value);
+        for (p, g) in self.of.constraints[j].points().into_iter().zip(gradient) {
+            self.gradient[p as usize] += Vector3::from(*g) * force;
+        }
+    }
+
+    /// Where the gradient is undefined an edge or hinge without extent exerts no force.
+    fn alone(&mut self, j: usize) {
+        let constraint = &self.of.constraints[j];
+        let at = constraint.points().map(|p| self.x[p as usize]);
+        if let Some((value, gradient)) = constraint.value_and_gradient(&at) {
+            self.add(j, value, &gradient.map(Into::into));
+        }
+    }
+
+    #[inline(always)]
+    fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize) {
+        let these = &self.of.constraints[j..j + N::COUNT];
+        // Without closures: what they call would not be compiled for the lanes that they are called from.
+        let mut at = [[N::splat(machine, 0.0); 3]; K];
+        unrolled!(k in K => {
+            let [x, y, z, _] = N::gather(machine, self.slots, |l| these[l].points()[k]);
+            at[k] = [x, y, z];
+        });
+        let Several { value, gradient, usual } = C::in_lanes::<N>(these, machine, &at);
+        if !N::all(usual) {
+            return (j..j + N::COUNT).for_each(|j| self.alone(j));
+        }
+        let (mut values, mut columns) = ([0.0; 8], [[[0.0; 8]; 3]; K]);
+        value.store(&mut values);
+        unrolled!(k in K => {
+            gradient[k][0].store(&mut columns[k][0]);
+            gradient[k][1].store(&mut columns[k][1]);
+            gradient[k][2].store(&mut columns[k][2]);
+        });
+        for l in 0..N::COUNT {
+            let mut gradient = [[0.0; 3]; K];
+            for k in 0..K {
+                gradient[k] = [columns[k][0][l], columns[k][1][l], columns[k][2][l]];
+            }
+            self.add(j + l, values[l], &gradient);
+        }
+    }
+}
+
+impl<C: Constraint<K>, const K: usize> InLanes for Forces<'_, C, K> {
+    #[inline(always)]
+    fn run<N: Lane>(mut self, machine: N::Machine) {
+        let (count, mut next) = (self.of.constraints.len(), 0);
+        if C::LANES && N::COUNT > 1 {
+            while next + N::COUNT <= count {
+                self.side_by_side::<N>(machine, next);
+                next += N::COUNT;
+            }
+        }
+        (next..count).for_each(|j| self.alone(j));
     }
 }
 

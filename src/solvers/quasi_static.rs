@@ -25,6 +25,9 @@ const MEMORY: usize = 8;
 /// field that changes the volume keeps it exactly.
 const KEPT: u32 = 4;
 
+/// Iterations after which constraints that are known up to a period note where they are.
+const NOTED: u32 = 8;
+
 /// A body ready to be brought to equilibrium.
 pub struct QuasiStatic {
     /// What is minimised.
@@ -88,6 +91,7 @@ impl QuasiStatic {
         guard.accept(x);
         self.history.clear();
         self.spread.0.clear();
+        self.problem.energy.remember(x);
     }
 
     /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
@@ -113,6 +117,7 @@ impl QuasiStatic {
             self.problem.judge(&state, multiplier, self.active.rows(), &mut outcome);
             let more = watch(&outcome, x);
             if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
+                self.problem.energy.remember(x);
                 return outcome;
             }
             let Some((end, new)) = self.search(x, &state, &direction, &rows, guard, &mut outcome) else {
@@ -127,7 +132,10 @@ impl QuasiStatic {
             outcome.iterations += 1;
             self.learn(x, &end, &state, &new, multiplier);
             x.copy_from_slice(&end);
-            self.problem.energy.remember(x);
+            // An angle turns by far less than a period between two notes.
+            if outcome.iterations.is_multiple_of(NOTED) {
+                self.problem.energy.remember(x);
+            }
             guard.accept(x);
             state = new;
         }

@@ -35,10 +35,10 @@ impl Unknowns {
         Some(self.number[vertex as usize]).filter(|n| *n != HELD)
     }
 
-    /// Pairs of unknowns that the energy couples, some of them several times.
-    pub fn pairs(&self, energy: &Energy) -> Vec<[u32; 2]> {
+    /// Pairs of unknowns among those that `pairs` lists, some of them several times.
+    pub fn pairs(&self, pairs: impl FnOnce(&mut dyn FnMut(u32, u32))) -> Vec<[u32; 2]> {
         let mut all = Vec::new();
-        energy.pairs(&mut |a, b| {
+        pairs(&mut |a, b| {
             if let (Some(a), Some(b)) = (self.of(a), self.of(b)) {
                 all.push([a.min(b), a.max(b)]);
             }
@@ -97,7 +97,7 @@ impl Laplacian {
     /// # Errors
     /// Some part of the body is not connected to a held vertex and nothing else holds it; or no memory.
     pub fn new(energy: &Energy, unknowns: &Unknowns, x: &[Point3<f64>]) -> Result<Self, FactorError> {
-        let mut factor = Factor::new(unknowns.free.len(), &unknowns.pairs(energy))?;
+        let mut factor = Factor::new(unknowns.free.len(), &unknowns.pairs(|pair| energy.pairs(pair)))?;
         let mut to_held = Vec::new();
         energy.scalar_hessian(x, &mut |a, b, value| match (unknowns.of(a), unknowns.of(b)) {
             (Some(i), Some(j)) if i >= j => factor.add(i, j, &[[value]]),

@@ -2,6 +2,7 @@
 // `!(error <= tolerance)` is also true for NaN: that is why controls are written so.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
+mod accuracy;
 mod bodies;
 mod constraints;
 mod contact;

@@ -1,0 +1,87 @@
+//! The cheapest of what was measured.
+
+use super::study::{Row, Status};
+
+/// Accuracies that a setting is recommended for, as shares of the muscles' length.
+pub const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
+
+/// The fastest row that reaches a target.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recommended {
+    /// The target as a share of the length.
+    pub target: f64,
+    /// Index of the row; `None` where none reached it.
+    pub row: Option<usize>,
+}
+
+/// Whether a row reaches an error [m], what its solver leaves out included.
+pub fn reaches(row: &Row, error: f64) -> bool {
+    row.status != Status::Diverged && row.error.rms + row.model_error_m <= error
+}
+
+/// For each target the fastest row that reaches it; `length` [m] is what shares are of. An error below the reference's
+/// `uncertainty` [m] shows nothing: no target below it is granted.
+pub fn recommend(rows: &[Row], length: f64, uncertainty: f64) -> Vec<Recommended> {
+    let best = |target: f64| {
+        let error = target * length;
+        let able = rows.iter().enumerate().filter(|(_, row)| uncertainty <= error && reaches(row, error));
+        let fastest = able.min_by(|(_, a), (_, b)| a.time_s.total_cmp(&b.time_s));
+        Recommended { target, row: fastest.map(|(index, _)| index) }
+    };
+    TARGETS.iter().map(|target| best(*target)).collect()
+}
+
+/// The rows that no other beats in both time and error, by rising time.
+pub fn pareto(rows: &[Row]) -> Vec<usize> {
+    let total = |i: usize| rows[i].error.rms + rows[i].model_error_m;
+    let mut order: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].status != Status::Diverged).collect();
+    order.sort_by(|a, b| rows[*a].time_s.total_cmp(&rows[*b].time_s).then(total(*a).total_cmp(&total(*b))));
+    let mut least = f64::INFINITY;
+    order.retain(|i| {
+        let better = total(*i) < least;
+        if better {
+            least = total(*i);
+        }
+        better
+    });
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accuracy::{Candidate, Distance, candidates};
+
+    fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> Row {
+        let error = Distance { rms, max: rms, frame: 1 };
+        let candidate = Candidate::new(candidates::implicit_euler(1, 1e-3), 1);
+        Row { error, model_error_m, time_s, ..Row::new(candidate, status) }
+    }
+
+    #[test]
+    fn the_fastest_that_reaches_a_target_is_recommended() {
+        let rows = [
+            row(1.0, 0.05, 0.0, Status::NotConverged),
+            row(0.5, 0.001, 0.0, Status::Diverged),
+            row(2.0, 0.005, 0.002, Status::Converged),
+            row(1.5, 0.009, 0.002, Status::Converged),
+            row(9.0, 0.0005, 0.0, Status::Converged),
+            row(0.1, f64::NAN, 0.0, Status::NotConverged),
+        ];
+        let chosen = |uncertainty| recommend(&rows, 1.0, uncertainty).iter().map(|r| r.row).collect::<Vec<_>>();
+        assert_eq!(chosen(1e-4), [Some(0), Some(2), Some(4)]);
+        assert_eq!(chosen(0.002), [Some(0), Some(2), None], "the reference is not certain enough");
+    }
+
+    #[test]
+    fn the_front_falls_with_time() {
+        let rows = [
+            row(1.0, 0.05, 0.0, Status::Converged),
+            row(2.0, 0.06, 0.0, Status::Converged),
+            row(3.0, 0.01, 0.0, Status::Converged),
+            row(0.1, 0.001, 0.0, Status::Diverged),
+            row(0.2, f64::NAN, 0.0, Status::Converged),
+        ];
+        assert_eq!(pareto(&rows), [0, 2]);
+    }
+}

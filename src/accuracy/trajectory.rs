@@ -1,0 +1,110 @@
+//! A scene run once with one solver, and what has to be known of it.
+
+use std::time::Instant;
+
+use nalgebra::Point3;
+
+use super::candidates::Candidate;
+use crate::scene::Scene;
+use crate::simulation::{Assets, LoadError, Plan, Simulation};
+
+/// A run of a scene's first frames.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    /// Positions of all vertices of all muscles [m], `[frame][vertex]`, from frame 1 on.
+    pub frames: Vec<Vec<Point3<f64>>>,
+    /// Wall time of the steps and of what the solver prepares for them [s]; no files, no audit.
+    pub time_s: f64,
+    /// Greatest departure of a volume from its target, as a share of it, of any frame.
+    pub volume_error: f64,
+    /// Greatest depth of a free vertex in a bone [m], of any frame, by the audit.
+    pub penetration_m: f64,
+    /// Greatest residual of any frame [m].
+    pub residual_m: f64,
+    /// Greatest estimate of the error [m], as a run gives it.
+    pub error_estimate_m: f64,
+    /// Mean length of the fibres of all muscles at the last frame [m]; 0 without fibres.
+    pub fibre_length_m: f64,
+    /// Iterations of all steps and muscles; 0 for solvers that sweep.
+    pub iterations: u64,
+    /// Whether every frame of every muscle is converged.
+    pub converged: bool,
+    /// Whether a muscle was stopped by a number that is not finite.
+    pub stopped: bool,
+    /// Whether it was ended before its last frame, by `watch` or by a muscle that was stopped.
+    pub cut_short: bool,
+}
+
+/// Not `f64::max`, which would hide a NaN.
+fn rise(to: &mut f64, value: f64) {
+    if !(value <= *to) {
+        *to = value;
+    }
+}
+
+impl Trajectory {
+    /// Runs the first `frames` frames; `watch` hears of every frame and its time [s], and says whether to go on.
+    ///
+    /// # Errors
+    /// The scene cannot be run by that solver.
+    pub fn of(
+        scene: &Scene,
+        assets: &Assets,
+        candidate: &Candidate,
+        frames: usize,
+        watch: &mut dyn FnMut(usize, f64) -> bool,
+    ) -> Result<Self, LoadError> {
+        let scene = Scene { solver: candidate.solver, ..scene.clone() };
+        let plan = Plan::new(&scene, assets);
+        let mut simulation = Simulation::with(scene, assets.clone(), plan)?;
+        for body in &mut simulation.bodies {
+            body.system.elastic.iter_mut().for_each(|batch| batch.set_width(candidate.width));
+        }
+        let mut run = Self { converged: true, ..Self::default() };
+        run.time_s = simulation.bodies.iter().flat_map(|b| b.system.clock.effects.values()).map(|(s, _)| s).sum();
+        // Fails only where the system gives no threads: then those at hand serve.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(candidate.threads).build().ok();
+        for frame in 1..=frames {
+            let begin = Instant::now();
+            match &pool {
+                Some(pool) => pool.install(|| simulation.step_frame()),
+                None => simulation.step_frame(),
+            }
+            let took = begin.elapsed().as_secs_f64();
+            run.time_s += took;
+            run.note(&simulation);
+            let goes_on = watch(frame, took);
+            if run.stopped || !goes_on {
+                run.cut_short = frame < frames;
+                break;
+            }
+        }
+        run.iterations = simulation.bodies.iter().filter_map(|b| b.equilibrium.as_ref()).map(|e| e.iterations).sum();
+        run.fibre_length_m = fibre_length(&simulation);
+        Ok(run)
+    }
+
+    fn note(&mut self, simulation: &Simulation) {
+        let bodies = &simulation.bodies;
+        self.frames.push(bodies.iter().flat_map(|b| b.system.particles.position.iter().copied()).collect());
+        for (body, m) in bodies.iter().zip(simulation.measure()) {
+            rise(&mut self.error_estimate_m, body.error_estimate(m.residual_m));
+            rise(&mut self.volume_error, m.volume_error.abs());
+            rise(&mut self.penetration_m, m.penetration_m);
+            rise(&mut self.residual_m, m.residual_m);
+            self.converged &= m.converged;
+        }
+        self.stopped |= bodies.iter().any(|b| b.stopped.is_some());
+    }
+}
+
+/// Mean length of all fibres [m].
+fn fibre_length(simulation: &Simulation) -> f64 {
+    let mut lengths = Vec::new();
+    for body in &simulation.bodies {
+        for line in body.fibres.at(&body.system.particles.position) {
+            lengths.push(line.windows(2).map(|p| (p[1] - p[0]).norm()).sum::<f64>());
+        }
+    }
+    crate::mesh::sum::tree_sum(&lengths) / lengths.len().max(1) as f64
+}

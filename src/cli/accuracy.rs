@@ -1,0 +1,136 @@
+//! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::failure::Failure;
+use super::run::stop_on_interrupt;
+use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use crate::accuracy::{Options, StudyError, Watch, measure};
+use crate::report::folder::Folder;
+use crate::report::frames::file_name;
+use crate::scene::{builtin, overrides};
+use crate::simulation::Assets;
+
+/// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant accuracy hip
+  pliant accuracy hip --budget 10min --set frames=100
+  pliant accuracy examples/right-hip.toml --set solver=quasi_static --json > accuracy.json
+
+Results in pliant-out/NAME-accuracy: report.html, work_precision.csv, work_precision.svg, summary.json. The error is the
+distance to a refined solution of the same energy, of the worst frame. Exit code 1: no reference could be computed.")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene
+    #[arg(default_value = "hip")]
+    scene: String,
+    /// Time for all of it, about: "90s", "10min"
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
+    budget: Duration,
+    /// Number of frames to compare, from the first on [default: as many as the budget allows]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    frames: Option<u32>,
+    /// Folder of the results [default: pliant-out/NAME-accuracy]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of threads [default: one for each core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Write the result as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// A time with its unit; a bare number is seconds.
+fn duration(text: &str) -> Result<Duration, String> {
+    let text = text.trim();
+    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let (number, unit) = (&text[..digits], text[digits..].trim());
+    let scale = match unit {
+        "" | "s" => 1.0,
+        "ms" => 1e-3,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(format!("`{unit}` is no unit of time; known: ms, s, min, h")),
+    };
+    let seconds: f64 = number.parse().map_err(|_| "expected a time such as 60s".to_owned())?;
+    // A week is more than anyone waits for.
+    if !(seconds * scale > 0.0 && seconds * scale <= 604_800.0) {
+        return Err("expected more than 0 s and at most 168 h".to_owned());
+    }
+    Ok(Duration::from_secs_f64(seconds * scale))
+}
+
+/// Says on standard error what is being measured; Ctrl-C stops it.
+pub(super) struct Said<'a> {
+    pub(super) stop: &'a AtomicBool,
+}
+
+impl Watch for Said<'_> {
+    fn part(&mut self, text: &str) {
+        warn(text);
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let scene = builtin::load(&arguments.scene, &arguments.set)?;
+    let stop = stop_on_interrupt();
+    let cores = std::thread::available_parallelism().map_or(1, Into::into);
+    let options = Options {
+        budget: arguments.budget,
+        frames: arguments.frames.map(|n| n as usize),
+        threads: arguments.threads.map_or(cores, usize::from),
+    };
+    let path = arguments.out.clone();
+    let path = path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(&scene.name))));
+    let assets = Assets::load(&scene)?;
+    let folder = Folder::open(&path)?;
+    let study = match measure(&scene, &assets, options, &mut Said { stop: &stop }) {
+        Ok(study) => study,
+        Err(StudyError::Load(error)) => return Err(error.into()),
+        Err(error @ StudyError::NoEnergy) => {
+            return Err(Failure::usage(error.to_string(), "choose another, as with --set solver=xpbd"));
+        }
+        Err(error @ StudyError::NoReference(_)) => {
+            warn(&format!("error: {error}"));
+            return Ok(if stop.load(Ordering::Relaxed) { INTERRUPTED } else { FAILED });
+        }
+    };
+    study.write(&folder)?;
+    if arguments.json {
+        say_json(&study.to_json());
+    } else {
+        let mut text = format!("{}\n{}\n", study.recommendation().to_text(), study.table().to_text());
+        study.notes().iter().for_each(|note| text.push_str(&format!("  note: {note}\n")));
+        let file = |name: &str| path.join(name).display().to_string();
+        text.push_str(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), file("report.html")));
+        say(&text);
+    }
+    Ok(if study.interrupted { INTERRUPTED } else { DONE })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        let seconds = |text: &str| duration(text).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds(" 1.5 min"), Ok(90.0));
+        assert_eq!(seconds("2"), Ok(2.0));
+        assert_eq!(seconds("250ms"), Ok(0.25));
+        for wrong in ["", "s", "0s", "-3s", "1 fortnight", "1e9h", "999h", "1.2.3s", "nan"] {
+            assert!(duration(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,309 @@
+//! What accuracy costs, as a table, a CSV, a plot, JSON and a page.
+
+use std::io::{self, Write};
+
+use serde_json::{Value, json};
+
+use super::folder::{Folder, FolderError};
+use super::html::Report;
+use super::plot::{LinePlot, Series};
+use super::table::Table;
+use crate::accuracy::{Question, Row, Status, Study};
+
+/// The solvers in the order of the key, as people call them.
+const SOLVERS: [(&str, &str); 3] =
+    [("xpbd", "small-step XPBD"), ("implicit_euler", "implicit Euler"), ("quasi_static", "quasi-static")];
+
+/// Columns of `work_precision.csv`.
+const COLUMNS: &str = "solver,substeps,iterations,order,tolerance,lanes,threads,status,certain,time_s,time_min_s,\
+                       time_max_s,repeats,rms_error_m,rms_error_share,max_error_m,worst_frame,model_error_m,\
+                       volume_error,penetration_m,fibre_length_error_m,residual_m,error_estimate_m,solver_iterations,on_front";
+
+/// A number for JSON: one that is not finite has none.
+fn number(value: f64) -> Value {
+    if value.is_finite() { json!(value) } else { Value::Null }
+}
+
+impl Study {
+    /// Whether an error of a row can be told from the reference's own uncertainty.
+    pub fn is_certain(&self, row: &Row) -> bool {
+        let own = Question::of(&row.candidate.solver) == Some(self.question);
+        let reference = if own { Some(&self.reference) } else { self.other.as_ref() };
+        reference.is_some_and(|r| row.error.rms >= r.uncertainty.rms)
+    }
+
+    /// As `--json` gives it.
+    pub fn to_json(&self) -> Value {
+        let rows: Vec<Value> = self.rows.iter().map(|row| self.row_json(row)).collect();
+        let recommended = self.recommended.iter().map(|r| {
+            let row = r.row.map(|i| &self.rows[i]);
+            json!({
+                "target": r.target,
+                "solver": row.map(|r| r.candidate.name()),
+                "settings": row.map(|r| r.candidate.settings()),
+                "rms_error_m": row.map(|r| number(r.error.rms)),
+                "model_error_m": row.map(|r| number(r.model_error_m)),
+                "time_s": row.map(|r| number(r.time_s)),
+            })
+        });
+        let reference = |r: &crate::accuracy::Reference| {
+            json!({
+                "question": question_name(r.question),
+                "solver": r.candidate.name(),
+                "settings": r.candidate.settings(),
+                "uncertainty_m": number(r.uncertainty.rms),
+                "max_uncertainty_m": number(r.uncertainty.max),
+                "steps_m": r.steps,
+                "time_s": number(r.run.time_s),
+            })
+        };
+        json!({
+            "scene": self.scene,
+            "frames": self.frames,
+            "frames_of_scene": self.frames_of_scene,
+            "vertices": self.vertices,
+            "length_m": self.length,
+            "interrupted": self.interrupted,
+            "reference": reference(&self.reference),
+            "other_reference": self.other.as_ref().map(reference),
+            "model_distance_m": number(self.model_distance_m),
+            "rows": rows,
+            "recommended": recommended.collect::<Vec<_>>(),
+            "left_out": self.left_out.iter().map(|c| json!({"solver": c.name(), "settings": c.settings()})).collect::<Vec<_>>(),
+        })
+    }
+
+    fn row_json(&self, row: &Row) -> Value {
+        json!({
+            "solver": row.candidate.name(),
+            "settings": row.candidate.settings(),
+            "rms_error_m": number(row.error.rms),
+            "max_error_m": number(row.error.max),
+            "rms_error_share": number(row.error.rms / self.length),
+            "worst_frame": row.error.frame,
+            "model_error_m": number(row.model_error_m),
+            "volume_error": number(row.volume_error),
+            "penetration_m": number(row.penetration_m),
+            "fibre_length_error_m": number(row.fibre_error_m),
+            "residual_m": number(row.residual_m),
+            "error_estimate_m": number(row.error_estimate_m),
+            "solver_iterations": row.solver_iterations,
+            "time_s": number(row.time_s),
+            "time_range_s": row.time_range_s.map(number),
+            "repeats": row.repeats,
+            "certain": self.is_certain(row),
+            "status": row.status.name(),
+        })
+    }
+
+    /// Writes `work_precision.csv`.
+    ///
+    /// # Errors
+    /// What the writer says.
+    pub fn write_csv(&self, w: &mut impl Write) -> io::Result<()> {
+        writeln!(w, "{COLUMNS}")?;
+        for (i, row) in self.rows.iter().enumerate() {
+            let settings = row.candidate.settings();
+            let setting = |key: &str| match settings.get(key) {
+                Some(Value::String(text)) => text.clone(),
+                Some(other) => other.to_string(),
+                None => String::new(),
+            };
+            let first = ["substeps", "iterations", "order", "tolerance", "lanes", "threads"].map(setting).join(",");
+            let e = &row.error;
+            let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]].map(|v| v.to_string()).join(",");
+            let errors = [e.rms, e.rms / self.length, e.max].map(|v| v.to_string()).join(",");
+            let rest = [
+                row.model_error_m,
+                row.volume_error,
+                row.penetration_m,
+                row.fibre_error_m,
+                row.residual_m,
+                row.error_estimate_m,
+            ];
+            writeln!(
+                w,
+                "{},{first},{},{},{numbers},{},{errors},{},{},{},{}",
+                row.candidate.name(),
+                row.status.name(),
+                self.is_certain(row),
+                row.repeats,
+                e.frame,
+                rest.map(|v| v.to_string()).join(","),
+                row.solver_iterations,
+                self.front.contains(&i)
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Error against time, a colour a solver, with the front.
+    pub fn plot(&self) -> LinePlot {
+        let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
+        let fine = |row: &&Row| row.status != Status::Diverged;
+        let mut series = Vec::new();
+        for (name, title) in SOLVERS {
+            let rows: Vec<&Row> = self.rows.iter().filter(|r| r.candidate.name() == name).filter(fine).collect();
+            if !rows.is_empty() {
+                let bars = rows.iter().filter(|r| r.repeats > 1);
+                let bars = bars.map(|r| (total(r), r.time_range_s[0], r.time_range_s[1]));
+                series.push(Series::new(title, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars));
+            }
+        }
+        let front = self.front.iter().map(|i| &self.rows[*i]).map(|r| (r.time_s, total(r)));
+        series.push(Series::new("none is better", front));
+        let limits = self.recommended.iter().map(|r| (String::new(), r.target * self.length * 1e3)).collect();
+        let bound = self.reference.uncertainty.rms * 1e3;
+        let title = format!("RMS error [mm]; dashed: 10, 1, 0.1 % of {:.0} mm", self.length * 1e3);
+        let x = format!("time of {} frames [s]", self.frames);
+        let unknown_below = Some(("below the reference's own uncertainty".to_owned(), bound));
+        LinePlot { series, limits, unknown_below, ..LinePlot::new(title, x).logarithmic_both() }
+    }
+
+    /// The recommended settings.
+    pub fn recommendation(&self) -> Table {
+        let header =
+            ["accuracy", "solver", "settings", "threads", "RMS error [mm]", "model [mm]", "time [s]", "status"];
+        let mut table = Table::new("What to choose", header);
+        for r in &self.recommended {
+            let target = format!("{} % = {:.2} mm", r.target * 100.0, r.target * self.length * 1e3);
+            let Some(row) = r.row.map(|i| &self.rows[i]) else {
+                let why = if self.reference.uncertainty.rms > r.target * self.length {
+                    "the reference is not certain to this"
+                } else {
+                    "none of those measured reaches it"
+                };
+                table.row([target, "-".into(), why.to_owned()]);
+                continue;
+            };
+            table.row([
+                target,
+                row.candidate.name().to_owned(),
+                row.candidate.in_words(),
+                row.candidate.threads.to_string(),
+                mm(row.error.rms),
+                mm(row.model_error_m),
+                format!("{:.3}", row.time_s),
+                row.status.name().to_owned(),
+            ]);
+        }
+        table
+    }
+
+    /// Every run.
+    pub fn table(&self) -> Table {
+        let header = [
+            "solver",
+            "settings",
+            "lanes, threads",
+            "time [s]",
+            "RMS error [mm]",
+            "% of length",
+            "greatest [mm]",
+            "model [mm]",
+            "volume error",
+            "depth [mm]",
+            "fibres [mm]",
+            "estimated [mm]",
+            "status",
+        ];
+        let mut table = Table::new("Every run", header);
+        for row in &self.rows {
+            let known = if self.is_certain(row) { "" } else { " (uncertain)" };
+            table.row([
+                row.candidate.name().to_owned(),
+                row.candidate.in_words(),
+                format!("{}, {}", row.candidate.width.lanes(), row.candidate.threads),
+                format!("{:.3}", row.time_s),
+                mm(row.error.rms) + known,
+                format!("{:.3}", row.error.rms / self.length * 100.0),
+                mm(row.error.max),
+                mm(row.model_error_m),
+                format!("{:.1e}", row.volume_error),
+                mm(row.penetration_m),
+                mm(row.fibre_error_m),
+                mm(row.error_estimate_m),
+                row.status.name().to_owned(),
+            ]);
+        }
+        table
+    }
+
+    /// What has to be known to read the numbers.
+    pub fn notes(&self) -> Vec<String> {
+        let r = &self.reference;
+        let mut notes = vec![
+            format!(
+                "Reference of the {}: {} with {}; it is off by about {} mm RMS, as \
+                 its levels of refinement differed by {} mm.",
+                question_name(r.question),
+                r.candidate.name(),
+                r.candidate.in_words(),
+                mm(r.uncertainty.rms),
+                r.steps.iter().map(|s| mm(*s)).collect::<Vec<_>>().join(", ")
+            ),
+            "The error is that of the solver, against the solution of the same discrete energy; what another mesh or \
+             material would change is not in it."
+                .to_owned(),
+        ];
+        match &self.other {
+            Some(other) => notes.push(format!(
+                "Solvers that answer the other question ({}) are compared with its own reference ({} mm uncertain); both \
+                 references are {} mm RMS apart, their model error.",
+                question_name(other.question),
+                mm(other.uncertainty.rms),
+                mm(self.model_distance_m)
+            )),
+            None => notes.push("There is no reference of the other question: its solvers were not run.".to_owned()),
+        }
+        if self.frames < self.frames_of_scene {
+            notes.push(format!("Frames 1 to {} of {}: more budget compares more.", self.frames, self.frames_of_scene));
+        }
+        if !self.left_out.is_empty() {
+            let names: Vec<String> = self.left_out.iter().map(|c| format!("{} ({})", c.name(), c.in_words())).collect();
+            notes.push(format!("No time was left for: {}.", names.join("; ")));
+        }
+        if self.interrupted {
+            notes.push("Interrupted: what is shown was measured before.".to_owned());
+        }
+        notes
+    }
+
+    /// Writes `work_precision.csv`, `work_precision.svg`, `summary.json` and `report.html`.
+    ///
+    /// # Errors
+    /// What the folder says.
+    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
+        folder.write("work_precision.csv", |w| self.write_csv(w))?;
+        folder.write("work_precision.svg", |w| w.write_all(self.plot().to_svg().as_bytes()))?;
+        folder.write("summary.json", |w| writeln!(w, "{:#}", self.to_json()))?;
+        let report = Report {
+            title: format!("{}: what accuracy costs", self.scene),
+            subtitle: format!(
+                "{} vertices, {:.0} mm long; frames 1 to {}; times on {} threads",
+                self.vertices,
+                self.length * 1e3,
+                self.frames,
+                self.rows.iter().map(|r| r.candidate.threads).max().unwrap_or(1)
+            ),
+            plots_title: "Error against time".to_owned(),
+            plots: vec![self.plot()],
+            tables: vec![self.recommendation(), self.table()],
+            notes: self.notes(),
+            ..Report::default()
+        };
+        folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+    }
+}
+
+fn question_name(question: Question) -> &'static str {
+    match question {
+        Question::Motion => "motion",
+        Question::Equilibrium => "equilibrium",
+    }
+}
+
+/// A length in millimetres with three digits.
+fn mm(length: f64) -> String {
+    super::number(length * 1e3)
+}
