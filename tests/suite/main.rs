@@ -15,6 +15,7 @@ mod errata;
 #[path = "../io.rs"]
 mod io;
 mod lanes;
+mod oracles;
 mod scene;
 mod scenes;
 mod solvers;

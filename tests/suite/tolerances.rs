@@ -30,6 +30,10 @@ pub const T13: f64 = 1e-6;
 pub const T14: f64 = 5e-7;
 /// T15: equilibria of two solvers whose forces have fallen below 1e-9 of the scale, relative to the length of the body.
 pub const T15: f64 = 1e-6;
+/// T16: departure of an observed order of convergence in a mesh's resolution or in a strain, two finest pairs.
+pub const T16: f64 = 0.1;
+/// T17: a body at rest against its exact equilibrium over its size, and what is left of the load on it.
+pub const T17: f64 = 1e-8;
 
 /// What the table of `docs/verification.md` must say.
 const ALL: &[(&str, f64)] = &[
@@ -48,6 +52,8 @@ const ALL: &[(&str, f64)] = &[
     ("T13", T13),
     ("T14", T14),
     ("T15", T15),
+    ("T16", T16),
+    ("T17", T17),
 ];
 
 /// Number of drawn cases: `default`, or what `PLIANT_CASES` says.

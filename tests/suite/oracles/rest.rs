@@ -1,0 +1,90 @@
+//! Bodies of edges and hinges that the crate's solvers of equilibrium bring to rest.
+
+use nalgebra::{Point3, Vector3};
+use pliant::constraints::{Bending, Distance, EnclosedVolume};
+use pliant::solvers::descent::{Outcome, Settings, Unguarded};
+use pliant::solvers::energy::{Energy, Inertia};
+use pliant::solvers::newton::Newton;
+use pliant::solvers::potential::Quadratic;
+use pliant::solvers::quasi_static::QuasiStatic;
+
+use crate::tolerances::{T17, worst};
+
+/// Constraints with a stiffness each, and what acts on the points.
+#[derive(Clone)]
+pub struct Body {
+    pub edges: (Vec<Distance>, Vec<f64>),
+    pub hinges: (Vec<Bending>, Vec<f64>),
+    /// Points that stay where they are.
+    pub held: Vec<usize>,
+    /// Constant forces [N], one a point.
+    pub forces: Vec<Vector3<f64>>,
+    /// Force [N] that may be left on a point.
+    pub left: f64,
+    /// A spring [N/m] from each point to where it is: it keeps a body that nothing holds from drifting.
+    pub anchor: f64,
+}
+
+impl Body {
+    /// Edges of which nothing is held or pulled, at rest when no more than T17 of `load` is left.
+    pub fn new(edges: (Vec<Distance>, Vec<f64>), count: usize, load: f64) -> Self {
+        let forces = vec![Vector3::zeros(); count];
+        Self { edges, hinges: (Vec::new(), Vec::new()), held: Vec::new(), forces, left: T17 * load, anchor: 0.0 }
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> Energy {
+        let mut energy = Energy { forces: self.forces.clone(), ..Energy::default() };
+        energy.elastic.push(Box::new(Quadratic::<_, 2>::new(self.edges.0.clone(), self.edges.1.clone())));
+        if !self.hinges.0.is_empty() {
+            energy.elastic.push(Box::new(Quadratic::<_, 4>::new(self.hinges.0.clone(), self.hinges.1.clone())));
+        }
+        energy.inertia =
+            (self.anchor > 0.0).then(|| Inertia { weight: vec![self.anchor; x.len()], target: x.to_vec() });
+        energy
+    }
+
+    fn inverse_mass(&self) -> Vec<f64> {
+        (0..self.forces.len()).map(|i| if self.held.contains(&i) { 0.0 } else { 1.0 }).collect()
+    }
+
+    /// By Newton's method, until no more force is left than may be.
+    pub fn rest(&self, x: &mut [Point3<f64>]) {
+        // An anchor moves along: what it still pulls falls by its share of the stiffness each time.
+        for _ in 0..if self.anchor > 0.0 { 3 } else { 1 } {
+            let settings = Settings { tolerance: 0.0, iterations: 200 };
+            let mut solver = Newton::new(self.energy(x), x, &self.inverse_mass(), settings).expect("memory");
+            solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
+            let outcome = solver.solve(x, |_, _| true).expect("nothing moves freely");
+            assert!(outcome.converged, "{outcome:?}");
+        }
+    }
+
+    /// By the constant matrix, with a volume that is kept.
+    pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> Outcome {
+        let settings = Settings { tolerance: 0.0, iterations: 2000 };
+        let energy = Energy { volume: Some(volume), ..self.energy(x) };
+        let mut solver = QuasiStatic::new(energy, x, &self.inverse_mass(), settings).expect("anchored");
+        solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
+        let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
+        assert!(outcome.converged, "{outcome:?}");
+        outcome
+    }
+
+    /// The same as [`Self::rest`] where edges keep their lengths, by the method of multipliers: each is shortened
+    /// by what it is too long, until its tension is there at its own length. Returns the strain that is left.
+    pub fn rest_without_stretch(&self, x: &mut [Point3<f64>]) -> f64 {
+        let mut body = self.clone();
+        body.rest(x);
+        let excess = |x: &[Point3<f64>], edge: &Distance| {
+            let [a, b] = edge.points.map(|p| x[p as usize]);
+            (a - b).norm() - edge.rest
+        };
+        for _ in 0..4 {
+            for (edge, own) in body.edges.0.iter_mut().zip(&self.edges.0) {
+                edge.rest -= excess(x, own);
+            }
+            body.rest(x);
+        }
+        worst(self.edges.0.iter().map(|own| (excess(x, own) / own.rest).abs()))
+    }
+}
