@@ -13,6 +13,16 @@ pub struct Distance {
     pub frame: usize,
 }
 
+/// Raises `to` to `value` where that is greater or no number, and says whether. Not `f64::max`, which would hide a NaN:
+/// once there, it stays.
+pub(super) fn rise(to: &mut f64, value: f64) -> bool {
+    let rises = !to.is_nan() && !(value <= *to);
+    if rises {
+        *to = value;
+    }
+    rises
+}
+
 impl Distance {
     /// Between two motions, `[frame][vertex]`, over the frames that both have; NaN where a position is no number.
     pub fn between(a: &[Vec<Point3<f64>>], b: &[Vec<Point3<f64>>]) -> Self {
@@ -22,18 +32,13 @@ impl Distance {
             for (a, b) in a.iter().zip(b) {
                 let square = (a - b).norm_squared();
                 sum += square;
-                // Not `f64::max`, which would hide a NaN.
-                if !(square <= max) {
-                    max = square;
-                }
+                rise(&mut max, square);
             }
             let rms = (sum / a.len().max(1) as f64).sqrt();
-            if !(rms <= all.rms) {
-                (all.rms, all.frame) = (rms, k + 1);
+            if rise(&mut all.rms, rms) {
+                all.frame = k + 1;
             }
-            if !(max.sqrt() <= all.max) {
-                all.max = max.sqrt();
-            }
+            rise(&mut all.max, max.sqrt());
         }
         all
     }

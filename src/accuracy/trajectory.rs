@@ -5,6 +5,7 @@ use std::time::Instant;
 use nalgebra::Point3;
 
 use super::candidates::Candidate;
+use super::distance::rise;
 use crate::scene::Scene;
 use crate::simulation::{Assets, LoadError, Plan, Simulation};
 
@@ -33,13 +34,6 @@ pub struct Trajectory {
     pub stopped: bool,
     /// Whether it was ended before its last frame, by `watch` or by a muscle that was stopped.
     pub cut_short: bool,
-}
-
-/// Not `f64::max`, which would hide a NaN.
-fn rise(to: &mut f64, value: f64) {
-    if !(value <= *to) {
-        *to = value;
-    }
 }
 
 impl Trajectory {

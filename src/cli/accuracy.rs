@@ -7,7 +7,7 @@ use std::time::Duration;
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
-use crate::accuracy::{Options, StudyError, Watch, measure};
+use crate::accuracy::{Options, Question, StudyError, Watch, measure};
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 use crate::scene::{builtin, overrides};
@@ -83,6 +83,9 @@ impl Watch for Said<'_> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scene = builtin::load(&arguments.scene, &arguments.set)?;
+    if Question::of(&scene.solver).is_none() {
+        return Err(no_energy());
+    }
     let stop = stop_on_interrupt();
     let cores = std::thread::available_parallelism().map_or(1, Into::into);
     let options = Options {
@@ -97,9 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let study = match measure(&scene, &assets, options, &mut Said { stop: &stop }) {
         Ok(study) => study,
         Err(StudyError::Load(error)) => return Err(error.into()),
-        Err(error @ StudyError::NoEnergy) => {
-            return Err(Failure::usage(error.to_string(), "choose another, as with --set solver=xpbd"));
-        }
+        Err(StudyError::NoEnergy) => return Err(no_energy()),
         Err(error @ StudyError::NoReference(_)) => {
             warn(&format!("error: {error}"));
             return Ok(if stop.load(Ordering::Relaxed) { INTERRUPTED } else { FAILED });
@@ -116,6 +117,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         say(&text);
     }
     Ok(if study.interrupted { INTERRUPTED } else { DONE })
+}
+
+fn no_energy() -> Failure {
+    Failure::usage(StudyError::NoEnergy.to_string(), "choose another, as with --set solver=xpbd")
 }
 
 #[cfg(test)]

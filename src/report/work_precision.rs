@@ -257,7 +257,14 @@ impl Study {
             None => notes.push("There is no reference of the other question: its solvers were not run.".to_owned()),
         }
         if self.frames < self.frames_of_scene {
-            notes.push(format!("Frames 1 to {} of {}: more budget compares more.", self.frames, self.frames_of_scene));
+            let (first, last) = (self.reference.frames().iter().take(1), self.reference.frames().iter().rev().take(1));
+            let [first, last] = [first.cloned().collect::<Vec<_>>(), last.cloned().collect()];
+            notes.push(format!(
+                "Frames 1 to {} of {}, over which vertices move by {} mm RMS: more budget compares more.",
+                self.frames,
+                self.frames_of_scene,
+                mm(crate::accuracy::Distance::between(&first, &last).rms)
+            ));
         }
         if !self.left_out.is_empty() {
             let names: Vec<String> = self.left_out.iter().map(|c| format!("{} ({})", c.name(), c.in_words())).collect();

@@ -77,6 +77,8 @@ impl Guard for Unguarded {
 /// Energy, gradient and volume at one place.
 pub(super) struct State {
     pub energy: f64,
+    /// Sum of the energy's terms without their signs [J]: its rounding is a share of this.
+    pub magnitude: f64,
     pub gradient: Field,
     /// Gradient of the volume; empty where none is kept.
     pub area: Field,
@@ -115,7 +117,8 @@ impl Problem {
         if !area.is_empty() {
             self.unknowns.release_held(&mut area);
         }
-        State { energy: energy + self.of_volume(excess), gradient, area, excess }
+        let magnitude = energy + 2.0 * self.energy.negative_terms(x) + self.of_volume(excess);
+        State { energy: energy + self.of_volume(excess), magnitude, gradient, area, excess }
     }
 
     /// Of the volume [m^6/J].
@@ -216,7 +219,7 @@ impl Problem {
             return None;
         }
         // Below this, differences of energy are rounding; then the slope decides.
-        let rounding = 16.0 * f64::EPSILON * state.energy.abs();
+        let rounding = 16.0 * f64::EPSILON * state.magnitude;
         let mut length = 1.0;
         for _ in 0..HALVINGS {
             let mut end: Vec<Point3<f64>> = x.iter().zip(direction).map(|(x, d)| x + d * length).collect();
@@ -226,7 +229,8 @@ impl Problem {
             }
             let new = self.state(&end);
             outcome.evaluations += 1;
-            let falls = new.energy <= state.energy + SUFFICIENT * length * slope;
+            // A step so short that nothing changes keeps the bound as well, for ever.
+            let falls = new.energy < state.energy && new.energy <= state.energy + SUFFICIENT * length * slope;
             let level = (new.energy - state.energy).abs() <= rounding && along(&new).abs() <= 0.9 * -slope;
             if falls || level {
                 return Some((end, new));

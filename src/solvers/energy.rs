@@ -49,6 +49,11 @@ impl Energy {
         elastic + self.of_loads(x)
     }
 
+    /// Sum of those terms of the energy that are negative, without their sign [J]: work of the constant forces.
+    pub fn negative_terms(&self, x: &[Point3<f64>]) -> f64 {
+        tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords).max(0.0))
+    }
+
     fn of_loads(&self, x: &[Point3<f64>]) -> f64 {
         let moving = self.inertia.as_ref().map_or(0.0, |inertia| {
             let square = |i: usize| inertia.weight[i] * (x[i] - inertia.target[i]).norm_squared();

@@ -25,6 +25,7 @@ pub fn edges(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Di
 
 /// Hinges of a mesh at rest and the stiffness of each [N m]: energy B 3|e|^2/A (theta - theta0)^2 / 2 with A the sum of
 /// both areas and B the bending stiffness [N m] \[grinspun2003\]; the weight makes it independent of the mesh.
+/// As a plate of equilateral triangles that has the flexural rigidity 3 B and Poisson's ratio -1/3 (`docs/verification.md`).
 pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Bending>, Vec<f64>) {
     let at = |p: u32| mesh.vertices[p as usize];
     topology

@@ -89,7 +89,7 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
     let (garbage, scene) = (shown(&garbage), shown(&scene));
     let below = scratch.join("scene.toml/below");
     let here = shown(&scratch.0);
-    let cases: [(&[&str], &[&str]); 14] = [
+    let cases: [(&[&str], &[&str]); 19] = [
         (&["run", here], &["is a folder", "E060", "pliant scenes"]),
         (&["run", "distance", "--out", shown(&below)], &["scene.toml` is not a folder", "--out"]),
         (&["run", "distance", "--threads", "0"], &["--threads", "1..=1024"]),
@@ -104,6 +104,11 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
         (&["run", "--muscles", garbage, "--unit", "parsec"], &["`parsec` is no unit of length", "mm"]),
         (&["run", "distance", "--out", garbage], &["is not a folder", "--out"]),
         (&["run", "distance", "--frames", "0"], &["--frames"]),
+        (&["run", "distance", "--accuracy", "1"], &["`1` has no unit", "E050"]),
+        (&["run", "distance", "--accuracy", "200 %"], &["at most 100 %", "E051"]),
+        (&["run", "distance", "--accuracy", "1 %"], &["classic PBD has no energy"]),
+        (&["accuracy", "distance", "--out", here], &["classic PBD has no energy", "--set solver=xpbd"]),
+        (&["accuracy", "distance", "--budget", "3 fortnights"], &["no unit of time", "ms, s, min, h"]),
     ];
     for (arguments, wanted) in cases {
         let done = run(arguments);
@@ -120,7 +125,9 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
 
 #[test]
 fn every_command_has_help_with_an_example() {
-    for arguments in [&["--help"][..], &["run", "--help"], &["plan", "--help"], &["scenes", "--help"]] {
+    for arguments in
+        [&["--help"][..], &["run", "--help"], &["plan", "--help"], &["scenes", "--help"], &["accuracy", "--help"]]
+    {
         let done = run(arguments);
         assert_eq!(done.status.code(), Some(0));
         let help = text(&done.stdout);

@@ -51,7 +51,11 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
     let (fixed, moving) = (far(-1.0), far(1.0));
     save("fixed.obj", &fixed);
     save("moving.obj", &moving);
-    let along = |p: &Point3<f64>| (p.z - muscle.bounding_box().min.z) / 0.1;
+    let bounds = muscle.bounding_box();
+    let axis = bounds.extents().imax();
+    let along = |p: &Point3<f64>| (p[axis] - bounds.min[axis]) / bounds.extents()[axis];
+    let middle = bounds.center().map(|c| format!("'{c} m'"));
+    let across = if axis == 0 { [0, 1, 0] } else { [1, 0, 0] };
     let held = |wanted: fn(f64) -> bool| {
         let all = muscle.vertices.iter().enumerate().filter(|(_, p)| wanted(along(p))).map(|(v, _)| v.to_string());
         all.collect::<Vec<_>>().join(", ")
@@ -61,13 +65,14 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
         "frames = 6\nframe_rate = '60 Hz'\n\
          [[bone]]\nname = 'fixed'\nmesh = 'fixed.obj'\nunit = 'm'\n\
          [[bone]]\nname = 'moving'\nmesh = 'moving.obj'\nunit = 'm'\n\
-         [bone.motion]\ncentre = ['0 mm', '0 mm', '50 mm']\naxis = [1, 0, 0]\n\
+         [bone.motion]\ncentre = [{}, {}, {}]\naxis = {across:?}\n\
          keys = [{{ frame = 0 }}, {{ frame = 6, angle = '20deg' }}]\n\
          [[muscle]]\nname = 'calf'\nmesh = 'muscle.obj'\nunit = 'm'\n\
          [muscle.material]\ndensity = '1060 kg/m3'\nstretch = '300 N/m'\nbending = '2e-4 N m'\n\
          [[muscle.attachment]]\nbone = 'fixed'\nvertices = [{low}]\n\
          [[muscle.attachment]]\nbone = 'moving'\nvertices = [{high}]\n\
-         [effects.stretch]\n[effects.bending]\n[effects.volume]\n[effects.damping]\nrate = '5 1/s'\n{solver}"
+         [effects.stretch]\n[effects.bending]\n[effects.volume]\n[effects.damping]\nrate = '5 1/s'\n{solver}",
+        middle.x, middle.y, middle.z
     );
     let scene = parse(&text, "calf.toml", &folder).unwrap_or_else(|e| panic!("{}", e.terse()));
     let assets = Assets::load(&scene).expect("meshes that can be read");
