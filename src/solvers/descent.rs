@@ -229,8 +229,7 @@ impl Problem {
             }
             let new = self.state(&end);
             outcome.evaluations += 1;
-            // A step so short that nothing changes keeps the bound as well, for ever.
-            let falls = new.energy < state.energy && new.energy <= state.energy + SUFFICIENT * length * slope;
+            let falls = new.energy <= state.energy + SUFFICIENT * length * slope;
             let level = (new.energy - state.energy).abs() <= rounding && along(&new).abs() <= 0.9 * -slope;
             if falls || level {
                 return Some((end, new));

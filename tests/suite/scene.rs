@@ -190,7 +190,7 @@ fn wrong_overrides_name_themselves() {
         (
             "effect.contact.friction=0.3",
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
-          known keys here: name, frames, frame_rate, bone, capsule, muscle, effects, solver",
+          known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver",
         ),
         (
             "contact.friction=-1",

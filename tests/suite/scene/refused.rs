@@ -83,7 +83,7 @@ refused! {
          known keys here: thickness, friction";
     e052_unknown: with("[gravity]\n") =>
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
-         known keys here: name, frames, frame_rate, bone, capsule, muscle, effects, solver";
+         known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver";
     e052_nothing_known: with("[effects.stretch]\nstiffness = 1\n") =>
         "s.toml:10:1: error[E052]: effects.stretch: unknown key `stiffness`; known keys here: none";
     e053_duplicate_key: spoilt("frames = 3", "frames = 3\nframes = 4") =>
