@@ -4,6 +4,7 @@
 //! relative to the bone, than its last distance, so that nothing tunnels and far vertices cost nothing.
 
 pub mod capsule;
+mod faces;
 mod nearest;
 mod response;
 mod row;
@@ -16,6 +17,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
+pub use faces::OnTriangle;
 pub use response::{Barred, Contacts, Counts};
 pub use row::Row;
 pub use surface::Surface;

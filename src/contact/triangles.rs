@@ -4,8 +4,8 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::response::Travel;
-use super::surface::{OnTriangle, Surface};
-use super::{Obstacle, Placed};
+use super::surface::Surface;
+use super::{Obstacle, OnTriangle, Placed};
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
 use crate::mesh::measures::greatest;
 use crate::particles::Particles;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::contact::surface::{OnTriangle, Surface};
+use crate::contact::{OnTriangle, Surface};
 
 /// A place on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -64,6 +64,22 @@ impl Topology {
         topology
     }
 
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        let numbers = [
+            &self.hinge_edges,
+            &self.edge_starts,
+            &self.edge_triangles,
+            &self.ring_starts,
+            &self.ring_triangles,
+            &self.forward,
+        ];
+        self.edges.capacity() * 8
+            + self.hinges.capacity() * 16
+            + (self.triangle_edges.capacity() + self.neighbours.capacity()) * 12
+            + numbers.iter().map(|n| n.capacity() * 4).sum::<usize>()
+    }
+
     fn collect_edges(&mut self, triangles: &[[u32; 3]]) {
         let mut sides: Vec<Side> = Vec::with_capacity(3 * triangles.len());
         for (t, corners) in triangles.iter().enumerate() {

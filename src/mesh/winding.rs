@@ -69,6 +69,12 @@ impl WindingTree {
         Self { corners: order.iter().map(|&t| mesh.corners(t as usize)).collect(), nodes }
     }
 
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        let caps: usize = self.nodes.iter().map(|n| n.cap.capacity()).sum();
+        (self.corners.capacity() + caps) * 72 + self.nodes.capacity() * std::mem::size_of::<Node>()
+    }
+
     /// Winding number of the surface about `p`: 1 inside a closed outward surface, 0 outside, between for openings.
     pub fn number(&self, p: &Point3<f64>) -> f64 {
         let mut sum = 0.0;

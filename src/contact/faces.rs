@@ -1,0 +1,130 @@
+//! The triangles of an obstacle and what the signs of distances to them need, whatever finds the nearest one.
+
+use nalgebra::{Point3, Vector3};
+
+use super::Closest;
+use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
+use crate::constraints::bending::dihedral;
+use crate::mesh::TriangleMesh;
+use crate::mesh::topology::Topology;
+use crate::mesh::winding::WindingTree;
+
+/// A place on a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnTriangle {
+    /// The triangle.
+    pub triangle: u32,
+    /// Barycentric weights.
+    pub weights: [f64; 3],
+    /// Signed distance, normal and point.
+    pub closest: Closest,
+}
+
+/// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
+const RIDGE: f64 = 0.35;
+const SPACING: f64 = 0.5;
+
+/// The vertices, and points along convex edges: a fold of a muscle that lies across a ridge between two of its vertices
+/// would meet neither of them.
+fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
+    let mut points = mesh.vertices.clone();
+    let spacing = SPACING * mesh.median_edge_length(topology).unwrap_or(0.0);
+    for hinge in &topology.hinges {
+        let x = hinge.map(|v| mesh.vertices[v as usize]);
+        if dihedral(&x) > RIDGE && spacing > 0.0 {
+            let along = x[1] - x[0];
+            let parts = (along.norm() / spacing).ceil().min(32.0) as u32;
+            points.extend((1..parts).map(|k| x[0] + along * (f64::from(k) / f64::from(parts))));
+        }
+    }
+    points
+}
+
+/// A triangle mesh with its topology, its guards and the sign of its sides.
+pub(super) struct Faces {
+    /// Positions [m] and triangles.
+    pub mesh: TriangleMesh,
+    /// What is kept out of a muscle's triangles: vertices, and points along ridges [m].
+    pub guards: Vec<Point3<f64>>,
+    topology: Topology,
+    /// Decides the sign where the mesh is not closed and oriented.
+    winding: Option<WindingTree>,
+}
+
+impl Faces {
+    /// Takes a copy of the mesh and finds out whether it is closed and oriented.
+    pub fn new(mesh: &TriangleMesh) -> Self {
+        let topology = Topology::new(mesh);
+        let sound = topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0;
+        Self {
+            mesh: mesh.clone(),
+            guards: guards_of(mesh, &topology),
+            winding: (!sound).then(|| WindingTree::new(mesh)),
+            topology,
+        }
+    }
+
+    /// Whether the mesh is closed and consistently oriented.
+    pub fn is_sound(&self) -> bool {
+        self.winding.is_none()
+    }
+
+    /// Corners of a triangle with positions `x` [m].
+    pub fn corners(&self, triangle: u32, x: &[Point3<f64>]) -> [Point3<f64>; 3] {
+        self.mesh.triangles[triangle as usize].map(|v| x[v as usize])
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        (self.mesh.vertices.capacity() + self.guards.capacity()) * 24
+            + self.mesh.triangles.capacity() * 12
+            + self.topology.bytes()
+            + self.winding.as_ref().map_or(0, WindingTree::bytes)
+    }
+
+    /// The place of a triangle that is nearest to `point`, with positions `x` [m]. Where the mesh is closed and
+    /// consistently oriented the sign comes from angle-weighted pseudo-normals \[baerentzen2005\], which is right for the
+    /// triangle that is nearest of all, else from the generalised winding number \[jacobson2013\].
+    pub fn on(&self, point: &Point3<f64>, triangle: u32, x: &[Point3<f64>]) -> OnTriangle {
+        let t = self.corners(triangle, x);
+        let (weights, feature) = on_triangle(point, &t);
+        let nearest = point_at(&t, &weights);
+        let away = point - nearest;
+        let pseudo = self.pseudo_normal(triangle, feature, x);
+        let outside = match &self.winding {
+            Some(winding) => winding.number(point).abs() < 0.5,
+            None => away.dot(&pseudo) >= 0.0,
+        };
+        let sign = if outside { 1.0 } else { -1.0 };
+        let distance = away.norm();
+        // Nearer than this the direction is rounding; the size of the triangle is the length scale.
+        let size = (t[1] - t[0]).norm() + (t[2] - t[0]).norm();
+        let normal = if distance > 1e-9 * size { away * (sign / distance) } else { pseudo };
+        OnTriangle { triangle, weights, closest: Closest { distance: sign * distance, normal, point: nearest } }
+    }
+
+    /// Unit pseudo-normal of the feature of a triangle; the face's own where neighbours cancel it.
+    fn pseudo_normal(&self, triangle: u32, feature: Feature, x: &[Point3<f64>]) -> Vector3<f64> {
+        let t = self.corners(triangle, x);
+        let unit = |triangle: u32| {
+            let n = area_normal(&self.corners(triangle, x));
+            n.try_normalize(0.0).unwrap_or_else(Vector3::zeros)
+        };
+        let face = area_normal(&t).try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let sum = match feature {
+            Feature::Face => face,
+            Feature::Side(k) => {
+                let beside = self.topology.neighbours_of_triangle(triangle as usize)[k];
+                face + beside.map_or_else(Vector3::zeros, unit)
+            }
+            Feature::Corner(k) => {
+                let v = self.mesh.triangles[triangle as usize][k];
+                self.topology.triangles_of_vertex(v as usize).iter().fold(Vector3::zeros(), |sum, &other| {
+                    let corner = self.mesh.triangles[other as usize].iter().position(|&c| c == v).unwrap_or(0);
+                    sum + unit(other) * angle_at(&self.corners(other, x), corner)
+                })
+            }
+        };
+        sum.try_normalize(1e-6).unwrap_or(face)
+    }
+}
