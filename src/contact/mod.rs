@@ -12,6 +12,7 @@ pub mod surface;
 mod triangles;
 pub mod untangle;
 mod vertices;
+pub mod ways;
 
 use std::sync::Arc;
 

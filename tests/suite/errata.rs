@@ -2,11 +2,12 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, Constraint, Distance, Order, Parameter, Project, Scalar};
-use pliant::contact::{Contacts, Placed};
+use pliant::contact::ways::{BitGrid, Fill, Voxels, Way};
+use pliant::contact::{Contacts, Obstacle, Placed, Surface};
 use pliant::io::{read_bytes, vtk};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::inside::Inside;
-use pliant::mesh::shapes::box_surface;
+use pliant::mesh::shapes::{box_surface, icosphere};
 use pliant::particles::Particles;
 use pliant::scene::{Effects, Solver, builtin::load};
 use pliant::simulation::Simulation;
@@ -127,6 +128,65 @@ fn a17_the_path_of_a_move_is_tested_and_not_its_target_alone() {
         assert!(above(found), "{by} {plate:?}: ends at {found}");
         assert!(!above(after(by, plate, false)), "control: without contact it stays above");
     }
+}
+
+#[test]
+fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_not() {
+    let bone = box_surface([2.0, 2.0, 0.02], 1.0);
+    let p = |z: f64| Point3::new(0.1, 0.2, z);
+    for fill in [Fill::Centre, Fill::Touch] {
+        let grid = BitGrid::new(&bone, 64, fill);
+        // A target in the bone is walked back to the side from which it came, within a box.
+        let end = grid.walk_back(&p(0.5), &p(0.0)).expect("the way begins free");
+        assert!(end.z > 0.01 && end.z <= 0.01 + 2.0 * grid.diagonal(), "{end}");
+        // One behind the bone is free, so the printed rule leaves it there.
+        assert_eq!(grid.walk_back(&p(0.5), &p(-0.5)), Some(p(-0.5)), "the printed rule tunnels");
+        let stopped = grid.walk(&p(0.5), &p(-0.5)).expect("the way begins free");
+        assert!(stopped.z > 0.01 && stopped.z <= 0.01 + 2.0 * grid.diagonal(), "{stopped}");
+        assert_eq!(grid.walk(&p(0.5), &p(0.2)), Some(p(0.2)), "control: a free way is stopped");
+        // Swallowed by a moving bone: no box of the way is free, but the nearest free one is known.
+        assert_eq!(grid.walk_back(&p(0.002), &p(0.004)), None);
+        assert_eq!(grid.walk(&p(0.002), &p(0.004)), None);
+        let out = grid.closest(&p(0.004)).expect("a bone");
+        assert!(out.distance < 0.0 && out.normal.z > 0.9 && out.point.z > 0.009, "{out:?}");
+        // Between boxes by free balls, as with any obstacle, nothing tunnels either.
+        let obstacle: std::sync::Arc<dyn Obstacle> = std::sync::Arc::new(grid);
+        let placed = [Placed { obstacle, ..still(&bone) }];
+        let mesh = TriangleMesh { vertices: vec![p(0.5)], triangles: Vec::new() };
+        let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), vec![1.0]), settings(1));
+        system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 1e-3, 0.0));
+        system.particles.velocity[0].z = -1.0;
+        system.step(&placed, 1.0).expect("finite");
+        assert!(system.particles.position[0].z > 0.01, "{}", system.particles.position[0]);
+    }
+}
+
+#[test]
+fn a03_a_surface_meets_about_k_squared_boxes() {
+    let bone = icosphere(1.0, 5);
+    for k in [16, 32, 64] {
+        let filled = Voxels::new(&bone, k).filled() as f64;
+        // About 3 pi / 2: each box is met where the sphere passes one of its faces. As k^3 the share would grow fourfold.
+        let share = filled / (k * k) as f64;
+        assert!((4.0..6.0).contains(&share), "{k}: {share} k^2");
+    }
+}
+
+#[test]
+fn a16_a_bit_for_each_box_is_far_less_than_lists() {
+    let bone = icosphere(1.0, 5);
+    let grid = BitGrid::new(&bone, 64, Fill::Touch);
+    assert_eq!(grid.bit_bytes(), 32_768);
+    let lists = Voxels::new(&bone, 64).bytes();
+    assert!(lists > 30 * grid.bit_bytes(), "control: lists take {lists} bytes");
+    // The price: the surface is known to within a box and not exactly.
+    let known = Surface::new(&bone);
+    let error = |r: f64| {
+        let p = Point3::from(Vector3::new(0.48, 0.6, 0.64) * r);
+        (grid.closest(&p).expect("a bone").distance - known.closest(&p).expect("a bone").distance).abs()
+    };
+    let worst = (0..100).map(|i| error(1.1 + 1e-3 * f64::from(i))).fold(0.0, f64::max);
+    assert!(worst > 1e-3 && worst <= grid.diagonal(), "{worst}");
 }
 
 /// The speed that is left of 1 m/s after so many frames of free flight, damped by 0.99.

@@ -20,3 +20,4 @@ mod scene;
 mod scenes;
 mod solvers;
 mod tolerances;
+mod ways;
