@@ -6,6 +6,7 @@
 pub mod capsule;
 mod faces;
 mod nearest;
+pub mod remedies;
 mod response;
 mod row;
 pub mod surface;

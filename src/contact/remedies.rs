@@ -1,0 +1,225 @@
+//! What the first source lists to be done with a vertex that is found in a bone \[cervenka2019\].
+//!
+//! Kept to be compared: the crate's own contact asks before a vertex is inside. Each remedy sees one vertex, so none keeps
+//! the triangles between them out of the bone, and none knows by which side a vertex came in.
+
+use nalgebra::{Point3, Vector3};
+
+use super::nearest::area_normal;
+use super::{Closest, OnTriangle, Surface};
+
+/// How far a vertex is pushed along a normal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Length {
+    /// Always as far [m].
+    Constant(f64),
+    /// A share of its depth.
+    Share(f64),
+}
+
+/// Where a vertex inside a bone is put.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Remedy {
+    /// Immediate: onto the nearest vertex of the bone. It ends on the surface, but so do all near it, on one point.
+    NearestVertex,
+    /// Immediate: onto the mean of the so many nearest vertices, weighted by inverse distances. It ends on the surface only
+    /// if these are the corners of one triangle.
+    MeanOfVertices(usize),
+    /// Immediate: onto the nearest point of the surface. No way onto the surface is shorter.
+    NearestPoint,
+    /// Eventual: along the normal of the nearest triangle. In a notch narrower than a right angle it may end deeper.
+    FaceNormal(Length),
+    /// Eventual: along the mean of the normals of all triangles about the nearest point, as far around as the vertex is deep.
+    MeanNormal(Length),
+}
+
+impl Remedy {
+    /// Where a point goes [m]; one that is not inside, or of an empty surface, stays.
+    pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
+        let Some(on) = surface.nearest(point, f64::MAX).filter(|on| on.closest.distance < 0.0) else { return *point };
+        match self {
+            Self::NearestVertex => mean_of_vertices(surface.positions(), point, 1),
+            Self::MeanOfVertices(count) => mean_of_vertices(surface.positions(), point, *count),
+            Self::NearestPoint => on.closest.point,
+            Self::FaceNormal(length) => point + face_normal(surface, &on) * length.of(&on.closest),
+            Self::MeanNormal(length) => point + mean_normal(surface, &on) * length.of(&on.closest),
+        }
+    }
+}
+
+impl Length {
+    fn of(self, closest: &Closest) -> f64 {
+        match self {
+            Self::Constant(length) => length,
+            Self::Share(share) => -share * closest.distance,
+        }
+    }
+}
+
+/// Mean of the `count` points nearest to `point`, weighted by inverse distances.
+fn mean_of_vertices(points: &[Point3<f64>], point: &Point3<f64>, count: usize) -> Point3<f64> {
+    let mut near: Vec<(f64, usize)> = Vec::with_capacity(count + 1);
+    for (index, p) in points.iter().enumerate() {
+        let square = (p - point).norm_squared();
+        let at = near.partition_point(|(s, _)| *s <= square);
+        if at < count {
+            near.insert(at, (square, index));
+            near.truncate(count);
+        }
+    }
+    // As multiples of the least distance, so that one of zero leaves only its own point.
+    let least = near.first().map_or(0.0, |(square, _)| square.sqrt());
+    let weight = |square: f64| if square > 0.0 { least / square.sqrt() } else { 1.0 };
+    let total: f64 = near.iter().map(|(square, _)| weight(*square)).sum();
+    near.iter().fold(*point, |sum, (square, index)| sum + (points[*index] - point) * (weight(*square) / total))
+}
+
+/// Unit normal of the triangle on which a place is; the direction of the distance where it has no area.
+fn face_normal(surface: &Surface, on: &OnTriangle) -> Vector3<f64> {
+    normal_of(surface, on.triangle).unwrap_or(on.closest.normal)
+}
+
+fn normal_of(surface: &Surface, triangle: u32) -> Option<Vector3<f64>> {
+    let t = surface.triangles()[triangle as usize].map(|v| surface.positions()[v as usize]);
+    area_normal(&t).try_normalize(0.0)
+}
+
+fn mean_normal(surface: &Surface, on: &OnTriangle) -> Vector3<f64> {
+    let mut around = Vec::new();
+    surface.within(&on.closest.point, on.closest.distance.abs(), &mut around);
+    let sum: Vector3<f64> = around.iter().filter_map(|&t| normal_of(surface, t)).sum();
+    // Normals that cancel say nothing.
+    sum.try_normalize(1e-6).unwrap_or_else(|| face_normal(surface, on))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::mesh::TriangleMesh;
+    use crate::mesh::shapes::{box_surface, icosphere};
+    use crate::testing::Draw;
+
+    const ALL: [Remedy; 7] = [
+        Remedy::NearestVertex,
+        Remedy::MeanOfVertices(3),
+        Remedy::NearestPoint,
+        Remedy::FaceNormal(Length::Constant(0.01)),
+        Remedy::FaceNormal(Length::Share(1.0)),
+        Remedy::MeanNormal(Length::Constant(0.01)),
+        Remedy::MeanNormal(Length::Share(1.0)),
+    ];
+
+    fn distance(surface: &Surface, p: &Point3<f64>) -> f64 {
+        surface.nearest(p, f64::MAX).expect("a surface").closest.distance
+    }
+
+    fn drawn(surface: &Surface, count: usize, seed: u64) -> Vec<Point3<f64>> {
+        let mut draw = Draw::new(seed);
+        let mut points = Vec::new();
+        while points.len() < count {
+            let p = Point3::from(draw.direction() * draw.between(0.0, 1.0));
+            points.extend((distance(surface, &p) < -1e-3).then_some(p));
+        }
+        points
+    }
+
+    #[test]
+    fn what_is_outside_stays() {
+        let surface = Surface::new(&icosphere(1.0, 1));
+        let p = Point3::new(1.5, 0.2, 0.1);
+        ALL.iter().for_each(|remedy| assert_eq!(remedy.place(&surface, &p), p, "{remedy:?}"));
+    }
+
+    #[test]
+    fn immediate_remedies_end_on_the_surface_and_the_nearest_point_is_the_shortest_way() {
+        let surface = Surface::new(&box_surface([1.0, 0.8, 0.6], 0.2));
+        let mut inside = 0;
+        for p in drawn(&surface, 300, 81) {
+            let depth = -distance(&surface, &p);
+            for remedy in [Remedy::NearestVertex, Remedy::NearestPoint] {
+                let end = remedy.place(&surface, &p);
+                assert!(distance(&surface, &end).abs() <= 1e-12, "{remedy:?} of {p}");
+                assert!((end - p).norm() >= depth * (1.0 - 1e-12));
+            }
+            let shortest = (Remedy::NearestPoint.place(&surface, &p) - p).norm();
+            assert!((shortest - depth).abs() <= 1e-12);
+            inside += usize::from(distance(&surface, &Remedy::MeanOfVertices(3).place(&surface, &p)) < -1e-3);
+        }
+        assert!(inside > 10, "the mean of three vertices of two faces lies inside: {inside}");
+    }
+
+    #[test]
+    fn the_nearest_vertex_is_the_same_for_many() {
+        let mesh = box_surface([1.0, 1.0, 1.0], 0.5);
+        let surface = Surface::new(&mesh);
+        let ends = |remedy: Remedy| {
+            let place = |p: Point3<f64>| remedy.place(&surface, &p);
+            let all = drawn(&surface, 500, 82).into_iter().map(place).map(|p| [p.x, p.y, p.z].map(f64::to_bits));
+            all.collect::<BTreeSet<_>>().len()
+        };
+        assert!(ends(Remedy::NearestVertex) <= mesh.vertices.len());
+        assert_eq!(ends(Remedy::NearestPoint), 500, "control: nothing is many-to-one");
+        // A triangle near one vertex has no area afterwards.
+        let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
+        let area = |remedy: Remedy| area_normal(&t.map(|p| remedy.place(&surface, &p))).norm();
+        assert_eq!(area(Remedy::NearestVertex), 0.0);
+        assert!(area(Remedy::NearestPoint) > 1e-4);
+    }
+
+    #[test]
+    fn eventual_remedies_need_as_many_pushes_as_steps_are_deep() {
+        // Under the middle of a face of a convex body the normal leads straight out.
+        let surface = Surface::new(&box_surface([2.0, 2.0, 2.0], 1.0));
+        let start = Point3::new(0.11, -0.07, 0.7);
+        for (length, pushes, left) in [
+            (Length::Share(1.0), 1, 0.0),
+            (Length::Share(0.5), 3, 0.0375),
+            (Length::Constant(0.08), 3, 0.06),
+            (Length::Constant(0.08), 4, -0.02),
+        ] {
+            for remedy in [Remedy::FaceNormal(length), Remedy::MeanNormal(length)] {
+                let end = (0..pushes).fold(start, |p, _| remedy.place(&surface, &p));
+                let depth = -distance(&surface, &end);
+                assert!((depth - left).abs() <= 1e-12, "{remedy:?} leaves {depth} for {left}");
+            }
+        }
+    }
+
+    /// A cylinder along z from whose side a wedge of `angle` [rad] is cut to the axis.
+    fn notched(angle: f64) -> TriangleMesh {
+        let parts = 12;
+        let around = |i: u32| angle + (std::f64::consts::TAU - angle) * f64::from(i) / f64::from(parts);
+        let mut vertices = Vec::new();
+        for z in [-1.0, 1.0] {
+            vertices.push(Point3::new(0.0, 0.0, z));
+            vertices.extend((0..=parts).map(|i| Point3::new(libm::cos(around(i)), libm::sin(around(i)), z)));
+        }
+        let count = parts + 2;
+        let mut triangles = Vec::new();
+        for a in 0..count {
+            let b = (a + 1) % count;
+            triangles.extend([[a, b, b + count], [a, b + count, a + count]]);
+        }
+        (1..count - 1).for_each(|a| triangles.extend([[count, count + a, count + a + 1], [0, a + 1, a]]));
+        TriangleMesh { vertices, triangles }
+    }
+
+    #[test]
+    fn in_a_notch_the_normal_of_a_face_leads_deeper_and_the_mean_does_not() {
+        let angle = 0.5;
+        let surface = Surface::new(&notched(angle));
+        // Behind the edge, on the plane that halves the notch: both faces are equally near.
+        let behind = std::f64::consts::PI + 0.5 * angle;
+        let p = Point3::new(0.1 * libm::cos(behind), 0.1 * libm::sin(behind), 0.05);
+        assert!((distance(&surface, &p) + 0.1).abs() <= 1e-12, "the edge is nearest");
+        let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
+        // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the way to p.
+        let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
+        let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
+        assert!((deeper - expected).abs() <= 1e-12 && deeper > 0.12, "{deeper} for {expected}");
+        assert!(after(Remedy::MeanNormal(Length::Share(1.0))) < 0.1);
+        assert!(after(Remedy::NearestPoint).abs() <= 1e-12);
+    }
+}
