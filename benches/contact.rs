@@ -1,0 +1,350 @@
+//! Ways to find contact, compared as the first source did (its section 8): a muscle moves through a bone, what is found is
+//! not answered. Time, memory and error of each way, and what the remedies for vertices in the bone leave.
+//!
+//! The data are rebuilt from the description: two spheres by latitude and longitude, and with `PLIANT_DATA` the gluteus
+//! maximus before hip bone and femur. `--test` runs it all on small spheres.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use nalgebra::{Point3, Vector3};
+use peak_alloc::PeakAlloc;
+use pliant::contact::remedies::{Length, Remedy};
+use pliant::contact::ways::{BitGrid, Fill, Searched, WAYS};
+use pliant::contact::{Obstacle, Surface};
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::inside::Inside;
+use pliant::mesh::topology::Topology;
+
+#[global_allocator]
+static ALLOCATOR: PeakAlloc = PeakAlloc;
+
+const MILLIMETRE: f64 = 1e-3;
+const FRAMES: usize = 10;
+
+/// What a step of contact wants to know of: a few thicknesses.
+const REACH: f64 = 2.0 * MILLIMETRE;
+
+/// Rounding of a distance, over the size of the data.
+const ROUNDING: f64 = 1e-13;
+
+/// Vertices `around` times `rings` and two poles, as by VTK's source of spheres.
+fn sphere(around: u32, rings: u32, radius: f64) -> TriangleMesh {
+    let mut vertices = vec![Point3::new(0.0, 0.0, radius), Point3::new(0.0, 0.0, -radius)];
+    for ring in 1..=rings {
+        let polar = std::f64::consts::PI * f64::from(ring) / f64::from(rings + 1);
+        for k in 0..around {
+            let turn = std::f64::consts::TAU * f64::from(k) / f64::from(around);
+            let flat = Vector3::new(turn.cos(), turn.sin(), 0.0) * polar.sin();
+            vertices.push(Point3::from((flat + Vector3::z() * polar.cos()) * radius));
+        }
+    }
+    let at = |ring: u32, k: u32| 2 + ring * around + k % around;
+    let mut triangles = Vec::new();
+    for k in 0..around {
+        triangles.extend([[0, at(0, k), at(0, k + 1)], [1, at(rings - 1, k + 1), at(rings - 1, k)]]);
+        for ring in 0..rings - 1 {
+            let [a, b, c, d] = [at(ring, k), at(ring + 1, k), at(ring + 1, k + 1), at(ring, k + 1)];
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    TriangleMesh { vertices, triangles }
+}
+
+/// Each triangle cut in four: as many more vertices, the same surface.
+fn quartered(mesh: &TriangleMesh) -> TriangleMesh {
+    let mut vertices = mesh.vertices.clone();
+    let mut middles = BTreeMap::new();
+    let mut triangles = Vec::with_capacity(4 * mesh.triangles.len());
+    for &[a, b, c] in &mesh.triangles {
+        let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(u, v)| {
+            *middles.entry((u.min(v), u.max(v))).or_insert_with(|| {
+                vertices.push(nalgebra::center(&vertices[u as usize], &vertices[v as usize]));
+                vertices.len() as u32 - 1
+            })
+        });
+        triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
+    }
+    TriangleMesh { vertices, triangles }
+}
+
+/// A vertex in the box of a bone, in some frame.
+struct Question {
+    bone: usize,
+    point: Point3<f64>,
+    /// Where it was a frame before.
+    before: Point3<f64>,
+    inside: bool,
+    /// Signed distance by the crate's own hierarchy [m].
+    distance: f64,
+}
+
+struct Task {
+    name: &'static str,
+    bones: Vec<TriangleMesh>,
+    muscle: TriangleMesh,
+    questions: Vec<Question>,
+    /// Largest coordinate [m].
+    size: f64,
+}
+
+impl Task {
+    /// The muscle moves by `path` [m] in `FRAMES` frames.
+    fn new(name: &'static str, bones: Vec<TriangleMesh>, muscle: TriangleMesh, path: [Vector3<f64>; 2]) -> Self {
+        let step = (path[1] - path[0]) / (FRAMES - 1) as f64;
+        let mut questions = Vec::new();
+        let mut size = 0.0_f64;
+        for (bone, mesh) in bones.iter().enumerate() {
+            let topology = Topology::new(mesh);
+            assert!(topology.is_closed() && topology.is_oriented(), "{name}: bone {bone} is not closed and oriented");
+            let (own, inside) = (Surface::new(mesh), Inside::new(&mesh.vertices, &mesh.triangles));
+            let bounds = mesh.bounding_box();
+            size = size.max(bounds.min.coords.amax()).max(bounds.max.coords.amax());
+            for frame in 0..FRAMES {
+                let by = path[0] + step * frame as f64;
+                for point in muscle.vertices.iter().map(|v| v + by).filter(|p| bounds.contains(p)) {
+                    let distance = own.closest(&point).expect("triangles").distance;
+                    let inside = inside.winding(&point) != 0;
+                    questions.push(Question { bone, point, before: point - step, inside, distance });
+                }
+            }
+        }
+        // In an order in which any part of them is like the whole.
+        let count = questions.len();
+        let stride = (0..).map(|k| (count * 618 / 1000).max(1) + k).find(|s| gcd(*s, count) == 1).expect("a stride");
+        let mut questions: Vec<Option<Question>> = questions.into_iter().map(Some).collect();
+        let questions = (0..count).filter_map(|k| questions[k * stride % count].take()).collect();
+        Self { name, bones, muscle, questions, size }
+    }
+
+    fn describe(&self) {
+        let bones: Vec<String> = self.bones.iter().map(counts).collect();
+        let inside = self.questions.iter().filter(|q| q.inside).count();
+        println!("\n{}: muscle of {}, bone of {}.", self.name, counts(&self.muscle), bones.join(" and of "));
+        println!(
+            "A frame has {} vertices in a bone's box and {} in a bone, on average of {FRAMES}.\n",
+            self.questions.len() / FRAMES,
+            inside / FRAMES
+        );
+    }
+}
+
+fn counts(mesh: &TriangleMesh) -> String {
+    format!("{} vertices and {} triangles", mesh.vertices.len(), mesh.triangles.len())
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// One of the ways, sorted for a bone.
+enum Sorted {
+    Own(Box<Surface>),
+    Way(Box<Searched>),
+    Bits(BitGrid),
+}
+
+impl Sorted {
+    fn obstacle(&self) -> &dyn Obstacle {
+        match self {
+            Self::Own(own) => &**own,
+            Self::Way(way) => &**way,
+            Self::Bits(bits) => bits,
+        }
+    }
+
+    /// Whether a vertex is nearer than [`REACH`]; of the grid of bits, whether the walk back moves it.
+    fn is_near(&self, q: &Question) -> bool {
+        match self {
+            Self::Own(own) => own.nearest(&q.point, REACH).is_some(),
+            Self::Way(way) => way.nearest(&q.point, REACH).is_some(),
+            Self::Bits(bits) => bits.walk_back(&q.before, &q.point) != Some(q.point),
+        }
+    }
+}
+
+type Sort = Box<dyn Fn(&TriangleMesh) -> Sorted>;
+
+fn rows(largest: usize) -> Vec<(String, Sort)> {
+    let mut rows: Vec<(String, Sort)> = vec![("ours".into(), Box::new(|m| Sorted::Own(Box::new(Surface::new(m)))))];
+    for kind in WAYS {
+        let more = if kind.name == "voxels" { vec![largest] } else { Vec::new() };
+        for size in kind.sizes.iter().copied().chain(more) {
+            let name = if size == 0 { kind.name.into() } else { format!("{} {size}", kind.name) };
+            rows.push((name, Box::new(move |m| Sorted::Way(Box::new(Searched::new(m, (kind.sort)(m, size)))))));
+        }
+    }
+    for (name, fill) in [("bits 64, middles", Fill::Centre), ("bits 64, touched", Fill::Touch)] {
+        rows.push((name.into(), Box::new(move |m| Sorted::Bits(BitGrid::new(m, 64, fill)))));
+    }
+    rows
+}
+
+/// Asks until all is asked or the time is up; returns the time of a frame [ms] and how many were asked.
+fn timed(task: &Task, budget: Duration, mut ask: impl FnMut(&Question)) -> (f64, usize) {
+    let begin = Instant::now();
+    let mut asked = 0;
+    for some in task.questions.chunks(64) {
+        some.iter().for_each(&mut ask);
+        asked += some.len();
+        if begin.elapsed() > budget {
+            break;
+        }
+    }
+    let each = begin.elapsed().as_secs_f64() / asked.max(1) as f64;
+    (each * 1e3 * task.questions.len() as f64 / FRAMES as f64, asked)
+}
+
+/// What is wrong with the answers of a way.
+#[derive(Default)]
+struct Errors {
+    /// Vertices said to be in the bone that are not, and the other way about.
+    kept: usize,
+    lost: usize,
+    /// Greatest error of a distance outside, and of a depth inside [m].
+    outside: f64,
+    depth: f64,
+}
+
+impl Errors {
+    fn add(&mut self, q: &Question, found: f64) {
+        self.kept += usize::from(found < 0.0 && !q.inside);
+        self.lost += usize::from((found >= 0.0 || found.is_nan()) && q.inside);
+        let worst = if q.inside { &mut self.depth } else { &mut self.outside };
+        *worst = worst.max((found - q.distance).abs());
+    }
+}
+
+fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) {
+    let (before, begin) = (ALLOCATOR.current_usage(), Instant::now());
+    let sorted: Vec<Sorted> = task.bones.iter().map(sort).collect();
+    let built = begin.elapsed();
+    let held = ALLOCATOR.current_usage() - before - sorted.capacity() * std::mem::size_of::<Sorted>();
+    let bytes: usize = sorted.iter().map(|s| s.obstacle().bytes()).sum();
+    assert!(bytes.abs_diff(held) as f64 <= 0.02 * held as f64 + 4096.0, "{name} says {bytes} bytes and holds {held}");
+    let mut errors = Errors::default();
+    let (distance, asked) = timed(task, budget, |q| {
+        errors.add(q, sorted[q.bone].obstacle().closest(&q.point).map_or(f64::INFINITY, |c| c.distance));
+    });
+    let mut near = 0;
+    let (within, _) = timed(task, budget, |q| near += usize::from(sorted[q.bone].is_near(q)));
+    assert!(near > 0, "{name} finds nothing near");
+    let diagonal = |s: &Sorted| if let Sorted::Bits(bits) = s { bits.diagonal() } else { 0.0 };
+    let diagonal = sorted.iter().map(diagonal).fold(0.0, f64::max);
+    let mut name = name.to_owned();
+    if diagonal > 0.0 {
+        assert!(errors.outside > 0.0 && errors.depth > 0.0, "{name} has no error");
+        name += &format!(", {:.1} mm from corner to corner", diagonal / MILLIMETRE);
+    } else {
+        let worst = errors.outside.max(errors.depth);
+        assert!(worst <= ROUNDING * task.size.max(1.0), "{name} is off by {worst:e} m");
+        assert_eq!((errors.kept, errors.lost), (0, 0), "{name} judges vertices wrongly");
+    }
+    let index = if matches!(sorted[0], Sorted::Bits(_)) { bytes } else { bytes - base };
+    println!(
+        "| {name} | {:.0} | {distance:.2} | {within:.2} | {:.3} | {:.3} | {asked} | {}, {} | {:.3}, {:.3} |",
+        built.as_secs_f64() * 1e3,
+        held as f64 / 1e6,
+        index as f64 / 1e6,
+        errors.kept,
+        errors.lost,
+        errors.outside / MILLIMETRE,
+        errors.depth / MILLIMETRE,
+    );
+}
+
+fn compare(task: &Task, largest: usize, budget: Duration) {
+    task.describe();
+    println!(
+        "| way | built [ms] | distances [ms a frame] | near [ms a frame] | memory [MB] | without the mesh [MB] | asked | \
+         in, out wrongly | error outside, of depth [mm] |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    // All but the bits hold the same mesh with its topology.
+    let rows = rows(largest);
+    let brute = &rows[1].1;
+    let base = task.bones.iter().map(|b| brute(b).obstacle().bytes()).sum();
+    rows.iter().for_each(|(name, sort)| measure(task, name, sort, base, budget));
+}
+
+/// What a remedy leaves of the vertices in a bone.
+fn remedy(task: &Task, own: &[Surface], inside: &[&Question], name: &str, remedy: Remedy) {
+    let ends: Vec<Point3<f64>> = inside.iter().map(|q| remedy.place(&own[q.bone], &q.point)).collect();
+    let depths: Vec<f64> =
+        inside.iter().zip(&ends).map(|(q, e)| -own[q.bone].closest(e).expect("triangles").distance).collect();
+    let rounding = ROUNDING * task.size.max(1.0);
+    let still = depths.iter().filter(|d| **d > rounding).count();
+    let deeper = depths.iter().zip(inside).filter(|(d, q)| **d > -q.distance + rounding).count();
+    let places: BTreeSet<_> = ends.iter().map(|p| [p.x, p.y, p.z].map(f64::to_bits)).collect();
+    let moved = inside.iter().zip(&ends).map(|(q, e)| (e - q.point).norm()).sum::<f64>() / inside.len() as f64;
+    if remedy == Remedy::NearestPoint {
+        assert!(still == 0 && deeper == 0, "the nearest point is inside");
+    }
+    println!(
+        "| {name} | {still} | {:.3} | {deeper} | {} | {:.3} |",
+        depths.iter().fold(0.0_f64, |a, b| a.max(*b)) / MILLIMETRE,
+        inside.len() - places.len(),
+        moved / MILLIMETRE
+    );
+}
+
+fn remedies(task: &Task) {
+    let own: Vec<Surface> = task.bones.iter().map(Surface::new).collect();
+    let all: Vec<&Question> = task.questions.iter().filter(|q| q.inside).collect();
+    let inside = &all[..all.len().min(1000)];
+    let deepest = inside.iter().map(|q| -q.distance).fold(0.0, f64::max);
+    println!("\nOf {} vertices in a bone, of all frames, up to {:.1} mm deep:\n", inside.len(), deepest / MILLIMETRE);
+    println!(
+        "| remedy | still inside | deepest [mm] | deeper than before | on a place of another | moved, mean [mm] |"
+    );
+    println!("|---|---|---|---|---|---|");
+    let constant = Length::Constant(MILLIMETRE);
+    for (name, how) in [
+        ("nearest vertex", Remedy::NearestVertex),
+        ("mean of three vertices", Remedy::MeanOfVertices(3)),
+        ("nearest point", Remedy::NearestPoint),
+        ("normal of a triangle, 1 mm", Remedy::FaceNormal(constant)),
+        ("normal of a triangle, all of the depth", Remedy::FaceNormal(Length::Share(1.0))),
+        ("mean normal, 1 mm", Remedy::MeanNormal(constant)),
+        ("mean normal, all of the depth", Remedy::MeanNormal(Length::Share(1.0))),
+    ] {
+        remedy(task, &own, inside, name, how);
+    }
+}
+
+/// Two spheres, of which the smaller moves through the other, a little off its middle.
+fn artificial(muscle: [u32; 2], bone: [u32; 2]) -> Task {
+    let [muscle, bone] = [(muscle, 0.04), (bone, 0.05)].map(|([around, rings], radius)| sphere(around, rings, radius));
+    let path = [-1.0, 1.0].map(|side| Vector3::new(side * 0.085, 3.1e-3, 1.7e-3));
+    Task::new("spheres", vec![bone], muscle, path)
+}
+
+/// The gluteus maximus moves 60 mm towards the middle of the bones.
+fn measured(data: &std::path::Path) -> Task {
+    let read = |name: &str| pliant::io::read(&data.join(name)).expect("a mesh").mesh;
+    let muscle = quartered(&quartered(&read("body/muscles/Gluteus_maximus_muscle.r.obj")));
+    let hip = quartered(&quartered(&read("body/bones/Hip_bone.r.obj")));
+    let femur = quartered(&read("body/bones/Femur.r.obj"));
+    let middle = hip.bounding_box().union(&femur.bounding_box()).center();
+    let towards = (middle - muscle.bounding_box().center()).normalize();
+    Task::new("gluteus maximus", vec![hip, femur], muscle, [Vector3::zeros(), towards * 0.06])
+}
+
+fn main() {
+    if std::env::args().any(|a| a == "--test") {
+        let task = artificial([12, 10], [30, 28]);
+        compare(&task, 48, Duration::from_millis(60));
+        remedies(&task);
+        return;
+    }
+    let tasks =
+        [Some(artificial([48, 46], [300, 298])), std::env::var_os("PLIANT_DATA").map(|d| measured(&PathBuf::from(d)))];
+    if tasks[1].is_none() {
+        println!("skipped the gluteus maximus: PLIANT_DATA is not set");
+    }
+    for task in tasks.iter().flatten() {
+        compare(task, 256, Duration::from_secs(2));
+        remedies(task);
+    }
+}
