@@ -93,7 +93,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
     let assets = Assets::load(&scene).map_err(refused)?;
     let chosen = match scene.accuracy {
-        Some(accuracy) => Some(choose(&mut scene, &assets, accuracy, &stop, refused)?),
+        Some(accuracy) => match choose(&mut scene, &assets, accuracy, &stop, refused)? {
+            None => return Ok(INTERRUPTED),
+            chosen => chosen,
+        },
         None => None,
     };
     let plan = Plan::new(&scene, &assets);
@@ -114,29 +117,38 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(exit_code(&summary, arguments.strict))
 }
 
-/// Time for the study that chooses solver and settings.
-const STUDY: Duration = Duration::from_secs(20);
+/// Share of the time of a run, as the plan estimates it, for the study that chooses solver and settings.
+const STUDY_SHARE: f64 = 0.5;
 
-/// Chooses solver and settings for an accuracy and puts them into the scene.
+/// The study takes at least and at most so long [s].
+const STUDY_LIMITS: (f64, f64) = (5.0, 60.0);
+
+/// Chooses solver and settings for an accuracy and puts them into the scene; `None` after Ctrl-C.
 fn choose(
     scene: &mut Scene,
     assets: &Assets,
     accuracy: Accuracy,
     stop: &AtomicBool,
     refused: impl Fn(LoadError) -> Failure,
-) -> Result<Chosen, Failure> {
+) -> Result<Option<Chosen>, Failure> {
     let threads = rayon::current_num_threads();
-    let chosen =
-        accuracy::choose(scene, assets, accuracy, STUDY, threads, &mut Said { stop }).map_err(|error| match error {
-            StudyError::Load(error) => refused(error),
-            StudyError::NoEnergy => Failure::usage(error.to_string(), "name another solver, or leave accuracy out"),
-            StudyError::NoReference(_) => {
-                Failure::usage(error.to_string(), "leave accuracy out, or see `pliant accuracy`")
-            }
-        })?;
+    let frame_s: f64 = Plan::new(scene, assets).run.iter().map(|planned| planned.ms_per_frame * 1e-3).sum();
+    let wanted = STUDY_SHARE * frame_s * scene.frames as f64;
+    let budget = Duration::from_secs_f64(wanted.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
+    let chosen = match accuracy::choose(scene, assets, accuracy, budget, threads, &mut Said { stop }) {
+        Ok(chosen) => chosen,
+        Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
+        Err(StudyError::Load(error)) => return Err(refused(error)),
+        Err(error) => {
+            return Err(Failure::usage(
+                error.to_string(),
+                "name another solver or leave accuracy out; see `pliant accuracy`",
+            ));
+        }
+    };
     scene.solver = chosen.candidate.solver;
     warn(&format!("accuracy {} mm: {}", crate::render::number(chosen.target_m * 1e3), chosen.why));
-    Ok(chosen)
+    Ok(Some(chosen))
 }
 
 /// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
