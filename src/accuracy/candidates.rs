@@ -100,7 +100,7 @@ impl Candidate {
 }
 
 /// Iterations that are enough for any tolerance.
-const MOST: u32 = 2000;
+const MOST: u32 = 500;
 
 /// A tolerance at which the limit of iterations ends a step first.
 const TIGHT: f64 = 2e-4;

@@ -64,7 +64,8 @@ fn has_friction(scene: &Scene) -> bool {
 }
 
 /// Refines until levels differ by no more than `wanted` [m] or `allows` says of the next level's cost, in levels of the
-/// first, that there is no time for it; at least two levels.
+/// first, that there is no time for it; at least two levels. `watch` hears of every frame with its level and time [s],
+/// and says whether to go on.
 ///
 /// # Errors
 /// The scene cannot be run by the reference's solver.
@@ -72,10 +73,10 @@ pub fn refine(
     scene: &Scene,
     assets: &Assets,
     question: Question,
-    frames: usize,
+    mut frames: usize,
     wanted: f64,
     mut allows: impl FnMut(f64) -> bool,
-    watch: &mut dyn FnMut(&Candidate, usize, f64) -> bool,
+    watch: &mut dyn FnMut(&Candidate, u32, f64) -> bool,
 ) -> Result<Option<Reference>, LoadError> {
     let threads = rayon::current_num_threads();
     let mut found: Option<Reference> = None;
@@ -84,10 +85,13 @@ pub fn refine(
             break;
         }
         let candidate = Candidate::new(level(scene, question, k), threads);
-        let run = Trajectory::of(scene, assets, &candidate, frames, &mut |f, s| watch(&candidate, f, s))?;
-        if run.cut_short || run.stopped {
+        let run = Trajectory::of(scene, assets, &candidate, frames, &mut |_, s| watch(&candidate, k, s))?;
+        // The first two levels, if time ran out in them, are compared as far as they went; a later one is not needed.
+        let partial = run.cut_short && !run.stopped && run.frames.len() >= 2 && k < 2;
+        if (run.cut_short || run.stopped) && !partial {
             break;
         }
+        frames = run.frames.len();
         let (apart, mut steps) = match found.take() {
             Some(before) => (Distance::between(before.frames(), &run.frames), before.steps),
             None => (Distance { rms: f64::INFINITY, max: f64::INFINITY, frame: 0 }, Vec::new()),
@@ -98,7 +102,7 @@ pub fn refine(
         let still = to_come(&steps);
         let uncertainty = Distance { rms: apart.rms * still, max: apart.max * still, ..apart };
         found = Some(Reference { question, candidate, run, uncertainty, steps });
-        if uncertainty.rms <= wanted {
+        if (partial && k > 0) || uncertainty.rms <= wanted {
             break;
         }
     }

@@ -156,6 +156,12 @@ pub enum StudyError {
 /// Share of the budget for the references.
 const FOR_REFERENCES: f64 = 0.45;
 
+/// Share of a reference's time for its first level: the second takes at least twice as long.
+const FIRST_LEVEL: f64 = 0.3;
+
+/// A run may end so much after the budget, as a share of it.
+const LATE: f64 = 0.1;
+
 /// The reference is refined until it stands still to this share of the length.
 const CERTAIN: f64 = 1e-4;
 
@@ -185,6 +191,7 @@ pub fn measure(scene: &Scene, assets: &Assets, options: Options, watch: &mut imp
     measuring.frames = measuring.choose_frames(question, watch)?;
     let reference = measuring.reference(question, FOR_REFERENCES, watch)?;
     let reference = reference.ok_or_else(|| no_reference(&measuring))?;
+    measuring.frames = reference.frames().len();
     let turned = if question == Question::Motion { Question::Equilibrium } else { Question::Motion };
     let other = if measuring.interrupted { None } else { measuring.other(turned, watch) };
     let model_distance_m = other.as_ref().map_or(f64::NAN, |o| Distance::between(o.frames(), reference.frames()).rms);
@@ -214,7 +221,7 @@ fn no_reference(measuring: &Measuring<'_>) -> StudyError {
     StudyError::NoReference(if measuring.interrupted {
         "interrupted before there was one".to_owned()
     } else {
-        "a muscle was stopped by a number that is not finite".to_owned()
+        "two levels of two frames did not fit into the budget, or a muscle was stopped".to_owned()
     })
 }
 
@@ -242,7 +249,10 @@ impl Measuring<'_> {
     }
 
     fn run(&mut self, candidate: &Candidate, frames: usize, watch: &mut impl Watch) -> Result<Trajectory, LoadError> {
-        let run = Trajectory::of(self.scene, self.assets, candidate, frames, &mut |_, _| !watch.stops())?;
+        let end =
+            Instant::now() + Duration::from_secs_f64(self.left_s().max(0.0) + LATE * self.options.budget.as_secs_f64());
+        let goes_on = &mut |_: usize, _: f64| !watch.stops() && Instant::now() <= end;
+        let run = Trajectory::of(self.scene, self.assets, candidate, frames, goes_on)?;
         self.interrupted |= watch.stops();
         Ok(run)
     }
@@ -262,12 +272,13 @@ impl Measuring<'_> {
             begin.elapsed().as_secs_f64() + 2.0 * took <= budget
         };
         let mut said = None;
-        let mut listen = |candidate: &Candidate, _: usize, _: f64| {
+        let mut listen = |candidate: &Candidate, level: u32, _: f64| {
             if said != Some(*candidate) {
                 said = Some(*candidate);
                 watch.part(&format!("reference by {}: {}", candidate.name(), candidate.in_words()));
             }
-            !watch.stops()
+            let share = if level == 0 { FIRST_LEVEL } else { 1.0 };
+            !watch.stops() && begin.elapsed().as_secs_f64() <= share * budget
         };
         let wanted = CERTAIN * self.length;
         let found = refine(self.scene, self.assets, question, self.frames, wanted, allows, &mut listen)?;
@@ -291,7 +302,10 @@ impl Measuring<'_> {
                 continue;
             }
             watch.part(&format!("{}: {}", candidate.name(), candidate.in_words()));
-            let Some(row) = self.row(candidate, study, watch) else { continue };
+            let Some(row) = self.row(candidate, study, watch) else {
+                study.left_out.push(candidate);
+                continue;
+            };
             costs.retain(|(name, _)| *name != candidate.name());
             costs.push((candidate.name(), row.time_s / candidate.work()));
             study.rows.push(row);
@@ -304,7 +318,7 @@ impl Measuring<'_> {
         let own = question == study.question;
         let reference = if own { &study.reference } else { study.other.as_ref()? };
         let run = self.run(&candidate, study.frames, watch).ok()?;
-        if self.interrupted {
+        if self.interrupted || (run.cut_short && !run.stopped) {
             return None;
         }
         let error = Distance::between(reference.frames(), &run.frames);

@@ -92,7 +92,7 @@ pub struct MuscleSummary {
     /// The same in the worst frame.
     pub residual_max_m: f64,
     /// Estimated error of the solver, RMS over the vertices of the worst frame [m]. By [`Body::error_estimate`],
-    /// or where an accuracy was asked for by what a study of the first frames measured.
+    /// or where an accuracy was asked for by what the study that chose measured.
     pub error_estimate_m: f64,
     /// Frames that were not converged.
     pub frames_not_converged: usize,
@@ -196,7 +196,7 @@ impl Summary {
         let muscles: Vec<_> = simulation.bodies.iter().map(|b| muscle(b, record, chosen)).collect();
         let error_estimate_m = greatest(muscles.iter().map(|m| m.error_estimate_m));
         let mut verdicts = Vec::new();
-        verdicts.extend(chosen.map(|c| verdict_of(c, error_estimate_m)));
+        verdicts.extend(chosen.map(verdict_of));
         for (m, summary) in muscles.iter().enumerate() {
             verdicts.extend(verdicts_of(simulation, m, summary));
         }
@@ -210,7 +210,7 @@ impl Summary {
             accuracy: chosen.map(|c| Delivered {
                 target_m: c.target_m,
                 expected_m: c.expected_m,
-                reached: c.keeps(error_estimate_m),
+                reached: c.is_kept(),
                 solver: c.candidate.name().to_owned(),
                 settings: c.candidate.settings(),
                 why: c.why.clone(),
@@ -266,13 +266,13 @@ fn solver(solver: &Solver) -> String {
 }
 
 /// Whether the accuracy that was asked for is kept, as far as can be estimated.
-fn verdict_of(chosen: &Chosen, estimate_m: f64) -> Verdict {
+fn verdict_of(chosen: &Chosen) -> Verdict {
     let mm = |length: f64| crate::render::number(length * 1e3);
     Verdict {
         muscle: "all".to_owned(),
         promise: format!("the error is at most {} mm", mm(chosen.target_m)),
-        found: format!("estimated {} mm; {}", mm(estimate_m), chosen.why),
-        kept: chosen.keeps(estimate_m),
+        found: format!("estimated {} mm; {}", mm(chosen.expected_m), chosen.why),
+        kept: chosen.is_kept(),
     }
 }
 
@@ -309,7 +309,7 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         residual_end_m: end(|m| m.residual_m),
         // There is no residual before the first step.
         residual_max_m,
-        error_estimate_m: chosen.map_or_else(|| body.error_estimate(residual_max_m), |c| c.estimate(residual_max_m)),
+        error_estimate_m: chosen.map_or_else(|| body.error_estimate(residual_max_m), |c| c.expected_m),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
         stopped,

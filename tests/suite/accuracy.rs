@@ -182,10 +182,10 @@ fn an_accuracy_is_kept_or_said_to_be_missed() {
     let (scene, assets) = scene("chosen", "[solver.xpbd]\nsubsteps = 20\n");
     let pick = |accuracy| choose(&scene, &assets, accuracy, Duration::from_secs(8), 1, &mut Quiet).expect("a choice");
     let kept = pick(Accuracy::Share(0.02));
-    assert!(kept.keeps(kept.expected_m) && kept.expected_m <= 0.02 * 0.1, "{}", kept.why);
+    assert!(kept.is_kept() && kept.expected_m <= 0.02 * 0.1, "{}", kept.why);
     assert!(kept.why.starts_with("the fastest"), "{}", kept.why);
     let missed = pick(Accuracy::Length(1e-12));
-    assert!(!missed.keeps(missed.expected_m) && missed.why.starts_with("none of"), "{}", missed.why);
+    assert!(!missed.is_kept() && missed.why.starts_with("none of"), "{}", missed.why);
     assert!(missed.expected_m < kept.expected_m, "the most accurate is taken: {} for {}", missed.why, kept.why);
 }
 
