@@ -115,18 +115,13 @@ fn converged_at(scene: &Scene) -> f64 {
 }
 
 /// Equilibrium to a tolerance.
-pub fn quasi_static(tolerance: f64, iterations: u32) -> Solver {
-    Solver::QuasiStatic(Minimisation { substeps: 1, iterations, tolerance })
+pub fn quasi_static(substeps: u32, tolerance: f64) -> Solver {
+    Solver::QuasiStatic(Minimisation { substeps, iterations: MOST, tolerance })
 }
 
 /// Implicit Euler to a tolerance.
 pub fn implicit_euler(substeps: u32, tolerance: f64) -> Solver {
     Solver::ImplicitEuler(Minimisation { substeps, iterations: MOST, tolerance })
-}
-
-/// Equilibrium as exactly as it is wanted for a reference.
-pub fn exact_equilibrium(substeps: u32, tolerance: f64) -> Solver {
-    Solver::QuasiStatic(Minimisation { substeps, iterations: MOST, tolerance })
 }
 
 /// All that is tried for a scene on `threads` threads, the cheap ones of each solver first.
@@ -138,8 +133,10 @@ pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
         solvers.push(scene.solver);
     }
     // Limited iterations follow a moving bone at a fixed price; a tolerance, at a fixed accuracy.
-    solvers.extend([1, 2, 4, 8].map(|n| quasi_static(TIGHT, n)));
-    solvers.extend([1e-2, 3e-3, 1e-3, 3e-4, 1e-4].map(|t| quasi_static(t, MOST)));
+    solvers.extend(
+        [1, 2, 4, 8].map(|n| Solver::QuasiStatic(Minimisation { substeps: 1, iterations: n, tolerance: TIGHT })),
+    );
+    solvers.extend([1e-2, 3e-3, 1e-3, 3e-4, 1e-4].map(|t| quasi_static(1, t)));
     for n in [1, 2, 4] {
         solvers.extend([1e-2, 1e-3, 1e-4].map(|t| implicit_euler(n, t)));
     }

@@ -14,17 +14,17 @@ pub struct Recommended {
     pub row: Option<usize>,
 }
 
-/// Whether a row reaches an error [m], what its solver leaves out included.
+/// Whether a row reaches an error [m], what its solver leaves out included. An error below the reference's own
+/// uncertainty shows nothing: none is granted that is less than that.
 pub fn reaches(row: &Row, error: f64) -> bool {
-    row.status != Status::Diverged && row.error.rms + row.model_error_m <= error
+    row.status != Status::Diverged && row.uncertainty_m <= error && row.error.rms + row.model_error_m <= error
 }
 
-/// For each target the fastest row that reaches it; `length` [m] is what shares are of. An error below the reference's
-/// `uncertainty` [m] shows nothing: no target below it is granted.
-pub fn recommend(rows: &[Row], length: f64, uncertainty: f64) -> Vec<Recommended> {
+/// For each target the fastest row that reaches it; `length` [m] is what shares are of.
+pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
     let best = |target: f64| {
         let error = target * length;
-        let able = rows.iter().enumerate().filter(|(_, row)| uncertainty <= error && reaches(row, error));
+        let able = rows.iter().enumerate().filter(|(_, row)| reaches(row, error));
         let fastest = able.min_by(|(_, a), (_, b)| a.time_s.total_cmp(&b.time_s));
         Recommended { target, row: fastest.map(|(index, _)| index) }
     };
@@ -55,7 +55,7 @@ mod tests {
     fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> Row {
         let error = Distance { rms, max: rms, frame: 1 };
         let candidate = Candidate::new(candidates::implicit_euler(1, 1e-3), 1);
-        Row { error, model_error_m, time_s, ..Row::new(candidate, status) }
+        Row { error, uncertainty_m: 1e-4, model_error_m, time_s, ..Row::new(candidate, status) }
     }
 
     #[test]
@@ -68,9 +68,10 @@ mod tests {
             row(9.0, 0.0005, 0.0, Status::Converged),
             row(0.1, f64::NAN, 0.0, Status::NotConverged),
         ];
-        let chosen = |uncertainty| recommend(&rows, 1.0, uncertainty).iter().map(|r| r.row).collect::<Vec<_>>();
-        assert_eq!(chosen(1e-4), [Some(0), Some(2), Some(4)]);
-        assert_eq!(chosen(0.002), [Some(0), Some(2), None], "the reference is not certain enough");
+        let chosen = |rows: &[Row]| recommend(rows, 1.0).iter().map(|r| r.row).collect::<Vec<_>>();
+        assert_eq!(chosen(&rows), [Some(0), Some(2), Some(4)]);
+        let doubtful = rows.map(|row| Row { uncertainty_m: 0.002, ..row });
+        assert_eq!(chosen(&doubtful), [Some(0), Some(2), None], "the reference is not certain enough");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::candidates::{Candidate, Question, exact_equilibrium, implicit_euler};
+use super::candidates::{Candidate, Question, implicit_euler, quasi_static};
 use super::distance::Distance;
 use super::trajectory::Trajectory;
 use crate::constraints::Order;
@@ -32,19 +32,19 @@ impl Reference {
     }
 }
 
-/// The levels of refinement: each halves the step, and quarters the tolerance where there is one.
+/// The levels of refinement: each has half the step and a quarter of the tolerance; of an equilibrium a sixteenth of the
+/// tolerance, and every second one half the path between poses, which matters only where bones are slid over.
 fn level(scene: &Scene, question: Question, k: u32) -> Solver {
-    let tolerance = 1e-4 * libm::pow(0.25, f64::from(k));
+    let tolerance = |ratio: f64| 1e-4 * libm::pow(ratio, f64::from(k));
     match question {
-        // The path to an equilibrium matters only where bones are slid over.
-        Question::Equilibrium => exact_equilibrium(1 << (k / 2), tolerance * tolerance / 1e-4),
+        Question::Equilibrium => quasi_static(1 << (k / 2), tolerance(1.0 / 16.0)),
         Question::Motion if has_friction(scene) => Solver::Xpbd(Xpbd {
             substeps: scene.solver.substeps().max(16) << (k + 1),
             iterations: 1,
             order: Order::Coloured,
             tolerance: 0.01,
         }),
-        Question::Motion => implicit_euler(1 << k, tolerance),
+        Question::Motion => implicit_euler(1 << k, tolerance(0.25)),
     }
 }
 
@@ -63,8 +63,8 @@ fn has_friction(scene: &Scene) -> bool {
     scene.effects.contact.is_some_and(|c| c.friction > 0.0)
 }
 
-/// Refines until levels differ by no more than `wanted` [m] or `allows` says of the next level's cost, in levels of the
-/// first, that there is no time for it; at least two levels. `watch` hears of every frame with its level and time [s],
+/// Refines until levels differ by no more than `wanted` [m] or `allows` says that there is no time for another
+/// one; at least two levels. `watch` hears of every frame with its level and time [s],
 /// and says whether to go on.
 ///
 /// # Errors
@@ -72,16 +72,15 @@ fn has_friction(scene: &Scene) -> bool {
 pub fn refine(
     scene: &Scene,
     assets: &Assets,
-    question: Question,
+    (question, threads): (Question, usize),
     mut frames: usize,
     wanted: f64,
-    mut allows: impl FnMut(f64) -> bool,
+    mut allows: impl FnMut() -> bool,
     watch: &mut dyn FnMut(&Candidate, u32, f64) -> bool,
 ) -> Result<Option<Reference>, LoadError> {
-    let threads = rayon::current_num_threads();
     let mut found: Option<Reference> = None;
     for k in 0..8 {
-        if k >= 2 && !allows(f64::from(1 << k)) {
+        if k >= 2 && !allows() {
             break;
         }
         let candidate = Candidate::new(level(scene, question, k), threads);

@@ -53,6 +53,8 @@ pub struct Row {
     pub status: Status,
     /// Distance to the reference of the question that the solver answers [m].
     pub error: Distance,
+    /// What the reference may be off that it is compared with, RMS [m].
+    pub uncertainty_m: f64,
     /// What a solver that answers another question than the scene asks leaves out, RMS [m].
     pub model_error_m: f64,
     /// Median wall time of the repeats [s].
@@ -84,6 +86,7 @@ impl Row {
             candidate,
             status,
             error,
+            uncertainty_m: none,
             model_error_m: 0.0,
             time_s: none,
             time_range_s: [none; 2],
@@ -237,7 +240,7 @@ impl Measuring<'_> {
         }
         watch.part("a first look at what a frame costs");
         let solver = match question {
-            Question::Equilibrium => candidates::exact_equilibrium(1, 1e-4),
+            Question::Equilibrium => candidates::quasi_static(1, 1e-4),
             Question::Motion => candidates::implicit_euler(1, 1e-4),
         };
         let candidate = Candidate::new(solver, self.options.threads);
@@ -266,7 +269,7 @@ impl Measuring<'_> {
         let (begin, budget) = (Instant::now(), share * self.left_s().max(0.0));
         let mut last = begin;
         // A level takes about twice as long as the one before.
-        let allows = |_: f64| {
+        let allows = || {
             let took = last.elapsed().as_secs_f64();
             last = Instant::now();
             begin.elapsed().as_secs_f64() + 2.0 * took <= budget
@@ -281,7 +284,15 @@ impl Measuring<'_> {
             !watch.stops() && begin.elapsed().as_secs_f64() <= share * budget
         };
         let wanted = CERTAIN * self.length;
-        let found = refine(self.scene, self.assets, question, self.frames, wanted, allows, &mut listen)?;
+        let found = refine(
+            self.scene,
+            self.assets,
+            (question, self.options.threads),
+            self.frames,
+            wanted,
+            allows,
+            &mut listen,
+        )?;
         self.interrupted |= watch.stops();
         Ok(found)
     }
@@ -331,6 +342,7 @@ impl Measuring<'_> {
         };
         Some(Row {
             error,
+            uncertainty_m: reference.uncertainty.rms,
             model_error_m: if own { 0.0 } else { study.model_distance_m },
             time_s: run.time_s,
             time_range_s: [run.time_s; 2],
@@ -365,13 +377,13 @@ impl Measuring<'_> {
         }
         self.vary(study, watch);
         study.front = pareto(&study.rows);
-        study.recommended = recommend(&study.rows, self.length, study.reference.uncertainty.rms);
+        study.recommended = recommend(&study.rows, self.length);
     }
 
     /// The best setting of XPBD without lanes, the best of all on one thread: same bits, other times.
     fn vary(&mut self, study: &mut Study, watch: &mut impl Watch) {
         let mut variants = Vec::new();
-        let chosen = recommend(&study.rows, self.length, study.reference.uncertainty.rms);
+        let chosen = recommend(&study.rows, self.length);
         for row in chosen.iter().filter_map(|r| r.row) {
             let candidate = study.rows[row].candidate;
             let mut add = |variant: Candidate| {

@@ -27,9 +27,7 @@ fn number(value: f64) -> Value {
 impl Study {
     /// Whether an error of a row can be told from the reference's own uncertainty.
     pub fn is_certain(&self, row: &Row) -> bool {
-        let own = Question::of(&row.candidate.solver) == Some(self.question);
-        let reference = if own { Some(&self.reference) } else { self.other.as_ref() };
-        reference.is_some_and(|r| row.error.rms >= r.uncertainty.rms)
+        row.error.rms >= row.uncertainty_m
     }
 
     /// As `--json` gives it.

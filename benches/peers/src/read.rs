@@ -1,6 +1,7 @@
 //! Readers of pliant beside tobj, ply-rs-bw and stl_io, on the same bytes in one process, alternately, one thread.
 
 #[path = "../../read/files.rs"]
+// The peers read fewer formats than there are files of.
 #[allow(dead_code)]
 mod files;
 
