@@ -6,6 +6,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::warn;
+use crate::mesh::measures::greatest;
 use crate::simulation::Measures;
 
 /// On a pipe, a line every so many frames.
@@ -35,7 +36,7 @@ impl Progress {
         if self.bar.is_none() && !due {
             return;
         }
-        let volume = measures.iter().map(|m| m.volume_error.abs()).fold(0.0, f64::max);
+        let volume = greatest(measures.iter().map(|m| m.volume_error.abs()));
         let inside: usize = measures.iter().map(|m| m.vertices_inside_bones + m.bone_vertices_inside).sum();
         let ms = took.as_secs_f64() * 1e3;
         let text = format!("{ms:.0} ms/frame  volume error {volume:.1e}  inside {inside}");

@@ -58,7 +58,7 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     #[inline]
     fn remember(&mut self, _value: f64) {}
 
-    /// Whether C is known up to a period only, and [`Self::remember`] does anything.
+    /// Whether C is known up to a period only: to be set with [`Self::remember`], which energies call only then.
     const PERIODIC: bool = false;
 
     /// C(x), in any number.

@@ -11,6 +11,7 @@ use super::pictures::Painter;
 use super::record::Record;
 use super::summary::{Summary, Time};
 use crate::accuracy::Chosen;
+use crate::mesh::measures::greatest;
 use crate::render::{PictureError, to_gif};
 use crate::simulation::{Measures, Simulation};
 
@@ -38,7 +39,7 @@ pub struct Shots {
 impl Shots {
     fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
         self.first.get_or_insert_with(|| snapshot.clone());
-        let stretch = measures.iter().map(|m| m.edge_stretch_rms).fold(0.0, f64::max);
+        let stretch = greatest(measures.iter().map(|m| m.edge_stretch_rms));
         if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
             self.worst = Some((stretch, snapshot.clone()));
         }

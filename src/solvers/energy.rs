@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::{Potential, volume_hessian};
 use crate::constraints::EnclosedVolume;
+use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 
 /// The energy sum m |x - y|^2 / (2 dt^2), which makes a minimum an implicit Euler step.
@@ -102,7 +103,7 @@ impl Energy {
 
     /// A force [N] to judge forces on a vertex by: that of a strain of one.
     pub fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        self.elastic.iter().map(|part| part.force_scale(x)).fold(0.0, f64::max)
+        greatest(self.elastic.iter().map(|part| part.force_scale(x)))
     }
 
     /// Lets constraints that are known up to a period take note of where they are.

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 use crate::constraints::lanes::{self, InLanes, Lane, Several, Width, unrolled};
 use crate::constraints::second::Second;
 use crate::constraints::{Constraint, EnclosedVolume};
+use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 use crate::particles::Slot;
 
@@ -126,7 +127,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
             let at = constraint.points().map(|p| x[p as usize]);
             if let Some((_, g)) = constraint.value_and_gradient(&at) {
                 // The force at which C has changed by as much as a strain of one changes it.
-                let longest = at.iter().map(|p| (p - at[0]).norm_squared()).fold(0.0_f64, f64::max);
+                let longest = greatest(at.iter().map(|p| (p - at[0]).norm_squared()));
                 let force = k * g[0].norm_squared() * longest.sqrt();
                 sum.add(force * force);
             }

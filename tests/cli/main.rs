@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 use pliant::io::vtk;
+use pliant::mesh::measures::greatest;
 use pliant::mesh::shapes;
 use serde_json::Value;
 
@@ -443,7 +444,7 @@ fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
         (0..=8).map(|f| points_of(&out.join(format!("frames/ball_fibres_{f:04}.vtp")))).collect();
     assert!(frames.iter().all(|points| points.len() == 6));
     let apart = |a: &[[f64; 3]], b: &[[f64; 3]]| {
-        a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())).fold(0.0, f64::max)
+        greatest(a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())))
     };
     // They begin as read, in metres, but for what binding to the nearest triangle of a coarse ball moves (its edges
     // are 2 mm long or more), and then move with the muscle from frame to frame.

@@ -185,7 +185,7 @@ fn a16_a_bit_for_each_box_is_far_less_than_lists() {
         let p = Point3::from(Vector3::new(0.48, 0.6, 0.64) * r);
         (grid.closest(&p).expect("a bone").distance - known.closest(&p).expect("a bone").distance).abs()
     };
-    let worst = (0..100).map(|i| error(1.1 + 1e-3 * f64::from(i))).fold(0.0, f64::max);
+    let worst = crate::tolerances::worst((0..100).map(|i| error(1.1 + 1e-3 * f64::from(i))));
     assert!(worst > 1e-3 && worst <= grid.diagonal(), "{worst}");
 }
 

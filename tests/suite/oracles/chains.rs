@@ -48,7 +48,7 @@ fn links_at_rest(n: usize) -> Vec<Point3<f64>> {
 }
 
 fn sag(x: &[Point3<f64>]) -> f64 {
-    x.iter().map(|p| -p.z).fold(0.0, f64::max)
+    worst(x.iter().map(|p| -p.z))
 }
 
 /// Links of the length `rest` between points in turn, each of the stiffness `k`.

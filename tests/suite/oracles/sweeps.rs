@@ -40,7 +40,9 @@ fn sweeps(batches: &mut [Batch<Distance, 2>], mass: &dyn Fn(u32) -> f64) -> [usi
     SHARES.map(|share| {
         loop {
             let off = particles.position.windows(2).map(|x| ((x[1] - x[0]).norm() - 1.0).abs());
-            if off.fold(0.0, f64::max) <= share {
+            let off = crate::tolerances::worst(off);
+            assert!(off.is_finite(), "after {count} sweeps");
+            if off <= share {
                 return count;
             }
             let turn = count % batches.len();
