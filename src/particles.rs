@@ -1,6 +1,9 @@
 //! Positions, velocities and inverse masses of a body, as arrays.
 
+use std::sync::Arc;
+
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// The state of a body's particles; all arrays have the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,25 +45,90 @@ impl Particles {
 #[repr(C, align(32))]
 pub struct Slot(pub [f64; 4]);
 
+/// An order of particles in memory other than that of their numbers: neighbours should lie near each other.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Numbering {
+    /// Entry `k` is the particle at place `k`, and entry `p` the place of particle `p`; `None` where they agree.
+    both: Option<Arc<(Vec<u32>, Vec<u32>)>>,
+}
+
+impl Numbering {
+    /// By a permutation: entry `k` is the particle that comes to place `k`.
+    ///
+    /// # Panics
+    /// If `particles` does not hold each number below its length once.
+    pub fn new(particles: Vec<u32>) -> Self {
+        let mut places = vec![u32::MAX; particles.len()];
+        for (place, &p) in particles.iter().enumerate() {
+            assert_eq!(places[p as usize], u32::MAX, "particle {p} has two places");
+            places[p as usize] = place as u32;
+        }
+        Self { both: Some(Arc::new((particles, places))) }
+    }
+
+    /// Place of particle `p`.
+    pub fn place(&self, p: u32) -> u32 {
+        self.both.as_ref().map_or(p, |both| both.1[p as usize])
+    }
+}
+
+/// From so many particles on a pass over them is done by several threads.
+const SEVERAL: usize = 16_384;
+
+/// Particles that a thread takes at least in such a pass; a multiple of all numbers of lanes.
+pub(crate) const SHARE: usize = 4_096;
+
+/// Whether a pass over so many particles is done by several threads.
+pub(crate) fn is_shared(count: usize) -> bool {
+    count >= SEVERAL && rayon::current_num_threads() > 1
+}
+
 /// A copy of positions and inverse masses in the layout that sweeps over constraints are fast with.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Packed {
-    /// Shape `[count]`.
+    /// Shape `[count]`, by place.
     pub slots: Vec<Slot>,
+    numbering: Numbering,
 }
 
 impl Packed {
+    /// A copy to be, in the order of `numbering`.
+    pub fn new(numbering: Numbering) -> Self {
+        Self { slots: Vec::new(), numbering }
+    }
+
     /// Copies positions and inverse masses from `particles`.
     pub fn read(&mut self, particles: &Particles) {
-        let both = particles.position.iter().zip(&particles.inverse_mass);
-        self.slots.clear();
-        self.slots.extend(both.map(|(x, w)| Slot([x.x, x.y, x.z, *w])));
+        let (x, w) = (&particles.position, &particles.inverse_mass);
+        let copy = |p: usize| Slot([x[p].x, x[p].y, x[p].z, w[p]]);
+        let fill = |(first, slots): (usize, &mut [Slot])| match &self.numbering.both {
+            None => slots.iter_mut().enumerate().for_each(|(k, slot)| *slot = copy(first + k)),
+            Some(both) => slots.iter_mut().zip(&both.0[first..]).for_each(|(slot, &p)| *slot = copy(p as usize)),
+        };
+        self.slots.resize(x.len(), Slot::default());
+        let pieces = |(k, slots)| fill((k * SHARE, slots));
+        if is_shared(x.len()) {
+            self.slots.par_chunks_mut(SHARE).enumerate().for_each(pieces);
+        } else {
+            fill((0, &mut self.slots));
+        }
     }
 
     /// Copies the positions back to `particles`, which must be as many.
     pub fn write(&self, particles: &mut Particles) {
-        for (x, Slot([a, b, c, _])) in particles.position.iter_mut().zip(&self.slots) {
-            *x = Point3::new(*a, *b, *c);
+        let point = |k: usize| {
+            let Slot([x, y, z, _]) = self.slots[k];
+            Point3::new(x, y, z)
+        };
+        let fill = |(first, to): (usize, &mut [Point3<f64>])| match &self.numbering.both {
+            None => to.iter_mut().enumerate().for_each(|(k, x)| *x = point(first + k)),
+            Some(both) => to.iter_mut().zip(&both.1[first..]).for_each(|(x, &place)| *x = point(place as usize)),
+        };
+        let x = &mut particles.position;
+        if is_shared(x.len()) {
+            x.par_chunks_mut(SHARE).enumerate().for_each(|(k, x)| fill((k * SHARE, x)));
+        } else {
+            fill((0, x));
         }
     }
 

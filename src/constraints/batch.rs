@@ -3,17 +3,16 @@
 use std::ops::Range;
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::Constraint;
+use super::blocks::Block;
 use super::lanes::{self, Width};
 use super::order::{Order, Schedule, schedule};
-use super::projection::{Correction, Span, Sweep, Swept, correction};
-use crate::particles::{Packed, Particles};
+use super::projection::{Span, Sweep, Swept};
+use crate::particles::{Numbering, Packed, Particles};
 
-/// Less work than this in a colour is done by one thread: below it the hand-over costs more than two threads
-/// gain. In constraints times squared points, which goes about with the time of a projection. Measured on spheres: at
-/// 163,842 vertices two threads cost 1.1 times one for hinges, at 40,962 1.5 times.
+/// Less work than this is done by one thread: below it the hand-over costs more than a second one gains. In constraints
+/// times squared points, which goes about with the time of a projection.
 const PARALLEL: usize = 262_144;
 
 /// How far constraints are from being satisfied, as distances in space.
@@ -67,10 +66,11 @@ pub struct Batch<C, const K: usize> {
     relaxation: Vec<f64>,
     multipliers: Vec<f64>,
     schedule: Schedule,
+    /// Where each one's particles are in their block.
+    places: Vec<[u32; K]>,
     spans: Vec<Span>,
     width: Width,
     packed: Packed,
-    corrections: Vec<Option<Correction<K>>>,
     calls: u64,
     skipped: u64,
 }
@@ -81,19 +81,36 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// # Panics
     /// If the number of compliances differs from that of constraints.
     pub fn new(constraints: Vec<C>, compliance: Vec<f64>, order: Order, count: usize, loaded: &[u32]) -> Self {
+        Self::numbered(constraints, compliance, order, (&Numbering::default(), count), loaded)
+    }
+
+    /// As [`Self::new`], for particles that lie in memory in the order of `numbering`; [`Self::project_packed`] then
+    /// wants a copy in that order.
+    ///
+    /// # Panics
+    /// As [`Self::new`].
+    pub fn numbered(
+        constraints: Vec<C>,
+        compliance: Vec<f64>,
+        order: Order,
+        (numbering, count): (&Numbering, usize),
+        loaded: &[u32],
+    ) -> Self {
         assert_eq!(constraints.len(), compliance.len(), "one compliance for each constraint");
-        let points: Vec<[u32; K]> = constraints.iter().map(Constraint::points).collect();
-        let schedule = schedule(order, &points, count, loaded);
+        let place = |p: u32| numbering.place(p);
+        let points: Vec<[u32; K]> = constraints.iter().map(|c| c.points().map(place)).collect();
+        let loaded: Vec<u32> = loaded.iter().map(|&p| place(p)).collect();
+        let schedule = schedule(order, &points, count, &loaded);
         let sorted = |i: &u32| *i as usize;
         Self {
             constraints: schedule.sequence.iter().map(|i| constraints[sorted(i)]).collect(),
             compliance: schedule.sequence.iter().map(|i| compliance[sorted(i)]).collect(),
             relaxation: vec![1.0; constraints.len()],
             multipliers: vec![0.0; constraints.len()],
+            places: places(&schedule, &points),
             spans: spans(&schedule, &points),
             width: Width::best(),
-            packed: Packed::default(),
-            corrections: Vec::new(),
+            packed: Packed::new(numbering.clone()),
             schedule,
             calls: 0,
             skipped: 0,
@@ -140,52 +157,81 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     }
 
     fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
-        let parallel = !(C::LANES && self.width > Width::One) && rayon::current_num_threads() > 1;
-        let sweep = Sweep {
+        let width = if C::LANES { self.width } else { Width::One };
+        let parallel = self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
+        let mut all = Sweep {
             constraints: &mut self.constraints,
+            places: &self.places,
             compliance: &self.compliance,
             relaxation: &self.relaxation,
             multipliers: &mut self.multipliers,
             slots: &mut packed.slots,
             per_dt2: 1.0 / (dt * dt),
-            skipped: &mut self.skipped,
+            skipped: 0,
         };
-        if parallel {
-            in_parallel(sweep, &self.spans, &mut self.corrections);
-        } else {
-            lanes::run(if C::LANES { self.width } else { Width::One }, Swept(sweep, &self.spans));
+        for phase in &self.schedule.phases {
+            let Some(first) = phase.first() else { continue };
+            let [_, rest] = all.split(first.places.start, first.particles.start);
+            let origin = (first.places.start, first.particles.start);
+            self.skipped += Phase { spans: &self.spans, width, parallel }.sweep(phase, origin, rest);
         }
     }
 }
 
-/// The ranges of the sweep, and in which of them lanes may be filled side by side.
+/// How the blocks of a phase are swept.
+#[derive(Clone, Copy)]
+struct Phase<'a> {
+    spans: &'a [Span],
+    width: Width,
+    parallel: bool,
+}
+
+impl Phase<'_> {
+    /// Sweeps `blocks` over what begins at the place and particle `origin`; returns how many projections were left out.
+    fn sweep<C: Constraint<K>, const K: usize>(
+        self,
+        blocks: &[Block],
+        origin: (usize, usize),
+        mut over: Sweep<C, K>,
+    ) -> u64 {
+        if let [block] = blocks {
+            let [mut own, _] = over.split(block.places.len(), block.particles.end - origin.1);
+            own.slots = &mut own.slots[block.particles.start - origin.1..];
+            lanes::run(self.width, Swept(&mut own, &self.spans[block.colours.clone()]));
+            return own.skipped;
+        }
+        let (left, right) = blocks.split_at(blocks.len() / 2);
+        let middle = (right[0].places.start, right[0].particles.start);
+        let [first, second] = over.split(middle.0 - origin.0, middle.1 - origin.1);
+        let (a, b) = (|| self.sweep(left, origin, first), || self.sweep(right, middle, second));
+        let (a, b) = if self.parallel { rayon::join(a, b) } else { (a(), b()) };
+        a + b
+    }
+}
+
+/// Each constraint's particles, counted from the first of its block.
+fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32; K]> {
+    let blocks = schedule.phases.iter().flatten();
+    let of = |block: &Block| {
+        let base = block.particles.start as u32;
+        schedule.sequence[block.places.clone()].iter().map(move |&c| points[c as usize].map(|p| p - base))
+    };
+    blocks.flat_map(of).collect()
+}
+
+/// The colours of all blocks, and in which of them lanes may be filled side by side.
 fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> {
     // A constraint that names a particle twice moves it twice.
     let repeats = |p: &[u32; K]| (1..K).any(|k| p[..k].contains(&p[k]));
-    let of = |range: &Range<usize>| {
-        let mut these = schedule.sequence[range.clone()].iter().map(|&c| &points[c as usize]);
-        Span { range: range.clone(), independent: schedule.independent && !these.any(repeats) }
-    };
-    schedule.colours.iter().map(of).collect()
-}
-
-/// A sweep that computes all corrections of a long colour in parallel, then applies them: no two touch the same
-/// particle, so the bits are those of the serial sweep.
-fn in_parallel<C: Constraint<K>, const K: usize>(
-    mut sweep: Sweep<C, K>,
-    spans: &[Span],
-    corrections: &mut Vec<Option<Correction<K>>>,
-) {
-    for Span { range, independent } in spans {
-        if !independent || range.len() * K * K < PARALLEL {
-            sweep.serial(range.clone(), *independent);
-            continue;
+    let mut spans = Vec::with_capacity(schedule.colours.len());
+    for block in schedule.phases.iter().flatten() {
+        for colour in &schedule.colours[block.colours.clone()] {
+            let mut these = schedule.sequence[colour.clone()].iter().map(|&c| &points[c as usize]);
+            let range = colour.start - block.places.start..colour.end - block.places.start;
+            spans.push(Span { range, independent: schedule.independent && !these.any(repeats) });
         }
-        let shared = &sweep;
-        let compute = |j| correction(&shared.constraints[j], shared.slots, shared.numbers(j));
-        range.clone().into_par_iter().with_min_len(PARALLEL / (4 * K * K)).map(compute).collect_into_vec(corrections);
-        range.clone().zip(corrections.iter()).for_each(|(j, correction)| sweep.apply(j, *correction));
     }
+    spans
 }
 
 impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
@@ -202,9 +248,10 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
             + (self.compliance.capacity() + self.relaxation.capacity() + self.multipliers.capacity()) * 8
             + self.schedule.sequence.capacity() * 4
             + self.schedule.colours.capacity() * size_of::<Range<usize>>()
+            + self.schedule.phases.iter().map(|blocks| blocks.capacity() * size_of::<Block>()).sum::<usize>()
+            + self.places.capacity() * size_of::<[u32; K]>()
             + self.spans.capacity() * size_of::<Span>()
             + self.packed.bytes()
-            + self.corrections.capacity() * size_of::<Option<Correction<K>>>()
     }
 
     fn begin_step(&mut self) {

@@ -87,8 +87,7 @@ impl Constraint<4> for Bending {
         let points = [x[0], x[1], x[2], x[3]].map(|p| p.coords.into());
         let Several { value, gradient, usual } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
         let [a, b, c, d] = gradient;
-        let gradient = [a.into(), b.into(), c.into(), d.into()];
-        if usual { Some((value, gradient)) } else { Some((self.unusual(x)?, gradient)) }
+        if usual { Some((value, [a.into(), b.into(), c.into(), d.into()])) } else { self.unusual(x) }
     }
 
     const LANES: bool = true;
@@ -114,14 +113,18 @@ impl Constraint<4> for Bending {
         let value = theta - N::each(machine, |l| these[l].rest);
         let off = value - N::each(machine, |l| these[l].last);
         let unwrapped = of(-PI).lt(off) & off.le(of(PI));
-        let g3 = scale(n1, -length / q1);
-        let g4 = scale(n2, -length / q2);
-        let (one, per_ee) = (of(1.0), of(1.0) / ee);
+        // One division for three.
+        let all = of(1.0) / (q1 * q2 * ee);
+        let (one, per_ee) = (of(1.0), q1 * q2 * all);
+        let le = length * ee;
+        let in_range = of(1e-280).lt(q1 * q2 * ee) & (q1 * q2 * ee).lt(of(1e280));
+        let g3 = scale(n1, -(le * q2) * all);
+        let g4 = scale(n2, -(le * q1) * all);
         let t3 = dot(a, e) * per_ee;
         let t4 = dot(b, e) * per_ee;
         let g2 = sub(neg(scale(g3, t3)), scale(g4, t4));
         let g1 = sub(neg(scale(g3, one - t3)), scale(g4, one - t4));
-        Several { value, gradient: [g1, g2, g3, g4], usual: solid & angular & unwrapped }
+        Several { value, gradient: [g1, g2, g3, g4], usual: solid & angular & unwrapped & in_range }
     }
 }
 
@@ -137,16 +140,22 @@ fn is_solid(x: &[Point3<f64>; 4]) -> bool {
 }
 
 impl Bending {
-    /// C of a hinge that is nearly degenerate, was turned by more than half a turn, or has odd numbers; `None` where
-    /// the gradient is undefined.
+    /// C and its gradient of a hinge that is nearly degenerate, was turned by more than half a turn, or has odd
+    /// numbers; `None` where the gradient is undefined.
     #[cold]
-    fn unusual(&self, x: &[Point3<f64>; 4]) -> Option<f64> {
+    fn unusual(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
         if !is_solid(x) {
             return None;
         }
         let (e, a, b) = (x[1] - x[0], x[2] - x[0], x[3] - x[0]);
         let (n1, n2) = (e.cross(&a), b.cross(&e));
-        let theta = atan2(-n1.dot(&b) * e.norm_squared().sqrt(), n1.dot(&n2));
-        Some(unwrap(theta - self.rest, self.last))
+        let ee = e.norm_squared();
+        let theta = atan2(-n1.dot(&b) * ee.sqrt(), n1.dot(&n2));
+        let g3 = n1 * (-ee.sqrt() / n1.norm_squared());
+        let g4 = n2 * (-ee.sqrt() / n2.norm_squared());
+        let (t3, t4) = (a.dot(&e) / ee, b.dot(&e) / ee);
+        let g1 = -g3 * (1.0 - t3) - g4 * (1.0 - t4);
+        let g2 = -g3 * t3 - g4 * t4;
+        Some((unwrap(theta - self.rest, self.last), [g1, g2, g3, g4]))
     }
 }

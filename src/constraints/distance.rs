@@ -29,6 +29,8 @@ impl Constraint<2> for Distance {
         self.points
     }
 
+    const UNIT: bool = true;
+
     fn value<S: Scalar>(&self, x: &[Point3<S>; 2]) -> S {
         let d = x[0] - x[1];
         d.dot(&d).sqrt() - S::of(self.rest)

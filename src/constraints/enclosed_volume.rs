@@ -1,10 +1,11 @@
 //! Volume enclosed by a closed surface: C = V(x) - k V0, projected exactly.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::rings::{Rings, Terms};
 use super::{Residual, Width};
-use crate::particles::{Packed, Particles, Slot};
+use crate::particles::{Packed, Particles, SHARE, Slot, is_shared};
 
 /// Keeps the volume enclosed by a closed, consistently oriented surface at `target` [m^3].
 ///
@@ -22,8 +23,7 @@ pub struct EnclosedVolume {
     multiplier: f64,
     packed: Packed,
     gradient: Vec<Slot>,
-    field: Vec<Vector3<f64>>,
-    field_slots: Vec<Slot>,
+    field: Vec<Slot>,
     terms: Terms,
     calls: u64,
     unsolved: u64,
@@ -53,8 +53,7 @@ impl EnclosedVolume {
             multiplier: 0.0,
             packed: Packed::default(),
             gradient: vec![Slot::default(); count],
-            field: vec![Vector3::zeros(); count],
-            field_slots: vec![Slot::default(); count],
+            field: vec![Slot::default(); count],
             terms: Terms::default(),
             calls: 0,
             unsolved: 0,
@@ -149,7 +148,7 @@ impl EnclosedVolume {
         &mut self,
         particles: &mut Particles,
         dt: f64,
-        restrict: impl FnOnce(&mut [Vector3<f64>], f64),
+        restrict: impl FnOnce(&mut [Slot], f64),
     ) -> Result<(), Unsolvable> {
         self.calls += 1;
         if dt == 0.0 {
@@ -157,8 +156,15 @@ impl EnclosedVolume {
         }
         self.packed.read(particles);
         let volume = self.rings.volume(self.width, &self.packed.slots, &mut self.gradient, &mut self.terms);
-        for ((d, g), w) in self.field.iter_mut().zip(&self.gradient).zip(&particles.inverse_mass) {
-            *d = vector(g) * *w;
+        let weigh = |((d, g), at): ((&mut Slot, &Slot), &Slot)| {
+            let (&Slot([x, y, z, _]), &Slot([.., w])) = (g, at);
+            *d = Slot([x * w, y * w, z * w, 0.0]);
+        };
+        if is_shared(self.field.len()) {
+            let with_gradient = self.field.par_iter_mut().zip(&self.gradient);
+            with_gradient.zip(&self.packed.slots).with_min_len(SHARE).for_each(weigh);
+        } else {
+            self.field.iter_mut().zip(&self.gradient).zip(&self.packed.slots).for_each(weigh);
         }
         let compliance = self.compliance / (dt * dt);
         let wanted = -(volume - self.target) - compliance * self.multiplier;
@@ -167,7 +173,12 @@ impl EnclosedVolume {
         if let Some(change) = found {
             let change = change * self.relaxation;
             self.multiplier += change;
-            particles.position.iter_mut().zip(&self.field).for_each(|(x, d)| *x += d * change);
+            let go = |(x, d): (&mut Point3<f64>, &Slot)| *x += vector(d) * change;
+            if is_shared(self.field.len()) {
+                particles.position.par_iter_mut().zip(&self.field).with_min_len(SHARE).for_each(go);
+            } else {
+                particles.position.iter_mut().zip(&self.field).for_each(go);
+            }
         } else {
             self.unsolved += 1;
         }
@@ -179,11 +190,8 @@ impl EnclosedVolume {
         if wanted == 0.0 {
             return Some(0.0);
         }
-        for (slot, d) in self.field_slots.iter_mut().zip(&self.field) {
-            *slot = Slot([d.x, d.y, d.z, 0.0]);
-        }
-        let [linear, square, cubic] =
-            self.rings.along(self.width, &self.packed.slots, &self.gradient, &self.field_slots, &mut self.terms);
+        let x = &self.packed.slots;
+        let [linear, square, cubic] = self.rings.along(self.width, x, &self.gradient, &self.field, &mut self.terms);
         nearest_root([linear + compliance, square, cubic], wanted)
     }
 
@@ -210,8 +218,7 @@ impl EnclosedVolume {
         self.triangles.capacity() * 12
             + self.rings.bytes()
             + self.packed.bytes()
-            + self.field.capacity() * 24
-            + (self.gradient.capacity() + self.field_slots.capacity()) * size_of::<Slot>()
+            + (self.gradient.capacity() + self.field.capacity()) * size_of::<Slot>()
             + self.terms.bytes()
     }
 }

@@ -3,7 +3,6 @@
 //! What is written for a [`Lane`] is written for one number and for several alike, and gives the same bits: lanes have
 //! the operations of IEEE 754 only, each rounded once, none fused.
 
-mod trio;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
@@ -11,8 +10,6 @@ use std::fmt;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
 
 use crate::particles::Slot;
-
-pub(crate) use trio::{InTrios, Trio, run_in_trios};
 
 /// One number or several side by side, computed in step: each operation acts in every lane.
 pub trait Lane:

@@ -6,6 +6,7 @@
 
 mod angle;
 pub mod batch;
+pub mod blocks;
 pub mod enclosed_volume;
 pub mod lanes;
 pub mod order;
@@ -60,6 +61,9 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
 
     /// Whether C is known up to a period only: to be set with [`Self::remember`], which energies call only then.
     const PERIODIC: bool = false;
+
+    /// Whether the gradient at each point has length one wherever it is defined: a projection then need not measure it.
+    const UNIT: bool = false;
 
     /// C(x), in any number.
     fn value<S: Scalar>(&self, x: &[Point3<S>; K]) -> S;

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use super::blocks::{Block, in_blocks};
+
 /// Order in which a sweep visits constraints.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
@@ -11,7 +13,8 @@ pub enum Order {
     Reversed,
     /// By distance in constraints from the loaded or displaced particles.
     FromLoadedEnd,
-    /// By colour: no two constraints of a colour share a particle.
+    /// By blocks of particles that are numbered near each other, in each block by colour: no two constraints of a
+    /// colour share a particle.
     #[default]
     Coloured,
 }
@@ -40,15 +43,19 @@ pub struct Schedule {
     pub colours: Vec<Range<usize>>,
     /// Whether the ranges are colours.
     pub independent: bool,
+    /// Phases of the sweep, one after the other; the blocks of a phase share no particle.
+    pub phases: Vec<Vec<Block>>,
 }
 
 /// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
+///
+/// Particles with near numbers should be near each other: blocks are ranges of numbers.
 pub fn schedule<const K: usize>(order: Order, points: &[[u32; K]], count: usize, loaded: &[u32]) -> Schedule {
     let stored = 0..points.len() as u32;
     match order {
-        Order::Coloured => colour(points, count),
-        Order::Stored => sequential(stored.collect()),
-        Order::Reversed => sequential(stored.rev().collect()),
+        Order::Coloured => in_blocks(points, count),
+        Order::Stored => sequential(stored.collect(), count),
+        Order::Reversed => sequential(stored.rev().collect(), count),
         Order::FromLoadedEnd => {
             let level = levels(points, count, loaded);
             let mut sequence: Vec<u32> = stored.collect();
@@ -58,14 +65,15 @@ pub fn schedule<const K: usize>(order: Order, points: &[[u32; K]], count: usize,
                 let nearest = of.into_iter().min().unwrap_or(0);
                 (nearest, of.into_iter().map(u64::from).sum::<u64>())
             });
-            sequential(sequence)
+            sequential(sequence, count)
         }
     }
 }
 
-fn sequential(sequence: Vec<u32>) -> Schedule {
+fn sequential(sequence: Vec<u32>, count: usize) -> Schedule {
     let all = 0..sequence.len();
-    Schedule { sequence, colours: vec![all], independent: false }
+    let block = Block { particles: 0..count, colours: 0..1, places: all.clone() };
+    Schedule { sequence, colours: vec![all], independent: false, phases: vec![vec![block]] }
 }
 
 /// Number of constraints between each particle and the nearest of `from`; `u32::MAX` where there is no path.
@@ -94,7 +102,9 @@ fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Ve
 }
 
 /// Greedy colouring by index: each constraint takes the first colour that none of its particles has yet.
-fn colour<const K: usize>(points: &[[u32; K]], count: usize) -> Schedule {
+///
+/// `points` are counted from the first of the `count` particles that occur. Returns a colour for each constraint.
+pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<u32> {
     const BITS: usize = 64;
     let mut words = 1;
     let mut used = vec![0u64; count];
@@ -118,18 +128,7 @@ fn colour<const K: usize>(points: &[[u32; K]], count: usize) -> Schedule {
         p.iter().for_each(|&p| used[p as usize * words + colour / BITS] |= 1 << (colour % BITS));
         colour_of.push(colour as u32);
     }
-    let count_colours = colour_of.iter().max().map_or(0, |&c| c as usize + 1);
-    let mut sequence: Vec<u32> = (0..points.len() as u32).collect();
-    // Within a colour by smallest particle: neighbours in memory are visited together.
-    sequence.sort_by_key(|&c| (colour_of[c as usize], points[c as usize].into_iter().min()));
-    let mut colours = Vec::with_capacity(count_colours);
-    let mut start = 0;
-    for k in 0..count_colours as u32 {
-        let end = start + sequence[start..].iter().take_while(|&&c| colour_of[c as usize] == k).count();
-        colours.push(start..end);
-        start = end;
-    }
-    Schedule { sequence, colours, independent: true }
+    colour_of
 }
 
 #[cfg(test)]

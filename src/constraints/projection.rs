@@ -8,6 +8,15 @@ use super::Constraint;
 use super::lanes::{InLanes, Lane, Several, dot, scale, unrolled};
 use crate::particles::Slot;
 
+/// Lanes at most.
+const MOST: usize = 8;
+
+/// As many as there are lanes at most.
+#[inline(always)]
+fn array<T>(of: impl FnMut(usize) -> T) -> [T; MOST] {
+    std::array::from_fn(of)
+}
+
 /// What one projection does.
 #[derive(Clone, Copy, Debug)]
 pub struct Correction<const K: usize> {
@@ -16,10 +25,10 @@ pub struct Correction<const K: usize> {
     move_by: [[f64; 3]; K],
 }
 
-/// Trios of a sweep that are done after one another, or side by side.
+/// Places of a block that are done after one another, or side by side.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Span {
-    /// The places.
+    /// The places, counted from the block's first.
     pub range: Range<usize>,
     /// Whether no particle occurs twice in it.
     pub independent: bool,
@@ -28,18 +37,55 @@ pub struct Span {
 /// What a sweep reads and writes; all but `slots` in sweep order.
 pub struct Sweep<'a, C, const K: usize> {
     pub constraints: &'a mut [C],
+    /// Where the constraints' particles are, counted from the first slot of their block.
+    pub places: &'a [[u32; K]],
     pub compliance: &'a [f64],
     pub relaxation: &'a [f64],
     pub multipliers: &'a mut [f64],
     pub slots: &'a mut [Slot],
     pub per_dt2: f64,
     /// Projections left out.
-    pub skipped: &'a mut u64,
+    pub skipped: u64,
+}
+
+impl<C, const K: usize> Sweep<'_, C, K> {
+    /// The first `constraints` with the first `slots`, and the others.
+    pub fn split(&mut self, constraints: usize, slots: usize) -> [Sweep<'_, C, K>; 2] {
+        let (a, b) = self.constraints.split_at_mut(constraints);
+        let (places_a, places_b) = self.places.split_at(constraints);
+        let (compliance_a, compliance_b) = self.compliance.split_at(constraints);
+        let (relaxation_a, relaxation_b) = self.relaxation.split_at(constraints);
+        let (multipliers_a, multipliers_b) = self.multipliers.split_at_mut(constraints);
+        let (slots_a, slots_b) = self.slots.split_at_mut(slots);
+        let per_dt2 = self.per_dt2;
+        [
+            Sweep {
+                constraints: a,
+                places: places_a,
+                compliance: compliance_a,
+                relaxation: relaxation_a,
+                multipliers: multipliers_a,
+                slots: slots_a,
+                per_dt2,
+                skipped: 0,
+            },
+            Sweep {
+                constraints: b,
+                places: places_b,
+                compliance: compliance_b,
+                relaxation: relaxation_b,
+                multipliers: multipliers_b,
+                slots: slots_b,
+                per_dt2,
+                skipped: 0,
+            },
+        ]
+    }
 }
 
 /// Change of the multiplier, and sum w |g|^2.
 #[inline(always)]
-fn change<N: Lane, const K: usize>(
+fn change<C: Constraint<K>, N: Lane, const K: usize>(
     machine: N::Machine,
     (value, gradient): (N, &[[N; 3]; K]),
     inverse_mass: &[N; K],
@@ -47,26 +93,27 @@ fn change<N: Lane, const K: usize>(
 ) -> (N, N) {
     let mut weight = N::splat(machine, 0.0);
     unrolled!(k in K => {
-        weight = weight + inverse_mass[k] * dot(gradient[k], gradient[k]);
+        let inverse_mass = inverse_mass[k];
+        weight = weight + if C::UNIT { inverse_mass } else { inverse_mass * dot(gradient[k], gradient[k]) };
     });
     // Of an infinite compliance, infinity times a multiplier of zero would be NaN.
     let largest = N::splat(machine, f64::MAX);
     let compliance = N::select(compliance.lt(largest), compliance, largest);
-    (relaxation * (-value - compliance * multiplier) / (weight + compliance), weight)
+    // The quotient first: it need not wait for the value.
+    (relaxation / (weight + compliance) * (-value - compliance * multiplier), weight)
 }
 
 /// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
 #[inline(always)]
 pub fn correction<C: Constraint<K>, const K: usize>(
     constraint: &C,
-    slots: &[Slot],
+    at: [[f64; 4]; K],
     numbers: (f64, f64, f64),
 ) -> Option<Correction<K>> {
-    let at = constraint.points().map(|p| slots[p as usize].0);
     let (value, gradient) = constraint.value_and_gradient(&at.map(|[x, y, z, _]| Point3::new(x, y, z)))?;
     let inverse_mass = at.map(|slot| slot[3]);
     let mut move_by = gradient.map(Into::into);
-    let (change, weight) = change::<f64, K>((), (value, &move_by), &inverse_mass, numbers);
+    let (change, weight) = change::<C, f64, K>((), (value, &move_by), &inverse_mass, numbers);
     // All points held, or a gradient of zero: nothing that moves could change C.
     if weight <= 0.0 {
         return None;
@@ -88,12 +135,12 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     #[inline(always)]
     pub fn apply(&mut self, j: usize, correction: Option<Correction<K>>) {
         let Some(Correction { value, change, move_by }) = correction else {
-            *self.skipped += 1;
+            self.skipped += 1;
             return;
         };
         self.multipliers[j] += change;
         self.constraints[j].remember(value);
-        for (p, by) in self.constraints[j].points().into_iter().zip(move_by) {
+        for (p, by) in self.places[j].into_iter().zip(move_by) {
             let slot = &mut self.slots[p as usize].0;
             for k in 0..3 {
                 slot[k] += by[k];
@@ -106,9 +153,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     #[inline(never)]
     pub fn serial(&mut self, range: Range<usize>, independent: bool) {
         for j in range {
-            if C::LANES && independent {
-                self.side_by_side::<f64>((), j);
-            } else {
+            if !(C::LANES && independent && self.side_by_side::<f64>((), j, 1)) {
                 self.alone(j);
             }
         }
@@ -117,72 +162,111 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     /// Projects one constraint, whatever its numbers and particles are.
     #[inline(always)]
     fn alone(&mut self, j: usize) {
-        let correction = correction(&self.constraints[j], self.slots, self.numbers(j));
+        let at = self.places[j].map(|p| self.slots[p as usize].0);
+        let correction = correction(&self.constraints[j], at, self.numbers(j));
         self.apply(j, correction);
+    }
+
+    /// Projects as many constraints from `j` on as there are lanes.
+    #[inline(always)]
+    fn group<N: Lane>(&mut self, machine: N::Machine, j: usize) {
+        if !self.side_by_side::<N>(machine, j, N::COUNT) {
+            self.unusual(j..j + N::COUNT);
+        }
     }
 
     /// Projects constraints for which the form in lanes does not hold.
     #[cold]
+    #[inline(never)]
     fn unusual(&mut self, range: Range<usize>) {
-        range.for_each(|j| self.alone(j));
+        self.serial(range, true);
     }
 
-    /// Projects the constraints from `j` on, as many as there are lanes; no particle may occur twice.
+    /// Projects the constraints of a range, fewer than there are lanes: the last of them fills the others, which do and
+    /// write the same.
     #[inline(always)]
-    fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize) {
+    fn rest<N: Lane>(&mut self, machine: N::Machine, range: Range<usize>) {
+        let Some(last) = range.clone().next_back() else { return };
+        let at = |l: usize| (range.start + l).min(last);
+        let (few, mut constraints) = (range.len(), array(|l| self.constraints[at(l)]));
+        let mut multipliers = array(|l| self.multipliers[at(l)]);
+        let mut filled = Sweep {
+            constraints: &mut constraints,
+            places: &array(|l| self.places[at(l)]),
+            compliance: &array(|l| self.compliance[at(l)]),
+            relaxation: &array(|l| self.relaxation[at(l)]),
+            multipliers: &mut multipliers,
+            slots: self.slots,
+            per_dt2: self.per_dt2,
+            skipped: 0,
+        };
+        if !filled.side_by_side::<N>(machine, 0, few) {
+            return self.unusual(range);
+        }
+        self.skipped += filled.skipped;
+        self.multipliers[range.clone()].copy_from_slice(&multipliers[..few]);
+        if C::PERIODIC {
+            self.constraints[range].copy_from_slice(&constraints[..few]);
+        }
+    }
+
+    /// Projects the constraints from `j` on, as many as there are lanes; no particle may occur twice, but in a
+    /// repetition of the last: only the first `counted` are. Returns false and does nothing where the form in lanes
+    /// does not hold for all.
+    #[inline(always)]
+    fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize, counted: usize) -> bool {
         let range = j..j + N::COUNT;
         let these = &self.constraints[range.clone()];
+        let places = &self.places[range.clone()];
         let zero = N::splat(machine, 0.0);
         let (mut x, mut inverse_mass) = ([[zero; 3]; K], [zero; K]);
         unrolled!(k in K => {
-            let [a, b, c, w] = N::gather(machine, self.slots, |l| these[l].points()[k]);
+            let [a, b, c, w] = N::gather(machine, self.slots, |l| places[l][k]);
             (x[k], inverse_mass[k]) = ([a, b, c], w);
         });
         let Several { value, gradient, usual } = C::in_lanes::<N>(these, machine, &x);
         if !N::all(usual) {
-            return self.unusual(range);
+            return false;
         }
         let multiplier = N::load(machine, &self.multipliers[range.clone()]);
         let compliance = N::load(machine, &self.compliance[range.clone()]) * N::splat(machine, self.per_dt2);
         let relaxation = N::load(machine, &self.relaxation[range.clone()]);
         let numbers = (compliance, relaxation, multiplier);
-        let (change, weight) = change(machine, (value, &gradient), &inverse_mass, numbers);
+        let (change, weight) = change::<C, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
         // All points held, or a gradient of zero: nothing that moves could change C.
         let still = weight.le(zero);
-        *self.skipped += u64::from(N::bits(still).count_ones());
-        if N::all(still) {
-            return;
-        }
+        let change = N::select(still, zero, change);
+        self.skipped += u64::from((N::bits(still) & ((1 << counted) - 1)).count_ones());
         unrolled!(k in K => {
             let by = scale(gradient[k], inverse_mass[k] * change);
-            let to = |i: usize| N::select(still, x[k][i], x[k][i] + by[i]);
-            N::scatter([to(0), to(1), to(2), inverse_mass[k]], self.slots, |l| these[l].points()[k]);
+            let to = [x[k][0] + by[0], x[k][1] + by[1], x[k][2] + by[2], inverse_mass[k]];
+            N::scatter(to, self.slots, |l| places[l][k]);
         });
-        N::select(still, multiplier, multiplier + change).store(&mut self.multipliers[range.clone()]);
-        let mut values = [0.0; 8];
-        value.store(&mut values);
-        let still = N::bits(still);
-        for (l, constraint) in self.constraints[range].iter_mut().enumerate() {
-            if still & (1 << l) == 0 {
-                constraint.remember(values[l]);
-            }
+        (multiplier + change).store(&mut self.multipliers[range.clone()]);
+        if C::PERIODIC {
+            let mut values = [0.0; MOST];
+            value.store(&mut values);
+            self.constraints[range].iter_mut().zip(values).for_each(|(c, value)| c.remember(value));
         }
+        true
     }
 }
 
-/// A sweep over spans, in lanes where a span allows it.
-pub struct Swept<'a, 'b, C, const K: usize>(pub Sweep<'a, C, K>, pub &'b [Span]);
+/// A sweep over the spans of a block, in lanes where a span allows it.
+pub struct Swept<'a, 'b, C, const K: usize>(pub &'b mut Sweep<'a, C, K>, pub &'b [Span]);
 
 impl<C: Constraint<K>, const K: usize> InLanes for Swept<'_, '_, C, K> {
     #[inline(always)]
-    fn run<N: Lane>(mut self, machine: N::Machine) {
+    fn run<N: Lane>(self, machine: N::Machine) {
         for Span { range, independent } in self.1 {
             let mut rest = range.clone();
             if C::LANES && *independent && N::COUNT > 1 {
                 while rest.len() >= N::COUNT {
-                    self.0.side_by_side::<N>(machine, rest.start);
+                    self.0.group::<N>(machine, rest.start);
                     rest.start += N::COUNT;
                 }
+                self.0.rest::<N>(machine, rest);
+                continue;
             }
             self.0.serial(rest, *independent);
         }

@@ -10,7 +10,7 @@ use super::{Obstacle, Placed};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
-use crate::particles::Particles;
+use crate::particles::{Particles, Slot};
 
 /// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
 /// bone, so that a triangle whose corners rest on a gently curved bone is left alone.
@@ -353,10 +353,15 @@ pub struct Barred(Vec<(u32, Vector3<f64>)>);
 impl Barred {
     /// Takes out of a field of displacements, of which vertices will go `sign` times a positive multiple, what would
     /// push them into a bone.
-    pub fn restrict(&self, field: &mut [Vector3<f64>], sign: f64) {
+    pub fn restrict(&self, field: &mut [Slot], sign: f64) {
         // The second pass undoes what one bone's row changed for another's; what then is left over stays put.
         for pass in 0..3 {
-            self.0.iter().for_each(|(v, normal)| bar(&mut field[*v as usize], sign, normal, pass == 2));
+            for (v, normal) in &self.0 {
+                let Slot([x, y, z, _]) = &mut field[*v as usize];
+                let mut d = Vector3::new(*x, *y, *z);
+                bar(&mut d, sign, normal, pass == 2);
+                (*x, *y, *z) = (d.x, d.y, d.z);
+            }
         }
     }
 }

@@ -8,15 +8,15 @@ use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
 use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
-use crate::constraints::{Batch, EnclosedVolume, Order, Project};
+use crate::constraints::{Batch, Constraint, EnclosedVolume, Order, Project};
 use crate::contact::untangle::{Untangled, untangle};
 use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
-use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
+use crate::mesh::{TriangleMesh, order};
 use crate::muscles::attachments::{self, Attached};
-use crate::particles::Particles;
+use crate::particles::{Numbering, Particles};
 use crate::scene::{Area, Mass, Muscle, Scene, Solver};
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
@@ -84,7 +84,8 @@ impl Body {
         attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
         displace(scene, m, &mut particles)?;
         let length = mesh.length();
-        let mut system = System::new(particles, settings(scene, length));
+        let numbering = numbering(&topology);
+        let mut system = System::new(particles, settings(scene, length)).with_numbering(numbering.clone());
         let (edges, edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
         let fibres = if asset.fibres.is_empty() || mesh.triangles.is_empty() {
             BoundLines::default()
@@ -118,11 +119,12 @@ impl Body {
             });
             equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
         } else {
+            let over = || Over { order: scene.solver.order(), numbering: &numbering, count, loaded: &loaded };
             if plan.stretch {
-                system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, count, &loaded));
+                system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, over()));
             }
             if plan.bending {
-                system.elastic.push(bending(scene, hinges.0, &hinges.1, count, &loaded));
+                system.elastic.push(bending(scene, hinges.0, &hinges.1, over()));
             }
         }
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
@@ -215,10 +217,6 @@ fn time_step(scene: &Scene) -> f64 {
     1.0 / (scene.frame_rate * f64::from(scene.solver.substeps()))
 }
 
-fn order_of(scene: &Scene) -> Order {
-    scene.solver.order()
-}
-
 fn edges_of(mesh: &TriangleMesh, topology: &Topology, extra: &[[u32; 2]], membrane: f64) -> (Vec<Distance>, Vec<f64>) {
     let (mut edges, mut k) = stiffness::edges(mesh, topology, membrane);
     for &points in extra {
@@ -229,40 +227,51 @@ fn edges_of(mesh: &TriangleMesh, topology: &Topology, extra: &[[u32; 2]], membra
     (edges, k)
 }
 
-fn stretch(
-    scene: &Scene,
-    edges: &[Distance],
-    k: &[f64],
-    factors: &[f64],
+/// In which order constraints are swept, over which particles.
+struct Over<'a> {
+    order: Order,
+    numbering: &'a Numbering,
     count: usize,
-    loaded: &[u32],
-) -> Box<dyn Project> {
-    let order = order_of(scene);
+    loaded: &'a [u32],
+}
+
+impl Over<'_> {
+    fn batch<C: Constraint<K>, const K: usize>(&self, constraints: Vec<C>, compliance: Vec<f64>) -> Batch<C, K> {
+        Batch::numbered(constraints, compliance, self.order, (self.numbering, self.count), self.loaded)
+    }
+}
+
+/// Neighbours beside each other in memory, where the mesh does not number them so.
+fn numbering(topology: &Topology) -> Numbering {
+    let better = Numbering::new(order::permutation(topology));
+    let reach = |&[a, b]: &[u32; 2]| better.place(a).abs_diff(better.place(b));
+    let bandwidth = topology.edges.iter().map(reach).max().unwrap_or(0);
+    if bandwidth < order::bandwidth(topology) { better } else { Numbering::default() }
+}
+
+fn stretch(scene: &Scene, edges: &[Distance], k: &[f64], factors: &[f64], over: Over) -> Box<dyn Project> {
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
             let weighed = edges.iter().copied().zip(k.iter().zip(factors).map(|(k, f)| k * f));
             let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
-            Box::new(Batch::<Distance, 2>::new(edges, stiffness::compliance(&k), order, count, loaded))
+            Box::new(over.batch(edges, stiffness::compliance(&k)))
         }
         Solver::Pbd(s) => {
             let relaxation: Vec<f64> = factors.iter().map(|f| f * s.stretch).collect();
-            let batch = Batch::<Distance, 2>::new(edges.to_vec(), vec![0.0; edges.len()], order, count, loaded);
-            Box::new(batch.with_relaxation(&relaxation))
+            Box::new(over.batch(edges.to_vec(), vec![0.0; edges.len()]).with_relaxation(&relaxation))
         }
     }
 }
 
-fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], count: usize, loaded: &[u32]) -> Box<dyn Project> {
-    let order = order_of(scene);
+fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], over: Over) -> Box<dyn Project> {
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
-            Box::new(Batch::<Bending, 4>::new(hinges, stiffness::compliance(k), order, count, loaded))
+            Box::new(over.batch(hinges, stiffness::compliance(k)))
         }
         Solver::Pbd(s) => {
-            let relaxation = vec![s.bending; hinges.len()];
-            let compliance = vec![0.0; hinges.len()];
-            Box::new(Batch::<Bending, 4>::new(hinges, compliance, order, count, loaded).with_relaxation(&relaxation))
+            let (relaxation, compliance) = (vec![s.bending; hinges.len()], vec![0.0; hinges.len()]);
+            Box::new(over.batch(hinges, compliance).with_relaxation(&relaxation))
         }
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::constraints::{EnclosedVolume, Project, Residual};
 use crate::contact::{Contacts, Placed};
-use crate::particles::{Packed, Particles};
+use crate::particles::{Numbering, Packed, Particles, Slot};
 
 /// A particle carried by a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -114,6 +114,13 @@ impl System {
         }
     }
 
+    /// With particles in memory in the order of `numbering` while constraints are swept; those must be made for it.
+    #[must_use]
+    pub fn with_numbering(mut self, numbering: Numbering) -> Self {
+        self.packed = Packed::new(numbering);
+        self
+    }
+
     /// Steps by `dt` [s] while the bones go from `before` to `now`. A step of no length leaves every bit as it is.
     ///
     /// # Errors
@@ -191,7 +198,7 @@ impl System {
     fn project_volume(&mut self, dt: f64) {
         let Some(volume) = &mut self.volume else { return };
         let barred = self.contacts.as_ref().map(|contacts| contacts.barred(&self.particles.position));
-        let restrict = |field: &mut [Vector3<f64>], sign: f64| {
+        let restrict = |field: &mut [Slot], sign: f64| {
             if let Some(barred) = &barred {
                 barred.restrict(field, sign);
             }

@@ -131,6 +131,10 @@ pub fn check_constraint<C: Constraint<K>, const K: usize>(seed: u64, cases: usiz
         translation(&kind, &x, &parameters).map_err(|d| fail("translation, bit for bit (P3)", d))?;
         scaling(&kind, &x, &parameters).map_err(|d| fail("unit of length, bit for bit (P8)", d))?;
         balance::<C, K>(&kind, &x).map_err(|d| fail("forces and torques balance (P5, P6)", d))?;
+        if C::UNIT {
+            let at = kind.value_and_gradient(&std::array::from_fn(|k| x[k]));
+            at.map_or(Ok(()), |(_, g)| unit(&g)).map_err(|d| fail("gradients of length one", d))?;
+        }
         rotation(&kind, &x, &parameters, &mut draw).map_err(|d| fail("rotation (P7)", d))?;
         for scale in [1e-3, 1.0, 1e3] {
             let offset = Vector3::from_fn(|_, _| draw.between(-4.0, 4.0) * scale);
@@ -189,6 +193,15 @@ fn scaling<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>], parame
         same_bits(&here, &back)?;
     }
     Ok(())
+}
+
+/// Each gradient has length one to rounding, as a constraint says that declares [`Constraint::UNIT`].
+fn unit(gradient: &[Vector3<f64>]) -> Result<(), String> {
+    let off = |g: &Vector3<f64>| (g.norm() - 1.0).abs();
+    match gradient.iter().find(|g| !(off(g) <= 4.0 * f64::EPSILON)) {
+        Some(g) => Err(format!("{g:?} is {:e} off", off(g))),
+        None => Ok(()),
+    }
 }
 
 fn balance<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Result<(), String> {
@@ -313,6 +326,13 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn gradients_that_are_not_of_length_one_are_rejected() {
+        let g = Vector3::new(0.6, 0.0, -0.8);
+        assert_eq!(unit(&[g, -g]), Ok(()));
+        assert!(unit(&[g, g * (1.0 + 1e-14)]).is_err() && unit(&[Vector3::repeat(f64::NAN)]).is_err());
     }
 
     #[test]

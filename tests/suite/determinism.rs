@@ -1,25 +1,31 @@
 //! The same bits for any number of threads and any order within a colour (P42, P43).
 
 use nalgebra::{Point3, Vector3};
+use pliant::constraints::blocks::Block;
 use pliant::constraints::{Batch, Constraint, Distance, Order, Project};
 use pliant::contact::Contacts;
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::sum::tree_sum;
-use pliant::particles::Particles;
+use pliant::mesh::{Topology, TriangleMesh, order};
+use pliant::particles::{Numbering, Particles};
 use pliant::testing::Draw;
 
 use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 
-/// Colours of so many constraints, times their points squared, run in parallel; as in `constraints/batch.rs`.
+/// Sets of so many constraints, times their points squared, are swept in parallel; as in `constraints/batch.rs`.
 const PARALLEL: usize = 262_144;
 
 fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(deed)
 }
 
-/// 163,842 vertices, shaken so that every constraint has something to do.
-fn shaken() -> (pliant::mesh::TriangleMesh, Vec<Point3<f64>>) {
+/// 163,842 vertices in an order that makes blocks, shaken so that every constraint has something to do.
+fn shaken() -> (TriangleMesh, Vec<Point3<f64>>) {
     let mesh = icosphere(1.0, 7);
+    shake(order::apply(&mesh, &order::permutation(&Topology::new(&mesh))))
+}
+
+fn shake(mesh: TriangleMesh) -> (TriangleMesh, Vec<Point3<f64>>) {
     let mut draw = Draw::new(42);
     let moved = mesh.vertices.iter().map(|p| p + draw.direction() * 0.003).collect();
     (mesh, moved)
@@ -40,11 +46,10 @@ fn p42_threads_change_no_bit() {
     let make = |order: Order| -> Vec<Box<dyn Project>> {
         let stretch = batch(edges(&mesh), 1e-6, order, x.len());
         let bending = batch(hinges(&mesh), 1e-2, order, x.len());
-        let longest = |colours: &[std::ops::Range<usize>]| colours.iter().map(|r| r.len()).max().unwrap_or(0);
-        assert!(
-            longest(&stretch.schedule().colours) * 4 >= PARALLEL
-                && longest(&bending.schedule().colours) * 16 >= PARALLEL
-        );
+        assert!(stretch.len() * 4 >= PARALLEL && bending.len() * 16 >= PARALLEL);
+        let blocks = |phases: &[Vec<Block>]| phases.iter().take(2).map(Vec::len).min();
+        assert!(order != Order::Coloured || blocks(&stretch.schedule().phases) >= Some(8));
+        assert!(order != Order::Coloured || blocks(&bending.schedule().phases) >= Some(8));
         vec![Box::new(stretch), Box::new(bending)]
     };
     let reference = with_threads(1, || sweep(&mut make(Order::Coloured), &x));
@@ -74,6 +79,35 @@ fn p42_order_within_a_colour_changes_no_bit() {
         let mut other: Vec<Box<dyn Project>> = vec![Box::new(batch(shuffled, 1e-6, Order::Stored, x.len()))];
         assert!(with_threads(1, || sweep(&mut other, &x)) == reference, "seed {}", draw.seed);
     }
+}
+
+#[test]
+fn p42_a_numbering_moves_memory_and_no_bit() {
+    // The same constraints on the same particles: once numbered anew, once under their numbers with a numbering.
+    let (mesh, x) = shake(icosphere(1.0, 6));
+    let permutation = order::permutation(&Topology::new(&mesh));
+    let numbering = Numbering::new(permutation.clone());
+    let place = |p: u32| numbering.place(p);
+    let there = edges(&mesh);
+    let anew = there.iter().map(|e| Distance { points: e.points.map(place), ..*e }).collect();
+    let compliance = vec![1e-6; there.len()];
+    let over = (&numbering, x.len());
+    let mut numbered = Batch::numbered(there.clone(), compliance.clone(), Order::Coloured, over, &[]);
+    let run = |batch: &mut dyn Project, x: &[Point3<f64>], order: &[u32]| {
+        let masses = (0..x.len()).map(|i| 1.0 + (order[i] % 7) as f64).collect();
+        let mut particles = Particles::at_rest(x.to_vec(), masses);
+        (0..3).for_each(|_| batch.project(&mut particles, 0.01));
+        particles.position
+    };
+    let straight: Vec<u32> = (0..x.len() as u32).collect();
+    let kept = run(&mut numbered, &x, &straight);
+    let moved: Vec<Point3<f64>> = permutation.iter().map(|&p| x[p as usize]).collect();
+    let mut batch: Batch<Distance, 2> = Batch::new(anew, compliance.clone(), Order::Coloured, x.len(), &[]);
+    let other = run(&mut batch, &moved, &permutation);
+    assert!((0..x.len()).all(|p| kept[p] == other[place(p as u32) as usize]));
+    // Control: without the numbering the blocks are others, and so are the bits.
+    let mut plain: Batch<Distance, 2> = Batch::new(there, compliance, Order::Coloured, x.len(), &[]);
+    assert!(run(&mut plain, &x, &straight) != kept);
 }
 
 /// Whether two constraints of a range share a particle.

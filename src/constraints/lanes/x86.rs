@@ -8,7 +8,7 @@ use pulp::NullaryFnOnce;
 use pulp::cast;
 use pulp::x86::{V3, V4};
 
-use super::{InLanes, InTrios, Lane, Trio};
+use super::{InLanes, Lane};
 use crate::particles::Slot;
 
 /// Work to be compiled for AVX-512.
@@ -27,18 +27,6 @@ impl<W: InLanes> NullaryFnOnce for Eight<W> {
 pub struct Four<W>(pub V3, pub W);
 
 impl<W: InLanes> NullaryFnOnce for Four<W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        self.1.run::<F64x4>(self.0);
-    }
-}
-
-/// Work on vectors of space to be compiled for AVX2.
-pub struct Trios<W>(pub V3, pub W);
-
-impl<W: InTrios> NullaryFnOnce for Trios<W> {
     type Output = ();
 
     #[inline(always)]
@@ -205,26 +193,6 @@ impl Lane for F64x4 {
     }
 }
 
-impl Trio for F64x4 {
-    type Machine = V3;
-    #[inline(always)]
-    fn read(machine: V3, slot: &Slot) -> Self {
-        Self(machine, cast(slot.0))
-    }
-    #[inline(always)]
-    fn splat(machine: V3, value: f64) -> Self {
-        <Self as Lane>::splat(machine, value)
-    }
-    #[inline(always)]
-    fn turned(self) -> Self {
-        Self(self.0, self.0.avx2._mm256_permute4x64_pd::<0b11_00_10_01>(self.1))
-    }
-    #[inline(always)]
-    fn slot(self) -> Slot {
-        Slot(cast(self.1))
-    }
-}
-
 /// Rows for columns.
 #[inline(always)]
 fn transposed(machine: V3, [a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
@@ -237,6 +205,14 @@ fn transposed(machine: V3, [a, b, c, d]: [__m256d; 4]) -> [__m256d; 4] {
         set._mm256_permute2f128_pd::<0x31>(ab0, cd0),
         set._mm256_permute2f128_pd::<0x31>(ab1, cd1),
     ]
+}
+
+/// Two slots beside each other.
+// No closure in its place: closures and what they call are not always inlined.
+#[inline(always)]
+fn two(machine: V4, low: [f64; 4], high: [f64; 4]) -> __m512d {
+    let set = machine.avx512f;
+    set._mm512_insertf64x4::<1>(set._mm512_castpd256_pd512(cast(low)), cast(high))
 }
 
 impl Lane for F64x8 {
@@ -263,12 +239,10 @@ impl Lane for F64x8 {
     #[inline(always)]
     fn gather(machine: V4, slots: &[Slot], slot: impl Fn(usize) -> u32) -> [Self; 4] {
         let set = machine.avx512f;
-        // Two slots beside each other in the order in which the shuffles below leave the lanes rising.
-        let two = |low: usize, high: usize| {
-            let low = set._mm512_castpd256_pd512(cast(slots[slot(low) as usize].0));
-            set._mm512_insertf64x4::<1>(low, cast(slots[slot(high) as usize].0))
-        };
-        let (a, b, c, d) = (two(0, 2), two(1, 3), two(4, 6), two(5, 7));
+        let at = |l: usize| slots[slot(l) as usize].0;
+        // In the order in which the shuffles below leave the lanes rising.
+        let (a, b) = (two(machine, at(0), at(2)), two(machine, at(1), at(3)));
+        let (c, d) = (two(machine, at(4), at(6)), two(machine, at(5), at(7)));
         let (ab0, ab1) = (set._mm512_unpacklo_pd(a, b), set._mm512_unpackhi_pd(a, b));
         let (cd0, cd1) = (set._mm512_unpacklo_pd(c, d), set._mm512_unpackhi_pd(c, d));
         [
