@@ -3,6 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::constraints::lanes::Width;
+use crate::contact::ways::{Kind, WAYS};
 use crate::scene::{Minimisation, Order, Scene, Solver, Xpbd};
 
 /// What a solver answers.
@@ -34,7 +35,13 @@ pub struct Candidate {
     pub width: Width,
     /// Threads.
     pub threads: usize,
+    /// How contact is looked for: the name of one of [`WAYS`]; `None` for the crate's own hierarchy, which is what runs
+    /// have.
+    pub way: Option<&'static str>,
 }
+
+/// Name of the crate's own way to look for contact.
+pub(crate) const HIERARCHY: &str = "hierarchy";
 
 /// Steps a frame of XPBD that are tried, one sweep each.
 const SUBSTEPS: [u32; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
@@ -42,7 +49,7 @@ const SUBSTEPS: [u32; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 impl Candidate {
     /// With as many lanes as there are, on `threads` threads.
     pub fn new(solver: Solver, threads: usize) -> Self {
-        Self { solver, width: Width::best(), threads }
+        Self { solver, width: Width::best(), threads, way: None }
     }
 
     /// The solver's name as scenes give it.
@@ -65,6 +72,7 @@ impl Candidate {
             Solver::Xpbd(_) | Solver::Pbd(_) => note("order", json!(self.solver.order().name())),
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => note("tolerance", json!(s.tolerance)),
         };
+        note("contact", json!(self.way.unwrap_or(HIERARCHY)));
         note("lanes", json!(self.width.lanes()));
         note("threads", json!(self.threads));
         all
@@ -86,6 +94,11 @@ impl Candidate {
         }
     }
 
+    /// The kind of way in which contact is looked for, where it is not the crate's own.
+    pub fn kind_of_way(&self) -> Option<&'static Kind> {
+        WAYS.iter().find(|kind| Some(kind.name) == self.way)
+    }
+
     /// Sweeps or, where an energy is minimised, steps of a frame: what its time goes with.
     pub fn work(&self) -> f64 {
         match self.solver {
@@ -99,8 +112,15 @@ impl Candidate {
     }
 }
 
+/// The same sweeps in the other orders; none where nothing is swept.
+pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
+    let Solver::Xpbd(settings) = candidate.solver else { return Vec::new() };
+    let orders = Order::NAMES.iter().map(|(_, order)| *order).filter(|order| *order != settings.order);
+    orders.map(|order| Candidate { solver: Solver::Xpbd(Xpbd { order, ..settings }), ..*candidate }).collect()
+}
+
 /// Iterations that are enough for any tolerance.
-const MOST: u32 = 500;
+pub(super) const MOST: u32 = 500;
 
 /// A tolerance at which the limit of iterations ends a step first.
 const TIGHT: f64 = 2e-4;

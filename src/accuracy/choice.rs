@@ -20,11 +20,16 @@ pub fn reaches(row: &Row, error: f64) -> bool {
     row.status != Status::Diverged && row.uncertainty_m <= error && row.error.rms + row.model_error_m <= error
 }
 
+/// Whether a scene can be run with these settings: another way to look for contact is there to be compared with.
+fn can_be_run(row: &Row) -> bool {
+    row.candidate.way.is_none()
+}
+
 /// For each target the fastest row that reaches it; `length` [m] is what shares are of.
 pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
     let best = |target: f64| {
         let error = target * length;
-        let able = rows.iter().enumerate().filter(|(_, row)| reaches(row, error));
+        let able = rows.iter().enumerate().filter(|(_, row)| reaches(row, error) && can_be_run(row));
         let fastest = able.min_by(|(_, a), (_, b)| a.time_s.total_cmp(&b.time_s));
         Recommended { target, row: fastest.map(|(index, _)| index) }
     };

@@ -9,8 +9,10 @@
 pub mod candidates;
 pub mod choice;
 pub mod distance;
+pub mod model;
 pub mod pilot;
 pub mod reference;
+mod search;
 pub mod study;
 pub mod trajectory;
 

@@ -1,6 +1,7 @@
 //! Solver and settings for an accuracy that the user names, from a study of the scene's first frames.
 //!
-//! The first frames of a motion are seldom its worst. Two cheap settings run over the whole scene: by how much their
+//! The cost model says which settings to measure first and which not at all. The first frames of a motion are seldom its
+//! worst. Two cheap settings run over the whole scene: by how much their
 //! distance grows after the first frames, every measured error is taken to grow. (The residual was tried for this: it
 //! grows with the load, in the built-in hip twice as much as that distance.)
 
@@ -8,7 +9,9 @@ use std::time::Duration;
 
 use super::candidates::{Candidate, Question};
 use super::distance::Distance;
-use super::study::{Options, Row, Status, Study, StudyError, Watch, measure};
+use super::model::Model;
+use super::search::{search, total};
+use super::study::{Options, Row, Status, Study, StudyError, Watch, begin};
 use super::trajectory::Trajectory;
 use crate::scene::{Accuracy, Scene};
 use crate::simulation::Assets;
@@ -42,11 +45,6 @@ const CLEARLY: f64 = 0.7;
 
 /// Two settings that differ by less than this share of the length differ by rounding.
 const NOTHING: f64 = 1e-9;
-
-/// Error in the worst frame, with what the solver leaves out and what the reference may be off [m].
-fn total(row: &Row, growth: f64) -> f64 {
-    growth * (row.error.rms + row.model_error_m + row.uncertainty_m)
-}
 
 /// By how much the distance between two cheap settings grows over the whole scene, at least 1: the fastest that keeps
 /// `target_m` [m] in the first frames, and the fastest that is clearly more accurate.
@@ -88,7 +86,7 @@ fn growth(
 /// most accurate where none does.
 ///
 /// # Errors
-/// As [`measure`]; or every setting diverged.
+/// As [`super::measure`]; or every setting diverged.
 pub fn choose(
     scene: &Scene,
     assets: &Assets,
@@ -97,10 +95,16 @@ pub fn choose(
     threads: usize,
     watch: &mut impl Watch,
 ) -> Result<Chosen, StudyError> {
-    let study = measure(scene, assets, Options { budget, frames: None, threads }, watch)?;
+    let (mut measuring, mut study) = begin(scene, assets, Options { budget, frames: None, threads }, watch)?;
+    let mut model = Model::shipped(&study);
     let target_m = accuracy.length(study.length);
+    search(&mut measuring, &mut study, &mut model, target_m, watch);
+    // One that is clearly more accurate, for the growth.
+    let rough = study.rows.iter().map(total).filter(|e| *e <= target_m).fold(target_m, f64::min);
+    search(&mut measuring, &mut study, &mut model, CLEARLY * CLEARLY * rough, watch);
     let growth = growth(scene, assets, &study, target_m, watch)?;
-    let total = |row: &Row| total(row, growth);
+    search(&mut measuring, &mut study, &mut model, target_m / growth, watch);
+    let total = |row: &Row| growth * total(row);
     let able: Vec<&Row> = study.rows.iter().filter(|row| row.status != Status::Diverged).collect();
     let fast = able.iter().filter(|row| total(row) <= target_m).min_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let exact = able.iter().min_by(|a, b| total(a).total_cmp(&total(b)));

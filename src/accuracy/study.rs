@@ -8,6 +8,7 @@ use super::distance::Distance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::Width;
+use crate::contact::ways::WAYS;
 use crate::scene::{Scene, Solver};
 use crate::simulation::{Assets, LoadError};
 
@@ -122,6 +123,8 @@ pub struct Study {
     pub length: f64,
     /// Vertices of all muscles.
     pub vertices: usize,
+    /// How far they are from rest in the frame in which they are furthest, RMS [m].
+    pub moved_m: f64,
     /// What the scene's own solver answers.
     pub question: Question,
     /// The reference for it.
@@ -171,14 +174,15 @@ const CERTAIN: f64 = 1e-4;
 /// Runs of each row on the front.
 const REPEATS: usize = 3;
 
-struct Measuring<'a> {
-    scene: &'a Scene,
+/// A study that goes on.
+pub(super) struct Measuring<'a> {
+    pub(super) scene: &'a Scene,
     assets: &'a Assets,
-    options: Options,
+    pub(super) options: Options,
     begin: Instant,
     length: f64,
     frames: usize,
-    interrupted: bool,
+    pub(super) interrupted: bool,
 }
 
 /// Measures a scene with its meshes.
@@ -186,6 +190,20 @@ struct Measuring<'a> {
 /// # Errors
 /// A scene that cannot be run, that has no energy, or whose reference cannot be computed.
 pub fn measure(scene: &Scene, assets: &Assets, options: Options, watch: &mut impl Watch) -> Result<Study, StudyError> {
+    let (mut measuring, mut study) = begin(scene, assets, options, watch)?;
+    measuring.sweep(&mut study, watch);
+    measuring.repeat(&mut study, watch);
+    study.interrupted = measuring.interrupted;
+    Ok(study)
+}
+
+/// Computes the references; nothing is compared with them yet.
+pub(super) fn begin<'a>(
+    scene: &'a Scene,
+    assets: &'a Assets,
+    options: Options,
+    watch: &mut impl Watch,
+) -> Result<(Measuring<'a>, Study), StudyError> {
     let question = Question::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
     let begin = Instant::now();
     let length = assets.muscles.iter().map(|m| m.mesh.length()).fold(f64::INFINITY, f64::min);
@@ -195,15 +213,18 @@ pub fn measure(scene: &Scene, assets: &Assets, options: Options, watch: &mut imp
     let reference = measuring.reference(question, FOR_REFERENCES, watch)?;
     let reference = reference.ok_or_else(|| no_reference(&measuring))?;
     measuring.frames = reference.frames().len();
+    let rest: Vec<_> = assets.muscles.iter().flat_map(|m| m.mesh.vertices.iter().copied()).collect();
+    let moved_m = Distance::between(&vec![rest; measuring.frames], reference.frames()).rms;
     let turned = if question == Question::Motion { Question::Equilibrium } else { Question::Motion };
     let other = if measuring.interrupted { None } else { measuring.other(turned, watch) };
     let model_distance_m = other.as_ref().map_or(f64::NAN, |o| Distance::between(o.frames(), reference.frames()).rms);
-    let mut study = Study {
+    let study = Study {
         scene: scene.name.clone(),
         frames: measuring.frames,
         frames_of_scene: scene.frames,
         length,
         vertices,
+        moved_m,
         question,
         reference,
         other,
@@ -212,12 +233,9 @@ pub fn measure(scene: &Scene, assets: &Assets, options: Options, watch: &mut imp
         left_out: Vec::new(),
         recommended: Vec::new(),
         front: Vec::new(),
-        interrupted: false,
+        interrupted: measuring.interrupted,
     };
-    measuring.sweep(&mut study, watch);
-    measuring.repeat(&mut study, watch);
-    study.interrupted = measuring.interrupted;
-    Ok(study)
+    Ok((measuring, study))
 }
 
 fn no_reference(measuring: &Measuring<'_>) -> StudyError {
@@ -229,7 +247,8 @@ fn no_reference(measuring: &Measuring<'_>) -> StudyError {
 }
 
 impl Measuring<'_> {
-    fn left_s(&self) -> f64 {
+    /// Time that is left [s].
+    pub(super) fn left_s(&self) -> f64 {
         self.options.budget.as_secs_f64() - self.begin.elapsed().as_secs_f64()
     }
 
@@ -324,7 +343,7 @@ impl Measuring<'_> {
     }
 
     /// `None` where the scene cannot be run so, or was interrupted.
-    fn row(&mut self, candidate: Candidate, study: &Study, watch: &mut impl Watch) -> Option<Row> {
+    pub(super) fn row(&mut self, candidate: Candidate, study: &Study, watch: &mut impl Watch) -> Option<Row> {
         let question = Question::of(&candidate.solver)?;
         let own = question == study.question;
         let reference = if own { &study.reference } else { study.other.as_ref()? };
@@ -380,17 +399,17 @@ impl Measuring<'_> {
         study.recommended = recommend(&study.rows, self.length);
     }
 
-    /// The best setting of XPBD without lanes, the best of all on one thread: same bits, other times.
+    /// What the recommended settings cost without lanes, on one thread, with other orders of a sweep and other ways to
+    /// look for contact: the same error but for rounding and order, other times.
     fn vary(&mut self, study: &mut Study, watch: &mut impl Watch) {
         let mut variants = Vec::new();
+        let mut add = |variant: Candidate| {
+            if !variants.contains(&variant) {
+                variants.push(variant);
+            }
+        };
         let chosen = recommend(&study.rows, self.length);
-        for row in chosen.iter().filter_map(|r| r.row) {
-            let candidate = study.rows[row].candidate;
-            let mut add = |variant: Candidate| {
-                if !variants.contains(&variant) {
-                    variants.push(variant);
-                }
-            };
+        for candidate in chosen.iter().filter_map(|r| r.row).map(|row| study.rows[row].candidate) {
             if matches!(candidate.solver, Solver::Xpbd(_)) && candidate.width != Width::One {
                 add(Candidate { width: Width::One, ..candidate });
             }
@@ -398,13 +417,21 @@ impl Measuring<'_> {
                 add(Candidate { threads: 1, ..candidate });
             }
         }
+        // The finest that was found: in it a sweep and contact weigh most.
+        if let Some(candidate) = chosen.iter().rev().find_map(|r| r.row).map(|row| study.rows[row].candidate) {
+            candidates::in_other_orders(&candidate).into_iter().for_each(&mut add);
+            if self.scene.effects.contact.is_some() {
+                WAYS.iter().for_each(|way| add(Candidate { way: Some(way.name), ..candidate }));
+            }
+        }
         for candidate in variants {
             watch.part(&format!(
-                "{}: {}, {}, threads {}",
+                "{}: {}, {}, threads {}{}",
                 candidate.name(),
                 candidate.in_words(),
                 candidate.width,
-                candidate.threads
+                candidate.threads,
+                candidate.way.map_or(String::new(), |way| format!(", contact by {way}"))
             ));
             if self.interrupted || self.left_s() < 0.0 {
                 study.left_out.push(candidate);

@@ -54,6 +54,9 @@ impl Trajectory {
         for body in &mut simulation.bodies {
             body.system.elastic.iter_mut().for_each(|batch| batch.set_width(candidate.width));
         }
+        if let Some(way) = candidate.kind_of_way() {
+            simulation.set_contact_way(way);
+        }
         let mut run = Self { converged: true, ..Self::default() };
         run.time_s = simulation.bodies.iter().flat_map(|b| b.system.clock.effects.values()).map(|(s, _)| s).sum();
         // Fails only where the system gives no threads: then those at hand serve.

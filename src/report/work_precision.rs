@@ -8,6 +8,7 @@ use super::folder::{Folder, FolderError};
 use super::html::Report;
 use super::plot::{LinePlot, Series};
 use super::table::Table;
+use crate::accuracy::candidates::HIERARCHY;
 use crate::accuracy::{Question, Row, Status, Study};
 
 /// The solvers in the order of the key, as people call them.
@@ -15,7 +16,7 @@ const SOLVERS: [(&str, &str); 3] =
     [("xpbd", "small-step XPBD"), ("implicit_euler", "implicit Euler"), ("quasi_static", "quasi-static")];
 
 /// Columns of `work_precision.csv`.
-const COLUMNS: &str = "solver,substeps,iterations,order,tolerance,lanes,threads,status,certain,time_s,time_min_s,\
+const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,order,tolerance,contact,lanes,threads,status,certain,time_s,time_min_s,\
                        time_max_s,repeats,rms_error_m,rms_error_share,max_error_m,worst_frame,model_error_m,\
                        volume_error,penetration_m,fibre_length_error_m,residual_m,error_estimate_m,solver_iterations,on_front";
 
@@ -100,6 +101,8 @@ impl Study {
     /// What the writer says.
     pub fn write_csv(&self, w: &mut impl Write) -> io::Result<()> {
         writeln!(w, "{COLUMNS}")?;
+        let name = self.scene.replace(['"', ',', '\n'], "_");
+        let study = format!("{name},{},{},{}", self.vertices, self.frames, self.moved_m);
         for (i, row) in self.rows.iter().enumerate() {
             let settings = row.candidate.settings();
             let setting = |key: &str| match settings.get(key) {
@@ -107,7 +110,8 @@ impl Study {
                 Some(other) => other.to_string(),
                 None => String::new(),
             };
-            let first = ["substeps", "iterations", "order", "tolerance", "lanes", "threads"].map(setting).join(",");
+            let first =
+                ["substeps", "iterations", "order", "tolerance", "contact", "lanes", "threads"].map(setting).join(",");
             let e = &row.error;
             let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]].map(|v| v.to_string()).join(",");
             let errors = [e.rms, e.rms / self.length, e.max].map(|v| v.to_string()).join(",");
@@ -121,7 +125,7 @@ impl Study {
             ];
             writeln!(
                 w,
-                "{},{first},{},{},{numbers},{},{errors},{},{},{},{}",
+                "{study},{},{first},{},{},{numbers},{},{errors},{},{},{},{}",
                 row.candidate.name(),
                 row.status.name(),
                 self.is_certain(row),
@@ -193,7 +197,7 @@ impl Study {
         let header = [
             "solver",
             "settings",
-            "lanes, threads",
+            "lanes, threads, contact",
             "time [s]",
             "RMS error [mm]",
             "% of length",
@@ -211,7 +215,12 @@ impl Study {
             table.row([
                 row.candidate.name().to_owned(),
                 row.candidate.in_words(),
-                format!("{}, {}", row.candidate.width.lanes(), row.candidate.threads),
+                format!(
+                    "{}, {}, {}",
+                    row.candidate.width.lanes(),
+                    row.candidate.threads,
+                    row.candidate.way.unwrap_or(HIERARCHY)
+                ),
                 format!("{:.3}", row.time_s),
                 mm(row.error.rms) + known,
                 format!("{:.3}", row.error.rms / self.length * 100.0),

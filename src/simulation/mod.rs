@@ -20,6 +20,7 @@ pub use measures::Measures;
 pub use plan::Plan;
 
 use crate::contact::capsule::Capsule;
+use crate::contact::ways::Kind;
 use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
@@ -91,6 +92,14 @@ impl Simulation {
     /// The surface of a bone.
     pub fn surface(&self, bone: usize) -> &Surface {
         &self.surfaces[bone]
+    }
+
+    /// Looks for contact with bones in another way than the crate's own hierarchy, to be compared with it; capsules have
+    /// no triangles. Distances agree to rounding, so do results.
+    pub fn set_contact_way(&mut self, way: &Kind) {
+        for (placed, mesh) in self.placed.iter_mut().zip(&self.bones) {
+            placed.obstacle = way.obstacle(mesh);
+        }
     }
 
     /// Computes the next frame.

@@ -28,6 +28,9 @@ const KEPT: u32 = 4;
 /// Iterations after which constraints that are known up to a period note where they are.
 const NOTED: u32 = 8;
 
+/// A volume that is off by less than this share of its target is off by rounding.
+const ROUNDED: f64 = 64.0 * f64::EPSILON;
+
 /// A body ready to be brought to equilibrium.
 pub struct QuasiStatic {
     /// What is minimised.
@@ -84,13 +87,14 @@ impl QuasiStatic {
         x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
         // Exactly, and not by what the addition rounds to.
         held.iter().for_each(|&(v, to)| x[v as usize] = to);
-        self.active = Active::default();
+        if !self.active.rows().is_empty() {
+            self.active = Active::default();
+            self.spread.0.clear();
+        }
         self.stay_over(&guard.rows(), x);
         guard.push(&start, x);
         self.keep_volume(x);
         guard.accept(x);
-        self.history.clear();
-        self.spread.0.clear();
         self.problem.energy.remember(x);
     }
 
@@ -112,11 +116,16 @@ impl QuasiStatic {
                 self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
                 self.spread.0.clear();
             }
+            let last = outcome.iterations >= self.problem.settings.iterations;
             let direction;
-            (direction, multiplier) = self.direction(&state);
+            (direction, multiplier) = match last && self.active.rows().is_empty() {
+                // Nothing goes along it any more; the least force by which the volume's multiplier can be told needs none.
+                true => (Field::new(), self.problem.first_multiplier(&state)),
+                false => self.direction(&state),
+            };
             self.problem.judge(&state, multiplier, self.active.rows(), &mut outcome);
             let more = watch(&outcome, x);
-            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
+            if outcome.converged || last || !more {
                 self.problem.energy.remember(x);
                 return outcome;
             }
@@ -190,11 +199,16 @@ impl QuasiStatic {
 
     /// Brings a volume without compliance to its target, by the smoothest field that does it.
     fn keep_volume(&mut self, x: &mut [Point3<f64>]) {
-        if let Some(volume) = &self.problem.energy.volume {
-            let (_, mut field) = volume.value_and_gradient(x);
-            self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut [&mut field]);
-            self.problem.keep_volume(x, &field);
+        let Some(volume) = &self.problem.energy.volume else { return };
+        let (excess, mut field) = volume.value_and_gradient(x);
+        // Any smooth field does, and this one is at hand; to rounding it holds already after `follow`.
+        if excess.abs() <= ROUNDED * volume.target().abs()
+            || (!self.spread.0.is_empty() && self.problem.keep_volume(x, &self.spread.0))
+        {
+            return;
         }
+        self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut [&mut field]);
+        self.problem.keep_volume(x, &field);
     }
 }
 

@@ -10,6 +10,8 @@ pub mod octree;
 mod overlap;
 pub mod voxels;
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
 
 pub use bit_grid::{BitGrid, Fill};
@@ -38,8 +40,17 @@ pub struct Kind {
     pub name: &'static str,
     /// What is to be chosen: boxes along an axis, triangles in a cell; zero where nothing is.
     pub sizes: &'static [usize],
+    /// The size that is best of them for bones of some ten thousand triangles.
+    pub usual: usize,
     /// Sorts a mesh.
     pub sort: fn(&TriangleMesh, usize) -> Box<dyn Way>,
+}
+
+impl Kind {
+    /// The surface of `mesh` as an obstacle that is searched in this way, of the usual size.
+    pub fn obstacle(&self, mesh: &TriangleMesh) -> Arc<dyn Obstacle> {
+        Arc::new(Searched::new(mesh, (self.sort)(mesh, self.usual)))
+    }
 }
 
 /// Every kind of way.

@@ -8,7 +8,7 @@ use crate::mesh::TriangleMesh;
 
 /// Line of the list of ways.
 pub(super) const KIND: Kind =
-    Kind { name: "octree", sizes: &[4, 8, 16], sort: |mesh, k| Box::new(Octree::new(mesh, k, DEPTH)) };
+    Kind { name: "octree", sizes: &[4, 8, 16], usual: 8, sort: |mesh, k| Box::new(Octree::new(mesh, k, DEPTH)) };
 
 /// Cuts above one another at most, unless said otherwise: at a vertex of more triangles than a cell may hold, which is
 /// nearly any vertex where it may hold four, cutting would never end. Cells are then as large as those of 1024^3 voxels.

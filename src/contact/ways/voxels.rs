@@ -8,7 +8,7 @@ use crate::mesh::TriangleMesh;
 
 /// Line of the list of ways.
 pub(super) const KIND: Kind =
-    Kind { name: "voxels", sizes: &[16, 24, 32, 64], sort: |mesh, k| Box::new(Voxels::new(mesh, k)) };
+    Kind { name: "voxels", sizes: &[16, 24, 32, 64], usual: 32, sort: |mesh, k| Box::new(Voxels::new(mesh, k)) };
 
 /// `k^3` boxes over the bounds of a mesh \[cervenka2019\]. The nearest triangle is exact: shells of boxes about the point
 /// are looked through until the next shell is further away than the best triangle.

@@ -1,0 +1,293 @@
+//! A cost model: the time and the error that settings are expected to have in a scene, fitted on sweeps over other scenes
+//! and corrected by what was measured in this one.
+//!
+//! Within a family of settings the logarithms of time and error are taken to be linear in those of the steps a frame and
+//! of the setting that is varied. Part of a time does not go with the steps: they are counted from a number of their own
+//! that is fitted as well. Scenes and machines differ by factors, which drop out of the fit and are what a first run of
+//! the family tells.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::candidates::{Candidate, MOST};
+use super::study::{Row, Status, Study};
+use crate::constraints::Order;
+use crate::scene::Solver;
+
+/// The sweeps that the shipped model is fitted on, as `pliant accuracy` writes them; `docs/accuracy.md` says which.
+const SWEEPS: &str = include_str!("sweeps.csv");
+
+/// Settings whose times and errors follow one law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Family {
+    Sweeps,
+    Limited,
+    Equilibrium,
+    ImplicitEuler,
+}
+
+const FAMILIES: [Family; 4] = [Family::Sweeps, Family::Limited, Family::Equilibrium, Family::ImplicitEuler];
+
+/// Steps a frame, and the setting that is varied.
+type Features = [f64; 2];
+
+/// Steps that what does not go with the steps may be worth.
+const EXTRA: [f64; 8] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
+
+/// A run, in what the model knows of it.
+#[derive(Clone, Debug, PartialEq)]
+struct Known {
+    scene: String,
+    family: Family,
+    features: Features,
+    /// Logarithm of the time a frame and vertex [s].
+    time: f64,
+    /// Logarithm of the error over what the vertices move; not finite where that is not known.
+    error: f64,
+}
+
+/// A straight line over the logarithms of the features.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Line {
+    at_zero: f64,
+    slopes: [f64; 2],
+    /// Steps that what does not go with the steps is worth.
+    extra: f64,
+    /// Root mean square of what scenes differ by.
+    spread: f64,
+}
+
+/// What is expected of a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Expected {
+    /// Time of all compared frames [s].
+    pub time_s: f64,
+    /// RMS error of the worst frame [m].
+    pub error_m: f64,
+    /// The factor by which that may well be wrong.
+    pub doubt: f64,
+}
+
+/// The model, for one scene.
+#[derive(Clone, Debug)]
+pub struct Model {
+    lines: Vec<(Family, Line, Line)>,
+    vertices: f64,
+    moved_m: f64,
+    learned: Vec<Known>,
+}
+
+fn family(candidate: &Candidate) -> Option<(Family, Features)> {
+    let (family, setting) = match candidate.solver {
+        Solver::Xpbd(s) if s.order == Order::Coloured => (Family::Sweeps, f64::from(s.iterations)),
+        Solver::QuasiStatic(s) if s.iterations < MOST => (Family::Limited, f64::from(s.iterations)),
+        Solver::QuasiStatic(s) => (Family::Equilibrium, 1.0 / s.tolerance),
+        Solver::ImplicitEuler(s) => (Family::ImplicitEuler, 1.0 / s.tolerance),
+        Solver::Xpbd(_) | Solver::Pbd(_) => return None,
+    };
+    Some((family, [f64::from(candidate.solver.substeps()), setting]))
+}
+
+impl Model {
+    /// The shipped model for the scene of a study.
+    pub fn shipped(study: &Study) -> Self {
+        Self::fitted(&read(SWEEPS), study)
+    }
+
+    fn fitted(known: &[Known], study: &Study) -> Self {
+        let lines = FAMILIES.iter().map(|f| (*f, line_of(known, *f, &EXTRA, time), line_of(known, *f, &[0.0], error)));
+        let lines = lines.collect();
+        let work = study.vertices as f64 * study.frames as f64;
+        Self { lines, vertices: work, moved_m: study.moved_m, learned: Vec::new() }
+    }
+
+    /// Time and error to expect; `None` for settings that belong to no family.
+    pub fn expect(&self, candidate: &Candidate) -> Option<Expected> {
+        let (family, features) = family(candidate)?;
+        let (_, time, error) = self.lines.iter().find(|(f, ..)| *f == family)?;
+        let own = self.learned.iter().filter(|k| k.family == family);
+        let nearest = own.min_by(|a, b| apart(&a.features, &features).total_cmp(&apart(&b.features, &features)));
+        // A machine is faster or slower in all families alike, as far as is known.
+        let speed = nearest.map(|k| k.time - time.at(&k.features)).unwrap_or_else(|| self.speed());
+        let found = nearest.filter(|k| k.error.is_finite());
+        let off = found.map_or(0.0, |k| k.error - error.at(&k.features));
+        let doubt = found.map_or(error.spread, |_| NEAR);
+        Some(Expected {
+            time_s: libm::exp(time.at(&features) + speed) * self.vertices,
+            error_m: libm::exp(error.at(&features) + off) * self.moved_m,
+            doubt: libm::exp(doubt),
+        })
+    }
+
+    /// Takes a measured run into account.
+    pub fn learn(&mut self, row: &Row) {
+        let Some((family, features)) = family(&row.candidate) else { return };
+        let time = libm::log(row.time_s / self.vertices);
+        let error = if row.status == Status::Diverged { f64::NAN } else { libm::log(row.error.rms / self.moved_m) };
+        if time.is_finite() {
+            self.learned.push(Known { scene: String::new(), family, features, time, error });
+        }
+    }
+
+    fn speed(&self) -> f64 {
+        let off = |k: &Known| {
+            let line = self.lines.iter().find(|(f, ..)| *f == k.family);
+            k.time - line.map_or(k.time, |(_, time, _)| time.at(&k.features))
+        };
+        self.learned.iter().map(off).sum::<f64>() / self.learned.len().max(1) as f64
+    }
+}
+
+/// Logarithm of the factor by which an error may be off that a neighbour's was corrected by.
+const NEAR: f64 = 0.25;
+
+impl Line {
+    fn at(&self, features: &Features) -> f64 {
+        let [steps, setting] = logarithms(features, self.extra);
+        self.at_zero + self.slopes[0] * steps + self.slopes[1] * setting
+    }
+}
+
+fn logarithms([steps, setting]: &Features, extra: f64) -> [f64; 2] {
+    [libm::log(steps + extra), libm::log(*setting)]
+}
+
+fn apart(a: &Features, b: &Features) -> f64 {
+    let (a, b) = (logarithms(a, 0.0), logarithms(b, 0.0));
+    (a[0] - b[0]).abs() + (a[1] - b[1]).abs()
+}
+
+fn time(known: &Known) -> f64 {
+    known.time
+}
+
+fn error(known: &Known) -> f64 {
+    known.error
+}
+
+/// The line of a family with the best of the given extra steps.
+fn line_of(known: &[Known], family: Family, extra: &[f64], of: fn(&Known) -> f64) -> Line {
+    let these: Vec<&Known> = known.iter().filter(|k| k.family == family && of(k).is_finite()).collect();
+    let lines = extra.iter().map(|extra| fit(&these, *extra, of));
+    lines.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(Line::default(), |(line, _)| line)
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    values.for_each(|v| (sum, count) = (sum + v, count + 1));
+    sum / f64::from(count.max(1))
+}
+
+/// Least squares with a constant of its own for each scene, of which `at_zero` is the mean; and the sum of squares left.
+fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
+    let mut scenes: Vec<&str> = known.iter().map(|k| k.scene.as_str()).collect();
+    scenes.sort_unstable();
+    scenes.dedup();
+    let of_scene = |scene: &str| known.iter().copied().filter(|k| k.scene == scene).collect::<Vec<_>>();
+    let (mut rows, mut wanted) = (Vec::new(), Vec::new());
+    let mut centres = Vec::new();
+    for scene in scenes {
+        let these = of_scene(scene);
+        let centre = [0, 1].map(|i| mean(these.iter().map(|k| logarithms(&k.features, extra)[i])));
+        let height = mean(these.iter().map(|k| of(k)));
+        for k in these {
+            let features = logarithms(&k.features, extra);
+            rows.extend([features[0] - centre[0], features[1] - centre[1]]);
+            wanted.push(of(k) - height);
+        }
+        centres.push((centre, height));
+    }
+    if centres.is_empty() {
+        return (Line::default(), 0.0);
+    }
+    // A feature that never varies has no slope: the least one.
+    let (matrix, wanted) = (DMatrix::from_row_slice(wanted.len(), 2, &rows), DVector::from_vec(wanted));
+    let svd = matrix.clone().svd(true, true);
+    let least = 1e-9 * svd.singular_values.max();
+    let slopes = svd.solve(&wanted, least).map_or([0.0; 2], |s| [s[0], s[1]]);
+    let left = (matrix * DVector::from_row_slice(&slopes) - wanted).norm_squared();
+    let constant = |(centre, height): &([f64; 2], f64)| height - slopes[0] * centre[0] - slopes[1] * centre[1];
+    let at_zero = mean(centres.iter().map(constant));
+    let spread = mean(centres.iter().map(|c| (constant(c) - at_zero).powi(2))).sqrt();
+    (Line { at_zero, slopes, extra, spread }, left)
+}
+
+/// The runs of a table as `pliant accuracy` writes it, but those that diverged, or vary lanes, orders or ways.
+fn read(csv: &str) -> Vec<Known> {
+    let mut lines = csv.lines();
+    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let known = |line: &str| {
+        let fields: Vec<&str> = line.split(',').collect();
+        let text = |name: &str| header.iter().position(|h| *h == name).and_then(|i| fields.get(i).copied());
+        let value = |name: &str| text(name)?.parse::<f64>().ok();
+        let (steps, iterations) = (value("substeps")?, value("iterations")?);
+        let (family, setting) = match (text("solver")?, text("order")?) {
+            ("xpbd", "coloured") => (Family::Sweeps, iterations),
+            ("quasi_static", _) if iterations < f64::from(MOST) => (Family::Limited, iterations),
+            ("quasi_static", _) => (Family::Equilibrium, 1.0 / value("tolerance")?),
+            ("implicit_euler", _) => (Family::ImplicitEuler, 1.0 / value("tolerance")?),
+            _ => return None,
+        };
+        if text("status")? == "diverged" || text("contact")? != super::candidates::HIERARCHY || text("lanes")? == "1" {
+            return None;
+        }
+        let time = libm::log(value("time_s")? / (value("vertices")? * value("frames")?));
+        let error = libm::log(value("rms_error_m")? / value("moved_m")?);
+        // Below the reference's uncertainty an error says nothing.
+        let error = if text("certain")? == "true" { error } else { f64::NAN };
+        let features = [steps, setting];
+        Some(Known { scene: text("scene")?.to_owned(), family, features, time, error })
+    };
+    lines.filter_map(known).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Times with eight steps' worth of what does not go with them.
+    fn known(scene: &str, features: Features, factor: f64) -> Known {
+        let ([steps, setting], more) = (logarithms(&features, 0.0), libm::log(features[0] + 8.0));
+        let time = 0.9 * more + 0.4 * setting + factor;
+        let error = -1.1 * steps - 0.3 * setting - 2.0 * factor;
+        Known { scene: scene.to_owned(), family: Family::Sweeps, features, time, error }
+    }
+
+    #[test]
+    fn slopes_are_found_whatever_the_scenes_differ_by() {
+        let mut all = Vec::new();
+        for (scene, factor) in [("a", -1.0), ("b", 2.0)] {
+            for features in [[1.0, 1.0], [4.0, 1.0], [16.0, 3.0], [64.0, 2.0]] {
+                all.push(known(scene, features, factor));
+            }
+        }
+        let line = line_of(&all, Family::Sweeps, &EXTRA, time);
+        assert!((line.slopes[0] - 0.9).abs() <= 1e-12 && (line.slopes[1] - 0.4).abs() <= 1e-12, "{line:?}");
+        assert!((line.at_zero - 0.5).abs() <= 1e-12 && (line.spread - 1.5).abs() <= 1e-12, "{line:?}");
+        assert_eq!(line.extra, 8.0);
+        // Controls: without extra steps, or with one number in disorder, the slope is another.
+        assert!((line_of(&all, Family::Sweeps, &[0.0], time).slopes[0] - 0.9).abs() > 0.01);
+        all[5].time += 1.0;
+        assert!((line_of(&all, Family::Sweeps, &[8.0], time).slopes[0] - 0.9).abs() > 0.01);
+    }
+
+    #[test]
+    fn a_feature_that_never_varies_has_no_slope_and_nothing_has_no_line() {
+        let all: Vec<Known> = [[1.0, 3.0], [2.0, 3.0], [4.0, 3.0]].map(|f| known("a", f, 0.0)).to_vec();
+        let line = line_of(&all, Family::Sweeps, &[0.0], error);
+        assert!((line.slopes[0] + 1.1).abs() <= 1e-12 && line.slopes[1] == 0.0, "{line:?}");
+        assert_eq!(line_of(&[], Family::Sweeps, &EXTRA, time), Line::default());
+    }
+
+    #[test]
+    fn the_shipped_sweeps_are_of_several_scenes_and_more_work_takes_longer_and_errs_less() {
+        let all = read(SWEEPS);
+        for family in FAMILIES {
+            let these: Vec<&Known> = all.iter().filter(|k| k.family == family && k.error.is_finite()).collect();
+            let mut scenes: Vec<&str> = these.iter().map(|k| k.scene.as_str()).collect();
+            scenes.dedup();
+            assert!(scenes.len() >= 3 && these.len() >= 9, "{family:?}: {} of {scenes:?}", these.len());
+            let (time, error) = (line_of(&all, family, &EXTRA, time), line_of(&all, family, &[0.0], error));
+            assert!(time.slopes[1] > 0.0 && error.slopes[1] < 0.0, "{family:?}: {time:?} {error:?}");
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The cheapest setting for one target, by the cost model: best first, each run correcting what is expected of the others.
+
+use super::candidates::{self, Candidate};
+use super::model::{Expected, Model};
+use super::study::{Measuring, Row, Status, Study, Watch};
+
+/// A setting is worth a run if it is expected to take at most this share of the time of the best so far.
+const WORTH: f64 = 0.97;
+
+/// Two settings whose times are nearer than this are run again before one is called the faster.
+const CLOSE: f64 = 1.2;
+
+/// Error with what the solver leaves out and what the reference may be off [m].
+pub(super) fn total(row: &Row) -> f64 {
+    row.error.rms + row.model_error_m + row.uncertainty_m
+}
+
+/// Measures settings until none is left that could keep `target_m` [m] in less time than the fastest that does, or the
+/// time is up. Rows of an earlier search stay and count.
+pub(super) fn search(
+    measuring: &mut Measuring<'_>,
+    study: &mut Study,
+    model: &mut Model,
+    target_m: f64,
+    watch: &mut impl Watch,
+) {
+    let all = candidates::all(measuring.scene, measuring.options.threads);
+    let mut tried: Vec<Candidate> = study.rows.iter().map(|row| row.candidate).collect();
+    while !measuring.interrupted {
+        let left: Vec<Candidate> = all.iter().copied().filter(|c| !tried.contains(c)).collect();
+        let Some(next) = next(&left, study, model, target_m, measuring.left_s()) else { break };
+        tried.push(next);
+        watch.part(&format!("{}: {}", next.name(), next.in_words()));
+        if let Some(row) = measuring.row(next, study, watch) {
+            model.learn(&row);
+            study.rows.push(row);
+        } else {
+            study.left_out.push(next);
+        }
+    }
+    settle(measuring, study, target_m, watch);
+}
+
+/// What a solver leaves out and what its reference may be off [m]: no setting of it errs less. `None` where there is no
+/// reference for it.
+fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
+    let question = candidates::Question::of(&candidate.solver)?;
+    if question == study.question {
+        return Some(study.reference.uncertainty.rms);
+    }
+    Some(study.model_distance_m + study.other.as_ref()?.uncertainty.rms)
+}
+
+fn next(left: &[Candidate], study: &Study, model: &Model, target_m: f64, left_s: f64) -> Option<Candidate> {
+    let best = study.rows.iter().filter(|row| keeps(row, target_m)).map(|row| row.time_s).fold(f64::INFINITY, f64::min);
+    let expected = |c: &Candidate| Some((*c, model.expect(c)?, floor(c, study)?));
+    let open: Vec<(Candidate, Expected, f64)> = left.iter().filter_map(expected).collect();
+    let hopeful = |(_, e, floor): &&(Candidate, Expected, f64)| {
+        floor + e.error_m / e.doubt <= target_m && e.time_s <= WORTH * best && e.time_s <= left_s
+    };
+    // The likely ones first, then those that may surprise.
+    let likely = |(_, e, floor): &&(Candidate, Expected, f64)| floor + e.error_m <= target_m;
+    let fastest = |of: Vec<&(Candidate, Expected, f64)>| {
+        of.into_iter().min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s)).map(|c| c.0)
+    };
+    let hopeful: Vec<_> = open.iter().filter(hopeful).collect();
+    let found = fastest(hopeful.iter().copied().filter(likely).collect()).or_else(|| fastest(hopeful));
+    if found.is_some() || best.is_finite() {
+        return found;
+    }
+    // Nothing keeps it and nothing is expected to: what comes nearest.
+    let able = open.iter().filter(|(_, e, _)| e.time_s <= left_s);
+    let least = able.min_by(|a, b| (a.2 + a.1.error_m).total_cmp(&(b.2 + b.1.error_m)))?;
+    let reached = study.rows.iter().map(total).fold(f64::INFINITY, f64::min);
+    (least.2 + least.1.error_m < reached).then_some(least.0)
+}
+
+/// Whether a run keeps the target.
+fn keeps(row: &Row, target_m: f64) -> bool {
+    row.status != Status::Diverged && total(row) <= target_m
+}
+
+/// Runs those again that are about as fast as the fastest: a time is the least of both.
+fn settle(measuring: &mut Measuring<'_>, study: &mut Study, target_m: f64, watch: &mut impl Watch) {
+    let best = study.rows.iter().filter(|row| keeps(row, target_m)).map(|row| row.time_s).fold(f64::INFINITY, f64::min);
+    let close = |row: &Row| keeps(row, target_m) && row.time_s <= CLOSE * best;
+    let close: Vec<usize> = (0..study.rows.len()).filter(|i| close(&study.rows[*i])).collect();
+    if close.len() < 2 {
+        return;
+    }
+    for i in close {
+        let (candidate, time_s) = (study.rows[i].candidate, study.rows[i].time_s);
+        if measuring.interrupted || time_s > measuring.left_s() {
+            return;
+        }
+        watch.part(&format!("again: {}", candidate.in_words()));
+        if let Some(again) = measuring.row(candidate, study, watch) {
+            let row = &mut study.rows[i];
+            row.time_range_s = [time_s.min(again.time_s), time_s.max(again.time_s)];
+            (row.time_s, row.repeats) = (row.time_range_s[0], 2);
+        }
+    }
+}
