@@ -4,10 +4,12 @@
 
 mod accuracy;
 mod bodies;
+mod conserved_volume;
 mod constraints;
 mod contact;
 mod degenerate;
 mod determinism;
+mod drift;
 mod effects;
 mod enclosed_volume;
 mod equilibrium;
