@@ -4,10 +4,13 @@
 //! The data are rebuilt from the description: two spheres by latitude and longitude, and with `PLIANT_DATA` the gluteus
 //! maximus before hip bone and femur. `--test` runs it all on small spheres.
 
+mod measured;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use measured::{key, note, quick};
 use nalgebra::{Point3, Vector3};
 use peak_alloc::PeakAlloc;
 use pliant::contact::remedies::{Length, Remedy};
@@ -121,11 +124,15 @@ impl Task {
     fn describe(&self) {
         let bones: Vec<String> = self.bones.iter().map(counts).collect();
         let inside = self.questions.iter().filter(|q| q.inside).count();
-        println!("\n{}: muscle of {}, bone of {}.", self.name, counts(&self.muscle), bones.join(" and of "));
-        println!(
-            "A frame has {} vertices in a bone's box and {} in a bone, on average of {FRAMES}.\n",
-            self.questions.len() / FRAMES,
-            inside / FRAMES
+        let bones = bones.join(" and of ");
+        note(
+            &format!("contact.{}.data", key(self.name)),
+            format!("muscle of {}, bone of {bones}", counts(&self.muscle)),
+        );
+        let (asked, inside) = (self.questions.len() / FRAMES, inside / FRAMES);
+        note(
+            &format!("contact.{}.asked", key(self.name)),
+            format!("a frame has {asked} vertices in a bone's box and {inside} in a bone, on average of {FRAMES}"),
         );
     }
 }
@@ -243,7 +250,8 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
     }
     let index = if matches!(sorted[0], Sorted::Bits(_)) { bytes } else { bytes - base };
     println!(
-        "| {name} | {:.0} | {distance:.2} | {within:.2} | {:.3} | {:.3} | {asked} | {}, {} | {:.3}, {:.3} |",
+        "ROW contact.{}.ways | {name} | {:.0} | {distance:.2} | {within:.2} | {:.3} | {:.3} | {asked} | {}, {} | {:.3}, {:.3} |",
+        key(task.name),
         built.as_secs_f64() * 1e3,
         held as f64 / 1e6,
         index as f64 / 1e6,
@@ -256,11 +264,6 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
 
 fn compare(task: &Task, largest: usize, budget: Duration) {
     task.describe();
-    println!(
-        "| way | built [ms] | distances [ms a frame] | near [ms a frame] | memory [MB] | without the mesh [MB] | asked | \
-         in, out wrongly | error outside, of depth [mm] |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|");
     // All but the bits hold the same mesh with its topology.
     let rows = rows(largest);
     let brute = &rows[1].1;
@@ -282,7 +285,8 @@ fn remedy(task: &Task, own: &[Surface], inside: &[&Question], name: &str, remedy
         assert!(still == 0 && deeper == 0, "the nearest point is inside");
     }
     println!(
-        "| {name} | {still} | {:.3} | {deeper} | {} | {:.3} |",
+        "ROW contact.{}.remedies | {name} | {still} | {:.3} | {deeper} | {} | {:.3} |",
+        key(task.name),
         depths.iter().fold(0.0_f64, |a, b| a.max(*b)) / MILLIMETRE,
         inside.len() - places.len(),
         moved / MILLIMETRE
@@ -294,11 +298,10 @@ fn remedies(task: &Task) {
     let all: Vec<&Question> = task.questions.iter().filter(|q| q.inside).collect();
     let inside = &all[..all.len().min(1000)];
     let deepest = inside.iter().map(|q| -q.distance).fold(0.0, f64::max);
-    println!("\nOf {} vertices in a bone, of all frames, up to {:.1} mm deep:\n", inside.len(), deepest / MILLIMETRE);
-    println!(
-        "| remedy | still inside | deepest [mm] | deeper than before | on a place of another | moved, mean [mm] |"
+    note(
+        &format!("contact.{}.deep", key(task.name)),
+        format!("{} vertices in a bone, of all frames, up to {:.1} mm deep", inside.len(), deepest / MILLIMETRE),
     );
-    println!("|---|---|---|---|---|---|");
     let constant = Length::Constant(MILLIMETRE);
     for (name, how) in [
         ("nearest vertex", Remedy::NearestVertex),
@@ -332,7 +335,7 @@ fn measured(data: &std::path::Path) -> Task {
 }
 
 fn main() {
-    if std::env::args().any(|a| a == "--test") {
+    if quick() {
         let task = artificial([12, 10], [30, 28]);
         compare(&task, 48, Duration::from_millis(60));
         remedies(&task);

@@ -2,9 +2,12 @@
 //!
 //! Errors are against Newton's solution of the same energy. With `PLIANT_DATA` the real gluteus maximus as well.
 
+mod measured;
+
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use measured::{key, quick, result};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use pliant::constraints::EnclosedVolume;
 use pliant::mesh::shapes::make;
@@ -137,39 +140,24 @@ fn tracked(task: &Task, iterations: u32, reference: &[Point3<f64>]) -> (Duration
     (slowest, task.error(&x, reference))
 }
 
-fn milliseconds(time: Duration) -> f64 {
-    time.as_secs_f64() * 1e3
-}
-
 fn report(task: &Task, rounds: usize) {
+    let name = format!("equilibrium.{}", key(task.name));
     let reference = task.reference(25_f64.to_radians());
     let runs: Vec<_> = (0..rounds).map(|_| from_rest(task, &reference)).collect();
     let prepared = runs.iter().map(|r| r.0).min().unwrap_or_default();
-    println!(
-        "| {} | {} vertices | factored in {:.0} ms |",
-        task.name,
-        task.mesh.vertices.len(),
-        milliseconds(prepared)
-    );
+    result(&format!("{name}.vertices"), task.mesh.vertices.len() as f64, "1");
+    result(&format!("{name}.factored"), prepared.as_secs_f64() * 1e3, "ms");
     for wanted in [0.02, 0.01, 0.004, 0.001] {
         // The same iterations in every round: the least time of them is that of the least disturbed.
         let Some(at) = runs[0].1.iter().position(|(_, error)| *error <= wanted) else { continue };
         let time = runs.iter().map(|r| r.1[at].0).min().unwrap_or_default();
-        println!(
-            "| {} | {} % of the length | {at} iterations, {:.0} ms |",
-            task.name,
-            wanted * 100.0,
-            milliseconds(time)
-        );
+        result(&format!("{name}.within-{}%.iterations", wanted * 100.0), at as f64, "1");
+        result(&format!("{name}.within-{}%.time", wanted * 100.0), time.as_secs_f64() * 1e3, "ms");
     }
     for iterations in [1, 2, 4, 8] {
         let (slowest, error) = tracked(task, iterations, &reference);
-        println!(
-            "| {} | tracked, {iterations} iterations a frame | {:.1} ms the slowest, {:.2} % at the end |",
-            task.name,
-            milliseconds(slowest),
-            error * 100.0
-        );
+        result(&format!("{name}.tracked-{iterations}.slowest"), slowest.as_secs_f64() * 1e3, "ms");
+        result(&format!("{name}.tracked-{iterations}.error"), error * 100.0, "%");
     }
 }
 
@@ -178,9 +166,8 @@ fn refined(mesh: &TriangleMesh, edge: f64) -> TriangleMesh {
 }
 
 fn main() {
-    let quick = std::env::args().any(|a| a == "--test");
     let made = make("hip-gluteus").expect("a shape").mesh;
-    if quick {
+    if quick() {
         report(&Task::new("generated", made), 1);
         return;
     }

@@ -1,5 +1,7 @@
 //! Examination, repair and inside tests of a dirty surface of 20,000 triangles.
 
+mod measured;
+
 use std::hint::black_box;
 use std::time::Duration;
 
@@ -41,7 +43,7 @@ fn health(c: &mut Criterion) {
     let mesh = dirty();
     let mut group = c.benchmark_group("health");
     group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool of one thread");
+    let pool = measured::pool(1);
     let sick = Health::of(&mesh);
     assert!(!sick.is_fit() && sick.self_intersections_complete);
     group.bench_function("examined, 1 thread", |b| pool.install(|| b.iter(|| Health::of(black_box(&mesh)))));

@@ -2,6 +2,8 @@
 
 #[path = "files.rs"]
 mod files;
+#[path = "../measured/mod.rs"]
+mod measured;
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
@@ -43,8 +45,7 @@ fn read(c: &mut Criterion) {
 
 /// Nanoseconds a byte at three sizes, the best of several readings each, and the last over the first.
 fn linear(_: &mut Criterion) {
-    println!("| file | MB/s | ns a byte at 1, 4, 16 times the size | last over first |\n|---|---|---|---|");
-    let rounds = if std::env::args().any(|a| a == "--test") { 1 } else { 7 };
+    let rounds = if measured::quick() { 1 } else { 7 };
     let sizes = SIDES.map(|side| Torus::new(side).files());
     for (i, file) in sizes[0].iter().enumerate() {
         let times = [0, 1, 2].map(|k| {
@@ -56,7 +57,7 @@ fn linear(_: &mut Criterion) {
         let [a, b, c] = times;
         let verdict = if ratio <= LINEAR { "" } else { " NOT LINEAR" };
         let speed = 1e3 / c;
-        println!("| {} | {speed:.0} | {a:.2}, {b:.2}, {c:.2} | {ratio:.2}{verdict} |", file.name);
+        println!("ROW read.files | {} | {speed:.0} | {a:.2}, {b:.2}, {c:.2} | {ratio:.2}{verdict} |", file.name);
     }
 }
 

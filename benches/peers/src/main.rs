@@ -5,7 +5,12 @@
 //! with that work in it. Pliant's step is prediction, one sweep over all
 //! edges, hinges and the enclosed volume, and velocities.
 
+#[path = "../../measured/lines.rs"]
+mod lines;
+
 use std::time::Instant;
+
+use lines::{compare, quick, result};
 
 use nalgebra::Vector3;
 use pliant::constraints::{Batch, EnclosedVolume, Order};
@@ -68,7 +73,7 @@ fn strain(topology: &Topology, mesh: &TriangleMesh, at: impl Fn(u32) -> Vector3<
     (topology.edges.iter().zip(&lengths).map(of).sum::<f64>() / lengths.len() as f64).sqrt()
 }
 
-/// Checks both results and returns the relative volume errors and the strains of both.
+/// Checks both results and prints the relative volume errors and the strains of both.
 fn check(mesh: &TriangleMesh, topology: &Topology, x: &System, theirs: &(PhysicsWorld, SoftBodyHandle)) {
     let position = &x.particles.position;
     let now = TriangleMesh { vertices: position.clone(), triangles: mesh.triangles.clone() };
@@ -84,54 +89,44 @@ fn check(mesh: &TriangleMesh, topology: &Topology, x: &System, theirs: &(Physics
     };
     let stretch_of_body = strain(topology, mesh, at);
     assert!(of_body.abs() <= 2e-3 && stretch_of_body < 0.05, "rapier3d: volume {of_body:e}, strain {stretch_of_body}");
-    println!("volume error: pliant {volume:.1e}, rapier3d {of_body:.1e}");
-    println!("edge strain RMS: pliant {stretch:.4}, rapier3d {stretch_of_body:.4}");
+    result("peers.volume.pliant", volume.abs(), "1");
+    result("peers.volume.rapier3d", of_body.abs(), "1");
+    result("peers.strain.pliant", stretch, "1");
+    result("peers.strain.rapier3d", stretch_of_body, "1");
 }
 
-fn ms(deed: impl FnOnce()) -> f64 {
+fn seconds(deed: impl FnOnce()) -> f64 {
     let begin = Instant::now();
     deed();
-    begin.elapsed().as_secs_f64() * 1e3
-}
-
-/// Minimum, median and upper quartile.
-fn spread(times: &mut [f64]) -> [f64; 3] {
-    times.sort_by(f64::total_cmp);
-    [times[0], times[times.len() / 2], times[times.len() * 3 / 4]]
+    begin.elapsed().as_secs_f64()
 }
 
 fn measure() {
-    let mesh = icosphere(1.0, 5);
+    let (mesh, rounds) = if quick() { (icosphere(1.0, 3), 2) } else { (icosphere(1.0, 5), ROUNDS) };
     let topology = Topology::new(&mesh);
     let mut system = ours(&mesh, &topology);
     let (mut one, mut more) = (theirs(&mesh, 1), theirs(&mesh, SUBSTEPS));
     let body = &one.0.soft_bodies[one.1];
     assert_eq!(body.edges().len(), topology.edges.len(), "the same edges");
     assert_eq!(body.dihedrals().len(), topology.hinges.len(), "the same hinges");
-    println!("{} vertices, {} edges, {} hinges", mesh.vertices.len(), topology.edges.len(), topology.hinges.len());
-    let (mut step, mut substep, mut whole, mut mean) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for round in 0..ROUNDS + 5 {
-        let a = ms(|| (0..4).for_each(|_| system.step(&[], 2.5e-3).expect("finite"))) / 4.0;
-        let b = ms(|| one.0.step());
-        let c = ms(|| more.0.step());
+    let (mut step, mut substep, mut whole, mut third) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for round in 0..rounds + 5 {
+        let a = seconds(|| (0..4).for_each(|_| system.step(&[], 2.5e-3).expect("finite"))) / 4.0;
+        let b = seconds(|| one.0.step());
+        let c = seconds(|| more.0.step());
         if round >= 5 {
             step.push(a);
             whole.push(b);
-            mean.push(c / SUBSTEPS as f64);
+            third.push(c / SUBSTEPS as f64);
             substep.push((c - b) / (SUBSTEPS - 1) as f64);
         }
     }
     check(&mesh, &topology, &system, &more);
-    let ratios = |of: &[f64]| spread(&mut of.iter().zip(&step).map(|(b, a)| b / a).collect::<Vec<_>>());
-    let show = |name: &str, [a, b, c]: [f64; 3]| println!("{name}: {a:.2} min, {b:.2} median, {c:.2} upper quartile");
-    show("rapier3d substep / pliant step (a round each)", ratios(&substep));
-    show("rapier3d step of several substeps / their number / pliant step", ratios(&mean));
-    show("rapier3d step of one substep / pliant step", ratios(&whole));
-    show("pliant step [ms]", spread(&mut step));
-    show("rapier3d substep [ms]", spread(&mut substep));
-    show("rapier3d step of one substep [ms]", spread(&mut whole));
+    for (name, times) in [("substep", substep), ("third", third), ("whole", whole)] {
+        compare(&format!("peers.{name}"), ["rapier3d", "pliant"], &[times, step.clone()]);
+    }
     for (effect, (seconds, calls)) in &system.clock.effects {
-        println!("pliant {effect}: {:.3} ms", seconds / *calls as f64 * 1e3);
+        result(&format!("peers.pliant.{effect}"), seconds / *calls as f64 * 1e3, "ms");
     }
 }
 
