@@ -7,7 +7,7 @@ mod measured;
 
 use std::hint::black_box;
 
-use measured::scene::Scene;
+use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
 use measured::{Body, pool};
 use pliant::constraints::{Order, Width};
@@ -31,8 +31,12 @@ fn sweep(width: Width) {
 
 fn step(width: Width) {
     let mut scene = Scene::new(32, 32).with_width(width);
-    (0..4).for_each(|_| scene.step());
-    counted(&mut || (0..2).for_each(|_| scene.step()));
+    let frame = |scene: &mut Scene| {
+        scene.step();
+        scene.settle();
+    };
+    (0..PRESSED).for_each(|_| frame(&mut scene));
+    counted(&mut || (0..2).for_each(|_| frame(&mut scene)));
     scene.check();
 }
 

