@@ -281,10 +281,11 @@ fn runners(task: &Task) -> Vec<Runner> {
         let solver = Equilibria { solver: task.solver(1e-12, n), x: task.mesh.vertices.clone() };
         all.push(("pliant, quasi-static", format!("iterations {n}"), Box::new(solver)));
     }
-    let none = Vec::new;
-    all.into_iter()
-        .map(|(who, settings, solver)| Runner { who, settings, solver, times: none(), turned: none(), rested: none() })
-        .collect()
+    let of = |(who, settings, solver)| {
+        let (times, turned, rested) = (Vec::new(), Vec::new(), Vec::new());
+        Runner { who, settings, solver, times, turned, rested }
+    };
+    all.into_iter().map(of).collect()
 }
 
 /// All take turns, frame by frame.

@@ -78,9 +78,12 @@ fn main() -> std::io::Result<()> {
     Ok(())
 }
 
+/// A file, a peer, and how it reads.
+type Pair = (File, &'static str, fn(&[u8]) -> Counts);
+
 fn compare() {
     let torus = Torus::new(316);
-    let pairs: [(File, &str, fn(&[u8]) -> Counts); 6] = [
+    let pairs: [Pair; 6] = [
         (torus.obj(), "tobj", by_tobj),
         (torus.obj_with_all_digits(), "tobj", by_tobj),
         (torus.ply_text(), "ply-rs-bw", by_ply),
