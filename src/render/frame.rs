@@ -105,6 +105,17 @@ impl Frame {
         }
     }
 
+    /// Lays another picture over this one, its upper left corner at a column and row; what lies outside is cut off.
+    pub fn paste(&mut self, column: usize, row: usize, other: &Self) {
+        let width = other.width.min(self.width.saturating_sub(column));
+        for (down, line) in other.pixels.chunks(other.width).enumerate().take(self.height.saturating_sub(row)) {
+            if width > 0 {
+                self.pixels[(row + down) * self.width + column..][..width].copy_from_slice(&line[..width]);
+            }
+        }
+        self.dropped += other.dropped;
+    }
+
     /// Puts pictures side by side, `gap` pixels of `colour` between them, from the top.
     pub fn beside(frames: &[Self], gap: usize, colour: Rgb) -> Self {
         let width = frames.iter().map(Self::width).sum::<usize>() + gap * frames.len().saturating_sub(1);
@@ -182,6 +193,16 @@ mod tests {
         assert_eq!(both.pixel(2, 0), Some([128; 3]));
         assert_eq!((both.pixel(5, 0), both.pixel(5, 1)), (Some([255; 3]), Some([128; 3])));
         assert_eq!(Frame::beside(&[], 3, [0.5; 3]).pixels().len(), 1);
+    }
+
+    #[test]
+    fn what_is_pasted_is_cut_at_the_sides() {
+        let mut frame = Frame::plain(4, 3, [1.0; 3]);
+        for (column, row) in [(2, 1), (9, 0), (0, 9), (4, 3)] {
+            frame.paste(column, row, &Frame::plain(3, 5, [0.0; 3]));
+        }
+        let dark: Vec<usize> = (0..12).filter(|p| frame.pixels()[*p] == [0; 3]).collect();
+        assert_eq!(dark, [6, 7, 10, 11]);
     }
 
     #[test]

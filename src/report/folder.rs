@@ -17,6 +17,9 @@ const HEADER: &str = "# Written by pliant. The next run into this folder removes
 /// Endings of files that a run writes: nothing else is ever removed, whatever the list says.
 const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml"];
 
+/// Folders that a run makes in its own.
+const FOLDERS: &[&str] = &["frames", "runs"];
+
 /// Why results cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum FolderError {
@@ -62,17 +65,36 @@ impl Folder {
     /// # Errors
     /// Something that is no folder, or what the operating system refuses.
     pub fn open(root: &Path) -> Result<Self, FolderError> {
+        Self::open_keeping(root, &|_| false)
+    }
+
+    /// As [`Self::open`], but files of an earlier run that `keep` wants, by their relative paths, stay and stay known as
+    /// our own.
+    ///
+    /// # Errors
+    /// Something that is no folder, or what the operating system refuses.
+    pub fn open_keeping(root: &Path, keep: &dyn Fn(&str) -> bool) -> Result<Self, FolderError> {
         // Nor can a folder lie below something that is none.
         if let Some(taken) = root.ancestors().find(|p| p.exists()).filter(|p| !p.is_dir()) {
             return Err(FolderError::NotAFolder(taken.to_owned()));
         }
         fs::create_dir_all(root).map_err(refused(root))?;
         let list_path = root.join(LIST);
-        remove_old(root, &list_path)?;
-        let begun = OpenOptions::new().write(true).create_new(true).open(&list_path);
-        let mut list = begun.map_err(refused(&list_path))?;
-        writeln!(list, "{HEADER}").map_err(refused(&list_path))?;
-        Ok(Self { root: root.to_owned(), claimed: Mutex::new(Claimed { list, files: HashSet::new() }) })
+        let old = listed(&list_path)?;
+        let (kept, gone): (Vec<String>, Vec<String>) =
+            old.iter().flatten().cloned().partition(|r| keep(r) && root.join(r).is_file());
+        remove(root, &gone)?;
+        // The list is never without what is kept: a run that is killed here would leave files that nobody owns.
+        let lines = || std::iter::once(HEADER).chain(kept.iter().map(String::as_str));
+        let write = |w: &mut dyn Write| lines().try_for_each(|line| writeln!(w, "{line}"));
+        match old {
+            Some(_) => write_whole(&list_path, |w| write(w)),
+            None => OpenOptions::new().write(true).create_new(true).open(&list_path).and_then(|mut w| write(&mut w)),
+        }
+        .map_err(refused(&list_path))?;
+        let list = OpenOptions::new().append(true).open(&list_path).map_err(refused(&list_path))?;
+        let files = kept.into_iter().collect();
+        Ok(Self { root: root.to_owned(), claimed: Mutex::new(Claimed { list, files }) })
     }
 
     /// Where it is.
@@ -118,18 +140,23 @@ impl Folder {
     }
 }
 
-/// Removes what the list of an earlier run names, and the list.
-fn remove_old(root: &Path, list_path: &Path) -> Result<(), FolderError> {
+/// Our own files that the list of an earlier run names; `None` without a list.
+fn listed(list_path: &Path) -> Result<Option<Vec<String>>, FolderError> {
     let text = match fs::read_to_string(list_path) {
         Ok(text) => text,
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(FolderError::Io { path: list_path.to_owned(), source: e }),
     };
     let mut lines = text.lines();
     if lines.next() != Some(HEADER) {
         return Err(FolderError::Foreign(list_path.to_owned()));
     }
-    for relative in lines.map(Path::new).filter(|p| is_own(p)) {
+    Ok(Some(lines.filter(|line| is_own(Path::new(line))).map(str::to_owned).collect()))
+}
+
+/// Removes files, and their parts that a run which was killed has left.
+fn remove(root: &Path, files: &[String]) -> Result<(), FolderError> {
+    for relative in files {
         let path = root.join(relative);
         let mut part = path.clone().into_os_string();
         part.push(".part");
@@ -142,9 +169,11 @@ fn remove_old(root: &Path, list_path: &Path) -> Result<(), FolderError> {
             }
         }
     }
-    // Goes only if it is empty, which is wanted.
-    let _ = fs::remove_dir(root.join("frames"));
-    fs::remove_file(list_path).map_err(refused(list_path))
+    for folder in FOLDERS {
+        // Goes only if it is empty, which is wanted.
+        let _ = fs::remove_dir(root.join(folder));
+    }
+    Ok(())
 }
 
 /// Whether a path of the list can be one of ours: below the folder, with an ending that a run writes.
@@ -181,6 +210,27 @@ mod tests {
         assert_eq!(fs::read(root.join("frames/mine.vtp")).unwrap(), b"mine");
         assert!(matches!(folder.write("frames/mine.vtp", text("x")), Err(FolderError::Foreign(_))));
         assert_eq!(fs::read(root.join("frames/mine.vtp")).unwrap(), b"mine");
+        fs::remove_dir_all(&root).unwrap();
+    }
+
+    #[test]
+    fn what_is_to_be_kept_stays_and_stays_our_own() {
+        let root = scratch("kept");
+        let folder = Folder::open(&root).unwrap();
+        folder.write("runs/a.json", text("a")).unwrap();
+        folder.write("runs/b.json", text("b")).unwrap();
+        folder.write("table.csv", text("old")).unwrap();
+        fs::write(root.join("runs/mine.json"), "mine").unwrap();
+        let folder = Folder::open_keeping(&root, &|r| r == "runs/a.json" || r == "runs/mine.json").unwrap();
+        assert!(root.join("runs/a.json").exists() && !root.join("runs/b.json").exists());
+        assert!(!root.join("table.csv").exists());
+        folder.write("runs/a.json", text("new")).unwrap();
+        // Wanted or not: it was never ours.
+        assert!(matches!(folder.write("runs/mine.json", text("x")), Err(FolderError::Foreign(_))));
+        drop(folder);
+        Folder::open(&root).unwrap();
+        assert!(!root.join("runs/a.json").exists(), "a file that was kept once is removed by a run that keeps nothing");
+        assert_eq!(fs::read(root.join("runs/mine.json")).unwrap(), b"mine");
         fs::remove_dir_all(&root).unwrap();
     }
 

@@ -16,6 +16,8 @@ pub struct Report {
     pub verdict: Vec<(String, bool)>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
     pub pictures: Vec<(String, Vec<u8>)>,
+    /// Caption and bytes of each picture that needs the whole width, one below the other.
+    pub sheets: Vec<(String, Vec<u8>)>,
     /// Heading over the plots; "Over the run" where it is empty.
     pub plots_title: String,
     /// Plots, two in a row.
@@ -41,8 +43,8 @@ h2{font-size:18px;margin:36px 0 12px}
 .grid{display:grid;gap:16px}
 .pictures{grid-template-columns:repeat(auto-fill,minmax(min(100%,320px),1fr))}
 .plots{grid-template-columns:repeat(auto-fit,minmax(min(100%,480px),1fr))}
-.pictures .card{padding:0;overflow:hidden}
-.pictures img{display:block;width:100%;height:auto;background:#fff}
+.pictures .card,.sheets .card{padding:0;overflow:hidden}
+.pictures img,.sheets img{display:block;width:100%;height:auto;background:#fff}
 figcaption{padding:10px 14px;color:var(--soft);border-top:1px solid var(--line)}
 .plots svg{display:block;width:100%;height:auto}
 .sum{font-size:17px;font-weight:600;padding:12px 18px;border-radius:10px;margin:0 0 12px}
@@ -81,7 +83,8 @@ impl Report {
             let _ = writeln!(html, "<p class=\"subtitle\">{}</p>", escape(&self.subtitle));
         }
         self.write_verdict(&mut html);
-        self.write_pictures(&mut html);
+        write_pictures(&mut html, "pictures", &self.pictures);
+        write_pictures(&mut html, "sheets", &self.sheets);
         if !self.plots.is_empty() {
             let heading = if self.plots_title.is_empty() { "Over the run" } else { &self.plots_title };
             let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"grid plots\">", escape(heading));
@@ -120,24 +123,25 @@ impl Report {
         }
         html.push_str("</ul>\n");
     }
+}
 
-    fn write_pictures(&self, html: &mut String) {
-        if self.pictures.is_empty() {
-            return;
-        }
-        html.push_str("<h2>Pictures</h2>\n<div class=\"grid pictures\">\n");
-        for (caption, bytes) in &self.pictures {
-            let kind = if bytes.starts_with(b"GIF8") { "gif" } else { "png" };
-            let caption = escape(caption);
-            let _ = writeln!(
-                html,
-                "<figure class=\"card\"><img alt=\"{caption}\" src=\"data:image/{kind};base64,{}\">\
-                 <figcaption>{caption}</figcaption></figure>",
-                base64(bytes)
-            );
-        }
-        html.push_str("</div>\n");
+/// Pictures in a grid of a class.
+fn write_pictures(html: &mut String, class: &str, pictures: &[(String, Vec<u8>)]) {
+    if pictures.is_empty() {
+        return;
     }
+    let _ = writeln!(html, "<h2>Pictures</h2>\n<div class=\"grid {class}\">");
+    for (caption, bytes) in pictures {
+        let kind = if bytes.starts_with(b"GIF8") { "gif" } else { "png" };
+        let caption = escape(caption);
+        let _ = writeln!(
+            html,
+            "<figure class=\"card\"><img alt=\"{caption}\" src=\"data:image/{kind};base64,{}\">\
+             <figcaption>{caption}</figcaption></figure>",
+            base64(bytes)
+        );
+    }
+    html.push_str("</div>\n");
 }
 
 fn write_table(html: &mut String, table: &Table) {
@@ -216,6 +220,7 @@ mod tests {
             subtitle: evil(),
             verdict: vec![(evil(), true), (evil(), false)],
             pictures: vec![(evil(), b"\"><script>".to_vec())],
+            sheets: vec![(evil(), Vec::new())],
             plots_title: evil(),
             plots: vec![LinePlot::new(evil(), evil()).with(evil(), [(0.0, 0.0), (1.0, 1.0)]).with_limit(evil(), 1.0)],
             tables: vec![table],
@@ -227,7 +232,7 @@ mod tests {
     fn no_text_becomes_markup() {
         let html = evil_report().to_html();
         assert!(!html.contains("<script") && !html.contains("src='") && !html.contains('\0'));
-        assert_eq!(html.matches("&lt;script src=&#39;http://x&#39;&gt;").count(), 18);
+        assert_eq!(html.matches("&lt;script src=&#39;http://x&#39;&gt;").count(), 20);
     }
 
     #[test]

@@ -31,6 +31,7 @@ pub fn report(
         subtitle: subtitle(summary),
         verdict: summary.verdicts.iter().map(verdict).collect(),
         pictures: pictures(cast, shots)?,
+        sheets: Vec::new(),
         plots_title: String::new(),
         plots: plots(summary, record),
         tables: tables(summary, settings),

@@ -29,13 +29,44 @@ const COVERED: f64 = 0.98;
 /// Colour of the fibres where the muscle is bright, which that of the renderer is not made for.
 const LINE: colour::Rgb = [0.95, 0.95, 0.97];
 
+/// Where pictures are taken from, and what their colours mean: the same for all pictures that are to be compared.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    view: View,
+    focus: Vec<Point3<f64>>,
+    range: (f64, f64),
+}
+
+impl Stage {
+    /// Shows muscles within `bounds`, seen as suits a cast at its first frame; colours end at the strain `stretch`.
+    pub fn new(cast: &Cast, first: &Snapshot, bounds: &Aabb, stretch: f64) -> Self {
+        let bounds = bounds.inflate(AROUND * bounds.extents().amax());
+        let most = (stretch * 100.0).max(LEAST_RANGE);
+        Self { view: view(cast, first, &bounds), focus: bounds.corners().to_vec(), range: (0.0, most) }
+    }
+
+    /// Height over width of what is shown.
+    pub fn aspect(&self) -> f64 {
+        let camera = Camera::fit(self.focus.iter().copied(), &self.view, Canvas::new(1000, 1000));
+        let pixels: Vec<[f64; 2]> = self.focus.iter().filter_map(|p| camera.pixel(p)).map(|(at, _)| at).collect();
+        let [width, height] = [0, 1].map(|k| {
+            let along = || pixels.iter().map(|at| at[k]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        });
+        if width > 0.0 && height.is_finite() { height / width } else { 1.0 }
+    }
+
+    /// What the colours mean.
+    pub fn legend(&self) -> Legend {
+        Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis)
+    }
+}
+
 /// Draws all pictures of one run from the same place with the same colours.
 #[derive(Debug)]
 pub struct Painter<'a> {
     cast: &'a Cast,
-    view: View,
-    focus: Vec<Point3<f64>>,
-    range: (f64, f64),
+    stage: Stage,
 }
 
 impl<'a> Painter<'a> {
@@ -45,22 +76,23 @@ impl<'a> Painter<'a> {
         let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
         let shown = [first, worst, last].into_iter().chain(shots.animation.iter().map(AsRef::as_ref));
         let bounds = shown.flat_map(|s| &s.muscles).map(|(x, _)| Aabb::of_points(x)).reduce(|a, b| a.union(&b))?;
-        let bounds = bounds.inflate(AROUND * bounds.extents().amax());
-        let mut stretches = stretches(cast, worst).concat();
-        stretches.sort_unstable_by(f64::total_cmp);
-        let covered = stretches.get((COVERED * stretches.len() as f64) as usize).or(stretches.last());
-        let most = covered.copied().unwrap_or(0.0).max(LEAST_RANGE);
-        Some(Self { cast, view: view(cast, first, &bounds), focus: bounds.corners().to_vec(), range: (0.0, most) })
+        let covered = covered_stretch(cast, worst.muscles.iter().map(|(x, _)| x.as_slice()));
+        Some(Self { cast, stage: Stage::new(cast, first, &bounds, covered) })
+    }
+
+    /// A painter that shares its place and colours with others.
+    pub fn on(cast: &'a Cast, stage: &Stage) -> Self {
+        Self { cast, stage: stage.clone() }
     }
 
     /// A picture for the report.
     pub fn picture(&self, shot: &Snapshot) -> Frame {
-        self.paint(shot, SIZE, true)
+        self.titled(shot, SIZE, true)
     }
 
     /// The pictures of an animation, and the seconds that each is shown.
     pub fn animation(&self, shots: &Shots) -> (Vec<Frame>, f64) {
-        let pictures = shots.animation.par_iter().map(|s| self.paint(s, SMALL, false)).collect();
+        let pictures = shots.animation.par_iter().map(|s| self.titled(s, SMALL, false)).collect();
         let apart = match shots.animation.as_slice() {
             [first, second, ..] => second.time - first.time,
             _ => 1.0,
@@ -68,18 +100,26 @@ impl<'a> Painter<'a> {
         (pictures, apart)
     }
 
-    fn paint(&self, shot: &Snapshot, (width, height): (u32, u32), large: bool) -> Frame {
-        let legend = Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis);
-        let legend = if large { legend.large() } else { legend };
-        let canvas = Canvas::new(width, height).with_right(legend.width());
-        let camera = Camera::fit(self.focus.iter().copied(), &self.view, canvas);
+    fn titled(&self, shot: &Snapshot, size: (u32, u32), large: bool) -> Frame {
+        let legend = if large { self.stage.legend().large() } else { self.stage.legend() };
+        let mut frame = self.paint(shot, Canvas::new(size.0, size.1).with_right(legend.width()));
+        legend.draw(&mut frame);
+        let title = format!("frame {}", shot.frame);
+        frame.text(12, 10, &title, if large { TextStyle::Title } else { TextStyle::Small }, [0.16, 0.17, 0.19]);
+        frame
+    }
+
+    /// A picture without title and legend.
+    pub fn paint(&self, shot: &Snapshot, canvas: Canvas) -> Frame {
+        let range = self.stage.range;
+        let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
         let values = stretches(self.cast, shot);
         let posed = |((_, mesh), pose): (&(String, crate::mesh::TriangleMesh), &nalgebra::Isometry3<f64>)| {
             mesh.vertices.iter().map(|v| pose * v).collect::<Vec<Point3<f64>>>()
         };
         let bones: Vec<Vec<Point3<f64>>> = self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
         let surfaces = self.cast.muscles.iter().zip(&shot.muscles).zip(&values).map(|((actor, (x, _)), values)| {
-            Surface::field(x, &actor.rest.triangles, values, self.range, ColourMap::Viridis)
+            Surface::field(x, &actor.rest.triangles, values, range, ColourMap::Viridis)
         });
         let around = self
             .cast
@@ -103,12 +143,15 @@ impl<'a> Painter<'a> {
             // Fibres run inside their muscle, which is the surface of the same number.
             drawing = drawing.with_lines(Lines::new(lines, ink).seen_through(m));
         }
-        let mut frame = render(&drawing, &camera);
-        legend.draw(&mut frame);
-        let title = format!("frame {}", shot.frame);
-        frame.text(12, 10, &title, if large { TextStyle::Title } else { TextStyle::Small }, [0.16, 0.17, 0.19]);
-        frame
+        render(&drawing, &camera)
     }
+}
+
+/// The mean absolute strain of a vertex's edges that all but a few vertices stay below, at positions of each muscle.
+pub fn covered_stretch<'a>(cast: &Cast, positions: impl IntoIterator<Item = &'a [Point3<f64>]>) -> f64 {
+    let mut all: Vec<f64> = cast.muscles.iter().zip(positions).flat_map(|(actor, x)| actor.stretch(x)).collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.get((COVERED * all.len() as f64) as usize).or(all.last()).copied().unwrap_or(0.0)
 }
 
 /// Mean absolute strain of the edges at each vertex of each muscle [%].

@@ -153,7 +153,7 @@ fn row(m: &Measures) -> [String; 16] {
 }
 
 /// A text as CSV wants it.
-fn quoted(text: &str) -> String {
+pub(crate) fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }
 
