@@ -26,6 +26,7 @@ pub mod simulation;
 pub mod accuracy;
 pub mod render;
 pub mod report;
+pub mod study;
 pub mod cli;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

@@ -12,6 +12,7 @@ mod plan;
 mod progress;
 mod run;
 mod scenes;
+mod study;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -55,6 +56,8 @@ enum Command {
     Plan(plan::Arguments),
     /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
     Accuracy(accuracy::Arguments),
+    /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+    Study(study::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -78,6 +81,7 @@ pub fn main() -> ExitCode {
         Some(Command::Run(arguments)) => run::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
+        Some(Command::Study(arguments)) => study::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

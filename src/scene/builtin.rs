@@ -1,7 +1,7 @@
 //! The scenes that need no file, and the choice between a file and one of them.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, parse_with, unknown_name};
@@ -43,6 +43,20 @@ pub fn builtin(name: &str) -> Option<&'static str> {
 /// assert!(matches!(scene.solver, Solver::Xpbd(s) if s.substeps == 40));
 /// ```
 pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneError> {
+    let Written { text, name, folder } = find(name_or_path)?;
+    parse_with(&text, &name, &Surroundings { folder: &folder, variable: &paths::environment, overrides })
+}
+
+/// A scene's text, the name that messages give it, and the folder that its paths begin in.
+#[derive(Clone, Debug)]
+pub(super) struct Written {
+    pub(super) text: String,
+    pub(super) name: String,
+    pub(super) folder: PathBuf,
+}
+
+/// The text of a file or of a built-in scene.
+pub(super) fn find(name_or_path: &str) -> Result<Written, SceneError> {
     let path = Path::new(name_or_path);
     let here = Path::new(".");
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(here);
@@ -52,21 +66,20 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
             let problem = Problem::MissingFile { path: shown_path(path), reason, hint: NO_SCENE };
             SceneError::of_name(problem, name_or_path)
         })?;
-        return parse_with(&text, name_or_path, &Surroundings { folder, variable: &paths::environment, overrides });
+        return Ok(Written { text, name: name_or_path.to_owned(), folder: folder.to_owned() });
     }
     let Some(text) = builtin(name_or_path) else {
         let problem = unknown_name("scene", name_or_path, BUILTIN.iter().map(|&(name, ..)| name));
         return Err(SceneError::of_name(problem, name_or_path));
     };
-    let surroundings = Surroundings { folder: here, variable: &paths::environment, overrides };
-    parse_with(text, &format!("{name_or_path}.toml"), &surroundings)
+    Ok(Written { text: text.to_owned(), name: format!("{name_or_path}.toml"), folder: here.to_owned() })
 }
 
 /// What to do where there is no scene file.
 const NO_SCENE: &str = "name a scene file, or one of the scenes that `pliant scenes` lists";
 
 /// The text of a file, or why there is none (`None` when it is not there).
-fn read(path: &Path) -> Result<String, Option<String>> {
+pub(super) fn read(path: &Path) -> Result<String, Option<String>> {
     let reason = |e: std::io::Error| (e.kind() != std::io::ErrorKind::NotFound).then(|| e.to_string());
     if path.is_dir() {
         return Err(Some("it is a folder".to_owned()));

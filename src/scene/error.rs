@@ -309,6 +309,11 @@ impl SceneError {
         self.0.place
     }
 
+    /// The text that it was found in: of the file, or of an override.
+    pub(super) fn source_text(&self) -> &str {
+        self.0.source.inner()
+    }
+
     /// One line, `file:line:column: error[E052]: key: what is wrong; what to do`, for pipes and logs.
     #[must_use]
     pub fn terse(&self) -> String {

@@ -17,6 +17,7 @@ mod reader;
 mod schema;
 mod shapes_known;
 mod spelling;
+pub mod study;
 mod tree;
 pub mod units;
 
@@ -27,6 +28,7 @@ pub use origin::Origin;
 pub use parse::{Surroundings, parse, parse_with};
 pub use paths::environment;
 pub use shapes_known::{FIBRE_SHAPES, SHAPES};
+pub use study::StudyFile;
 
 use std::path::PathBuf;
 

@@ -268,7 +268,7 @@ fn unique_name(section: &Section<'_>, taken: &mut HashSet<String>) -> Result<Str
     if taken.insert(name.clone()) { Ok(name) } else { item.fail(Problem::DuplicateName { name }) }
 }
 
-fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
+pub(super) fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
     let name = item.text("femur")?;
     match name_fault(name) {
         Some(allowed) => item.fail(Problem::out_of_range(name, allowed)),
@@ -277,7 +277,7 @@ fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {
 }
 
 /// Why a name cannot be one: it becomes the name of a file or folder on any system.
-fn name_fault(name: &str) -> Option<&'static str> {
+pub(super) fn name_fault(name: &str) -> Option<&'static str> {
     if name.trim() != name || name.is_empty() || name.len() > LONGEST_NAME {
         return Some("a name of 1 to 100 bytes without space at its ends");
     }

@@ -1,6 +1,7 @@
 //! The command as a person or a script meets it: exit codes, messages, and the files of a run.
 
 mod check;
+mod study;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -126,9 +127,14 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
 
 #[test]
 fn every_command_has_help_with_an_example() {
-    for arguments in
-        [&["--help"][..], &["run", "--help"], &["plan", "--help"], &["scenes", "--help"], &["accuracy", "--help"]]
-    {
+    for arguments in [
+        &["--help"][..],
+        &["run", "--help"],
+        &["plan", "--help"],
+        &["scenes", "--help"],
+        &["accuracy", "--help"],
+        &["study", "--help"],
+    ] {
         let done = run(arguments);
         assert_eq!(done.status.code(), Some(0));
         let help = text(&done.stdout);

@@ -1,0 +1,464 @@
+//! The file of a parameter study: a scene, fixed changes, lists of values to vary, frames to look at.
+//!
+//! Keys of `[set]`, `[vary]` and `[reference]` are those of [`overrides`](super::overrides), in quotes or as dotted
+//! keys; a value is what would stand behind the `=` of `--set`, numbers, lists and tables as TOML has them, all else
+//! as a text: `"off"`, `"1 mm"`, `"pbd"`.
+
+use std::path::Path;
+
+use super::Scene;
+use super::builtin::{self, Written};
+use super::error::{Problem, SceneError};
+use super::parse::{Surroundings, checked_name, name_fault, parse_with, unknown_name};
+use super::paths;
+use super::reader::{Context, Item, Section};
+use super::schema::{Kind, Schema};
+use super::spelling::{shown, shown_path};
+use super::tree::{self, Node, Sources, Span, Table, Value};
+
+/// Most combinations of one study, references not counted.
+pub const MOST_COMBINATIONS: usize = 10_000;
+
+/// Most frames that a study looks at.
+pub const MOST_FRAMES: usize = 24;
+
+const STUDY: Schema = Schema {
+    keys: &[
+        ("name", Kind::Text),
+        ("scene", Kind::Text),
+        ("frames", Kind::Plain),
+        ("measures", Kind::Plain),
+        ("combine", Kind::Text),
+        ("set", Kind::Table(&ANY)),
+        ("vary", Kind::Table(&ANY)),
+        ("reference", Kind::Table(&ANY)),
+    ],
+};
+
+/// Not looked at: which keys there are is the scene's matter.
+const ANY: Schema = Schema { keys: &[] };
+
+/// How lists of values become combinations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Combine {
+    /// Every value of a list with every value of the others.
+    #[default]
+    All,
+    /// The scene with its fixed changes, and each value of each list alone.
+    OneAtATime,
+}
+
+impl Combine {
+    /// All of them, as a study file names them.
+    pub const ALL: [Self; 2] = [Self::All, Self::OneAtATime];
+
+    /// As a study file names it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "all",
+            Self::OneAtATime => "one at a time",
+        }
+    }
+}
+
+/// One change of the scene, `KEY=VALUE` as behind `--set`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Change {
+    /// The key.
+    pub key: String,
+    /// The value, in one line.
+    pub value: String,
+    span: Span,
+}
+
+impl Change {
+    fn text(&self) -> String {
+        format!("{}={}", self.key, self.value)
+    }
+}
+
+/// A key and the values it takes in turn.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Varied {
+    /// The key.
+    pub key: String,
+    /// Its values, at least one, none twice.
+    pub values: Vec<Change>,
+}
+
+/// A study as written, checked as far as it can be without its scene's meshes.
+#[derive(Clone, Debug)]
+pub struct StudyFile {
+    /// Name: of the key `name`, or the file's without its ending.
+    pub name: String,
+    /// The scene as the file names it.
+    pub scene: String,
+    /// Frames to look at, sorted; `None` where the file leaves the choice.
+    pub frames: Option<Vec<usize>>,
+    /// Measures to show, in the file's order; `None` for all.
+    pub measures: Option<Vec<String>>,
+    /// How the lists are combined.
+    pub combine: Combine,
+    /// Changes of every combination.
+    pub set: Vec<Change>,
+    /// What is varied, at least one key.
+    pub vary: Vec<Varied>,
+    /// Changes over each combination that make the run that it is compared with; empty for no comparison.
+    pub reference: Vec<Change>,
+    /// Changes from the command line, applied after those of `set`.
+    more: Vec<String>,
+    written: Written,
+    sources: Sources,
+    at: Places,
+}
+
+/// Where things stand in the file.
+#[derive(Clone, Debug)]
+struct Places {
+    scene: Span,
+    frames: Span,
+    vary: Span,
+}
+
+type Read<T> = Result<T, SceneError>;
+
+impl StudyFile {
+    /// Reads a study file and its scene's text, and checks the scene with the fixed changes; `more` are changes from
+    /// the command line, `measures` the names that the key of that name may hold.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its place.
+    pub fn read(path: &str, more: &[String], measures: &[&str]) -> Read<Self> {
+        let file = Path::new(path);
+        let text = builtin::read(file).map_err(|reason| {
+            let hint = "name a study file; `pliant study --help` has an example";
+            SceneError::of_name(Problem::MissingFile { path: shown_path(file), reason, hint }, path)
+        })?;
+        let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Self::parse(&text, path, folder, more, measures)
+    }
+
+    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins.
+    ///
+    /// # Errors
+    /// The first thing that is wrong, with its place.
+    pub fn parse(text: &str, path: &str, folder: &Path, more: &[String], measures: &[&str]) -> Read<Self> {
+        let sources = Sources::new(path, text);
+        let document = tree::document(&sources)?;
+        let context = Context { sources: &sources, surroundings: &Surroundings::of(folder) };
+        let root = Item { context, node: &document, key: String::new() }.section(&STUDY)?;
+        let stem = Path::new(path).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+        let name = match root.get("name") {
+            Some(item) => checked_name(&item)?,
+            None if name_fault(stem).is_none() => stem.to_owned(),
+            None => return root.fail(Problem::missing("name", "`name = \"...\"`")),
+        };
+        let scene = root.need("scene", "\"press\"` or `scene = \"scene.toml\"")?;
+        let frames = root.get("frames").map(|item| frames(&item)).transpose()?;
+        let combine = root.get("combine").map_or(Ok(Combine::All), |item| combine(&item))?;
+        let set = changes(&root, "set")?;
+        let vary_item = root.need("vary", "{ \"KEY\" = [VALUE, VALUE] }` or a section `[vary]")?;
+        let vary = varied(&vary_item, combine, &set)?;
+        count(&vary_item, combine, &vary)?;
+        let span_of = |key: &str| root.get(key).map_or(0..0, |item| item.node.span.clone());
+        let study = Self {
+            name,
+            scene: scene.text("press")?.to_owned(),
+            frames,
+            measures: root.get("measures").map(|item| known(&item, measures)).transpose()?,
+            combine,
+            set,
+            reference: changes(&root, "reference")?,
+            more: more.to_vec(),
+            written: find(&scene, folder)?,
+            at: Places { scene: span_of("scene"), frames: span_of("frames"), vary: span_of("vary") },
+            vary,
+            sources: sources.clone(),
+        };
+        study.check_more()?;
+        study.base()?;
+        Ok(study)
+    }
+
+    /// The scene with the fixed changes alone.
+    fn base(&self) -> Read<Scene> {
+        let scene = self.parsed(&[]).map_err(|error| self.placed(error, &[]))?;
+        if scene.accuracy.is_some() {
+            let message = "the scene asks for an accuracy, but a study compares settings as they are".to_owned();
+            let hint = "leave it out, with `accuracy = \"off\"` below [set]".to_owned();
+            return Err(self.error(Problem::Override { message, hint }, "accuracy", &self.at.scene));
+        }
+        match self.frames.as_ref().and_then(|f| f.last()).filter(|&&f| f > scene.frames && !self.varies("frames")) {
+            Some(&frame) => Err(self.beyond(frame, scene.frames)),
+            None => Ok(scene),
+        }
+    }
+
+    fn varies(&self, key: &str) -> bool {
+        self.vary.iter().any(|v| v.key == key)
+    }
+
+    /// The scene with the fixed changes and these on top of them, in their order.
+    ///
+    /// # Errors
+    /// What the scene refuses, with the place of the value in the study file.
+    pub fn scene_with(&self, changes: &[&Change]) -> Read<Scene> {
+        let scene = self.parsed(changes).map_err(|error| self.placed(error, changes))?;
+        match self.frames.as_ref().and_then(|f| f.last()) {
+            Some(&frame) if frame > scene.frames => Err(self.beyond(frame, scene.frames)),
+            _ => Ok(scene),
+        }
+    }
+
+    fn parsed(&self, changes: &[&Change]) -> Read<Scene> {
+        let mut overrides: Vec<String> = self.set.iter().map(Change::text).collect();
+        overrides.extend(self.more.iter().cloned());
+        overrides.extend(changes.iter().map(|c| c.text()));
+        let Written { text, name, folder } = &self.written;
+        let surroundings = Surroundings { folder, variable: &paths::environment, overrides: &overrides };
+        parse_with(text, name, &surroundings)
+    }
+
+    /// An error of a scene, at the value of this file that it comes from; as it is where that is not known.
+    fn placed(&self, error: SceneError, changes: &[&Change]) -> SceneError {
+        // Errors of the scene's own text that only these changes bring about name them.
+        if error.place().is_some() && !changes.is_empty() {
+            return self.refused(changes, &error.terse());
+        }
+        let mut all = self.set.iter().chain(changes.iter().copied());
+        match all.find(|c| error.place().is_none() && c.text() == error.source_text()) {
+            Some(change) => self.error(error.problem().clone(), error.key(), &change.span),
+            None => error,
+        }
+    }
+
+    /// The error of a combination that the scene or its meshes refuse, at the first of its values.
+    pub fn refused(&self, changes: &[&Change], why: &str) -> SceneError {
+        let span = changes.first().map_or(&self.at.vary, |c| &c.span);
+        let all: Vec<String> = changes.iter().map(|c| format!("{} = {}", c.key, shown(&c.value))).collect();
+        let with = if all.is_empty() { "as it is".to_owned() } else { format!("with {}", all.join(", ")) };
+        let message = format!("the scene cannot be run {with}: {why}");
+        let hint = "change one of these values, or the scene".to_owned();
+        self.error(Problem::Override { message, hint }, "vary", span)
+    }
+
+    fn beyond(&self, frame: usize, last: usize) -> SceneError {
+        let problem = Problem::OutOfRange {
+            found: format!("frame {frame}"),
+            allowed: format!("frames from 0 to {last}, the last of the scene"),
+        };
+        self.error(problem, "frames", &self.at.frames)
+    }
+
+    fn error(&self, problem: Problem, key: &str, span: &Span) -> SceneError {
+        SceneError::new(problem, key, span, &self.sources)
+    }
+
+    /// A change from the command line would be lost where every run has a value of its own.
+    fn check_more(&self) -> Read<()> {
+        for text in self.more.iter().filter(|_| self.combine == Combine::All) {
+            let key = text.split('=').next().unwrap_or_default().trim();
+            if let Some(varied) = self.vary.iter().find(|v| v.key == key) {
+                let span = varied.values.first().map_or(&self.at.vary, |c| &c.span);
+                return Err(self.error(Problem::DuplicateKey { key: shown(key) }, "--set and vary", span));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The text of the scene: a file beside the study, else a built-in scene.
+fn find(item: &Item<'_>, folder: &Path) -> Read<Written> {
+    let name = item.text("press")?;
+    let beside = folder.join(name);
+    let ends_in_toml = beside.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let path = if beside.is_file() || ends_in_toml { beside.to_string_lossy().into_owned() } else { name.to_owned() };
+    builtin::find(&path).map_err(|error| item.error(error.problem().clone()))
+}
+
+fn frames(item: &Item<'_>) -> Read<Vec<usize>> {
+    let items = item.list("a list of frames such as [1, 50, 100]")?;
+    if items.is_empty() {
+        return item.fail(Problem::EmptyList { wanted: "at least one frame".to_owned() });
+    }
+    if items.len() > MOST_FRAMES {
+        return item.fail(Problem::OutOfRange {
+            found: format!("a list of {} frames", items.len()),
+            allowed: format!("at most {MOST_FRAMES}: each is a column of the sheet"),
+        });
+    }
+    let mut frames = Vec::new();
+    for item in items {
+        let frame = item.whole(0, 10_000_000)? as usize;
+        if frames.contains(&frame) {
+            return item.fail(Problem::out_of_range(&frame.to_string(), "each frame once"));
+        }
+        frames.push(frame);
+    }
+    frames.sort_unstable();
+    Ok(frames)
+}
+
+fn known(item: &Item<'_>, measures: &[&str]) -> Read<Vec<String>> {
+    let mut chosen = Vec::new();
+    for item in item.list("a list of measures such as [\"time_s\"]")? {
+        let name = item.text("time_s")?;
+        if !measures.contains(&name) {
+            return item.fail(unknown_name("measure", name, measures.iter().copied()));
+        }
+        if chosen.iter().any(|c| c == name) {
+            return item.fail(Problem::DuplicateName { name: name.to_owned() });
+        }
+        chosen.push(name.to_owned());
+    }
+    Ok(chosen)
+}
+
+fn combine(item: &Item<'_>) -> Read<Combine> {
+    let name = item.text(Combine::All.name())?;
+    let found = Combine::ALL.into_iter().find(|c| c.name() == name);
+    found.map_or_else(|| item.fail(unknown_name("way to combine", name, Combine::ALL.iter().map(|c| c.name()))), Ok)
+}
+
+/// The changes of a section, whose keys may be dotted.
+fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
+    let Some(item) = root.get(key) else { return Ok(Vec::new()) };
+    let leaf = |node: &Node| !matches!(&node.value, Value::Table(t) if !t.entries.is_empty());
+    let mut all: Vec<Change> = Vec::new();
+    for (key, span, node) in leaves(&item, &leaf)? {
+        let item = Item { key: format!("{}.{key}", item.key), node, ..item.clone() };
+        if all.iter().any(|c| c.key == key) {
+            return Err(SceneError::new(
+                Problem::DuplicateKey { key: shown(&key) },
+                &item.key,
+                &span,
+                item.context.sources,
+            ));
+        }
+        all.push(change(key, &item)?);
+    }
+    Ok(all)
+}
+
+fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>> {
+    let leaf = |node: &Node| !matches!(node.value, Value::Table(_));
+    let mut all: Vec<Varied> = Vec::new();
+    for (key, span, node) in leaves(item, &leaf)? {
+        let list = Item { key: format!("{}.{key}", item.key), node, ..item.clone() };
+        // One at a time, the fixed value is that of all other runs.
+        let fixed = combine == Combine::All && set.iter().any(|c| c.key == key);
+        if fixed || all.iter().any(|v| v.key == key) {
+            let problem = Problem::DuplicateKey { key: shown(&key) };
+            return Err(SceneError::new(problem, &list.key, &span, item.context.sources));
+        }
+        let items = list.list("a list of values such as [1, 3, 10]")?;
+        if items.is_empty() {
+            return list.fail(Problem::EmptyList { wanted: "at least one value".to_owned() });
+        }
+        let mut values: Vec<Change> = Vec::new();
+        for value in items {
+            let change = change(key.clone(), &value)?;
+            if values.iter().any(|v| v.value == change.value) {
+                return value.fail(Problem::out_of_range(&change.value, "each value once"));
+            }
+            values.push(change);
+        }
+        all.push(Varied { key, values });
+    }
+    if all.is_empty() {
+        return item.fail(Problem::missing("vary", "a key with its values: `\"KEY\" = [VALUE, VALUE]`"));
+    }
+    Ok(all)
+}
+
+/// Refuses more combinations than a study may have, counted without overflow.
+fn count(item: &Item<'_>, combine: Combine, vary: &[Varied]) -> Read<()> {
+    let lengths = vary.iter().map(|v| v.values.len());
+    let found = match combine {
+        Combine::All => lengths.fold(1, usize::saturating_mul),
+        Combine::OneAtATime => lengths.fold(1, usize::saturating_add),
+    };
+    if found <= MOST_COMBINATIONS {
+        return Ok(());
+    }
+    let found = if found == usize::MAX {
+        "more combinations than can be counted".to_owned()
+    } else {
+        format!("{found} combinations")
+    };
+    let allowed = format!("lists with at most {MOST_COMBINATIONS} combinations, or `combine = \"one at a time\"`");
+    item.fail(Problem::OutOfRange { found, allowed })
+}
+
+/// A key, its place, and the value at it.
+type Leaf<'a> = (String, Span, &'a Node);
+
+/// The values of a section with their keys, dotted keys put together.
+fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf<'a>>> {
+    let Value::Table(table) = &item.node.value else {
+        return item.fail(Problem::WrongType {
+            wanted: format!("a section [{}]", item.key),
+            found: item.node.value.kind().to_owned(),
+        });
+    };
+    let mut found = Vec::new();
+    gather(table, "", is_leaf, &mut found);
+    Ok(found)
+}
+
+/// The depth is bounded by that of the reader.
+fn gather<'a>(table: &'a Table, above: &str, is_leaf: &dyn Fn(&Node) -> bool, found: &mut Vec<Leaf<'a>>) {
+    for entry in &table.entries {
+        let key = if above.is_empty() { entry.key.clone() } else { format!("{above}.{}", entry.key) };
+        match &entry.node.value {
+            Value::Table(below) if !is_leaf(&entry.node) => gather(below, &key, is_leaf, found),
+            _ => found.push((key, entry.span.clone(), &entry.node)),
+        }
+    }
+}
+
+fn change(key: String, item: &Item<'_>) -> Read<Change> {
+    let value = match &item.node.value {
+        Value::Text(text) => text.trim().to_owned(),
+        other => match toml_of(other) {
+            Some(text) => text,
+            None => {
+                let wanted = "a number, a text, true or false, a list, or a table".to_owned();
+                return item.fail(Problem::WrongType { wanted, found: "a date or time".to_owned() });
+            }
+        },
+    };
+    if value.is_empty() || value.chars().any(char::is_control) {
+        return item.fail(Problem::out_of_range(&value, "a text of one line that is not empty"));
+    }
+    Ok(Change { key, value, span: item.node.span.clone() })
+}
+
+/// A value as TOML, in one line; `None` for one that holds a date.
+fn toml_of(value: &Value) -> Option<String> {
+    Some(match value {
+        // JSON's escapes are TOML's.
+        Value::Text(text) => serde_json::to_string(text).ok()?,
+        Value::Integer(number) => number.to_string(),
+        // The shortest text that reads back to the same bits.
+        Value::Float(number) => format!("{number:?}").replace("NaN", "nan"),
+        Value::Boolean(flag) => flag.to_string(),
+        Value::Date => return None,
+        Value::List(list) => {
+            let all: Option<Vec<String>> = list.iter().map(|node| toml_of(&node.value)).collect();
+            format!("[{}]", all?.join(", "))
+        }
+        Value::Table(table) => {
+            let bare = |key: &str| key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+            let key = |key: &str| {
+                if bare(key) && !key.is_empty() { Some(key.to_owned()) } else { serde_json::to_string(key).ok() }
+            };
+            let pair = |e: &tree::Entry| Some(format!("{} = {}", key(&e.key)?, toml_of(&e.node.value)?));
+            let all: Option<Vec<String>> = table.entries.iter().map(pair).collect();
+            format!("{{{}}}", all?.join(", "))
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests;
