@@ -15,6 +15,7 @@
 // In the order in which they may import each other, not by letter: `reorder_modules` is off.
 pub mod mesh;
 pub mod io;
+pub mod state;
 pub mod particles;
 pub mod constraints;
 pub mod contact;

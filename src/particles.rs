@@ -5,6 +5,8 @@ use std::sync::Arc;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::state::{Corrupt, Reader, State, Writer};
+
 /// The state of a body's particles; all arrays have the same length.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Particles {
@@ -37,6 +39,21 @@ impl Particles {
     pub fn first_non_finite(&self) -> Option<usize> {
         let finite = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());
         self.position.iter().zip(&self.velocity).position(|(x, v)| !(finite(&x.coords) && finite(v)))
+    }
+}
+
+impl State for Particles {
+    fn save(&self, to: &mut Writer) {
+        // Which particles are held, and how heavy the others are, their making fixes.
+        let Self { position, velocity, inverse_mass: _ } = self;
+        to.list(position);
+        to.list(velocity);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        let Self { position, velocity, inverse_mass: _ } = self;
+        from.fill(position)?;
+        from.fill(velocity)
     }
 }
 

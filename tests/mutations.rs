@@ -110,6 +110,12 @@ fn changed_meshes_are_repaired() {
     changed_files("repair", 10);
 }
 
+/// A simulation is made for each.
+#[test]
+fn changed_states_are_restored_or_refused() {
+    changed_files("state", 20);
+}
+
 /// Files are written here, which takes longer than reading them.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

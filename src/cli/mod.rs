@@ -10,6 +10,7 @@ mod failure;
 mod from_meshes;
 mod plan;
 mod progress;
+mod resume;
 mod run;
 mod scenes;
 mod study;

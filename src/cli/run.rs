@@ -11,13 +11,14 @@ use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::progress::Progress;
-use super::{DONE, FAILED, INTERRUPTED, columns, say, warn};
+use super::{DONE, FAILED, INTERRUPTED, columns, resume, say, warn};
 use crate::accuracy::{self, Chosen, StudyError};
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
 use crate::scene::{Accuracy, Scene, builtin, overrides};
+use crate::simulation::checkpoint::Fingerprint;
 use crate::simulation::{Assets, LoadError, Plan, Simulation};
 
 /// The scene that runs when none is named.
@@ -31,10 +32,13 @@ Examples:
   pliant run hip --accuracy \"1 %\"
   pliant run hip --frames 50 --set effects.contact=off --out without-contact
   pliant run examples/right-hip.toml --strict --json > summary.json
+  pliant run hip --checkpoint-every 50
+  pliant run hip --resume
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
 
 Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
---animate, scene.toml with --muscles. Exit code 1: a muscle was stopped by a number that is not finite, files could not
+--animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
+results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped by a number that is not finite, files could not
 be written, or with --strict a frame is not converged.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
@@ -61,6 +65,13 @@ pub(super) struct Arguments {
     /// Also write NAME.gif, an animation of every fourth frame
     #[arg(long, value_name = "FORMAT")]
     animate: Option<Animation>,
+    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on Ctrl-C
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    checkpoint_every: Option<u32>,
+    /// Go on from the checkpoint in the folder of the results, as if the run had never stopped; give the same scene and
+    /// changes again. --frames may be larger than before; checkpoints go on as often as before
+    #[arg(long)]
+    resume: bool,
     /// Write the summary as JSON to standard output, and nothing else
     #[arg(long)]
     json: bool,
@@ -91,6 +102,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let made = written.is_some();
     let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
+    let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
+    let resumed = if arguments.resume { Some(resume::read(&out)?) } else { None };
+    if scene.accuracy.is_some() && (arguments.resume || arguments.checkpoint_every.is_some()) {
+        return Err(Failure::usage(
+            "an accuracy chooses solver and settings by measured times, which a run that goes on need not meet again",
+            "leave accuracy out and give the solver and settings that `pliant accuracy` tells",
+        ));
+    }
     let assets = Assets::load(&scene).map_err(refused)?;
     let chosen = match scene.accuracy {
         Some(accuracy) => match choose(&mut scene, &assets, accuracy, &stop, refused)? {
@@ -101,18 +120,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let plan = Plan::new(&scene, &assets);
     let mut simulation = Simulation::with(scene, assets, plan).map_err(refused)?;
-    let default = || PathBuf::from("pliant-out").join(file_name(&simulation.scene.name));
-    let folder = Folder::open(&arguments.out.clone().unwrap_or_else(default))?;
+    let animate = arguments.animate.is_some();
+    let (mut results, every) = match resumed {
+        Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
+        None => (Results::begin(Folder::open(&out)?, &simulation, animate, begun)?, 0),
+    };
     if let Some(toml) = written {
-        folder.write("scene.toml", |w| std::io::Write::write_all(w, toml.as_bytes()))?;
+        results.write("scene.toml", &toml)?;
     }
-    let path = folder.path().to_owned();
-    let results = Results::begin(folder, &simulation, arguments.animate.is_some(), begun)?;
+    let every = arguments.checkpoint_every.map_or(every, |n| n as usize);
+    if every > 0 {
+        results.keep_every(every, Fingerprint::of(&simulation));
+    }
     let summary = advance(&mut simulation, results, &settings(arguments), &stop, chosen.as_ref())?;
     if arguments.json {
         say(&format!("{}\n", summary.to_json()));
     } else {
-        say(&in_words(&summary, &path));
+        say(&in_words(&summary, &out));
     }
     Ok(exit_code(&summary, arguments.strict))
 }
@@ -160,16 +184,18 @@ fn advance(
     chosen: Option<&Chosen>,
 ) -> Result<Summary, Failure> {
     let progress = Progress::new(simulation.scene.frames);
-    let mut writing = results.frame(simulation, Duration::ZERO);
-    while writing && simulation.frame() < simulation.scene.frames && !stop.load(Ordering::Relaxed) {
+    // What goes on has its last frame already.
+    let mut writing = !results.last().is_empty() || results.frame(simulation, Duration::ZERO);
+    let ended = |simulation: &Simulation| simulation.bodies.iter().all(|b| b.stopped.is_some());
+    while writing && simulation.frame() < simulation.scene.frames && !stop.load(Ordering::Relaxed) && !ended(simulation)
+    {
         let before = Instant::now();
         simulation.step_frame();
-        writing = results.frame(simulation, before.elapsed());
+        writing = results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
         progress.frame(simulation.frame(), before.elapsed(), results.last());
-        if simulation.bodies.iter().all(|b| b.stopped.is_some()) {
-            break;
-        }
     }
+    // A writer that failed tells why when all is finished.
+    let _ = results.checkpoint(simulation, true);
     progress.end();
     let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
     Ok(results.finish(simulation, settings, interrupted, chosen)?)

@@ -10,6 +10,7 @@ use super::lanes::{self, Width};
 use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep, Swept};
 use crate::particles::{Numbering, Packed, Particles};
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// Less work than this is done by one thread: below it the hand-over costs more than a second one gains. In constraints
 /// times squared points, which goes about with the time of a projection.
@@ -26,8 +27,8 @@ pub struct Residual {
     pub count: usize,
 }
 
-/// A set of constraints that a solver can sweep over: one dynamic call a sweep.
-pub trait Project: Send + Sync {
+/// A set of constraints that a solver can sweep over: one dynamic call a sweep. Its state goes into checkpoints.
+pub trait Project: State + Send + Sync {
     /// The effect's name.
     fn name(&self) -> &'static str;
     /// Number of constraints.
@@ -232,6 +233,55 @@ fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> 
         }
     }
     spans
+}
+
+/// Appends what constraints remember; nothing for those that have no memory.
+pub(crate) fn save_memory<C: Constraint<K>, const K: usize>(constraints: &[C], to: &mut Writer) {
+    if C::PERIODIC {
+        to.put(&constraints.len());
+        constraints.iter().for_each(|c| to.put(&c.memory()));
+    }
+}
+
+/// Lets constraints remember what [`save_memory`] appended.
+pub(crate) fn restore_memory<C: Constraint<K>, const K: usize>(
+    constraints: &mut [C],
+    from: &mut Reader<'_>,
+) -> Result<(), Corrupt> {
+    if C::PERIODIC {
+        let memory = from.exactly::<f64>(constraints.len())?;
+        constraints.iter_mut().zip(memory).for_each(|(c, value)| c.remember(value));
+    }
+    Ok(())
+}
+
+impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            constraints,
+            compliance: _,
+            relaxation: _,
+            multipliers,
+            schedule: _,
+            places: _,
+            spans: _,
+            width: _,
+            packed: _,
+            calls,
+            skipped,
+        } = self;
+        save_memory(constraints, to);
+        // Forgotten when a step begins, but what a frame measures is measured after its last.
+        to.list(multipliers);
+        to.put(&(*calls, *skipped));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        restore_memory(&mut self.constraints, from)?;
+        from.fill(&mut self.multipliers)?;
+        (self.calls, self.skipped) = from.take()?;
+        Ok(())
+    }
 }
 
 impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {

@@ -77,6 +77,11 @@ impl Constraint<4> for Bending {
         self.last = value;
     }
 
+    fn memory(&self) -> f64 {
+        let Self { points: _, rest: _, last } = self;
+        *last
+    }
+
     fn value<S: Scalar>(&self, x: &[Point3<S>; 4]) -> S {
         unwrap(dihedral(x) - S::of(self.rest), self.last)
     }

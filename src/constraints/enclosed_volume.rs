@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::rings::{Rings, Terms};
 use super::{Residual, Width};
 use crate::particles::{Packed, Particles, SHARE, Slot, is_shared};
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// Keeps the volume enclosed by a closed, consistently oriented surface at `target` [m^3].
 ///
@@ -220,6 +221,34 @@ impl EnclosedVolume {
             + self.packed.bytes()
             + (self.gradient.capacity() + self.field.capacity()) * size_of::<Slot>()
             + self.terms.bytes()
+    }
+}
+
+impl State for EnclosedVolume {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            triangles: _,
+            rings: _,
+            width: _,
+            target: _,
+            compliance: _,
+            relaxation: _,
+            multiplier,
+            packed: _,
+            gradient: _,
+            field: _,
+            terms: _,
+            calls,
+            unsolved,
+        } = self;
+        to.put(multiplier);
+        to.put(&(*calls, *unsolved));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        self.multiplier = from.take()?;
+        (self.calls, self.unsolved) = from.take()?;
+        Ok(())
     }
 }
 

@@ -59,7 +59,14 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     #[inline]
     fn remember(&mut self, _value: f64) {}
 
-    /// Whether C is known up to a period only: to be set with [`Self::remember`], which energies call only then.
+    /// What [`Self::remember`] noted last: the state of a constraint, as its points and parameters never change.
+    #[inline]
+    fn memory(&self) -> f64 {
+        0.0
+    }
+
+    /// Whether C is known up to a period only: to be set with [`Self::remember`], which energies call only then,
+    /// and with [`Self::memory`].
     const PERIODIC: bool = false;
 
     /// Whether the gradient at each point has length one wherever it is defined: a projection then need not measure it.

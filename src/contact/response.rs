@@ -11,6 +11,7 @@ use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::particles::{Particles, Slot};
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
 /// bone, so that a triangle whose corners rest on a gently curved bone is left alone.
@@ -344,6 +345,40 @@ impl Contacts {
             + self.triangles.iter().map(TriangleContacts::bytes).sum::<usize>()
             + Obstacle::bytes(&self.surface)
             + (self.start.capacity() + self.unpushed.capacity()) * 24
+    }
+}
+
+/// With the same obstacles, see [`Contacts::obstacles`].
+impl State for Contacts {
+    fn save(&self, to: &mut Writer) {
+        // What is not kept, each step begins with.
+        let Self {
+            obstacles: _,
+            vertices,
+            triangles,
+            surface,
+            thickness: _,
+            friction: _,
+            travel,
+            start: _,
+            unpushed: _,
+            pinched: _,
+            calls,
+        } = self;
+        surface.save(to);
+        vertices.iter().for_each(|contacts| contacts.save(to));
+        triangles.iter().for_each(|contacts| contacts.save(to));
+        to.list(travel);
+        to.put(calls);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        self.surface.restore(from)?;
+        self.vertices.iter_mut().try_for_each(|contacts| contacts.restore(from))?;
+        self.triangles.iter_mut().try_for_each(|contacts| contacts.restore(from, &self.surface))?;
+        from.fill(&mut self.travel)?;
+        self.calls = from.take()?;
+        Ok(())
     }
 }
 

@@ -2,6 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 
+use crate::state::{Corrupt, Reader, Value, Writer};
+
 /// A plane that a weighted mean of up to three vertices must stay over: n.(sum w x - o) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
@@ -50,5 +52,21 @@ impl Row {
         if pressed < 0.0 {
             self.spread(-pressed, force);
         }
+    }
+}
+
+impl Value for Row {
+    const LEAST: usize = 3 * 12 + 24 + 24 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { terms, normal, origin, distance } = self;
+        to.put(terms);
+        to.put(normal);
+        to.put(origin);
+        to.put(distance);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        Ok(Self { terms: from.take()?, normal: from.take()?, origin: from.take()?, distance: from.take()? })
     }
 }

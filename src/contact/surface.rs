@@ -13,6 +13,7 @@ use super::{Closest, Obstacle};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::crossing;
 use crate::mesh::measures::Aabb;
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A triangle surface in a bounding volume hierarchy.
 pub struct Surface {
@@ -148,6 +149,22 @@ impl Surface {
             }
         }
         best.map(|(_, triangle)| self.faces.on(point, triangle, x))
+    }
+}
+
+/// Of a surface that has been refitted: the hierarchy then follows from its shape, which never changes, and the positions.
+impl State for Surface {
+    fn save(&self, to: &mut Writer) {
+        let Self { faces: _, bvh: _, workspace: _ } = self;
+        to.list(self.positions());
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        let positions = from.exactly::<Point3<f64>>(self.positions().len())?;
+        let finite = positions.iter().all(|p| p.coords.iter().all(|c| c.is_finite()));
+        from.check(finite, "a surface whose positions are not finite")?;
+        self.refit(&positions);
+        Ok(())
     }
 }
 

@@ -9,6 +9,7 @@ use super::{Obstacle, OnTriangle, Placed};
 use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
 use crate::mesh::measures::greatest;
 use crate::particles::Particles;
+use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// A bone vertex further from the muscle than this many thicknesses is asleep.
 const NEAR: f64 = 6.0;
@@ -240,6 +241,73 @@ impl TriangleContacts {
         self.wake.capacity() * (8 + 16 + 4)
             + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
             + self.active.capacity() * std::mem::size_of::<TriangleContact>()
+    }
+}
+
+impl Value for Watched {
+    const LEAST: usize = 4 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { point, triangles } = self;
+        to.put(point);
+        to.list(triangles);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        Ok(Self { point: from.take()?, triangles: from.take()? })
+    }
+}
+
+impl Value for TriangleContact {
+    const LEAST: usize = 12 + 24 + 24 + 24 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { points, origin, normal, weights, thickness } = self;
+        to.put(points);
+        to.put(origin);
+        to.put(normal);
+        to.put(weights);
+        to.put(thickness);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let (points, origin, normal) = (from.take()?, from.take()?, from.take()?);
+        Ok(Self { points, origin, normal, weights: from.take()?, thickness: from.take()? })
+    }
+}
+
+impl TriangleContacts {
+    /// Appends the state.
+    pub fn save(&self, to: &mut Writer) {
+        let Self { wake, last, nearest, watched, active, thickness: _, looked, refitted, lookups } = self;
+        to.list(wake);
+        to.list(last);
+        to.list(nearest);
+        to.list(watched);
+        to.list(active);
+        to.list(looked);
+        to.put(&(*refitted, *lookups));
+    }
+
+    /// Takes the state of contact with `surface`.
+    pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), Corrupt> {
+        let (points, triangles) = (self.wake.len(), surface.triangles().len());
+        let (is_point, is_triangle) = (|k: u32| (k as usize) < points, |t: u32| (t as usize) < triangles);
+        let vertices = surface.positions().len();
+        from.fill(&mut self.wake)?;
+        from.fill(&mut self.last)?;
+        from.fill(&mut self.nearest)?;
+        from.check(self.nearest.iter().all(|&t| t == u32::MAX || is_triangle(t)), "no such triangle is nearest")?;
+        self.watched = from.take()?;
+        let sound = |w: &Watched| is_point(w.point) && w.triangles.iter().all(|&t| is_triangle(t));
+        from.check(self.watched.iter().all(sound), "a point or triangle that is not there is watched")?;
+        self.active = from.take()?;
+        let sound = |row: &TriangleContact| row.points.iter().all(|&v| (v as usize) < vertices);
+        from.check(self.active.iter().all(sound), "a row of no triangle")?;
+        self.looked = from.take()?;
+        from.check(self.looked.iter().all(|&(k, _)| is_point(k)), "a lookup of no point")?;
+        (self.refitted, self.lookups) = from.take()?;
+        Ok(())
     }
 }
 

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::response::Travel;
 use super::{Closest, Obstacle, Placed};
+use crate::state::{Corrupt, Reader, State, Value, Writer};
 
 /// A vertex further away than this many thicknesses has no row, only a bound that says when to look again.
 const NEAR: f64 = 4.0;
@@ -197,6 +198,64 @@ impl VertexContacts {
         self.known.capacity() * std::mem::size_of::<Known>()
             + self.vertices.capacity() * 4
             + self.rows.capacity() * std::mem::size_of::<Row>()
+    }
+}
+
+impl Value for Known {
+    const LEAST: usize = 24 + (8 + 24 + 24) + 16;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { from, closest: Closest { distance, normal, point }, bound, wake } = self;
+        to.put(from);
+        to.put(distance);
+        to.put(normal);
+        to.put(point);
+        to.put(&(*bound, *wake));
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let at = from.take()?;
+        let closest = Closest { distance: from.take()?, normal: from.take()?, point: from.take()? };
+        let (bound, wake) = from.take()?;
+        Ok(Self { from: at, closest, bound, wake })
+    }
+}
+
+impl Value for Row {
+    const LEAST: usize = 4 + 24 + 24 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { vertex, origin, normal, push } = self;
+        to.put(vertex);
+        to.put(origin);
+        to.put(normal);
+        to.put(push);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        Ok(Self { vertex: from.take()?, origin: from.take()?, normal: from.take()?, push: from.take()? })
+    }
+}
+
+impl State for VertexContacts {
+    fn save(&self, to: &mut Writer) {
+        let Self { vertices: _, known, looked, rows, thickness: _, lookups, stopped } = self;
+        to.list(known);
+        to.list(looked);
+        to.list(rows);
+        to.put(&(*lookups, *stopped));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        from.fill(&mut self.known)?;
+        self.looked = from.take()?;
+        from.check(self.looked.iter().all(|&k| (k as usize) < self.known.len()), "a lookup of no vertex")?;
+        self.rows = from.take()?;
+        // Both ascend, and a row is looked for by its vertex.
+        let mut free = self.vertices.iter();
+        from.check(self.rows.iter().all(|row| free.any(|v| *v == row.vertex)), "a row of no free vertex")?;
+        (self.lookups, self.stopped) = from.take()?;
+        Ok(())
     }
 }
 

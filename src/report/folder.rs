@@ -11,11 +11,14 @@ use crate::io::write_whole;
 /// The file that lists what was written, a relative path a line.
 pub const LIST: &str = "pliant-files.txt";
 
+/// The file from which a run goes on.
+pub const CHECKPOINT: &str = "checkpoint.pliant";
+
 /// First line of the list; a file that begins otherwise is not ours.
 const HEADER: &str = "# Written by pliant. The next run into this folder removes the files listed here.";
 
 /// Endings of files that a run writes: nothing else is ever removed, whatever the list says.
-const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml"];
+const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "pliant"];
 
 /// Folders that a run makes in its own.
 const FOLDERS: &[&str] = &["frames", "runs"];
@@ -29,6 +32,12 @@ pub enum FolderError {
     /// A file of somebody else is in the way.
     #[error("`{0}` is there and was not written by pliant; move it, or name another folder with --out")]
     Foreign(PathBuf),
+    /// A run cannot go on without it.
+    #[error("`{0}` is missing, and the run cannot go on without it; begin anew without --resume")]
+    Missing(PathBuf),
+    /// A file of an earlier frame is not what was written.
+    #[error("`{0}` is not as pliant wrote it, and the run cannot go on without it; begin anew without --resume")]
+    Changed(PathBuf),
     /// The operating system refuses.
     #[error("cannot write `{path}`: {source}")]
     Io {
@@ -97,6 +106,43 @@ impl Folder {
         Ok(Self { root: root.to_owned(), claimed: Mutex::new(Claimed { list, files }) })
     }
 
+    /// Takes the folder of a run that goes on: `frames` must be there, later frames go, and so does what `replaced` says
+    /// of the other files. Nothing is touched before all that must be there is seen to be.
+    ///
+    /// # Errors
+    /// No folder of results, a frame that is missing, or what the operating system refuses.
+    pub fn resume(root: &Path, frames: &HashSet<String>, replaced: impl Fn(&str) -> bool) -> Result<Self, FolderError> {
+        let list_path = root.join(LIST);
+        let Some(listed) = listed(&list_path)? else { return Err(FolderError::Missing(list_path)) };
+        let known: HashSet<&String> = listed.iter().collect();
+        let mut wanted: Vec<&String> = frames.iter().collect();
+        wanted.sort_unstable();
+        if let Some(missing) = wanted.into_iter().find(|f| !known.contains(f) || !root.join(f).is_file()) {
+            return Err(FolderError::Missing(root.join(missing)));
+        }
+        let is_kept = |file: &String| {
+            if file.starts_with("frames/") { frames.contains(file) } else { !replaced(file) }
+        };
+        let replaced: Vec<String> = listed.iter().filter(|file| !is_kept(file)).cloned().collect();
+        remove(root, &replaced)?;
+        let files: HashSet<String> = listed.into_iter().filter(is_kept).collect();
+        write_list(&list_path, &files)?;
+        let list = OpenOptions::new().append(true).open(&list_path).map_err(refused(&list_path))?;
+        Ok(Self { root: root.to_owned(), claimed: Mutex::new(Claimed { list, files }) })
+    }
+
+    /// Sorts the list at the end of a run, so that it does not tell in which order or how often the run went on.
+    ///
+    /// # Errors
+    /// What the operating system refuses.
+    pub fn close(&self) -> Result<(), FolderError> {
+        let mut claimed = self.claimed.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let path = self.root.join(LIST);
+        write_list(&path, &claimed.files)?;
+        claimed.list = OpenOptions::new().append(true).open(&path).map_err(refused(&path))?;
+        Ok(())
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.root
@@ -140,7 +186,7 @@ impl Folder {
     }
 }
 
-/// Our own files that the list of an earlier run names; `None` without a list.
+/// What the list of an earlier run names and a run may have written; `None` without a list.
 fn listed(list_path: &Path) -> Result<Option<Vec<String>>, FolderError> {
     let text = match fs::read_to_string(list_path) {
         Ok(text) => text,
@@ -154,26 +200,38 @@ fn listed(list_path: &Path) -> Result<Option<Vec<String>>, FolderError> {
     Ok(Some(lines.filter(|line| is_own(Path::new(line))).map(str::to_owned).collect()))
 }
 
-/// Removes files, and their parts that a run which was killed has left.
+/// Removes files of the list, and what was half written of them.
 fn remove(root: &Path, files: &[String]) -> Result<(), FolderError> {
     for relative in files {
         let path = root.join(relative);
         let mut part = path.clone().into_os_string();
         part.push(".part");
-        for path in [path, part.into()] {
-            match fs::remove_file(&path) {
-                Err(e) if e.kind() != io::ErrorKind::NotFound => {
-                    return Err(FolderError::Io { path, source: e });
-                }
-                _ => {}
-            }
-        }
+        gone(&path)?;
+        gone(Path::new(&part))?;
     }
     for folder in FOLDERS {
         // Goes only if it is empty, which is wanted.
         let _ = fs::remove_dir(root.join(folder));
     }
     Ok(())
+}
+
+/// Removes a file that may be there.
+fn gone(path: &Path) -> Result<(), FolderError> {
+    match fs::remove_file(path) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(FolderError::Io { path: path.to_owned(), source: e }),
+        _ => Ok(()),
+    }
+}
+
+fn write_list(path: &Path, files: &HashSet<String>) -> Result<(), FolderError> {
+    let mut sorted: Vec<&String> = files.iter().collect();
+    sorted.sort_unstable();
+    let written = write_whole(path, |w| {
+        writeln!(w, "{HEADER}")?;
+        sorted.into_iter().try_for_each(|file| writeln!(w, "{file}"))
+    });
+    written.map_err(refused(path))
 }
 
 /// Whether a path of the list can be one of ours: below the folder, with an ending that a run writes.
@@ -231,6 +289,33 @@ mod tests {
         Folder::open(&root).unwrap();
         assert!(!root.join("runs/a.json").exists(), "a file that was kept once is removed by a run that keeps nothing");
         assert_eq!(fs::read(root.join("runs/mine.json")).unwrap(), b"mine");
+        fs::remove_dir_all(root).unwrap();
+    }
+
+    #[test]
+    fn a_run_that_goes_on_keeps_its_frames_and_no_later_ones() {
+        let root = scratch("resume");
+        let frames: HashSet<String> = ["frames/a_0000.vtp", "frames/a_0001.vtp"].map(str::to_owned).into();
+        assert!(matches!(Folder::resume(&root, &frames, |_| false), Err(FolderError::Missing(_))));
+        let folder = Folder::open(&root).unwrap();
+        for file in ["frames/a_0002.vtp", "frames/a_0001.vtp", "frames/a_0000.vtp", "a.gif", "summary.json"] {
+            folder.write(file, text("old")).unwrap();
+        }
+        drop(folder);
+        // Refused, nothing is lost.
+        let more: HashSet<String> = frames.iter().cloned().chain(["frames/a_0003.vtp".to_owned()]).collect();
+        let missing = Folder::resume(&root, &more, |_| true).unwrap_err();
+        assert!(matches!(missing, FolderError::Missing(path) if path.ends_with("a_0003.vtp")));
+        assert!(root.join("frames/a_0002.vtp").exists() && root.join("a.gif").exists());
+        let folder = Folder::resume(&root, &frames, |file| file.ends_with(".gif")).unwrap();
+        assert!(!root.join("frames/a_0002.vtp").exists() && !root.join("a.gif").exists());
+        folder.write("frames/a_0002.vtp", text("new")).unwrap();
+        folder.write("summary.json", text("new")).unwrap();
+        folder.close().unwrap();
+        folder.write("b.gif", text("after the list was sorted")).unwrap();
+        let list = fs::read_to_string(root.join(LIST)).unwrap();
+        let rest = "frames/a_0000.vtp\nframes/a_0001.vtp\nframes/a_0002.vtp\nsummary.json\nb.gif\n";
+        assert_eq!(list, format!("{HEADER}\n{rest}"));
         fs::remove_dir_all(&root).unwrap();
     }
 

@@ -1,13 +1,14 @@
 //! The frames of a run as files for ParaView, written on a thread of their own while the next frame is computed.
 
 use std::collections::HashSet;
+use std::io::Write;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::folder::{Folder, FolderError};
+use super::folder::{CHECKPOINT, Folder, FolderError};
 use crate::constraints::distance::Distance;
 use crate::fibres::binding::BoundLines;
 use crate::io::pvd::{Collection, Entry};
@@ -123,6 +124,11 @@ impl Cast {
 }
 
 impl Actor {
+    /// The file that shows it in a frame.
+    pub fn file_at(&self, frame: usize) -> String {
+        format!("frames/{}_{frame:04}.vtp", self.file)
+    }
+
     /// Mean absolute strain of the edges at each vertex, at positions `x`.
     pub fn stretch(&self, x: &[Point3<f64>]) -> Vec<f64> {
         let mut sums = vec![(0.0, 0u32); x.len()];
@@ -138,24 +144,104 @@ impl Actor {
     }
 }
 
-/// Writes frames on a thread of its own.
+/// Which files show which frames, as they follow from the poses of the bones alone.
+#[derive(Clone, Debug)]
+pub struct Listing {
+    /// The files so far, for ParaView.
+    pub collection: Collection,
+    /// Where each bone was last, and the file that shows it there.
+    bones: Vec<Option<(Isometry3<f64>, String)>>,
+}
+
+/// The files of one frame: of each muscle and of its fibres, if it has any, and of the bones that moved.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Files {
+    /// Of each muscle, and of its fibres.
+    pub muscles: Vec<(String, Option<String>)>,
+    /// Of each bone; `None` where an earlier file shows it.
+    pub bones: Vec<Option<String>>,
+}
+
+impl Files {
+    /// All of them.
+    pub fn all(&self) -> impl Iterator<Item = &String> {
+        let muscles = self.muscles.iter().flat_map(|(muscle, fibres)| [Some(muscle), fibres.as_ref()]);
+        muscles.chain(self.bones.iter().map(Option::as_ref)).flatten()
+    }
+}
+
+impl Listing {
+    /// Before the first frame.
+    pub fn new(cast: &Cast) -> Self {
+        Self { collection: Collection::new(), bones: vec![None; cast.bones.len()] }
+    }
+
+    /// Lists the next frame, at `time` [s] with bones at `poses`; returns the files that show it.
+    pub fn add(&mut self, cast: &Cast, frame: usize, time: f64, poses: &[Isometry3<f64>]) -> Files {
+        let Self { collection, bones } = self;
+        let mut part = 0;
+        let mut list = |name: &str, file: &str| {
+            collection.push(Entry { time, part, name: name.to_owned(), file: file.to_owned() });
+            part += 1;
+        };
+        let mut files = Files { muscles: Vec::new(), bones: Vec::new() };
+        for actor in &cast.muscles {
+            let file = actor.file_at(frame);
+            list(&actor.file, &file);
+            let fibres = (!actor.fibres.is_empty()).then(|| format!("frames/{}_{frame:04}.vtp", actor.fibre_file));
+            fibres.iter().for_each(|file| list(&actor.fibre_file, file));
+            files.muscles.push((file, fibres));
+        }
+        for (((name, _), pose), last) in cast.bones.iter().zip(poses).zip(bones) {
+            // A bone that has not moved since is not written again.
+            let file = match last {
+                Some((before, file)) if before == pose => {
+                    list(name, file);
+                    None
+                }
+                _ => {
+                    let file = format!("frames/{name}_{frame:04}.vtp");
+                    list(name, &file);
+                    *last = Some((*pose, file.clone()));
+                    Some(file)
+                }
+            };
+            files.bones.push(file);
+        }
+        files
+    }
+}
+
+/// What the thread that writes is handed.
+enum Job {
+    Frame(Arc<Snapshot>),
+    /// After all frames before it.
+    Checkpoint(Vec<u8>),
+}
+
+/// Writes frames, and checkpoints between them, on a thread of its own.
 pub struct FrameWriter {
-    sender: SyncSender<Arc<Snapshot>>,
+    sender: SyncSender<Job>,
     thread: JoinHandle<Result<Collection, FolderError>>,
 }
 
 impl FrameWriter {
-    /// Starts the thread.
-    pub fn start(folder: Arc<Folder>, cast: Arc<Cast>) -> Self {
+    /// Starts the thread; `listing` has the frames that are there already.
+    pub fn start(folder: Arc<Folder>, cast: Arc<Cast>, listing: Listing) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
-        let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver));
+        let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver, listing));
         Self { sender, thread }
     }
 
     /// Hands a frame over; waits where the writer is behind. False once the writer has failed: then end the run and
     /// ask [`Self::finish`] why.
     pub fn push(&self, snapshot: Arc<Snapshot>) -> bool {
-        self.sender.send(snapshot).is_ok()
+        self.sender.send(Job::Frame(snapshot)).is_ok()
+    }
+
+    /// Hands a checkpoint over, to be written when all frames before it are; as [`Self::push`].
+    pub fn push_checkpoint(&self, bytes: Vec<u8>) -> bool {
+        self.sender.send(Job::Checkpoint(bytes)).is_ok()
     }
 
     /// Waits for the last frame, and tells which files there are.
@@ -168,50 +254,39 @@ impl FrameWriter {
     }
 }
 
-fn write_all(folder: &Folder, cast: &Cast, frames: &Receiver<Arc<Snapshot>>) -> Result<Collection, FolderError> {
-    let mut collection = Collection::new();
-    let mut bones: Vec<Option<(Isometry3<f64>, String)>> = vec![None; cast.bones.len()];
-    for snapshot in frames {
-        write_frame(folder, cast, &snapshot, &mut bones, &mut collection)?;
-    }
-    Ok(collection)
-}
-
-fn write_frame(
+fn write_all(
     folder: &Folder,
     cast: &Cast,
-    snapshot: &Snapshot,
-    bones: &mut [Option<(Isometry3<f64>, String)>],
-    collection: &mut Collection,
-) -> Result<(), FolderError> {
-    let frame = snapshot.frame;
-    let mut list = |name: &str, file: String| {
-        let part = collection.entries().iter().rev().take_while(|e| e.time == snapshot.time).count();
-        collection.push(Entry { time: snapshot.time, part, name: name.to_owned(), file });
-    };
-    for (actor, (x, v)) in cast.muscles.iter().zip(&snapshot.muscles) {
-        let file = format!("frames/{}_{frame:04}.vtp", actor.file);
-        put(folder, &file, &muscle_data(actor, x, v))?;
-        list(&actor.file, file);
-        if !actor.fibres.is_empty() {
-            let file = format!("frames/{}_{frame:04}.vtp", actor.fibre_file);
-            put_lines(folder, &file, &actor.fibres.at(x))?;
-            list(&actor.fibre_file, file);
+    jobs: &Receiver<Job>,
+    mut listing: Listing,
+) -> Result<Collection, FolderError> {
+    for job in jobs {
+        match job {
+            Job::Frame(snapshot) => write_frame(folder, cast, &snapshot, &mut listing)?,
+            // What a checkpoint counts on must not be lost where it is not.
+            Job::Checkpoint(bytes) => folder.write(CHECKPOINT, |w| {
+                w.write_all(&bytes)?;
+                w.flush()?;
+                w.get_ref().sync_data()
+            })?,
         }
     }
-    for (((name, mesh), pose), last) in cast.bones.iter().zip(&snapshot.bones).zip(bones) {
-        // A bone that has not moved since is not written again.
-        let file = match last {
-            Some((before, file)) if before == pose => file.clone(),
-            _ => {
-                let file = format!("frames/{name}_{frame:04}.vtp");
-                let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
-                put(folder, &file, &PolyData { points: &points, triangles: &mesh.triangles, ..PolyData::default() })?;
-                *last = Some((*pose, file.clone()));
-                file
-            }
-        };
-        list(name, file);
+    Ok(listing.collection)
+}
+
+fn write_frame(folder: &Folder, cast: &Cast, snapshot: &Snapshot, listing: &mut Listing) -> Result<(), FolderError> {
+    let Files { muscles, bones } = listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
+    for ((actor, (x, v)), (file, fibres)) in cast.muscles.iter().zip(&snapshot.muscles).zip(&muscles) {
+        put(folder, file, &muscle_data(actor, x, v))?;
+        if let Some(file) = fibres {
+            put_lines(folder, file, &actor.fibres.at(x))?;
+        }
+    }
+    for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(&bones) {
+        if let Some(file) = file {
+            let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
+            put(folder, file, &PolyData { points: &points, triangles: &mesh.triangles, ..PolyData::default() })?;
+        }
     }
     Ok(())
 }

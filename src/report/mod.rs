@@ -6,6 +6,7 @@
 
 pub mod folder;
 pub mod frames;
+pub mod gathered;
 mod html;
 pub mod page;
 pub mod pictures;

@@ -5,6 +5,8 @@ use std::io::{self, Write};
 use std::time::Duration;
 
 use crate::simulation::{Measures, Simulation};
+use crate::solvers::effect_of_name;
+use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Times of one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,6 +36,31 @@ pub(super) fn effect_name(constraint: &str) -> &str {
     if constraint == "distance" { "stretch" } else { constraint }
 }
 
+/// The effect of a name as [`effect_name`] gives it.
+fn known_effect(name: &str) -> Option<&'static str> {
+    if name == "stretch" { Some("stretch") } else { effect_of_name(name) }
+}
+
+impl Value for FrameTimes {
+    const LEAST: usize = 8 + 8 + 8 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { frame, step_ms, audit_ms, effects_ms } = self;
+        to.put(frame);
+        to.put(&(*step_ms, *audit_ms));
+        to.put(&effects_ms.iter().map(|(name, ms)| ((*name).to_owned(), *ms)).collect::<Vec<_>>());
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let frame = from.take()?;
+        let (step_ms, audit_ms) = from.take()?;
+        let named: Vec<(String, f64)> = from.take()?;
+        let known = |(name, ms): (String, f64)| known_effect(&name).map(|name| (name, ms));
+        let effects_ms = named.into_iter().map(known).collect::<Option<_>>();
+        Ok(Self { frame, step_ms, audit_ms, effects_ms: effects_ms.ok_or(from.corrupt("no effect has this name"))? })
+    }
+}
+
 /// Seconds of each effect so far, summed over muscles.
 fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut sums = BTreeMap::new();
@@ -44,6 +71,11 @@ fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
 }
 
 impl Record {
+    /// What was recorded up to the frame at which `simulation` is, whose clocks go on from there.
+    pub fn going_on(simulation: &Simulation, measures: Vec<Measures>, times: Vec<FrameTimes>) -> Self {
+        Self { measures, times, before: effect_seconds(simulation) }
+    }
+
     /// Adds the frame that `simulation` has just computed, or its start, with its measures.
     pub fn add(&mut self, simulation: &Simulation, measures: Vec<Measures>, step: Duration, audit: Duration) {
         let now = effect_seconds(simulation);

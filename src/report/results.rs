@@ -1,11 +1,13 @@
 //! The results of a run, gathered frame by frame and written into a folder.
 
 use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
-use super::frames::{Cast, FrameWriter, Snapshot, file_name};
+use super::frames::{Cast, FrameWriter, Listing, Snapshot, file_name};
+use super::gathered::{self, Gathered};
 use super::page;
 use super::pictures::Painter;
 use super::record::Record;
@@ -13,6 +15,7 @@ use super::summary::{Summary, Time};
 use crate::accuracy::Chosen;
 use crate::mesh::measures::greatest;
 use crate::render::{PictureError, to_gif};
+use crate::simulation::checkpoint::{self, Fingerprint};
 use crate::simulation::{Measures, Simulation};
 
 /// An animation shows every so many frames.
@@ -37,7 +40,8 @@ pub struct Shots {
 }
 
 impl Shots {
-    fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
+    /// Adds a frame.
+    pub(super) fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
         self.first.get_or_insert_with(|| snapshot.clone());
         let stretch = greatest(measures.iter().map(|m| m.edge_stretch_rms));
         if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
@@ -65,7 +69,18 @@ pub struct Results {
     shots: Shots,
     begun: Instant,
     prepared: Duration,
+    /// Time before this run went on, and of it that of making ready.
+    earlier: (Duration, Duration),
     name: String,
+    checkpoints: Option<Checkpoints>,
+}
+
+/// Checkpoints to be written.
+struct Checkpoints {
+    every: usize,
+    fingerprint: Fingerprint,
+    /// The frame of the last.
+    last: Option<usize>,
 }
 
 impl Results {
@@ -76,7 +91,7 @@ impl Results {
     pub fn begin(folder: Folder, simulation: &Simulation, animate: bool, begun: Instant) -> Result<Self, FolderError> {
         let folder = Arc::new(folder);
         let cast = Arc::new(Cast::of(simulation));
-        let writer = Some(FrameWriter::start(folder.clone(), cast.clone()));
+        let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), Listing::new(&cast)));
         let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
         Ok(Self {
             folder,
@@ -86,8 +101,66 @@ impl Results {
             shots,
             begun,
             prepared: begun.elapsed(),
+            earlier: Default::default(),
             name: simulation.scene.name.clone(),
+            checkpoints: None,
         })
+    }
+
+    /// Goes on with the results in the folder `root`, of which `gathered` is what they held when `simulation` was where it
+    /// is now; `first` is its start. Later frames in the folder go. What an animation shows of earlier frames is read from
+    /// their files; without one, an animation of the earlier run goes.
+    ///
+    /// # Errors
+    /// A file of an earlier frame is missing or changed, and then nothing was touched; or the folder cannot be used.
+    pub fn resume(
+        root: &Path,
+        simulation: &mut Simulation,
+        gathered: Gathered,
+        first: Snapshot,
+        animate: bool,
+        begun: Instant,
+    ) -> Result<Self, FolderError> {
+        let cast = Arc::new(Cast::of(simulation));
+        let step = if animate { ANIMATION_STEP } else { 0 };
+        let shots = gathered.shots(&cast, simulation, root, first, step)?;
+        let (listing, files) = gathered::listing(&cast, simulation);
+        let folder = Arc::new(Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?);
+        let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), listing));
+        let [total, prepared] = <[f64; 2]>::from(gathered.times_s).map(seconds);
+        Ok(Self {
+            folder,
+            cast,
+            writer,
+            record: gathered.record(simulation),
+            shots,
+            begun,
+            prepared: begun.elapsed(),
+            earlier: (total, prepared),
+            name: simulation.scene.name.clone(),
+            checkpoints: None,
+        })
+    }
+
+    /// Asks for a checkpoint every so many frames and at the end, of simulations with this `fingerprint`; 0 for none.
+    pub fn keep_every(&mut self, every: usize, fingerprint: Fingerprint) {
+        self.checkpoints = (every > 0).then_some(Checkpoints { every, fingerprint, last: None });
+    }
+
+    /// Hands a checkpoint of the last frame to the writer where one is due, or at the `end` if there is none yet; as
+    /// [`Self::frame`].
+    pub fn checkpoint(&mut self, simulation: &Simulation, end: bool) -> bool {
+        let frame = simulation.frame();
+        let Some(wanted) = &mut self.checkpoints else { return true };
+        if wanted.last == Some(frame) || !(end || frame.is_multiple_of(wanted.every)) {
+            return true;
+        }
+        wanted.last = Some(frame);
+        let (total, prepared) = self.earlier;
+        let spent = ((total + self.begun.elapsed()).as_secs_f64(), (prepared + self.prepared).as_secs_f64());
+        let beside = gathered::save(simulation, &self.record, wanted.every, spent);
+        let bytes = checkpoint::save(simulation, &wanted.fingerprint, &beside);
+        self.writer.as_ref().is_some_and(|w| w.push_checkpoint(bytes))
     }
 
     /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
@@ -100,6 +173,14 @@ impl Results {
         self.shots.add(&snapshot, &measures);
         self.record.add(simulation, measures, step, audit);
         self.writer.as_ref().is_some_and(|w| w.push(snapshot))
+    }
+
+    /// Writes a text into the folder.
+    ///
+    /// # Errors
+    /// What kept it from being written.
+    pub fn write(&self, file: &str, text: &str) -> Result<(), FolderError> {
+        self.folder.write(file, |w| w.write_all(text.as_bytes()))
     }
 
     /// Measures of the last frame, muscle by muscle.
@@ -133,12 +214,14 @@ impl Results {
         self.folder.write("times.csv", |w| record.write_times(w))?;
         let animated = self.write_animation()?;
         let [total, prepared, finished] =
-            [self.begun.elapsed(), self.prepared, finishing.elapsed()].map(|time| time.as_secs_f64());
+            [self.earlier.0 + self.begun.elapsed(), self.earlier.1 + self.prepared, finishing.elapsed()]
+                .map(|time| time.as_secs_f64());
         let time = Time::of(record, total, prepared, finished);
         let summary = Summary::of(simulation, record, interrupted, time, chosen);
         self.write_report(&summary, settings, animated)?;
         let json = summary.to_json();
         self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        self.folder.close()?;
         Ok(summary)
     }
 
@@ -169,4 +252,9 @@ impl Results {
     fn picture_error(&self, name: &str, error: PictureError) -> FolderError {
         FolderError::Io { path: self.folder.path().join(name), source: std::io::Error::other(error) }
     }
+}
+
+/// A time that was kept; one that makes no sense is none.
+fn seconds(kept: f64) -> Duration {
+    Duration::try_from_secs_f64(kept).unwrap_or_default()
 }

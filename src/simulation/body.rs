@@ -17,9 +17,10 @@ use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, order};
 use crate::muscles::attachments::{self, Attached};
 use crate::particles::{Numbering, Particles};
-use crate::scene::{Area, Mass, Muscle, Scene, Solver};
+use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene, Solver};
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A muscle vertex may not be faster than this many muscle lengths a second.
 const SPEED_LIMIT: f64 = 200.0;
@@ -174,6 +175,85 @@ impl Body {
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0
     }
+}
+
+/// Of checkpoints: see [`crate::simulation::checkpoint`].
+impl Body {
+    pub(super) fn save(&self, to: &mut Writer) {
+        let Self {
+            name: _,
+            system,
+            rest: _,
+            edges: _,
+            equilibrium,
+            attached: _,
+            fibres: _,
+            untangled: _,
+            target_volume: _,
+            rest_volume: _,
+            length: _,
+            edge_length: _,
+            stopped,
+            good,
+        } = self;
+        system.save(to);
+        to.put(&system.contacts.as_ref().map(|contacts| contacts.obstacles().to_vec()));
+        system.contacts.iter().for_each(|contacts| contacts.save(to));
+        equilibrium.iter().for_each(|equilibrium| equilibrium.save(to));
+        to.put(stopped);
+        // A frame ends with both the same, unless somebody moved particles since.
+        let differs = !same_bits(good, &system.particles);
+        to.put(&differs);
+        if differs {
+            good.save(to);
+        }
+    }
+
+    /// Takes the state among the obstacles as they are `placed` then.
+    pub(super) fn restore(
+        &mut self,
+        from: &mut Reader<'_>,
+        placed: &[Placed],
+        contact: Option<ContactEffect>,
+    ) -> Result<(), Corrupt> {
+        self.system.restore(from)?;
+        self.restore_contact(from, placed, contact)?;
+        self.equilibrium.iter_mut().try_for_each(|equilibrium| equilibrium.restore(from))?;
+        self.stopped = from.take()?;
+        if from.take()? {
+            self.good.restore(from)?;
+            return from.check(!same_bits(&self.good, &self.system.particles), "the same particles twice");
+        }
+        self.good.clone_from(&self.system.particles);
+        Ok(())
+    }
+
+    /// Contact may have begun with obstacles that the plan did not foresee.
+    fn restore_contact(
+        &mut self,
+        from: &mut Reader<'_>,
+        placed: &[Placed],
+        contact: Option<ContactEffect>,
+    ) -> Result<(), Corrupt> {
+        let obstacles: Option<Vec<usize>> = from.take()?;
+        let System { contacts, particles, .. } = &mut self.system;
+        if contacts.as_ref().map(Contacts::obstacles) != obstacles.as_deref() {
+            let Some((contact, obstacles)) = contact.zip(obstacles).filter(|_| !self.rest.triangles.is_empty()) else {
+                return Err(from.corrupt("contact where there can be none"));
+            };
+            let sound = obstacles.is_sorted_by(|a, b| a < b) && obstacles.iter().all(|&o| o < placed.len());
+            from.check(sound, "contact with what is not there")?;
+            let ContactEffect { thickness, friction } = contact;
+            *contacts = Some(Contacts::new(&self.rest, particles, placed, obstacles, thickness, friction));
+        }
+        contacts.iter_mut().try_for_each(|contacts| contacts.restore(from))
+    }
+}
+
+fn same_bits(a: &Particles, b: &Particles) -> bool {
+    let same = |a: &Vector3<f64>, b: &Vector3<f64>| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
+    let positions = a.position.iter().zip(&b.position).all(|(a, b)| same(&a.coords, &b.coords));
+    positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
 }
 
 /// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.

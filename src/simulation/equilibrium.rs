@@ -14,6 +14,7 @@ use crate::solvers::potential::Quadratic;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A vertex touches a bone where it has no more room than this many contact thicknesses.
 const TOUCHING: f64 = 0.02;
@@ -127,6 +128,24 @@ impl Equilibrium {
         }
         self.outcome = outcome;
         self.iterations += u64::from(outcome.iterations);
+        Ok(())
+    }
+}
+
+impl State for Equilibrium {
+    fn save(&self, to: &mut Writer) {
+        let Self { solver, outcome, iterations, residual, scratch: _ } = self;
+        solver.save(to);
+        to.put(outcome);
+        to.put(iterations);
+        to.put(residual);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        self.solver.restore(from)?;
+        self.outcome = from.take()?;
+        self.iterations = from.take()?;
+        self.residual = from.take()?;
         Ok(())
     }
 }

@@ -8,6 +8,7 @@ use super::body::Body;
 use crate::constraints::Residual;
 use crate::contact::Counts;
 use crate::scene::Scene;
+use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// A frame holds its volume where it is off by no more than this (tolerance T6).
 pub const VOLUME_HELD: f64 = 1e-6;
@@ -92,6 +93,63 @@ impl Measures {
             distance_from_start_rms_m: apart.sqrt(),
             converged,
         }
+    }
+}
+
+impl Value for Measures {
+    const LEAST: usize = 15 * 8 + 1;
+
+    fn put(&self, to: &mut Writer) {
+        let Self {
+            frame,
+            time_s,
+            muscle,
+            volume_error,
+            volume_ratio,
+            edge_stretch_rms,
+            edge_stretch_max,
+            penetration_m,
+            vertices_inside_bones,
+            bone_vertices_inside,
+            vertices_touching,
+            vertices_pinched,
+            residual_m,
+            kinetic_energy_j,
+            distance_from_start_rms_m,
+            converged,
+        } = self;
+        to.put(frame);
+        to.put(time_s);
+        to.put(muscle);
+        to.put(&[*volume_error, *volume_ratio, *edge_stretch_rms, *edge_stretch_max, *penetration_m]);
+        to.put(&[*vertices_inside_bones, *bone_vertices_inside, *vertices_touching, *vertices_pinched]);
+        to.put(&[*residual_m, *kinetic_energy_j, *distance_from_start_rms_m]);
+        to.put(converged);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let (frame, time_s, muscle) = (from.take()?, from.take()?, from.take()?);
+        let [volume_error, volume_ratio, edge_stretch_rms, edge_stretch_max, penetration_m] = from.take()?;
+        let [vertices_inside_bones, bone_vertices_inside, vertices_touching, vertices_pinched] = from.take()?;
+        let [residual_m, kinetic_energy_j, distance_from_start_rms_m] = from.take()?;
+        Ok(Self {
+            frame,
+            time_s,
+            muscle,
+            volume_error,
+            volume_ratio,
+            edge_stretch_rms,
+            edge_stretch_max,
+            penetration_m,
+            vertices_inside_bones,
+            bone_vertices_inside,
+            vertices_touching,
+            vertices_pinched,
+            residual_m,
+            kinetic_energy_j,
+            distance_from_start_rms_m,
+            converged: from.take()?,
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod assets;
 pub mod audit;
 pub mod body;
+pub mod checkpoint;
 pub mod equilibrium;
 mod fault;
 pub mod measures;
@@ -25,6 +26,7 @@ use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
 const SETTLED: f64 = 2e-4;
@@ -174,6 +176,31 @@ impl Simulation {
             self.bones.iter().zip(&self.surfaces).map(|(mesh, surface)| audit::Bone::new(mesh, surface)).collect();
         let posed: Vec<_> = bones.iter().enumerate().map(|(b, bone)| (bone, self.pose(b, self.frame as f64))).collect();
         self.bodies.iter().map(|body| Measures::of(body, self.frame, &self.scene, &posed)).collect()
+    }
+}
+
+/// What [`checkpoint`] keeps of it: whatever a later frame depends on, and nothing that depends on the clock.
+impl State for Simulation {
+    fn save(&self, to: &mut Writer) {
+        let Self { scene: _, plan: _, bodies, bones: _, notes, surfaces: _, placed: _, frame, substeps: _ } = self;
+        to.put(frame);
+        to.list(notes);
+        bodies.iter().for_each(|body| body.save(to));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        let frame: usize = from.take()?;
+        self.notes = from.take()?;
+        match frame.checked_sub(1) {
+            None => self.placed = place(&self.scene, &self.surfaces),
+            Some(before) => {
+                self.frame = before;
+                self.placed = self.placed_in(self.substeps.saturating_sub(1));
+            }
+        }
+        self.frame = frame;
+        let contact = self.scene.effects.contact;
+        self.bodies.iter_mut().try_for_each(|body| body.restore(from, &self.placed, contact))
     }
 }
 

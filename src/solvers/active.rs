@@ -11,6 +11,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 use super::history::Field;
 use super::unknowns::{Laplacian, Unknowns};
 use crate::contact::Row;
+use crate::state::{Corrupt, Reader, Writer};
 
 /// Vertices for which entries of the inverse are kept at most; of further rows only the pushing back takes care.
 const MOST_VERTICES: usize = 2048;
@@ -82,6 +83,29 @@ impl Touched {
     }
 }
 
+impl Touched {
+    /// Appends the state: the entries themselves, for a column of the inverse may have other bits where it is solved for
+    /// beside other columns.
+    pub fn save(&self, to: &mut Writer) {
+        let Self { place: _, vertices, entries } = self;
+        to.list(vertices);
+        entries.iter().for_each(|entries| to.list(entries));
+    }
+
+    /// Takes the state.
+    pub fn restore(&mut self, from: &mut Reader<'_>, unknowns: &Unknowns) -> Result<(), Corrupt> {
+        self.vertices = from.take()?;
+        from.check(self.vertices.len() <= MOST_VERTICES, "too many vertices that touched")?;
+        let is_unknown = |v: &u32| (*v as usize) < unknowns.count() && unknowns.of(*v).is_some();
+        from.check(self.vertices.iter().all(is_unknown), "a vertex touched that is not free")?;
+        self.place = self.vertices.iter().enumerate().map(|(place, v)| (*v, place)).collect();
+        from.check(self.place.len() == self.vertices.len(), "a vertex that touched stands there twice")?;
+        // Of each vertex, with those before it and itself.
+        self.entries = (1..=self.vertices.len()).map(|n| from.exactly(n)).collect::<Result<_, _>>()?;
+        Ok(())
+    }
+}
+
 /// Rows that hold.
 #[derive(Default)]
 pub struct Active {
@@ -93,6 +117,34 @@ impl Active {
     /// The rows.
     pub fn rows(&self) -> &[Row] {
         &self.rows
+    }
+
+    /// Appends the state; the factor follows from the rows.
+    pub fn save(&self, to: &mut Writer) {
+        let Self { rows, factor: _ } = self;
+        to.list(rows);
+    }
+
+    /// Takes the state of rows over `count` vertices, of which `touched` knows all that it knew when they were first held.
+    pub fn restore(
+        from: &mut Reader<'_>,
+        touched: &mut Touched,
+        laplacian: &mut Laplacian,
+        unknowns: &Unknowns,
+        count: usize,
+    ) -> Result<Self, Corrupt> {
+        let rows: Vec<Row> = from.take()?;
+        let is_there = |row: &Row| row.terms.iter().all(|(v, _)| (*v as usize) < count);
+        from.check(rows.iter().all(is_there), "a row of no vertex")?;
+        let known = touched.vertices.len();
+        let full = known >= MOST_VERTICES;
+        let learnt = |v: u32| full || unknowns.of(v).is_none() || touched.place.contains_key(&v);
+        let sound = rows.iter().flat_map(|row| row.terms).all(|(v, w)| w == 0.0 || learnt(v));
+        from.check(sound, "a row of a vertex that never touched")?;
+        let wanted = rows.len();
+        let active = touched.hold(rows, laplacian, unknowns);
+        from.check(active.rows.len() == wanted, "a row that cannot hold")?;
+        Ok(active)
     }
 
     /// Applies the restricted inverse to fields, in place: no row's height changes along the result.

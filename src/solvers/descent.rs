@@ -7,6 +7,7 @@ use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
 use crate::contact::Row;
+use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Share of the decrease that the slope promises which a step must bring.
 const SUFFICIENT: f64 = 1e-4;
@@ -46,6 +47,23 @@ pub struct Outcome {
     pub pressure: f64,
     /// Whether the residual is within its tolerance.
     pub converged: bool,
+}
+
+impl Value for Outcome {
+    const LEAST: usize = 4 + 4 + 4 * 8 + 1;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { iterations, evaluations, force, residual, energy, pressure, converged } = self;
+        to.put(&(*iterations, *evaluations));
+        to.put(&((*force, *residual), (*energy, *pressure)));
+        to.put(converged);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let (iterations, evaluations) = from.take()?;
+        let ((force, residual), (energy, pressure)) = from.take()?;
+        Ok(Self { iterations, evaluations, force, residual, energy, pressure, converged: from.take()? })
+    }
 }
 
 /// What keeps vertices out of obstacles while they move.

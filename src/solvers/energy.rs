@@ -6,6 +6,7 @@ use super::potential::{Potential, volume_hessian};
 use crate::constraints::EnclosedVolume;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
+use crate::state::{Corrupt, Reader, State, Writer};
 
 /// The energy sum m |x - y|^2 / (2 dt^2), which makes a minimum an implicit Euler step.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -109,5 +110,17 @@ impl Energy {
     /// Lets constraints that are known up to a period take note of where they are.
     pub fn remember(&mut self, x: &[Point3<f64>]) {
         self.elastic.iter_mut().for_each(|part| part.remember(x));
+    }
+}
+
+impl State for Energy {
+    fn save(&self, to: &mut Writer) {
+        // Every step sets the target of the inertia; the volume's own multiplier plays no part here.
+        let Self { elastic, forces: _, inertia: _, volume: _ } = self;
+        elastic.iter().for_each(|part| part.save(to));
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        self.elastic.iter_mut().try_for_each(|part| part.restore(from))
     }
 }

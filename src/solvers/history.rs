@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::Vector3;
 
 use crate::mesh::sum::tree_sum_by;
+use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// A displacement over all vertices.
 pub type Field = Vec<Vector3<f64>>;
@@ -82,5 +83,36 @@ impl History {
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
         self.pairs.iter().map(|p| (p.step.capacity() + p.change.capacity()) * 24).sum()
+    }
+}
+
+impl Value for Pair {
+    const LEAST: usize = 24;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { step, change, per_product } = self;
+        to.list(step);
+        to.list(change);
+        to.put(per_product);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        Ok(Self { step: from.take()?, change: from.take()?, per_product: from.take()? })
+    }
+}
+
+impl History {
+    /// Appends the state.
+    pub fn save(&self, to: &mut Writer) {
+        let Self { pairs, depth: _ } = self;
+        to.put(&pairs.len());
+        pairs.iter().for_each(|pair| to.put(pair));
+    }
+
+    /// Takes the state, of fields over `count` vertices.
+    pub fn restore(&mut self, from: &mut Reader<'_>, count: usize) -> Result<(), Corrupt> {
+        self.pairs = from.take::<Vec<Pair>>()?.into();
+        let sound = |pair: &Pair| pair.step.len() == count && pair.change.len() == count;
+        from.check(self.pairs.len() <= self.depth && self.pairs.iter().all(sound), "a history of another body")
     }
 }

@@ -2,15 +2,17 @@
 
 use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
 
+use crate::constraints::batch::{restore_memory, save_memory};
 use crate::constraints::lanes::{self, InLanes, Lane, Several, Width, unrolled};
 use crate::constraints::second::Second;
 use crate::constraints::{Constraint, EnclosedVolume};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 use crate::particles::Slot;
+use crate::state::{Corrupt, Reader, State, Writer};
 
-/// A part of a body's energy.
-pub trait Potential: Send + Sync {
+/// A part of a body's energy. Its state goes into checkpoints.
+pub trait Potential: State + Send + Sync {
     /// The effect's name.
     fn name(&self) -> &'static str;
     /// Energy [J] at positions `x` [m].
@@ -52,6 +54,17 @@ impl<C: Constraint<K>, const K: usize> Quadratic<C, K> {
 
     fn each(&self) -> impl Iterator<Item = (&C, f64)> {
         self.constraints.iter().zip(self.stiffness.iter().copied())
+    }
+}
+
+impl<C: Constraint<K>, const K: usize> State for Quadratic<C, K> {
+    fn save(&self, to: &mut Writer) {
+        let Self { constraints, stiffness: _ } = self;
+        save_memory(constraints, to);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        restore_memory(&mut self.constraints, from)
     }
 }
 

@@ -17,6 +17,7 @@ use super::history::{Field, History};
 use super::sparse::FactorError;
 use super::unknowns::Laplacian;
 use crate::contact::Row;
+use crate::state::{self, Corrupt, Reader, Writer};
 
 /// Steps of the minimisation that are remembered: more cost more than they save.
 const MEMORY: usize = 8;
@@ -209,6 +210,32 @@ impl QuasiStatic {
         }
         self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut [&mut field]);
         self.problem.keep_volume(x, &field);
+    }
+}
+
+impl state::State for QuasiStatic {
+    fn save(&self, to: &mut Writer) {
+        let Self { problem, laplacian: _, history, touched, active, spread: (spread, age) } = self;
+        let Problem { energy, settings: _, unknowns: _, force_scale: _ } = problem;
+        energy.save(to);
+        history.save(to);
+        touched.save(to);
+        active.save(to);
+        to.list(spread);
+        to.put(age);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        let Self { problem, laplacian, history, touched, active, spread: (spread, age) } = self;
+        let count = problem.unknowns.count();
+        problem.energy.restore(from)?;
+        history.restore(from, count)?;
+        touched.restore(from, &problem.unknowns)?;
+        *active = Active::restore(from, touched, laplacian, &problem.unknowns, count)?;
+        *spread = from.take()?;
+        from.check(spread.is_empty() || spread.len() == count, "a field over another body")?;
+        *age = from.take()?;
+        Ok(())
     }
 }
 

@@ -5,9 +5,10 @@ use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::constraints::{EnclosedVolume, Project, Residual};
+use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
 use crate::contact::{Contacts, Placed};
 use crate::particles::{Numbering, Packed, Particles, Slot};
+use crate::state::{Corrupt, Reader, State, Value, Writer};
 
 /// A particle carried by a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,6 +67,30 @@ pub struct Broken {
     pub effect: &'static str,
     /// The first particle.
     pub particle: usize,
+}
+
+/// What may act on a body beside the kinds of constraints, and whatever that cannot be told apart from.
+const EFFECTS: [&str; 5] = ["motion", "contact", "volume", "equilibrium", "step"];
+
+/// The effect of a name that was read.
+pub fn effect_of_name(name: &str) -> Option<&'static str> {
+    EFFECTS.iter().chain(KINDS).find(|known| **known == name).copied()
+}
+
+impl Value for Broken {
+    const LEAST: usize = 16;
+
+    fn put(&self, to: &mut Writer) {
+        let Self { effect, particle } = self;
+        to.put(&(*effect).to_owned());
+        to.put(particle);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let name: String = from.take()?;
+        let effect = effect_of_name(&name).ok_or(from.corrupt("no effect has this name"))?;
+        Ok(Self { effect, particle: from.take()? })
+    }
 }
 
 /// A body with all that acts on it; an effect that is absent has no entry.
@@ -275,6 +300,42 @@ impl System {
             all.push(("volume", volume.residual(&self.particles, dt)));
         }
         all
+    }
+}
+
+/// But for contact, of which the whole simulation knows the obstacles.
+impl State for System {
+    fn save(&self, to: &mut Writer) {
+        let Self {
+            particles,
+            elastic,
+            volume,
+            contacts: _,
+            held: _,
+            forces: _,
+            settings: _,
+            // Times are no part of what is computed.
+            clock: _,
+            speed_cuts,
+            packed: _,
+            start: _,
+            start_velocity: _,
+            last_dt,
+        } = self;
+        particles.save(to);
+        elastic.iter().for_each(|batch| batch.save(to));
+        volume.iter().for_each(|volume| volume.save(to));
+        to.put(speed_cuts);
+        to.put(last_dt);
+    }
+
+    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
+        self.particles.restore(from)?;
+        self.elastic.iter_mut().try_for_each(|batch| batch.restore(from))?;
+        self.volume.iter_mut().try_for_each(|volume| volume.restore(from))?;
+        self.speed_cuts = from.take()?;
+        self.last_dt = from.take()?;
+        Ok(())
     }
 }
 

@@ -35,6 +35,11 @@ impl Unknowns {
         Some(self.number[vertex as usize]).filter(|n| *n != HELD)
     }
 
+    /// Number of vertices, held ones among them.
+    pub fn count(&self) -> usize {
+        self.number.len()
+    }
+
     /// Pairs of unknowns among those that `pairs` lists, some of them several times.
     pub fn pairs(&self, pairs: impl FnOnce(&mut dyn FnMut(u32, u32))) -> Vec<[u32; 2]> {
         let mut all = Vec::new();

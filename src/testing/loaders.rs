@@ -85,7 +85,7 @@ pub enum Outcome {
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `write` or `repair`.
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `write`, `repair` or `state`.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -95,6 +95,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "scene" => check_scene(bytes),
         "write" => super::round_trip::check_round_trip(bytes),
         "repair" => super::mending::check_repair(bytes),
+        "state" => super::restoring::check_state(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown { name: name.to_owned() }),
@@ -138,7 +139,7 @@ pub fn check_reader(bytes: &[u8], read: impl FnOnce(&[u8]) -> Result<MeshFile, R
 }
 
 /// Runs something that must not panic.
-fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
+pub(super) fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
     catch_unwind(AssertUnwindSafe(deed)).map_err(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(|&s| s.to_owned()));

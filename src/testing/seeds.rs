@@ -28,6 +28,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "scene" => BUILTIN.iter().map(|(_, text, _)| text.as_bytes().to_vec()).collect(),
         "write" => write(),
         "repair" => repair(),
+        "state" => super::restoring::states(),
         _ => Vec::new(),
     }
 }
@@ -344,7 +345,7 @@ mod tests {
     #[test]
     fn every_seed_is_a_mesh_or_a_scene() {
         let targets =
-            ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write", "repair"];
+            ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write", "repair", "state"];
         for target in targets {
             let seeds = seeds(target);
             assert!(!seeds.is_empty(), "{target}");

@@ -4,6 +4,7 @@
 
 mod accuracy;
 mod bodies;
+mod checkpoint;
 mod conserved_volume;
 mod constraints;
 mod contact;

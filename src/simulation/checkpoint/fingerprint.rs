@@ -1,0 +1,128 @@
+//! What the state of a simulation depends on besides itself, part by part, so that a difference has a name.
+
+use std::fmt::{Debug, Write};
+
+use crate::mesh::TriangleMesh;
+use crate::scene::{Attachment, Bone, Capsule, Muscle, Scene};
+use crate::simulation::Simulation;
+use crate::simulation::body::Body;
+use crate::simulation::plan::MusclePlan;
+use crate::state::{Corrupt, Hash, Reader, Value, Writer};
+
+/// Hashes of all that a simulation was made from: settings, motions, contents of meshes whatever their files are called,
+/// and what the plan foresaw. The number of frames is no part: a run may be made longer.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Fingerprint(Vec<(String, u128)>);
+
+impl Fingerprint {
+    /// That of a simulation, at any of its frames.
+    #[must_use]
+    pub fn of(simulation: &Simulation) -> Self {
+        let mut print = Self::default();
+        let Scene {
+            name,
+            frames: _,
+            frame_rate,
+            bones,
+            capsules,
+            muscles,
+            effects,
+            solver,
+            // Solver and settings are what came of it.
+            accuracy: _,
+            origin: _,
+        } = &simulation.scene;
+        print.add("the name of the scene".to_owned(), name);
+        print.add("`frame_rate`".to_owned(), frame_rate);
+        print.add("`effects`".to_owned(), effects);
+        print.add("`solver`".to_owned(), solver);
+        for (bone, mesh) in bones.iter().zip(&simulation.bones) {
+            // Surface and repair come out as the mesh.
+            let Bone { name, surface: _, repair: _, motion } = bone;
+            print.add(format!("the motion of bone `{name}`"), motion);
+            print.mesh(format!("the mesh of bone `{name}`"), mesh);
+        }
+        for capsule in capsules {
+            let Capsule { name, bone: _, segment: _, radius: _ } = capsule;
+            print.add(format!("capsule `{name}`"), capsule);
+        }
+        let plans = simulation.plan.muscles.iter();
+        for ((muscle, body), plan) in muscles.iter().zip(&simulation.bodies).zip(plans) {
+            print.muscle(muscle, body, plan);
+        }
+        print
+    }
+
+    fn muscle(&mut self, muscle: &Muscle, body: &Body, plan: &MusclePlan) {
+        let Muscle {
+            name,
+            // These come out as the mesh.
+            surface: _,
+            repair: _,
+            edge_length: _,
+            material,
+            attachments,
+            fibres: _,
+            forces,
+            displacements,
+        } = muscle;
+        self.mesh(format!("the mesh of muscle `{name}`"), &body.rest);
+        self.add(format!("the edges of muscle `{name}`"), &body.edges);
+        self.add(format!("the material of muscle `{name}`"), material);
+        // Patches come out as the vertices that are held.
+        let limits = attachments.iter().map(|Attachment { bone, area: _, limit: _ }| bone).collect::<Vec<_>>();
+        let held: Vec<_> = body.system.held.iter().map(|h| (h.vertex, h.bone, h.local)).collect();
+        self.add(format!("the attachments of muscle `{name}`"), &(limits, held, &body.system.particles.inverse_mass));
+        self.add(format!("the fibres of muscle `{name}`"), &body.fibres.at(&body.rest.vertices));
+        self.add(format!("the forces on muscle `{name}`"), forces);
+        self.add(format!("the displacements of muscle `{name}`"), displacements);
+        let MusclePlan { stretch, bending, volume, anisotropy, obstacles } = plan;
+        self.add(format!("the effects that run on muscle `{name}`"), &[stretch, bending, volume, anisotropy]);
+        self.add(format!("the bones in reach of muscle `{name}` over all frames that are wanted"), obstacles);
+    }
+
+    /// A part, by its shortest text that reads back to the same bits.
+    fn add(&mut self, name: String, part: &impl Debug) {
+        let mut hash = Hash::default();
+        // A hash takes every text.
+        let _ = write!(hash, "{part:?}");
+        self.0.push((name, hash.value()));
+    }
+
+    fn mesh(&mut self, name: String, mesh: &TriangleMesh) {
+        let TriangleMesh { vertices, triangles } = mesh;
+        let mut hash = Hash::default();
+        hash.add(&(vertices.len() as u64).to_le_bytes());
+        vertices.iter().flat_map(|p| p.coords.iter()).for_each(|c| hash.add(&c.to_bits().to_le_bytes()));
+        triangles.iter().flatten().for_each(|v| hash.add(&v.to_le_bytes()));
+        self.0.push((name, hash.value()));
+    }
+
+    /// Names of the parts that are in one of both only, or another in each.
+    #[must_use]
+    pub fn differs_from(&self, other: &Self) -> Vec<String> {
+        let missing = |these: &Self, those: &Self| -> Vec<String> {
+            let known: std::collections::HashSet<&(String, u128)> = those.0.iter().collect();
+            these.0.iter().filter(|part| !known.contains(part)).map(|(name, _)| name.clone()).collect()
+        };
+        let mut all = missing(self, other);
+        let more: Vec<String> = missing(other, self).into_iter().filter(|name| !all.contains(name)).collect();
+        all.extend(more);
+        if all.is_empty() && self != other {
+            all.push("the order of bones, capsules or muscles".to_owned());
+        }
+        all
+    }
+}
+
+impl Value for Fingerprint {
+    const LEAST: usize = 8;
+
+    fn put(&self, to: &mut Writer) {
+        to.list(&self.0);
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        Ok(Self(from.take()?))
+    }
+}
