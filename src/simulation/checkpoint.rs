@@ -59,7 +59,7 @@ pub enum Refused {
     #[error("it is damaged: its checksum is not that of its bytes")]
     Checksum,
     /// It is of something else.
-    #[error("it is of another simulation: {} differ", list(.0))]
+    #[error("it is of another simulation, which differs in {}", list(.0))]
     Differs(Vec<String>),
     /// It is of a later frame than the last that is wanted.
     #[error("it is of frame {frame}, beyond the last wanted, {frames}")]

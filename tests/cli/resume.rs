@@ -98,7 +98,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
     run_into(&out, &["distance", "--frames", "4", "--checkpoint-every", "2"]);
     let resume = ["distance", "--frames", "6", "--resume"];
     let with = |more: &[&'static str]| [&resume[..], more].concat();
-    refuse(&with(&["--set", "iterations=7"]), &["another simulation: `solver` differ", "--set"]);
+    refuse(&with(&["--set", "iterations=7"]), &["another simulation, which differs in `solver`; ", "--set"]);
     refuse(&["volume", "--frames", "6", "--resume"], &["the name of the scene", "without --resume"]);
     refuse(&["distance", "--frames", "3", "--resume"], &["of frame 4, beyond the last wanted, 3", "--frames"]);
     let frame = out.join("frames/muscle_0002.vtp");
