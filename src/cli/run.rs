@@ -38,8 +38,8 @@ Examples:
 
 Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
 --animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
-results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped by a number that is not finite, files could not
-be written, or with --strict a frame is not converged.")]
+results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped (it diverged, or a
+number was not finite), files could not be written, or with --strict a frame is not converged.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]

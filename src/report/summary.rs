@@ -98,7 +98,7 @@ pub struct MuscleSummary {
     pub frames_not_converged: usize,
     /// Velocities that were cut to the limit.
     pub speed_cuts: u64,
-    /// Where it was stopped by a number that is not finite.
+    /// Where it was stopped, by a number that is not finite or because it diverged.
     pub stopped: Option<Stopped>,
 }
 

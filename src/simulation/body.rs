@@ -25,6 +25,9 @@ use crate::state::{Corrupt, Reader, State, Writer};
 /// A muscle vertex may not be faster than this many muscle lengths a second.
 const SPEED_LIMIT: f64 = 200.0;
 
+/// An edge so many times as long as its muscle at rest was torn.
+const TORN: f64 = 10.0;
+
 /// Share of a muscle's vertices that may be held.
 const MOST_HELD: f64 = 0.10;
 
@@ -56,6 +59,8 @@ pub struct Body {
     pub edge_length: f64,
     /// The frame and cause at which it was stopped.
     pub stopped: Option<(usize, Broken)>,
+    /// Whether edges resist being stretched.
+    resists_stretch: bool,
     /// Positions and velocities at the end of the last good frame.
     pub(super) good: Particles,
 }
@@ -138,6 +143,7 @@ impl Body {
         Ok(Self {
             name: muscle.name.clone(),
             good: system.particles.clone(),
+            resists_stretch: plan.stretch,
             system,
             edge_length: crate::mesh::measures::median(lengths).unwrap_or(length),
             edges,
@@ -171,6 +177,22 @@ impl Body {
         2.0 * self.length / self.edge_length * residual_max_m
     }
 
+    /// A vertex that was torn away, where stretch acts: an edge is longer than ten times the muscle at rest, or so far
+    /// off that its length is rounding. Contact with triangles of that size would take minutes a frame.
+    pub fn torn(&self) -> Option<usize> {
+        if !self.resists_stretch {
+            return None;
+        }
+        let x = &self.system.particles.position;
+        let is_torn = |e: &&Distance| {
+            let [a, b] = e.points.map(|p| x[p as usize]);
+            let reach = (a - b).norm();
+            // Not `>`, which a NaN would pass.
+            !(reach <= TORN * self.length) || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
+        };
+        self.edges.iter().find(is_torn).map(|e| e.points[0] as usize)
+    }
+
     /// Whether vertex `v` is not held by a bone.
     pub fn is_free(&self, v: usize) -> bool {
         self.system.particles.inverse_mass[v] > 0.0
@@ -194,6 +216,7 @@ impl Body {
             length: _,
             edge_length: _,
             stopped,
+            resists_stretch: _,
             good,
         } = self;
         system.save(to);

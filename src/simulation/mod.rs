@@ -26,6 +26,7 @@ use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
+use crate::solvers::{Broken, DIVERGENCE};
 use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A vertex may end a frame this share of the contact thickness below a bone's surface before contact is looked at again.
@@ -214,6 +215,11 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thic
             body.stopped = Some((frame, broken));
             return;
         }
+    }
+    if let Some(particle) = body.torn() {
+        body.system.particles = body.good.clone();
+        body.stopped = Some((frame, Broken { effect: DIVERGENCE, particle }));
+        return;
     }
     // An equilibrium ends with contact and volume satisfied.
     if let Some(last) = steps.last().filter(|_| body.equilibrium.is_none()) {

@@ -20,4 +20,4 @@ pub mod stiffness;
 mod step;
 mod unknowns;
 
-pub use step::{Broken, Clock, Held, Settings, System, effect_of_name};
+pub use step::{Broken, Clock, DIVERGENCE, Held, Settings, System, effect_of_name};

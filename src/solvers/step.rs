@@ -59,18 +59,31 @@ impl Clock {
     }
 }
 
-/// A number that is not finite appeared; the body was put back to the begin of the step.
+/// A number that is not finite appeared, or a body was torn apart; it was put back to where it was before.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{effect} gave particle {particle} a position that is not finite")]
+#[error("{}", self.in_words())]
 pub struct Broken {
-    /// The effect after which it was first seen.
+    /// The effect after which it was first seen; [`DIVERGENCE`] where a body was torn apart.
     pub effect: &'static str,
     /// The first particle.
     pub particle: usize,
 }
 
+/// In place of an effect: particles that were joined are so far apart that the numbers mean nothing any more.
+pub const DIVERGENCE: &str = "divergence";
+
+impl Broken {
+    fn in_words(&self) -> String {
+        let Self { effect, particle } = self;
+        match *effect {
+            DIVERGENCE => format!("it diverged, particle {particle} was torn away from its neighbours"),
+            _ => format!("{effect} gave particle {particle} a position that is not finite"),
+        }
+    }
+}
+
 /// What may act on a body beside the kinds of constraints, and whatever that cannot be told apart from.
-const EFFECTS: [&str; 5] = ["motion", "contact", "volume", "equilibrium", "step"];
+const EFFECTS: [&str; 6] = ["motion", "contact", "volume", "equilibrium", "step", DIVERGENCE];
 
 /// The effect of a name that was read.
 pub fn effect_of_name(name: &str) -> Option<&'static str> {

@@ -10,7 +10,6 @@ use nalgebra::Point3;
 
 use super::combinations::{Combination, Combinations};
 use super::outcome::Outcome;
-use crate::constraints::distance::Distance;
 use crate::mesh::measures::{Aabb, greatest};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::frames::Cast;
@@ -18,10 +17,7 @@ use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
 use crate::report::summary::{Summary, Time};
 use crate::simulation::{Body, Plan, Simulation};
-
-/// A run whose edge is so many times as long as its muscle was at rest has diverged: it shows nothing any more, and
-/// contact with triangles of that size takes minutes a frame.
-const DIVERGED: f64 = 10.0;
+use crate::solvers::DIVERGENCE;
 
 /// Hears how far a study is, from several threads, and may end it.
 pub trait Watch: Sync {
@@ -106,7 +102,7 @@ fn simulate(
     let mut looks = Looks { frames, cast: &cast, positions: Vec::new(), stretch: 0.0 };
     record.add(&simulation, simulation.measure(), Duration::ZERO, Duration::ZERO);
     looks.look(&simulation);
-    let mut diverged = None;
+    let mut diverged = false;
     while simulation.frame() < simulation.scene.frames {
         if !goes_on() {
             return None;
@@ -116,8 +112,9 @@ fn simulate(
         let step = before.elapsed();
         let measures = simulation.measure();
         record.add(&simulation, measures, step, before.elapsed() - step);
-        diverged = simulation.bodies.iter().find(|body| has_diverged(body)).map(|body| body.name.clone());
-        if diverged.is_some() {
+        let has_diverged = |body: &Body| body.stopped.as_ref().is_some_and(|(_, why)| why.effect == DIVERGENCE);
+        if simulation.bodies.iter().any(has_diverged) {
+            diverged = true;
             break;
         }
         looks.look(&simulation);
@@ -129,16 +126,7 @@ fn simulate(
     let time = Time::of(&record, begun.elapsed().as_secs_f64(), prepared.as_secs_f64(), 0.0);
     let summary = Summary::of(&simulation, &record, false, time, None);
     let outcome = looks.outcome(&summary, &record);
-    let Some(name) = diverged else { return Some(outcome) };
-    let frame = simulation.frame();
-    let stopped = format!("an edge of {name} that is longer than {DIVERGED} times the muscle, in frame {frame}");
-    Some(Outcome { stopped: Some(stopped), diverged: true, ..outcome })
-}
-
-fn has_diverged(body: &Body) -> bool {
-    let x = &body.system.particles.position;
-    let long = |e: &Distance| (x[e.points[0] as usize] - x[e.points[1] as usize]).norm() > DIVERGED * body.length;
-    body.edges.iter().any(long)
+    Some(Outcome { diverged, ..outcome })
 }
 
 /// Gathers positions at the frames looked at.
