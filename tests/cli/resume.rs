@@ -42,7 +42,9 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     let scratch = Scratch::new("resume");
     let [whole, again, earlier] = ["whole", "again", "earlier"].map(|name| scratch.join(name));
     // Two bones that move, so that some of their files are named by several frames; fibres have files of their own.
-    let scene = ["distance", "--set", "bone.0.motion.keys=[{frame=3,angle='0 rad'},{frame=9,angle='1 rad'}]"];
+    let joint = ["bone.0.motion.centre=['0 m','0 m','0 m']", "bone.0.motion.axis=[-1,0,0]"];
+    let keys = "bone.0.motion.keys=[{frame=3,angle='0 rad'},{frame=9,angle='1 rad'}]";
+    let scene = ["distance", "--set", joint[0], "--set", joint[1], "--set", keys];
     let go = |folder: &Path, more: &[&str]| run_into(folder, &[&scene[..], more].concat());
     go(&whole, &["--frames", "14", "--checkpoint-every", "5", "--animate", "gif"]);
     let list = fs::read_to_string(whole.join("pliant-files.txt")).unwrap();
