@@ -95,8 +95,8 @@ def main():
         change = found[key] / before - 1 if before else 0.0
         off = before is None or abs(change) > ALLOWED
         wrong += off
-        told = f"{change:+.2%} of {before:,}" if before else "new"
-        print(f"{key[0]:8} {key[1]} lanes {found[key]:>15,}  {told}{'  <-- more than 5 % off' if off else ''}", flush=True)
+        told = f"{change:+.2%} of {before:,}{'  <-- more than 5 % off' if off else ''}" if before else "new"
+        print(f"{key[0]:8} {key[1]} lanes {found[key]:>15,}  {told}", flush=True)
     if args.accept:
         write(found, by)
     elif wrong:

@@ -88,7 +88,7 @@ fn check(body: &Body) {
 fn sweeps(c: &mut Criterion) {
     let body = Body::of(tube(0.25, 2.0, if quick() { 24 } else { 88 }));
     assert_eq!(body.edges.0.len(), body.hinges.0.len());
-    assert!(quick() || body.edges.0.len() == 29_628, "{} edges", body.edges.0.len());
+    assert!(quick() || body.edges.0.len() == 29_832, "{} edges", body.edges.0.len());
     check(&body);
     let mut group = c.benchmark_group("sweep");
     group.sample_size(15).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(800));

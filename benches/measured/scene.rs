@@ -18,7 +18,7 @@ const MILLIMETRE: f64 = 1e-3;
 const THICKNESS: f64 = 0.2 * MILLIMETRE;
 /// Depth to which a frame's end is settled, as a simulation does [m].
 const SETTLED: f64 = 2e-4 * THICKNESS;
-/// Frames in which the held ends go down by half a millimetre each, so that the muscle is pressed onto the bone.
+/// Frames in which the held ends go down by a tenth of a millimetre each, so that the muscle comes to lie on the bone.
 pub const PRESSED: usize = 8;
 /// Time of a frame [s].
 const FRAME: f64 = 1.0 / 60.0;
@@ -31,7 +31,7 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// A muscle of tube size `muscle` and a bone of `bone`: 88 and 81 for 9,880 vertices and 42,000 triangles.
+    /// A muscle of tube size `muscle` and a bone of `bone`: 88 and 81 for 9,946 vertices and 42,000 triangles.
     pub fn new(muscle: u32, bone: u32) -> Self {
         let surface = tube(0.02, 0.4, bone);
         let triangles = surface.triangles.len();
@@ -83,7 +83,7 @@ impl Scene {
         if self.frame < PRESSED {
             let Particles { position, inverse_mass, .. } = &mut self.system.particles;
             let held = position.iter_mut().zip(inverse_mass).filter(|(_, w)| **w == 0.0);
-            held.for_each(|(p, _)| p.y -= 0.5 * MILLIMETRE);
+            held.for_each(|(p, _)| p.y -= 0.1 * MILLIMETRE);
         }
         let placed = &self.frames[self.frame % 2];
         self.system.step(black_box(placed), FRAME).expect("finite");
