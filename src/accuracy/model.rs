@@ -65,6 +65,8 @@ pub struct Expected {
     pub error_m: f64,
     /// The factor by which that may well be wrong.
     pub doubt: f64,
+    /// Whether an error that was measured in this scene has corrected it.
+    pub is_corrected: bool,
 }
 
 /// The model, for one scene.
@@ -115,6 +117,7 @@ impl Model {
             time_s: libm::exp(time.at(&features) + speed) * self.vertices,
             error_m: libm::exp(error.at(&features) + off) * self.moved_m,
             doubt: libm::exp(doubt),
+            is_corrected: found.is_some(),
         })
     }
 

@@ -7,10 +7,10 @@
 
 use std::time::Duration;
 
-use super::candidates::{Candidate, Question};
+use super::candidates::{self, Candidate, Question};
 use super::distance::Distance;
-use super::model::Model;
-use super::search::{search, total};
+use super::model::{Expected, Model};
+use super::search::{floor, search, total};
 use super::study::{Options, Row, Status, Study, StudyError, Watch, begin};
 use super::trajectory::Trajectory;
 use crate::scene::{Accuracy, Scene};
@@ -107,23 +107,55 @@ pub fn choose(
     let total = |row: &Row| growth * total(row);
     let able: Vec<&Row> = study.rows.iter().filter(|row| row.status != Status::Diverged).collect();
     let fast = able.iter().filter(|row| total(row) <= target_m).min_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let frames = study.frames;
+    if fast.is_none()
+        && let Some((candidate, expected)) = foreseen(scene, &study, &model, target_m / growth, threads)
+    {
+        let expected_m = growth * expected.error_m * expected.doubt;
+        let why = format!(
+            "none of {} settings that there was time to measure keeps it; by the cost model, corrected by them, {} ({}) does: \
+             {} mm at worst, {:.1} ms a frame",
+            study.rows.len(),
+            candidate.name(),
+            candidate.in_words(),
+            crate::render::number(expected_m * 1e3),
+            expected.time_s / frames.max(1) as f64 * 1e3
+        );
+        return Ok(Chosen { target_m, candidate, expected_m, growth, frames, why });
+    }
     let exact = able.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
     let Some(row) = fast.or(exact) else {
         return Err(StudyError::NoReference("every solver diverged".to_owned()));
     };
     let found = format!(
-        "{} ({}) was {} mm off in frames 1 to {}, is expected to be {} mm off at worst, and takes {:.1} ms a frame",
+        "{} ({}) was {} mm off in frames 1 to {frames}, is expected to be {} mm off at worst, and takes {:.1} ms a frame",
         row.candidate.name(),
         row.candidate.in_words(),
         crate::render::number(row.error.rms * 1e3),
-        study.frames,
         crate::render::number(total(row) * 1e3),
-        row.time_s / study.frames.max(1) as f64 * 1e3
+        row.time_s / frames.max(1) as f64 * 1e3
     );
     let why = if fast.is_some() {
         format!("the fastest of {} settings that keep it: {found}", study.rows.len())
     } else {
         format!("none of {} settings keeps it; the most accurate: {found}", study.rows.len())
     };
-    Ok(Chosen { target_m, candidate: row.candidate, expected_m: total(row), growth, frames: study.frames, why })
+    Ok(Chosen { target_m, candidate: row.candidate, expected_m: total(row), growth, frames, why })
+}
+
+/// The fastest setting that the model expects to keep `target_m` [m] by a margin, of families of which one was measured.
+fn foreseen(
+    scene: &Scene,
+    study: &Study,
+    model: &Model,
+    target_m: f64,
+    threads: usize,
+) -> Option<(Candidate, Expected)> {
+    let expected = |candidate: Candidate| {
+        let mut expected = model.expect(&candidate).filter(|e| e.is_corrected)?;
+        expected.error_m += floor(&candidate, study)? / expected.doubt;
+        (expected.error_m * expected.doubt <= target_m).then_some((candidate, expected))
+    };
+    let able = candidates::all(scene, threads).into_iter().filter_map(expected);
+    able.min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s))
 }

@@ -43,7 +43,7 @@ pub(super) fn search(
 
 /// What a solver leaves out and what its reference may be off [m]: no setting of it errs less. `None` where there is no
 /// reference for it.
-fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
+pub(super) fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
     let question = candidates::Question::of(&candidate.solver)?;
     if question == study.question {
         return Some(study.reference.uncertainty.rms);
