@@ -29,7 +29,7 @@ const FRAME: f64 = 1.0 / 60.0;
 /// Frames of the turn, and as many of rest.
 const FRAMES: u32 = 30;
 /// The whole turn [degrees].
-const TURN: f64 = 15.0;
+const TURN: f64 = 6.0;
 /// Mass of a particle [kg].
 const MASS: f64 = 1e-3;
 /// Frequencies of edges, hinges and volume [Hz]: rapier3d's own.
