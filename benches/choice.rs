@@ -1,8 +1,8 @@
 //! Whether the cost model finds the fastest setting: what it chooses for 10, 1 and 0.1 % of the length beside all that
 //! could have been chosen, in scenes that it was not fitted on.
 //!
-//! Each scene is as short as its study, so that both judge by the same frames. `RESULT` lines give the time of the chosen
-//! setting over that of the fastest which keeps the target, both from the full sweep.
+//! Each scene is as short as its study, so that both judge by the same frames. Times of the chosen setting and of the
+//! fastest that keeps the target are both from the full sweep.
 
 use std::time::Duration;
 
@@ -66,16 +66,18 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
         let wished = Accuracy::Share(target);
         let chosen = accuracy::choose(scene, assets, wished, budget, threads, &mut Silent).expect("a choice");
         let (fastest, own) = times(&study, target_m, &chosen.candidate);
-        let place = format!("{name} {} %", target * 100.0);
-        match (fastest, own) {
-            (Some(fastest), Some(own)) => {
-                let by = chosen.candidate.in_words();
-                println!("{place}: {} {by}, {:.3} s, the fastest {fastest:.3} s", chosen.candidate.name(), own);
-                println!("RESULT choice/{name}/{target} {:.3} ratio", own / fastest);
-            }
-            _ => {
-                println!("{place}: the sweep keeps it with none ({fastest:?}) or has not run what was chosen ({own:?})")
-            }
+        let settings = format!("{}, {}", chosen.candidate.name(), chosen.candidate.in_words());
+        let seconds = |time: Option<f64>| time.map_or("not measured".to_owned(), |s| format!("{s:.3}"));
+        let ratio = fastest.zip(own).map(|(fastest, own)| own / fastest);
+        println!(
+            "ROW choice | {name} | {} % | {settings} | {} | {} | {} |",
+            target * 100.0,
+            seconds(own),
+            seconds(fastest),
+            ratio.map_or("–".to_owned(), |r| format!("{r:.2}"))
+        );
+        if let Some(ratio) = ratio {
+            println!("RESULT choice.{}.{} {ratio:.3} ratio", name.replace(' ', "-"), target);
         }
     }
 }

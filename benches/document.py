@@ -54,6 +54,7 @@ COMMANDS = {
     "constraints": bench("constraints"),
     "equilibrium": bench("equilibrium"),
     "work_precision": bench("work_precision"),
+    "choice": bench("choice"),
     "closest": bench("closest"),
     "contact": bench("contact"),
     "health": bench("health"),

@@ -158,10 +158,12 @@ impl Contacts {
 
     /// Watches for triangles that came near a bone vertex since they were last looked up.
     fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], travel: &[Travel]) {
-        if self.triangles.iter().zip(travel).any(|(t, travel)| t.is_due(*travel)) {
+        let has_looked = self.triangles.iter().any(TriangleContacts::has_looked);
+        let since = if has_looked { greatest_distance(x, self.surface.positions().iter().copied()) } else { 0.0 };
+        if self.triangles.iter().zip(travel).any(|(t, travel)| t.is_due(*travel, since)) {
             self.surface.refit(x);
             for ((contacts, &o), travel) in self.triangles.iter_mut().zip(&self.obstacles).zip(travel) {
-                contacts.update(&placed[o], &self.surface, *travel);
+                contacts.update(&placed[o], &self.surface, *travel, since);
             }
         }
     }

@@ -138,18 +138,42 @@ impl Surface {
         self.bvh.intersect_aabb(&ray).map(|t| crossing(point, &self.faces.corners(t, x))).sum()
     }
 
-    /// The nearest of the triangles `among`, with positions `x` that may be newer than the last refit.
-    pub fn nearest_among(&self, point: &Point3<f64>, among: &[u32], x: &[Point3<f64>]) -> Option<OnTriangle> {
+    /// The nearest of the triangles `among`, with positions `x` that may be newer than the last refit; of several equally
+    /// near the first by index. Faster where `likely`, a triangle, is near.
+    pub fn nearest_among(
+        &self,
+        point: &Point3<f64>,
+        among: &[u32],
+        likely: u32,
+        x: &[Point3<f64>],
+    ) -> Option<OnTriangle> {
+        let squared = |t: &[Point3<f64>; 3]| (point_at(t, &on_triangle(point, t).0) - point).norm_squared();
         let mut best: Option<(f64, u32)> = None;
+        if among.binary_search(&likely).is_ok() {
+            best = Some((squared(&self.faces.corners(likely, x)), likely));
+        }
         for &triangle in among {
             let t = self.faces.corners(triangle, x);
-            let squared = (point_at(&t, &on_triangle(point, &t).0) - point).norm_squared();
-            if best.is_none_or(|(b, _)| squared < b) {
+            if best.is_some_and(|(b, _)| is_beyond(point, &t, b)) {
+                continue;
+            }
+            let squared = squared(&t);
+            if best.is_none_or(|(b, least)| squared < b || (squared == b && triangle < least)) {
                 best = Some((squared, triangle));
             }
         }
         best.map(|(_, triangle)| self.faces.on(point, triangle, x))
     }
+}
+
+/// Whether the box of a triangle is further from `point` than the root of `squared`, by more than rounding.
+fn is_beyond(point: &Point3<f64>, t: &[Point3<f64>; 3], squared: f64) -> bool {
+    let outside = |k: usize| {
+        let (low, high) = (t[0][k].min(t[1][k]).min(t[2][k]), t[0][k].max(t[1][k]).max(t[2][k]));
+        (low - point[k]).max(point[k] - high).max(0.0)
+    };
+    let (a, b, c) = (outside(0), outside(1), outside(2));
+    a * a + b * b + c * c > squared * (1.0 + 1e-9)
 }
 
 /// Of a surface that has been refitted: the hierarchy then follows from its shape, which never changes, and the positions.

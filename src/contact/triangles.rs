@@ -53,7 +53,9 @@ pub(super) struct TriangleContacts {
     /// Rows by which triangles were pushed in this step.
     pub active: Vec<TriangleContact>,
     thickness: f64,
-    /// Vertices looked up at the last refit, with what each bound was worth beyond the travel of that time.
+    /// Vertices looked up in this step, with the motion of the surface since its last refit for which that holds. Until
+    /// the step ends nothing else wakes them: how far the surface is from there is known exactly, and the travel only
+    /// within twice the motion of the step.
     looked: Vec<(u32, f64)>,
     /// Travel at the last refit of the surface.
     refitted: f64,
@@ -79,19 +81,34 @@ impl TriangleContacts {
         }
     }
 
-    /// Whether some vertex must be looked up, for which the surface has to be refitted.
-    pub fn is_due(&self, travel: Travel) -> bool {
-        self.wake.iter().any(|w| *w <= travel.at_most)
+    /// Whether some vertex must be looked up, for which the surface has to be refitted; it has moved by `since` [m] since
+    /// its last refit.
+    pub fn is_due(&self, travel: Travel, since: f64) -> bool {
+        self.wake.iter().any(|w| *w <= travel.at_most) || self.looked.iter().any(|(_, bound)| *bound <= since)
     }
 
-    /// Looks up every vertex whose bound is used up, on a freshly refitted surface.
-    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel) {
+    /// Whether any vertex was looked up in this step.
+    pub fn has_looked(&self) -> bool {
+        !self.looked.is_empty()
+    }
+
+    /// Looks up every vertex whose bound is used up, on a freshly refitted surface that had moved by `since` [m] since the
+    /// refit before.
+    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel, since: f64) {
         self.refitted = travel.at_least;
-        self.looked.clear();
         let points = placed.obstacle.guards();
         // What would wake soon is looked up now: the refit is paid for.
-        let soon = travel.at_most + EARLY * self.thickness;
-        let due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
+        let early = EARLY * self.thickness;
+        let soon = travel.at_most + early;
+        let mut due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
+        self.looked.retain_mut(|(k, bound)| {
+            *bound -= since;
+            if *bound <= early {
+                due.push(*k);
+            }
+            *bound > early
+        });
+        due.sort_unstable();
         let found: Vec<Found> =
             due.par_iter().with_min_len(32).map(|&k| self.look_up(k, placed, surface, travel)).collect();
         self.lookups += due.len() as u64;
@@ -101,7 +118,7 @@ impl TriangleContacts {
         for (&k, found) in due.iter().zip(found) {
             self.nearest[k as usize] = found.triangle;
             self.last[k as usize] = (found.distance, travel.at_least);
-            self.wake[k as usize] = travel.at_least + found.bound;
+            self.wake[k as usize] = f64::INFINITY;
             self.looked.push((k, found.bound));
             self.watched.extend(found.watched);
         }
@@ -153,7 +170,10 @@ impl TriangleContacts {
                 continue;
             }
             let p = placed.now * points[watched.point as usize];
-            let Some(mut on) = surface.nearest_among(&p, &watched.triangles, &particles.position) else { continue };
+            let likely = self.nearest[watched.point as usize];
+            let found = surface.nearest_among(&p, &watched.triangles, likely, &particles.position);
+            let Some(mut on) = found else { continue };
+            self.nearest[watched.point as usize] = on.triangle;
             let sign = self.side(watched.point, &p, on.closest.distance, surface, &particles.position, travel);
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
@@ -217,7 +237,8 @@ impl TriangleContacts {
     /// travel of `travel` [m].
     pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
         self.refitted = travel;
-        self.looked.clear();
+        // The surface was refitted, and nobody knows how far it had gone before.
+        self.looked.drain(..).for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
         let points = placed.obstacle.guards();
         self.watched.iter().all(|w| {
             let p = placed.now * points[w.point as usize];

@@ -22,7 +22,8 @@ struct Known {
     closest: Closest,
     /// How far it may move before it is looked up again [m].
     bound: f64,
-    /// Travel of the whole muscle at which a far vertex is looked up again.
+    /// Travel of the whole muscle at which a far vertex is looked up again; infinite until the end of the step in which
+    /// it was, for how far it went since is known exactly.
     wake: f64,
 }
 
@@ -100,11 +101,14 @@ impl VertexContacts {
         let near = NEAR * self.thickness;
         let due: Vec<u32> = (0..self.known.len() as u32)
             .filter(|&k| {
-                let Known { from, closest, wake, .. } = &self.known[k as usize];
-                if closest.distance > near {
+                let Known { from, closest, wake, bound } = &self.known[k as usize];
+                if closest.distance > near && *wake < f64::INFINITY {
                     return *wake <= travel.at_most;
                 }
                 let at = inverse * x[self.vertices[k as usize] as usize];
+                if closest.distance > near {
+                    return !((at - from).norm() <= *bound);
+                }
                 !(2.0 * (at - from).norm() <= closest.distance)
             })
             .collect();
@@ -118,7 +122,7 @@ impl VertexContacts {
         self.lookups += due.len() as u64;
         let mut lifted = Vec::new();
         for (&k, (known, moved, stopped)) in due.iter().zip(found) {
-            self.known[k as usize] = known;
+            self.known[k as usize] = Known { wake: f64::INFINITY, ..known };
             if let Some(end) = moved {
                 let vertex = self.vertices[k as usize];
                 let end = placed.now * end;

@@ -7,7 +7,7 @@ const BLOCK: usize = 4096;
 /// Partial sums in a leaf, added in turn. Part of the result's bits.
 const LANES: usize = 8;
 /// From so many leaves on, leaves are summed by several threads. Not part of the result's bits.
-const PARALLEL_BLOCKS: usize = 16;
+const PARALLEL_BLOCKS: usize = 8;
 
 /// Sum of `values` over a fixed tree; the same bits for any number of threads.
 ///
