@@ -113,7 +113,7 @@ fn changed_meshes_are_repaired() {
 /// A simulation is made for each.
 #[test]
 fn changed_states_are_restored_or_refused() {
-    changed_files("state", 20);
+    changed_files("state", 100);
 }
 
 /// Files are written here, which takes longer than reading them.
