@@ -18,6 +18,7 @@ pub mod io;
 pub mod particles;
 pub mod constraints;
 pub mod contact;
+pub mod springs;
 pub mod solvers;
 pub mod fibres;
 pub mod muscles;

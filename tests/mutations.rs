@@ -110,6 +110,11 @@ fn changed_meshes_are_repaired() {
     changed_files("repair", 10);
 }
 
+#[test]
+fn changed_spring_systems() {
+    changed_files("springs", 4);
+}
+
 /// Files are written here, which takes longer than reading them.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

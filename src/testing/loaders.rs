@@ -85,7 +85,8 @@ pub enum Outcome {
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `write` or `repair`.
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `springs`, `write` or
+/// `repair`.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -95,6 +96,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "scene" => check_scene(bytes),
         "write" => super::round_trip::check_round_trip(bytes),
         "repair" => super::mending::check_repair(bytes),
+        "springs" => super::spring_files::check_spring_file(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown { name: name.to_owned() }),
@@ -138,7 +140,7 @@ pub fn check_reader(bytes: &[u8], read: impl FnOnce(&[u8]) -> Result<MeshFile, R
 }
 
 /// Runs something that must not panic.
-fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
+pub(super) fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
     catch_unwind(AssertUnwindSafe(deed)).map_err(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(|&s| s.to_owned()));
@@ -161,7 +163,7 @@ fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
     }
 }
 
-fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
+pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
     let unhelpful = |wanted| Err(Breach::Unhelpful { wanted, text: text.clone() });

@@ -12,6 +12,7 @@ mod mending;
 mod mutations;
 mod round_trip;
 mod seeds;
+mod spring_files;
 mod subject;
 
 pub use blocks::block_file;
@@ -24,4 +25,5 @@ pub use mending::{check_repair, check_repaired};
 pub use mutations::{Mutator, dictionary};
 pub use round_trip::{check_round_trip, drawing};
 pub use seeds::seeds;
+pub use spring_files::check_spring_file;
 pub use subject::{Subject, Volume};
