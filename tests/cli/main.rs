@@ -1,6 +1,7 @@
 //! The command as a person or a script meets it: exit codes, messages, and the files of a run.
 
 mod check;
+mod springs;
 mod study;
 
 use std::fs;
@@ -133,6 +134,7 @@ fn every_command_has_help_with_an_example() {
         &["plan", "--help"],
         &["scenes", "--help"],
         &["accuracy", "--help"],
+        &["springs", "--help"],
         &["study", "--help"],
     ] {
         let done = run(arguments);

@@ -21,5 +21,6 @@ mod oracles;
 mod scene;
 mod scenes;
 mod solvers;
+mod springs;
 mod tolerances;
 mod ways;
