@@ -9,7 +9,7 @@ use crate::springs::system::SpringSystem;
 /// `x(t+dt) = 2 x(t) - x(t-dt) + dt^2 F/m`, `F = f(x(t)) - c (x(t) - x(t-dt))/dt`.
 ///
 /// Of order 2 without damping, of order 1 with it: the damping is half a step late. Stable for `k dt^2 + 2 c dt < 4 m`
-/// (errata M3). The velocity left in the system is the backward difference, that of half a step ago.
+/// (errata M3). The velocity left in the system is that of the last two moves, drawn on by half a step.
 #[derive(Clone, Debug, Default)]
 pub struct Verlet {
     /// Positions [m] one step ago, and that step [s].
@@ -27,19 +27,22 @@ impl Verlet {
     /// Positions a step of `dt` ago.
     fn earlier(&mut self, system: &SpringSystem, a: &[Vector3<f64>], dt: f64) -> Vec<Point3<f64>> {
         let count = system.len();
+        let drag = |i: usize| system.damping / system.mass()[i];
         match self.before.take() {
             Some((before, last)) if before.len() == count && last == dt => before,
             Some((before, last)) if before.len() == count => {
                 let back = |i: usize| {
                     // The velocity now: that of half a step ago, half a step on.
-                    let v = (system.position[i] - before[i]) / last + a[i] * (0.5 * last);
-                    system.position[i] - v * dt + a[i] * (0.5 * dt * dt)
+                    let half = (system.position[i] - before[i]) / last;
+                    let a = a[i] - half * drag(i);
+                    system.position[i] - (half + a * (0.5 * last)) * dt + a * (0.5 * dt * dt)
                 };
                 (0..count).map(back).collect()
             }
             _ => {
                 let half = if self.from_stillness { 0.0 } else { 0.5 * dt * dt };
-                (0..count).map(|i| system.position[i] - system.velocity[i] * dt + a[i] * half).collect()
+                let a = |i: usize| a[i] - system.velocity[i] * drag(i);
+                (0..count).map(|i| system.position[i] - system.velocity[i] * dt + a(i) * half).collect()
             }
         }
     }
@@ -71,7 +74,7 @@ impl Integrator for Verlet {
             let step = slowed + a[i] * (dt * dt);
             before[i] = x;
             system.position[i] = x + step;
-            system.velocity[i] = step / dt;
+            system.velocity[i] = (step * 1.5 - moved * 0.5) / dt;
         }
         self.before = Some((before, dt));
         finite(system, dt)

@@ -138,7 +138,8 @@ fn m23_what_is_wrong_with_a_file_is_told_with_its_place() {
         ("0 1 1.5", "0 1 1e999", "a:8:5: error[E042]"),
         ("0 1 1.5", "1 1 1.5", "a:8:3: error[E042]"),
         ("0 1 1.5", "0 -1 1.5", "a:8:3: error[E020]"),
-        ("1\n2\n", "2\n2\n", "error[E041]: the file ends too early, in the insertion area"),
+        ("1\n2\n", "2\n2\n", "a:14:1: error[E040]: 2 items are declared"),
+        ("1\n2\n", "", "error[E041]: the file ends too early, in the insertion area"),
         ("1\n2\n", "1\n2\n7", "a:16:1: error[E042]: expected the end of the file"),
     ];
     for (from, to, expected) in cases {
@@ -147,7 +148,7 @@ fn m23_what_is_wrong_with_a_file_is_told_with_its_place() {
     }
     let noted = read_bytes(good.replacen("3 2", "3 1", 1).as_bytes(), "a").unwrap().notes;
     assert!(noted[0].contains("1 surface points are declared, but 2"), "{noted:?}");
-    for (bytes, code) in [(&b""[..], "E001"), (b" \n", "E001"), (b"\xff\xfe1", "E005"), (b"1 1\n\0", "E006")] {
+    for (bytes, code) in [(&b""[..], "E001"), (b" \n", "E001"), (b"\xff\xfe1", "E005"), (b"1 1\n0 0 0\0 m", "E006")] {
         assert!(read_bytes(bytes, "a").unwrap_err().terse().contains(code));
     }
 }
