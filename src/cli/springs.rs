@@ -19,7 +19,7 @@ use crate::report::frames::file_name;
 use crate::springs::damping::{self, Neighbours};
 use crate::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
 use crate::springs::rest::{End, Rest, Settled, settle_by};
-use crate::springs::stability::{Stiffest, limit, stiffest};
+use crate::springs::stability::{Mode, Stiffest, limit, stiffest};
 use built::Built;
 use written::Record;
 
@@ -124,7 +124,7 @@ fn tolerance(text: &str) -> Result<f64, String> {
 }
 
 /// What a run found.
-#[derive(Serialize)]
+#[derive(Default, Serialize)]
 struct Summary {
     name: String,
     points: usize,
@@ -176,7 +176,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     // Of the shape at rest: where the surface is moved the springs inside are softer.
     let stiffest = stiffest(&built.system);
-    let (integrator, dt, longest) = chosen(arguments, &stiffest)?;
+    let Chosen { integrator, dt, longest } = chosen(arguments, &stiffest)?;
     let rest = Rest::share_of(&built.system, arguments.tolerance);
     built.disturb(arguments.shrink, arguments.pin == "surface");
     let path = arguments.out.clone();
@@ -189,37 +189,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         !stop.load(Ordering::Relaxed)
     });
     bar.end();
-    let gershgorin =
-        Stiffest { mode: crate::springs::stability::Mode { square: stiffest.bound, ..stiffest.mode }, ..stiffest };
-    let bound = by_name(&arguments.integrator).map(|by| limit(&*by, &gershgorin)).filter(|l| l.is_finite());
-    let summary = Summary {
-        name: built.name.clone(),
-        points: built.system.len(),
-        points_held: built.system.pinned().iter().filter(|p| **p).count(),
-        springs: built.lines.len(),
-        neighbours: built.neighbours.map(Neighbours::count),
-        integrator: arguments.integrator.clone(),
-        adaptive: arguments.adaptive,
-        mass_kg: arguments.mass,
-        damping_ns_m: built.system.damping,
-        damping_estimate_ns_m: estimate,
-        dt_s: dt,
-        stability_limit_s: longest,
-        stability_limit_of_row_sums_s: bound,
-        stiffest_1_s2: stiffest.mode.square,
-        at_rest: settled.end == End::Rest,
-        end: in_words(&settled, &rest),
-        steps: settled.steps,
-        steps_wanted: arguments.steps as usize,
-        time_s: record.time(),
-        residual_force_n: settled.last.residual,
-        residual_force_allowed_n: rest.force,
-        kinetic_energy_j: settled.last.energy.kinetic,
-        kinetic_energy_allowed_j: rest.energy,
-        spring_energy_j: settled.last.energy.stored,
-        wall_s: begun.elapsed().as_secs_f64(),
-        notes: built.notes.clone(),
-    };
+    let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
+    (summary.damping_estimate_ns_m, summary.dt_s, summary.stability_limit_s) = (estimate, dt, longest);
+    (summary.time_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
     record.finish(&built, &summary)?;
     tell(arguments, &summary, &path);
     Ok(match settled.end {
@@ -229,8 +201,47 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     })
 }
 
-/// The integrator, its step [s] and its limit [s]; refuses a step that is too long.
-fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<(Box<dyn Integrator>, f64, Option<f64>), Failure> {
+/// What a run found, but for times, the step and what was estimated.
+fn summary(arguments: &Arguments, built: &Built, stiffest: &Stiffest, settled: &Settled, rest: &Rest) -> Summary {
+    let rows = Stiffest { mode: Mode { square: stiffest.bound, ..stiffest.mode }, ..*stiffest };
+    let of_rows = by_name(&arguments.integrator).map(|by| limit(&*by, &rows)).filter(|l| l.is_finite());
+    Summary {
+        name: built.name.clone(),
+        points: built.system.len(),
+        points_held: built.system.pinned().iter().filter(|p| **p).count(),
+        springs: built.lines.len(),
+        neighbours: built.neighbours.map(Neighbours::count),
+        integrator: arguments.integrator.clone(),
+        adaptive: arguments.adaptive,
+        mass_kg: arguments.mass,
+        damping_ns_m: built.system.damping,
+        stability_limit_of_row_sums_s: of_rows,
+        stiffest_1_s2: stiffest.mode.square,
+        at_rest: settled.end == End::Rest,
+        end: in_words(settled, rest),
+        steps: settled.steps,
+        steps_wanted: arguments.steps as usize,
+        residual_force_n: settled.last.residual,
+        residual_force_allowed_n: rest.force,
+        kinetic_energy_j: settled.last.energy.kinetic,
+        kinetic_energy_allowed_j: rest.energy,
+        spring_energy_j: settled.last.energy.stored,
+        notes: built.notes.clone(),
+        ..Summary::default()
+    }
+}
+
+/// What makes the steps.
+struct Chosen {
+    integrator: Box<dyn Integrator>,
+    /// Step [s].
+    dt: f64,
+    /// Longest stable step [s].
+    longest: Option<f64>,
+}
+
+/// The integrator and its step; refuses one that is too long.
+fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure> {
     let name = &arguments.integrator;
     let Some(integrator) = by_name(name) else {
         return Err(Failure::usage(format!("no integrator is called {name}"), INTEGRATORS.join(", ")));
@@ -249,7 +260,7 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<(Box<dyn Integra
             format!("a step of {} s is not stable: {name} needs less than {} s here", number(dt), number(longest));
         return Err(Failure::usage(message, "take a shorter --dt, --adaptive, or --integrator implicit"));
     }
-    Ok((integrator, dt, longest.is_finite().then_some(longest)))
+    Ok(Chosen { integrator, dt, longest: longest.is_finite().then_some(longest) })
 }
 
 fn advance(

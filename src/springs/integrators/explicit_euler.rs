@@ -23,11 +23,11 @@ impl Integrator for ExplicitEuler {
     fn step(&mut self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError> {
         let mut a = Vec::new();
         system.acceleration(&system.position, &system.velocity, &mut a);
-        for i in 0..system.len() {
+        for (i, a) in a.into_iter().enumerate() {
             if !system.pinned()[i] {
                 let v = system.velocity[i];
                 system.position[i] += v * dt;
-                system.velocity[i] = v + a[i] * dt;
+                system.velocity[i] = v + a * dt;
             }
         }
         finite(system, dt)

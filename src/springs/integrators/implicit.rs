@@ -35,28 +35,16 @@ impl Equation<'_> {
     pub(super) fn solve(&self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError> {
         let mut v = system.velocity.clone();
         let mut x = system.position.clone();
-        let (mut force, mut residual) = (Vec::new(), vec![Vector3::zeros(); x.len()]);
+        let mut residual = vec![Vector3::zeros(); x.len()];
         let mut least = f64::INFINITY;
         for _ in 0..NEWTON {
             self.place(system, &v, &mut x);
-            system.static_force(&x, &mut force);
-            let mut scale = 0.0;
-            for i in 0..x.len() {
-                if system.pinned()[i] {
-                    residual[i] = Vector3::zeros();
-                    continue;
-                }
-                let m = system.mass()[i];
-                let (inertia, push) = ((v[i] - self.v[i]) * m, (force[i] - v[i] * system.damping) * self.h);
-                residual[i] = push - inertia;
-                // Momenta, too: differences of velocities cannot be better than the velocities.
-                scale += push.norm_squared() + (v[i].norm_squared() + self.v[i].norm_squared()) * m * m;
-            }
+            let scale = self.residual(system, &x, &v, &mut residual);
             let size = dot(&residual, &residual).sqrt();
             if !size.is_finite() {
                 break;
             }
-            if size <= SOLVED * scale.sqrt() || size == 0.0 {
+            if size <= SOLVED * scale || size == 0.0 {
                 system.position = x;
                 system.velocity = v;
                 return Ok(());
@@ -80,6 +68,27 @@ impl Equation<'_> {
             }
         }
         Err(StepError::NotSolved { dt, iterations: NEWTON })
+    }
+
+    /// What the equation lacks of being true [N s], and the size of what is in it.
+    fn residual(
+        &self,
+        system: &SpringSystem,
+        x: &[Point3<f64>],
+        v: &[Vector3<f64>],
+        residual: &mut Vec<Vector3<f64>>,
+    ) -> f64 {
+        // The forces are there first.
+        system.static_force(x, residual);
+        let mut scale = 0.0;
+        for (i, residual) in residual.iter_mut().enumerate().filter(|(i, _)| !system.pinned()[*i]) {
+            let m = system.mass()[i];
+            let (inertia, push) = ((v[i] - self.v[i]) * m, (*residual - v[i] * system.damping) * self.h);
+            *residual = push - inertia;
+            // Momenta, too: differences of velocities cannot be better than the velocities.
+            scale += push.norm_squared() + (v[i].norm_squared() + self.v[i].norm_squared()) * m * m;
+        }
+        scale.sqrt()
     }
 
     fn place(&self, system: &SpringSystem, v: &[Vector3<f64>], x: &mut [Point3<f64>]) {
