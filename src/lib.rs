@@ -19,6 +19,7 @@ pub mod state;
 pub mod particles;
 pub mod constraints;
 pub mod contact;
+pub mod springs;
 pub mod solvers;
 pub mod fibres;
 pub mod muscles;

@@ -116,6 +116,11 @@ fn changed_states_are_restored_or_refused() {
     changed_files("state", 100);
 }
 
+#[test]
+fn changed_spring_systems() {
+    changed_files("springs", 4);
+}
+
 /// Files are written here, which takes longer than reading them.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

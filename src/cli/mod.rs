@@ -13,6 +13,7 @@ mod progress;
 mod resume;
 mod run;
 mod scenes;
+mod springs;
 mod study;
 
 use std::io::Write;
@@ -59,6 +60,8 @@ enum Command {
     Accuracy(accuracy::Arguments),
     /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
     Study(study::Arguments),
+    /// Run a mass-spring system to rest: one from a file, or a lattice
+    Springs(Box<springs::Arguments>),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -83,6 +86,7 @@ pub fn main() -> ExitCode {
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Study(arguments)) => study::run(&arguments),
+        Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

@@ -1,13 +1,15 @@
 //! How far a run is: a bar on a terminal, a line now and then on a pipe.
 
+use std::cell::Cell;
 use std::io::IsTerminal;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::warn;
 use crate::mesh::measures::greatest;
 use crate::simulation::Measures;
+use crate::springs::rest::StepRecord;
 
 /// On a pipe, a line every so many frames.
 const LINE_EVERY: usize = 50;
@@ -46,6 +48,48 @@ impl Progress {
                 bar.set_position(frame as u64);
             }
             None => warn(&format!("frame {frame}/{}  {text}", self.frames)),
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// On a pipe, a line about so often.
+const SECONDS_BETWEEN: f64 = 5.0;
+
+/// Shows how far a run to rest is, on standard error.
+pub(super) struct Bar {
+    bar: Option<ProgressBar>,
+    steps: usize,
+    said: Cell<Instant>,
+}
+
+impl Bar {
+    /// Of a run of at most so many steps.
+    pub(super) fn new(steps: usize) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(steps as u64);
+            let style = ProgressStyle::with_template("  {bar:30} {pos}/at most {len}  {msg}");
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, steps, said: Cell::new(Instant::now()) }
+    }
+
+    /// A step is done.
+    pub(super) fn step(&self, record: &StepRecord) {
+        let text = || format!("force {:.1e} N  kinetic energy {:.1e} J", record.residual, record.energy.kinetic);
+        if let Some(bar) = &self.bar {
+            bar.set_position(record.step as u64);
+            bar.set_message(text());
+        } else if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+            self.said.set(Instant::now());
+            warn(&format!("step {} of at most {}  {}", record.step, self.steps, text()));
         }
     }
 

@@ -3,13 +3,13 @@
 use super::error::{A_NUMBER, Place, Problem, ReadError, quote};
 
 /// The longest line of a format that is read by lines [bytes]; a million corners fit into it, a damaged file does not.
-pub(super) const MAX_LINE_BYTES: usize = 1 << 20;
+pub(crate) const MAX_LINE_BYTES: usize = 1 << 20;
 
 /// The bytes of a file and how far they were read.
 ///
 /// `mark` and `mark_line` remember where the last item began, so that an error names the item and not what follows.
 #[derive(Clone, Copy)]
-pub(super) struct Cursor<'a> {
+pub(crate) struct Cursor<'a> {
     name: &'a str,
     bytes: &'a [u8],
     position: usize,
@@ -17,22 +17,22 @@ pub(super) struct Cursor<'a> {
     mark: usize,
     mark_line: usize,
     /// Errors name an offset instead of a line.
-    pub(super) binary: bool,
+    pub(crate) binary: bool,
 }
 
 impl<'a> Cursor<'a> {
     /// Starts at the beginning of a text.
-    pub(super) fn new(name: &'a str, bytes: &'a [u8]) -> Self {
+    pub(crate) fn new(name: &'a str, bytes: &'a [u8]) -> Self {
         Self { name, bytes, position: 0, line: 1, mark: 0, mark_line: 1, binary: false }
     }
 
     /// The bytes that were not read yet.
-    pub(super) fn rest(&self) -> &'a [u8] {
+    pub(crate) fn rest(&self) -> &'a [u8] {
         self.bytes.get(self.position..).unwrap_or_default()
     }
 
     /// Number of bytes that were read.
-    pub(super) fn position(&self) -> usize {
+    pub(crate) fn position(&self) -> usize {
         self.position
     }
 
@@ -52,7 +52,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next line without its end; `None` at the end of the file.
-    pub(super) fn next_line(&mut self) -> Option<&'a [u8]> {
+    pub(crate) fn next_line(&mut self) -> Option<&'a [u8]> {
         self.set_mark();
         let rest = self.rest();
         if rest.is_empty() {
@@ -70,7 +70,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// As [`Self::next_line`], for lines that mean something: refuses what no line of text has.
-    pub(super) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
+    pub(crate) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
         let Some(line) = self.next_line() else { return Ok(None) };
         let (bytes, limit) = (line.len(), MAX_LINE_BYTES);
         if bytes > limit {
@@ -85,7 +85,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word between white space; `None` at the end of the file.
-    pub(super) fn token(&mut self) -> Option<&'a [u8]> {
+    pub(crate) fn token(&mut self) -> Option<&'a [u8]> {
         while self.rest().first().is_some_and(u8::is_ascii_whitespace) {
             self.step();
         }
@@ -97,7 +97,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Skips words; the last of them is the item of the next error.
-    pub(super) fn skip_tokens(&mut self, count: usize) {
+    pub(crate) fn skip_tokens(&mut self, count: usize) {
         for _ in 0..count {
             if self.token().is_none() {
                 return;
@@ -106,7 +106,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Skips lines.
-    pub(super) fn skip_lines(&mut self, count: usize) {
+    pub(crate) fn skip_lines(&mut self, count: usize) {
         for _ in 0..count {
             if self.next_line().is_none() {
                 return;
@@ -115,13 +115,13 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next word, without reading it.
-    pub(super) fn peek(&self) -> Option<&'a [u8]> {
+    pub(crate) fn peek(&self) -> Option<&'a [u8]> {
         let mut ahead = *self;
         ahead.token()
     }
 
     /// The next `count` bytes of binary data.
-    pub(super) fn take(&mut self, count: usize, what: &'static str) -> Result<&'a [u8], ReadError> {
+    pub(crate) fn take(&mut self, count: usize, what: &'static str) -> Result<&'a [u8], ReadError> {
         self.set_mark();
         match self.rest().get(..count) {
             Some(bytes) => {
@@ -133,34 +133,34 @@ impl<'a> Cursor<'a> {
     }
 
     /// Moves the mark to an offset, so that the next error names it.
-    pub(super) fn mark_at(&mut self, offset: usize) {
+    pub(crate) fn mark_at(&mut self, offset: usize) {
         self.mark = offset;
     }
 
     /// Where the last item is.
-    pub(super) fn place(&self) -> Place {
+    pub(crate) fn place(&self) -> Place {
         if self.binary { Place::Offset(self.mark) } else { Place::Line(self.mark_line) }
     }
 
     /// An error at the last item.
-    pub(super) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
+    pub(crate) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
         self.fail_at(self.place(), problem, found)
     }
 
     /// An error at a place.
-    pub(super) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
+    pub(crate) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
         let column = if matches!(place, Place::Line(_)) { self.column(found) } else { None };
         let (file, within, found) = (self.name.into(), "".into(), quote(found).into());
         ReadError::Content { file, place, column, read_as: None, problem, within, found }
     }
 
     /// An error at an offset of text or, where `text` is false, of binary data.
-    pub(super) fn fail_at_offset(&self, offset: usize, text: bool, problem: Problem, found: &[u8]) -> ReadError {
+    pub(crate) fn fail_at_offset(&self, offset: usize, text: bool, problem: Problem, found: &[u8]) -> ReadError {
         self.fail_at(self.place_of(offset, text), problem, found)
     }
 
     /// The place of an offset of text or, where `text` is false, of binary data.
-    pub(super) fn place_of(&self, offset: usize, text: bool) -> Place {
+    pub(crate) fn place_of(&self, offset: usize, text: bool) -> Place {
         if !text {
             return Place::Offset(offset);
         }
@@ -172,7 +172,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Where a part of the file begins; `None` for bytes that are no part of it.
-    pub(super) fn offset_of(&self, part: &[u8]) -> Option<usize> {
+    pub(crate) fn offset_of(&self, part: &[u8]) -> Option<usize> {
         let offset = (part.as_ptr() as usize).checked_sub(self.bytes.as_ptr() as usize)?;
         (!part.is_empty() && offset + part.len() <= self.bytes.len()).then_some(offset)
     }
@@ -187,7 +187,7 @@ impl<'a> Cursor<'a> {
 }
 
 /// A coordinate of vertex `vertex` in a text; NaN, infinities and what would become one are refused.
-pub(super) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
+pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
     let value = number(token)?;
     if value.is_infinite() && beyond_double(token, value) {
         return Err(Problem::Overflow { vertex });
@@ -196,18 +196,18 @@ pub(super) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
 }
 
 /// Refuses NaN and infinities.
-pub(super) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
+pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
     if value.is_finite() { Ok(value) } else { Err(Problem::NotFinite { vertex }) }
 }
 
 /// Whether a number of text is beyond what a double holds: it became infinite or 0 and is neither.
-pub(super) fn beyond_double(token: &[u8], value: f64) -> bool {
+pub(crate) fn beyond_double(token: &[u8], value: f64) -> bool {
     let mut mantissa = token.iter().take_while(|b| !b.eq_ignore_ascii_case(&b'e'));
     (value == 0.0 || value.is_infinite()) && mantissa.any(|b| (b'1'..=b'9').contains(b))
 }
 
 /// Any number in a text.
-pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
+pub(crate) fn number(token: &[u8]) -> Result<f64, Problem> {
     let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
     text.parse().map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
         _ if token.contains(&0) => Problem::NulByte,
@@ -217,7 +217,7 @@ pub(super) fn number(token: &[u8]) -> Result<f64, Problem> {
 }
 
 /// A whole number in a text; one too large for 64 bits is an error, it never wraps.
-pub(super) fn integer(token: &[u8]) -> Result<i64, Problem> {
+pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
     // Nearly all numbers are short and have no sign; eighteen digits stay below 2^63.
     if (1..=18).contains(&token.len()) && token.iter().all(u8::is_ascii_digit) {
         return Ok(token.iter().fold(0, |n, b| 10 * n + i64::from(b - b'0')));
@@ -235,7 +235,7 @@ pub(super) fn integer(token: &[u8]) -> Result<i64, Problem> {
 }
 
 /// A count in a text, which is no negative number; `what` is said of anything else.
-pub(super) fn count(token: &[u8], what: &'static str) -> Result<u64, Problem> {
+pub(crate) fn count(token: &[u8], what: &'static str) -> Result<u64, Problem> {
     match integer(token) {
         Ok(count) => u64::try_from(count).map_err(|_| Problem::Expected { what }),
         Err(Problem::IntegerTooLarge) => Err(Problem::IntegerTooLarge),

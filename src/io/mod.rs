@@ -5,7 +5,7 @@
 //! [`pvd::Collection`].
 //! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
 
-mod cursor;
+pub(crate) mod cursor;
 mod directx;
 mod encoded;
 mod error;

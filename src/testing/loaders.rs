@@ -85,7 +85,8 @@ pub enum Outcome {
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `write`, `repair` or `state`.
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `springs`, `write`, `repair` or
+/// `state`.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -96,6 +97,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "write" => super::round_trip::check_round_trip(bytes),
         "repair" => super::mending::check_repair(bytes),
         "state" => super::restoring::check_state(bytes),
+        "springs" => super::spring_files::check_spring_file(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown { name: name.to_owned() }),
@@ -162,7 +164,7 @@ fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
     }
 }
 
-fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
+pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
     let unhelpful = |wanted| Err(Breach::Unhelpful { wanted, text: text.clone() });

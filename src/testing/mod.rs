@@ -13,6 +13,7 @@ mod mutations;
 mod restoring;
 mod round_trip;
 mod seeds;
+mod spring_files;
 mod subject;
 
 pub use blocks::block_file;
@@ -26,4 +27,5 @@ pub use mutations::{Mutator, dictionary};
 pub use restoring::check_state;
 pub use round_trip::{check_round_trip, drawing};
 pub use seeds::seeds;
+pub use spring_files::check_spring_file;
 pub use subject::{Subject, Volume};

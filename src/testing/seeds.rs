@@ -29,8 +29,16 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "write" => write(),
         "repair" => repair(),
         "state" => super::restoring::states(),
+        "springs" => springs(),
         _ => Vec::new(),
     }
+}
+
+fn springs() -> Vec<Vec<u8>> {
+    texts([
+        "3 2\n0 0 0 m\n1 0 0 m\n0 1 .5 i\n1\n0 1 2\n2\n0 1 1.5\n1 2 2\n1\n0 1\n1\n0\n1\n2\n".to_owned(),
+        "2 2\r\n\r\n1e3 0 0 m\r\n0 -1 0\tm\r\n0\r\n1\r\n1 0 4\r\n0\r\n0\r\n0".to_owned(),
+    ])
 }
 
 fn texts<const N: usize>(texts: [String; N]) -> Vec<Vec<u8>> {

@@ -2,6 +2,7 @@
 
 mod check;
 mod resume;
+mod springs;
 mod study;
 
 use std::fs;
@@ -134,6 +135,7 @@ fn every_command_has_help_with_an_example() {
         &["plan", "--help"],
         &["scenes", "--help"],
         &["accuracy", "--help"],
+        &["springs", "--help"],
         &["study", "--help"],
     ] {
         let done = run(arguments);

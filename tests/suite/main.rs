@@ -22,5 +22,6 @@ mod oracles;
 mod scene;
 mod scenes;
 mod solvers;
+mod springs;
 mod tolerances;
 mod ways;

@@ -1,0 +1,53 @@
+//! The linear spring.
+
+use super::pairs::{Law, Pairs};
+
+/// Hooke's law: the tension is `stiffness (length - rest)`; force on point i `k (|x_ij| - l) x_ij/|x_ij|`, `x_ij = x_j - x_i`.
+///
+/// With rest length 0 the force is `k x_ij`, which needs no direction (errata B03). Two points of a spring with a rest length
+/// that lie in one place have no direction either: then there is no force (errata M1).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hooke {
+    /// Rest length [m].
+    pub rest: f64,
+    /// Stiffness [N/m]; may be negative where a formula gave it, see [`super::stiffness`].
+    pub stiffness: f64,
+}
+
+/// Linear springs.
+pub type Springs = Pairs<Hooke>;
+
+impl Law for Hooke {
+    const NAME: &'static str = "springs";
+
+    fn parameters(&self) -> [f64; 3] {
+        [self.rest, self.stiffness, 0.0]
+    }
+
+    fn is_valid(&self) -> bool {
+        self.rest >= 0.0 && self.rest.is_finite() && self.stiffness.is_finite()
+    }
+
+    fn energy(&self, length: f64) -> f64 {
+        let stretch = length - self.rest;
+        0.5 * self.stiffness * stretch * stretch
+    }
+
+    fn tension(&self, length: f64) -> f64 {
+        self.stiffness * (length - self.rest)
+    }
+
+    fn tension_per_length(&self, length: f64) -> f64 {
+        if self.rest == 0.0 {
+            self.stiffness
+        } else if length > 0.0 {
+            self.stiffness * (length - self.rest) / length
+        } else {
+            0.0
+        }
+    }
+
+    fn slope(&self, _: f64) -> f64 {
+        self.stiffness
+    }
+}

@@ -1,0 +1,96 @@
+//! Verlet with backward-difference damping, the thesis's integrator.
+
+use nalgebra::{Point3, Vector3};
+
+use super::{Integrator, StepError, finite};
+use crate::springs::stability::Mode;
+use crate::springs::system::SpringSystem;
+
+/// `x(t+dt) = 2 x(t) - x(t-dt) + dt^2 F/m`, `F = f(x(t)) - c (x(t) - x(t-dt))/dt`.
+///
+/// Of order 2 without damping, of order 1 with it: the damping is half a step late. Stable for `k dt^2 + 2 c dt < 4 m`
+/// (errata M3). The velocity left in the system is that of the last two moves, drawn on by half a step.
+#[derive(Clone, Debug, Default)]
+pub struct Verlet {
+    /// Positions [m] one step ago, and that step [s].
+    before: Option<(Vec<Point3<f64>>, f64)>,
+    from_stillness: bool,
+}
+
+impl Verlet {
+    /// Begins with x(-dt) = x(0) - v(0) dt, as the thesis does, in place of half of the acceleration besides: of order 1 in
+    /// the first step.
+    pub fn from_stillness() -> Self {
+        Self { before: None, from_stillness: true }
+    }
+
+    /// Positions a step of `dt` ago.
+    fn earlier(&mut self, system: &SpringSystem, a: &[Vector3<f64>], dt: f64) -> Vec<Point3<f64>> {
+        let count = system.len();
+        let drag = |i: usize| system.damping / system.mass()[i];
+        match self.before.take() {
+            Some((before, last)) if before.len() == count && last == dt => before,
+            Some((before, last)) if before.len() == count => {
+                let back = |i: usize| {
+                    // The velocity now: that of half a step ago, half a step on.
+                    let half = (system.position[i] - before[i]) / last;
+                    let a = a[i] - half * drag(i);
+                    system.position[i] - (half + a * (0.5 * last)) * dt + a * (0.5 * dt * dt)
+                };
+                (0..count).map(back).collect()
+            }
+            _ => {
+                let half = if self.from_stillness { 0.0 } else { 0.5 * dt * dt };
+                let a = |i: usize| a[i] - system.velocity[i] * drag(i);
+                (0..count).map(|i| system.position[i] - system.velocity[i] * dt + a(i) * half).collect()
+            }
+        }
+    }
+}
+
+impl Integrator for Verlet {
+    fn name(&self) -> &'static str {
+        "verlet"
+    }
+
+    fn order(&self) -> u32 {
+        2
+    }
+
+    fn step(&mut self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError> {
+        let mut a = Vec::new();
+        // Without the damping, which is added with the difference of positions.
+        let still = vec![Vector3::zeros(); system.len()];
+        system.acceleration(&system.position, &still, &mut a);
+        let mut before = self.earlier(system, &a, dt);
+        for i in 0..system.len() {
+            if system.pinned()[i] {
+                before[i] = system.position[i];
+                continue;
+            }
+            let x = system.position[i];
+            let moved = x - before[i];
+            let slowed = moved * (1.0 - system.damping * dt / system.mass()[i]);
+            let step = slowed + a[i] * (dt * dt);
+            before[i] = x;
+            system.position[i] = x + step;
+            system.velocity[i] = (step * 1.5 - moved * 0.5) / dt;
+        }
+        self.before = Some((before, dt));
+        finite(system, dt)
+    }
+
+    fn limit(&self, Mode { square, drag }: Mode) -> f64 {
+        // dt < (-c + sqrt(c^2 + 4 k m))/k, written so that nothing cancels.
+        let root = drag + (drag * drag + 4.0 * square).sqrt();
+        if root > 0.0 { 4.0 / root } else { f64::INFINITY }
+    }
+
+    fn restart(&mut self) {
+        self.before = None;
+    }
+
+    fn fork(&self) -> Box<dyn Integrator> {
+        Box::new(self.clone())
+    }
+}

@@ -1,0 +1,27 @@
+//! Mass-spring systems: forces between points, masses and stiffness of meshes, time integrators with their stability
+//! limits, damping, coming to rest.
+//!
+//! A [`system::SpringSystem`] holds positions, velocities, masses and a list of [`force::Force`]s, each in its own file; an
+//! [`integrators::Integrator`] advances it. Forces are gathered by point over sorted neighbours, and sums run over fixed
+//! trees: results do not depend on the order in which springs were given nor on the number of threads.
+
+pub mod anchors;
+pub mod angular;
+pub mod buckling;
+pub mod damping;
+pub mod force;
+pub mod format;
+pub mod hooke;
+pub mod integrators;
+pub mod layers;
+pub mod mass;
+pub mod pairs;
+pub mod patterns;
+pub mod rest;
+pub mod stability;
+pub mod stiffness;
+pub mod system;
+pub mod volume;
+
+pub use force::Force;
+pub use system::{Energy, SpringSystem, SystemError};

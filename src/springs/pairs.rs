@@ -1,0 +1,202 @@
+//! Forces along the line between two points: one loop for every law.
+
+use std::cmp::Ordering;
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::force::Force;
+use crate::mesh::sum::tree_sum_by;
+use crate::particles::{SHARE, is_shared};
+
+/// Tension of a spring as a function of its length.
+pub trait Law: Copy + Send + Sync + 'static {
+    /// What reports call such springs.
+    const NAME: &'static str;
+
+    /// All parameters, for sorting.
+    fn parameters(&self) -> [f64; 3];
+
+    /// Whether the parameters are ones that the law is defined for.
+    fn is_valid(&self) -> bool;
+
+    /// Stored energy [J] at a length [m].
+    fn energy(&self, length: f64) -> f64;
+
+    /// Tension [N] at a length [m]; positive pulls.
+    fn tension(&self, length: f64) -> f64;
+
+    /// Tension over length [N/m]; its limit or 0 at the length 0.
+    fn tension_per_length(&self, length: f64) -> f64 {
+        if length > 0.0 { self.tension(length) / length } else { 0.0 }
+    }
+
+    /// Derivative of the tension by the length [N/m].
+    fn slope(&self, length: f64) -> f64;
+}
+
+/// Why springs are refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PairError {
+    /// A point that does not exist.
+    #[error("spring {spring} names point {point}, but there are {count} points")]
+    OutOfRange {
+        /// Index of the spring as given.
+        spring: usize,
+        /// The point.
+        point: u32,
+        /// Number of points.
+        count: usize,
+    },
+    /// Both ends are one point.
+    #[error("spring {spring} joins point {point} to itself")]
+    Loop {
+        /// Index of the spring as given.
+        spring: usize,
+        /// The point.
+        point: u32,
+    },
+    /// A parameter that is not finite or has the wrong sign.
+    #[error("spring {spring} has a parameter that its law does not take")]
+    Parameter {
+        /// Index of the spring as given.
+        spring: usize,
+    },
+}
+
+/// Springs of one law, sorted, with the neighbours of each point side by side.
+///
+/// Each force is computed at both ends, so that every point sums its own neighbours in their order: no two threads write
+/// to one place, and the bits depend neither on threads nor on the order in which springs were given.
+#[derive(Clone, Debug)]
+pub struct Pairs<L> {
+    springs: Vec<([u32; 2], L)>,
+    start: Vec<usize>,
+    around: Vec<(u32, L)>,
+}
+
+impl<L: Law> Pairs<L> {
+    /// Springs between `count` points.
+    ///
+    /// # Errors
+    /// A point out of range, a spring from a point to itself, a parameter that the law does not take.
+    pub fn new(count: usize, springs: impl IntoIterator<Item = ([u32; 2], L)>) -> Result<Self, PairError> {
+        let springs = springs.into_iter().map(|([a, b], law)| ([a.min(b), a.max(b)], law));
+        let mut springs: Vec<([u32; 2], L)> = springs.collect();
+        for (spring, &([a, b], law)) in springs.iter().enumerate() {
+            if b as usize >= count {
+                return Err(PairError::OutOfRange { spring, point: b, count });
+            }
+            if a == b {
+                return Err(PairError::Loop { spring, point: a });
+            }
+            if !law.is_valid() {
+                return Err(PairError::Parameter { spring });
+            }
+        }
+        springs.par_sort_by(|a, b| a.0.cmp(&b.0).then_with(|| by_parameters(&a.1, &b.1)));
+        let mut start = vec![0; count + 1];
+        springs.iter().flat_map(|(ends, _)| ends).for_each(|&p| start[p as usize + 1] += 1);
+        (0..count).for_each(|i| start[i + 1] += start[i]);
+        let mut next = start.clone();
+        let mut around: Vec<Option<(u32, L)>> = vec![None; 2 * springs.len()];
+        // Neighbours below a point come first, both parts rising: the springs are sorted by their lower, then higher end.
+        for pass in [1, 0] {
+            for &(ends, law) in &springs {
+                let place = &mut next[ends[pass] as usize];
+                around[*place] = Some((ends[1 - pass], law));
+                *place += 1;
+            }
+        }
+        Ok(Self { springs, start, around: around.into_iter().flatten().collect() })
+    }
+
+    /// The springs, sorted by their points (lower first), then by their parameters.
+    pub fn springs(&self) -> &[([u32; 2], L)] {
+        &self.springs
+    }
+
+    /// Heap memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        let (spring, around) = (size_of::<([u32; 2], L)>(), size_of::<(u32, L)>());
+        self.springs.capacity() * spring + self.around.capacity() * around + self.start.capacity() * size_of::<usize>()
+    }
+
+    /// Adds to each point what `term` gives for it and its neighbours.
+    fn gather<T: Send>(&self, to: &mut [T], term: impl Fn(usize, &[(u32, L)], &mut T) + Sync) {
+        let one = |i: usize, t: &mut T| term(i, &self.around[self.start[i]..self.start[i + 1]], t);
+        if is_shared(to.len()) {
+            let chunks = to.par_chunks_mut(SHARE).enumerate();
+            chunks.for_each(|(k, chunk)| chunk.iter_mut().enumerate().for_each(|(i, t)| one(k * SHARE + i, t)));
+        } else {
+            to.iter_mut().enumerate().for_each(|(i, t)| one(i, t));
+        }
+    }
+}
+
+fn by_parameters<L: Law>(a: &L, b: &L) -> Ordering {
+    let pairs = a.parameters().into_iter().zip(b.parameters());
+    pairs.fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b)))
+}
+
+impl<L: Law> Force for Pairs<L> {
+    fn name(&self) -> &'static str {
+        L::NAME
+    }
+
+    fn elements(&self) -> usize {
+        self.springs.len()
+    }
+
+    fn highest_point(&self) -> Option<u32> {
+        self.springs.iter().map(|(ends, _)| ends[1]).max()
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> f64 {
+        tree_sum_by(self.springs.len(), |s| {
+            let ([a, b], law) = self.springs[s];
+            law.energy((x[b as usize] - x[a as usize]).norm())
+        })
+    }
+
+    fn add_force(&self, x: &[Point3<f64>], force: &mut [Vector3<f64>]) {
+        self.gather(force, |i, around, force| {
+            for &(j, law) in around {
+                let d = x[j as usize] - x[i];
+                *force += d * law.tension_per_length(d.norm());
+            }
+        });
+    }
+
+    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+        self.gather(product, |i, around, product| {
+            for &(j, law) in around {
+                *product += block(&law, x[j as usize] - x[i], p[i] - p[j as usize], definite);
+            }
+        });
+    }
+
+    fn add_row_sums(&self, x: &[Point3<f64>], sums: &mut [f64]) {
+        self.gather(sums, |i, around, sum| {
+            for &(j, law) in around {
+                let length = (x[j as usize] - x[i]).norm();
+                *sum += 2.0 * law.slope(length).abs().max(law.tension_per_length(length).abs());
+            }
+        });
+    }
+}
+
+/// `B u` with `B = slope d d^T + tension/length (1 - d d^T)`, `d` the direction of `along`.
+pub(super) fn block<L: Law>(law: &L, along: Vector3<f64>, u: Vector3<f64>, definite: bool) -> Vector3<f64> {
+    let length = along.norm();
+    let (mut slope, mut across) = (law.slope(length), law.tension_per_length(length));
+    if definite {
+        (slope, across) = (slope.max(0.0), across.max(0.0));
+    }
+    if length > 0.0 {
+        let d = along / length;
+        u * across + d * ((slope - across) * d.dot(&u))
+    } else {
+        u * across
+    }
+}

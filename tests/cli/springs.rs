@@ -1,0 +1,94 @@
+//! `pliant springs`: files and lattices to rest, results, what is refused.
+
+use std::fs;
+
+use serde_json::Value;
+
+use super::{Scratch, json, names_in, pliant, referenced, run, shown, text};
+
+const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/lattice-5x5x5.springs");
+
+#[test]
+fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
+    let scratch = Scratch::new("springs-file");
+    let out = scratch.join("out");
+    let arguments = ["springs", FILE, "--mass", "1", "--dt", "0.05", "--every", "100", "--out", shown(&out), "--json"];
+    let done = run(&arguments);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let said: Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert_eq!(said, json(&out.join("summary.json")));
+    assert_eq!((said["points"].as_u64(), said["springs"].as_u64()), (Some(125), Some(300)));
+    assert_eq!((said["points_held"].as_u64(), said["at_rest"].as_bool()), (Some(98), Some(true)));
+    let number = |key: &str| said[key].as_f64().unwrap();
+    // (7.2) for n = 5, m = 1; the limit 4/(d + sqrt(d^2 + 4 k)) with k = 14.47.
+    assert!((number("damping_ns_m") - 4.9).abs() <= 5e-3);
+    let d = number("damping_ns_m");
+    assert!((number("stability_limit_s") - 4.0 / (d + (d * d + 4.0 * 14.47).sqrt())).abs() <= 1e-3);
+    assert!(number("residual_force_n") <= number("residual_force_allowed_n"));
+    let names = names_in(&out);
+    for name in ["start.vtp", "end.vtp", "measures.csv", "report.html", "lattice-5x5x5.pvd", "frames"] {
+        assert!(names.iter().any(|n| n == name), "{name} is not among {names:?}");
+    }
+    let steps = said["steps"].as_u64().unwrap();
+    assert_eq!(referenced(&out, "lattice-5x5x5.pvd").len() as u64, 1 + steps / 100);
+    let rows = fs::read_to_string(out.join("measures.csv")).unwrap();
+    assert!(rows.starts_with("step,time_s,dt_s,greatest_move_m,") && rows.lines().count() as u64 == steps + 1);
+    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(page.contains("at rest after") && page.contains("<svg"));
+}
+
+#[test]
+fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
+    let scratch = Scratch::new("springs-lattice");
+    let out = scratch.join("out");
+    let of = |more: &[&str]| {
+        let fixed = ["springs", "--lattice", "4x4x5", "--out", shown(&out), "--json"];
+        let done = pliant().args(fixed).args(more).output().unwrap();
+        let mut said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
+        said["wall_s"] = 0.into();
+        (done.status.code(), said)
+    };
+    let one = of(&["--threads", "1", "--neighbours", "26"]);
+    assert_eq!(one.0, Some(0));
+    assert_eq!(one.1["name"], "lattice-4x4x5-26");
+    assert_eq!(of(&["--threads", "4", "--neighbours", "26"]), one);
+    for name in ["semi-implicit", "explicit", "rk4", "bdf2", "implicit"] {
+        let (code, said) = of(&["--integrator", name]);
+        assert_eq!(code, Some(0), "{name}: {said}");
+        assert_eq!(said["stability_limit_s"].is_null(), name == "implicit" || name == "bdf2");
+    }
+    assert_eq!(of(&["--adaptive", "--dt", "3"]).0, Some(0));
+    // Too few steps: a result that fails.
+    let (code, said) = of(&["--steps", "3"]);
+    assert_eq!((code, said["at_rest"].as_bool()), (Some(1), Some(false)));
+}
+
+#[test]
+fn what_cannot_be_run_is_refused_before_anything_is_written() {
+    let scratch = Scratch::new("springs-wrong");
+    let out = scratch.join("out");
+    let file = scratch.join("bad.springs");
+    fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
+    let cases: [(&[&str], &str); 12] = [
+        (&[shown(&file)], "bad.springs:3:7: error[E042]: expected m (surface point) or i"),
+        (&["no-such.springs"], "error[E060]"),
+        (&[FILE, "--dt", "0.5"], "verlet needs less than 0."),
+        (&[FILE, "--integrator", "explicit", "--damping", "0"], "no step is stable without damping"),
+        (&[FILE, "--mass", "-1"], "expected a positive number"),
+        (&[FILE, "--shrink", "1"], "expected a share"),
+        (&[FILE, "--integrator", "euler"], "possible values"),
+        (&["--lattice", "5x5"], "expected three numbers of points"),
+        (&["--lattice", "1x5x5"], "at least 2 points"),
+        (&["--lattice", "99999x99999x99999"], "more than 2^32 - 1"),
+        (&["--lattice", "1600x1600x1600", "--neighbours", "26"], "GiB of memory"),
+        (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
+    ];
+    for (arguments, expected) in cases {
+        let done = pliant().arg("springs").args(arguments).args(["--out", shown(&out)]).output().unwrap();
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {said}");
+        assert!(said.contains(expected) && !said.contains("panicked"), "{arguments:?}: {said}");
+    }
+    assert!(!out.exists());
+    assert_eq!(run(&["springs"]).status.code(), Some(2));
+}

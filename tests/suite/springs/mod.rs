@@ -1,0 +1,6 @@
+//! Spring systems: formulas of the sources against their numbers, forces against energies, orders and limits of steps.
+
+mod formulas;
+mod forces;
+mod integrators;
+mod thesis;
