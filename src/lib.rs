@@ -19,6 +19,7 @@ pub mod particles;
 pub mod constraints;
 pub mod contact;
 pub mod solvers;
+pub mod springs;
 pub mod fibres;
 pub mod muscles;
 pub mod scene;

@@ -17,6 +17,7 @@ mod errata;
 #[path = "../io.rs"]
 mod io;
 mod lanes;
+mod lattice;
 mod oracles;
 mod scene;
 mod scenes;

@@ -1,0 +1,3 @@
+//! Points on springs.
+
+pub mod lattice;
