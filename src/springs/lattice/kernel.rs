@@ -229,12 +229,28 @@ macro_rules! runs_mut {
     }};
 }
 
-/// The force that a spring along `d` exerts on its first end.
+/// The force that a spring along `d` exerts on its first end, over `d`.
 #[inline(always)]
-fn force<F: Number, L: Lanes<F>>(machine: L::Machine, d: [L; 3], stiffness: L, tension: L) -> [L; 3] {
+fn pull<F: Number, L: Lanes<F>>(machine: L::Machine, d: [L; 3], stiffness: L, tension: L) -> L {
     let squared = d[2].mul_add(d[2], d[1].mul_add(d[1], d[0].mul(d[0])));
-    let over = tension.mul_sub_from(squared.reciprocal_root(machine), stiffness);
-    [d[0].mul(over), d[1].mul(over), d[2].mul(over)]
+    tension.mul_sub_from(squared.reciprocal_root(machine), stiffness)
+}
+
+#[inline(always)]
+fn times<F: Number, L: Lanes<F>>(d: [L; 3], by: L) -> [L; 3] {
+    [d[0].mul(by), d[1].mul(by), d[2].mul(by)]
+}
+
+/// `plus + d * by`.
+#[inline(always)]
+fn plus<F: Number, L: Lanes<F>>(plus: [L; 3], d: [L; 3], by: L) -> [L; 3] {
+    [d[0].mul_add(by, plus[0]), d[1].mul_add(by, plus[1]), d[2].mul_add(by, plus[2])]
+}
+
+/// `from - d * by`.
+#[inline(always)]
+fn less<F: Number, L: Lanes<F>>(from: [L; 3], d: [L; 3], by: L) -> [L; 3] {
+    [d[0].mul_sub_from(by, from[0]), d[1].mul_sub_from(by, from[1]), d[2].mul_sub_from(by, from[2])]
 }
 
 #[inline(always)]
@@ -281,9 +297,10 @@ fn one_spring<F: Number, L: Lanes<F>>(
     let (stiffness, tension) = (L::splat(machine, spring.stiffness), L::splat(machine, spring.tension));
     let b = (&b.0[..count], &b.1[..count], &b.2[..count]);
     for c in 0..count {
-        let f = force::<F, L>(machine, sub::<F, L>(load!(machine, b, c), load!(machine, a, c)), stiffness, tension);
-        store!(on_a, c, add::<F, L>(load!(machine, on_a, c), f));
-        store!(on_b, c, sub::<F, L>(load!(machine, on_b, c), f));
+        let d = sub::<F, L>(load!(machine, b, c), load!(machine, a, c));
+        let by = pull::<F, L>(machine, d, stiffness, tension);
+        store!(on_a, c, plus::<F, L>(load!(machine, on_a, c), d, by));
+        store!(on_b, c, less::<F, L>(load!(machine, on_b, c), d, by));
     }
 }
 
@@ -311,16 +328,17 @@ fn three_springs<F: Number, L: Lanes<F>>(
     let mut before = [[zero; 3]; 2];
     for c in 0..count {
         let (at_a, at_b) = (load!(machine, a, c), load!(machine, b, c));
-        let opposite = force::<F, L>(machine, sub::<F, L>(at_b, at_a), stiffness, tension);
+        let opposite = sub::<F, L>(at_b, at_a);
+        let by = pull::<F, L>(machine, opposite, stiffness, tension);
         let (stiffness, tension) = (L::load(machine, &sloped_stiffness[c]), L::load(machine, &sloped_tension[c]));
-        let after = force::<F, L>(machine, sub::<F, L>(load!(machine, b_next, c), at_a), stiffness, tension);
-        let back = force::<F, L>(machine, sub::<F, L>(at_b, load!(machine, a_next, c)), stiffness, tension);
-        let from_before = moved_up::<F, L>(back, before[0]);
-        let sum = add::<F, L>(add::<F, L>(opposite, after), from_before);
-        store!(on_a, c, add::<F, L>(load!(machine, on_a, c), sum));
-        let from_before = moved_up::<F, L>(after, before[1]);
-        let sum = add::<F, L>(add::<F, L>(opposite, back), from_before);
-        store!(on_b, c, sub::<F, L>(load!(machine, on_b, c), sum));
+        let after = sub::<F, L>(load!(machine, b_next, c), at_a);
+        let after = times::<F, L>(after, pull::<F, L>(machine, after, stiffness, tension));
+        let back = sub::<F, L>(at_b, load!(machine, a_next, c));
+        let back = times::<F, L>(back, pull::<F, L>(machine, back, stiffness, tension));
+        let sum = add::<F, L>(after, moved_up::<F, L>(back, before[0]));
+        store!(on_a, c, plus::<F, L>(add::<F, L>(load!(machine, on_a, c), sum), opposite, by));
+        let sum = add::<F, L>(back, moved_up::<F, L>(after, before[1]));
+        store!(on_b, c, less::<F, L>(sub::<F, L>(load!(machine, on_b, c), sum), opposite, by));
         before = [back, after];
     }
 }
@@ -350,7 +368,8 @@ fn finish<F: Number, L: Lanes<F>>(
     for c in 0..count {
         let at = load!(machine, a, c);
         let d = sub::<F, L>(load!(machine, a_next, c), at);
-        let along = force::<F, L>(machine, d, L::load(machine, &stiffness[c]), L::load(machine, &tension[c]));
+        let along = pull::<F, L>(machine, d, L::load(machine, &stiffness[c]), L::load(machine, &tension[c]));
+        let along = times::<F, L>(d, along);
         let mut total = add::<F, L>(load!(machine, forces, c), sub::<F, L>(along, moved_up::<F, L>(along, before)));
         before = along;
         store!(forces, c, [zero; 3]);
