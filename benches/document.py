@@ -58,6 +58,7 @@ COMMANDS = {
     "closest": bench("closest"),
     "contact": bench("contact"),
     "health": bench("health"),
+    "lattice": bench("lattice"),
     "read": bench("read"),
     "peers": PEERS,
     "pose": PEERS + ["--bin", "pose"],

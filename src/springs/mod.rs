@@ -13,6 +13,7 @@ pub mod force;
 pub mod format;
 pub mod hooke;
 pub mod integrators;
+pub mod lattice;
 pub mod layers;
 pub mod mass;
 pub mod pairs;

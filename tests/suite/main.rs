@@ -18,6 +18,7 @@ mod errata;
 #[path = "../io.rs"]
 mod io;
 mod lanes;
+mod lattice;
 mod oracles;
 mod scene;
 mod scenes;

@@ -1,0 +1,155 @@
+//! Which time steps a lattice bears, and which damping brings it to rest soonest.
+
+use std::f64::consts::PI;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{Neighbours, Settings, Shape};
+
+/// Lattices of more points take the largest stiffness of the endless lattice, which is a bound and close to theirs.
+const ITERATED: usize = 4096;
+/// Products with the stiffness matrix, at most.
+const PRODUCTS: usize = 2000;
+/// Change of the largest eigenvalue, relative, below which it is taken.
+const CHANGE: f64 = 1e-7;
+
+/// A direction of springs: steps along x, y, z, and `D n n^T`.
+pub(super) struct Direction {
+    pub step: [i32; 3],
+    pub rest: f64,
+    pub stiffness: f64,
+    unit: Vector3<f64>,
+}
+
+/// The 3 or 13 directions in which a point has springs to points after it.
+pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
+    let mut all = Vec::new();
+    for dz in 0..=1 {
+        for dy in -1..=1 {
+            for dx in -1..=1 {
+                let after = dz > 0 || dy > 0 || (dy == 0 && dx > 0);
+                let away = [dx, dy, dz].iter().filter(|d| **d != 0).count();
+                if !after || dz == 0 && dy < 0 || away > 1 && settings.neighbours == Neighbours::Six {
+                    continue;
+                }
+                let [hx, hy, hz] = shape.spacing;
+                let along = Vector3::new(f64::from(dx) * hx, f64::from(dy) * hy, f64::from(dz) * hz);
+                let rest = along.norm();
+                let stiffness = settings.stiffness.of(rest) * if away > 1 { settings.diagonal } else { 1.0 };
+                all.push(Direction { step: [dx, dy, dz], rest, stiffness, unit: along / rest });
+            }
+        }
+    }
+    all
+}
+
+/// Largest eigenvalue of the stiffness matrix of the free lattice at rest; pinned points only lower it.
+///
+/// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. Twenty-six: by power iteration, or for large lattices that of the
+/// endless lattice, which is a bound: what is left out of it only takes energy away.
+pub fn largest_stiffness(shape: &Shape, settings: &Settings) -> f64 {
+    let all = directions(shape, settings);
+    match settings.neighbours {
+        Neighbours::Six => {
+            let of = |d: &Direction| {
+                let axis = d.step.iter().position(|s| *s != 0).expect("a direction goes somewhere");
+                let n = shape.points[axis] as f64;
+                4.0 * d.stiffness * (PI * (n - 1.0) / (2.0 * n)).sin().powi(2)
+            };
+            all.iter().map(of).fold(0.0, f64::max)
+        }
+        Neighbours::TwentySix if shape.count() <= ITERATED => iterated(shape, &all),
+        Neighbours::TwentySix => endless(&all),
+    }
+}
+
+/// The largest eigenvalue of a wave, over a grid of waves that holds the corners, where it is found.
+fn endless(all: &[Direction]) -> f64 {
+    let angle = |i: i32| PI * f64::from(i) / 8.0;
+    let mut largest: f64 = 0.0;
+    for x in 0..=8 {
+        for y in -8..=8 {
+            for z in -8..=8 {
+                let mut sum = Matrix3::zeros();
+                for d in all {
+                    let [dx, dy, dz] = d.step.map(f64::from);
+                    let phase = dx * angle(x) + dy * angle(y) + dz * angle(z);
+                    sum += d.unit * d.unit.transpose() * (d.stiffness * (2.0 - 2.0 * phase.cos()));
+                }
+                largest = largest.max(sum.symmetric_eigenvalues().max());
+            }
+        }
+    }
+    largest
+}
+
+/// By power iteration, from a start that is the same every time.
+fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
+    let [nx, ny, nz] = shape.points;
+    let count = shape.count();
+    let mut seed = 1u64;
+    let mut draw = || {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+    };
+    // Stiffest are waves that change sign from point to point.
+    let sign = |p: usize| if (p % nx + p / nx % ny + p / (nx * ny)).is_multiple_of(2) { 1.0 } else { -1.0 };
+    let mut u: Vec<Vector3<f64>> = (0..count).map(|p| Vector3::new(draw(), draw(), sign(p) * 0.1)).collect();
+    let mut value = 0.0;
+    for _ in 0..PRODUCTS {
+        let length = u.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+        if !(length > 0.0) {
+            return 0.0;
+        }
+        u.iter_mut().for_each(|v| *v /= length);
+        let mut product = vec![Vector3::zeros(); count];
+        for d in all {
+            for p in 0..count {
+                let at = [p % nx, p / nx % ny, p / (nx * ny)];
+                let to = [0, 1, 2].map(|c| at[c].checked_add_signed(d.step[c] as isize));
+                let [Some(x), Some(y), Some(z)] = to else { continue };
+                if x < nx && y < ny && z < nz {
+                    let q = (z * ny + y) * nx + x;
+                    let f = d.unit * (d.stiffness * d.unit.dot(&(u[p] - u[q])));
+                    product[p] += f;
+                    product[q] -= f;
+                }
+            }
+        }
+        let next = u.iter().zip(&product).map(|(a, b)| a.dot(b)).sum::<f64>();
+        u = product;
+        let done = (next - value).abs() <= CHANGE * next;
+        value = next;
+        if done {
+            break;
+        }
+    }
+    value
+}
+
+/// The time step from which on Verlet with backward-difference damping explodes: `k dt^2 + 2 c dt < 4 m` \[s\].
+pub fn stability_limit(stiffness: f64, mass: f64, damping: f64) -> f64 {
+    // The same as (-c + sqrt(c^2 + 4 k m)) / k, without its cancellation and for k = 0 too.
+    4.0 * mass / (damping + (damping * damping + 4.0 * stiffness * mass).sqrt())
+}
+
+/// The damping that brings a lattice to rest soonest, by the source's fit `c = sqrt(4 k 2m)` (7.2).
+///
+/// In its general form `k = D h (2 + 4 h / s) / s` with mean spacing `h` and mean side `s`, which for a unit cube and
+/// `D = 1/h` is the printed `2 + 4 L`. For 26 neighbours the source gives no formula, only best values for 5, 10 and 20
+/// points: `2 + 4 h / s` becomes `9.9 + 5 h / s`, within 2 % of their damping.
+pub fn damping_estimate(shape: &Shape, settings: &Settings) -> f64 {
+    let axes = || (0..3).filter(|&c| shape.points[c] > 1);
+    let count = axes().count();
+    if count == 0 {
+        return 0.0;
+    }
+    let mean = |of: &dyn Fn(usize) -> f64| axes().map(of).sum::<f64>() / count as f64;
+    let h = mean(&|c| shape.spacing[c]);
+    let side = mean(&|c| shape.spacing[c] * (shape.points[c] - 1) as f64);
+    let fit = match settings.neighbours {
+        Neighbours::Six => 2.0 + 4.0 * h / side,
+        Neighbours::TwentySix => 9.9 + 5.0 * h / side,
+    };
+    (4.0 * settings.stiffness.of(h) * h * fit / side * 2.0 * settings.mass).sqrt()
+}
