@@ -22,6 +22,7 @@ pub mod contact;
 pub mod solvers;
 pub mod fibres;
 pub mod muscles;
+pub mod skin;
 pub mod scene;
 pub mod simulation;
 pub mod accuracy;

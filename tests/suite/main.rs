@@ -21,6 +21,7 @@ mod lanes;
 mod oracles;
 mod scene;
 mod scenes;
+mod skin;
 mod solvers;
 mod tolerances;
 mod ways;
