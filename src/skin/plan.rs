@@ -30,7 +30,7 @@ const MOST: f64 = 1e5;
 const LEAST: usize = 20;
 
 /// The skin may turn so far from the normal of the middle within the region [degrees].
-const TURN: f64 = 80.0;
+const TURN: f64 = 70.0;
 
 /// A dome may be so many times as wide as its base.
 const BULGE: f64 = 1.3;
