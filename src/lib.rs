@@ -24,6 +24,7 @@ pub mod solvers;
 pub mod springs;
 pub mod fibres;
 pub mod muscles;
+pub mod skin;
 pub mod scene;
 pub mod simulation;
 pub mod accuracy;

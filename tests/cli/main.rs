@@ -1,6 +1,7 @@
 //! The command as a person or a script meets it: exit codes, messages, and the files of a run.
 
 mod check;
+mod implant;
 mod resume;
 mod springs;
 mod study;

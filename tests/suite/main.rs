@@ -22,6 +22,7 @@ mod lattice;
 mod oracles;
 mod scene;
 mod scenes;
+mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
