@@ -112,7 +112,7 @@ impl Model {
         let speed = nearest.map(|k| k.time - time.at(&k.features)).unwrap_or_else(|| self.speed());
         let found = nearest.filter(|k| k.error.is_finite());
         let off = found.map_or(0.0, |k| k.error - error.at(&k.features));
-        let doubt = found.map_or(error.spread, |_| NEAR);
+        let doubt = found.map_or(error.spread, |k| NEAR * (1.0 + apart(&k.features, &features)).min(FURTHEST));
         Some(Expected {
             time_s: libm::exp(time.at(&features) + speed) * self.vertices,
             error_m: libm::exp(error.at(&features) + off) * self.moved_m,
@@ -140,8 +140,10 @@ impl Model {
     }
 }
 
-/// Logarithm of the factor by which an error may be off that a neighbour's was corrected by.
+/// Logarithm of the factor by which an error may be off that a neighbour's was corrected by, and how many times as far it
+/// may be off for settings that are far from any that was measured.
 const NEAR: f64 = 0.25;
+const FURTHEST: f64 = 4.0;
 
 impl Line {
     fn at(&self, features: &Features) -> f64 {

@@ -263,8 +263,14 @@ impl Measuring<'_> {
             Question::Motion => candidates::implicit_euler(1, 1e-4),
         };
         let candidate = Candidate::new(solver, self.options.threads);
-        let run = self.run(&candidate, self.scene.frames.min(2), watch)?;
-        let a_frame = run.time_s / run.frames.len().max(1) as f64;
+        let mut a_frame = f64::INFINITY;
+        // The first frame of all also waits for what is touched for the first time.
+        let goes_on = &mut |_: usize, took: f64| {
+            a_frame = a_frame.min(took);
+            !watch.stops()
+        };
+        Trajectory::of(self.scene, self.assets, &candidate, self.scene.frames.min(2), goes_on)?;
+        self.interrupted |= watch.stops();
         // The levels of both references cost about as much as this many of the first, the candidates twice that.
         let affordable = self.left_s() / (60.0 * a_frame);
         Ok((affordable as usize).clamp(4.min(self.scene.frames), self.scene.frames))

@@ -36,7 +36,7 @@ impl Series {
         Self { name: name.into(), points: points.into_iter().collect(), ..Self::default() }
     }
 
-    /// The same as dots, with their spread along x.
+    /// The same as dots, with their spread along x and a thin line through the lowest from the left.
     pub fn dotted(mut self, bars: impl IntoIterator<Item = (f64, f64, f64)>) -> Self {
         self.bars = bars.into_iter().collect();
         self.dots = true;
@@ -303,8 +303,20 @@ impl LinePlot {
     }
 }
 
-/// Dots, each with its spread.
+/// Dots, each with its spread, and a thin line through those that no other is left of and below.
 fn draw_dots(svg: &mut String, axes: &Axes, series: &Series, colour: &str) {
+    let (mut path, mut least) = (String::new(), f64::INFINITY);
+    let mut points = series.points.clone();
+    points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    for (x, y) in points {
+        let Some(place) = axes.place(x, y).filter(|_| y < least) else { continue };
+        least = y;
+        let _ = write!(path, "{}{:.1} {:.1}", if path.is_empty() { 'M' } else { 'L' }, place.0, place.1);
+    }
+    let _ = writeln!(
+        svg,
+        "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1\" stroke-opacity=\"0.7\"/>"
+    );
     for (x, y) in series.points.iter().filter_map(|(x, y)| axes.place(*x, *y)) {
         let _ =
             writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\" fill=\"{colour}\" fill-opacity=\"0.85\"/>");

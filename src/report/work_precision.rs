@@ -274,7 +274,13 @@ impl Study {
             ));
         }
         if !self.left_out.is_empty() {
-            let names: Vec<String> = self.left_out.iter().map(|c| format!("{} ({})", c.name(), c.in_words())).collect();
+            // Variants in lanes, threads and ways to look for contact are told once.
+            let mut names: Vec<String> = Vec::new();
+            for name in self.left_out.iter().map(|c| format!("{} ({})", c.name(), c.in_words())) {
+                if !names.contains(&name) {
+                    names.push(name);
+                }
+            }
             notes.push(format!("No time was left for: {}.", names.join("; ")));
         }
         if self.interrupted {

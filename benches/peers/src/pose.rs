@@ -28,6 +28,8 @@ use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, SoftBodyM
 const FRAME: f64 = 1.0 / 60.0;
 /// Frames of the turn, and as many of rest.
 const FRAMES: u32 = 30;
+/// Frames in which XPBD comes to rest wholly.
+const LONG: u32 = 10 * FRAMES;
 /// The whole turn [degrees].
 const TURN: f64 = 6.0;
 /// Mass of a particle [kg].
@@ -354,12 +356,15 @@ fn measure() {
     assert!(apart <= 0.1 * moved, "rapier3d rests {apart} % from the reference, which moved by {moved} %");
     let exact = all.iter().rfind(|r| r.who == "pliant, quasi-static").expect("a runner");
     assert!(task.error(&exact.rested, &reference) <= 0.01 * moved, "the equilibrium is not found");
-    let steps = all.iter().rfind(|r| r.who == "pliant, XPBD").expect("a runner");
-    assert!(quick() || task.error(&steps.rested, &reference) <= 0.1 * moved, "XPBD rests elsewhere");
     note("pose.vertices", task.mesh.vertices.len());
     result("pose.moved", moved, "%");
     result("pose.limit", apart, "%");
     report(&task, &all, &reference, &own);
+    // What it still lacked in the table was time.
+    let steps = all.iter_mut().rfind(|r| r.who == "pliant, XPBD").expect("a runner");
+    (0..LONG).for_each(|_| steps.solver.frame(&task, 2 * FRAMES));
+    let off = task.error(&steps.solver.positions(), &reference);
+    assert!(quick() || off <= 0.1 * moved, "XPBD rests {off} % away; all moved by {moved} %");
 }
 
 fn main() {
