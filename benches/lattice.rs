@@ -11,7 +11,8 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use measured::{key, pool, quick, result, seconds};
 use pliant::constraints::Width;
-use pliant::springs::lattice::{Lattice, Neighbours, Number, Rest, Settings, Shape};
+use pliant::springs::Neighbours;
+use pliant::springs::lattice::{Lattice, Number, Rest, Settings, Shape};
 
 /// Tables 7.1 and 7.2 of the source: points along a side, and milliseconds a step for 6 and for 26 neighbours, on the
 /// processor (Core 2 Quad, 2.4 GHz) and on the better of its two programs for the graphics card (GeForce 9600 GT).
@@ -93,6 +94,8 @@ fn sizes(_: &mut Criterion) {
                     [("f32.1", single, 4.0), ("f32.2", single_2, 4.0), ("f64.1", double, 8.0), ("f64.2", double_2, 8.0)]
                 {
                     result(&format!("lattice.{name}.{kind}"), ms, "ms");
+                    let springs = neighbours.springs([*n; 3]) as f64;
+                    result(&format!("lattice.{name}.{kind}.spring"), ms * 1e6 / springs, "ns");
                     // Three numbers each of position now and before are read and three written.
                     result(
                         &format!("lattice.{name}.{kind}.share"),

@@ -6,9 +6,9 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Vector3};
 use pliant::constraints::Width;
+use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
-    Lattice, LatticeError, Neighbours, Number, Rest, Settings, Shape, Stiffness, damping_estimate, largest_stiffness,
-    stability_limit,
+    Lattice, LatticeError, Number, Rest, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
 };
 use pliant::testing::Draw;
 
@@ -313,7 +313,7 @@ fn the_largest_stiffness_is_the_matrix_s() {
 fn growth(n: usize, neighbours: Neighbours, mass: f64, times: f64) -> f64 {
     let shape = Shape::unit_cube(n);
     let settings = Settings { mass, ..Settings::new(neighbours) };
-    let limit = stability_limit(largest_stiffness(&shape, &settings), mass, damping_estimate(&shape, &settings));
+    let limit = stability_limit(largest_stiffness(&shape, &settings), mass, settings.damping_estimate(&shape));
     let settings = Settings { time_step: Some(times * limit), ..settings };
     assert_eq!(Lattice::<f64>::new(shape, settings).is_ok(), times < 1.0);
     let mut lattice = Lattice::<f64>::unchecked(shape, settings).expect("numbers that will do");
