@@ -12,8 +12,8 @@
 //!
 //! # What a step costs
 //! Rows along x lie as runs of x, y and z; several points are computed side by side, each spring once; forces on rows to come
-//! wait in two planes that stay in the cache. Threads take slabs of planes. Any number of threads and any
-//! [`Width`] gives the same bits.
+//! wait in a plane or two that stay in the cache. Threads take slabs of planes. [`Lattice::run`] makes two steps in one pass
+//! through memory. Any number of threads, any [`Width`], and steps one by one or in pairs give the same bits.
 //!
 //! # Limitations
 //! Explicit: steps above [`stability_limit`] explode, which [`Lattice::new`] refuses; the limit is that of the lattice at rest, and
@@ -21,6 +21,8 @@
 //! to [`Number::ROOT_ERROR`], not correctly rounded: at rest lengths forces are of that size times `D l0`, not zero. A spring
 //! shorter than about 1e-19 (f32) or 1e-154 (f64) has no direction and pulls or pushes nothing to speak of.
 
+mod advance;
+mod aligned;
 mod error;
 mod kernel;
 mod lanes;
@@ -30,11 +32,10 @@ mod stability;
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
-
+use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
-use kernel::{Carried, Frame, Moved, Slab, Sloped, Spring};
+use kernel::{Carried, Frame, Sloped, Spring};
 pub use lanes::{InLanes, Lanes, Number};
 pub use rest::{Rest, Settled};
 pub use shape::Shape;
@@ -44,8 +45,6 @@ use super::damping::{self, Body};
 use super::neighbours::Neighbours;
 use crate::constraints::Width;
 
-/// Slabs of fewer points are not worth a thread.
-const POINTS_PER_THREAD: usize = 4096;
 /// D of a spring, from its length at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
@@ -120,13 +119,16 @@ pub struct Lattice<F> {
     frame: Frame<F>,
     /// dt^2 / m.
     gain: F,
-    current: Vec<F>,
-    previous: Vec<F>,
+    current: Aligned<F>,
+    previous: Aligned<F>,
     /// Of each row, which points are pinned.
     pinned: Vec<bool>,
     /// Whether the patterns of pinned points are to be found anew.
     patterns_due: bool,
-    carried: Vec<Carried<F>>,
+    /// For each slab and each of two steps.
+    carried: Vec<[Carried<F>; 2]>,
+    /// Copies of planes where slabs meet.
+    seams: Vec<F>,
     width: Width,
     steps: u64,
 }
@@ -160,8 +162,7 @@ impl<F: Number> Lattice<F> {
         });
         let frame = frame(&shape, &settings, damping * time_step / settings.mass);
         let gain = F::from_f64(time_step * time_step / settings.mass);
-        // One more: the point after the last one is read, and not used.
-        let numbers = shape.points[2] * frame.plane() + 1;
+        let numbers = shape.points[2] * frame.plane();
         let mut lattice = Self {
             shape,
             settings,
@@ -169,11 +170,12 @@ impl<F: Number> Lattice<F> {
             time_step,
             frame,
             gain,
-            current: vec![F::default(); numbers],
-            previous: vec![F::default(); numbers],
+            current: Aligned::zeros(numbers),
+            previous: Aligned::zeros(numbers),
             pinned: vec![false; shape.count()],
             patterns_due: true,
             carried: Vec::new(),
+            seams: Vec::new(),
             width: Width::best(),
             steps: 0,
         };
@@ -226,7 +228,7 @@ impl<F: Number> Lattice<F> {
     fn index(&self, [i, j, k]: [usize; 3]) -> [usize; 3] {
         let [nx, ny, nz] = self.shape.points;
         assert!(i < nx && j < ny && k < nz, "no point {i}, {j}, {k} in a lattice of {nx} x {ny} x {nz}");
-        let row = (k * ny + j) * self.frame.row();
+        let row = k * self.frame.plane() + j * self.frame.row();
         [0, 1, 2].map(|c| row + c * self.frame.run + i)
     }
 
@@ -311,45 +313,6 @@ impl<F: Number> Lattice<F> {
         self.frame.external = Vec::new();
     }
 
-    /// One step, on the threads of the current pool of `rayon`.
-    ///
-    /// # Errors
-    /// [`LatticeError::Diverged`] if a point went where there are no numbers.
-    pub fn step(&mut self) -> Result<(), LatticeError> {
-        self.measured_step().map(|_| ())
-    }
-
-    /// One step, and the largest move of a point in it \[m\].
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn measured_step(&mut self) -> Result<f64, LatticeError> {
-        self.find_patterns();
-        let moved = self.advance();
-        std::mem::swap(&mut self.current, &mut self.previous);
-        self.steps += 1;
-        if moved.sum.is_finite() { Ok(moved.largest.sqrt()) } else { Err(LatticeError::Diverged { step: self.steps }) }
-    }
-
-    /// New positions in the place of previous ones.
-    fn advance(&mut self) -> Moved {
-        let (frame, plane, planes) = (&self.frame, self.frame.plane(), self.shape.points[2]);
-        let most = (self.shape.count() / POINTS_PER_THREAD).clamp(1, planes);
-        let slabs = rayon::current_num_threads().clamp(1, most);
-        let thickness = planes.div_ceil(slabs);
-        self.carried.resize_with(self.carried.len().max(slabs), Carried::default);
-        let (current, width) = (&self.current[..], self.width);
-        let previous = &mut self.previous[..planes * plane];
-        let step = |(slab, (previous, carried)): (usize, (&mut [F], &mut Carried<F>))| {
-            F::in_lanes(width, Slab { frame, current, previous, first: slab * thickness, carried })
-        };
-        if slabs == 1 {
-            return step((0, (previous, &mut self.carried[0])));
-        }
-        let parts = previous.par_chunks_mut(thickness * plane).zip(&mut self.carried);
-        parts.enumerate().map(step).reduce(Moved::default, Moved::and)
-    }
-
     /// Each pattern of pinned points of a row once.
     fn find_patterns(&mut self) {
         if !std::mem::take(&mut self.patterns_due) {
@@ -373,7 +336,7 @@ impl<F: Number> Lattice<F> {
 }
 
 fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
-    let [nx, ny, nz] = shape.points;
+    let [nx, ny, _] = shape.points;
     let run = nx.next_multiple_of(F::ROW);
     let all = stability::directions(shape, settings);
     let spring = |step: [i32; 3]| {
@@ -387,7 +350,7 @@ fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
         Sloped { stiffness: masked(stiffness), tension: masked(tension) }
     };
     Frame {
-        rows: [ny, nz],
+        rows: ny,
         run,
         diagonal: settings.neighbours == Neighbours::TwentySix,
         straight: [spring([0, 1, 0]), spring([0, 0, 1]), spring([0, 1, 1])],
