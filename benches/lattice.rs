@@ -1,7 +1,8 @@
 //! One step of a spring lattice: every size of the source's tables 7.1 and 7.2, both patterns, both precisions, one and two
 //! threads; how much of the memory's speed that is; steps until rest.
 //!
-//! Least times of many steps. Every lattice is one that moves, and its positions are looked at before and after.
+//! Least times of many steps, made in pairs as `Lattice::run` makes them; of the largest lattices also one by one. Every lattice is
+//! one that moves, and its positions are looked at before and after.
 
 mod measured;
 
@@ -11,7 +12,8 @@ use std::time::Duration;
 use criterion::{Criterion, criterion_group, criterion_main};
 use measured::{key, pool, quick, result, seconds};
 use pliant::constraints::Width;
-use pliant::springs::lattice::{Lattice, Neighbours, Number, Rest, Settings, Shape};
+use pliant::springs::Neighbours;
+use pliant::springs::lattice::{Lattice, Number, Rest, Settings, Shape};
 
 /// Tables 7.1 and 7.2 of the source: points along a side, and milliseconds a step for 6 and for 26 neighbours, on the
 /// processor (Core 2 Quad, 2.4 GHz) and on the better of its two programs for the graphics card (GeForce 9600 GT).
@@ -41,14 +43,15 @@ fn shaken<F: Number>(n: usize, neighbours: Neighbours) -> Lattice<F> {
     lattice
 }
 
-/// Least seconds of a step, after which the lattice still is where it should be and has moved.
-fn least<F: Number>(n: usize, neighbours: Neighbours, threads: usize) -> f64 {
+/// Least seconds of a step, made alone or in pairs, after which the lattice still is where it should be and has moved.
+fn least<F: Number>(n: usize, neighbours: Neighbours, threads: usize, together: u64) -> f64 {
     let mut lattice = shaken::<F>(n, neighbours);
     let rounds = if quick() { 3 } else { (100_000_000 / n.pow(3)).clamp(60, 2000) };
     let start = lattice.positions();
     let time = pool(threads).install(|| {
-        let step = |_| seconds(|| lattice.step().expect("a stable lattice"));
-        (0..rounds).map(step).fold(f64::INFINITY, f64::min)
+        let mut largest = 0.0;
+        let steps = |_| seconds(|| largest = lattice.run(together).expect("a stable lattice")) / together as f64;
+        (0..rounds).map(steps).fold(f64::INFINITY, f64::min)
     });
     let shape = *lattice.shape();
     let (mut off, mut moved) = (0.0, 0.0);
@@ -82,8 +85,8 @@ fn sizes(_: &mut Criterion) {
     for (which, neighbours, name) in [(0, Neighbours::Six, "six"), (1, Neighbours::TwentySix, "twenty-six")] {
         for (n, source) in all {
             let [cpu, gpu] = source[which];
-            let [single, single_2] = [1, 2].map(|threads| least::<f32>(*n, neighbours, threads) * 1e3);
-            let [double, double_2] = [1, 2].map(|threads| least::<f64>(*n, neighbours, threads) * 1e3);
+            let [single, single_2] = [1, 2].map(|threads| least::<f32>(*n, neighbours, threads, 2) * 1e3);
+            let [double, double_2] = [1, 2].map(|threads| least::<f64>(*n, neighbours, threads, 2) * 1e3);
             let gpu = if gpu.is_nan() { "–".to_owned() } else { format!("{gpu}") };
             let ours = [single, single_2, double, double_2].map(|ms| format!("{ms:.3}")).join(" | ");
             println!("ROW lattice.{name} | {n}^3 | {cpu} | {gpu} | {ours} | {:.0} |", cpu / single);
@@ -93,28 +96,35 @@ fn sizes(_: &mut Criterion) {
                     [("f32.1", single, 4.0), ("f32.2", single_2, 4.0), ("f64.1", double, 8.0), ("f64.2", double_2, 8.0)]
                 {
                     result(&format!("lattice.{name}.{kind}"), ms, "ms");
-                    // Three numbers each of position now and before are read and three written.
-                    result(
-                        &format!("lattice.{name}.{kind}.share"),
-                        9.0 * bytes * points / (ms * 1e-3) / bandwidth,
-                        "1",
-                    );
+                    let springs = neighbours.springs([*n; 3]) as f64;
+                    result(&format!("lattice.{name}.{kind}.spring"), ms * 1e6 / springs, "ns");
+                    // Of both positions three numbers each are read and written, for two steps.
+                    let share = 12.0 / 2.0 * bytes * points / (ms * 1e-3) / bandwidth;
+                    result(&format!("lattice.{name}.{kind}.share"), share, "1");
+                }
+                for (kind, ms) in [
+                    ("f32.1", least::<f32>(*n, neighbours, 1, 1) * 1e3),
+                    ("f32.2", least::<f32>(*n, neighbours, 2, 1) * 1e3),
+                    ("f64.1", least::<f64>(*n, neighbours, 1, 1) * 1e3),
+                    ("f64.2", least::<f64>(*n, neighbours, 2, 1) * 1e3),
+                ] {
+                    result(&format!("lattice.{name}.{kind}.alone"), ms, "ms");
                 }
             }
         }
     }
 }
 
-/// A step of the largest lattice as criterion sees it, and 5^3 points until they rest.
+/// Two steps of the largest lattice as criterion sees it, and 5^3 points until they rest.
 fn steps(c: &mut Criterion) {
     let mut group = c.benchmark_group("lattice");
     group.sample_size(15).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
     let n = if quick() { 20 } else { 100 };
     for neighbours in [Neighbours::Six, Neighbours::TwentySix] {
         let mut lattice = shaken::<f32>(n, neighbours);
-        let name = key(&format!("{neighbours:?} f32 1 thread"));
+        let name = key(&format!("{neighbours:?} f32 two steps 1 thread"));
         group.bench_function(&name, |b| {
-            pool(1).install(|| b.iter(|| lattice.measured_step().expect("a stable lattice")));
+            pool(1).install(|| b.iter(|| lattice.measured_pair().expect("a stable lattice")));
         });
     }
     group.bench_function("until rest", |b| {

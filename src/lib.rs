@@ -21,7 +21,6 @@ pub mod constraints;
 pub mod contact;
 pub mod springs;
 pub mod solvers;
-pub mod springs;
 pub mod fibres;
 pub mod muscles;
 pub mod skin;

@@ -1,6 +1,7 @@
 //! `pliant springs`: a mass-spring system to rest.
 
 mod built;
+mod pictures;
 mod written;
 
 use std::path::PathBuf;
@@ -16,7 +17,7 @@ use super::{DONE, FAILED, INTERRUPTED, columns, say, say_json, warn};
 use crate::render::number;
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
-use crate::springs::damping::{self, Neighbours};
+use crate::springs::Neighbours;
 use crate::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
 use crate::springs::rest::{End, Rest, Settled, settle_by};
 use crate::springs::stability::{Mode, Stiffest, limit, stiffest};
@@ -38,8 +39,8 @@ centre by --shrink and held there, the others follow. A lattice has stiffness 1/
 damping is, if not given, the thesis's estimate; the step half of the longest stable one, which is computed before the first
 step: a longer one is refused. Numbers of files have no units and are read as m, kg, s.
 
-Results in pliant-out/NAME-springs: start.vtp and end.vtp (with --every frames/*.vtp and NAME.pvd), measures.csv,
-summary.json, report.html. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
+Results in pliant-out/NAME-springs: start.vtp, end.vtp and pictures of them (with --every frames/*.vtp and NAME.pvd),
+measures.csv, summary.json, report.html. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
 130 after Ctrl-C.")]
 pub(super) struct Arguments {
     /// A file of a spring system
@@ -130,7 +131,7 @@ struct Summary {
     points: usize,
     points_held: usize,
     springs: usize,
-    neighbours: Option<u32>,
+    neighbours: u32,
     integrator: String,
     adaptive: bool,
     mass_kg: f64,
@@ -210,7 +211,7 @@ fn summary(arguments: &Arguments, built: &Built, stiffest: &Stiffest, settled: &
         points: built.system.len(),
         points_held: built.system.pinned().iter().filter(|p| **p).count(),
         springs: built.lines.len(),
-        neighbours: built.neighbours.map(Neighbours::count),
+        neighbours: built.neighbours.count(),
         integrator: arguments.integrator.clone(),
         adaptive: arguments.adaptive,
         mass_kg: arguments.mass,
@@ -320,9 +321,4 @@ fn tell(arguments: &Arguments, summary: &Summary, path: &std::path::Path) {
     if !summary.at_rest {
         warn(&format!("note: {}", summary.end));
     }
-}
-
-/// The damping for which there is an estimate.
-fn estimated(neighbours: Neighbours, body: damping::Body) -> Option<f64> {
-    Some(damping::estimate(neighbours, body)).filter(|c| c.is_finite() && *c > 0.0)
 }

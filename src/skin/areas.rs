@@ -123,8 +123,8 @@ mod tests {
         // Stretched by 1.5 and 0.8 along axes turned by 0.4, then turned out of its plane.
         let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.4);
         let out = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), 1.0);
-        let x = rest
-            .map(|p| out * (turn * Point3::from((turn.inverse() * p).coords.component_mul(&[1.5, 0.8, 1.0].into()))));
+        let stretch = nalgebra::Vector3::new(1.5, 0.8, 1.0);
+        let x = rest.map(|p| out * (turn * Point3::from((turn.inverse() * p).coords.component_mul(&stretch))));
         let found = stretches(&rest, &x, &[[0, 1, 2]])[0];
         assert!((found - 1.5).abs() <= 1e-12, "{found}");
     }

@@ -1,23 +1,6 @@
 //! How much damping brings a system to rest soonest.
 
-/// Neighbours in a lattice.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Neighbours {
-    /// The 6 nearest.
-    Six,
-    /// All 26.
-    TwentySix,
-}
-
-impl Neighbours {
-    /// The number.
-    pub fn count(self) -> u32 {
-        match self {
-            Self::Six => 6,
-            Self::TwentySix => 26,
-        }
-    }
-}
+use super::neighbours::Neighbours;
 
 /// Critical damping [N s/m] of a mass [kg] on a spring [N/m]: `2 sqrt(k m)`.
 pub fn critical(stiffness: f64, mass: f64) -> f64 {

@@ -8,12 +8,12 @@
 //! ```
 //!
 //! Units are the caller's, any consistent set; the source's lattices are without units. With metres, kilograms and seconds
-//! D is in N/m, m in kg, c in kg/s.
+//! D is in N/m, m in kg, c in N s/m.
 //!
 //! # What a step costs
 //! Rows along x lie as runs of x, y and z; several points are computed side by side, each spring once; forces on rows to come
-//! wait in two planes that stay in the cache. Threads take slabs of planes. Any number of threads and any
-//! [`Width`] gives the same bits.
+//! wait in a plane or two that stay in the cache. Threads take slabs of planes. [`Lattice::run`] makes two steps in one pass
+//! through memory. Any number of threads, any [`Width`], and steps one by one or in pairs give the same bits.
 //!
 //! # Limitations
 //! Explicit: steps above [`stability_limit`] explode, which [`Lattice::new`] refuses; the limit is that of the lattice at rest, and
@@ -21,50 +21,29 @@
 //! to [`Number::ROOT_ERROR`], not correctly rounded: at rest lengths forces are of that size times `D l0`, not zero. A spring
 //! shorter than about 1e-19 (f32) or 1e-154 (f64) has no direction and pulls or pushes nothing to speak of.
 
+mod advance;
+mod aligned;
 mod error;
 mod kernel;
 mod lanes;
 mod rest;
+mod shape;
 mod stability;
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
-
+use aligned::Aligned;
 pub use error::LatticeError;
-use kernel::{Carried, Frame, Moved, Slab, Sloped, Spring};
+use error::value;
+use kernel::{Carried, Frame, Sloped, Spring};
 pub use lanes::{InLanes, Lanes, Number};
 pub use rest::{Rest, Settled};
-pub use stability::{damping_estimate, largest_stiffness, stability_limit};
+pub use shape::Shape;
+pub use stability::{largest_stiffness, stability_limit};
 
+use super::damping::{self, Body};
+use super::neighbours::Neighbours;
 use crate::constraints::Width;
-
-/// Slabs of fewer points are not worth a thread.
-const POINTS_PER_THREAD: usize = 4096;
-/// Points of a lattice, at most: their numbers still fit 32 bits.
-const MOST_POINTS: usize = 1 << 30;
-
-/// How many neighbours a point has springs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Neighbours {
-    /// The nearest along each axis: keeps lengths, not the shape.
-    Six,
-    /// All around, diagonals included: keeps the shape.
-    TwentySix,
-}
-
-impl Neighbours {
-    /// Number of springs of a lattice.
-    pub fn springs(self, [x, y, z]: [usize; 3]) -> usize {
-        let less = |n: usize| n.saturating_sub(1);
-        let axes = less(x) * y * z + x * less(y) * z + x * y * less(z);
-        let faces = less(x) * less(y) * z + less(x) * y * less(z) + x * less(y) * less(z);
-        match self {
-            Self::Six => axes,
-            Self::TwentySix => axes + 2 * faces + 4 * less(x) * less(y) * less(z),
-        }
-    }
-}
 
 /// D of a spring, from its length at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -76,70 +55,13 @@ pub enum Stiffness {
 }
 
 impl Stiffness {
-    fn of(self, rest: f64) -> f64 {
+    /// D of a spring of this rest length \[N/m\].
+    pub fn of(self, rest: f64) -> f64 {
         match self {
             Self::Reciprocal => 1.0 / rest,
             Self::Uniform(value) => value,
         }
     }
-}
-
-/// Points of a box at rest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Shape {
-    /// Along x, y, z.
-    pub points: [usize; 3],
-    /// Position of the first point \[m\].
-    pub origin: [f64; 3],
-    /// Distance of neighbours along x, y, z \[m\].
-    pub spacing: [f64; 3],
-}
-
-impl Shape {
-    /// A cube of side 1 about the origin, `n` points along each side.
-    pub fn unit_cube(n: usize) -> Self {
-        let spacing = if n > 1 { 1.0 / (n - 1) as f64 } else { 1.0 };
-        Self { points: [n; 3], origin: [-0.5; 3], spacing: [spacing; 3] }
-    }
-
-    /// Number of points.
-    pub fn count(&self) -> usize {
-        self.points.iter().product()
-    }
-
-    /// Position of a point at rest \[m\].
-    pub fn at(&self, point: [usize; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|c| self.origin[c] + self.spacing[c] * point[c] as f64)
-    }
-
-    /// Whether a point is on the surface of the box.
-    pub fn on_surface(&self, point: [usize; 3]) -> bool {
-        (0..3).any(|c| point[c] == 0 || point[c] + 1 == self.points[c])
-    }
-
-    /// All points, x first.
-    pub fn each(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
-        let [nx, ny, nz] = self.points;
-        (0..nz).flat_map(move |k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k])))
-    }
-
-    fn check(&self) -> Result<(), LatticeError> {
-        let count = self.points.iter().try_fold(1usize, |all, &n| all.checked_mul(n));
-        if !count.is_some_and(|n| (1..=MOST_POINTS).contains(&n)) {
-            return Err(LatticeError::Points { points: self.points, most: MOST_POINTS });
-        }
-        self.spacing.iter().try_for_each(|&h| value("a spacing", h, false))?;
-        match self.origin.iter().find(|o| !o.is_finite()) {
-            Some(&value) => Err(LatticeError::Value { name: "an origin", value, zero_allowed: true }),
-            None => Ok(()),
-        }
-    }
-}
-
-/// A number that must be finite and positive, or not negative.
-fn value(name: &'static str, value: f64, zero_allowed: bool) -> Result<(), LatticeError> {
-    let good = value.is_finite() && (value > 0.0 || zero_allowed && value == 0.0);
-    if good { Ok(()) } else { Err(LatticeError::Value { name, value, zero_allowed }) }
 }
 
 /// Springs, mass, damping and time step.
@@ -153,7 +75,7 @@ pub struct Settings {
     pub diagonal: f64,
     /// m of a point \[kg\].
     pub mass: f64,
-    /// c of a point \[kg/s\]; nothing for [`damping_estimate`].
+    /// c of a point \[N s/m\]; nothing for [`Settings::damping_estimate`].
     pub damping: Option<f64>,
     /// dt \[s\]; nothing for half of [`stability_limit`].
     pub time_step: Option<f64>,
@@ -163,6 +85,17 @@ impl Settings {
     /// `D = 1/l0`, mass 1, damping and time step estimated.
     pub fn new(neighbours: Neighbours) -> Self {
         Self { neighbours, stiffness: Stiffness::Reciprocal, diagonal: 1.0, mass: 1.0, damping: None, time_step: None }
+    }
+
+    /// What the estimate of the damping needs to know of a lattice; nothing for a single point.
+    pub fn body(&self, shape: &Shape) -> Option<Body> {
+        let (side, spacing) = shape.longest()?;
+        Some(Body { mass: self.mass, tension: self.stiffness.of(spacing) * spacing, side, spacing })
+    }
+
+    /// The damping that brings a lattice to rest soonest \[N s/m\], as far as is known: [`damping::estimate`]; 0 for a single point.
+    pub fn damping_estimate(&self, shape: &Shape) -> f64 {
+        self.body(shape).map_or(0.0, |body| damping::estimate(self.neighbours, body))
     }
 
     fn check(&self) -> Result<(), LatticeError> {
@@ -186,13 +119,16 @@ pub struct Lattice<F> {
     frame: Frame<F>,
     /// dt^2 / m.
     gain: F,
-    current: Vec<F>,
-    previous: Vec<F>,
+    current: Aligned<F>,
+    previous: Aligned<F>,
     /// Of each row, which points are pinned.
     pinned: Vec<bool>,
     /// Whether the patterns of pinned points are to be found anew.
     patterns_due: bool,
-    carried: Vec<Carried<F>>,
+    /// For each slab and each of two steps.
+    carried: Vec<[Carried<F>; 2]>,
+    /// Copies of planes where slabs meet.
+    seams: Vec<F>,
     width: Width,
     steps: u64,
 }
@@ -219,15 +155,14 @@ impl<F: Number> Lattice<F> {
     pub fn unchecked(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
         shape.check()?;
         settings.check()?;
-        let damping = settings.damping.unwrap_or_else(|| damping_estimate(&shape, &settings));
+        let damping = settings.damping.unwrap_or_else(|| settings.damping_estimate(&shape));
         let time_step = settings.time_step.unwrap_or_else(|| {
             let limit = stability_limit(largest_stiffness(&shape, &settings), settings.mass, damping);
             if limit.is_finite() { limit / 2.0 } else { 1.0 }
         });
         let frame = frame(&shape, &settings, damping * time_step / settings.mass);
         let gain = F::from_f64(time_step * time_step / settings.mass);
-        // One more: the point after the last one is read, and not used.
-        let numbers = shape.points[2] * frame.plane() + 1;
+        let numbers = shape.points[2] * frame.plane();
         let mut lattice = Self {
             shape,
             settings,
@@ -235,11 +170,12 @@ impl<F: Number> Lattice<F> {
             time_step,
             frame,
             gain,
-            current: vec![F::default(); numbers],
-            previous: vec![F::default(); numbers],
+            current: Aligned::zeros(numbers),
+            previous: Aligned::zeros(numbers),
             pinned: vec![false; shape.count()],
             patterns_due: true,
             carried: Vec::new(),
+            seams: Vec::new(),
             width: Width::best(),
             steps: 0,
         };
@@ -263,7 +199,7 @@ impl<F: Number> Lattice<F> {
         &self.settings
     }
 
-    /// c in use \[kg/s\].
+    /// c in use \[N s/m\].
     pub fn damping(&self) -> f64 {
         self.damping
     }
@@ -292,7 +228,7 @@ impl<F: Number> Lattice<F> {
     fn index(&self, [i, j, k]: [usize; 3]) -> [usize; 3] {
         let [nx, ny, nz] = self.shape.points;
         assert!(i < nx && j < ny && k < nz, "no point {i}, {j}, {k} in a lattice of {nx} x {ny} x {nz}");
-        let row = (k * ny + j) * self.frame.row();
+        let row = k * self.frame.plane() + j * self.frame.row();
         [0, 1, 2].map(|c| row + c * self.frame.run + i)
     }
 
@@ -377,45 +313,6 @@ impl<F: Number> Lattice<F> {
         self.frame.external = Vec::new();
     }
 
-    /// One step, on the threads of the current pool of `rayon`.
-    ///
-    /// # Errors
-    /// [`LatticeError::Diverged`] if a point went where there are no numbers.
-    pub fn step(&mut self) -> Result<(), LatticeError> {
-        self.measured_step().map(|_| ())
-    }
-
-    /// One step, and the largest move of a point in it \[m\].
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn measured_step(&mut self) -> Result<f64, LatticeError> {
-        self.find_patterns();
-        let moved = self.advance();
-        std::mem::swap(&mut self.current, &mut self.previous);
-        self.steps += 1;
-        if moved.sum.is_finite() { Ok(moved.largest.sqrt()) } else { Err(LatticeError::Diverged { step: self.steps }) }
-    }
-
-    /// New positions in the place of previous ones.
-    fn advance(&mut self) -> Moved {
-        let (frame, plane, planes) = (&self.frame, self.frame.plane(), self.shape.points[2]);
-        let most = (self.shape.count() / POINTS_PER_THREAD).clamp(1, planes);
-        let slabs = rayon::current_num_threads().clamp(1, most);
-        let thickness = planes.div_ceil(slabs);
-        self.carried.resize_with(self.carried.len().max(slabs), Carried::default);
-        let (current, width) = (&self.current[..], self.width);
-        let previous = &mut self.previous[..planes * plane];
-        let step = |(slab, (previous, carried)): (usize, (&mut [F], &mut Carried<F>))| {
-            F::in_lanes(width, Slab { frame, current, previous, first: slab * thickness, carried })
-        };
-        if slabs == 1 {
-            return step((0, (previous, &mut self.carried[0])));
-        }
-        let parts = previous.par_chunks_mut(thickness * plane).zip(&mut self.carried);
-        parts.enumerate().map(step).reduce(Moved::default, Moved::and)
-    }
-
     /// Each pattern of pinned points of a row once.
     fn find_patterns(&mut self) {
         if !std::mem::take(&mut self.patterns_due) {
@@ -439,7 +336,7 @@ impl<F: Number> Lattice<F> {
 }
 
 fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
-    let [nx, ny, nz] = shape.points;
+    let [nx, ny, _] = shape.points;
     let run = nx.next_multiple_of(F::ROW);
     let all = stability::directions(shape, settings);
     let spring = |step: [i32; 3]| {
@@ -453,7 +350,7 @@ fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
         Sloped { stiffness: masked(stiffness), tension: masked(tension) }
     };
     Frame {
-        rows: [ny, nz],
+        rows: ny,
         run,
         diagonal: settings.neighbours == Neighbours::TwentySix,
         straight: [spring([0, 1, 0]), spring([0, 0, 1]), spring([0, 1, 1])],

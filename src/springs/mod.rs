@@ -16,6 +16,7 @@ pub mod integrators;
 pub mod lattice;
 pub mod layers;
 pub mod mass;
+mod neighbours;
 pub mod pairs;
 pub mod patterns;
 pub mod rest;
@@ -25,4 +26,5 @@ pub mod system;
 pub mod volume;
 
 pub use force::Force;
+pub use neighbours::Neighbours;
 pub use system::{Energy, SpringSystem, SystemError};

@@ -1,129 +1,25 @@
-//! Which points of a grid or a mesh are joined.
+//! Which points of a lattice, a grid or a mesh are joined.
 
 use nalgebra::Point3;
 
 use super::angular::AngularSpring;
-use super::damping::Neighbours;
 use super::hooke::Hooke;
+use super::lattice::Shape;
+use super::neighbours::Neighbours;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 
-/// Why a lattice is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum LatticeError {
-    /// A side with fewer than two points.
-    #[error("a lattice needs at least 2 points along each side, not {0}")]
-    TooFew(usize),
-    /// More points than an index counts.
-    #[error("{0} x {1} x {2} points are more than 2^32 - 1")]
-    TooMany(usize, usize, usize),
-}
-
-/// A block of points, x running fastest.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Lattice {
-    sides: [usize; 3],
-}
-
-/// Half of the 26 neighbours, in order of their distance: the others are their opposites.
-const HALF: [[i64; 3]; 13] = [
-    [1, 0, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-    [1, 1, 0],
-    [1, -1, 0],
-    [1, 0, 1],
-    [1, 0, -1],
-    [0, 1, 1],
-    [0, 1, -1],
-    [1, 1, 1],
-    [1, 1, -1],
-    [1, -1, 1],
-    [1, -1, -1],
-];
-
-impl Lattice {
-    /// A block of so many points along x, y and z.
-    ///
-    /// # Errors
-    /// Fewer than 2 along a side, or more in all than an index counts.
-    pub fn new(sides: [usize; 3]) -> Result<Self, LatticeError> {
-        if let Some(&few) = sides.iter().find(|n| **n < 2) {
-            return Err(LatticeError::TooFew(few));
-        }
-        let all = sides.iter().try_fold(1usize, |all, n| all.checked_mul(*n));
-        match all {
-            Some(all) if u32::try_from(all).is_ok() => Ok(Self { sides }),
-            _ => Err(LatticeError::TooMany(sides[0], sides[1], sides[2])),
-        }
-    }
-
-    /// Points along x, y and z.
-    pub fn sides(&self) -> [usize; 3] {
-        self.sides
-    }
-
-    /// Number of points.
-    pub fn points(&self) -> usize {
-        self.sides.iter().product()
-    }
-
-    /// Number of springs, exactly; for n^3 points and 6 neighbours 3 n^2 (n - 1), with 26 also 6 n (n - 1)^2 + 4 (n - 1)^3.
-    ///
-    /// It is at most 13 times the number of points, so always a number.
-    pub fn springs(&self, neighbours: Neighbours) -> u64 {
-        let along = |offset: &[i64; 3]| -> u64 {
-            (0..3).map(|k| (self.sides[k] - offset[k].unsigned_abs() as usize) as u64).product()
-        };
-        kinds(neighbours).iter().map(along).sum()
-    }
-
-    /// Positions [m]: the longest side has the length `side`, all spacings are equal.
-    pub fn positions(&self, side: f64) -> Vec<Point3<f64>> {
-        let [nx, ny, nz] = self.sides;
-        let most = nx.max(ny).max(nz) - 1;
-        let at = |i: usize| side * i as f64 / most as f64;
-        let mut points = Vec::with_capacity(self.points());
-        for z in 0..nz {
-            for y in 0..ny {
-                points.extend((0..nx).map(|x| Point3::new(at(x), at(y), at(z))));
-            }
-        }
-        points
-    }
-
-    /// Points on the surface of the block.
-    pub fn surface(&self) -> Vec<u32> {
-        let outer = |p: &u32| {
-            let p = *p as usize;
-            let [nx, ny, nz] = self.sides;
-            let at = [p % nx, p / nx % ny, p / (nx * ny)];
-            (0..3).any(|k| at[k] == 0 || at[k] + 1 == [nx, ny, nz][k])
-        };
-        (0..self.points() as u32).filter(outer).collect()
-    }
-
-    /// The two ends of each spring, lower first, point by point.
-    pub fn edges(&self, neighbours: Neighbours) -> impl Iterator<Item = [u32; 2]> + '_ {
-        let [nx, ny, nz] = self.sides.map(|n| n as i64);
-        let points = 0..self.points() as i64;
-        points.flat_map(move |p| {
-            let at = [p % nx, p / nx % ny, p / (nx * ny)];
-            kinds(neighbours).iter().filter_map(move |o| {
-                let to = [at[0] + o[0], at[1] + o[1], at[2] + o[2]];
-                let inside = (0..3).all(|k| (0..[nx, ny, nz][k]).contains(&to[k]));
-                let q = to[0] + nx * (to[1] + ny * to[2]);
-                inside.then_some([p.min(q) as u32, p.max(q) as u32])
-            })
+/// The two ends of each spring of a lattice, lower first, point by point.
+pub fn lattice(shape: &Shape, neighbours: Neighbours) -> impl Iterator<Item = [u32; 2]> + use<> {
+    let points = shape.points;
+    (0..).zip(shape.each()).flat_map(move |(p, at): (i64, [usize; 3])| {
+        neighbours.half().iter().filter_map(move |step| {
+            let to = [0, 1, 2].map(|c| at[c] as i64 + i64::from(step[c]));
+            let inside = (0..3).all(|c| (0..points[c] as i64).contains(&to[c]));
+            let q = to[0] + points[0] as i64 * (to[1] + points[1] as i64 * to[2]);
+            inside.then_some([p.min(q) as u32, p.max(q) as u32])
         })
-    }
-}
-
-fn kinds(neighbours: Neighbours) -> &'static [[i64; 3]] {
-    match neighbours {
-        Neighbours::Six => &HALF[..3],
-        Neighbours::TwentySix => &HALF,
-    }
+    })
 }
 
 /// Springs of a flat grid of cloth.

@@ -6,9 +6,9 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Vector3};
 use pliant::constraints::Width;
+use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
-    Lattice, LatticeError, Neighbours, Number, Rest, Settings, Shape, Stiffness, damping_estimate, largest_stiffness,
-    stability_limit,
+    Lattice, LatticeError, Number, Rest, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
 };
 use pliant::testing::Draw;
 
@@ -116,24 +116,29 @@ fn a_list_that_is_wrong_in_one_spring_or_one_point_is_told_apart() {
 
 fn same_bits<F: Number>() {
     for neighbours in BOTH {
-        for points in [[5, 5, 5], [17, 3, 2], [33, 20, 30]] {
-            let after = |width: Width, threads: usize, spoil: bool| {
+        // The last ones are cut into slabs of 8 planes, and of 5 with a single plane left.
+        for points in [[5, 5, 5], [17, 3, 2], [9, 4, 1], [33, 20, 30], [40, 26, 31]] {
+            let after = |width: Width, threads: usize, pairs: bool, spoil: bool| {
                 let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
                 let mut lattice = shaken::<F>(points, neighbours, width);
                 if spoil {
                     let [x, y, z] = lattice.position([0, 0, 0]);
                     lattice.place([0, 0, 0], [x + 1e-6, y, z]);
                 }
-                pool.install(|| (0..5).for_each(|_| lattice.step().expect("a stable lattice")));
+                let together = if pairs { 5 } else { 1 };
+                let run = |_| lattice.run(together).expect("a stable lattice");
+                let moves: Vec<f64> = pool.install(|| (0..5 / together).map(run).collect());
+                assert!(moves.iter().all(|m| *m > 0.0));
                 bits(&lattice)
             };
-            let one = after(Width::One, 1, false);
+            let one = after(Width::One, 1, false, false);
             for &width in Width::available() {
-                for threads in [1, 2, 3, 8] {
-                    assert!(after(width, threads, false) == one, "{points:?} {neighbours:?} {width} {threads} threads");
+                for (threads, pairs) in [1, 2, 3, 8].into_iter().flat_map(|n| [(n, false), (n, true)]) {
+                    let same = after(width, threads, pairs, false) == one;
+                    assert!(same, "{points:?} {neighbours:?} {width} {threads} threads, in pairs: {pairs}");
                 }
             }
-            assert!(after(Width::best(), 2, true) != one, "what is compared does not depend on the start");
+            assert!(after(Width::best(), 2, true, true) != one, "what is compared does not depend on the start");
         }
     }
 }
@@ -142,6 +147,39 @@ fn same_bits<F: Number>() {
 fn threads_and_widths_leave_the_same_bits() {
     same_bits::<f32>();
     same_bits::<f64>();
+}
+
+#[test]
+fn moves_of_pairs_are_those_of_single_steps() {
+    for neighbours in BOTH {
+        for points in [[5, 5, 5], [33, 20, 30]] {
+            let (mut pairs, mut single) =
+                (shaken::<f64>(points, neighbours, Width::best()), shaken(points, neighbours, Width::best()));
+            for _ in 0..4 {
+                let two = pairs.measured_pair().expect("stable");
+                assert_eq!(two, [single.measured_step().expect("stable"), single.measured_step().expect("stable")]);
+                assert!(two[0] > 0.0 && two[0] != two[1]);
+            }
+            assert_eq!((pairs.steps(), pairs.run(0)), (single.steps(), Ok(0.0)));
+            let point = [1, 2, 3];
+            assert_eq!(pairs.previous_position(point), single.previous_position(point));
+            // It ends at the same step, wherever in a pair that is.
+            for quiet in [6, 7] {
+                let rest = Rest { threshold: 2e-5, quiet, limit: 1001 };
+                let slowly = |lattice: &mut Lattice<f64>| {
+                    let (mut step, mut last) = (0, 0);
+                    while step < rest.limit && step - last < quiet {
+                        step += 1;
+                        last = if lattice.measured_step().expect("stable") >= rest.threshold { step } else { last };
+                    }
+                    (last, step - last == quiet)
+                };
+                let settled = pairs.until_rest(&rest).expect("stable");
+                assert_eq!((settled.steps, settled.at_rest), slowly(&mut single));
+                assert!(bits(&pairs) == bits(&single) && pairs.steps() == single.steps());
+            }
+        }
+    }
 }
 
 #[test]
@@ -313,7 +351,7 @@ fn the_largest_stiffness_is_the_matrix_s() {
 fn growth(n: usize, neighbours: Neighbours, mass: f64, times: f64) -> f64 {
     let shape = Shape::unit_cube(n);
     let settings = Settings { mass, ..Settings::new(neighbours) };
-    let limit = stability_limit(largest_stiffness(&shape, &settings), mass, damping_estimate(&shape, &settings));
+    let limit = stability_limit(largest_stiffness(&shape, &settings), mass, settings.damping_estimate(&shape));
     let settings = Settings { time_step: Some(times * limit), ..settings };
     assert_eq!(Lattice::<f64>::new(shape, settings).is_ok(), times < 1.0);
     let mut lattice = Lattice::<f64>::unchecked(shape, settings).expect("numbers that will do");
@@ -360,7 +398,8 @@ fn an_explosion_is_an_error_and_says_when() {
     // A pinned point without a place spoils its neighbours.
     let mut lattice = Lattice::<f64>::new(Shape::unit_cube(5), Settings::new(Neighbours::Six)).expect("stable");
     lattice.place([2, 2, 2], [f64::NAN, 0.0, 0.0]);
-    assert_eq!(lattice.step(), Err(LatticeError::Diverged { step: 1 }));
+    assert_eq!(lattice.clone().step(), Err(LatticeError::Diverged { step: 1 }));
+    assert_eq!(lattice.run(3), Err(LatticeError::Diverged { step: 1 }));
 }
 
 #[test]

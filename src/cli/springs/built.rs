@@ -7,11 +7,12 @@ use nalgebra::{Point3, center};
 use super::super::failure::Failure;
 use crate::mesh::measures::Aabb;
 use crate::simulation::LoadError;
-use crate::springs::SpringSystem;
-use crate::springs::damping::{Body, Neighbours};
+use crate::springs::damping::{self, Body};
 use crate::springs::format;
 use crate::springs::hooke::Springs;
-use crate::springs::patterns::{Lattice, at_rest};
+use crate::springs::lattice::{Settings, Shape};
+use crate::springs::patterns::{self, at_rest};
+use crate::springs::{Neighbours, SpringSystem};
 
 /// Where the operating system does not say how much memory there is [bytes].
 const MEMORY: u64 = 8 << 30;
@@ -28,14 +29,16 @@ pub(super) struct Built {
     pub(super) system: SpringSystem,
     /// Ends of each spring.
     pub(super) lines: Vec<[u32; 2]>,
+    /// Rest length of each spring [m].
+    pub(super) rest: Vec<f64>,
     /// Triangles of its surface.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Neighbours in a lattice; what is nearest for a file.
-    pub(super) neighbours: Option<Neighbours>,
+    pub(super) neighbours: Neighbours,
     /// What is worth knowing.
     pub(super) notes: Vec<String>,
     surface: Vec<u32>,
-    body: Body,
+    body: Option<Body>,
 }
 
 /// Reads "50x50x50".
@@ -61,8 +64,8 @@ impl Built {
         let springs = file.springs().map_err(|e| unfit(&e))?;
         let mut system =
             SpringSystem::new(file.position.clone(), vec![mass; file.position.len()]).map_err(|e| unfit(&e))?;
-        let body = body(&system, &springs, mass);
-        let lines = springs.springs().iter().map(|s| s.0).collect::<Vec<_>>();
+        let body = Some(body(&system, &springs, mass));
+        let (lines, rest) = parts(&springs);
         // A point inside a lattice of 6 neighbours has three springs of its own, one of 26 thirteen.
         let dense = lines.len() > 6 * system.len();
         system.add(springs).map_err(|e| unfit(&e))?;
@@ -70,47 +73,57 @@ impl Built {
         let mut notes = file.notes;
         notes.push("numbers of the file have no units: read as m, kg, s".to_owned());
         let name = path.file_stem().map_or("springs".to_owned(), |n| n.to_string_lossy().into_owned());
-        let neighbours = Some(if dense { Neighbours::TwentySix } else { Neighbours::Six });
-        Ok(Self { name, system, lines, triangles: file.triangles, neighbours, notes, surface, body })
+        let neighbours = if dense { Neighbours::TwentySix } else { Neighbours::Six };
+        Ok(Self { name, system, lines, rest, triangles: file.triangles, neighbours, notes, surface, body })
     }
 
     /// A lattice of stiffness 1/L.
-    pub(super) fn of_lattice(sides: [usize; 3], neighbours: Neighbours, side: f64, mass: f64) -> Result<Self, Failure> {
+    pub(super) fn of_lattice(
+        points: [usize; 3],
+        neighbours: Neighbours,
+        side: f64,
+        mass: f64,
+    ) -> Result<Self, Failure> {
         let usage =
             |e: &dyn std::fmt::Display| Failure::usage(e.to_string(), "give another --lattice, such as 50x50x50");
-        let lattice = Lattice::new(sides).map_err(|e| usage(&e))?;
-        // At most 2^32 points and 13 springs each: neither product overflows.
-        let needed = lattice.points() as u64 * POINT_BYTES + lattice.springs(neighbours) * SPRING_BYTES;
+        if let Some(few) = points.iter().find(|n| **n < 2) {
+            return Err(usage(&format!("a lattice needs at least 2 points along each side, not {few}")));
+        }
+        let shape = Shape::with_longest_side(points, side).map_err(|e| usage(&e))?;
+        let settings = Settings { mass, ..Settings::new(neighbours) };
+        // A lattice has at most 2^30 points and 13 springs each: neither product overflows.
+        let needed = shape.count() as u64 * POINT_BYTES + neighbours.springs(points) as u64 * SPRING_BYTES;
         let memory = memory();
         if needed > memory {
             let gib = |bytes: u64| bytes as f64 / f64::from(1 << 30);
             let message = format!("such a lattice needs {:.1} GiB of memory, {:.1} are free", gib(needed), gib(memory));
             return Err(usage(&message));
         }
-        let x = lattice.positions(side);
-        let springs = Springs::new(x.len(), at_rest(&x, lattice.edges(neighbours), |length| 1.0 / length));
+        let x = shape.positions();
+        let edges = patterns::lattice(&shape, neighbours);
+        let springs = Springs::new(x.len(), at_rest(&x, edges, |length| settings.stiffness.of(length)));
         let springs = springs.map_err(|e| usage(&e))?;
-        let mut system = SpringSystem::new(x, vec![mass; lattice.points()]).map_err(|e| usage(&e))?;
-        let mut body = body(&system, &springs, mass);
-        body.spacing = side / (sides.iter().max().copied().unwrap_or(2) - 1) as f64;
-        let lines = springs.springs().iter().map(|s| s.0).collect();
+        let mut system = SpringSystem::new(x, vec![mass; shape.count()]).map_err(|e| usage(&e))?;
+        let (lines, rest) = parts(&springs);
         system.add(springs).map_err(|e| usage(&e))?;
-        let [a, b, c] = sides;
+        let [a, b, c] = points;
         Ok(Self {
             name: format!("lattice-{a}x{b}x{c}-{}", neighbours.count()),
             system,
             lines,
+            rest,
             triangles: Vec::new(),
-            neighbours: Some(neighbours),
+            neighbours,
             notes: Vec::new(),
-            surface: lattice.surface(),
-            body,
+            surface: shape.surface(),
+            body: settings.body(&shape),
         })
     }
 
     /// The damping (7.2) [N s/m]; `None` where springs have no length.
     pub(super) fn estimate(&self) -> Option<f64> {
-        super::estimated(self.neighbours?, self.body)
+        let estimate = damping::estimate(self.neighbours, self.body?);
+        Some(estimate).filter(|c| c.is_finite() && *c > 0.0)
     }
 
     /// Moves the surface towards the centre by a share, and holds it if wanted.
@@ -133,6 +146,11 @@ impl Built {
     pub(super) fn positions(&self) -> &[Point3<f64>] {
         &self.system.position
     }
+}
+
+/// Ends and rest length of each spring.
+fn parts(springs: &Springs) -> (Vec<[u32; 2]>, Vec<f64>) {
+    springs.springs().iter().map(|(ends, law)| (*ends, law.rest)).unzip()
 }
 
 /// What the estimate of the damping needs: means over the springs, and the longest side of all points.

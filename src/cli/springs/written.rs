@@ -1,12 +1,13 @@
 //! Files of a run of a spring system.
 
-use std::io::Write;
+use std::io::{self, Write};
 
 use nalgebra::Point3;
 
 use super::super::failure::Failure;
 use super::Summary;
 use super::built::Built;
+use super::pictures::Shown;
 use crate::io::pvd::{Collection, Entry};
 use crate::io::vtp::{self, PolyData};
 use crate::render::number;
@@ -29,6 +30,7 @@ pub(super) struct Record {
     start: Vec<Point3<f64>>,
     lines: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
+    shown: Shown,
     rows: Vec<(StepRecord, f64)>,
     stride: usize,
     time: f64,
@@ -46,6 +48,7 @@ impl Record {
             start: built.positions().to_vec(),
             lines: built.lines.iter().map(|ends| ends.to_vec()).collect(),
             triangles: built.triangles.clone(),
+            shown: Shown::behind_cut(built.positions(), &built.lines, &built.rest),
             rows: Vec::new(),
             stride: 1,
             time: 0.0,
@@ -110,22 +113,38 @@ impl Record {
         if let Some(error) = self.failed.take() {
             return Err(error.into());
         }
+        let mut states = vec![("start", &self.start[..])];
         if built.system.first_non_finite().is_none() {
             self.put("end.vtp", &built.system)?;
+            states.push(("end", built.positions()));
         }
+        let pictures = self.pictures(&states)?;
         if self.every.is_some() {
             let path = self.folder.claim(&format!("{}.pvd", self.name))?;
             self.series.write(&path).map_err(|source| FolderError::Io { path, source })?;
         }
         self.folder.write("measures.csv", |w| self.write_rows(w))?;
-        let report = self.report(summary);
+        let report = Report { pictures, ..self.report(summary) };
         self.folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))?;
         let json = serde_json::to_string_pretty(summary).unwrap_or_default();
         self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
         Ok(())
     }
 
-    fn write_rows(&self, w: &mut impl Write) -> std::io::Result<()> {
+    /// Draws each state and writes it; with its caption for the report.
+    fn pictures(&self, states: &[(&str, &[Point3<f64>])]) -> Result<Vec<(String, Vec<u8>)>, FolderError> {
+        let drawn = self.shown.pictures(states);
+        let drawn =
+            drawn.map_err(|e| FolderError::Io { path: self.folder.path().into(), source: io::Error::other(e) })?;
+        let mut pictures = Vec::new();
+        for ((name, _), png) in states.iter().zip(drawn) {
+            self.folder.write(&format!("{name}.png"), |w| w.write_all(&png))?;
+            pictures.push((format!("{name}: springs behind a cut through the middle, coloured by strain"), png));
+        }
+        Ok(pictures)
+    }
+
+    fn write_rows(&self, w: &mut impl Write) -> io::Result<()> {
         writeln!(w, "step,time_s,dt_s,greatest_move_m,kinetic_energy_j,spring_energy_j,residual_force_n")?;
         for (r, time) in &self.rows {
             let (step, dt, energy) = (r.step, r.dt, r.energy);

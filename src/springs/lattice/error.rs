@@ -6,7 +6,7 @@ use thiserror::Error;
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LatticeError {
     /// A side without points, or too many points.
-    #[error("a lattice of {} x {} x {} points: give each side at least 1 point and all sides at most {most}", .points[0], .points[1], .points[2])]
+    #[error("a lattice of {} x {} x {} points: give each side at least 1 point, and at most {most} points in all", .points[0], .points[1], .points[2])]
     Points {
         /// Along x, y, z.
         points: [usize; 3],
@@ -46,4 +46,10 @@ pub enum LatticeError {
         /// Steps since the lattice was built.
         step: u64,
     },
+}
+
+/// A number that must be finite and positive, or not negative.
+pub(super) fn value(name: &'static str, value: f64, zero_allowed: bool) -> Result<(), LatticeError> {
+    let good = value.is_finite() && (value > 0.0 || zero_allowed && value == 0.0);
+    if good { Ok(()) } else { Err(LatticeError::Value { name, value, zero_allowed }) }
 }

@@ -1,14 +1,17 @@
-//! One step over a slab of planes, row by row, each spring once.
+//! One step over a plane of points, row by row, each spring once.
 //!
-//! A row of points along x lies as three runs of numbers, x, y and z. A row acts with the rows after it: the next one of its
-//! plane and one or three of the plane above. What it does to them waits in two planes of forces, which stay in the cache;
+//! A row of points along x lies as three runs of numbers, x, y and z. A row acts with the rows after it only: the next one of
+//! its plane and one or three of the plane above. What it does to them waits, a plane of forces or two, which stay in the cache;
 //! when a row's turn comes, all rows before it have acted on it, and its points move. So positions are read once
 //! and written once.
 
-use super::lanes::{InLanes, Lanes, Number};
+mod six;
+mod twenty_six;
+
+use super::lanes::{Lanes, Number};
 
 /// Springs of one direction: force over the vector of a spring is `stiffness - tension / length`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Spring<F> {
     /// D.
     pub stiffness: F,
@@ -26,8 +29,8 @@ pub(super) struct Sloped<F> {
 /// What does not change from step to step.
 #[derive(Clone, Debug)]
 pub(super) struct Frame<F> {
-    /// Rows a plane, and planes.
-    pub rows: [usize; 2],
+    /// Rows a plane.
+    pub rows: usize,
     /// Numbers of a run: points along x and what fills it up.
     pub run: usize,
     /// Whether springs go to all 26 neighbours.
@@ -46,29 +49,39 @@ pub(super) struct Frame<F> {
     pub external: Vec<F>,
 }
 
-impl<F> Frame<F> {
+impl<F: Number> Frame<F> {
     /// Numbers of a row.
     pub fn row(&self) -> usize {
         3 * self.run
     }
-    /// Numbers of a plane.
+
+    /// Numbers of a plane; those after its last row are read with it, and not used.
     pub fn plane(&self) -> usize {
-        self.rows[0] * self.row()
+        self.rows * self.row() + F::ROW
+    }
+
+    /// The row `j` of a plane, and the number after it.
+    fn row_of<'a>(&self, plane: &'a [F], j: usize) -> &'a [F] {
+        &plane[j * self.row()..=(j + 1) * self.row()]
     }
 }
 
-/// Forces on two planes: the one whose turn it is and the next one.
+/// Forces that wait for the rows that they act on.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Carried<F> {
+    /// On the plane whose turn it is.
     now: Vec<F>,
+    /// With 26 neighbours on the next one; with 6 on the next row.
     next: Vec<F>,
 }
 
 impl<F: Number> Carried<F> {
+    /// None.
     pub fn clear(&mut self, frame: &Frame<F>) {
-        for plane in [&mut self.now, &mut self.next] {
-            plane.clear();
-            plane.resize(frame.plane(), F::default());
+        let next = if frame.diagonal { frame.plane() } else { frame.row() };
+        for (forces, length) in [(&mut self.now, frame.plane()), (&mut self.next, next)] {
+            forces.clear();
+            forces.resize(length, F::default());
         }
     }
 }
@@ -86,125 +99,43 @@ impl Moved {
     }
 }
 
-/// One step of the planes from `first` on, as many as `previous` holds. `current` is of all planes.
-pub(super) struct Slab<'a, F> {
-    pub frame: &'a Frame<F>,
-    pub current: &'a [F],
-    pub previous: &'a mut [F],
-    pub first: usize,
-    pub carried: &'a mut Carried<F>,
+/// A plane of points, its number, and the plane above it if there is one.
+#[derive(Clone, Copy)]
+pub(super) struct Plane<'a, F> {
+    pub number: usize,
+    pub here: &'a [F],
+    pub above: Option<&'a [F]>,
 }
 
-impl<F: Number> InLanes<F> for Slab<'_, F> {
-    type Output = Moved;
-
-    #[inline(always)]
-    fn run<L: Lanes<F>>(self, machine: L::Machine) -> Moved {
-        let Self { frame, current, previous, first, carried } = self;
-        carried.clear(frame);
-        let mut moved = Moved::default();
-        if first > 0 {
-            // What the plane below does to the first one, in the order in which it always does.
-            act_upwards::<F, L>(machine, frame, current, first - 1, carried);
-            carried.now.fill(F::default());
-            std::mem::swap(&mut carried.now, &mut carried.next);
-        }
-        for (k, plane) in previous.chunks_exact_mut(frame.plane()).enumerate() {
-            moved = moved.and(step_plane::<F, L>(machine, frame, current, plane, first + k, carried));
-        }
-        moved
-    }
-}
-
-/// The row `j` of plane `k`, and the number after it.
+/// One step of a plane on which all planes below have acted: new positions in the place of previous ones.
 #[inline(always)]
-fn row<'a, F>(frame: &Frame<F>, current: &'a [F], j: usize, k: usize) -> &'a [F] {
-    let begin = (k * frame.rows[0] + j) * frame.row();
-    &current[begin..=begin + frame.row()]
-}
-
-/// One step of a plane, all planes below having acted on it.
-#[inline(always)]
-fn step_plane<F: Number, L: Lanes<F>>(
+pub(super) fn step_plane<F: Number, L: Lanes<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
-    current: &[F],
+    plane: Plane<F>,
     previous: &mut [F],
-    k: usize,
     carried: &mut Carried<F>,
 ) -> Moved {
-    let length = frame.row();
-    let [straight, _, _] = frame.straight;
-    let mut moved = Moved::default();
-    for j in 0..frame.rows[0] {
-        let here = row(frame, current, j, k);
-        if j + 1 < frame.rows[0] {
-            let (a, b) = carried.now.split_at_mut((j + 1) * length);
-            let (a, b) = (&mut a[j * length..], &mut b[..length]);
-            let there = row(frame, current, j + 1, k);
-            pair::<F, L>(machine, frame, [here, there], [a, b], straight, &frame.sloped[1]);
-        }
-        act_upwards_row::<F, L>(machine, frame, current, [j, k], carried);
-        let now = &mut carried.now[j * length..][..length];
-        let previous = &mut previous[j * length..][..length];
-        moved = moved.and(finish::<F, L>(machine, frame, here, previous, now, k * frame.rows[0] + j));
-    }
-    std::mem::swap(&mut carried.now, &mut carried.next);
-    moved
-}
-
-#[inline(always)]
-fn act_upwards<F: Number, L: Lanes<F>>(
-    machine: L::Machine,
-    frame: &Frame<F>,
-    current: &[F],
-    k: usize,
-    carried: &mut Carried<F>,
-) {
-    for j in 0..frame.rows[0] {
-        act_upwards_row::<F, L>(machine, frame, current, [j, k], carried);
-    }
-}
-
-/// What row `j` of plane `k` does with the rows above it.
-#[inline(always)]
-fn act_upwards_row<F: Number, L: Lanes<F>>(
-    machine: L::Machine,
-    frame: &Frame<F>,
-    current: &[F],
-    [j, k]: [usize; 2],
-    carried: &mut Carried<F>,
-) {
-    if k + 1 == frame.rows[1] {
-        return;
-    }
-    let length = frame.row();
-    let here = row(frame, current, j, k);
-    let a = &mut carried.now[j * length..][..length];
-    let others = if frame.diagonal { j.saturating_sub(1)..(j + 2).min(frame.rows[0]) } else { j..j + 1 };
-    for other in others {
-        let kind = if other == j { 1 } else { 2 };
-        let (straight, sloped) = (frame.straight[kind], &frame.sloped[kind + 1]);
-        let b = &mut carried.next[other * length..][..length];
-        let there = row(frame, current, other, k + 1);
-        pair::<F, L>(machine, frame, [here, there], [a, b], straight, sloped);
-    }
-}
-
-/// The springs between two rows: straight ones, and sloped ones where there are 26 neighbours.
-#[inline(always)]
-fn pair<F: Number, L: Lanes<F>>(
-    machine: L::Machine,
-    frame: &Frame<F>,
-    at: [&[F]; 2],
-    forces: [&mut [F]; 2],
-    straight: Spring<F>,
-    sloped: &Sloped<F>,
-) {
     if frame.diagonal {
-        three_springs::<F, L>(machine, frame.run, at, forces, straight, sloped);
+        twenty_six::step_plane::<F, L>(machine, frame, plane, previous, carried)
     } else {
-        one_spring::<F, L>(machine, frame.run, at, forces, straight);
+        six::step_plane::<F, L>(machine, frame, plane, previous, carried)
+    }
+}
+
+/// What a plane, and nothing else, does to the one above it, in the order in which it always does.
+#[inline(always)]
+pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
+    machine: L::Machine,
+    frame: &Frame<F>,
+    [here, above]: [&[F]; 2],
+    carried: &mut Carried<F>,
+) {
+    carried.clear(frame);
+    if frame.diagonal {
+        twenty_six::act_upwards::<F, L>(machine, frame, [here, above], carried);
+    } else {
+        six::act_upwards::<F, L>(machine, frame, [here, above], carried);
     }
 }
 
@@ -220,6 +151,14 @@ macro_rules! runs {
     }};
 }
 
+/// The same for a row of a known number of chunks.
+macro_rules! counted {
+    ($lanes:ty, $row:expr, $run:expr, $shift:expr, $count:expr) => {{
+        let (x, y, z) = runs!($lanes, $row, $run, $shift);
+        (&x[..$count], &y[..$count], &z[..$count])
+    }};
+}
+
 macro_rules! runs_mut {
     ($lanes:ty, $row:expr, $run:expr, $count:expr) => {{
         let (x, rest) = $row.split_at_mut($run);
@@ -228,6 +167,22 @@ macro_rules! runs_mut {
         (&mut x[..$count], &mut y[..$count], &mut z[..$count])
     }};
 }
+
+macro_rules! load {
+    ($machine:expr, $from:ident, $c:expr) => {
+        [L::load($machine, &$from.0[$c]), L::load($machine, &$from.1[$c]), L::load($machine, &$from.2[$c])]
+    };
+}
+
+macro_rules! store {
+    ($to:ident, $c:expr, $value:expr) => {{
+        let [x, y, z] = $value;
+        $to.0[$c] = x.store();
+        $to.1[$c] = y.store();
+        $to.2[$c] = z.store();
+    }};
+}
+use {counted, load, runs, runs_mut, store};
 
 /// The force that a spring along `d` exerts on its first end, over `d`.
 #[inline(always)]
@@ -268,128 +223,68 @@ fn moved_up<F: Number, L: Lanes<F>>(a: [L; 3], before: [L; 3]) -> [L; 3] {
     [a[0].moved_up(before[0]), a[1].moved_up(before[1]), a[2].moved_up(before[2])]
 }
 
-macro_rules! load {
-    ($machine:expr, $from:ident, $c:expr) => {
-        [L::load($machine, &$from.0[$c]), L::load($machine, &$from.1[$c]), L::load($machine, &$from.2[$c])]
-    };
-}
+/// The chunks of the three runs of a row.
+type Runs<'a, C> = (&'a [C], &'a [C], &'a [C]);
+type RunsMut<'a, C> = (&'a mut [C], &'a mut [C], &'a mut [C]);
 
-macro_rules! store {
-    ($to:ident, $c:expr, $value:expr) => {{
-        let [x, y, z] = $value;
-        $to.0[$c] = x.store();
-        $to.1[$c] = y.store();
-        $to.2[$c] = z.store();
-    }};
-}
-
-#[inline(always)]
-fn one_spring<F: Number, L: Lanes<F>>(
+/// How the points of a row move.
+struct Motion<'a, F: Number, L: Lanes<F>> {
     machine: L::Machine,
-    run: usize,
-    [a, b]: [&[F]; 2],
-    [on_a, on_b]: [&mut [F]; 2],
-    spring: Spring<F>,
-) {
-    let (a, b) = (runs!(L, a, run, 0), runs!(L, b, run, 0));
-    let count = a.0.len();
-    let (on_a, on_b) = (runs_mut!(L, on_a, run, count), runs_mut!(L, on_b, run, count));
-    let (stiffness, tension) = (L::splat(machine, spring.stiffness), L::splat(machine, spring.tension));
-    let b = (&b.0[..count], &b.1[..count], &b.2[..count]);
-    for c in 0..count {
-        let d = sub::<F, L>(load!(machine, b, c), load!(machine, a, c));
-        let by = pull::<F, L>(machine, d, stiffness, tension);
-        store!(on_a, c, plus::<F, L>(load!(machine, on_a, c), d, by));
-        store!(on_b, c, less::<F, L>(load!(machine, on_b, c), d, by));
+    /// dt^2 / m, or 0.
+    gain: &'a [L::Chunk],
+    external: Option<Runs<'a, L::Chunk>>,
+    previous: RunsMut<'a, L::Chunk>,
+    kept: L,
+    /// Of squared moves.
+    largest: L,
+    sum: L,
+}
+
+impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
+    /// Of row `j` of plane `k`.
+    #[inline(always)]
+    fn new(machine: L::Machine, frame: &'a Frame<F>, [j, k]: [usize; 2], previous: &'a mut [F]) -> Self {
+        let (run, row) = (frame.run, frame.row());
+        let pattern = frame.pattern[k * frame.rows + j] as usize;
+        let gain = L::chunks(&frame.patterns[pattern * run..][..run]);
+        let count = gain.len();
+        let external = if frame.external.is_empty() {
+            None
+        } else {
+            let external = &frame.external[k * frame.plane() + j * row..][..row];
+            Some(counted!(L, external, run, 0, count))
+        };
+        let previous = &mut previous[j * row..][..row];
+        let zero = L::splat(machine, F::default());
+        let kept = L::splat(machine, frame.kept);
+        Self { machine, gain, external, previous: runs_mut!(L, previous, run, count), kept, largest: zero, sum: zero }
     }
-}
 
-/// From each point to the one opposite, to the one after that, and from the point after it to the one opposite.
-#[inline(always)]
-fn three_springs<F: Number, L: Lanes<F>>(
-    machine: L::Machine,
-    run: usize,
-    [a, b]: [&[F]; 2],
-    [on_a, on_b]: [&mut [F]; 2],
-    spring: Spring<F>,
-    sloped: &Sloped<F>,
-) {
-    let (a_next, b_next) = (runs!(L, a, run, 1), runs!(L, b, run, 1));
-    let (a, b) = (runs!(L, a, run, 0), runs!(L, b, run, 0));
-    let count = a.0.len();
-    let (on_a, on_b) = (runs_mut!(L, on_a, run, count), runs_mut!(L, on_b, run, count));
-    let (stiffness, tension) = (L::splat(machine, spring.stiffness), L::splat(machine, spring.tension));
-    let (sloped_stiffness, sloped_tension) =
-        (&L::chunks(&sloped.stiffness)[..count], &L::chunks(&sloped.tension)[..count]);
-    let b = (&b.0[..count], &b.1[..count], &b.2[..count]);
-    let a_next = (&a_next.0[..count], &a_next.1[..count], &a_next.2[..count]);
-    let b_next = (&b_next.0[..count], &b_next.1[..count], &b_next.2[..count]);
-    let zero = L::splat(machine, F::default());
-    let mut before = [[zero; 3]; 2];
-    for c in 0..count {
-        let (at_a, at_b) = (load!(machine, a, c), load!(machine, b, c));
-        let opposite = sub::<F, L>(at_b, at_a);
-        let by = pull::<F, L>(machine, opposite, stiffness, tension);
-        let (stiffness, tension) = (L::load(machine, &sloped_stiffness[c]), L::load(machine, &sloped_tension[c]));
-        let after = sub::<F, L>(load!(machine, b_next, c), at_a);
-        let after = times::<F, L>(after, pull::<F, L>(machine, after, stiffness, tension));
-        let back = sub::<F, L>(at_b, load!(machine, a_next, c));
-        let back = times::<F, L>(back, pull::<F, L>(machine, back, stiffness, tension));
-        let sum = add::<F, L>(after, moved_up::<F, L>(back, before[0]));
-        store!(on_a, c, plus::<F, L>(add::<F, L>(load!(machine, on_a, c), sum), opposite, by));
-        let sum = add::<F, L>(back, moved_up::<F, L>(after, before[1]));
-        store!(on_b, c, less::<F, L>(sub::<F, L>(load!(machine, on_b, c), sum), opposite, by));
-        before = [back, after];
-    }
-}
-
-/// The springs along a row, and its points' move; forces are left at zero.
-#[inline(always)]
-fn finish<F: Number, L: Lanes<F>>(
-    machine: L::Machine,
-    frame: &Frame<F>,
-    here: &[F],
-    previous: &mut [F],
-    forces: &mut [F],
-    index: usize,
-) -> Moved {
-    let run = frame.run;
-    let (a_next, a) = (runs!(L, here, run, 1), runs!(L, here, run, 0));
-    let count = a.0.len();
-    let a_next = (&a_next.0[..count], &a_next.1[..count], &a_next.2[..count]);
-    let (previous, forces) = (runs_mut!(L, previous, run, count), runs_mut!(L, forces, run, count));
-    let pattern = frame.pattern[index] as usize;
-    let gain = &L::chunks(&frame.patterns[pattern * run..][..run])[..count];
-    let sloped = &frame.sloped[0];
-    let (stiffness, tension) = (&L::chunks(&sloped.stiffness)[..count], &L::chunks(&sloped.tension)[..count]);
-    let external = if frame.external.is_empty() { None } else { Some(&frame.external[3 * run * index..][..3 * run]) };
-    let (zero, kept) = (L::splat(machine, F::default()), L::splat(machine, frame.kept));
-    let (mut before, mut largest, mut sum) = ([zero; 3], zero, zero);
-    for c in 0..count {
-        let at = load!(machine, a, c);
-        let d = sub::<F, L>(load!(machine, a_next, c), at);
-        let along = pull::<F, L>(machine, d, L::load(machine, &stiffness[c]), L::load(machine, &tension[c]));
-        let along = times::<F, L>(d, along);
-        let mut total = add::<F, L>(load!(machine, forces, c), sub::<F, L>(along, moved_up::<F, L>(along, before)));
-        before = along;
-        store!(forces, c, [zero; 3]);
-        if let Some(external) = external {
-            let e = runs!(L, external, run, 0);
-            total = add::<F, L>(total, load!(machine, e, c));
+    /// Moves the points of chunk `c` by what acts on them.
+    #[inline(always)]
+    fn advance(&mut self, c: usize, at: [L; 3], mut force: [L; 3]) {
+        let (machine, previous) = (self.machine, &mut self.previous);
+        if let Some(external) = self.external {
+            force = add::<F, L>(force, load!(machine, external, c));
         }
-        let gain = L::load(machine, &gain[c]);
+        let gain = L::load(machine, &self.gain[c]);
         let v = sub::<F, L>(at, load!(machine, previous, c));
         let step = [
-            total[0].mul_add(gain, v[0].mul(kept)),
-            total[1].mul_add(gain, v[1].mul(kept)),
-            total[2].mul_add(gain, v[2].mul(kept)),
+            force[0].mul_add(gain, v[0].mul(self.kept)),
+            force[1].mul_add(gain, v[1].mul(self.kept)),
+            force[2].mul_add(gain, v[2].mul(self.kept)),
         ];
         store!(previous, c, add::<F, L>(at, step));
         let squared = step[2].mul_add(step[2], step[1].mul_add(step[1], step[0].mul(step[0])));
-        largest = squared.max(largest);
-        sum = sum.add(squared);
+        self.largest = squared.max(self.largest);
+        self.sum = self.sum.add(squared);
     }
-    Moved { largest: greatest::<F, L>(largest), sum: total::<F, L>(sum) }
+
+    /// What moved.
+    #[inline(always)]
+    fn moved(self) -> Moved {
+        Moved { largest: greatest::<F, L>(self.largest), sum: total::<F, L>(self.sum) }
+    }
 }
 
 #[inline(always)]

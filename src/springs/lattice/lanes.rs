@@ -76,46 +76,38 @@ pub trait InLanes<F> {
     fn run<L: Lanes<F>>(self, machine: L::Machine) -> Self::Output;
 }
 
-/// `y` becomes `y (1 + e (c1 + e (c2 + e c3)))` with `e = 1 - q y^2`: the series of the reciprocal root.
+/// `y` becomes `y (1 + e (c1 + e (c2 + ...)))` with `e = 1 - q y^2`: the series of the reciprocal root, or what is nearest to it
+/// over the errors of the guess.
 macro_rules! refine {
-    ($q:ident, $y:ident, $one:ident, $c1:expr $(, $c:expr)*) => {{
-        let e = $q.mul($y).mul_sub_from($y, $one);
-        refine!(@ $y, e, $c1 $(, $c)*)
+    ($machine:ident, $number:ty, $q:ident, $y:ident, $($c:expr),+) => {{
+        let e = $q.mul($y).mul_sub_from($y, <Self as Lanes<$number>>::splat($machine, 1.0));
+        $y.mul(e).mul_add(refine!(@ $machine, $number, e, $($c),+), $y)
     }};
-    (@ $y:ident, $e:ident, $c1:expr) => { $y.mul($e).mul_add($c1, $y) };
-    (@ $y:ident, $e:ident, $c1:expr, $c2:expr) => { $y.mul($e).mul_add($e.mul_add($c2, $c1), $y) };
-    (@ $y:ident, $e:ident, $c1:expr, $c2:expr, $c3:expr) => {
-        $y.mul($e).mul_add($e.mul_add($e.mul_add($c3, $c2), $c1), $y)
+    (@ $machine:ident, $number:ty, $e:ident, $last:expr) => { <Self as Lanes<$number>>::splat($machine, $last) };
+    (@ $machine:ident, $number:ty, $e:ident, $c:expr, $($more:expr),+) => {
+        $e.mul_add(refine!(@ $machine, $number, $e, $($more),+), <Self as Lanes<$number>>::splat($machine, $c))
     };
 }
 
-/// The guess of 3.5 % has an error of 1e-4 after a step of third order and 2e-8 after one of second.
+/// The polynomial of fourth degree that comes nearest to `(1 - e)^(-1/2)` over the errors of the guess, 1 at 0: to 2.3e-8.
 macro_rules! single_root {
     () => {
         #[inline(always)]
         fn reciprocal_root(self, machine: Self::Machine) -> Self {
-            let one = <Self as Lanes<f32>>::splat(machine, 1.0);
-            let half = <Self as Lanes<f32>>::splat(machine, 0.5);
-            let three_eighths = <Self as Lanes<f32>>::splat(machine, 0.375);
             let (q, y) = (self, self.root_guess());
-            let y = refine!(q, y, one, half, three_eighths);
-            refine!(q, y, one, half)
+            refine!(machine, f32, q, y, 0.499_998_33, 0.375_000_36, 0.313_935_34, 0.274_079_32)
         }
     };
 }
 
-/// The guess of 3.5 % has an error of 1e-5 after a step of fourth order and 1e-20 after another.
+/// That of third degree, to 1.1e-6, and then three terms of the series: to 1e-17.
 macro_rules! double_root {
     () => {
         #[inline(always)]
         fn reciprocal_root(self, machine: Self::Machine) -> Self {
-            let one = <Self as Lanes<f64>>::splat(machine, 1.0);
-            let half = <Self as Lanes<f64>>::splat(machine, 0.5);
-            let three_eighths = <Self as Lanes<f64>>::splat(machine, 0.375);
-            let five_sixteenths = <Self as Lanes<f64>>::splat(machine, 0.3125);
             let (q, y) = (self, self.root_guess());
-            let y = refine!(q, y, one, half, three_eighths, five_sixteenths);
-            refine!(q, y, one, half, three_eighths, five_sixteenths)
+            let y = refine!(machine, f64, q, y, 0.500_000_66, 0.376_059_31, 0.312_900_47);
+            refine!(machine, f64, q, y, 0.5, 0.375)
         }
     };
 }

@@ -31,13 +31,18 @@ impl<F: Number> Lattice<F> {
     /// [`LatticeError::Value`] for a threshold that is not positive, [`LatticeError::Diverged`] if the lattice explodes.
     pub fn until_rest(&mut self, rest: &Rest) -> Result<Settled, LatticeError> {
         super::value("the threshold of rest", rest.threshold, false)?;
-        let (mut last, mut last_move) = (0, 0.0);
-        for step in 1..=rest.limit {
-            last_move = self.measured_step()?;
-            if last_move >= rest.threshold {
-                last = step;
-            } else if step - last >= rest.quiet {
-                return Ok(Settled { steps: last, at_rest: true, last_move });
+        let (mut step, mut last, mut last_move) = (0, 0, 0.0);
+        while step < rest.limit {
+            // The first step of a pair must not be the one at which this ends.
+            let pair = rest.limit - step >= 2 && step + 1 - last < rest.quiet;
+            let moves = if pair { self.measured_pair()?.map(Some) } else { [Some(self.measured_step()?), None] };
+            for moved in moves.into_iter().flatten() {
+                (step, last_move) = (step + 1, moved);
+                if moved >= rest.threshold {
+                    last = step;
+                } else if step - last >= rest.quiet {
+                    return Ok(Settled { steps: last, at_rest: true, last_move });
+                }
             }
         }
         Ok(Settled { steps: last, at_rest: false, last_move })

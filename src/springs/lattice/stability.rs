@@ -1,10 +1,12 @@
-//! Which time steps a lattice bears, and which damping brings it to rest soonest.
+//! Which time steps a lattice bears.
 
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Neighbours, Settings, Shape};
+use crate::springs::integrators::{Integrator, Verlet};
+use crate::springs::stability::Mode;
 
 /// Lattices of more points take the largest stiffness of the endless lattice, which is a bound and close to theirs.
 const ITERATED: usize = 4096;
@@ -21,26 +23,16 @@ pub(super) struct Direction {
     unit: Vector3<f64>,
 }
 
-/// The 3 or 13 directions in which a point has springs to points after it.
+/// The 3 or 13 directions of springs; each stands for its opposite too.
 pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
-    let mut all = Vec::new();
-    for dz in 0..=1 {
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                let after = dz > 0 || dy > 0 || (dy == 0 && dx > 0);
-                let away = [dx, dy, dz].iter().filter(|d| **d != 0).count();
-                if !after || dz == 0 && dy < 0 || away > 1 && settings.neighbours == Neighbours::Six {
-                    continue;
-                }
-                let [hx, hy, hz] = shape.spacing;
-                let along = Vector3::new(f64::from(dx) * hx, f64::from(dy) * hy, f64::from(dz) * hz);
-                let rest = along.norm();
-                let stiffness = settings.stiffness.of(rest) * if away > 1 { settings.diagonal } else { 1.0 };
-                all.push(Direction { step: [dx, dy, dz], rest, stiffness, unit: along / rest });
-            }
-        }
-    }
-    all
+    let direction = |&step: &[i32; 3]| {
+        let along = Vector3::from([0, 1, 2].map(|c| f64::from(step[c]) * shape.spacing[c]));
+        let rest = along.norm();
+        let sloped = step.iter().filter(|d| **d != 0).count() > 1;
+        let stiffness = settings.stiffness.of(rest) * if sloped { settings.diagonal } else { 1.0 };
+        Direction { step, rest, stiffness, unit: along / rest }
+    };
+    settings.neighbours.half().iter().map(direction).collect()
 }
 
 /// Largest eigenvalue of the stiffness matrix of the free lattice at rest; pinned points only lower it.
@@ -129,27 +121,5 @@ fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
 
 /// The time step from which on Verlet with backward-difference damping explodes: `k dt^2 + 2 c dt < 4 m` \[s\].
 pub fn stability_limit(stiffness: f64, mass: f64, damping: f64) -> f64 {
-    // The same as (-c + sqrt(c^2 + 4 k m)) / k, without its cancellation and for k = 0 too.
-    4.0 * mass / (damping + (damping * damping + 4.0 * stiffness * mass).sqrt())
-}
-
-/// The damping that brings a lattice to rest soonest, by the source's fit `c = sqrt(4 k 2m)` (7.2).
-///
-/// In its general form `k = D h (2 + 4 h / s) / s` with mean spacing `h` and mean side `s`, which for a unit cube and
-/// `D = 1/h` is the printed `2 + 4 L`. For 26 neighbours the source gives no formula, only best values for 5, 10 and 20
-/// points: `2 + 4 h / s` becomes `9.9 + 5 h / s`, within 2 % of their damping.
-pub fn damping_estimate(shape: &Shape, settings: &Settings) -> f64 {
-    let axes = || (0..3).filter(|&c| shape.points[c] > 1);
-    let count = axes().count();
-    if count == 0 {
-        return 0.0;
-    }
-    let mean = |of: &dyn Fn(usize) -> f64| axes().map(of).sum::<f64>() / count as f64;
-    let h = mean(&|c| shape.spacing[c]);
-    let side = mean(&|c| shape.spacing[c] * (shape.points[c] - 1) as f64);
-    let fit = match settings.neighbours {
-        Neighbours::Six => 2.0 + 4.0 * h / side,
-        Neighbours::TwentySix => 9.9 + 5.0 * h / side,
-    };
-    (4.0 * settings.stiffness.of(h) * h * fit / side * 2.0 * settings.mass).sqrt()
+    Verlet::default().limit(Mode::of(stiffness, damping, mass))
 }

@@ -1,7 +1,8 @@
 //! The source's own way: a list of springs, and two passes (8.3 of its digest), in double precision.
 
 use nalgebra::Vector3;
-use pliant::springs::lattice::{Lattice, Neighbours, Number, Settings, Shape, Stiffness};
+use pliant::springs::Neighbours;
+use pliant::springs::lattice::{Lattice, Number, Settings, Shape, Stiffness};
 
 /// One of a list.
 pub struct Spring {

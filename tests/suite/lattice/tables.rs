@@ -4,7 +4,7 @@
 //! pinned surface shrunk by 2 % about the centre, dt = 0.01, and the last step with a move of at least 6.3e-7. The rows of
 //! 10^3 and 20^3 points and those of 26 neighbours come from another disturbance, which is not known.
 
-use super::{BOTH, Lattice, Neighbours, Number, Rest, Settings, Shape, damping_estimate};
+use super::{BOTH, Lattice, Neighbours, Number, Rest, Settings, Shape};
 
 const MASSES: [f64; 7] = [8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.125];
 
@@ -99,20 +99,20 @@ fn the_rows_of_best_and_estimated_damping() {
 fn the_estimate_of_damping() {
     for (n, printed) in ESTIMATES {
         for (mass, printed) in MASSES.into_iter().zip(printed) {
-            let found = damping_estimate(&Shape::unit_cube(n), &Settings { mass, ..Settings::new(Neighbours::Six) });
+            let found = Settings { mass, ..Settings::new(Neighbours::Six) }.damping_estimate(&Shape::unit_cube(n));
             assert!((found - printed).abs() <= 0.01, "{n}, mass {mass}: {found} instead of {printed}");
         }
     }
     // Mean c^2 / (8 m) of table 7.5 for 26 neighbours.
     for (n, fit) in [(5, 11.09), (10, 10.54), (20, 9.78)] {
-        let found = damping_estimate(&Shape::unit_cube(n), &Settings::new(Neighbours::TwentySix));
+        let found = Settings::new(Neighbours::TwentySix).damping_estimate(&Shape::unit_cube(n));
         assert!((found / f64::sqrt(8.0 * fit) - 1.0).abs() <= 0.02, "{n}: {found}");
     }
     // A cube of side 0.2 needs more, as erratum M13 has found.
     let cube = Shape::unit_cube(5);
     let small = Shape { spacing: cube.spacing.map(|h| 0.2 * h), ..cube };
-    assert!((damping_estimate(&small, &Settings::new(Neighbours::Six)) - 10.954).abs() <= 1e-3);
+    assert!((Settings::new(Neighbours::Six).damping_estimate(&small) - 10.954).abs() <= 1e-3);
     for neighbours in BOTH {
-        assert_eq!(damping_estimate(&Shape::unit_cube(1), &Settings::new(neighbours)), 0.0);
+        assert_eq!(Settings::new(neighbours).damping_estimate(&Shape::unit_cube(1)), 0.0);
     }
 }

@@ -6,12 +6,12 @@ use pliant::mesh::topology::Topology;
 use pliant::springs::anchors::Anchors;
 use pliant::springs::angular::{AngularSpring, AngularSprings};
 use pliant::springs::buckling::{Buckling, Strips};
-use pliant::springs::damping::Neighbours;
 use pliant::springs::hooke::{Hooke, Springs};
+use pliant::springs::lattice::Shape;
 use pliant::springs::pairs::{Law, PairError};
-use pliant::springs::patterns::{self, Lattice};
+use pliant::springs::patterns;
 use pliant::springs::volume::{CentreSprings, TrueVolume, VolumeError};
-use pliant::springs::{Force, SpringSystem, SystemError};
+use pliant::springs::{Force, Neighbours, SpringSystem, SystemError};
 use pliant::testing::Draw;
 
 /// Difference of energies over a step: rounding of 1e-16/1e-5 and an error of the step of 1e-10.
@@ -171,10 +171,9 @@ fn a_strip_buckles_at_the_load_of_its_arc() {
 
 #[test]
 fn the_order_of_springs_and_the_threads_change_no_bit() {
-    let lattice = Lattice::new([32, 32, 32]).unwrap();
-    let x = lattice.positions(1.0);
-    let mut springs: Vec<_> =
-        patterns::at_rest(&x, lattice.edges(Neighbours::Six).collect::<Vec<_>>(), |l| 1.0 / l).collect();
+    let shape = Shape::with_longest_side([32, 32, 32], 1.0).unwrap();
+    let x = shape.positions();
+    let mut springs: Vec<_> = patterns::at_rest(&x, patterns::lattice(&shape, Neighbours::Six), |l| 1.0 / l).collect();
     let mut draw = Draw::new(8);
     let moved: Vec<_> = x.iter().zip(drawn(&mut draw, x.len(), 0.01)).map(|(x, d)| x + d).collect();
     let bits = |springs: &[([u32; 2], Hooke)], threads: usize| {

@@ -3,10 +3,12 @@
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::damping::{Body, Neighbours, estimate};
+use pliant::springs::Neighbours;
+use pliant::springs::damping::{Body, estimate};
+use pliant::springs::lattice::{LatticeError, Shape};
 use pliant::springs::layers::{LayerMaterial, layers};
 use pliant::springs::mass::{self, MassError};
-use pliant::springs::patterns::{self, Lattice, LatticeError};
+use pliant::springs::patterns;
 use pliant::springs::stiffness::{Negative, along_edges, area_over_length, membrane, of_side};
 
 fn triangle(points: [[f64; 2]; 3]) -> TriangleMesh {
@@ -116,29 +118,32 @@ fn b01_masses_add_up_and_signed_ones_that_are_negative_are_refused() {
 fn springs_of_lattices_are_counted_exactly() {
     for (n, six, all) in [(5, 300, 1036), (10, 2700, 10_476), (70, 1_014_300, 4_327_956), (100, 2_970_000, 12_731_796)]
     {
-        let lattice = Lattice::new([n; 3]).unwrap();
-        assert_eq!((lattice.springs(Neighbours::Six), lattice.springs(Neighbours::TwentySix)), (six, all));
+        assert_eq!((Neighbours::Six.springs([n; 3]), Neighbours::TwentySix.springs([n; 3])), (six, all));
     }
-    for sides in [[2, 2, 2], [3, 4, 5], [2, 7, 3]] {
-        let lattice = Lattice::new(sides).unwrap();
-        let x = lattice.positions(1.0);
-        assert_eq!(x.len(), lattice.points());
+    for points in [[2, 2, 2], [3, 4, 5], [2, 7, 3], [1, 4, 2], [1, 1, 1]] {
+        let shape = Shape::with_longest_side(points, 1.0).unwrap();
+        let x = shape.positions();
+        assert_eq!(x.len(), shape.count());
         for neighbours in [Neighbours::Six, Neighbours::TwentySix] {
-            let mut edges: Vec<_> = lattice.edges(neighbours).collect();
-            assert_eq!(edges.len() as u64, lattice.springs(neighbours));
+            let mut edges: Vec<_> = patterns::lattice(&shape, neighbours).collect();
+            assert_eq!(edges.len(), neighbours.springs(points));
             edges.sort_unstable();
             edges.dedup();
-            assert_eq!(edges.len() as u64, lattice.springs(neighbours), "a spring twice");
-            let spacing = 1.0 / (*sides.iter().max().unwrap() as f64 - 1.0);
-            let reach = spacing * if neighbours == Neighbours::Six { 1.0 } else { 3_f64.sqrt() };
+            assert_eq!(edges.len(), neighbours.springs(points), "a spring twice");
+            let reach = shape.spacing[0] * if neighbours == Neighbours::Six { 1.0 } else { 3_f64.sqrt() };
             assert!(edges.iter().all(|[a, b]| (x[*a as usize] - x[*b as usize]).norm() <= reach * (1.0 + 1e-12)));
         }
     }
-    let lattice = Lattice::new([5; 3]).unwrap();
-    assert_eq!((lattice.surface().len(), lattice.points()), (98, 125));
-    assert_eq!(Lattice::new([5, 1, 5]), Err(LatticeError::TooFew(1)));
-    assert_eq!(Lattice::new([1 << 11, 1 << 11, 1 << 10]), Err(LatticeError::TooMany(2048, 2048, 1024)));
-    assert!(Lattice::new([usize::MAX; 3]).is_err());
+    let shape = Shape::with_longest_side([3, 4, 5], 2.0).unwrap();
+    let far = nalgebra::center(&shape.positions()[0], &shape.positions()[59]);
+    assert_eq!((shape.spacing, far), ([0.5; 3], Point3::new(0.5, 0.75, 1.0)));
+    let cube = Shape::with_longest_side([5; 3], 1.0).unwrap();
+    assert_eq!((cube.surface().len(), cube.count()), (98, 125));
+    let refused = |points: [usize; 3], side: f64| Shape::with_longest_side(points, side).unwrap_err();
+    assert!(matches!(refused([5, 0, 5], 1.0), LatticeError::Points { points: [5, 0, 5], .. }));
+    assert!(matches!(refused([1 << 11, 1 << 11, 1 << 10], 1.0), LatticeError::Points { .. }));
+    assert!(matches!(refused([usize::MAX; 3], 1.0), LatticeError::Points { .. }));
+    assert!(matches!(refused([5; 3], f64::NAN), LatticeError::Value { name: "the longest side", .. }));
 }
 
 #[test]

@@ -1,24 +1,23 @@
 //! The thesis's own runs: the 5x5x5 system with its file, iterations to rest, stiffest motions, stability.
 
 use nalgebra::Point3;
-use pliant::springs::SpringSystem;
-use pliant::springs::damping::Neighbours;
 use pliant::springs::format::{SpringFile, read_bytes, write_to};
 use pliant::springs::hooke::Springs;
 use pliant::springs::integrators::{Integrator, Verlet};
-use pliant::springs::patterns::{Lattice, at_rest};
+use pliant::springs::lattice::Shape;
+use pliant::springs::patterns::{self, at_rest};
 use pliant::springs::stability::{limit, stiffest};
+use pliant::springs::{Neighbours, SpringSystem};
 
 /// n^3 points of a unit cube, stiffness 1/L, at rest.
 fn cube(n: usize, neighbours: Neighbours, mass: f64, damping: f64) -> (SpringSystem, Vec<u32>) {
-    let lattice = Lattice::new([n; 3]).unwrap();
-    let x = lattice.positions(1.0);
-    let springs =
-        Springs::new(x.len(), at_rest(&x, lattice.edges(neighbours).collect::<Vec<_>>(), |l| 1.0 / l)).unwrap();
-    let mut system = SpringSystem::new(x, vec![mass; lattice.points()]).unwrap();
+    let shape = Shape::with_longest_side([n; 3], 1.0).unwrap();
+    let x = shape.positions();
+    let springs = Springs::new(x.len(), at_rest(&x, patterns::lattice(&shape, neighbours), |l| 1.0 / l)).unwrap();
+    let mut system = SpringSystem::new(x, vec![mass; shape.count()]).unwrap();
     system.add(springs).unwrap();
     system.damping = damping;
-    (system, lattice.surface())
+    (system, shape.surface())
 }
 
 /// The last iteration with a move of at least 6.3e-7 after the pinned surface was shrunk by 2 %.
@@ -84,12 +83,12 @@ fn m3_stiffest_motions_and_limits_are_those_of_the_errata() {
 }
 
 fn file() -> SpringFile {
-    let lattice = Lattice::new([5; 3]).unwrap();
-    let position = lattice.positions(1.0);
+    let shape = Shape::with_longest_side([5; 3], 1.0).unwrap();
+    let position = shape.positions();
     let mut surface = vec![false; position.len()];
-    lattice.surface().iter().for_each(|&p| surface[p as usize] = true);
+    shape.surface().iter().for_each(|&p| surface[p as usize] = true);
     SpringFile {
-        springs: lattice.edges(Neighbours::Six).map(|ends| (ends, 4.0)).collect(),
+        springs: patterns::lattice(&shape, Neighbours::Six).map(|ends| (ends, 4.0)).collect(),
         triangles: vec![[0, 1, 5]],
         fibres: vec![[0, 1], [1, 2]],
         origin: vec![0, 5],

@@ -1,0 +1,54 @@
+//! Numbers that begin where a cache line does.
+
+use std::ops::{Deref, DerefMut};
+
+/// Bytes of a cache line, and of the widest register.
+const LINE: usize = 64;
+
+/// Numbers whose first one begins a cache line, so that no register's worth of them lies across two.
+#[derive(Debug)]
+pub(super) struct Aligned<F> {
+    numbers: Vec<F>,
+    first: usize,
+    length: usize,
+}
+
+impl<F> Aligned<F> {
+    /// Where numbers have to begin. Where the processor would have to be lied to, they begin anywhere.
+    fn begin(numbers: &[F]) -> usize {
+        numbers.as_ptr().align_offset(LINE).min(LINE / size_of::<F>())
+    }
+}
+
+impl<F: Copy + Default> Aligned<F> {
+    /// So many zeros.
+    pub fn zeros(length: usize) -> Self {
+        let numbers = vec![F::default(); length + LINE / size_of::<F>()];
+        Self { first: Self::begin(&numbers), numbers, length }
+    }
+}
+
+impl<F> Deref for Aligned<F> {
+    type Target = [F];
+
+    fn deref(&self) -> &[F] {
+        &self.numbers[self.first..][..self.length]
+    }
+}
+
+impl<F> DerefMut for Aligned<F> {
+    fn deref_mut(&mut self) -> &mut [F] {
+        &mut self.numbers[self.first..][..self.length]
+    }
+}
+
+impl<F: Clone> Clone for Aligned<F> {
+    fn clone(&self) -> Self {
+        let mut numbers = self.numbers.clone();
+        let first = Self::begin(&numbers);
+        // The copy begins elsewhere in its line.
+        numbers.rotate_left(self.first);
+        numbers.rotate_right(first);
+        Self { numbers, first, length: self.length }
+    }
+}

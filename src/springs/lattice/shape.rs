@@ -1,0 +1,91 @@
+//! The points of a box, before any spring.
+
+use nalgebra::Point3;
+
+use super::error::{LatticeError, value};
+
+/// Points of a lattice, at most: their numbers still fit 32 bits.
+const MOST_POINTS: usize = 1 << 30;
+
+/// Points of a box at rest, x running fastest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shape {
+    /// Along x, y, z.
+    pub points: [usize; 3],
+    /// Position of the first point \[m\].
+    pub origin: [f64; 3],
+    /// Distance of neighbours along x, y, z \[m\].
+    pub spacing: [f64; 3],
+}
+
+impl Shape {
+    /// A cube of side 1 about the origin, `n` points along each side.
+    pub fn unit_cube(n: usize) -> Self {
+        let spacing = if n > 1 { 1.0 / (n - 1) as f64 } else { 1.0 };
+        Self { points: [n; 3], origin: [-0.5; 3], spacing: [spacing; 3] }
+    }
+
+    /// A box whose longest side has the length `side` \[m\], the first point at the origin, all spacings equal.
+    ///
+    /// # Errors
+    /// [`LatticeError`] for a side without points, too many points, a length that is not positive.
+    pub fn with_longest_side(points: [usize; 3], side: f64) -> Result<Self, LatticeError> {
+        value("the longest side", side, false)?;
+        let most = points.into_iter().fold(1, usize::max).saturating_sub(1).max(1);
+        let shape = Self { points, origin: [0.0; 3], spacing: [side / most as f64; 3] };
+        shape.check()?;
+        Ok(shape)
+    }
+
+    /// Number of points.
+    pub fn count(&self) -> usize {
+        self.points.iter().product()
+    }
+
+    /// Position of a point at rest \[m\].
+    pub fn at(&self, point: [usize; 3]) -> [f64; 3] {
+        [0, 1, 2].map(|c| self.origin[c] + self.spacing[c] * point[c] as f64)
+    }
+
+    /// Whether a point is on the surface of the box.
+    pub fn on_surface(&self, point: [usize; 3]) -> bool {
+        (0..3).any(|c| point[c] == 0 || point[c] + 1 == self.points[c])
+    }
+
+    /// All points, x first.
+    pub fn each(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
+        let [nx, ny, nz] = self.points;
+        (0..nz).flat_map(move |k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k])))
+    }
+
+    /// Positions of all points at rest \[m\].
+    pub fn positions(&self) -> Vec<Point3<f64>> {
+        self.each().map(|point| Point3::from(self.at(point))).collect()
+    }
+
+    /// The numbers of the points on the surface.
+    pub fn surface(&self) -> Vec<u32> {
+        (0u32..).zip(self.each()).filter(|(_, point)| self.on_surface(*point)).map(|(p, _)| p).collect()
+    }
+
+    /// Length of the longest side \[m\], and the spacing along it; nothing if no side has two points.
+    pub(super) fn longest(&self) -> Option<(f64, f64)> {
+        let sides = (0..3).filter(|&c| self.points[c] > 1).map(|c| {
+            let spacing = self.spacing[c];
+            (spacing * (self.points[c] - 1) as f64, spacing)
+        });
+        sides.reduce(|a, b| if b.0 > a.0 { b } else { a })
+    }
+
+    pub(super) fn check(&self) -> Result<(), LatticeError> {
+        let count = self.points.iter().try_fold(1usize, |all, &n| all.checked_mul(n));
+        if !count.is_some_and(|n| (1..=MOST_POINTS).contains(&n)) {
+            return Err(LatticeError::Points { points: self.points, most: MOST_POINTS });
+        }
+        self.spacing.iter().try_for_each(|&h| value("a spacing", h, false))?;
+        match self.origin.iter().find(|o| !o.is_finite()) {
+            Some(&value) => Err(LatticeError::Value { name: "an origin", value, zero_allowed: true }),
+            None => Ok(()),
+        }
+    }
+}
