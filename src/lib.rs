@@ -23,6 +23,7 @@ pub mod solvers;
 pub mod fibres;
 pub mod muscles;
 pub mod scene;
+pub mod geometric;
 pub mod simulation;
 pub mod accuracy;
 pub mod render;
