@@ -113,6 +113,7 @@ pub fn write(
         let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
         let gif = to_gif(&drawn, 1.0 / RATE).map_err(failed)?;
         folder.write(&format!("{file}.gif"), |w| w.write_all(&gif))?;
+        pictures.push(("over all lengths that it can take".to_owned(), gif));
     }
     let [least, most] = muscle.range;
     let table = at(muscle, (0..=ROWS).map(|k| least + (most - least) * f64::from(k) / f64::from(ROWS)));
@@ -189,6 +190,7 @@ fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
     );
     Report {
         title: format!("{name}: a muscle of frusta"),
+        plots_title: "Over all lengths".to_owned(),
         notes: vec![facts],
         tables: vec![nodes],
         plots,

@@ -2,20 +2,20 @@
 
 use std::fs;
 
-use super::{Scratch, json, names_in, pliant, run, text};
+use super::{Scratch, json, names_in, run, shown, text};
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
 
 #[test]
 fn a_length_and_an_animation() {
     let scratch = Scratch::new("biceps");
-    let out = scratch.path().join("out");
-    let done = run(pliant().args(["biceps", EXAMPLE, "--length", "21 cm", "--json", "--out"]).arg(&out));
+    let out = scratch.0.join("out");
+    let done = run(&["biceps", EXAMPLE, "--length", "21 cm", "--json", "--out", shown(&out)]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let summary = json(&done.stdout);
+    let summary = json(&out.join("summary.json"));
     assert!(summary["volume_error"].as_f64().expect("a number").abs() <= 1e-12, "{summary}");
     assert!((summary["length_m"].as_f64().expect("a number") - 0.21).abs() <= 1e-12, "{summary}");
-    let done = run(pliant().args(["biceps", EXAMPLE, "--animate", "--frames", "4", "--out"]).arg(&out));
+    let done = run(&["biceps", EXAMPLE, "--animate", "--frames", "4", "--out", shown(&out)]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let names = names_in(&out);
     for name in ["biceps.gif", "biceps.pvd", "lengths.csv", "muscle.png", "muscle.vtp", "report.html", "summary.json"] {
@@ -28,8 +28,8 @@ fn a_length_and_an_animation() {
 #[test]
 fn what_cannot_be_is_refused() {
     let scratch = Scratch::new("biceps-refused");
-    let out = scratch.path().join("out");
-    let wrong = scratch.path().join("wrong.toml");
+    let out = scratch.0.join("out");
+    let wrong = scratch.0.join("wrong.toml");
     fs::write(&wrong, "radii = [1.0, 2.0]\ngrow_mults = [1.0]\nlength = 3\n").expect("written");
     let wrong = wrong.to_str().expect("a path");
     for (arguments, told) in [
@@ -40,7 +40,7 @@ fn what_cannot_be_is_refused() {
         (&["biceps", "nothing.toml"], "cannot read"),
         (&["biceps"], "FILE"),
     ] {
-        let done = run(pliant().args(arguments).arg("--out").arg(&out));
+        let done = run(&[arguments, &["--out", shown(&out)]].concat());
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");
         assert!(text(&done.stderr).contains(told), "{arguments:?}: {}", text(&done.stderr));
         assert!(!out.exists(), "{arguments:?}");
