@@ -25,6 +25,7 @@ pub mod fibres;
 pub mod muscles;
 pub mod skin;
 pub mod scene;
+pub mod geometric;
 pub mod simulation;
 pub mod accuracy;
 pub mod render;

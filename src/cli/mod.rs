@@ -3,6 +3,7 @@
 //! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
 mod accuracy;
+mod biceps;
 mod check;
 mod convert;
 mod excerpt;
@@ -63,6 +64,8 @@ enum Command {
     Study(study::Arguments),
     /// Run a mass-spring system to rest: one from a file, or a lattice
     Springs(Box<springs::Arguments>),
+    /// Change the length of a muscle of frusta that keeps its volume
+    Biceps(biceps::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -90,6 +93,7 @@ pub fn main() -> ExitCode {
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Study(arguments)) => study::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
+        Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

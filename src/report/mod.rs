@@ -4,6 +4,7 @@
 //! Plain data in, text out: a [`Report`] knows nothing of simulations. Every string is escaped; the HTML runs no script
 //! and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
 
+pub mod biceps;
 pub mod folder;
 pub mod frames;
 pub mod gathered;

@@ -1,5 +1,6 @@
 //! The command as a person or a script meets it: exit codes, messages, and the files of a run.
 
+mod biceps;
 mod check;
 mod implant;
 mod resume;

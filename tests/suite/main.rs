@@ -3,6 +3,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod accuracy;
+mod biceps;
 mod bodies;
 mod checkpoint;
 mod conserved_volume;

@@ -1,0 +1,12 @@
+//! The geometric muscle: a chain of frusta whose volume is the same at every length, on a frame of two bars.
+//!
+//! [`chain`] solves for the radii in closed form from the state at rest, so that they depend on the length alone;
+//! [`frame`] places the bars by the law of cosines; [`surface`] makes a mesh; [`file`](mod@file) reads all of it.
+
+pub mod chain;
+pub mod file;
+pub mod frame;
+pub mod surface;
+
+pub use chain::{Caps, Chain, ChainError, Shape};
+pub use frame::{Frame, FrameError, Placed};

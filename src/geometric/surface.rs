@@ -1,0 +1,95 @@
+//! A closed triangle mesh of a chain: a body of revolution about the x axis with round ends.
+
+use std::f64::consts::PI;
+
+use nalgebra::Point3;
+
+use super::chain::Chain;
+use crate::mesh::TriangleMesh;
+
+/// How fine the mesh is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fineness {
+    /// Corners of a ring, at least 3.
+    pub around: u32,
+    /// Rings of a hemisphere; 0 closes the ends flat.
+    pub cap: u32,
+}
+
+impl Default for Fineness {
+    fn default() -> Self {
+        Self { around: 72, cap: 9 }
+    }
+}
+
+/// A mesh of the chain as it is, from x = 0 on, closed and outward. Rings have the area of the circles for which they
+/// stand, not their radius, so that frusta of the mesh have the volume of those of the chain.
+pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
+    let around = fineness.around.max(3);
+    let rings = profile(chain, fineness.cap);
+    let step = 2.0 * PI / f64::from(around);
+    let wider = (step / libm::sin(step)).sqrt();
+    let mut mesh = TriangleMesh::default();
+    let on_axis = |x: f64| Point3::new(x, 0.0, 0.0);
+    // A ring of no radius is one vertex.
+    let mut firsts: Vec<(u32, u32)> = Vec::new();
+    for (x, r) in rings {
+        let first = mesh.vertices.len() as u32;
+        if r > 0.0 {
+            let angle = |k: u32| step * f64::from(k);
+            let corner = |k: u32| Point3::new(x, r * wider * libm::cos(angle(k)), r * wider * libm::sin(angle(k)));
+            mesh.vertices.extend((0..around).map(corner));
+            firsts.push((first, around));
+        } else {
+            mesh.vertices.push(on_axis(x));
+            firsts.push((first, 1));
+        }
+    }
+    for pair in firsts.windows(2) {
+        join(&mut mesh.triangles, pair[0], pair[1]);
+    }
+    mesh
+}
+
+/// Places along the axis with their radii, from tip to tip.
+fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
+    let (radii, spacing) = (chain.radii(), chain.spacing());
+    let (first, last) = (radii[0], radii[radii.len() - 1]);
+    let arc = |r: f64| {
+        let angle = move |k: u32| 0.5 * PI * f64::from(k) / f64::from(cap.max(1));
+        // From the rim to the tip, without the rim.
+        (1..=cap).map(move |k| (r * libm::sin(angle(k)), if k == cap { 0.0 } else { r * libm::cos(angle(k)) }))
+    };
+    let mut rings: Vec<(f64, f64)> = Vec::new();
+    if first > 0.0 {
+        rings.extend(arc(first).map(|(out, r)| (-out, r)));
+        rings.reverse();
+        if cap == 0 {
+            rings.push((0.0, 0.0));
+        }
+    }
+    rings.extend(radii.iter().enumerate().map(|(i, r)| (spacing * i as f64, *r)));
+    if last > 0.0 {
+        rings.extend(arc(last).map(|(out, r)| (chain.length() + out, r)));
+        if cap == 0 {
+            rings.push((chain.length(), 0.0));
+        }
+    }
+    rings
+}
+
+/// Triangles between two rings of which each may be a point.
+fn join(triangles: &mut Vec<[u32; 3]>, (a, around_a): (u32, u32), (b, around_b): (u32, u32)) {
+    let around = around_a.max(around_b);
+    let at = |first: u32, count: u32, k: u32| first + k % count;
+    for k in 0..around {
+        let [p, q] = [k, k + 1].map(|k| at(a, around_a, k));
+        let [r, s] = [k, k + 1].map(|k| at(b, around_b, k));
+        if around_a > 1 {
+            triangles.push([p, q, r]);
+        }
+        if around_b > 1 {
+            triangles.push([q, s, r]);
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Files of a geometric muscle: mesh, picture, animation, table over all lengths.
+
+use std::io::{self, Write};
+
+use nalgebra::{Point3, Vector3};
+
+use super::folder::{Folder, FolderError};
+use super::frames::file_name;
+use super::{LinePlot, Report, Series, Table, number};
+use crate::geometric::file::Muscle;
+use crate::geometric::surface::{Fineness, surface};
+use crate::io::pvd::{Collection, Entry};
+use crate::io::vtp::{self, PolyData};
+use crate::mesh::TriangleMesh;
+use crate::render::{Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render, to_gif};
+
+/// Lengths in the table.
+const ROWS: u32 = 100;
+/// Width and height of a picture \[px\].
+const SIZE: (u32, u32) = (800, 560);
+const FLESH: Rgb = [0.72, 0.25, 0.22];
+const BONE: Rgb = [0.35, 0.33, 0.30];
+/// Pictures an animation shows a second.
+const RATE: f64 = 24.0;
+
+/// What is told of a muscle at one length.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pose {
+    /// The surface \[m\].
+    pub mesh: TriangleMesh,
+    /// The bars \[m\], two polylines; none without a frame.
+    pub bars: Vec<Vec<Point3<f64>>>,
+    /// Angle at the joint \[rad\].
+    pub joint_angle: Option<f64>,
+    /// Length \[m\].
+    pub length: f64,
+    /// Greatest radius \[m\].
+    pub radius: f64,
+    /// Departure of the volume from that at rest, as a share of it.
+    pub volume_error: f64,
+}
+
+impl Pose {
+    /// The muscle as it is.
+    pub fn of(muscle: &Muscle) -> Self {
+        let chain = &muscle.chain;
+        // Within the muscle's range the frame has a place for every length.
+        let placed = muscle.frame.and_then(|frame| frame.place(chain.length()).ok());
+        let bars = placed.map_or(Vec::new(), |placed| {
+            let points = placed.points.map(|p| Point3::new(p.x, p.y, 0.0));
+            vec![points[..3].to_vec(), points[2..].to_vec()]
+        });
+        Self {
+            mesh: surface(chain, Fineness::default()),
+            bars,
+            joint_angle: placed.map(|placed| placed.joint_angle),
+            length: chain.length(),
+            radius: chain.radii().iter().copied().fold(0.0, f64::max),
+            volume_error: chain.volume_now() / chain.volume() - 1.0,
+        }
+    }
+}
+
+/// Poses from rest to the longest, to the shortest and back.
+fn cycle(muscle: &Muscle, count: u32) -> Vec<Pose> {
+    let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
+    let swing = |k: u32| libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
+    let lengths =
+        (0..count).map(swing).map(|s| if s >= 0.0 { rest + s * (most - rest) } else { rest + s * (rest - least) });
+    at(muscle, lengths)
+}
+
+fn at(muscle: &Muscle, lengths: impl Iterator<Item = f64>) -> Vec<Pose> {
+    let mut muscle = muscle.clone();
+    let [least, most] = muscle.range;
+    let of_length = |length: f64| {
+        muscle.chain.set_length(length.clamp(least, most)).ok()?;
+        Some(Pose::of(&muscle))
+    };
+    lengths.filter_map(of_length).collect()
+}
+
+/// Writes all files; `frames` pictures of an animation where one is wanted.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write(
+    folder: &Folder,
+    name: &str,
+    muscle: &Muscle,
+    frames: Option<u32>,
+    summary: &serde_json::Value,
+) -> Result<(), FolderError> {
+    let pose = Pose::of(muscle);
+    let poses = frames.map_or(Vec::new(), |count| cycle(muscle, count));
+    put(folder, "muscle.vtp", &pose)?;
+    let camera = camera(poses.iter().chain([&pose]));
+    let failed = |e: PictureError| FolderError::Io { path: folder.path().into(), source: io::Error::other(e) };
+    let mut pictures = Vec::new();
+    let png = draw(&pose, &camera).to_png().map_err(failed)?;
+    folder.write("muscle.png", |w| w.write_all(&png))?;
+    pictures.push((format!("at a length of {}", number(pose.length / muscle.unit)), png));
+    if !poses.is_empty() {
+        let file = file_name(name);
+        let mut series = Collection::new();
+        for (k, pose) in poses.iter().enumerate() {
+            let path = format!("frames/{file}_{k:06}.vtp");
+            put(folder, &path, pose)?;
+            series.push(Entry { time: k as f64 / RATE, part: 0, name: file.clone(), file: path });
+        }
+        let path = folder.claim(&format!("{file}.pvd"))?;
+        series.write(&path).map_err(|source| FolderError::Io { path, source })?;
+        let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
+        let gif = to_gif(&drawn, 1.0 / RATE).map_err(failed)?;
+        folder.write(&format!("{file}.gif"), |w| w.write_all(&gif))?;
+        pictures.push(("over all lengths that it can take".to_owned(), gif));
+    }
+    let [least, most] = muscle.range;
+    let table = at(muscle, (0..=ROWS).map(|k| least + (most - least) * f64::from(k) / f64::from(ROWS)));
+    folder.write("lengths.csv", |w| write_lengths(w, &table))?;
+    let json = serde_json::to_string_pretty(summary).unwrap_or_default();
+    folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+    let report = Report { pictures, ..report(name, muscle, &pose, &table) };
+    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+}
+
+fn put(folder: &Folder, file: &str, pose: &Pose) -> Result<(), FolderError> {
+    let mut points = pose.mesh.vertices.clone();
+    let mut lines = Vec::new();
+    for bar in &pose.bars {
+        let first = points.len() as u32;
+        lines.push((first..first + bar.len() as u32).collect::<Vec<u32>>());
+        points.extend(bar);
+    }
+    let path = folder.claim(file)?;
+    let data = PolyData { points: &points, triangles: &pose.mesh.triangles, lines: &lines, point_data: Vec::new() };
+    vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
+}
+
+fn camera<'a>(poses: impl Iterator<Item = &'a Pose>) -> Camera {
+    let view = View::orthographic(Vector3::z(), Vector3::y());
+    let all = poses.flat_map(|p| p.mesh.vertices.iter().chain(p.bars.iter().flatten()).copied());
+    Camera::fit(all, &view, Canvas::new(SIZE.0, SIZE.1))
+}
+
+fn draw(pose: &Pose, camera: &Camera) -> Frame {
+    let surface = Surface::plain(&pose.mesh.vertices, &pose.mesh.triangles, FLESH);
+    let mut bars = Lines::new(&pose.bars, BONE);
+    bars.width = 7.0;
+    render(&Drawing::of([surface]).with_lines(bars), camera)
+}
+
+fn write_lengths(w: &mut impl Write, poses: &[Pose]) -> io::Result<()> {
+    writeln!(w, "length_m,radius_max_m,volume_error,joint_angle_rad")?;
+    for p in poses {
+        let angle = p.joint_angle.map_or(String::new(), |a| a.to_string());
+        writeln!(w, "{},{},{},{angle}", p.length, p.radius, p.volume_error)?;
+    }
+    Ok(())
+}
+
+fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
+    let unit = |value: f64| value / muscle.unit;
+    let mut nodes = Table::new("Nodes", ["node", "place", "radius at rest", "growth", "radius"]);
+    let (chain, rest) = (&muscle.chain, muscle.chain.rest());
+    for (i, r) in chain.radii().iter().enumerate().take(200) {
+        nodes.row([
+            (i + 1).to_string(),
+            number(unit(chain.spacing() * i as f64)),
+            number(unit(rest.radii[i])),
+            number(rest.growth[i]),
+            number(unit(*r)),
+        ]);
+    }
+    let radius = Series::new("greatest radius", poses.iter().map(|p| (unit(p.length), unit(p.radius))));
+    let mut plots = vec![LinePlot { series: vec![radius], ..LinePlot::new("Greatest radius", "length") }];
+    let angles: Vec<(f64, f64)> =
+        poses.iter().filter_map(|p| Some((unit(p.length), p.joint_angle?.to_degrees()))).collect();
+    if !angles.is_empty() {
+        let series = vec![Series::new("joint", angles)];
+        plots.push(LinePlot { series, ..LinePlot::new("Angle at the joint [degrees]", "length") });
+    }
+    let facts = format!(
+        "Length {} of {} at rest, from {} to {}; lengths are in the unit of the file. The volume differs by {:.1e} of itself from that at rest.",
+        number(unit(pose.length)),
+        number(unit(rest.length)),
+        number(unit(muscle.range[0])),
+        number(unit(muscle.range[1])),
+        pose.volume_error.abs()
+    );
+    Report {
+        title: format!("{name}: a muscle of frusta"),
+        plots_title: "Over all lengths".to_owned(),
+        notes: vec![facts],
+        tables: vec![nodes],
+        plots,
+        ..Report::default()
+    }
+}

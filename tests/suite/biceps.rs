@@ -1,0 +1,232 @@
+//! The geometric muscle: sample values of the digest, its errata as controls, properties over drawn chains, meshes, frames,
+//! files.
+
+use pliant::geometric::surface::{Fineness, surface};
+use pliant::geometric::{Caps, Chain, ChainError, Frame, FrameError, Shape, file};
+use pliant::mesh::{Topology, measures};
+use proptest::prelude::*;
+
+use crate::tolerances::{T1, T14};
+
+fn chain(radii: &[f64], growth: &[f64], length: f64) -> Chain {
+    let shape = Shape { radii: radii.to_vec(), growth: growth.to_vec(), length, caps: Caps::Out };
+    Chain::new(shape).expect("a chain")
+}
+
+fn sample_a() -> Chain {
+    let radii = [1.0, 1.8, 2.6, 3.2, 3.4, 3.2, 2.6, 1.8, 1.0];
+    chain(&radii, &[0.0, 0.4, 0.7, 0.9, 1.0, 0.9, 0.7, 0.4, 0.0], 20.0)
+}
+
+fn at(mut chain: Chain, length: f64) -> Chain {
+    chain.set_length(length).expect("a length");
+    chain
+}
+
+fn least(chain: &Chain) -> f64 {
+    chain.radii().iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+fn most(chain: &Chain) -> f64 {
+    chain.radii().iter().copied().fold(0.0, f64::max)
+}
+
+/// Half of the last of the digits that the digest prints.
+const FOUR_DIGITS: f64 = 5e-5;
+
+#[test]
+fn samples_of_the_digest() {
+    let a = sample_a();
+    assert!((a.volume() - 412.1770).abs() <= FOUR_DIGITS, "{}", a.volume());
+    assert!((a.volume() / std::f64::consts::PI / 131.2 - 1.0).abs() <= T14);
+    assert!((most(&at(a, 14.0)) - 4.1302).abs() <= FOUR_DIGITS);
+    let b = || chain(&[0.8, 2.0, 3.5, 3.8, 2.5, 0.9], &[0.1, 0.5, 1.0, 1.0, 0.5, 0.1], 18.0);
+    assert!((b().volume() - 410.8449).abs() <= FOUR_DIGITS);
+    assert!((most(&at(b(), 12.6)) - 4.5687).abs() <= FOUR_DIGITS);
+    assert!((least(&at(b(), 36.0)) - 0.6842).abs() <= FOUR_DIGITS);
+    let c = || chain(&[2.0; 5], &[1.0; 5], 20.0);
+    assert!((most(&at(c(), 14.0)) - 2.0 * (20.0f64 / 14.0).sqrt()).abs() <= T1 * 4.0);
+    assert!((most(&at(c(), 40.0)) - 2.0f64.sqrt()).abs() <= T1 * 4.0);
+    let radii = [1.0, 2.0, 3.0, 2.0, 1.0];
+    let d = || chain(&radii, &radii.map(|r| r / 3.0), 20.0);
+    assert!((most(&at(d(), 14.0)) - 3.5857).abs() <= FOUR_DIGITS);
+    assert!((least(&at(d(), 80.0)) - 0.5).abs() <= T1 * 4.0);
+    let e = || chain(&radii, &[1.0, 0.6, 0.2, 0.6, 1.0], 20.0);
+    assert!((most(&at(e(), 14.0)) - 3.1518).abs() <= FOUR_DIGITS);
+    for length in [40.0, 60.0] {
+        let mut stretched = e();
+        let error = stretched.set_length(length).expect_err("a negative radius");
+        assert!(matches!(error, ChainError::TooLong { node: 1, .. }), "{error}");
+        assert_eq!(stretched, e(), "nothing changes");
+    }
+    let longest = e().longest();
+    assert!(least(&at(e(), longest * (1.0 - 1e-12))) <= 1e-9);
+}
+
+/// Radii at another length by the coefficients that the source prints (errata G3, G4).
+fn printed(chain: &Chain, length: f64) -> Vec<f64> {
+    let (r, m) = (&chain.rest().radii, &chain.rest().growth);
+    let pairs = || r.windows(2).zip(m.windows(2));
+    let a: f64 = pairs().map(|(_, m)| (m[1] * m[1] - 5.0 * m[0] * m[1] + 7.0 * m[0] * m[0]) / 3.0).sum();
+    let b: f64 = pairs().map(|(r, m)| m[1] * r[0] + m[0] * r[1]).sum();
+    let c: f64 = r.windows(2).map(|r| (r[0] * r[0] + r[0] * r[1] + r[1] * r[1]) / 3.0).sum();
+    let lack = c * (chain.rest().length / length - 1.0);
+    let s = (-b + (b * b + 4.0 * a * lack).sqrt()) / (2.0 * a);
+    r.iter().zip(m).map(|(r, m)| r + m * s).collect()
+}
+
+#[test]
+fn printed_coefficients_do_not_keep_the_volume() {
+    let off = |chain: &Chain, length: f64| {
+        let other = Shape { radii: printed(chain, length), length, ..chain.rest().clone() };
+        (Chain::new(other).expect("a chain").volume() / chain.volume() - 1.0).abs()
+    };
+    assert!(off(&sample_a(), 14.0) > 1e-3, "{}", off(&sample_a(), 14.0));
+    // Of a cylinder they do.
+    assert!(off(&chain(&[2.0; 5], &[1.0; 5], 20.0), 14.0) <= 1e-12);
+}
+
+#[test]
+fn a_thousand_changes_leave_no_trace() {
+    let (rest, mut a) = (sample_a(), sample_a());
+    let mut seed = 7u64;
+    for _ in 0..1000 {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let length = 12.0 + 16.0 * (seed >> 11) as f64 / (1u64 << 53) as f64;
+        a.set_length(length).expect("a length");
+        assert!((a.volume_now() / rest.volume() - 1.0).abs() <= 1e-12, "{length}");
+        assert_eq!(a, at(sample_a(), length), "the way there does not matter");
+    }
+    a.set_length(20.0).expect("rest");
+    assert_eq!(a, rest);
+}
+
+/// Radii, multipliers, caps.
+fn drawn() -> impl Strategy<Value = Shape> {
+    let nodes = prop::collection::vec((0.01..10.0f64, 0.0..5.0f64), 2..40);
+    (nodes, 0.1..100.0f64, any::<bool>()).prop_map(|(nodes, length, inside)| {
+        let (radii, mut growth): (Vec<f64>, Vec<f64>) = nodes.into_iter().unzip();
+        growth[0] += 0.1;
+        Shape { radii, growth, length, caps: if inside { Caps::In } else { Caps::Out } }
+    })
+}
+
+proptest! {
+    #[test]
+    fn the_volume_is_kept_or_the_length_refused(shape in drawn(), share in 0.02..8.0f64) {
+        let mut chain = Chain::new(shape.clone()).expect("a chain");
+        match chain.set_length(share * shape.length) {
+            Ok(()) => {
+                prop_assert!((chain.volume_now() / chain.volume() - 1.0).abs() <= 1e-12);
+                prop_assert!(chain.radii().iter().all(|r| *r >= 0.0));
+                prop_assert!(chain.length() <= chain.longest() * (1.0 + 1e-12));
+            }
+            Err(ChainError::TooLong { longest, .. }) => prop_assert!(share * shape.length > longest * (1.0 - 1e-12)),
+            Err(error) => {
+                // With hemispheres that fill the whole volume a chain cannot be short without limit, never otherwise.
+                prop_assert!(false, "{}", error);
+            }
+        }
+    }
+
+    #[test]
+    fn a_refined_chain_is_the_same_body(shape in drawn(), count in 0usize..5) {
+        let (plain, fine) = (Chain::new(shape.clone()), Chain::new(shape.refined(count)));
+        let (plain, fine) = (plain.expect("a chain"), fine.expect("a chain"));
+        prop_assert!((fine.volume() / plain.volume() - 1.0).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn a_frame_keeps_its_lengths(b in 0.1..50.0f64, c in 0.1..50.0f64, share in 0.0..1.0f64) {
+        let frame = Frame::new([1.0, b, c, 2.0]).expect("a frame");
+        let [least, most] = frame.range();
+        let length = least + share * (most - least);
+        prop_assume!(length > 0.0);
+        let placed = frame.place(length).expect("a place");
+        let [p, q, joint, r, s] = placed.points;
+        let near = |a: f64, b: f64| (a - b).abs() <= 1e-12 * most;
+        prop_assert!(near((q - p).norm(), 1.0) && near((joint - q).norm(), b) && near((r - q).norm(), length));
+        // Where the triangle is flat its angles have half of the digits; the second bar closes it.
+        prop_assert!(((r - joint).norm() - c).abs() <= 1e-7 * most && near((s - r).norm(), 2.0));
+        let sum = placed.joint_angle + placed.muscle_angles.iter().sum::<f64>();
+        prop_assert!((sum - std::f64::consts::PI).abs() <= 1e-7);
+    }
+}
+
+#[test]
+fn the_arm_of_the_digest() {
+    let frame = Frame::new([1.0, 25.0, 5.0, 1.0]).expect("a frame");
+    let degrees = |length: f64| frame.place(length).expect("a place").joint_angle.to_degrees();
+    assert!((degrees(24.0) - 72.78).abs() <= 5e-3, "{}", degrees(24.0));
+    assert!(degrees(20.0).abs() <= T1 && (degrees(30.0) - 180.0).abs() <= T1 * 180.0);
+    for length in [19.999, 30.001, f64::NAN, -24.0, 0.0] {
+        assert!(matches!(frame.place(length), Err(FrameError::Range { .. })), "{length}");
+    }
+    for bad in [[1.0, 0.0, 5.0, 1.0], [-1.0, 25.0, 5.0, 1.0], [1.0, 25.0, f64::NAN, 1.0]] {
+        assert!(matches!(Frame::new(bad), Err(FrameError::Length { .. })), "{bad:?}");
+    }
+}
+
+#[test]
+fn meshes_are_closed_and_hold_the_volume_of_the_frusta() {
+    let pointed = chain(&[0.0, 1.0, 2.0, 0.0], &[0.0, 1.0, 1.0, 0.0], 6.0);
+    for chain in [sample_a(), at(sample_a(), 14.0), pointed] {
+        for (around, cap) in [(3, 0), (24, 0), (72, 0)] {
+            let mesh = surface(&chain, Fineness { around, cap });
+            assert!(Topology::new(&mesh).is_closed(), "{around}");
+            let volume = measures::volume(&mesh.vertices, &mesh.triangles);
+            assert!((volume / chain.volume() - 1.0).abs() <= 1e-12, "{around}: {volume}");
+        }
+    }
+    // Round ends add two hemispheres, as far as rings tell.
+    let (a, fine) = (sample_a(), Fineness { around: 144, cap: 72 });
+    let mesh = surface(&a, fine);
+    let wanted = a.volume() + 4.0 / 3.0 * std::f64::consts::PI;
+    let off = (measures::volume(&mesh.vertices, &mesh.triangles) / wanted - 1.0).abs();
+    assert!(off <= 1e-5, "{off}");
+    let inside = Chain::new(Shape { caps: Caps::In, ..a.rest().clone() }).expect("a chain");
+    assert!((inside.volume() / wanted - 1.0).abs() <= T1);
+}
+
+#[test]
+fn what_is_no_chain_is_refused() {
+    let good = sample_a().rest().clone();
+    let refused = |change: fn(&mut Shape)| {
+        let mut shape = good.clone();
+        change(&mut shape);
+        Chain::new(shape).expect_err("an error")
+    };
+    assert!(matches!(refused(|s| s.radii.truncate(1)), ChainError::Nodes(1)));
+    assert!(matches!(refused(|s| s.growth.truncate(3)), ChainError::Lengths { radii: 9, growth: 3 }));
+    assert!(matches!(refused(|s| s.radii[2] = -1.0), ChainError::Negative { node: 3, .. }));
+    assert!(matches!(refused(|s| s.growth[8] = f64::NAN), ChainError::Negative { node: 9, .. }));
+    assert!(matches!(refused(|s| s.length = 0.0), ChainError::Length(_)));
+    assert!(matches!(refused(|s| s.radii.fill(0.0)), ChainError::Empty));
+    let mut rigid = Chain::new(Shape { growth: vec![0.0; 9], ..good }).expect("a chain");
+    assert!(matches!(rigid.set_length(19.0), Err(ChainError::Rigid)));
+    rigid.set_length(20.0).expect("as it is");
+}
+
+const FILE: &str =
+    "unit = \"cm\"\nradii = [1.0, 2.0, 1.0]\ngrow_mults = [0.0, 1.0, 0.0]\nlength = 20\nframe = [1, 18, 5, 2]\n";
+
+#[test]
+fn files_are_read_or_refused_with_their_place() {
+    let muscle = file::parse(FILE).expect("a muscle");
+    assert!((muscle.chain.length() - 0.2).abs() <= T1);
+    assert!((muscle.range[0] - 0.13).abs() <= T1 && (muscle.range[1] - 0.23).abs() <= T1, "{:?}", muscle.range);
+    for (from, to, told) in [
+        ("length", "lenght", "line 4, column 1"),
+        ("2.0", "\"two\"", "line 2, column 15"),
+        ("cm", "parsec", "unit: `parsec` is no unit of length"),
+        ("20", "nan", "a length of NaN"),
+        ("20\n", "20\nmin_part = 1.5\n", "min_part, max_part"),
+        ("20\n", "20\ninsert = 100000000\n", "insert"),
+        ("[1, 18, 5, 2]", "[1, 18, 5]", "line 5"),
+        ("[1, 18, 5, 2]", "[1, 1, 5, 2]", "does not fit"),
+        ("[0.0, 1.0, 0.0]", "[0.0, 1.0]", "3 radii"),
+    ] {
+        let error = file::parse(&FILE.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(told), "{to}: {error}");
+    }
+}
