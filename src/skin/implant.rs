@@ -52,7 +52,7 @@ impl Implant {
         let rings = ((0.5 * self.base / edge).round() as u32).clamp(4, 64);
         let triangles = triangles(rings);
         let at = |height: f64| TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles.clone() };
-        let (mut low, mut high) = (0.0, HIGHEST * self.base);
+        let (mut low, mut high) = (0.0, HIGHEST * 0.5 * self.base);
         if !(at(high).volume() >= self.volume) {
             return Err(SkinError::TooLarge { volume_cc: self.volume * 1e6, ratio: f64::INFINITY });
         }
