@@ -53,16 +53,16 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "N", requires = "lattice", value_parser = neighbours)]
     neighbours: Option<Neighbours>,
     /// Longest side of a lattice [m] [default: 1]
-    #[arg(long, value_name = "LENGTH", requires = "lattice", value_parser = positive)]
+    #[arg(long, value_name = "LENGTH", requires = "lattice", allow_negative_numbers = true, value_parser = positive)]
     side: Option<f64>,
     /// Mass of each point [kg]
-    #[arg(long, value_name = "M", default_value = "1", value_parser = positive)]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "1", value_parser = positive)]
     mass: f64,
     /// Force against the velocity of each point [N s/m] [default: the estimate (7.2)]
-    #[arg(long, value_name = "C", value_parser = not_negative)]
+    #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = not_negative)]
     damping: Option<f64>,
     /// Step [s] [default: half of the longest stable one]
-    #[arg(long, value_name = "DT", value_parser = positive)]
+    #[arg(long, value_name = "DT", allow_negative_numbers = true, value_parser = positive)]
     dt: Option<f64>,
     /// How steps are made
     #[arg(long, value_name = "NAME", default_value = "verlet", value_parser = INTEGRATORS)]
@@ -74,10 +74,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "WHICH", default_value = "surface", value_parser = ["surface", "none"])]
     pin: String,
     /// Share of the way to the centre that points of the surface are moved at the start
-    #[arg(long, value_name = "SHARE", default_value = "0.02", value_parser = share)]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.02", value_parser = share)]
     shrink: f64,
     /// It is at rest when no force is above this share of what a strain of one would give, and motion is as small
-    #[arg(long, value_name = "SHARE", default_value = "1e-6", value_parser = tolerance)]
+    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "1e-6", value_parser = tolerance)]
     tolerance: f64,
     /// Steps at most
     #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]

@@ -2,7 +2,6 @@
 
 mod biceps;
 mod check;
-mod implant;
 mod resume;
 mod springs;
 mod study;

@@ -23,7 +23,6 @@ mod lattice;
 mod oracles;
 mod scene;
 mod scenes;
-mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
