@@ -50,13 +50,13 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NxNxN", value_parser = built::sides)]
     lattice: Option<[usize; 3]>,
     /// Neighbours that each point of a lattice is joined to: 6 or 26 [default: 6]
-    #[arg(long, value_name = "N", requires = "lattice", value_parser = neighbours)]
+    #[arg(long, value_name = "N", requires = "lattice", conflicts_with = "file", value_parser = neighbours)]
     neighbours: Option<Neighbours>,
     /// Longest side of a lattice [m] [default: 1]
-    #[arg(long, value_name = "LENGTH", requires = "lattice", allow_negative_numbers = true, value_parser = positive)]
+    #[arg(long, value_name = "LENGTH", requires = "lattice", conflicts_with = "file", allow_negative_numbers = true, value_parser = positive)]
     side: Option<f64>,
     /// Mass of each point [kg]
-    #[arg(long, value_name = "M", allow_negative_numbers = true, default_value = "1", value_parser = positive)]
+    #[arg(long, value_name = "M", default_value = "1", allow_negative_numbers = true, value_parser = positive)]
     mass: f64,
     /// Force against the velocity of each point [N s/m] [default: the estimate (7.2)]
     #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = not_negative)]
@@ -74,10 +74,10 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "WHICH", default_value = "surface", value_parser = ["surface", "none"])]
     pin: String,
     /// Share of the way to the centre that points of the surface are moved at the start
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "0.02", value_parser = share)]
+    #[arg(long, value_name = "SHARE", default_value = "0.02", allow_negative_numbers = true, value_parser = share)]
     shrink: f64,
     /// It is at rest when no force is above this share of what a strain of one would give, and motion is as small
-    #[arg(long, value_name = "SHARE", allow_negative_numbers = true, default_value = "1e-6", value_parser = tolerance)]
+    #[arg(long, value_name = "SHARE", default_value = "1e-6", allow_negative_numbers = true, value_parser = tolerance)]
     tolerance: f64,
     /// Steps at most
     #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -253,8 +253,12 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
     let step = if step.is_finite() { step } else { 1.0 };
     let dt = arguments.dt.unwrap_or(step);
     if !(dt > 0.0) {
-        let message = format!("{name}: no step is stable without damping");
-        return Err(Failure::usage(message, "give --damping, or take another integrator"));
+        let (message, hint) = if stiffest.mode.drag > 0.0 {
+            (format!("{name}: the longest stable step is too small for a number"), "give a greater --mass")
+        } else {
+            (format!("{name}: no step is stable without damping"), "give --damping, or take another integrator")
+        };
+        return Err(Failure::usage(message, hint));
     }
     if dt >= longest && !arguments.adaptive {
         let message =

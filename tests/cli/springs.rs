@@ -104,7 +104,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
     let out = scratch.join("out");
     let file = scratch.join("bad.springs");
     fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
-    let cases: [(&[&str], &str); 12] = [
+    let cases: [(&[&str], &str); 15] = [
         (&[shown(&file)], "bad.springs:3:7: error[E042]: expected m (surface point) or i"),
         (&["no-such.springs"], "error[E060]"),
         (&[FILE, "--dt", "0.5"], "verlet needs less than 0."),
@@ -117,6 +117,9 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
         (&["--lattice", "99999x99999x99999"], "at most 1073741824 points in all"),
         (&["--lattice", "1020x1020x1020", "--neighbours", "26"], "GiB of memory"),
         (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
+        (&[FILE, "--neighbours", "26"], "cannot be used with"),
+        (&["--lattice", "5x5x5", "--mass", "1e-300"], "give a greater --mass"),
+        (&["--lattice", "5x5x5", "--side", "1e200"], "a parameter that its law does not take"),
     ];
     for (arguments, expected) in cases {
         let done = pliant().arg("springs").args(arguments).args(["--out", shown(&out)]).output().unwrap();

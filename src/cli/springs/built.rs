@@ -84,8 +84,9 @@ impl Built {
         side: f64,
         mass: f64,
     ) -> Result<Self, Failure> {
-        let usage =
-            |e: &dyn std::fmt::Display| Failure::usage(e.to_string(), "give another --lattice, such as 50x50x50");
+        let usage = |e: &dyn std::fmt::Display| {
+            Failure::usage(e.to_string(), "give another --lattice, such as 50x50x50, or --side")
+        };
         if let Some(few) = points.iter().find(|n| **n < 2) {
             return Err(usage(&format!("a lattice needs at least 2 points along each side, not {few}")));
         }

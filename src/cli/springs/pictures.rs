@@ -7,8 +7,8 @@ use crate::render::{Camera, Canvas, ColourMap, Drawing, Legend, Lines, PictureEr
 
 /// Width and height [px].
 const SIZE: (u32, u32) = (900, 720);
-/// Springs in a picture, at most; those nearest to the cut are drawn.
-const MOST: usize = 60_000;
+/// Springs in a picture, at most: more of them hide each other. Those nearest to the cut are drawn.
+const MOST: usize = 4000;
 /// Colours: a line has one, so springs of nearly the same strain are drawn together.
 const CLASSES: usize = 24;
 const INK: Rgb = [0.16, 0.17, 0.19];
@@ -29,14 +29,18 @@ impl Shown {
         let middle = nalgebra::center(&bounds.min, &bounds.max).y;
         // A plane of points in the middle counts as behind it, whatever its coordinates were rounded to.
         let rounded = 1e-9 * bounds.extents().max();
-        let depth = |[a, b]: [u32; 2]| x[a as usize].y.min(x[b as usize].y) - middle + rounded;
-        let mut shown: Vec<usize> = (0..ends.len()).filter(|&s| depth(ends[s]) >= 0.0).collect();
+        let y = |s: usize| ends[s].map(|p| x[p as usize].y - middle + rounded);
+        let mut shown: Vec<usize> = (0..ends.len()).filter(|&s| y(s).iter().all(|y| *y >= 0.0)).collect();
         if shown.is_empty() {
             shown = (0..ends.len()).collect();
         }
         if shown.len() > MOST {
-            shown.sort_by(|&a, &b| depth(ends[a]).total_cmp(&depth(ends[b])));
-            shown.truncate(MOST);
+            // Whole layers behind the cut, as long as one is not too much.
+            let depth = |s: usize| y(s)[0].max(y(s)[1]);
+            shown.sort_by(|&a, &b| depth(a).total_cmp(&depth(b)));
+            let next = depth(shown[MOST]) - 2.0 * rounded;
+            let whole = shown.partition_point(|&s| depth(s) < next);
+            shown.truncate(if whole > 0 { whole } else { MOST });
         }
         let ends_of = |s: &usize| ends[*s].map(|p| p as usize);
         Self { ends: shown.iter().map(ends_of).collect(), rest: shown.iter().map(|s| rest[*s]).collect() }
