@@ -23,6 +23,7 @@ pub mod springs;
 pub mod solvers;
 pub mod fibres;
 pub mod muscles;
+pub mod skin;
 pub mod scene;
 pub mod geometric;
 pub mod simulation;

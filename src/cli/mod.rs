@@ -9,6 +9,7 @@ mod convert;
 mod excerpt;
 mod failure;
 mod from_meshes;
+mod implant;
 mod plan;
 mod progress;
 mod resume;
@@ -71,6 +72,8 @@ enum Command {
     Check(check::Arguments),
     /// Write a mesh in another format or unit
     Convert(convert::Arguments),
+    /// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
+    Implant(Box<implant::Arguments>),
 }
 
 /// Reads the command line and does what it says; the result is the exit code of the process.
@@ -94,6 +97,7 @@ pub fn main() -> ExitCode {
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
+        Some(Command::Implant(arguments)) => implant::run(&arguments),
     };
     match done {
         Ok(code) => ExitCode::from(code),

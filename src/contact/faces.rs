@@ -90,7 +90,7 @@ impl Faces {
         let (weights, feature) = on_triangle(point, &t);
         let nearest = point_at(&t, &weights);
         let away = point - nearest;
-        let pseudo = self.pseudo_normal(triangle, feature, x);
+        let pseudo = pseudo_normal(&self.mesh.triangles, &self.topology, x, triangle, feature);
         let outside = match &self.winding {
             Some(winding) => winding.number(point).abs() < 0.5,
             None => away.dot(&pseudo) >= 0.0,
@@ -102,29 +102,32 @@ impl Faces {
         let normal = if distance > 1e-9 * size { away * (sign / distance) } else { pseudo };
         OnTriangle { triangle, weights, closest: Closest { distance: sign * distance, normal, point: nearest } }
     }
+}
 
-    /// Unit pseudo-normal of the feature of a triangle; the face's own where neighbours cancel it.
-    fn pseudo_normal(&self, triangle: u32, feature: Feature, x: &[Point3<f64>]) -> Vector3<f64> {
-        let t = self.corners(triangle, x);
-        let unit = |triangle: u32| {
-            let n = area_normal(&self.corners(triangle, x));
-            n.try_normalize(0.0).unwrap_or_else(Vector3::zeros)
-        };
-        let face = area_normal(&t).try_normalize(0.0).unwrap_or_else(Vector3::z);
-        let sum = match feature {
-            Feature::Face => face,
-            Feature::Side(k) => {
-                let beside = self.topology.neighbours_of_triangle(triangle as usize)[k];
-                face + beside.map_or_else(Vector3::zeros, unit)
-            }
-            Feature::Corner(k) => {
-                let v = self.mesh.triangles[triangle as usize][k];
-                self.topology.triangles_of_vertex(v as usize).iter().fold(Vector3::zeros(), |sum, &other| {
-                    let corner = self.mesh.triangles[other as usize].iter().position(|&c| c == v).unwrap_or(0);
-                    sum + unit(other) * angle_at(&self.corners(other, x), corner)
-                })
-            }
-        };
-        sum.try_normalize(1e-6).unwrap_or(face)
-    }
+/// Unit pseudo-normal of the feature of a triangle; the face's own where neighbours cancel it.
+pub(crate) fn pseudo_normal(
+    triangles: &[[u32; 3]],
+    topology: &Topology,
+    x: &[Point3<f64>],
+    triangle: u32,
+    feature: Feature,
+) -> Vector3<f64> {
+    let corners = |t: u32| triangles[t as usize].map(|v| x[v as usize]);
+    let unit = |t: u32| area_normal(&corners(t)).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+    let face = area_normal(&corners(triangle)).try_normalize(0.0).unwrap_or_else(Vector3::z);
+    let sum = match feature {
+        Feature::Face => face,
+        Feature::Side(k) => {
+            let beside = topology.neighbours_of_triangle(triangle as usize)[k];
+            face + beside.map_or_else(Vector3::zeros, unit)
+        }
+        Feature::Corner(k) => {
+            let v = triangles[triangle as usize][k];
+            topology.triangles_of_vertex(v as usize).iter().fold(Vector3::zeros(), |sum, &other| {
+                let corner = triangles[other as usize].iter().position(|&c| c == v).unwrap_or(0);
+                sum + unit(other) * angle_at(&corners(other), corner)
+            })
+        }
+    };
+    sum.try_normalize(1e-6).unwrap_or(face)
 }

@@ -20,6 +20,8 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 pub use faces::OnTriangle;
+pub(crate) use faces::pseudo_normal;
+pub(crate) use nearest::on_triangle;
 pub use response::{Barred, Contacts, Counts};
 pub use row::Row;
 pub use surface::Surface;

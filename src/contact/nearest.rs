@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 /// Which part of a triangle a point lies on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Feature {
+pub(crate) enum Feature {
     /// Corner 0, 1 or 2.
     Corner(usize),
     /// Side from corner k to corner k + 1.
@@ -14,7 +14,7 @@ pub(super) enum Feature {
 }
 
 /// Barycentric weights of the nearest point of triangle `t`, and the feature it lies on \[ericson2005\].
-pub(super) fn on_triangle(p: &Point3<f64>, t: &[Point3<f64>; 3]) -> ([f64; 3], Feature) {
+pub(crate) fn on_triangle(p: &Point3<f64>, t: &[Point3<f64>; 3]) -> ([f64; 3], Feature) {
     let [a, b, c] = t;
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));

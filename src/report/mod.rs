@@ -9,6 +9,7 @@ pub mod folder;
 pub mod frames;
 pub mod gathered;
 mod html;
+pub mod implant;
 pub mod page;
 pub mod pictures;
 mod plot;

@@ -46,6 +46,21 @@ impl Newton {
         Ok(Self { problem, factor, numbers, factorisations: 0, projections: 0 })
     }
 
+    /// Takes another energy over the same vertices. Forces are judged as before; the order of elimination is kept where
+    /// it covers all pairs of the new energy.
+    ///
+    /// # Errors
+    /// No memory for the factor.
+    pub fn renew(&mut self, energy: Energy) -> Result<(), FactorError> {
+        self.problem.energy = energy;
+        let unknowns = &self.problem.unknowns;
+        let pairs = unknowns.pairs(|pair| self.problem.energy.pairs(pair));
+        if !self.factor.covers(&pairs) {
+            self.factor = Factor::new(unknowns.free.len(), &pairs)?;
+        }
+        Ok(())
+    }
+
     /// Entries of the factor.
     pub fn entries(&self) -> usize {
         self.factor.entries()

@@ -79,6 +79,15 @@ impl<const B: usize> Factor<B> {
         self.count
     }
 
+    /// Whether all these pairs of vertices may differ from zero.
+    pub fn covers(&self, pairs: &[[u32; 2]]) -> bool {
+        let has = |&[a, b]: &[u32; 2]| {
+            let column = a.min(b) as usize;
+            self.rows[self.start[column]..self.start[column + 1]].binary_search(&a.max(b)).is_ok()
+        };
+        pairs.iter().all(has)
+    }
+
     /// Entries of the factor.
     pub fn entries(&self) -> usize {
         self.factor.len()

@@ -2,6 +2,7 @@
 
 mod biceps;
 mod check;
+mod implant;
 mod resume;
 mod springs;
 mod study;

@@ -23,6 +23,7 @@ mod lattice;
 mod oracles;
 mod scene;
 mod scenes;
+mod skin;
 mod solvers;
 mod springs;
 mod tolerances;

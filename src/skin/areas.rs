@@ -1,0 +1,143 @@
+//! What a surgeon asks for: areas before, under tension, after the tension is gone, and grown, with what is known of them.
+
+use nalgebra::{Matrix2, Point3};
+
+use super::layers::Layers;
+use crate::mesh::measures::{area, greatest};
+use crate::mesh::sum::tree_sum_by;
+
+/// The share of the area gained over an implant that is still gained when it is taken out, as published for pigs: about
+/// 35 % \[vanrappard1988\], by shape 25 % (round), 32 % (crescent), 38 % (rectangular).
+pub const RETRACTED: Interval = Interval { low: 0.25, high: 0.38 };
+
+/// Growth over elastic stretch, both as ratios of areas, as published for expanders of 60 cc under the skin of minipigs
+/// after an hour to a week \[janes2020\]: 1.03, 0.82, 0.85, 0.95.
+pub const GROWTH: Interval = Interval { low: 0.82, high: 1.03 };
+
+/// Where the interval of the retracted area comes from.
+pub const RETRACTED_SOURCE: &str =
+    "25 to 38 % of the gain remains: pigs, by shape (round 25, crescent 32, rectangular 38, all 35) [vanrappard1988]";
+
+/// Where the interval of the grown area comes from.
+pub const GROWN_SOURCE: &str =
+    "growth is 0.82 to 1.03 times the elastic stretch: minipigs, 60 cc, an hour to a week [janes2020]";
+
+/// From a lower to an upper value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Interval {
+    /// The lower.
+    pub low: f64,
+    /// The upper.
+    pub high: f64,
+}
+
+impl Interval {
+    /// Both ends changed by a rising function.
+    pub fn map(self, change: impl Fn(f64) -> f64) -> Self {
+        Self { low: change(self.low), high: change(self.high) }
+    }
+}
+
+/// Areas of a region of skin.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Areas {
+    /// Before [m^2].
+    pub before: f64,
+    /// Over the implant, stretched [m^2]: an upper bound of what can be used.
+    pub deformed: f64,
+    /// When the implant is out and the stretch is gone [m^2].
+    pub retracted: Interval,
+    /// Grown, without elastic stretch, if all of the deformed area is kept for as long as it takes [m^2].
+    pub grown: Interval,
+    /// Between the region before and the region over the implant, closed at its held rim [m^3].
+    pub volume_difference: f64,
+    /// Greatest stretch of a triangle in any direction.
+    pub stretch_max: f64,
+}
+
+impl Areas {
+    /// Measures the upper layer at positions `x`.
+    pub fn of(layers: &Layers, x: &[Point3<f64>]) -> Self {
+        let n = layers.count();
+        let (before, deformed) = (area(&layers.rest[..n], &layers.triangles), area(&x[..n], &layers.triangles));
+        Self {
+            volume_difference: volume_between(&layers.rest[..n], &x[..n], &layers.triangles),
+            stretch_max: greatest(stretches(&layers.rest[..n], &x[..n], &layers.triangles)),
+            ..Self::between(before, deformed)
+        }
+    }
+
+    /// What published ratios make of two areas [m^2].
+    pub fn between(before: f64, deformed: f64) -> Self {
+        let gain = deformed - before;
+        let grown = |ratio: f64| before * (ratio * deformed / before).sqrt().max(1.0);
+        Self {
+            before,
+            deformed,
+            retracted: RETRACTED.map(|share| before + share * gain),
+            grown: GROWTH.map(grown),
+            ..Self::default()
+        }
+    }
+
+    /// What the implant adds while it is in [m^2].
+    pub fn gain(&self) -> f64 {
+        self.deformed - self.before
+    }
+}
+
+/// The volume that a surface sweeps from one place to another with its rim held [m^3], outward counted positive.
+pub fn volume_between(from: &[Point3<f64>], to: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
+    let Some(origin) = from.first() else { return 0.0 };
+    let six = |x: &[Point3<f64>], t: [u32; 3]| {
+        let [a, b, c] = t.map(|v| x[v as usize] - origin);
+        a.dot(&b.cross(&c))
+    };
+    tree_sum_by(triangles.len(), |t| six(to, triangles[t]) - six(from, triangles[t])) / 6.0
+}
+
+/// The greatest stretch of each triangle in any direction.
+pub fn stretches(rest: &[Point3<f64>], x: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
+    let metric = |x: &[Point3<f64>], t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| x[v as usize]);
+        let (u, v) = (b - a, c - a);
+        Matrix2::new(u.dot(&u), u.dot(&v), u.dot(&v), v.dot(&v))
+    };
+    let stretch = |t: &[u32; 3]| {
+        // Squares of the principal stretches are the eigenvalues of one metric by the other.
+        let Some(inverse) = metric(rest, t).try_inverse() else { return f64::NAN };
+        let by = inverse * metric(x, t);
+        let (half, product) = (0.5 * by.trace(), by.determinant());
+        (half + (half * half - product).max(0.0).sqrt()).sqrt()
+    };
+    triangles.iter().map(stretch).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stretched_triangle_tells_its_greater_stretch() {
+        let rest = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.3, 1.0, 0.0)];
+        // Stretched by 1.5 and 0.8 along axes turned by 0.4, then turned out of its plane.
+        let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.4);
+        let out = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), 1.0);
+        let stretch = nalgebra::Vector3::new(1.5, 0.8, 1.0);
+        let x = rest.map(|p| out * (turn * Point3::from((turn.inverse() * p).coords.component_mul(&stretch))));
+        let found = stretches(&rest, &x, &[[0, 1, 2]])[0];
+        assert!((found - 1.5).abs() <= 1e-12, "{found}");
+    }
+
+    #[test]
+    fn intervals_lie_between_before_and_deformed() {
+        let areas = Areas::between(0.01, 0.014);
+        assert!((areas.retracted.low - 0.011).abs() <= 1e-12 && (areas.retracted.high - 0.01152).abs() <= 1e-12);
+        for interval in [areas.retracted, areas.grown] {
+            assert!(interval.low >= areas.before && interval.high <= areas.deformed && interval.low < interval.high);
+        }
+        // Nothing gained: nothing retracted, nothing grown.
+        let none = Areas::between(0.01, 0.01);
+        assert!((none.retracted.high - 0.01).abs() <= 1e-15 && none.grown.low == 0.01);
+    }
+}

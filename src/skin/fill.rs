@@ -1,0 +1,100 @@
+//! Implants that are filled over weeks: volumes by days, each brought to rest from the one before.
+
+use super::SkinError;
+use super::plan::{Inserted, Ready};
+use super::settle::Progress;
+
+/// What an implant is filled to on a day.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filling {
+    /// The day.
+    pub day: f64,
+    /// Volume from then on [m^3].
+    pub volume: f64,
+}
+
+/// Fillings in the order of their days; volumes never fall.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Schedule(Vec<Filling>);
+
+impl Schedule {
+    /// Checks fillings.
+    ///
+    /// # Errors
+    /// None at all, a day that is not after the one before, a volume that is not positive or falls.
+    pub fn new(fillings: Vec<Filling>) -> Result<Self, SkinError> {
+        if fillings.is_empty() {
+            return Err(SkinError::Schedule { step: 1, what: "there is none" });
+        }
+        for (k, filling) in fillings.iter().enumerate() {
+            SkinError::positive("the volume", filling.volume)?;
+            let wrong = |what| Err(SkinError::Schedule { step: k + 1, what });
+            if !filling.day.is_finite() {
+                return wrong("its day is no number");
+            }
+            match k.checked_sub(1).map(|before| fillings[before]) {
+                Some(before) if filling.day <= before.day => return wrong("its day is not after the one before"),
+                Some(before) if filling.volume < before.volume => {
+                    return wrong("its volume is less than the one before");
+                }
+                _ => {}
+            }
+        }
+        Ok(Self(fillings))
+    }
+
+    /// The fillings, at least one.
+    pub fn fillings(&self) -> &[Filling] {
+        &self.0
+    }
+
+    /// The volume on a day [m^3]; before the first filling nothing.
+    pub fn volume(&self, day: f64) -> f64 {
+        self.0.iter().take_while(|filling| filling.day <= day).last().map_or(0.0, |filling| filling.volume)
+    }
+}
+
+impl Ready {
+    /// Skin over the implant after each filling.
+    ///
+    /// # Errors
+    /// See [`Ready::insert`].
+    pub fn fill(
+        &self,
+        schedule: &Schedule,
+        mut watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Vec<Inserted>, SkinError> {
+        let mut done: Vec<Inserted> = Vec::new();
+        for filling in schedule.fillings() {
+            let next = self.insert_after(done.last(), filling.volume, &mut watch)?;
+            done.push(next);
+        }
+        Ok(done)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn schedule(steps: &[(f64, f64)]) -> Result<Schedule, SkinError> {
+        Schedule::new(steps.iter().map(|&(day, volume)| Filling { day, volume }).collect())
+    }
+
+    #[test]
+    fn volumes_hold_until_the_next_filling() {
+        let schedule = schedule(&[(0.0, 2e-5), (7.0, 5e-5), (14.0, 5e-5)]).unwrap();
+        for (day, wanted) in [(-1.0, 0.0), (0.0, 2e-5), (6.9, 2e-5), (7.0, 5e-5), (100.0, 5e-5)] {
+            assert_eq!(schedule.volume(day), wanted, "day {day}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_schedule_is_refused() {
+        for steps in
+            [&[][..], &[(0.0, -1e-5)], &[(f64::NAN, 1e-5)], &[(1.0, 1e-5), (1.0, 2e-5)], &[(1.0, 2e-5), (2.0, 1e-5)]]
+        {
+            assert!(schedule(steps).is_err(), "{steps:?}");
+        }
+    }
+}

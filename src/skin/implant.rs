@@ -1,0 +1,184 @@
+//! The implant: a closed shell over its base, at rest a dome of the wanted volume.
+
+use nalgebra::{Point2, Point3};
+
+use super::shapes::Shape;
+use super::{SkinError, settle::Stiffness};
+use crate::constraints::distance::Distance;
+use crate::mesh::{Topology, TriangleMesh};
+use crate::skin::layers::springs_of;
+
+/// Halvings of the bracket of a dome's height: to the last bit.
+const HALVINGS: u32 = 200;
+
+/// A dome may be so many times as high as half of its base.
+const HIGHEST: f64 = 20.0;
+
+/// What an implant is made of and how large it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Implant {
+    /// Shape of its base.
+    pub shape: Shape,
+    /// Length of its base [m].
+    pub base: f64,
+    /// Its volume [m^3].
+    pub volume: f64,
+    /// In-plane stiffness E t of its shell [N/m].
+    pub membrane: f64,
+}
+
+/// In-plane stiffness of a shell of silicone, 1 MPa and 0.5 mm [N/m].
+pub const SILICONE: f64 = 500.0;
+
+impl Implant {
+    /// Checks its numbers.
+    ///
+    /// # Errors
+    /// One that is not positive and finite.
+    pub fn check(&self) -> Result<(), SkinError> {
+        SkinError::positive("the base", self.base)?;
+        SkinError::positive("the volume", self.volume)?;
+        SkinError::positive("the stiffness of the implant", self.membrane)
+    }
+
+    /// The dome with edges of about `edge` [m], its base in the plane z = 0: over a round base a cap of a sphere, over
+    /// others the same stretched to the outline. The mesh encloses the volume to round-off.
+    ///
+    /// # Errors
+    /// A number that is not positive, or a volume for which the dome would be far higher than wide.
+    pub fn dome(&self, edge: f64) -> Result<TriangleMesh, SkinError> {
+        self.check()?;
+        SkinError::positive("the edge length", edge)?;
+        let rings = ((0.5 * self.base / edge).round() as u32).clamp(4, 64);
+        let triangles = triangles(rings);
+        let at = |height: f64| TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles.clone() };
+        let (mut low, mut high) = (0.0, HIGHEST * 0.5 * self.base);
+        if !(at(high).volume() >= self.volume) {
+            return Err(SkinError::TooLarge { volume_cc: self.volume * 1e6, ratio: f64::INFINITY });
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if at(middle).volume() < self.volume { low = middle } else { high = middle }
+        }
+        Ok(at(high))
+    }
+
+    /// How far the dome bulges beyond its rim: its greatest width over that of the base.
+    pub fn bulge(&self, dome: &TriangleMesh) -> f64 {
+        let reach = |p: &Point3<f64>| self.shape.reach(p.xy(), self.base);
+        crate::mesh::measures::greatest(dome.vertices.iter().map(reach))
+    }
+
+    /// The upper sheet from the top down to the rim, then the base from the rim's inside to its middle.
+    fn vertices(&self, height: f64, rings: u32) -> Vec<Point3<f64>> {
+        let half = 0.5 * self.base;
+        let radius = (half * half + height * height) / (2.0 * height.max(1e-9 * half));
+        let most = libm::atan2(half, radius - height);
+        let mut vertices = Vec::new();
+        for k in 0..=rings {
+            let angle = most * f64::from(k) / f64::from(rings);
+            let out = if k == rings { 1.0 } else { radius * libm::sin(angle) / half };
+            // 1 - cos, without cancellation where the cap is flat.
+            let sine = libm::sin(0.5 * angle);
+            let z = if k == rings { 0.0 } else { height - 2.0 * radius * sine * sine };
+            self.ring(k, out, z, &mut vertices);
+        }
+        for k in (0..rings).rev() {
+            self.ring(k, f64::from(k) / f64::from(rings), 0.0, &mut vertices);
+        }
+        vertices
+    }
+
+    fn ring(&self, k: u32, out: f64, z: f64, vertices: &mut Vec<Point3<f64>>) {
+        let count = (6 * k).max(1);
+        for j in 0..count {
+            let angle = std::f64::consts::TAU * f64::from(j) / f64::from(count);
+            let disc = Point2::new(libm::cos(angle), libm::sin(angle)) * out;
+            let place = self.shape.place(disc, self.base);
+            vertices.push(Point3::new(place.x, place.y, z));
+        }
+    }
+
+    /// The springs of its shell, resting as `mesh` is, over vertices that begin at `first`.
+    pub fn springs(&self, mesh: &TriangleMesh, first: u32) -> (Vec<Distance>, Stiffness) {
+        let (springs, stiffness) = springs_of(mesh, &Topology::new(mesh), self.membrane);
+        let moved = springs.into_iter().map(|s| Distance { points: s.points.map(|p| p + first), ..s });
+        (moved.collect(), stiffness)
+    }
+}
+
+/// Number of vertices of the upper sheet with its rim.
+pub fn upper(rings: u32) -> u32 {
+    1 + 3 * rings * (rings + 1)
+}
+
+/// Triangles of both sheets, outward.
+fn triangles(rings: u32) -> Vec<[u32; 3]> {
+    // First vertex of each ring; ring k has 6 k.
+    let above = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
+    let below = |k: u32| {
+        if k == rings { above(rings) } else { upper(rings) + (k + 1..rings).map(|j| 6 * j).sum::<u32>() }
+    };
+    let mut all = Vec::new();
+    for k in 1..=rings {
+        for (start, turned) in [(&above as &dyn Fn(u32) -> u32, false), (&below, true)] {
+            let (inner, outer) = (start(k - 1), start(k));
+            let at_inner = |j: u32| inner + if k == 1 { 0 } else { j % (6 * (k - 1)) };
+            let at_outer = |j: u32| outer + j % (6 * k);
+            let mut push = |t: [u32; 3]| all.push(if turned { [t[0], t[2], t[1]] } else { t });
+            for sector in 0..6 {
+                for j in 0..k {
+                    let (o, i) = (sector * k + j, sector * (k - 1) + j);
+                    push([at_inner(i), at_outer(o), at_outer(o + 1)]);
+                    if j + 1 < k {
+                        push([at_inner(i), at_outer(o + 1), at_inner(i + 1)]);
+                    }
+                }
+            }
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn round(volume: f64) -> Implant {
+        Implant { shape: Shape::Round, base: 0.07, volume, membrane: SILICONE }
+    }
+
+    #[test]
+    fn domes_are_closed_and_have_their_volume() {
+        for (name, shape) in Shape::ALL {
+            for volume in [5e-6, 50e-6, 150e-6] {
+                let dome = Implant { shape, ..round(volume) }.dome(0.0035).unwrap();
+                let topology = Topology::new(&dome);
+                assert!(topology.is_closed() && topology.is_oriented(), "{name}");
+                assert!((dome.volume() / volume - 1.0).abs() <= 1e-12, "{name}: {}", dome.volume());
+                assert_eq!(dome.vertices.len() + dome.triangles.len() - topology.edges.len(), 2, "{name}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_round_dome_is_a_cap() {
+        // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside it, so it is a little higher.
+        let dome = round(100e-6).dome(0.002).unwrap();
+        let height = dome.vertices.iter().map(|p| p.z).fold(0.0, f64::max);
+        let (a, h) = (0.035, height);
+        let volume = std::f64::consts::PI * h * (3.0 * a * a + h * h) / 6.0;
+        assert!(volume > 100e-6 && volume < 101e-6, "{volume}");
+    }
+
+    #[test]
+    fn numbers_that_make_no_implant_are_refused() {
+        for volume in [0.0, -1e-6, f64::NAN, f64::INFINITY, 1.0] {
+            assert!(round(volume).dome(0.0035).is_err(), "{volume}");
+        }
+        assert!(Implant { base: 0.0, ..round(1e-6) }.dome(0.0035).is_err());
+    }
+}

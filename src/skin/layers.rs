@@ -1,0 +1,147 @@
+//! Skin in two layers of springs.
+
+use nalgebra::{Point3, Vector3};
+
+use super::SkinError;
+use super::region::Region;
+use super::settle::Stiffness;
+use crate::constraints::distance::Distance;
+use crate::mesh::{Topology, TriangleMesh};
+
+/// Poisson's ratio at which springs along edges are a membrane \[vangelder1998\].
+const NU: f64 = 1.0 / 3.0;
+
+/// A spring keeps at least this share of what van Gelder's simpler formula gives it: where the angle across an edge is
+/// obtuse, the formula may make it negative.
+const LEAST: f64 = 0.05;
+
+/// Stiffness of a diagonal between the layers as a share of that of its edge in one layer.
+const THROUGH: f64 = 0.5;
+
+/// What skin is made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tissue {
+    /// Young's modulus [Pa].
+    pub modulus: f64,
+    /// Thickness of the membrane [m].
+    pub thickness: f64,
+    /// How far the lower layer is under the upper: how deep the implant goes [m].
+    pub depth: f64,
+}
+
+impl Default for Tissue {
+    /// Assumed: 0.2 MPa, 2 mm, 5 mm deep.
+    fn default() -> Self {
+        Self { modulus: 2e5, thickness: 2e-3, depth: 5e-3 }
+    }
+}
+
+impl Tissue {
+    /// Checks its numbers.
+    ///
+    /// # Errors
+    /// One that is not positive and finite.
+    pub fn check(&self) -> Result<(), SkinError> {
+        SkinError::positive("the stiffness of the skin", self.modulus)?;
+        SkinError::positive("the thickness of the skin", self.thickness)?;
+        SkinError::positive("the depth", self.depth)
+    }
+
+    /// In-plane stiffness E t [N/m].
+    pub fn membrane(&self) -> f64 {
+        self.modulus * self.thickness
+    }
+}
+
+/// Edges of a mesh at rest and the stiffness of each [N/m], of a membrane of in-plane stiffness `membrane` E t [N/m]:
+/// k = E t/(1+nu) A/c^2 + E t nu/(1-nu^2) (a^2+b^2-c^2)/(8A) at nu = 1/3, summed over the triangles of the edge of length c
+/// \[vangelder1998\]; half of what the second source prints (its erratum B02).
+pub fn springs_of(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Distance>, Stiffness) {
+    let lengths = topology.edge_lengths(mesh);
+    let springs = topology.edges.iter().zip(&lengths).map(|(&points, &rest)| Distance { points, rest });
+    let mut stiffness = vec![0.0; lengths.len()];
+    let mut simple = vec![0.0; lengths.len()];
+    for (t, edges) in topology.triangle_edges.iter().enumerate() {
+        let [p, q, r] = mesh.corners(t);
+        let area = 0.5 * (q - p).cross(&(r - p)).norm();
+        let squares = edges.map(|e| lengths[e as usize] * lengths[e as usize]);
+        let all: f64 = squares.iter().sum();
+        for (edge, square) in edges.iter().zip(squares) {
+            let angle = NU / (1.0 - NU * NU) * (all - 2.0 * square) / (8.0 * area);
+            stiffness[*edge as usize] += membrane * (area / square / (1.0 + NU) + angle);
+            simple[*edge as usize] += membrane * area / square;
+        }
+    }
+    stiffness.iter_mut().zip(simple).for_each(|(k, simple)| *k = if *k > LEAST * simple { *k } else { LEAST * simple });
+    (springs.collect(), stiffness)
+}
+
+/// A region of skin in two layers: vertices 0 to n - 1 are its own, n to 2 n - 1 those under them.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    /// Triangles of the upper layer.
+    pub triangles: Vec<[u32; 3]>,
+    /// Positions at rest [m], shape `[2 n]`.
+    pub rest: Vec<Point3<f64>>,
+    /// Whether a vertex is held, shape `[2 n]`.
+    pub held: Vec<bool>,
+    /// Every spring with an end that can move.
+    pub springs: Vec<Distance>,
+    /// The stiffness of each [N/m].
+    pub stiffness: Stiffness,
+    /// Median edge [m].
+    pub edge: f64,
+}
+
+impl Layers {
+    /// Doubles a region; `inward` is where the lower vertex of each lies from it [m].
+    pub fn new(region: &Region, tissue: &Tissue, inward: &[Vector3<f64>]) -> Self {
+        let upper = &region.mesh;
+        let topology = Topology::new(upper);
+        let n = upper.vertices.len() as u32;
+        let below = upper.vertices.iter().zip(inward).map(|(p, d)| p + d);
+        let lower = TriangleMesh { vertices: below.collect(), triangles: upper.triangles.clone() };
+        let rim = region.rim(&topology);
+        let half = 0.5 * tissue.membrane();
+        let [above, under] = [upper, &lower].map(|mesh| springs_of(mesh, &topology, half));
+        let (mut springs, mut stiffness) = (Vec::new(), Vec::new());
+        for (e, &[a, b]) in topology.edges.iter().enumerate() {
+            if rim[a as usize] && rim[b as usize] {
+                continue;
+            }
+            let through = THROUGH * 0.5 * (above.1[e] + under.1[e]);
+            let across = |a: u32, b: u32| {
+                let rest = (lower.vertices[b as usize] - upper.vertices[a as usize]).norm();
+                Distance { points: [a, b + n], rest }
+            };
+            let low = Distance { points: [a + n, b + n], rest: under.0[e].rest };
+            springs.extend([above.0[e], low, across(a, b), across(b, a)]);
+            stiffness.extend([above.1[e], under.1[e], through, through]);
+        }
+        let edge = upper.median_edge_length(&topology).unwrap_or(0.0);
+        let rest = upper.vertices.iter().chain(&lower.vertices).copied().collect();
+        Self { triangles: upper.triangles.clone(), rest, held: [rim.clone(), rim].concat(), springs, stiffness, edge }
+    }
+
+    /// No skin, over an implant alone with edges of about `edge` [m].
+    pub fn none(edge: f64) -> Self {
+        let (triangles, rest, held, springs, stiffness) = Default::default();
+        Self { triangles, rest, held, springs, stiffness, edge }
+    }
+
+    /// Vertices in one layer.
+    pub fn count(&self) -> usize {
+        self.rest.len() / 2
+    }
+
+    /// Triangles of the lower layer.
+    pub fn lower(&self) -> Vec<[u32; 3]> {
+        let n = self.count() as u32;
+        self.triangles.iter().map(|t| t.map(|v| v + n)).collect()
+    }
+
+    /// The lower layer at rest as a mesh of its own.
+    pub fn bed(&self) -> TriangleMesh {
+        TriangleMesh { vertices: self.rest[self.count()..].to_vec(), triangles: self.triangles.clone() }
+    }
+}

@@ -1,0 +1,90 @@
+//! Real skins of the data set: a whole body, a scalp over its skull, a face.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+use pliant::mesh::TriangleMesh;
+use pliant::skin::plan::{Inserted, Place, Ready};
+use pliant::skin::{Order, SkinError, insert};
+
+/// A mesh of the data set in metres; `None`, and a word about it, where there is none.
+fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
+    let root = std::env::var_os("PLIANT_DATA")
+        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let path = root.join("skin").join(name);
+    if !path.is_file() {
+        println!("skipped: 1 test, because there is no {}", path.display());
+        return None;
+    }
+    let mut mesh = pliant::io::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display())).mesh;
+    mesh.vertices.iter_mut().for_each(|v| v.coords *= unit);
+    Some(mesh)
+}
+
+fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (Ready, Inserted) {
+    let (ready, done) = insert(skin, order, obstacles, |_| true).expect("settled");
+    let volume = order.implant.volume;
+    println!("{} vertices a layer, {:?}, {:?}", ready.layers.count(), done.progress, done.areas);
+    assert!(done.progress.converged, "{:?}", done.progress);
+    assert!((done.implant_volume / volume - 1.0).abs() <= 1e-9);
+    assert!(done.areas.volume_difference >= 0.995 * volume, "{} m3", done.areas.volume_difference);
+    assert!(done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0, "{}", done.areas.stretch_max);
+    // As documented.
+    assert!(
+        done.progress.depth <= (5e-3 * order.implant.base).max(0.05 * order.tissue.depth),
+        "{} m",
+        done.progress.depth
+    );
+    (ready, done)
+}
+
+#[test]
+fn a_breast_takes_an_implant_of_fourteen_centimetres() {
+    let Some(body) = read("body/body_quads.obj", 0.1) else { return };
+    let order = Order::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
+    settled(&body, &order, &[]);
+}
+
+/// Bones of the skull.
+fn bones() -> Vec<TriangleMesh> {
+    let names = ["parietal_bone_left", "parietal_bone_right", "frontal_bone", "occipital_bone"];
+    names.iter().map(|name| read(&format!("scalp/{name}.obj"), 1.0).expect("bones beside the scalp")).collect()
+}
+
+#[test]
+fn the_scalp_stays_outside_the_skull() {
+    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else { return };
+    let bones = bones();
+    let mut order = Order::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
+    order.tissue.depth = 3e-3;
+    let (ready, done) = settled(&scalp, &order, &bones);
+    let depth = ready.depth_in(&bones, &done.x);
+    assert!(depth <= 1e-3 * order.implant.base, "{depth} m into the skull");
+    // The check sees what is inside: everything, moved into the head by a centimetre.
+    let down = ready.frame * nalgebra::Vector3::z() * 0.01;
+    let sunk: Vec<Point3<f64>> = done.x.iter().map(|p| p - down).collect();
+    assert!(ready.depth_in(&bones, &sunk) > 1e-3);
+}
+
+#[test]
+fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
+    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else { return };
+    let bones = bones();
+    // A centimetre from the suture.
+    let mut order = Order::round(Place::Vertex(60), 0.03, 8e-6);
+    order.tissue.depth = 3e-3;
+    let (ready, done) = settled(&scalp, &order, &bones);
+    assert!(ready.depth_in(&bones, &done.x) <= 2e-3 * order.implant.base);
+}
+
+#[test]
+fn a_face_takes_an_implant_where_it_is_flat_enough() {
+    let Some(face) = read("fran_cut.vtk", 1.0) else { return };
+    let cheek = Order::round(Place::Point(Point3::new(0.0893, -0.1536, -0.0409)), 0.03, 5e-6);
+    settled(&face, &cheek, &[]);
+    // Over the nose the skin turns away beside it; the error says what to change.
+    let nose = Order::round(Place::Vertex(1007), 0.04, 5e-6);
+    let error = insert(&face, &nose, &[], |_| true).expect_err("no place for it");
+    assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
+    assert!(error.help().contains("flatter place"));
+}
