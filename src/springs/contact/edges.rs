@@ -6,6 +6,9 @@ use super::hierarchy::Hierarchy;
 use crate::mesh::predicates::{is_flat, near_one, segment_meets, side, turn};
 use crate::mesh::topology::Topology;
 
+/// Roundings of a product of two differences of coordinates, relative to the lengths; a generous count.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
 /// A point that an edge and a triangle share, as weights of their points: each sum to 1, none is negative.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
@@ -18,48 +21,67 @@ pub struct Crossing {
 /// Where an edge crosses a triangle; whether it does is decided exactly \[shewchuk1997\]. `None` also for a triangle without
 /// area: the edges of its neighbours meet what it meets.
 ///
-/// An edge that lies in the plane of the triangle crosses it where the middle of what they share is.
+/// An edge that lies in the plane of the triangle crosses it where the middle of what they share is. Where it almost does,
+/// rounding says where along it, but both sides name the same point.
 pub fn crossing([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> Option<Crossing> {
     let [p, q, a, b, c] = near_one([p, q, a, b, c]);
     let triangle = [a, b, c];
     if is_flat(&triangle) || !segment_meets(&p, &q, &triangle) {
         return None;
     }
-    let (above, below) = (side(&triangle, &p), side(&triangle, &q));
-    if above == 0.0 && below == 0.0 {
-        return in_plane(&p, &q, &triangle);
-    }
-    // Signed volumes over each side of the triangle; the share of a corner is that of the side opposite to it.
-    let over = [side(&[p, q, b], &c), side(&[p, q, c], &a), side(&[p, q, a], &b)];
-    Some(Crossing { edge: shares([below, above])?, triangle: shares(over)? })
+    let sides = sides(&p, &q, &triangle)?;
+    let [above, below] = [&p, &q].map(|end| side(&triangle, end).abs());
+    let heights = above + below;
+    let at = place(&sides, (heights > 0.0).then(|| above / heights));
+    let corners = shares(sides.map(|s| s.at(at).max(0.0)))?;
+    Some(Crossing { edge: [1.0 - at, at], triangle: corners })
 }
 
 /// Sizes over their sum; `None` where all are zero.
 fn shares<const N: usize>(of: [f64; N]) -> Option<[f64; N]> {
-    let of = of.map(f64::abs);
     let sum: f64 = of.iter().sum();
     (sum > 0.0).then(|| of.map(|v| v / sum))
 }
 
-fn in_plane(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> Option<Crossing> {
-    let [a, b, c] = triangle;
+/// How far the ends of an edge are within a side of a triangle, seen along an axis [m2], positive inside; what is less than
+/// `doubt` may be rounding.
+#[derive(Clone, Copy)]
+struct Within {
+    p: f64,
+    q: f64,
+    doubt: f64,
+}
+
+impl Within {
+    fn at(&self, share: f64) -> f64 {
+        self.p * (1.0 - share) + self.q * share
+    }
+}
+
+/// The sides opposite to each corner, along the axis that shows most of the triangle.
+fn sides(p: &Point3<f64>, q: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Option<[Within; 3]> {
     let axis = (0..3).max_by(|&i, &j| turn(i, a, b, c).abs().total_cmp(&turn(j, a, b, c).abs()))?;
     let sign = turn(axis, a, b, c).signum();
-    // How far each end is within the side opposite to a corner: positive inside.
-    let within = [(b, c), (c, a), (a, b)].map(|(u, v)| [turn(axis, u, v, p) * sign, turn(axis, u, v, q) * sign]);
+    Some([(b, c), (c, a), (a, b)].map(|(u, v)| {
+        let [at_p, at_q] = [p, q].map(|end| turn(axis, u, v, end) * sign);
+        Within { p: at_p, q: at_q, doubt: ROUNDING * (v - u).norm() * (p - u).norm().max((q - u).norm()) }
+    }))
+}
+
+/// Where along an edge it crosses: as its heights over the plane say, but within the sides. An edge that is nearly parallel to
+/// the plane has heights that are mostly rounding, one that is nearly parallel to a side is within it by rounding only, and
+/// such a side has no say. Without heights it is the middle of what is within.
+fn place(sides: &[Within; 3], by_heights: Option<f64>) -> f64 {
     let (mut from, mut to) = (0.0_f64, 1.0_f64);
-    for [at_p, at_q] in within {
-        let share = at_p / (at_p - at_q);
-        if at_p < 0.0 && at_q >= 0.0 {
-            from = from.max(share);
-        } else if at_q < 0.0 && at_p >= 0.0 {
-            to = to.min(share);
+    for s in sides {
+        if by_heights.map_or(s.p.min(s.q), |share| s.at(share)) < -s.doubt {
+            let share = (s.p / (s.p - s.q)).clamp(0.0, 1.0);
+            if s.p < s.q { from = from.max(share) } else { to = to.min(share) }
         }
     }
     // Where they share one point only, the two ends of what is shared may cross by rounding.
-    let at = (0.5 * (from + to)).clamp(0.0, 1.0);
-    let corners = shares(within.map(|[at_p, at_q]| (at_p * (1.0 - at) + at_q * at).max(0.0)))?;
-    Some(Crossing { edge: [1.0 - at, at], triangle: corners })
+    let middle = 0.5 * (from + to);
+    by_heights.map_or(middle, |share| share.max(from.min(middle)).min(to.max(middle)))
 }
 
 /// Which triangle tests each edge: the first that has it, so that an edge which several share is looked at once (errata B12).
@@ -125,16 +147,18 @@ pub struct Found {
 /// Visits each edge of one surface with each triangle of the other that it crosses, both ways (errata B07): the edges of
 /// either surface alone miss a tip that pierces a large triangle.
 pub fn crossings(first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
-    let mut look = |which: Edge, of: Sheet<'_>, s: u32, other: Sheet<'_>, t: u32| {
+    first.hierarchy.pairs(second.hierarchy, |s, t| crossings_of([s, t], first, second, &mut visit));
+}
+
+/// As [`crossings`], of one triangle of each, such as those that [`super::Voxels::pairs`] names. Sides that a triangle does not
+/// own are left to its neighbours, which have the same point.
+pub fn crossings_of([s, t]: [u32; 2], first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
+    for (which, of, s, other, t) in [(Edge::OfFirst, first, s, second, t), (Edge::OfSecond, second, t, first, s)] {
         let (from, corners) = (of.triangles[s as usize], other.triangles[t as usize]);
         for k in of.owners.of(s) {
             let edge = [from[k], from[(k + 1) % 3]];
             let at = crossing(edge.map(|v| of.x[v as usize]), corners.map(|v| other.x[v as usize]));
             at.into_iter().for_each(|at| visit(Found { which, edge, side: (s, k), triangle: t, at }));
         }
-    };
-    first.hierarchy.pairs(second.hierarchy, |s, t| {
-        look(Edge::OfFirst, first, s, second, t);
-        look(Edge::OfSecond, second, t, first, s);
-    });
+    }
 }

@@ -53,7 +53,7 @@ impl Hierarchy {
         this
     }
 
-    /// Follows the triangles it was built of to other positions [m].
+    /// Follows the triangles it was built of to other positions [m]. A triangle that is nowhere meets nothing.
     pub fn refit(&mut self, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) {
         self.refit_by(|t| {
             let [a, b, c] = triangles[t as usize].map(|v| vertices[v as usize]);
@@ -66,7 +66,9 @@ impl Hierarchy {
         for i in (0..self.nodes.len()).rev() {
             let Node { second, triangle, .. } = self.nodes[i];
             self.nodes[i].bounds = if second == NONE {
-                bounds(triangle)
+                let bounds = bounds(triangle);
+                // One box that is no number would make those above it forget their other children.
+                if bounds.min <= bounds.max { bounds } else { Aabb::EMPTY }
             } else {
                 self.nodes[i + 1].bounds.union(&self.nodes[second as usize].bounds)
             };

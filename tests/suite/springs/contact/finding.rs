@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::edges::{Edge, EdgeOwners, Found, Sheet, crossing, crossings};
+use pliant::springs::contact::edges::{Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of};
 use pliant::springs::contact::hierarchy::{Hierarchy, Kind};
 use pliant::springs::contact::voxels::{VoxelError, Voxels};
 use pliant::testing::Draw;
@@ -256,6 +256,125 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
     }
 }
 
+/// How far apart the points are that heights and volumes alone name, each accurate for itself: the control of the next test.
+fn gap_by_volumes([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> f64 {
+    let at = |v: Point3<f64>| robust::Coord3D { x: v.x, y: v.y, z: v.z };
+    let side = |a, b, c, d| robust::orient3d(at(a), at(b), at(c), at(d)).abs();
+    let shares = |of: &[f64]| of.iter().map(|v| v / of.iter().sum::<f64>()).collect::<Vec<_>>();
+    let ends = shares(&[side(a, b, c, q), side(a, b, c, p)]);
+    let corners = shares(&[side(p, q, b, c), side(p, q, c, a), side(p, q, a, b)]);
+    (self::at(&[p, q], &ends) - self::at(&[a, b, c], &corners)).norm()
+}
+
+#[test]
+fn edges_almost_in_the_plane_name_one_point_on_both_sides() {
+    let mut draw = Draw::new(77);
+    let (mut seen, mut worst) = (0, 0.0_f64);
+    for case in 0..40_000 {
+        let size = draw.decades(-3.0, 3.0);
+        let turn = draw.rotation();
+        let place =
+            |x: f64, y: f64, z: f64, off: Vector3<f64>| Point3::from((turn * Vector3::new(x, y, z) + off) * size);
+        let off = draw.direction() * draw.between(0.0, 10.0);
+        // Heights over the plane down to rounding; every other edge along a side as well.
+        let mut height = || draw.decades(-18.0, 0.0);
+        let (low, high) = (-height(), height());
+        let beside = if case % 2 == 0 { draw.between(-0.2, 0.4) } else { draw.decades(-18.0, -10.0) };
+        let tilt = if case % 2 == 0 { draw.between(-0.5, 0.5) } else { draw.decades(-18.0, -10.0) };
+        let (from, to) = (draw.between(-2.0, 0.4), draw.between(0.3, 2.0));
+        let edge = [place(from, beside - tilt, low, off), place(to, beside + tilt, high, off)];
+        let triangle = [place(0.0, 0.0, 0.0, off), place(1.0, 0.0, 0.0, off), place(0.3, 0.8, 0.0, off)];
+        if let Some(gap) = is_one_point(edge, triangle) {
+            seen += 1;
+            worst = worst.max(gap_by_volumes(edge, triangle) / size);
+            // Coordinates have a size of 12 at most, and rounding of a few of them is left.
+            assert!(gap <= 1e-13 * size, "seed {} case {case}: {:e} of {size}", draw.seed, gap);
+        }
+    }
+    assert!(seen > 5000, "{seen}");
+    assert!(worst > 1e-3, "control: {worst}");
+}
+
+#[test]
+fn what_is_no_number_crosses_nothing() {
+    let p = |x: f64, y: f64, z: f64| Point3::new(x, y, z);
+    let edge = [p(0.2, 0.2, -1.0), p(0.2, 0.2, 1.0)];
+    assert!(crossing(edge, unit()).is_some());
+    for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        for k in 0..5 {
+            for axis in 0..3 {
+                let (mut e, mut t) = (edge, unit());
+                if k < 2 {
+                    e[k][axis] = wrong
+                } else {
+                    t[k - 2][axis] = wrong
+                }
+                if let Some(found) = crossing(e, t) {
+                    let weights = found.edge.iter().chain(&found.triangle);
+                    assert!(weights.clone().all(|w| (0.0..=1.0).contains(w)), "{k} {axis} {wrong}: {found:?}");
+                }
+                if wrong.is_nan() {
+                    assert_eq!(crossing(e, t), None, "{k} {axis}");
+                }
+            }
+        }
+    }
+    // An edge without length, and one that two coincident points make.
+    assert_eq!(crossing([p(0.2, 0.2, 1.0); 2], unit()), None);
+    let on = crossing([p(0.2, 0.2, 0.0); 2], unit()).expect("it lies on it");
+    assert_eq!(on.edge, [0.5; 2]);
+    // Trees and voxels keep what is nowhere, and end.
+    let mut draw = Draw::new(5);
+    let (mut a, b) = (soup(&mut draw, 40), soup(&mut draw, 40));
+    let (sound, before) = (tree(&a), pairs(&tree(&a), &tree(&b)));
+    for k in 0..10 {
+        a.vertices[7 * k] = p(f64::NAN, f64::NAN, f64::NAN);
+    }
+    let mut refitted = sound.clone();
+    refitted.refit(&a.vertices, &a.triangles);
+    let untouched = |s: u32| a.corners(s as usize).iter().all(|c| !c.x.is_nan());
+    for found in [pairs(&refitted, &tree(&b)), pairs(&tree(&a), &tree(&b))] {
+        let missing = before.iter().find(|[s, t]| untouched(*s) && !found.contains(&[*s, *t]));
+        assert_eq!(missing, None);
+    }
+    let voxels = Voxels::new(&a.vertices, &a.triangles, 0.2).expect("voxels");
+    let crossed = found(&a, &b);
+    assert!(crossed.len() > 3);
+    let listed: BTreeSet<[u32; 2]> = voxels.pairs(&tree(&b), &b.vertices, &b.triangles).into_iter().collect();
+    assert!(crossed.iter().all(|f| listed.contains(&triangles_of(f))));
+    a.vertices[1].x = f64::INFINITY;
+    assert!(matches!(Voxels::new(&a.vertices, &a.triangles, 0.2), Err(VoxelError::TooSmall { .. })));
+}
+
+/// Triangles of a soup share no edge, so that of an edge is known.
+fn triangles_of(f: &Found) -> [u32; 2] {
+    if f.which == Edge::OfFirst { [f.edge[0] / 3, f.triangle] } else { [f.triangle, f.edge[0] / 3] }
+}
+
+#[test]
+fn voxels_find_the_crossings_of_hierarchies() {
+    let (fine, coarse) = (shapes::icosphere(1.0, 4), moved(&shapes::icosphere(0.8, 1), Vector3::new(0.6, 0.31, 0.2)));
+    let (tree, voxels) = (tree(&coarse), Voxels::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"));
+    let owners = [&fine, &coarse].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
+    let none = Hierarchy::default();
+    let first = Sheet { x: &fine.vertices, triangles: &fine.triangles, hierarchy: &none, owners: &owners[0] };
+    let second = Sheet { x: &coarse.vertices, triangles: &coarse.triangles, hierarchy: &tree, owners: &owners[1] };
+    let key = |f: &Found| (f.which == Edge::OfFirst, f.edge, f.triangle);
+    let mut all = Vec::new();
+    for pair in voxels.pairs(&tree, &coarse.vertices, &coarse.triangles) {
+        crossings_of(pair, first, second, |f| all.push(key(&f)));
+    }
+    let keys: BTreeSet<_> = all.iter().copied().collect();
+    let expected: BTreeSet<_> = found(&fine, &coarse).iter().map(key).collect();
+    assert!(expected.len() > 60 && keys.len() == all.len());
+    assert_eq!(keys, expected);
+    // Control: half of the cubes do not have all.
+    let some = voxels.pairs(&tree, &coarse.vertices, &coarse.triangles).into_iter().step_by(2);
+    let mut fewer = 0;
+    some.for_each(|pair| crossings_of(pair, first, second, |_| fewer += 1));
+    assert!(fewer < expected.len());
+}
+
 fn found(a: &TriangleMesh, b: &TriangleMesh) -> Vec<Found> {
     let trees = [a, b].map(tree);
     let owners = [a, b].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
@@ -347,10 +466,7 @@ fn voxels_know_what_a_surface_meets() {
         let crossed = found(&own, &other);
         assert!(crossed.len() > 3, "{}", crossed.len());
         for f in crossed {
-            // Triangles of a soup share no edge, so that of an edge is known.
-            let (s, t) =
-                if f.which == Edge::OfFirst { (f.edge[0] / 3, f.triangle) } else { (f.triangle, f.edge[0] / 3) };
-            assert!(pairs.contains(&[s, t]), "{side}: {s} {t}");
+            assert!(pairs.contains(&triangles_of(&f)), "{side}: {f:?}");
         }
     }
 }
