@@ -1,6 +1,5 @@
 //! Several bodies that may touch, and a step of all of them.
 
-use std::ops::AddAssign;
 use std::sync::Arc;
 
 use nalgebra::Vector3;
@@ -71,13 +70,17 @@ impl Bodies {
     /// Advances all by `dt` [s].
     ///
     /// # Errors
-    /// Numbers that are not finite; the bodies are then as the failed step left them.
+    /// Numbers that are not finite; the bodies are then as the failed step left them. What one body brings into the step does not
+    /// reach the others.
     pub fn step(&mut self, dt: f64) -> Result<Met, StepError> {
+        self.check(dt)?;
         for body in &mut self.bodies {
             body.begin_step();
             self.integrator.velocities(&mut body.system, dt);
-            body.refit();
         }
+        // Before anything is looked for: what is nowhere touches nothing.
+        self.check(dt)?;
+        self.bodies.iter_mut().for_each(Body::refit);
         let touches = find(&mut self.bodies, &self.obstacles);
         let inside = touches.iter().filter(|t| t.depth > 0.0).count();
         let met = Met {
@@ -91,28 +94,41 @@ impl Bodies {
             self.integrator.positions(&mut body.system, dt)?;
             body.carry(dt);
         }
-        touches.iter().filter(|t| t.depth > 0.0).for_each(|t| self.put_out(t));
+        if inside > 0 {
+            self.put_out(&touches);
+        }
+        self.check(dt)?;
         Ok(met)
     }
 
-    fn parts(&self, t: &Touch) -> (Part<2>, Part<3>) {
+    fn check(&self, dt: f64) -> Result<(), StepError> {
+        let first = self.bodies.iter().find_map(|b| b.system.first_non_finite());
+        first.map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
+    }
+
+    /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
+    fn parts<'a>(&'a self, t: &Touch, of: impl Fn(usize) -> &'a [Vector3<f64>]) -> (Part<2>, Part<3>) {
         let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
         let first = Part {
             weights: t.end_weights,
             inverse_mass: t.ends.map(|v| one.inverse_mass(v)),
-            velocity: t.ends.map(|v| one.system.velocity[v as usize]),
+            velocity: t.ends.map(|v| of(t.first)[v as usize]),
         };
         let mut second = Part { weights: t.corner_weights, inverse_mass: [0.0; 3], velocity: [zero; 3] };
-        if let Some(two) = t.second.map(|b| &self.bodies[b]) {
-            second.inverse_mass = t.corners.map(|v| two.inverse_mass(v));
-            second.velocity = t.corners.map(|v| two.system.velocity[v as usize]);
+        if let Some(two) = t.second {
+            second.inverse_mass = t.corners.map(|v| self.bodies[two].inverse_mass(v));
+            second.velocity = t.corners.map(|v| of(two)[v as usize]);
         }
         (first, second)
     }
 
+    fn moving(&self, t: &Touch) -> (Part<2>, Part<3>) {
+        self.parts(t, |body| &self.bodies[body].system.velocity)
+    }
+
     /// Speed at which the two sides part [m/s]; negative where they approach.
     fn approach(&self, t: &Touch) -> f64 {
-        let (first, second) = self.parts(t);
+        let (first, second) = self.moving(t);
         (second.at() - first.at()).dot(&t.normal)
     }
 
@@ -123,7 +139,7 @@ impl Bodies {
         for _ in 0..self.sweeps {
             let before = given;
             for t in touches {
-                let (first, second) = self.parts(t);
+                let (first, second) = self.moving(t);
                 let Some(j) = impulse(&t.normal, &first, &second, self.response) else { continue };
                 given += 1;
                 add(&mut self.bodies[t.first].system.velocity, &t.ends, &first, -j);
@@ -138,28 +154,29 @@ impl Bodies {
         given
     }
 
-    /// Moves both sides apart, the lighter more; the centre of mass stays.
-    fn put_out(&mut self, t: &Touch) {
-        let (first, second) = self.parts(t);
-        let mobility = first.mobility() + second.mobility();
-        if !(mobility > 0.0) {
-            return;
+    /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
+    /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
+    fn put_out(&mut self, touches: &[Touch]) {
+        let mut moves: Vec<Vec<Vector3<f64>>> =
+            self.bodies.iter().map(|b| vec![Vector3::zeros(); b.system.len()]).collect();
+        for t in touches.iter().filter(|t| t.depth > 0.0) {
+            let (first, second) = self.parts(t, |body| &moves[body]);
+            let mobility = first.mobility() + second.mobility();
+            let left = self.put_out * t.depth - (second.at() - first.at()).dot(&t.normal);
+            if mobility > 0.0 && left > 0.0 {
+                let by = t.normal * (left / mobility);
+                add(&mut moves[t.first], &t.ends, &first, -by);
+                t.second.into_iter().for_each(|body| add(&mut moves[body], &t.corners, &second, by));
+            }
         }
-        let by = t.normal * (self.put_out * t.depth / mobility);
-        add(&mut self.bodies[t.first].system.position, &t.ends, &first, -by);
-        if let Some(second_body) = t.second {
-            add(&mut self.bodies[second_body].system.position, &t.corners, &second, by);
+        for (body, moves) in self.bodies.iter_mut().zip(&moves) {
+            body.system.position.iter_mut().zip(moves).for_each(|(x, by)| *x += by);
         }
     }
 }
 
 /// Adds to points of a body what an impulse at the part does to them. Added, not set: a vertex stands for both ends of an edge.
-fn add<T: AddAssign<Vector3<f64>>, const N: usize>(
-    to: &mut [T],
-    points: &[u32; N],
-    part: &Part<N>,
-    impulse: Vector3<f64>,
-) {
+fn add<const N: usize>(to: &mut [Vector3<f64>], points: &[u32; N], part: &Part<N>, impulse: Vector3<f64>) {
     for ((&point, weight), inverse_mass) in points.iter().zip(&part.weights).zip(&part.inverse_mass) {
         to[point as usize] += impulse * (weight * inverse_mass);
     }

@@ -23,10 +23,21 @@ pub enum BodyError {
         /// Number of points.
         count: usize,
     },
+    /// A triangle names a point twice: an edge from a point to itself would be pushed with half of its mobility.
+    #[error("triangle {triangle} names point {point} twice")]
+    Twice {
+        /// The triangle.
+        triangle: usize,
+        /// The point.
+        point: u32,
+    },
+    /// A soft body cannot be driven: its forces move it.
+    #[error("the body is soft: its forces move it, so it cannot be driven")]
+    Soft,
     /// Nothing that could touch.
     #[error("the body has no triangles: nothing could touch it")]
     NoTriangles,
-    /// The vertices of a rigid body are none that a system can have.
+    /// A position that is not finite, or vertices that no system can have.
     #[error(transparent)]
     System(#[from] SystemError),
 }
@@ -58,8 +69,7 @@ impl Drive {
 pub struct Body {
     /// Its points, with what acts on them.
     pub system: SpringSystem,
-    /// How it moves if it is rigid.
-    pub drive: Option<Drive>,
+    drive: Option<Drive>,
     triangles: Vec<[u32; 3]>,
     /// The points of the surface, ascending.
     points: Vec<u32>,
@@ -76,16 +86,23 @@ impl Body {
     /// met by its edges and triangles alone.
     ///
     /// # Errors
-    /// No triangles, or one of points that do not exist.
+    /// No triangles, or one of points that do not exist or are the same; numbers that are not finite.
     pub fn soft(system: SpringSystem, triangles: &[[u32; 3]]) -> Result<Self, BodyError> {
         let count = system.len();
         for (triangle, corners) in triangles.iter().enumerate() {
             if let Some(&point) = corners.iter().find(|&&p| p as usize >= count) {
                 return Err(BodyError::OutOfRange { triangle, point, count });
             }
+            let [a, b, c] = *corners;
+            if a == b || b == c || c == a {
+                return Err(BodyError::Twice { triangle, point: if b == c { b } else { a } });
+            }
         }
         if triangles.is_empty() {
             return Err(BodyError::NoTriangles);
+        }
+        if let Some(point) = system.first_non_finite() {
+            return Err(SystemError::NotFinite { point }.into());
         }
         let topology = Topology::of_triangles(count, triangles);
         let mesh = TriangleMesh { vertices: system.position.clone(), triangles: triangles.to_vec() };
@@ -108,13 +125,27 @@ impl Body {
     /// A rigid surface. What touches it cannot move it.
     ///
     /// # Errors
-    /// As [`Self::soft`]; coordinates that are not finite.
+    /// As [`Self::soft`].
     pub fn rigid(mesh: &TriangleMesh, drive: Drive) -> Result<Self, BodyError> {
         let count = mesh.vertices.len();
         // Masses are asked for, and count nowhere: all points are held.
         let mut system = SpringSystem::new(mesh.vertices.clone(), vec![1.0; count])?;
         system.pin(0..count as u32);
         Ok(Self { drive: Some(drive), ..Self::soft(system, &mesh.triangles)? })
+    }
+
+    /// How it moves, if it is rigid.
+    pub fn drive(&self) -> Option<Drive> {
+        self.drive
+    }
+
+    /// Lets a rigid body move otherwise from now on.
+    ///
+    /// # Errors
+    /// A soft body.
+    pub fn set_drive(&mut self, drive: Drive) -> Result<(), BodyError> {
+        *self.drive.as_mut().ok_or(BodyError::Soft)? = drive;
+        Ok(())
     }
 
     /// The triangles of the surface.

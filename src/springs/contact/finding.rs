@@ -32,7 +32,7 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
     let mut near = Vec::new();
     for i in 0..bodies.len() {
         for j in i + 1..bodies.len() {
-            let both_driven = bodies[i].drive.is_some() && bodies[j].drive.is_some();
+            let both_driven = bodies[i].drive().is_some() && bodies[j].drive().is_some();
             if !both_driven && bodies[i].bounds().intersects(&bodies[j].bounds()) {
                 near.push([i, j]);
             }
@@ -52,7 +52,7 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
         vertices(bodies, i, j, &mut touches);
         vertices(bodies, j, i, &mut touches);
     }
-    for (first, body) in bodies.iter().enumerate().filter(|(_, b)| b.drive.is_none()) {
+    for (first, body) in bodies.iter().enumerate().filter(|(_, b)| b.drive().is_none()) {
         obstacles.iter().for_each(|o| against(first, body, &**o, &mut touches));
     }
     touches

@@ -81,7 +81,8 @@ impl<const N: usize> Part<N> {
 /// `normal` is the unit vector n from the first body to the second, `u` the velocity of the second's point less that of the
 /// first's. Along n, only for `u.n < 0`: `j = -(1 + e) u.n/(sum a_i^2/m_i + sum b_k^2/m_k)` (errata B06, B12), after which
 /// `u.n' = -e u.n`. Across n the impulse stops sliding, or is `mu j` if that is less. Energy never rises, because the mobility
-/// of such a point is the same in every direction. Momentum is kept, and angular momentum where the two points are one.
+/// of such a point is the same in every direction. Momentum is kept, and angular momentum where the two points are one, or
+/// without friction where they lie along n.
 pub fn impulse<const A: usize, const B: usize>(
     normal: &Vector3<f64>,
     first: &Part<A>,

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 use pliant::contact::ways::{BitGrid, Fill};
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::body::{Body, BodyError, Drive};
+use pliant::springs::contact::body::{Body, Drive};
 use pliant::springs::contact::{Bodies, Response};
 use pliant::springs::stiffness::{Negative, along_edges, membrane};
 use pliant::springs::volume::TrueVolume;
@@ -52,7 +52,7 @@ fn centre(body: &Body) -> Point3<f64> {
 }
 
 /// Two balls of 2 cm that meet off their middles.
-fn two_balls(put_out: f64) -> Bodies {
+pub fn two_balls(put_out: f64) -> Bodies {
     let ball = shapes::icosphere(0.01, 2);
     let offset = Vector3::new(0.0205, 0.005, 0.003);
     let mut both = Bodies::new(vec![soft(&ball), soft(&moved(&ball, offset))]);
@@ -91,24 +91,6 @@ fn balls_that_meet_keep_momentum_and_spin_and_gain_no_energy() {
     assert!(centre(&through.bodies[0]).x > centre(&through.bodies[1]).x);
 }
 
-#[test]
-fn the_same_bits_for_any_number_of_threads() {
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
-        pool.install(|| {
-            let mut both = two_balls(0.2);
-            let dt = 0.25 * both.limit();
-            (0..150).for_each(|_| assert!(both.step(dt).is_ok()));
-            let bits = |b: &Body| {
-                b.system.position.iter().flat_map(|p| p.coords.map(f64::to_bits).data.0[0]).collect::<Vec<_>>()
-            };
-            both.bodies.iter().flat_map(bits).collect::<Vec<u64>>()
-        })
-    };
-    let one = run(1);
-    assert!(one == run(2) && one == run(8));
-}
-
 /// A block of 2 cm on a rigid plate that is pulled down by gravity and slides.
 fn sliding(mu: f64, speed: f64) -> Bodies {
     let block = moved(&shapes::box_surface([0.02; 3], 0.005), Vector3::z() * 0.010_02);
@@ -135,16 +117,17 @@ fn a_block_slides_as_coulomb_says() {
         let steps = (time / dt).round() as usize;
         (0..steps).for_each(|_| assert!(all.step(dt).is_ok()));
         let lowest = all.bodies[0].system.position.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        (mean(&all).x, steps as f64 * dt, lowest)
+        (mean(&all), steps as f64 * dt, lowest)
     };
     let (left, after, lowest) = run(mu);
-    // It falls 20 um first and bounces a little by its own springs; momentum says mu g t all the same, up to that.
-    let expected = speed - mu * 9.81 * after;
-    assert!((left - expected).abs() <= 0.1 * (speed - expected), "{left} for {expected}");
+    // It falls 20 um first and bounces a little by its own springs; the floor's push is what gravity and its rise call for.
+    let expected = speed - mu * (9.81 * after + left.z);
+    // A few contacts at the block's rim have the normal of its edge instead of the floor's.
+    assert!((left.x - expected).abs() <= 0.01 * (speed - expected), "{} for {expected}", left.x);
     assert!((-1e-5..=1e-4).contains(&lowest), "{lowest}");
     // Without friction it keeps its speed but for what a bottom that is not quite flat does. Edges of the plate that pass
     // through its sides would take a fifteenth of it if only normals of triangles counted.
-    let free = run(0.0).0;
+    let free = run(0.0).0.x;
     assert!((free - speed).abs() <= 1e-4 * speed, "{free}");
 }
 
@@ -184,7 +167,7 @@ fn driven_bodies_go_their_way_and_keep_their_shape() {
     assert_eq!(one.limit(), f64::INFINITY);
     let before = one.bodies[0].volume();
     (0..1000).for_each(|_| assert!(one.step(1e-3).is_ok()));
-    let now = one.bodies[0].drive.expect("driven");
+    let now = one.bodies[0].drive().expect("driven");
     assert!((now.centre - drive.centre - drive.linear).norm() <= 1e-13);
     assert!((one.bodies[0].volume() - before).abs() <= 1e-12 * before);
     // After a second: turned by 5 about (0, 0.6, 0.8).
@@ -233,15 +216,4 @@ fn a_sheet_that_has_no_inside_is_carried_by_a_ball() {
     assert!((reached - 0.0079).abs() <= 1e-4 && (top - reached).abs() <= 8e-4, "{top} for {reached}");
     let now = TriangleMesh { vertices: x.clone(), ..sheet };
     assert!(now.area() > 1.05 * area, "{} of {area}", now.area());
-}
-
-#[test]
-fn bodies_that_make_no_sense_are_refused() {
-    let mesh = shapes::icosphere(1.0, 0);
-    let system = || SpringSystem::new(mesh.vertices.clone(), vec![1.0; 12]).expect("a system");
-    assert!(matches!(Body::soft(system(), &[]), Err(BodyError::NoTriangles)));
-    let wrong = BodyError::OutOfRange { triangle: 1, point: 12, count: 12 };
-    assert_eq!(Body::soft(system(), &[[0, 1, 2], [3, 12, 4]]).err(), Some(wrong));
-    let nan = TriangleMesh { vertices: vec![Point3::new(f64::NAN, 0.0, 0.0); 12], triangles: mesh.triangles };
-    assert!(matches!(Body::rigid(&nan, Drive::still()), Err(BodyError::System(_))));
 }

@@ -47,7 +47,7 @@ fn press(bulk: f64, steps: usize) -> Pressed {
     let (mut volume, mut deepest) = (0.0_f64, 0.0_f64);
     for step in 0..steps {
         if step as f64 * dt >= PRESS / SPEED {
-            both.bodies[1].drive = Some(Drive::still());
+            both.bodies[1].set_drive(Drive::still()).expect("it is rigid");
         }
         let met = both.step(dt).expect("a step");
         deepest = deepest.max(met.depth);

@@ -4,6 +4,7 @@ mod bodies;
 mod cube;
 mod finding;
 mod impulses;
+mod laws;
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::TriangleMesh;
