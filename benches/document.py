@@ -58,6 +58,7 @@ COMMANDS = {
     "closest": bench("closest"),
     "contact": bench("contact"),
     "health": bench("health"),
+    "hierarchy": bench("hierarchy"),
     "lattice": bench("lattice"),
     "read": bench("read"),
     "peers": PEERS,

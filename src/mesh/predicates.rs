@@ -26,13 +26,13 @@ pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
 }
 
 /// On which side of the plane through a triangle a point lies: a positive, a negative number or exactly 0.
-fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
+pub(crate) fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
     let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
     orient3d(at(a), at(b), at(c), at(p))
 }
 
 /// The turn a, b, c seen along `axis`: positive, negative or exactly 0.
-fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
+pub(crate) fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
     let at = |v: &Point3<f64>| Coord { x: v[(axis + 1) % 3], y: v[(axis + 2) % 3] };
     orient2d(at(a), at(b), at(c))
 }
@@ -48,7 +48,7 @@ pub fn is_flat(triangle: &[Point3<f64>; 3]) -> bool {
 }
 
 /// Whether a closed segment and a closed triangle with area share a point.
-fn segment_meets(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
+pub(crate) fn segment_meets(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
     let (above, below) = (side(triangle, p), side(triangle, q));
     if (above > 0.0 && below > 0.0) || (above < 0.0 && below < 0.0) {
         return false;

@@ -8,6 +8,7 @@
 pub mod anchors;
 pub mod angular;
 pub mod buckling;
+pub mod contact;
 pub mod damping;
 pub mod force;
 pub mod format;

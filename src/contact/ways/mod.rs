@@ -7,7 +7,7 @@ pub mod bit_grid;
 mod boxes;
 pub mod brute_force;
 pub mod octree;
-mod overlap;
+pub(crate) mod overlap;
 pub mod voxels;
 
 use std::sync::Arc;

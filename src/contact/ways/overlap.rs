@@ -10,7 +10,7 @@ const ROUNDING: f64 = 32.0 * f64::EPSILON;
 /// Whether triangle `t` may meet the box about `centre` with half sides `half` [m], by separating axes \[ericson2005\].
 ///
 /// A no is certain: what rounding leaves open counts as a yes.
-pub(super) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector3<f64>) -> bool {
+pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector3<f64>) -> bool {
     let v = t.map(|p| p - centre);
     let apart = |axis: &Vector3<f64>, doubt: f64| {
         let along = v.map(|v| v.dot(axis));

@@ -1,5 +1,6 @@
 //! Spring systems: formulas of the sources against their numbers, forces against energies, orders and limits of steps.
 
+mod contact;
 mod formulas;
 mod forces;
 mod integrators;

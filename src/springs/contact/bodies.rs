@@ -1,0 +1,183 @@
+//! Several bodies that may touch, and a step of all of them.
+
+use std::sync::Arc;
+
+use nalgebra::Vector3;
+
+use super::body::Body;
+use super::finding::{Touch, find};
+use super::impulse::{Part, Response, impulse};
+use crate::contact::Obstacle;
+use crate::mesh::measures::greatest;
+use crate::springs::integrators::{SemiImplicitEuler, StepError};
+use crate::springs::stability;
+
+/// Several bodies that may touch each other and what stands around them.
+///
+/// A step is forces, velocities, impulses, positions: an impulse acts in its own step, because positions are moved with the
+/// new velocities (errata B05). What touches is found where the bodies are at the begin of the step, so bodies overlap by what
+/// they move towards each other in one step; what is thinner than that may be passed through.
+pub struct Bodies {
+    /// The bodies.
+    pub bodies: Vec<Body>,
+    /// What stands still around them, in space. Vertices of soft bodies are kept out of it.
+    pub obstacles: Vec<Arc<dyn Obstacle>>,
+    /// Restitution and friction of everything.
+    pub response: Response,
+    /// What makes the two halves of the step.
+    pub integrator: SemiImplicitEuler,
+    /// Rounds over all contacts a step at most: each answers what the others left.
+    pub sweeps: usize,
+    /// The share of its depth by which a vertex inside is put out each step, without a velocity, 0 to 1. Impulses alone keep
+    /// what is inside where it is.
+    pub put_out: f64,
+}
+
+/// What a step met.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Met {
+    /// Edges that cross triangles.
+    pub crossings: usize,
+    /// Vertices inside.
+    pub inside: usize,
+    /// How far the deepest was [m].
+    pub depth: f64,
+    /// Impulses given.
+    pub impulses: usize,
+    /// The greatest speed of approach that was left at a contact [m/s].
+    pub approach: f64,
+}
+
+impl Bodies {
+    /// Bodies without bounce or friction.
+    pub fn new(bodies: Vec<Body>) -> Self {
+        Self {
+            bodies,
+            obstacles: Vec::new(),
+            response: Response::default(),
+            integrator: SemiImplicitEuler::default(),
+            sweeps: 8,
+            put_out: 0.2,
+        }
+    }
+
+    /// The longest stable step of all bodies apart [s], at their present shapes. Contact by impulses does not shorten it.
+    pub fn limit(&self) -> f64 {
+        let each = |b: &Body| stability::limit(&self.integrator, &stability::stiffest(&b.system));
+        self.bodies.iter().map(each).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Advances all by `dt` [s].
+    ///
+    /// # Errors
+    /// Numbers that are not finite; the bodies are then as the failed step left them. What one body brings into the step does not
+    /// reach the others.
+    pub fn step(&mut self, dt: f64) -> Result<Met, StepError> {
+        self.check(dt)?;
+        for body in &mut self.bodies {
+            body.begin_step();
+            self.integrator.velocities(&mut body.system, dt);
+        }
+        // Before anything is looked for: what is nowhere touches nothing.
+        self.check(dt)?;
+        self.bodies.iter_mut().for_each(Body::refit);
+        let touches = find(&mut self.bodies, &self.obstacles);
+        let inside = touches.iter().filter(|t| t.depth > 0.0).count();
+        let met = Met {
+            inside,
+            crossings: touches.len() - inside,
+            depth: greatest(touches.iter().map(|t| t.depth)),
+            impulses: self.respond(&touches),
+            approach: greatest(touches.iter().map(|t| -self.approach(t)).filter(|a| !(*a <= 0.0))),
+        };
+        for body in &mut self.bodies {
+            self.integrator.positions(&mut body.system, dt)?;
+            body.carry(dt);
+        }
+        if inside > 0 {
+            self.put_out(&touches);
+        }
+        self.check(dt)?;
+        Ok(met)
+    }
+
+    fn check(&self, dt: f64) -> Result<(), StepError> {
+        let first = self.bodies.iter().find_map(|b| b.system.first_non_finite());
+        first.map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
+    }
+
+    /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
+    fn parts<'a>(&'a self, t: &Touch, of: impl Fn(usize) -> &'a [Vector3<f64>]) -> (Part<2>, Part<3>) {
+        let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
+        let first = Part {
+            weights: t.end_weights,
+            inverse_mass: t.ends.map(|v| one.inverse_mass(v)),
+            velocity: t.ends.map(|v| of(t.first)[v as usize]),
+        };
+        let mut second = Part { weights: t.corner_weights, inverse_mass: [0.0; 3], velocity: [zero; 3] };
+        if let Some(two) = t.second {
+            second.inverse_mass = t.corners.map(|v| self.bodies[two].inverse_mass(v));
+            second.velocity = t.corners.map(|v| of(two)[v as usize]);
+        }
+        (first, second)
+    }
+
+    fn moving(&self, t: &Touch) -> (Part<2>, Part<3>) {
+        self.parts(t, |body| &self.bodies[body].system.velocity)
+    }
+
+    /// Speed at which the two sides part [m/s]; negative where they approach.
+    fn approach(&self, t: &Touch) -> f64 {
+        let (first, second) = self.moving(t);
+        (second.at() - first.at()).dot(&t.normal)
+    }
+
+    /// Impulses in turn, until nothing approaches or the rounds are over; returns how many there were. Each is a collision of
+    /// its own, after which there is no more energy than before.
+    fn respond(&mut self, touches: &[Touch]) -> usize {
+        let mut given = 0;
+        for _ in 0..self.sweeps {
+            let before = given;
+            for t in touches {
+                let (first, second) = self.moving(t);
+                let Some(j) = impulse(&t.normal, &first, &second, self.response) else { continue };
+                given += 1;
+                add(&mut self.bodies[t.first].system.velocity, &t.ends, &first, -j);
+                if let Some(second_body) = t.second {
+                    add(&mut self.bodies[second_body].system.velocity, &t.corners, &second, j);
+                }
+            }
+            if given == before {
+                break;
+            }
+        }
+        given
+    }
+
+    /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
+    /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
+    fn put_out(&mut self, touches: &[Touch]) {
+        let mut moves: Vec<Vec<Vector3<f64>>> =
+            self.bodies.iter().map(|b| vec![Vector3::zeros(); b.system.len()]).collect();
+        for t in touches.iter().filter(|t| t.depth > 0.0) {
+            let (first, second) = self.parts(t, |body| &moves[body]);
+            let mobility = first.mobility() + second.mobility();
+            let left = self.put_out * t.depth - (second.at() - first.at()).dot(&t.normal);
+            if mobility > 0.0 && left > 0.0 {
+                let by = t.normal * (left / mobility);
+                add(&mut moves[t.first], &t.ends, &first, -by);
+                t.second.into_iter().for_each(|body| add(&mut moves[body], &t.corners, &second, by));
+            }
+        }
+        for (body, moves) in self.bodies.iter_mut().zip(&moves) {
+            body.system.position.iter_mut().zip(moves).for_each(|(x, by)| *x += by);
+        }
+    }
+}
+
+/// Adds to points of a body what an impulse at the part does to them. Added, not set: a vertex stands for both ends of an edge.
+fn add<const N: usize>(to: &mut [Vector3<f64>], points: &[u32; N], part: &Part<N>, impulse: Vector3<f64>) {
+    for ((&point, weight), inverse_mass) in points.iter().zip(&part.weights).zip(&part.inverse_mass) {
+        to[point as usize] += impulse * (weight * inverse_mass);
+    }
+}
