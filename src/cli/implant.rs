@@ -59,25 +59,25 @@ pub(super) struct Arguments {
     #[arg(long, default_value = "round")]
     shape: String,
     /// Length of the base
-    #[arg(long, value_name = "LENGTH", default_value = "7cm")]
+    #[arg(long, value_name = "LENGTH", default_value = "7cm", allow_hyphen_values = true)]
     base: String,
     /// Direction of the longer side [default: an axis of space]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     long: Option<String>,
     /// Volume of the implant
-    #[arg(long, value_name = "VOLUME", default_value = "100cc")]
+    #[arg(long, value_name = "VOLUME", default_value = "100cc", allow_hyphen_values = true)]
     volume: String,
     /// How deep under the skin the implant goes
-    #[arg(long, value_name = "LENGTH", default_value = "5mm")]
+    #[arg(long, value_name = "LENGTH", default_value = "5mm", allow_hyphen_values = true)]
     depth: String,
     /// Edges of the skin in the region [default: the base over 20]
-    #[arg(long, value_name = "LENGTH")]
+    #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     edge: Option<String>,
     /// Thickness of the skin that bears tension; assumed unless given
-    #[arg(long, value_name = "LENGTH", default_value = "2mm")]
+    #[arg(long, value_name = "LENGTH", default_value = "2mm", allow_hyphen_values = true)]
     thickness: String,
     /// Young's modulus of the skin; assumed unless given
-    #[arg(long, value_name = "PRESSURE", default_value = "200 kPa")]
+    #[arg(long, value_name = "PRESSURE", default_value = "200 kPa", allow_hyphen_values = true)]
     modulus: String,
     /// One of several implants, as 'near-vertex=N volume=80cc shape=oval base=6cm' or with at=X,Y,Z, long=X,Y,Z or
     /// fill=0:30cc,7:60cc; what it does not name is as given by the other options
@@ -87,16 +87,16 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", num_args = 1..)]
     obstacle: Vec<PathBuf>,
     /// Find the volume of which the region gains this area while the implant is in
-    #[arg(long, value_name = "AREA", conflicts_with_all = ["volumes", "implant"])]
+    #[arg(long, value_name = "AREA", conflicts_with_all = ["volumes", "implant"], allow_hyphen_values = true)]
     wanted_area: Option<String>,
     /// Areas for each of these volumes, in cc where no unit is given; the last one is shown
-    #[arg(long, value_name = "LIST", conflicts_with = "implant")]
+    #[arg(long, value_name = "LIST", conflicts_with = "implant", allow_hyphen_values = true)]
     volumes: Option<String>,
     /// Fill the implant over days, as DAY:VOLUME,... : areas after each filling; the last one is shown
-    #[arg(long, value_name = "LIST", conflicts_with_all = ["volumes", "wanted_area", "volume"])]
+    #[arg(long, value_name = "LIST", conflicts_with_all = ["volumes", "wanted_area", "volume"], allow_hyphen_values = true)]
     fill: Option<String>,
     /// Stretch above which skin is marked as stretched too far
-    #[arg(long, value_name = "RATIO", default_value_t = 1.5)]
+    #[arg(long, value_name = "RATIO", default_value_t = 1.5, allow_hyphen_values = true)]
     stretch_limit: f64,
     /// Folder of the results [default: pliant-out/NAME-implant]
     #[arg(long, value_name = "DIR")]

@@ -93,6 +93,15 @@ fn json_of(areas: &Areas) -> Value {
     })
 }
 
+/// Decimals of an area in cm2 that rests on a published span of a gain [m^2]: two digits of the gain at most.
+fn decimals(gain: f64) -> usize {
+    match (gain * 1e4).abs() {
+        gain if gain >= 10.0 => 0,
+        gain if gain >= 1.0 => 1,
+        _ => 2,
+    }
+}
+
 /// Adds the entries of one object to another.
 fn joined(mut first: Value, second: Value) -> Value {
     if let (Some(first), Value::Object(second)) = (first.as_object_mut(), second) {
@@ -170,12 +179,14 @@ impl Insertion<'_> {
     pub fn table(&self) -> Table {
         let areas = self.areas();
         let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
-        let cm2 = |m2: f64| format!("{:.1}", m2 * 1e4);
-        let gained = |m2: f64| format!("{:+.1}", (m2 - areas.before) * 1e4);
-        // What rests on published spans is told to two digits at most.
-        let span = |i: Interval| format!("{:.0} to {:.0}", i.low * 1e4, i.high * 1e4);
-        let span_gained =
-            |i: Interval| format!("{:+.0} to {:+.0}", (i.low - areas.before) * 1e4, (i.high - areas.before) * 1e4);
+        let few = decimals(areas.gain());
+        let more = few + 1;
+        let cm2 = |m2: f64| format!("{:.more$}", m2 * 1e4);
+        let gained = |m2: f64| format!("{:+.more$}", (m2 - areas.before) * 1e4);
+        let span = |i: Interval| format!("{:.few$} to {:.few$}", i.low * 1e4, i.high * 1e4);
+        let span_gained = |i: Interval| {
+            format!("{:+.few$} to {:+.few$}", (i.low - areas.before) * 1e4, (i.high - areas.before) * 1e4)
+        };
         let mut row = |what: &str, value: String, gain: String, source: &str| {
             table.row([what.to_owned(), value, gain, source.to_owned()]);
         };
@@ -262,12 +273,14 @@ impl Insertion<'_> {
         let mut table = Table::new("Areas gained by volume", head);
         for point in &self.curve {
             let gained = |m2: f64| (m2 - point.areas.before) * 1e4;
-            let span = |i: Interval| format!("{:+.0} to {:+.0}", gained(i.low), gained(i.high));
+            let few = decimals(point.areas.gain());
+            let more = few + 1;
+            let span = |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
             table.row([
                 point.implant.to_string(),
                 point.day.map_or("–".to_owned(), |day| day.to_string()),
                 format!("{:.1}", point.volume * 1e6),
-                format!("{:+.1}", gained(point.areas.deformed)),
+                format!("{:+.more$}", gained(point.areas.deformed)),
                 span(point.areas.retracted),
                 span(point.areas.grown),
                 format!("{:.2}", point.areas.stretch_max),
