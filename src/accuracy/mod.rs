@@ -13,6 +13,7 @@ pub mod model;
 pub mod pilot;
 pub mod reference;
 mod search;
+pub mod skin;
 pub mod study;
 pub mod trajectory;
 

@@ -1,16 +1,18 @@
 //! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use crate::accuracy::skin::{self, SkinStudyError};
 use crate::accuracy::{Options, Question, StudyError, Watch, measure};
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
-use crate::scene::{builtin, overrides};
+use crate::scene::content::{SkinScene, Staged};
+use crate::scene::{Content, Scene, builtin, overrides};
 use crate::simulation::Assets;
 
 /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
@@ -19,10 +21,12 @@ use crate::simulation::Assets;
 Examples:
   pliant accuracy hip
   pliant accuracy hip --budget 10min --set frames=100
+  pliant accuracy flat-implant
   pliant accuracy examples/right-hip.toml --set solver=quasi_static --json > accuracy.json
 
 Results in pliant-out/NAME-accuracy: report.html, work_precision.csv, work_precision.svg, summary.json. The error is the
-distance to a refined solution of the same energy, of the worst frame. Exit code 1: no reference could be computed.")]
+distance to a refined solution of the same energy, of the worst frame; for skin it is that of the area gained in
+the last frame, against a finer mesh. Exit code 1: no reference could be computed.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
@@ -82,7 +86,60 @@ impl Watch for Said<'_> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let scene = builtin::load(&arguments.scene, &arguments.set)?;
+    match builtin::load_content(&arguments.scene, &arguments.set)? {
+        Content::Muscles(scene) => of_muscles(arguments, &scene),
+        Content::Staged(Staged::Skin(scene)) => of_skin(arguments, &scene),
+        Content::Staged(Staged::Lattice(_)) => {
+            let hint = "compare lattices in a study that varies `lattice.points`, see `pliant study --help`";
+            Err(Failure::usage("accuracy is measured for muscles and for skin", hint))
+        }
+    }
+}
+
+/// Where the results go.
+fn path(arguments: &Arguments, scene: &str) -> PathBuf {
+    let path = arguments.out.clone();
+    path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(scene))))
+}
+
+/// Recommendation, table and notes to a person.
+fn tell(tables: [String; 2], notes: &[String], path: &Path) {
+    let mut text = format!("{}\n{}\n", tables[0], tables[1]);
+    notes.iter().for_each(|note| text.push_str(&format!("  note: {note}\n")));
+    let page = path.join("report.html");
+    say(&format!("{text}\nResults in {}\n  open {} in a browser\n", path.display(), page.display()));
+}
+
+fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
+    if arguments.frames.is_some() {
+        let hint = "leave --frames out; with --set frames=N the fill ends there";
+        return Err(Failure::usage("the last frame of skin is what is compared", hint));
+    }
+    let stop = stop_on_interrupt();
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
+    let path = path(arguments, &scene.name);
+    let folder = Folder::open(&path)?;
+    let study = match skin::measure(scene, arguments.budget, &mut Said { stop: &stop }) {
+        Ok(study) => study,
+        Err(SkinStudyError::Load(error)) => return Err(error.into()),
+        Err(error @ SkinStudyError::NoReference(_)) => {
+            warn(&format!("error: {error}"));
+            return Ok(if stop.load(Ordering::Relaxed) { INTERRUPTED } else { FAILED });
+        }
+    };
+    study.write(&folder)?;
+    if arguments.json {
+        say_json(&study.to_json());
+    } else {
+        tell([study.recommendation().to_text(), study.table().to_text()], &study.notes(), &path);
+    }
+    Ok(if study.interrupted { INTERRUPTED } else { DONE })
+}
+
+fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
     if Question::of(&scene.solver).is_none() {
         return Err(no_energy());
     }
@@ -93,11 +150,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         frames: arguments.frames.map(|n| n as usize),
         threads: arguments.threads.map_or(cores, usize::from),
     };
-    let path = arguments.out.clone();
-    let path = path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(&scene.name))));
-    let assets = Assets::load(&scene)?;
+    let path = path(arguments, &scene.name);
+    let assets = Assets::load(scene)?;
     let folder = Folder::open(&path)?;
-    let study = match measure(&scene, &assets, options, &mut Said { stop: &stop }) {
+    let study = match measure(scene, &assets, options, &mut Said { stop: &stop }) {
         Ok(study) => study,
         Err(StudyError::Load(error)) => return Err(error.into()),
         Err(StudyError::NoEnergy) => return Err(no_energy()),
@@ -110,11 +166,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if arguments.json {
         say_json(&study.to_json());
     } else {
-        let mut text = format!("{}\n{}\n", study.recommendation().to_text(), study.table().to_text());
-        study.notes().iter().for_each(|note| text.push_str(&format!("  note: {note}\n")));
-        let file = |name: &str| path.join(name).display().to_string();
-        text.push_str(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), file("report.html")));
-        say(&text);
+        tell([study.recommendation().to_text(), study.table().to_text()], &study.notes(), &path);
     }
     Ok(if study.interrupted { INTERRUPTED } else { DONE })
 }

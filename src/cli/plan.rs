@@ -4,7 +4,8 @@ use serde::Serialize;
 
 use super::failure::Failure;
 use super::{DONE, columns, say, say_json};
-use crate::scene::{builtin, overrides};
+use crate::report::run::ready;
+use crate::scene::{Content, builtin, overrides};
 use crate::simulation::plan::{LeftOut, Planned};
 use crate::simulation::{Assets, Plan};
 
@@ -13,6 +14,7 @@ use crate::simulation::{Assets, Plan};
 #[command(after_help = "\
 Examples:
   pliant plan hip
+  pliant plan expander
   pliant plan examples/right-hip.toml --set effects.contact=off --json")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
@@ -34,15 +36,22 @@ struct Report<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let scene = builtin::load(&arguments.scene, &arguments.set)?;
-    let assets = Assets::load(&scene)?;
-    let plan = Plan::new(&scene, &assets);
+    let content = builtin::load_content(&arguments.scene, &arguments.set)?;
+    let (plan, head) = match &content {
+        Content::Muscles(scene) => {
+            let assets = Assets::load(scene)?;
+            (Plan::new(scene, &assets), format!("{} frames at {} Hz", scene.frames, scene.frame_rate))
+        }
+        Content::Staged(scene) => (ready(scene)?.plan().clone(), format!("{} frames", content.frames())),
+    };
+    let scene = content.name();
     if arguments.json {
-        say_json(&Report { scene: &scene.name, frames: scene.frames, run: &plan.run, left_out: &plan.left_out });
+        say_json(&Report { scene, frames: content.frames(), run: &plan.run, left_out: &plan.left_out });
         return Ok(DONE);
     }
-    let mut text = format!("{}: {} frames at {} Hz\n\nWill run\n", scene.name, scene.frames, scene.frame_rate);
-    text.push_str(&runs(&plan));
+    let of = if matches!(content, Content::Muscles(_)) { "muscle" } else { "part" };
+    let mut text = format!("{scene}: {head}\n\nWill run\n");
+    text.push_str(&runs(&plan, of));
     if !plan.left_out.is_empty() {
         text.push_str("\nLeft out\n");
         let row = |l: &LeftOut| vec![all(&l.muscle), l.effect.clone(), l.why.clone()];
@@ -57,8 +66,8 @@ fn all(muscle: &str) -> String {
     if muscle.is_empty() { "(all)".to_owned() } else { muscle.to_owned() }
 }
 
-fn runs(plan: &Plan) -> String {
-    let heads = ["muscle", "effect", "elements", "bytes", "ms/frame"].map(str::to_owned);
+fn runs(plan: &Plan, of: &str) -> String {
+    let heads = [of, "effect", "elements", "bytes", "ms/frame"].map(str::to_owned);
     let mut rows = vec![heads.to_vec()];
     let row = |p: &Planned| {
         vec![

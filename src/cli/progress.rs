@@ -100,3 +100,54 @@ impl Bar {
         }
     }
 }
+
+/// Shows how far a run of equilibria is, on standard error.
+pub(super) struct Rounds {
+    bar: Option<ProgressBar>,
+    frames: usize,
+    said: Cell<Instant>,
+}
+
+impl Rounds {
+    /// Of a run of so many frames.
+    pub(super) fn new(frames: usize) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(frames as u64);
+            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {msg}");
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, frames, said: Cell::new(Instant::now()) }
+    }
+
+    /// A frame is on its way.
+    pub(super) fn part(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.set_message(text.to_owned()),
+            None => self.now_and_then(text),
+        }
+    }
+
+    /// A frame is done.
+    pub(super) fn frame(&self, frame: usize, took: Duration) {
+        match &self.bar {
+            Some(bar) => bar.set_position(frame as u64),
+            None if frame == self.frames => warn(&format!("frame {frame}/{frame}")),
+            None => self.now_and_then(&format!("frame {frame}/{}  {:.1} s a frame", self.frames, took.as_secs_f64())),
+        }
+    }
+
+    fn now_and_then(&self, text: &str) {
+        if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+            self.said.set(Instant::now());
+            warn(text);
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,5 +1,7 @@
 //! `pliant run`: a scene from its start to its last frame, and the files of it.
 
+mod staged;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +19,7 @@ use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
-use crate::scene::{Accuracy, Scene, builtin, overrides};
+use crate::scene::{Accuracy, Content, Scene, builtin, overrides};
 use crate::simulation::checkpoint::Fingerprint;
 use crate::simulation::{Assets, LoadError, Plan, Simulation};
 
@@ -34,12 +36,14 @@ Examples:
   pliant run examples/right-hip.toml --strict --json > summary.json
   pliant run hip --checkpoint-every 50
   pliant run hip --resume
+  pliant run flat-implant --set implant.volume=50cc
   pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
 
 Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
 --animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
 results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped (it diverged, or a
-number was not finite), files could not be written, or with --strict a frame is not converged.")]
+number was not finite), skin or an implant did not come to rest, files could not be written, or with --strict a frame is not
+converged.")]
 pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
@@ -94,12 +98,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut changes = arguments.set.clone();
     changes.extend(arguments.frames.map(|n| format!("frames={n}")));
     changes.extend(arguments.accuracy.as_ref().map(|error| format!("accuracy={error}")));
-    let (mut scene, written) = if arguments.meshes.are_given() {
-        from_meshes::scene(&arguments.meshes, &changes).map(|(scene, toml)| (scene, Some(toml)))?
-    } else {
-        let name = arguments.scene.as_deref().unwrap_or(FIRST_SCENE);
-        (builtin::load(name, &changes)?, None)
-    };
+    if arguments.meshes.are_given() {
+        let (scene, toml) = from_meshes::scene(&arguments.meshes, &changes)?;
+        return of_muscles(arguments, scene, Some(toml), begun, &stop);
+    }
+    match builtin::load_content(arguments.scene.as_deref().unwrap_or(FIRST_SCENE), &changes)? {
+        Content::Muscles(scene) => of_muscles(arguments, *scene, None, begun, &stop),
+        Content::Staged(scene) => staged::run(arguments, &scene, begun, &stop),
+    }
+}
+
+/// A scene of muscles; `written` is its text where nobody wrote it.
+fn of_muscles(
+    arguments: &Arguments,
+    mut scene: Scene,
+    written: Option<String>,
+    begun: Instant,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
     let made = written.is_some();
     let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
     let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
@@ -112,7 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let assets = Assets::load(&scene).map_err(refused)?;
     let chosen = match scene.accuracy {
-        Some(accuracy) => match choose(&mut scene, &assets, accuracy, &stop, refused)? {
+        Some(accuracy) => match choose(&mut scene, &assets, accuracy, stop, refused)? {
             None => return Ok(INTERRUPTED),
             chosen => chosen,
         },
@@ -132,7 +148,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if every > 0 {
         results.keep_every(every, Fingerprint::of(&simulation));
     }
-    let summary = advance(&mut simulation, results, &settings(arguments), &stop, chosen.as_ref())?;
+    let summary = advance(&mut simulation, results, &settings(arguments), stop, chosen.as_ref())?;
     if arguments.json {
         say(&format!("{}\n", summary.to_json()));
     } else {

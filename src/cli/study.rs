@@ -17,7 +17,7 @@ use crate::report::frames::file_name;
 use crate::scene::{StudyFile, overrides};
 use crate::study::combinations::in_words;
 use crate::study::running::missing;
-use crate::study::{Combination, Combinations, Findings, MEASURES, Outcome, Watch, execute};
+use crate::study::{Combination, Combinations, Findings, Outcome, Watch, execute, findings};
 
 /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
 #[derive(Debug, clap::Args)]
@@ -69,8 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let threads = arguments.threads.map_or(cores, usize::from);
     // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    let measures = MEASURES.map(|(name, ..)| name);
-    let file = StudyFile::read(&arguments.file, &arguments.set, &measures)?;
+    let file = StudyFile::read(&arguments.file, &arguments.set, &findings::names())?;
     let study = Combinations::of(&file)?;
     let path = arguments.out.clone().unwrap_or_else(|| {
         let name = file_name(&study.name);
@@ -92,21 +91,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     execute(&study, &wanted, &folder, threads, &said)?;
     said.end();
-    let findings = Findings::of(&study, folder.path());
-    let sheets = findings.write(&folder)?;
+    let found = Findings::of(&study, folder.path());
+    let sheets = found.write(&folder)?;
     if arguments.json {
-        say_json(&findings.to_json());
+        say_json(&found.to_json());
     } else {
-        let mut text = format!("{}\n", findings.table().to_text());
+        let mut text = format!("{}\n", found.table().to_text());
         let file = |name: &str| path.join(name).display().to_string();
         text.push_str(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), file("report.html")));
         sheets.first().into_iter().for_each(|name| text.push_str(&format!("  pictures: {}\n", file(name))));
-        if findings.interrupted {
+        if found.interrupted {
             text.push_str("  not complete: the same command goes on where this one stopped\n");
         }
         say(&text);
     }
-    Ok(if findings.interrupted { INTERRUPTED } else { DONE })
+    Ok(if found.interrupted { INTERRUPTED } else { DONE })
 }
 
 /// What would be run.
@@ -126,7 +125,7 @@ fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
     }
     let mut table = Table::new("", ["run", "state", "frames", "expected [s]"]);
     for (k, c) in study.all.iter().enumerate() {
-        table.row([c.label.clone(), state(k).to_owned(), c.scene.frames.to_string(), format!("{:.1}", expected[k])]);
+        table.row([c.label.clone(), state(k).to_owned(), c.frames().to_string(), format!("{:.1}", expected[k])]);
     }
     let count = wanted.len();
     let plan = "by the plan, which does not know how much contact there will be";
@@ -151,7 +150,7 @@ struct Said {
 
 impl Said {
     fn new(study: &Combinations, wanted: &[usize], stop: Arc<AtomicBool>) -> Self {
-        let frames = wanted.iter().map(|&k| study.all[k].scene.frames).sum();
+        let frames = wanted.iter().map(|&k| study.all[k].frames()).sum();
         let bar = std::io::stderr().is_terminal().then(|| {
             let bar = ProgressBar::new(frames as u64);
             let style = ProgressStyle::with_template("  {bar:30} {pos}/{len} frames  {eta} left");

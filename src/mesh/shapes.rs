@@ -1,15 +1,17 @@
-//! Shapes made by code, by name: test bodies, the press, the built-in hip. All in metres.
+//! Shapes made by code, by name: test bodies, the press, the built-in hip, soft bodies; and skins. All in metres.
 
 mod field;
 mod hip;
 mod press;
 mod primitives;
+mod soft;
 
 use nalgebra::Point3;
 
 use super::TriangleMesh;
 
 pub use primitives::{box_surface, icosphere, tetrahedron, tube};
+pub use soft::{scalp, sheet};
 
 /// A shape made by code.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,6 +36,10 @@ pub const NAMES: &[&str] = &[
     "hip-socket",
     "hip-femur",
     "hip-gluteus",
+    "soft-cube",
+    "soft-ball",
+    "soft-table",
+    "skull",
 ];
 
 /// Makes the shape of that name; `None` for a name not in [`NAMES`].
@@ -50,6 +56,10 @@ pub fn make(name: &str) -> Option<Shape> {
         "hip-socket" => closed(hip::socket()),
         "hip-femur" => closed(hip::femur()),
         "hip-gluteus" => hip::gluteus(),
+        "soft-cube" => closed(soft::cube()),
+        "soft-ball" => closed(soft::ball()),
+        "soft-table" => closed(soft::table()),
+        "skull" => closed(soft::skull()),
         _ => return None,
     })
 }
@@ -66,7 +76,19 @@ mod tests {
 
     #[test]
     fn every_quick_name_makes_a_sound_shape() {
-        check(&["tetrahedron", "chain", "icosphere", "tube", "box", "press-plate", "hip-femur"]);
+        check(&[
+            "tetrahedron",
+            "chain",
+            "icosphere",
+            "tube",
+            "box",
+            "press-plate",
+            "hip-femur",
+            "soft-cube",
+            "soft-ball",
+            "soft-table",
+            "skull",
+        ]);
         assert_eq!(make("no such shape"), None);
     }
 

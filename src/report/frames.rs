@@ -86,7 +86,7 @@ pub fn file_name(name: &str) -> String {
 }
 
 /// A file name that no earlier one equals, even where case does not count.
-fn unused(name: &str, used: &mut HashSet<String>) -> String {
+pub(super) fn unused(name: &str, used: &mut HashSet<String>) -> String {
     let name = file_name(name);
     let mut chosen = name.clone();
     let mut next = 2;

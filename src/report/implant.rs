@@ -21,7 +21,7 @@ use crate::skin::{Areas, Interval};
 const SIZE: (u32, u32) = (720, 560);
 
 /// Name, caption and bytes of a picture.
-type Picture = (&'static str, String, Vec<u8>);
+pub(super) type Picture = (&'static str, String, Vec<u8>);
 
 /// Why the results cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -82,7 +82,7 @@ fn sum(areas: impl Iterator<Item = Areas>) -> Areas {
     })
 }
 
-fn json_of(areas: &Areas) -> Value {
+pub(super) fn json_of(areas: &Areas) -> Value {
     json!({
         "area_before_m2": areas.before,
         "area_deformed_m2": areas.deformed,
@@ -103,7 +103,7 @@ fn decimals(gain: f64) -> usize {
 }
 
 /// Adds the entries of one object to another.
-fn joined(mut first: Value, second: Value) -> Value {
+pub(super) fn joined(mut first: Value, second: Value) -> Value {
     if let (Some(first), Value::Object(second)) = (first.as_object_mut(), second) {
         first.extend(second);
     }
@@ -199,7 +199,8 @@ impl Insertion<'_> {
         row("volume of implants [cc]", cc(implants), String::new(), "kept exactly");
         row("volume difference of the region [cc]", cc(areas.volume_difference), String::new(), "closed at its rim");
         row("greatest stretch", format!("{:.2}", areas.stretch_max), String::new(), "of a triangle, any direction");
-        let over = format!("{:.1}", self.over_limit() * 1e4);
+        // An empty sum is minus zero.
+        let over = format!("{:.1}", self.over_limit() * 1e4 + 0.0);
         row(
             &format!("area stretched over {:.2} [cm2]", self.limit),
             over,
@@ -236,7 +237,7 @@ impl Insertion<'_> {
     }
 
     /// Area before of what is stretched beyond the limit [m^2].
-    fn over_limit(&self) -> f64 {
+    pub(super) fn over_limit(&self) -> f64 {
         let of = |(ready, done): &(Ready, Inserted)| {
             let layers = &ready.layers;
             let n = layers.count();
@@ -368,7 +369,7 @@ impl Insertion<'_> {
     }
 
     /// The whole skin as it comes to lie, and the greatest stretch at each vertex.
-    fn whole(&self) -> (TriangleMesh, Vec<f64>) {
+    pub(super) fn whole(&self) -> (TriangleMesh, Vec<f64>) {
         let mut left = vec![0usize; self.skin.triangles.len()];
         self.implants.iter().for_each(|(ready, _)| ready.outside.iter().for_each(|t| left[*t as usize] += 1));
         let outside = (0..left.len() as u32).filter(|t| left[*t as usize] == self.implants.len());
@@ -389,7 +390,7 @@ impl Insertion<'_> {
         (whole, stretch)
     }
 
-    fn pictures(&self, skin: &TriangleMesh, stretch: &[f64]) -> Result<Vec<Picture>, PictureError> {
+    pub(super) fn pictures(&self, skin: &TriangleMesh, stretch: &[f64]) -> Result<Vec<Picture>, PictureError> {
         let Some((first, _)) = self.implants.first() else { return Ok(Vec::new()) };
         let [right, up, out] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| first.frame * axis);
         let focus: Vec<Point3<f64>> = self
@@ -447,7 +448,7 @@ fn at_vertices(ready: &Ready, done: &Inserted) -> Vec<f64> {
     sums.iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-fn notes() -> Vec<String> {
+pub(super) fn notes() -> Vec<String> {
     [
         "The deformed area is elastic and an upper bound: in pigs about a third of the gain remained when the expander was taken out.",
         "The intervals are published ratios of a few animals, applied to the area found here; they are not predictions for a patient.",

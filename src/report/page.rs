@@ -10,6 +10,7 @@ use super::summary::{MuscleSummary, Summary};
 use super::{LinePlot, Report, Table};
 use crate::render::PictureError;
 use crate::simulation::Measures;
+use crate::simulation::plan::{LeftOut, Planned};
 
 /// Points of a plotted line at most; a longer run shows the greatest of each few frames.
 const MOST_POINTS: usize = 1000;
@@ -50,7 +51,7 @@ fn subtitle(summary: &Summary) -> String {
     )
 }
 
-fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
     let Some(painter) = Painter::new(cast, shots) else { return Ok(Vec::new()) };
     let worst = shots.worst.as_ref().map(|(_, shot)| shot);
     let wanted = [("First frame", shots.first.as_ref()), ("Worst frame", worst), ("Last frame", shots.last.as_ref())];
@@ -146,17 +147,12 @@ const ROWS: [(&str, Shown); 17] = [
 ];
 
 fn tables(summary: &Summary, settings: &[(String, String)]) -> Vec<Table> {
-    let all = |muscle: &str| if muscle.is_empty() { "(all)".to_owned() } else { muscle.to_owned() };
     let heads = std::iter::once("").chain(summary.muscles.iter().map(|m| m.name.as_str()));
     let mut muscles = Table::new("Muscles", heads);
     for (name, value) in ROWS {
         muscles.row(std::iter::once(name.to_owned()).chain(summary.muscles.iter().map(value)));
     }
-    let mut ran = Table::new("Effects that ran", ["muscle", "effect", "elements", "bytes", "estimated ms a frame"]);
-    for p in &summary.effects.run {
-        let ms = format!("{:.2}", p.ms_per_frame);
-        ran.row([all(&p.muscle), p.effect.clone(), p.elements.to_string(), p.bytes.to_string(), ms]);
-    }
+    let [ran, out] = of_effects("muscle", &summary.effects.run, &summary.effects.left_out);
     let mut measured = Table::new("Time measured, all frames and muscles", ["effect", "seconds"]);
     for (effect, seconds) in &summary.time.effects_s {
         measured.row([(*effect).to_owned(), format!("{seconds:.3}")]);
@@ -164,12 +160,23 @@ fn tables(summary: &Summary, settings: &[(String, String)]) -> Vec<Table> {
     measured.row(["audit of each frame".to_owned(), format!("{:.3}", summary.time.audit_s)]);
     measured.row(["reading and making ready".to_owned(), format!("{:.3}", summary.time.prepare_s)]);
     measured.row(["files after the last frame".to_owned(), format!("{:.3}", summary.time.finish_s)]);
-    let mut out = Table::new("Effects left out: no memory, no time", ["muscle", "effect", "why"]);
-    for l in &summary.effects.left_out {
-        out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);
-    }
     let mut set = Table::new("Settings", ["what", "value"]);
     set.row(["solver".to_owned(), summary.solver.clone()]);
     settings.iter().for_each(|(what, value)| set.row([what.clone(), value.clone()]));
     [muscles, ran, measured, out, set].into_iter().filter(|t| !t.rows.is_empty()).collect()
+}
+
+/// What ran and what did not, the first column under the head `of`.
+pub(super) fn of_effects(of: &str, run: &[Planned], left_out: &[LeftOut]) -> [Table; 2] {
+    let all = |muscle: &str| if muscle.is_empty() { "(all)".to_owned() } else { muscle.to_owned() };
+    let mut ran = Table::new("Effects that ran", [of, "effect", "elements", "bytes", "estimated ms a frame"]);
+    for p in run {
+        let ms = format!("{:.2}", p.ms_per_frame);
+        ran.row([all(&p.muscle), p.effect.clone(), p.elements.to_string(), p.bytes.to_string(), ms]);
+    }
+    let mut out = Table::new("Effects left out: no memory, no time", [of, "effect", "why"]);
+    for l in left_out {
+        out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);
+    }
+    [ran, out]
 }

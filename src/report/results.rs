@@ -40,10 +40,19 @@ pub struct Shots {
 }
 
 impl Shots {
-    /// Adds a frame.
+    /// None yet; an animation if one is wanted.
+    pub(super) fn new(animate: bool) -> Self {
+        Self { step: if animate { ANIMATION_STEP } else { 0 }, ..Self::default() }
+    }
+
+    /// Adds a frame of muscles.
     pub(super) fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
+        self.add_stretched(snapshot, greatest(measures.iter().map(|m| m.edge_stretch_rms)));
+    }
+
+    /// Adds a frame in which edges are stretched by so much.
+    pub(super) fn add_stretched(&mut self, snapshot: &Arc<Snapshot>, stretch: f64) {
         self.first.get_or_insert_with(|| snapshot.clone());
-        let stretch = greatest(measures.iter().map(|m| m.edge_stretch_rms));
         if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
             self.worst = Some((stretch, snapshot.clone()));
         }
@@ -92,7 +101,7 @@ impl Results {
         let folder = Arc::new(folder);
         let cast = Arc::new(Cast::of(simulation));
         let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), Listing::new(&cast)));
-        let shots = Shots { step: if animate { ANIMATION_STEP } else { 0 }, ..Shots::default() };
+        let shots = Shots::new(animate);
         Ok(Self {
             folder,
             cast,

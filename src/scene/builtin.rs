@@ -4,9 +4,9 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::error::{Problem, SceneError};
-use super::parse::{Surroundings, parse_with, unknown_name};
+use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
 use super::spelling::shown_path;
-use super::{Scene, paths};
+use super::{Content, Scene, paths};
 
 /// Largest scene file [bytes]; a larger one is no scene.
 const LARGEST: u64 = 4 << 20;
@@ -19,6 +19,11 @@ pub const BUILTIN: &[(&str, &str, &str)] = &[
     ("shape", include_str!("builtin/shape.toml"), "a tetrahedron that grows evenly, bending only"),
     ("volume", include_str!("builtin/volume.toml"), "a tetrahedron that flattens, volume only"),
     ("chain", include_str!("builtin/chain.toml"), "six points on a line, the order of a sweep"),
+    ("cube", include_str!("builtin/cube.toml"), "a soft cube that a ball presses, its volume kept"),
+    ("sheet", include_str!("builtin/sheet.toml"), "a square of skin that a ball lifts from below"),
+    ("flat-implant", include_str!("builtin/flat-implant.toml"), "flat skin over an implant of 100 cc"),
+    ("expander", include_str!("builtin/expander.toml"), "an expander under a scalp, filled in five steps"),
+    ("lattice", include_str!("builtin/lattice.toml"), "a box of points on springs, dragged and let go"),
 ];
 
 /// The TOML of a built-in scene.
@@ -31,7 +36,7 @@ pub fn builtin(name: &str) -> Option<&'static str> {
     BUILTIN.iter().find(|(known, ..)| *known == name).map(|&(_, toml, _)| toml)
 }
 
-/// Reads a scene by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
+/// Reads a scene of muscles by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
 /// built-in scene, whose relative paths begin in the working folder.
 ///
 /// # Errors
@@ -45,6 +50,20 @@ pub fn builtin(name: &str) -> Option<&'static str> {
 pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
     parse_with(&text, &name, &Surroundings { folder: &folder, variable: &paths::environment, overrides })
+}
+
+/// As [`load`], a scene of any kind.
+///
+/// # Errors
+/// As [`load`].
+///
+/// ```
+/// let scene = pliant::scene::builtin::load_content("flat-implant", &["implant.volume=50cc".to_owned()]).unwrap();
+/// assert_eq!((scene.name(), scene.frames()), ("flat-implant", 1));
+/// ```
+pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content, SceneError> {
+    let Written { text, name, folder } = find(name_or_path)?;
+    parse_content(&text, &name, &Surroundings { folder: &folder, variable: &paths::environment, overrides })
 }
 
 /// A scene's text, the name that messages give it, and the folder that its paths begin in.

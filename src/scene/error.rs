@@ -155,7 +155,7 @@ pub enum Problem {
         /// What to do.
         hint: String,
     },
-    /// E020 to E073: a mesh, or what is attached to it, does not do; see `simulation::fault`.
+    /// E020 to E077: a mesh, or what is attached to it, does not do; see `simulation::fault`.
     #[error("{message}")]
     Unfit {
         /// The code of the fault.

@@ -1,9 +1,11 @@
-//! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked.
+//! A scene: what is there, how the bones move, which effects it calls for. Everything in SI units, checked. A [`Scene`] holds
+//! muscles; [`content`] has the other kinds.
 //!
 //! [`mod@parse`] documents the TOML layout, [`overrides`] the changes from the command line, [`builtin`] has the scenes
 //! that need no file.
 
 pub mod builtin;
+pub mod content;
 pub mod error;
 mod guess;
 pub mod motion;
@@ -11,7 +13,9 @@ mod origin;
 pub mod overrides;
 pub mod parse;
 mod parse_effects;
+mod parse_lattice;
 mod parse_muscle;
+mod parse_skin;
 mod paths;
 mod reader;
 mod schema;
@@ -22,12 +26,13 @@ mod tree;
 pub mod units;
 
 pub use crate::constraints::Order;
+pub use content::Content;
 pub use error::{Problem, SceneError};
 pub use guess::likely_units;
 pub use origin::Origin;
-pub use parse::{Surroundings, parse, parse_with};
+pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::environment;
-pub use shapes_known::{FIBRE_SHAPES, SHAPES};
+pub use shapes_known::{FIBRE_SHAPES, SHAPES, SKIN_SHAPES};
 pub use study::StudyFile;
 
 use std::path::PathBuf;
@@ -35,7 +40,7 @@ use std::path::PathBuf;
 use crate::mesh::repair;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A checked scene: SI units, every path resolved, every name found.
+/// A checked scene of muscles and bones: SI units, every path resolved, every name found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
     /// Name, used for the folder of results.

@@ -1,7 +1,8 @@
 //! Changes of a scene from the command line, `--set path.key=value`, applied to the TOML before it is checked.
 //!
 //! Every key has its path; a list's element is named by its number from 0, by its `name`, or is `*` for all:
-//! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`, `muscle.*.material.density=1 g/cm3`. A path that
+//! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`, `muscle.*.material.density=1 g/cm3`; where it is the only
+//! one it need not be named: `implant.volume=100cc`. A path that
 //! begins with a key of `effects`, of the solver in use or of `solver` may leave out what stands before it:
 //! `contact.friction=0.3`, `substeps=40`. The value is TOML, but texts need no quotes; `none` or `off` removes a key
 //! or a whole section, `on` switches on a section that needs no keys, and `solver=pbd` changes the solver.
@@ -17,6 +18,7 @@ pub const HELP: &str = "\
 Change the scene before it is checked: PATH=VALUE
   --set effects.contact.friction=0.3      a key by its path
   --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
+  --set implant.volume=100cc              the number may be left out where there is one element
   --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
   --set effects.contact=off               remove a section or a key (none or off)
   --set effects.stretch=on                add a section that needs no keys
@@ -188,7 +190,19 @@ impl Change<'_> {
         let Some(Node { value: Value::List(list), .. }) = entry.map(|e| &mut e.node) else {
             return self.nowhere(format!("the scene has no `{here}`"), format!("add [[{here}]] to it"), here, span);
         };
+        let only = list.len() == 1 && !first.quoted && schema.get(&first.text).is_some();
+        // A name of an element comes before a key of the same name.
+        if only
+            && list.iter().all(|node| name(node) != Some(&first.text))
+            && let Some(Node { value: Value::Table(table), .. }) = list.first_mut()
+        {
+            return self.table(table, schema, path, &format!("{here}.0"));
+        }
         if rest.is_empty() {
+            let number = first.text == "*" || first.text.parse::<usize>().is_ok();
+            if list.len() == 1 && !number && !first.quoted && list.iter().all(|node| name(node) != Some(&first.text)) {
+                return self.fail(unknown_key(&first.text, schema), here, &first.span);
+            }
             let message = format!("`{here}.{}` is a section, not a value", shown(&first.text));
             let hint = format!("name one of its keys: {}", schema.known());
             return self.nowhere(message, hint, here, &first.span);

@@ -4,6 +4,12 @@
 //! Every key there is, the optional ones marked. Quantities are texts with their [unit](super::units); ratios without
 //! a dimension are plain numbers. Files stay in the scene's folder, or are absolute, or begin with a variable.
 #![doc = concat!("```toml\n", include_str!("layout.toml"), "```")]
+//!
+//! A scene may hold skin over implants in place of muscles and bones:
+#![doc = concat!("```toml\n", include_str!("layout-skin.toml"), "```")]
+//!
+//! Or a lattice:
+#![doc = concat!("```toml\n", include_str!("layout-lattice.toml"), "```")]
 
 use std::collections::{HashMap, HashSet};
 use std::ffi::OsString;
@@ -11,6 +17,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::content::Staged;
 use super::error::{Problem, SceneError};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
@@ -18,7 +25,10 @@ use super::shapes_known::SHAPES;
 use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
-use super::{Bone, Capsule, Origin, Scene, Source, motion, overrides, parse_effects, parse_muscle, paths};
+use super::{
+    Bone, Capsule, Content, Origin, Scene, Source, motion, overrides, parse_effects, parse_lattice, parse_muscle,
+    parse_skin, paths,
+};
 use crate::mesh::repair;
 
 /// Longest name [bytes]; it becomes part of the names of files.
@@ -70,8 +80,19 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
 /// As [`parse`], with overrides and with variables from elsewhere.
 ///
 /// # Errors
-/// The first thing that is wrong, with its place; see [`Problem`].
+/// The first thing that is wrong, with its place; see [`Problem`]. A scene without muscles is an error.
 pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Result<Scene, SceneError> {
+    match parse_content(text, name, surroundings)? {
+        Content::Muscles(scene) => Ok(*scene),
+        other => Err(other.origin().error(no_muscle(), "")),
+    }
+}
+
+/// As [`parse_with`], a scene of any kind.
+///
+/// # Errors
+/// The first thing that is wrong, with its place; see [`Problem`].
+pub fn parse_content(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Result<Content, SceneError> {
     let mut sources = Sources::new(name, text);
     let mut document = tree::document(&sources)?;
     for text in surroundings.overrides {
@@ -80,16 +101,70 @@ pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Re
     let context = Context { sources: &sources, surroundings };
     let root = Item { context, node: &document, key: String::new() };
     let file_stem = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
-    let scene = scene(&root.section(&ROOT)?, file_stem)?;
-    Ok(Scene { origin: Origin::new(document, sources), ..scene })
+    let root = root.section(&ROOT)?;
+    let name = scene_name(&root, file_stem)?;
+    let content = match kind(&root)? {
+        Kind::Muscles => Content::Muscles(Box::new(scene(&root, name)?)),
+        Kind::Skin => Content::Staged(Staged::Skin(Box::new(parse_skin::scene(&root, name)?))),
+        Kind::Lattice => Content::Staged(Staged::Lattice(Box::new(parse_lattice::scene(&root, name)?))),
+    };
+    Ok(content.with_origin(Origin::new(document, sources)))
 }
 
-fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
-    let name = match root.get("name") {
-        Some(item) => checked_name(&item)?,
-        None if name_fault(file_stem).is_none() => file_stem.to_owned(),
-        None => return root.fail(Problem::missing("name", "`name = \"...\"`")),
+fn scene_name(root: &Section<'_>, file_stem: &str) -> Result<String, SceneError> {
+    match root.get("name") {
+        Some(item) => checked_name(&item),
+        None if name_fault(file_stem).is_none() => Ok(file_stem.to_owned()),
+        None => root.fail(Problem::missing("name", "`name = \"...\"`")),
+    }
+}
+
+/// What a scene holds.
+enum Kind {
+    Muscles,
+    Skin,
+    Lattice,
+}
+
+/// Keys that only a scene of muscles, of skin, of a lattice has; the first of each makes a scene one.
+const MUSCLES: [&str; 6] = ["muscle", "bone", "capsule", "effects", "solver", "accuracy"];
+const SKIN: [&str; 5] = ["skin", "implant", "ball", "obstacle", "sheet"];
+const LATTICE: [&str; 1] = ["lattice"];
+
+/// Decides what a scene holds, and refuses what does not belong to it.
+fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
+    let (kind, others): (Kind, [&[&str]; 3]) = if root.get(MUSCLES[0]).is_some() {
+        (Kind::Muscles, [&SKIN, &LATTICE, &[]])
+    } else if root.get(SKIN[0]).is_some() {
+        (Kind::Skin, [&MUSCLES, &LATTICE, &["frame_rate"]])
+    } else if root.get(LATTICE[0]).is_some() {
+        (Kind::Lattice, [&MUSCLES, &SKIN, &[]])
+    } else {
+        return match SKIN.iter().find_map(|key| root.get(key)) {
+            Some(item) => item.fail(Problem::missing("skin", "a section [[skin]], under which it goes")),
+            // What is missing is told by the reader of muscles.
+            None => Ok(Kind::Muscles),
+        };
     };
+    let own = match kind {
+        Kind::Muscles => MUSCLES[0],
+        Kind::Skin => SKIN[0],
+        Kind::Lattice => LATTICE[0],
+    };
+    if let (Some(item), false) = (root.get("accuracy"), matches!(kind, Kind::Muscles)) {
+        let message = "an accuracy is for scenes of muscles".to_owned();
+        let hint = "leave it out; for skin, `pliant accuracy` tells which `edge_length` keeps an error".to_owned();
+        return item.fail(Problem::Override { message, hint });
+    }
+    others.into_iter().flatten().try_for_each(|other| root.exclusive(own, other))?;
+    Ok(kind)
+}
+
+fn no_muscle() -> Problem {
+    Problem::missing("muscle", "a section [[muscle]]")
+}
+
+fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
     let frames = root.need("frames", "300")?.whole(1, 10_000_000)?;
     let frame_rate = root.need_quantity("frame_rate", Dimension::Rate, Limit::Positive)?;
     let mut taken = HashSet::new();
@@ -102,7 +177,7 @@ fn scene(root: &Section<'_>, file_stem: &str) -> Result<Scene, SceneError> {
         muscles.push(parse_muscle::muscle(&section, name, &known)?);
     }
     if muscles.is_empty() {
-        return root.fail(Problem::missing("muscle", "a section [[muscle]]"));
+        return root.fail(no_muscle());
     }
     Ok(Scene {
         name,
@@ -196,10 +271,15 @@ pub(super) fn unknown_name<'a>(
 
 /// `mesh` with its `unit`, or `shape`.
 pub(super) fn surface(section: &Section<'_>) -> Result<Source, SceneError> {
+    surface_of(section, SHAPES)
+}
+
+/// As [`surface`], with other shapes.
+pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Source, SceneError> {
     section.exclusive("mesh", "shape")?;
     if let Some(item) = section.get("shape") {
         section.exclusive("shape", "unit")?;
-        return shape(&item, SHAPES);
+        return shape(&item, shapes);
     }
     match section.get("mesh") {
         Some(item) => file(&item, section),
@@ -262,7 +342,7 @@ pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneErro
 }
 
 /// A name that is not yet `taken`, and is from here on.
-fn unique_name(section: &Section<'_>, taken: &mut HashSet<String>) -> Result<String, SceneError> {
+pub(super) fn unique_name(section: &Section<'_>, taken: &mut HashSet<String>) -> Result<String, SceneError> {
     let item = section.need("name", "\"...\"")?;
     let name = checked_name(&item)?;
     if taken.insert(name.clone()) { Ok(name) } else { item.fail(Problem::DuplicateName { name }) }

@@ -48,6 +48,77 @@ pub(super) const ROOT: Schema = Schema {
         ("muscle", List(&MUSCLE)),
         ("effects", Kind::Table(&EFFECTS)),
         ("solver", Kind::Table(&SOLVER)),
+        ("skin", List(&SKIN)),
+        ("sheet", Kind::Table(&SHEET)),
+        ("implant", List(&IMPLANT)),
+        ("ball", Kind::Table(&BALL)),
+        ("obstacle", List(&OBSTACLE)),
+        ("lattice", Kind::Table(&LATTICE)),
+    ],
+};
+
+const SKIN: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("mesh", Text),
+        ("shape", Text),
+        ("unit", Text),
+        ("repair", Plain),
+        ("close_holes", Plain),
+        ("keep_largest", Plain),
+        ("merge_within", Text),
+        ("edge_length", Text),
+        ("thickness", Text),
+        ("modulus", Text),
+        ("stretch_limit", Plain),
+        ("method", Text),
+    ],
+};
+
+const SHEET: Schema = Schema { keys: &[("side", Text), ("cells", Plain)] };
+
+const IMPLANT: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("at", Plain),
+        ("near_vertex", Plain),
+        ("shape", Text),
+        ("base", Text),
+        ("long", Plain),
+        ("depth", Text),
+        ("volume", Text),
+        ("fill", List(&FILL)),
+        ("shell", Text),
+    ],
+};
+
+const FILL: Schema = Schema { keys: &[("frame", Plain), ("volume", Text)] };
+
+const BALL: Schema = Schema { keys: &[("radius", Text), ("from", Plain), ("to", Plain), ("depth", Text)] };
+
+const OBSTACLE: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("mesh", Text),
+        ("shape", Text),
+        ("unit", Text),
+        ("repair", Plain),
+        ("close_holes", Plain),
+        ("keep_largest", Plain),
+        ("merge_within", Text),
+    ],
+};
+
+const LATTICE: Schema = Schema {
+    keys: &[
+        ("points", Plain),
+        ("side", Text),
+        ("neighbours", Plain),
+        ("stiffness", Text),
+        ("mass", Text),
+        ("damping", Plain),
+        ("drag", Plain),
+        ("release", Plain),
     ],
 };
 

@@ -6,10 +6,10 @@
 
 use std::path::Path;
 
-use super::Scene;
+use super::Content;
 use super::builtin::{self, Written};
 use super::error::{Problem, SceneError};
-use super::parse::{Surroundings, checked_name, name_fault, parse_with, unknown_name};
+use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
 use super::paths;
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
@@ -181,15 +181,15 @@ impl StudyFile {
     }
 
     /// The scene with the fixed changes alone.
-    fn base(&self) -> Read<Scene> {
+    fn base(&self) -> Read<Content> {
         let scene = self.parsed(&[]).map_err(|error| self.placed(error, &[]))?;
-        if scene.accuracy.is_some() {
+        if scene.accuracy().is_some() {
             let message = "the scene asks for an accuracy, but a study compares settings as they are".to_owned();
             let hint = "leave it out, with `accuracy = \"off\"` below [set]".to_owned();
             return Err(self.error(Problem::Override { message, hint }, "accuracy", &self.at.scene));
         }
-        match self.frames.as_ref().and_then(|f| f.last()).filter(|&&f| f > scene.frames && !self.varies("frames")) {
-            Some(&frame) => Err(self.beyond(frame, scene.frames)),
+        match self.frames.as_ref().and_then(|f| f.last()).filter(|&&f| f > scene.frames() && !self.varies("frames")) {
+            Some(&frame) => Err(self.beyond(frame, scene.frames())),
             None => Ok(scene),
         }
     }
@@ -202,21 +202,21 @@ impl StudyFile {
     ///
     /// # Errors
     /// What the scene refuses, with the place of the value in the study file.
-    pub fn scene_with(&self, changes: &[&Change]) -> Read<Scene> {
+    pub fn scene_with(&self, changes: &[&Change]) -> Read<Content> {
         let scene = self.parsed(changes).map_err(|error| self.placed(error, changes))?;
         match self.frames.as_ref().and_then(|f| f.last()) {
-            Some(&frame) if frame > scene.frames => Err(self.beyond(frame, scene.frames)),
+            Some(&frame) if frame > scene.frames() => Err(self.beyond(frame, scene.frames())),
             _ => Ok(scene),
         }
     }
 
-    fn parsed(&self, changes: &[&Change]) -> Read<Scene> {
+    fn parsed(&self, changes: &[&Change]) -> Read<Content> {
         let mut overrides: Vec<String> = self.set.iter().map(Change::text).collect();
         overrides.extend(self.more.iter().cloned());
         overrides.extend(changes.iter().map(|c| c.text()));
         let Written { text, name, folder } = &self.written;
         let surroundings = Surroundings { folder, variable: &paths::environment, overrides: &overrides };
-        parse_with(text, name, &surroundings)
+        parse_content(text, name, &surroundings)
     }
 
     /// An error of a scene, at the value of this file that it comes from; as it is where that is not known.

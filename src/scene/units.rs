@@ -11,6 +11,8 @@ use std::fmt;
 pub enum Dimension {
     /// Length \[m\].
     Length,
+    /// Volume [m^3].
+    Volume,
     /// Angle \[rad\].
     Angle,
     /// Time \[s\].
@@ -59,6 +61,8 @@ const LENGTH: &[Unit] = &[
     unit(&["km"], 3),
     scaled(&["in"], 0.0254),
 ];
+const VOLUME: &[Unit] =
+    &[unit(&["m3"], 0), unit(&["cc", "cm3", "ml", "mL"], -6), unit(&["l", "L", "dm3"], -3), unit(&["mm3"], -9)];
 const ANGLE: &[Unit] = &[unit(&["rad"], 0), scaled(&["deg", "°"], std::f64::consts::PI / 180.0), unit(&["mrad"], -3)];
 const TIME: &[Unit] = &[unit(&["s"], 0), unit(&["ms"], -3), unit(&["us", "µs", "μs"], -6), scaled(&["min"], 60.0)];
 const RATE: &[Unit] =
@@ -100,8 +104,9 @@ const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
     /// Every dimension, in the order of the list above.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Length,
+        Self::Volume,
         Self::Angle,
         Self::Time,
         Self::Rate,
@@ -118,6 +123,7 @@ impl Dimension {
     fn units(self) -> &'static [Unit] {
         match self {
             Self::Length => LENGTH,
+            Self::Volume => VOLUME,
             Self::Angle => ANGLE,
             Self::Time => TIME,
             Self::Rate => RATE,
@@ -149,6 +155,7 @@ impl Dimension {
     pub fn example(self) -> &'static str {
         match self {
             Self::Length => "0.5 mm",
+            Self::Volume => "100 cc",
             Self::Angle => "1 rad",
             Self::Time => "10 ms",
             Self::Rate => "5 1/s",
@@ -168,6 +175,7 @@ impl fmt::Display for Dimension {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Length => "length",
+            Self::Volume => "volume",
             Self::Angle => "angle",
             Self::Time => "time",
             Self::Rate => "rate",
@@ -404,6 +412,8 @@ mod tests {
             ("-10 N", Dimension::Force, -10.0),
             ("+.5e1 ms", Dimension::Time, 0.005),
             ("2 min", Dimension::Time, 120.0),
+            ("100cc", Dimension::Volume, 1e-4),
+            ("0.1 l", Dimension::Volume, 1e-4),
         ];
         for (text, dimension, wanted) in cases {
             assert_eq!(parse(text, dimension).map(f64::to_bits), Ok(f64::to_bits(wanted)), "{text}");

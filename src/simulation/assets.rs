@@ -34,14 +34,14 @@ pub struct Assets {
     pub patches: Vec<Vec<Option<TriangleMesh>>>,
 }
 
-fn name_of(source: &Source) -> String {
+pub(super) fn name_of(source: &Source) -> String {
     match source {
         Source::File { path, .. } => path.display().to_string(),
         Source::Shape(name) => format!("shape {name}"),
     }
 }
 
-fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
+pub(super) fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     match source {
         Source::File { path, scale } => {
             let mut file = io::read(path).map_err(Box::new)?;
@@ -66,7 +66,7 @@ fn surface(scene: &Scene, source: &Source, key: &str, from: &str, part: String) 
 }
 
 /// The mesh after the repair that was asked for, if any; never silently.
-fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec<String>) -> TriangleMesh {
+pub(super) fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec<String>) -> TriangleMesh {
     let Some(options) = options else { return mesh };
     let repaired = repair::repair(&mesh, &[], options);
     if repaired.changes.is_empty() {
@@ -87,7 +87,7 @@ fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec
 }
 
 /// The key that names a mesh.
-fn named_at(source: &Source, key: &str, from: &str) -> String {
+pub(super) fn named_at(source: &Source, key: &str, from: &str) -> String {
     match source {
         Source::File { .. } => format!("{key}.{from}"),
         Source::Shape(_) => format!("{key}.shape"),

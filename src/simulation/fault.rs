@@ -3,7 +3,9 @@
 use miette::Diagnostic;
 
 use crate::io::ReadError;
-use crate::scene::{Problem, Scene, SceneError};
+use crate::scene::{Origin, Problem, Scene, SceneError};
+use crate::skin::SkinError;
+use crate::springs::lattice::LatticeError;
 
 /// What is wrong with a mesh or an attachment of a scene.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -98,7 +100,22 @@ pub enum Fault {
         /// Size of the factor [bytes].
         bytes: usize,
     },
+    /// E076: an implant or a ball does not go under the skin.
+    #[error(transparent)]
+    Skin(#[from] SkinError),
+    /// E077: a lattice cannot be built.
+    #[error(transparent)]
+    Lattice(#[from] LatticeError),
 }
+
+/// What help for the command line calls a thing, and its key in a scene.
+const KEYS: [(&str, &str); 5] = [
+    ("--near-vertex", "`near_vertex`"),
+    ("--at", "`at`"),
+    ("--edge", "`edge_length`"),
+    ("--unit", "`unit`"),
+    ("--repair", "`repair = true`"),
+];
 
 impl Fault {
     /// The code, the same for each fault of one kind.
@@ -118,6 +135,8 @@ impl Fault {
             Self::TooManyAttached { .. } => "E073",
             Self::Unheld => "E074",
             Self::FactorTooLarge { .. } => "E075",
+            Self::Skin(_) => "E076",
+            Self::Lattice(_) => "E077",
         }
     }
 
@@ -146,6 +165,11 @@ impl Fault {
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
             Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
             Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
+            Self::Skin(error) => {
+                let plain = error.help().to_owned();
+                KEYS.iter().fold(plain, |text, (option, key)| text.replace(option, key))
+            }
+            Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
         }
     }
 }
@@ -175,9 +199,14 @@ pub struct Unfit {
 impl LoadError {
     /// A fault of the part that stands at `key` in the scene's text.
     pub(super) fn new(scene: &Scene, key: &str, part: String, fault: Fault) -> Self {
+        Self::at(&scene.origin, key, part, fault)
+    }
+
+    /// A fault of the part that stands at `key` in the text of this origin.
+    pub(super) fn at(origin: &Origin, key: &str, part: String, fault: Fault) -> Self {
         let message = format!("{part}: {fault}");
         let problem = Problem::Unfit { code: fault.code(), message, help: fault.help() };
-        let placed = scene.origin.error(problem, key);
+        let placed = origin.error(problem, key);
         Self::Unfit(Box::new(Unfit { part, fault, placed }))
     }
 

@@ -6,8 +6,10 @@ pub mod body;
 pub mod checkpoint;
 pub mod equilibrium;
 mod fault;
+pub mod lattice;
 pub mod measures;
 pub mod plan;
+pub mod skin;
 
 use std::sync::Arc;
 

@@ -1,5 +1,7 @@
 //! Which effects run in a scene, on how many elements, at what cost; and which do not, and why.
 
+mod staged;
+
 use nalgebra::Isometry3;
 use serde::Serialize;
 

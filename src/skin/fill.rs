@@ -3,6 +3,7 @@
 use super::SkinError;
 use super::plan::{Inserted, Ready};
 use super::settle::Progress;
+use crate::mesh::TriangleMesh;
 
 /// What an implant is filled to on a day.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +55,28 @@ impl Schedule {
     }
 }
 
+/// A pocket is a dome of so small a share of the cube of its base.
+const EMPTY: f64 = 1e-5;
+
 impl Ready {
+    /// Checks that an implant of this volume [m^3] goes under this skin.
+    ///
+    /// # Errors
+    /// A volume that is not positive, or larger than the region takes.
+    pub fn takes(&self, volume: f64) -> Result<(), SkinError> {
+        self.model(volume).map(|_| ())
+    }
+
+    /// The shell of an implant that holds next to nothing [m].
+    ///
+    /// # Errors
+    /// See [`Ready::insert`].
+    pub fn pocket(&self) -> Result<TriangleMesh, SkinError> {
+        let (model, x) = self.model(EMPTY * self.order.implant.base.powi(3))?;
+        let triangles = model.implant.map(|i| i.mesh.triangles).unwrap_or_default();
+        Ok(TriangleMesh { vertices: x[2 * self.layers.count()..].to_vec(), triangles })
+    }
+
     /// Skin over the implant after each filling.
     ///
     /// # Errors

@@ -9,6 +9,7 @@
 //! settles (what grows is told from published ratios, [`areas`]). No friction, no contact of skin with itself.
 
 pub mod areas;
+pub mod ball;
 pub mod contact;
 pub mod elastic;
 pub mod envelope;
@@ -27,6 +28,7 @@ mod start;
 pub mod thickness;
 
 pub use areas::{Areas, Interval};
+pub use ball::Ball;
 pub use fault::SkinError;
 pub use fill::{Filling, Schedule};
 pub use plan::{Inserted, Order, insert};

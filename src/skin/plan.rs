@@ -98,6 +98,8 @@ pub struct Ready {
     pub layers: Layers,
     /// Frame of the implant: z out of the body.
     pub frame: Isometry3<f64>,
+    /// How equilibrium is sought; `None`: by the number of unknowns.
+    pub method: Option<Method>,
     pub(super) obstacles: Vec<Sheet>,
     pub(super) coarser: OnceLock<Option<Box<Ready>>>,
 }
@@ -170,7 +172,7 @@ impl Ready {
         let facing = |o: &TriangleMesh| Sheet::facing(o.clone(), &layers.rest, 2.0 * order.implant.base);
         let obstacles = obstacles.iter().map(facing).collect();
         let coarser = OnceLock::new();
-        Ok(Self { order: order.clone(), patch, outside, region, layers, frame, obstacles, coarser })
+        Ok(Self { order: order.clone(), patch, outside, region, layers, frame, method: None, obstacles, coarser })
     }
 
     /// Brings the skin to rest over the implant filled with `volume` [m^3].

@@ -25,6 +25,11 @@ const STEEP: f64 = 4.0;
 pub(super) type Begin = (Option<Vec<Point3<f64>>>, u32);
 
 impl Ready {
+    /// How a system of so many unknown vertices is solved.
+    pub(super) fn method_for(&self, unknown: usize) -> Method {
+        self.method.unwrap_or(if unknown > LARGE { Method::QuasiStatic } else { Method::Newton })
+    }
+
     /// The same skin with edges twice as long; `None` where few vertices move, or where that cannot be made ready.
     fn coarser(&self) -> Option<&Self> {
         let make = || {
@@ -36,7 +41,8 @@ impl Ready {
             let place = Place::Point(Point3::from(self.frame.translation.vector));
             let order = Order { place, edge: Some(edge), ..self.order.clone() };
             let obstacles: Vec<TriangleMesh> = self.obstacles.iter().map(|o| o.mesh().clone()).collect();
-            Self::new(&skin, &order, &obstacles).ok().map(Box::new)
+            let coarser = Self::new(&skin, &order, &obstacles).ok()?;
+            Some(Box::new(Self { method: self.method, ..coarser }))
         };
         self.coarser.get_or_init(make).as_deref()
     }
@@ -108,7 +114,7 @@ impl Ready {
         let pocket = (upper(rings)..dome.vertices.len() as u32).map(|v| v + first).collect();
         let mut x: Vec<Point3<f64>> = self.layers.rest.iter().zip(&lift).map(|(p, h)| p - down * *h).collect();
         x.extend(&shell.vertices);
-        let method = if x.len() > LARGE { Method::QuasiStatic } else { Method::Newton };
+        let method = self.method_for(x.len());
         let beds = match &self.obstacles[..] {
             [] => vec![Sheet::new(self.layers.bed())],
             some => some.to_vec(),

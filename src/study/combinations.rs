@@ -5,11 +5,14 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::findings::{Measure, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 use super::key::{Contents, key_of, name_of};
 use crate::report::number;
+use crate::report::run::ready;
+use crate::scene::content::{Content, Staged};
 use crate::scene::study::{Change, Combine, StudyFile};
 use crate::scene::{Effects, Mass, Material, Scene, SceneError, Solver};
-use crate::simulation::{Assets, Plan, Simulation};
+use crate::simulation::{Assets, LoadError, Plan, Simulation};
 
 /// What a run is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +33,20 @@ impl Role {
     }
 }
 
+/// What is run.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// Muscles.
+    Muscles {
+        /// The scene.
+        scene: Box<Scene>,
+        /// Its meshes, shared with other combinations where they are the same.
+        assets: Arc<Assets>,
+    },
+    /// A scene without muscles, and the time that its plan expects it to take [s].
+    Staged(Staged, f64),
+}
+
 /// One scene of a study.
 #[derive(Clone, Debug)]
 pub struct Combination {
@@ -41,10 +58,8 @@ pub struct Combination {
     pub values: Vec<Option<String>>,
     /// The changes that make it, besides the fixed ones.
     pub changes: Vec<Change>,
-    /// The scene.
-    pub scene: Scene,
-    /// Its meshes, shared with other combinations where they are the same.
-    pub assets: Arc<Assets>,
+    /// What is run.
+    pub subject: Subject,
     /// Everything that its result depends on, as text.
     pub key: String,
     /// Index of the combination that it is compared with.
@@ -59,9 +74,34 @@ impl Combination {
 
     /// Time that the plan expects it to take [s].
     pub fn expected_s(&self) -> f64 {
-        let frame_ms: f64 = Plan::new(&self.scene, &self.assets).run.iter().map(|p| p.ms_per_frame).sum();
-        frame_ms * 1e-3 * self.scene.frames as f64
+        match &self.subject {
+            Subject::Muscles { scene, assets } => seconds(&Plan::new(scene, assets), scene.frames),
+            Subject::Staged(_, expected) => *expected,
+        }
     }
+
+    /// Frames of its scene.
+    pub fn frames(&self) -> usize {
+        match &self.subject {
+            Subject::Muscles { scene, .. } => scene.frames,
+            Subject::Staged(Staged::Skin(scene), _) => scene.frames,
+            Subject::Staged(Staged::Lattice(scene), _) => scene.frames,
+        }
+    }
+
+    /// The measures that its runs have.
+    pub fn measures(&self) -> &'static [Measure] {
+        match &self.subject {
+            Subject::Muscles { .. } => &OF_MUSCLES,
+            Subject::Staged(Staged::Skin(_), _) => &OF_SKIN,
+            Subject::Staged(Staged::Lattice(_), _) => &OF_LATTICES,
+        }
+    }
+}
+
+/// What a plan expects so many frames to take [s].
+fn seconds(plan: &Plan, frames: usize) -> f64 {
+    plan.run.iter().map(|p| p.ms_per_frame).sum::<f64>() * 1e-3 * frames as f64
 }
 
 /// All scenes of a study, checked.
@@ -96,7 +136,8 @@ impl Combinations {
     pub fn of(file: &StudyFile) -> Result<Self, SceneError> {
         let choices = choices(file);
         let short = short_names(file);
-        let scenes: Vec<Scene> = choices.par_iter().map(|c| file.scene_with(&given(c))).collect::<Result<_, _>>()?;
+        let scenes: Vec<Content> = choices.par_iter().map(|c| file.scene_with(&given(c))).collect::<Result<_, _>>()?;
+        let scene_name = scenes.first().map(|s| s.name().to_owned());
         let mut meshes = Meshes::default();
         let mut contents = Contents::default();
         let frames = file.frames.clone().unwrap_or_else(|| looked_at(&scenes));
@@ -126,8 +167,9 @@ impl Combinations {
             made.references(&mut all, &chosen)?;
         }
         check_bodies(file, &all)?;
+        check_measures(file, &all)?;
         let varied = file.vary.iter().map(|v| v.key.clone()).zip(short).collect();
-        let scene = all.first().map_or(String::new(), |c| c.scene.name.clone());
+        let scene = scene_name.unwrap_or_default();
         let (name, combine) = (file.name.clone(), file.combine);
         Ok(Self { name, scene, combine, varied, frames, measures: file.measures.clone(), all, notes })
     }
@@ -139,8 +181,8 @@ impl Combinations {
 }
 
 /// The frames to look at where the file names none: start, middle and end.
-fn looked_at(scenes: &[Scene]) -> Vec<usize> {
-    let last = scenes.iter().map(|s| s.frames).min().unwrap_or(0);
+fn looked_at(scenes: &[Content]) -> Vec<usize> {
+    let last = scenes.iter().map(Content::frames).min().unwrap_or(0);
     let mut frames = vec![0, last / 2, last];
     frames.dedup();
     frames
@@ -215,14 +257,26 @@ impl Making<'_> {
         label: String,
         choice: &Choice<'_>,
         changes: &[&Change],
-        scene: Scene,
+        scene: Content,
     ) -> Result<Combination, SceneError> {
-        let assets = self.meshes.of(&scene).map_err(|error| self.file.refused(changes, &error.terse()))?;
+        let refused = |error: LoadError| self.file.refused(changes, &error.terse());
         let key = key_of(&scene, self.frames, self.contents);
-        let key = key.map_err(|error| self.file.refused(changes, &error.to_string()))?;
+        let key = key.map_err(|error| self.file.refused(changes, &error.to_string()));
+        let frames = scene.frames();
+        let subject = match scene {
+            Content::Muscles(scene) => {
+                let assets = self.meshes.of(&scene).map_err(refused)?;
+                Subject::Muscles { scene, assets }
+            }
+            Content::Staged(scene) => {
+                let expected = seconds(ready(&scene).map_err(refused)?.plan(), frames);
+                Subject::Staged(scene, expected)
+            }
+        };
+        let key = key?;
         let values = choice.iter().map(|c| c.map(|c| c.value.clone())).collect();
         let changes = changes.iter().map(|&c| c.clone()).collect();
-        Ok(Combination { role, label, values, changes, scene, assets, key, reference: None })
+        Ok(Combination { role, label, values, changes, subject, key, reference: None })
     }
 
     /// The run that each combination is compared with: itself with the changes of `[reference]`.
@@ -294,12 +348,23 @@ fn shape_of(scene: &Scene) -> Scene {
 /// Builds the muscles of each scene once, so that what cannot be held or factored is told before anything runs.
 fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
     all.par_iter().try_for_each(|c| {
-        let plan = Plan::new(&c.scene, &c.assets);
-        match Simulation::with(c.scene.clone(), (*c.assets).clone(), plan) {
+        // A scene without muscles was made ready for its plan.
+        let Subject::Muscles { scene, assets } = &c.subject else { return Ok(()) };
+        match Simulation::with((**scene).clone(), (**assets).clone(), Plan::new(scene, assets)) {
             Ok(_) => Ok(()),
             Err(error) => Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse())),
         }
     })
+}
+
+/// Refuses a measure that the scene does not have.
+fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
+    let (Some(wanted), Some(first)) = (&file.measures, all.first()) else { return Ok(()) };
+    let known: Vec<&str> = first.measures().iter().map(|(name, ..)| *name).collect();
+    match wanted.iter().find(|name| !known.contains(&name.as_str())) {
+        None => Ok(()),
+        Some(name) => Err(file.refused(&[], &format!("it has no measure `{name}`; there are: {}", known.join(", ")))),
+    }
 }
 
 /// A time for people.

@@ -13,9 +13,11 @@ use crate::report::folder::{Folder, FolderError};
 use crate::report::record::quoted;
 use crate::report::{Report, Table, number};
 
-/// Each measure: its name, its head in tables, and the factor to the unit there. Of several muscles the greatest
-/// counts.
-pub const MEASURES: [(&str, &str, f64); 8] = [
+/// A measure: its name, its head in tables, and the factor to the unit there.
+pub type Measure = (&'static str, &'static str, f64);
+
+/// Measures of scenes of muscles; of several muscles the greatest counts.
+pub const OF_MUSCLES: [Measure; 8] = [
     ("time_s", "time [s]", 1.0),
     ("volume_error", "volume error", 1.0),
     ("penetration_m", "depth in bones [mm]", 1e3),
@@ -25,6 +27,41 @@ pub const MEASURES: [(&str, &str, f64); 8] = [
     ("residual_m", "residual [mm]", 1e3),
     ("error_estimate_m", "error estimate [mm]", 1e3),
 ];
+
+/// Measures of scenes of skin, of all implants together, in the last frame.
+pub const OF_SKIN: [Measure; 13] = [
+    ("time_s", "time [s]", 1.0),
+    ("implant_volume_m3", "volume [cc]", 1e6),
+    ("area_before_m2", "area before [cm2]", 1e4),
+    ("area_deformed_m2", "deformed [cm2]", 1e4),
+    ("area_gain_m2", "gain [cm2]", 1e4),
+    ("area_retracted_low_m2", "retracted, least [cm2]", 1e4),
+    ("area_retracted_high_m2", "retracted, most [cm2]", 1e4),
+    ("area_grown_low_m2", "grown, least [cm2]", 1e4),
+    ("area_grown_high_m2", "grown, most [cm2]", 1e4),
+    ("volume_difference_m3", "volume difference [cc]", 1e6),
+    ("stretch_max", "greatest stretch", 1.0),
+    ("pressure_pa", "pressure [kPa]", 1e-3),
+    ("penetration_m", "depth in each other [mm]", 1e3),
+];
+
+/// Measures of scenes of a lattice.
+pub const OF_LATTICES: [Measure; 3] = [
+    ("time_s", "time [s]", 1.0),
+    ("distance_from_start_max_m", "distance to start, greatest [mm]", 1e3),
+    ("distance_from_start_end_m", "distance to start, end [mm]", 1e3),
+];
+
+/// The names of all measures that some scene has.
+pub fn names() -> Vec<&'static str> {
+    let mut all: Vec<&str> = Vec::new();
+    for (name, ..) in OF_MUSCLES.iter().chain(&OF_SKIN).chain(&OF_LATTICES) {
+        if !all.contains(name) {
+            all.push(name);
+        }
+    }
+    all
+}
 
 /// One row.
 #[derive(Clone, Debug)]
@@ -116,9 +153,10 @@ impl<'a> Findings<'a> {
         self.study.all.iter().any(|c| c.reference.is_some())
     }
 
-    fn measures(&self) -> impl Iterator<Item = &'static (&'static str, &'static str, f64)> + '_ {
+    fn measures(&self) -> impl Iterator<Item = &'static Measure> + '_ {
         let wanted = |name: &str| self.study.measures.as_ref().is_none_or(|all| all.iter().any(|m| m == name));
-        MEASURES.iter().filter(move |(name, ..)| wanted(name))
+        let all = self.study.all.first().map_or(&[][..], Combination::measures);
+        all.iter().filter(move |(name, ..)| wanted(name))
     }
 
     /// For people.

@@ -6,6 +6,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use crate::scene::content::{Content, SkinSurface, Staged};
 use crate::scene::{Area, Scene, Source};
 
 /// Layout of the stored results: another number makes all old ones unfit.
@@ -53,22 +54,37 @@ impl Contents {
 ///
 /// # Errors
 /// A file that cannot be read.
-pub fn key_of(scene: &Scene, frames: &[usize], contents: &mut Contents) -> io::Result<String> {
+pub fn key_of(content: &Content, frames: &[usize], contents: &mut Contents) -> io::Result<String> {
     let mut key = format!("layout {LAYOUT}\npliant {}", env!("CARGO_PKG_VERSION"));
     // A build of the same version may compute otherwise; where the program cannot be read the version has to do.
     if let Ok(program) = std::env::current_exe().and_then(|path| contents.of(&path)) {
         let _ = write!(key, " {program:032x}");
     }
     let _ = write!(key, "\nframes {frames:?}");
-    for path in files(scene) {
+    for path in files(content) {
         let _ = write!(key, "\nfile {} {:032x}", path.display(), contents.of(path)?);
     }
     // Numbers in it are the shortest texts that read back to the same bits.
-    let _ = write!(key, "\n{scene:?}");
+    let _ = write!(key, "\n{content:?}");
     Ok(key)
 }
 
-fn files(scene: &Scene) -> impl Iterator<Item = &PathBuf> {
+fn files(content: &Content) -> Vec<&PathBuf> {
+    let sources: Vec<&Source> = match content {
+        Content::Muscles(scene) => sources(scene).collect(),
+        Content::Staged(Staged::Skin(scene)) => {
+            let skin = match &scene.skin.surface {
+                SkinSurface::Source(source) => Some(source),
+                SkinSurface::Sheet { .. } => None,
+            };
+            skin.into_iter().chain(scene.obstacles.iter().map(|o| &o.surface)).collect()
+        }
+        Content::Staged(Staged::Lattice(_)) => Vec::new(),
+    };
+    sources.into_iter().filter_map(path_of).collect()
+}
+
+fn sources(scene: &Scene) -> impl Iterator<Item = &Source> {
     let bones = scene.bones.iter().map(|bone| &bone.surface);
     let muscles = scene.muscles.iter().flat_map(|muscle| {
         let patches = muscle.attachments.iter().filter_map(|a| match &a.area {
@@ -77,10 +93,14 @@ fn files(scene: &Scene) -> impl Iterator<Item = &PathBuf> {
         });
         std::iter::once(&muscle.surface).chain(&muscle.fibres).chain(patches)
     });
-    bones.chain(muscles).filter_map(|source| match source {
+    bones.chain(muscles)
+}
+
+fn path_of(source: &Source) -> Option<&PathBuf> {
+    match source {
         Source::File { path, .. } => Some(path),
         Source::Shape(_) => None,
-    })
+    }
 }
 
 /// The name of a file for a key.
@@ -93,7 +113,7 @@ pub fn name_of(key: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::builtin::load;
+    use crate::scene::builtin::load_content;
 
     #[test]
     fn the_hash_is_the_published_one() {
@@ -106,7 +126,7 @@ mod tests {
     fn whatever_may_change_a_result_changes_its_key() {
         let key = |changes: &[&str], frames: &[usize]| {
             let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
-            key_of(&load("distance", &changes).unwrap(), frames, &mut Contents::default()).unwrap()
+            key_of(&load_content("distance", &changes).unwrap(), frames, &mut Contents::default()).unwrap()
         };
         assert_eq!(key(&[], &[1, 2]), key(&[], &[1, 2]));
         assert_eq!(key(&["solver.pbd.iterations=3"], &[1]), key(&["iterations=3"], &[1]), "however it is written");

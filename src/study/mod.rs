@@ -11,7 +11,7 @@ pub mod outcome;
 pub mod running;
 pub mod sheet;
 
-pub use combinations::{Combination, Combinations, Role};
-pub use findings::{Findings, MEASURES};
+pub use combinations::{Combination, Combinations, Role, Subject};
+pub use findings::{Findings, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 pub use outcome::Outcome;
 pub use running::{Watch, execute};

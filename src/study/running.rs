@@ -8,14 +8,17 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 
-use super::combinations::{Combination, Combinations};
-use super::outcome::Outcome;
+use super::combinations::{Combination, Combinations, Subject};
+use super::outcome::{Outcome, Positions};
 use crate::mesh::measures::{Aabb, greatest};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::frames::Cast;
 use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
+use crate::report::run::ready;
 use crate::report::summary::{Summary, Time};
+use crate::scene::content::Staged;
+use crate::simulation::skin::Stepped;
 use crate::simulation::{Body, Plan, Simulation};
 use crate::solvers::DIVERGENCE;
 
@@ -91,8 +94,11 @@ fn simulate(
     goes_on: &dyn Fn() -> bool,
     watch: &impl Watch,
 ) -> Option<Outcome> {
+    let (scene, assets) = match &combination.subject {
+        Subject::Muscles { scene, assets } => ((**scene).clone(), (**assets).clone()),
+        Subject::Staged(scene, _) => return perform(scene, frames, goes_on, watch),
+    };
     let begun = Instant::now();
-    let (scene, assets) = (combination.scene.clone(), (*combination.assets).clone());
     let plan = Plan::new(&scene, &assets);
     // It was built once before; only a file that changed since could keep it from being built, and files are not read.
     let mut simulation = Simulation::with(scene, assets, plan).ok()?;
@@ -127,6 +133,51 @@ fn simulate(
     let summary = Summary::of(&simulation, &record, false, time, None);
     let outcome = looks.outcome(&summary, &record);
     Some(Outcome { diverged, ..outcome })
+}
+
+/// As [`simulate`], of a scene without muscles.
+fn perform(scene: &Staged, frames: &[usize], goes_on: &dyn Fn() -> bool, watch: &impl Watch) -> Option<Outcome> {
+    let mut run = ready(scene).ok()?;
+    let cast = run.cast();
+    let (mut positions, mut stretch, mut stopped) = (Vec::new(), 0.0, None);
+    loop {
+        if frames.contains(&run.frame()) {
+            let x: Vec<Vec<Point3<f64>>> = run.snapshot().muscles.into_iter().map(|(x, _)| x).collect();
+            stretch = greatest([stretch, covered_stretch(&cast, x.iter().map(Vec::as_slice))]);
+            positions.push((run.frame(), x));
+        }
+        if run.frame() >= run.frames() {
+            break;
+        }
+        if !goes_on() {
+            return None;
+        }
+        match run.step(&mut |_| goes_on()) {
+            Stepped::Done => watch.frame(),
+            Stepped::Interrupted => return None,
+            Stepped::Failed(why) => {
+                stopped = Some(why);
+                break;
+            }
+        }
+    }
+    let numbers = run.account().numbers;
+    Some(Outcome {
+        frames: run.frame(),
+        not_converged: usize::from(!run.converged()),
+        stopped,
+        diverged: false,
+        numbers: numbers.into_iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+        bounds: bounds(&positions),
+        positions,
+        stretch,
+    })
+}
+
+/// Least and greatest corner of all positions.
+fn bounds(positions: &[(usize, Positions)]) -> Option<[Point3<f64>; 2]> {
+    let all = positions.iter().flat_map(|(_, x)| x).filter(|x| !x.is_empty());
+    all.map(Aabb::of_points).reduce(|a, b| a.union(&b)).map(|b| [b.min, b.max])
 }
 
 /// Gathers positions at the frames looked at.
@@ -167,16 +218,14 @@ impl Looks<'_> {
             let at = m.stopped.as_ref()?;
             Some(format!("{} at vertex {} of {} in frame {}", at.effect, at.particle, m.name, at.frame))
         };
-        let all = self.positions.iter().flat_map(|(_, x)| x).filter(|x| !x.is_empty());
-        let bounds = all.map(Aabb::of_points).reduce(|a, b| a.union(&b));
         Outcome {
             frames: summary.frames,
             not_converged: muscles.iter().map(|m| m.frames_not_converged).sum(),
             stopped: muscles.iter().find_map(at),
             diverged: false,
             numbers: numbers.map(|(name, value)| (name.to_owned(), value)).to_vec(),
+            bounds: bounds(&self.positions),
             positions: self.positions,
-            bounds: bounds.map(|b| [b.min, b.max]),
             stretch: self.stretch,
         }
     }

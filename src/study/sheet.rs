@@ -2,15 +2,17 @@
 
 use std::path::Path;
 
+use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::combinations::{Combination, Combinations, Role};
+use super::combinations::{Combination, Combinations, Role, Subject};
 use super::findings::Row;
 use super::outcome::{Outcome, Positions};
 use crate::mesh::measures::Aabb;
 use crate::render::{Canvas, Frame, Rgb, TextStyle, number};
 use crate::report::frames::{Cast, Snapshot};
 use crate::report::pictures::{Painter, Stage};
+use crate::report::run::ready;
 use crate::simulation::{Plan, Simulation};
 
 /// Width of a picture [px].
@@ -164,16 +166,33 @@ fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
     let tame = || boxes.iter().filter(|(b, _)| b.extents().amax() <= WILD * median);
     let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
     let stretch = crate::mesh::measures::greatest(tame().map(|(_, s)| *s));
-    let first = study.all.first()?;
-    let (cast, simulation) = cast(first)?;
-    Some(Stage::new(&cast, &Snapshot::of(&simulation), &bounds, stretch))
+    let Start { cast, first, .. } = start(study.all.first()?)?;
+    Some(Stage::new(&cast, &first, &bounds, stretch))
 }
 
-fn cast(combination: &Combination) -> Option<(Cast, Simulation)> {
-    let (scene, assets) = (combination.scene.clone(), (*combination.assets).clone());
-    let plan = Plan::new(&scene, &assets);
-    let simulation = Simulation::with(scene, assets, plan).ok()?;
-    Some((Cast::of(&simulation), simulation))
+/// The start of a run, and where bones are at a frame.
+struct Start {
+    cast: Cast,
+    first: Snapshot,
+    poses: Box<dyn Fn(usize) -> Vec<Isometry3<f64>>>,
+}
+
+fn start(combination: &Combination) -> Option<Start> {
+    match &combination.subject {
+        Subject::Muscles { scene, assets } => {
+            let plan = Plan::new(scene, assets);
+            let simulation = Simulation::with((**scene).clone(), (**assets).clone(), plan).ok()?;
+            let (cast, first) = (Cast::of(&simulation), Snapshot::of(&simulation));
+            let poses =
+                move |frame: usize| (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect();
+            Some(Start { cast, first, poses: Box::new(poses) })
+        }
+        Subject::Staged(scene, _) => {
+            let run = ready(scene).ok()?;
+            let (cast, first) = (run.cast(), run.snapshot());
+            Some(Start { cast, first, poses: Box::new(move |frame| run.poses(frame)) })
+        }
+    }
 }
 
 /// The pictures of one run, one for each frame; `None` for a frame that it did not reach.
@@ -186,13 +205,14 @@ fn pictures(
 ) -> Vec<Option<Frame>> {
     let none = || vec![None; study.frames.len()];
     let Some(outcome) = Outcome::read(&folder.join(combination.file()), &combination.key) else { return none() };
-    let Some((cast, simulation)) = cast(combination) else { return none() };
+    let Some(Start { cast, poses, .. }) = start(combination) else { return none() };
     let painter = Painter::on(&cast, stage);
     let shot = |frame: usize, x: &Positions| Snapshot {
         frame,
-        time: frame as f64 / simulation.scene.frame_rate,
+        // No picture tells its time.
+        time: 0.0,
         muscles: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
-        bones: (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect(),
+        bones: poses(frame),
     };
     let shots: Vec<Option<Snapshot>> = study.frames.iter().map(|&f| Some(shot(f, outcome.at(f)?))).collect();
     let canvas = Canvas::new(WIDTH, tall);

@@ -5,6 +5,7 @@ mod check;
 mod implant;
 mod resume;
 mod springs;
+mod staged;
 mod study;
 
 use std::fs;

@@ -7,8 +7,15 @@ mod refused;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use pliant::scene::builtin::{BUILTIN, builtin, load};
-use pliant::scene::{self, Area, Mass, Minimisation, Order, Scene, SceneError, Solver, Source, Surroundings};
+use pliant::scene::builtin::{BUILTIN, builtin, load, load_content};
+use pliant::scene::content::{Staged, Under};
+use pliant::scene::{
+    self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source, Surroundings, parse_content,
+};
+use pliant::skin::implant::SILICONE;
+use pliant::skin::layers::Tissue;
+use pliant::skin::plan::Place;
+use pliant::springs::Neighbours;
 
 /// The smallest scene, to be spoilt.
 const SMALL: &str = r#"frames = 3
@@ -25,7 +32,7 @@ shape = "tetrahedron"
 fn folder() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("scene");
     std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
-    for name in ["femur.obj", "gluteus.obj", "patch.obj", "fibres.vtk"] {
+    for name in ["femur.obj", "gluteus.obj", "patch.obj", "fibres.vtk", "skin.obj", "ribs.obj"] {
         std::fs::write(folder.join(name), "").expect("the folder of tests can be written");
     }
     folder
@@ -85,6 +92,60 @@ fn the_layout_of_the_documentation_is_a_scene() {
     let default = read(SMALL).expect("the small scene is one");
     assert_eq!(default.solver, scene.solver);
     assert_eq!((default.name.as_str(), default.effects), ("s", scene::Effects::default()));
+}
+
+/// The layout of one of the scenes without muscles.
+fn staged(text: &str) -> Staged {
+    let (folder, variable) = (folder(), |_: &str| None);
+    let around = Surroundings { folder: &folder, variable: &variable, overrides: &[] };
+    match parse_content(text, "s.toml", &around).unwrap_or_else(|e| panic!("{e:?}")) {
+        Content::Staged(scene) => scene,
+        Content::Muscles(_) => panic!("a scene of muscles"),
+    }
+}
+
+#[test]
+fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
+    let Staged::Skin(scene) = staged(include_str!("../../src/scene/layout-skin.toml")) else { panic!("no skin") };
+    assert_eq!((scene.name.as_str(), scene.frames, scene.obstacles.len()), ("flat", 3, 1));
+    let Under::Implants(implants) = &scene.under else { panic!("no implants") };
+    let volumes = |k: usize| [1, 2, 3].map(|frame| (implants[k].volume_at(frame) * 1e7).round());
+    assert_eq!((volumes(0), volumes(1)), ([333.0, 667.0, 1000.0], [100.0, 250.0, 400.0]));
+    // It states the defaults.
+    let [tissue, default] = [implants[0].order.tissue, Tissue::default()];
+    assert_eq!((tissue, implants[0].order.implant.membrane), (default, SILICONE));
+    assert_eq!(implants[1].order.place, Place::Vertex(911));
+    let Staged::Lattice(scene) = staged(include_str!("../../src/scene/layout-lattice.toml")) else {
+        panic!("no lattice")
+    };
+    assert_eq!((scene.points, scene.neighbours, scene.release), ([12; 3], Neighbours::TwentySix, 30));
+}
+
+#[test]
+fn a_key_of_the_only_element_needs_no_number() {
+    let volume = |change: &str| {
+        let Content::Staged(Staged::Skin(scene)) = load_content("flat-implant", &[change.to_owned()]).expect("a scene")
+        else {
+            panic!("no skin")
+        };
+        let Under::Implants(implants) = &scene.under else { panic!("no implants") };
+        implants[0].order.implant.volume
+    };
+    for change in ["implant.volume=50cc", "implant.0.volume=50 cc", "implant.*.volume=0.05 l"] {
+        assert!((volume(change) - 50e-6).abs() <= 1e-18, "{change}");
+    }
+    // Where there are two, it has to be said which.
+    let error = load_content("hip", &["bone.shape=hip-femur".to_owned()]).expect_err("two bones");
+    assert!(
+        error.terse().contains("there is no element `shape`") || error.terse().contains("is a section"),
+        "{error:?}"
+    );
+}
+
+#[test]
+fn a_scene_without_muscles_is_none_of_muscles() {
+    let error = load("flat-implant", &[]).expect_err("no muscles");
+    assert!(error.terse().ends_with("error[E055]: `muscle` is missing; add a section [[muscle]]"), "{error:?}");
 }
 
 #[test]
@@ -190,7 +251,8 @@ fn wrong_overrides_name_themselves() {
         (
             "effect.contact.friction=0.3",
             "error[E052]: unknown key `effect`, did you mean `effects`?; \
-          known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver",
+          known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver, \
+          skin, sheet, implant, ball, obstacle, lattice",
         ),
         (
             "contact.friction=-1",
@@ -246,8 +308,8 @@ fn wrong_overrides_name_themselves() {
 #[test]
 fn every_built_in_is_a_scene_of_its_name() {
     for &(name, text, line) in BUILTIN {
-        let scene = load(name, &[]).unwrap_or_else(|e| panic!("{e:?}"));
-        assert_eq!((scene.name.as_str(), builtin(name)), (name, Some(text)));
+        let scene = load_content(name, &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!((scene.name(), builtin(name)), (name, Some(text)));
         assert!(!line.is_empty() && line.len() < 80);
     }
     let scene = changed("hip", &[]);
@@ -271,7 +333,7 @@ fn a_name_is_a_file_or_a_built_in() {
     assert_eq!(
         terse("hop"),
         "SCENE: error[E063]: there is no scene `hop`, did you mean `hip`?; \
-         there are: hip, press, distance, shape, volume, chain"
+         there are: hip, press, distance, shape, volume, chain, cube, sheet, flat-implant, expander, lattice"
     );
     assert_eq!(
         terse("hip.toml"),

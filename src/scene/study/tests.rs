@@ -41,6 +41,7 @@ fn changes_apply_in_the_order_set_command_line_vary() {
     let more = ["frames=30".to_owned()];
     let study = StudyFile::parse(&text, "s.toml", Path::new("."), &more, &[]).unwrap();
     let scene = study.scene_with(&[&study.vary[0].values[0]]).unwrap();
+    let crate::scene::Content::Muscles(scene) = scene else { panic!() };
     assert_eq!((scene.frames, scene.solver.iterations()), (30, 5));
     let crate::scene::Solver::Pbd(pbd) = scene.solver else { panic!() };
     assert_eq!(pbd.stretch, 0.5);

@@ -83,7 +83,8 @@ refused! {
          known keys here: thickness, friction";
     e052_unknown: with("[gravity]\n") =>
         "s.toml:9:2: error[E052]: unknown key `gravity`; \
-         known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver";
+         known keys here: name, frames, frame_rate, accuracy, bone, capsule, muscle, effects, solver, \
+         skin, sheet, implant, ball, obstacle, lattice";
     e052_nothing_known: with("[effects.stretch]\nstiffness = 1\n") =>
         "s.toml:10:1: error[E052]: effects.stretch: unknown key `stiffness`; known keys here: none";
     e053_duplicate_key: spoilt("frames = 3", "frames = 3\nframes = 4") =>
@@ -168,7 +169,7 @@ refused! {
          there are: femur";
     e063_unknown_shape: spoilt("tetrahedron", "cube") =>
         "s.toml:8:9: error[E063]: muscle.0.shape: there is no shape `cube`; there are: tetrahedron, chain, \
-         press-muscle, press-plate, hip-socket, hip-femur, hip-gluteus";
+         press-muscle, press-plate, hip-socket, hip-femur, hip-gluteus, soft-cube, soft-ball, soft-table, skull";
     e063_unknown_order: with("[solver.xpbd]\norder = 'colored'\n") =>
         "s.toml:10:9: error[E063]: solver.xpbd.order: there is no order `colored`, did you mean `coloured`?; \
          there are: stored, reversed, from-loaded-end, coloured";

@@ -1,0 +1,257 @@
+//! What accuracy costs for skin over implants or over a ball: edge lengths and methods against the finest mesh that there is time for.
+//!
+//! The error is that of the area gained in the last frame. Areas themselves are not compared, because the region ends with
+//! whole triangles and so has another area before on every mesh.
+
+use std::time::{Duration, Instant};
+
+use super::study::Watch;
+use crate::scene::content::{SkinScene, SkinSurface, Under};
+use crate::simulation::LoadError;
+use crate::simulation::skin::{SkinRun, Stepped};
+use crate::skin::settle::Method;
+
+/// Edge lengths measured, in the scene's own, from coarse to fine.
+const EDGES: [f64; 7] = [
+    2.0 * std::f64::consts::SQRT_2,
+    2.0,
+    std::f64::consts::SQRT_2,
+    1.0,
+    std::f64::consts::FRAC_1_SQRT_2,
+    0.5,
+    0.5 * std::f64::consts::FRAC_1_SQRT_2,
+];
+
+/// A mesh with edges shorter by a factor of the square root of two is expected to take so many times as long.
+const SLOWER: f64 = 3.0;
+
+/// Share of the budget for Newton's method, which the reference is found by.
+const FOR_REFERENCE: f64 = 0.75;
+
+/// Errors that are recommended for, as shares of the gain.
+const TARGETS: [f64; 3] = [0.1, 0.01, 0.001];
+
+/// One insertion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SkinRow {
+    /// Median edge of the region [m].
+    pub edge: f64,
+    /// How equilibrium was sought.
+    pub method: Method,
+    /// Vertices of both layers of all regions.
+    pub vertices: usize,
+    /// Their springs.
+    pub springs: usize,
+    /// Whether everything came to rest.
+    pub converged: bool,
+    /// Area gained in the last frame [m^2].
+    pub gain: f64,
+    /// Area deformed [m^2].
+    pub deformed: f64,
+    /// Volume difference [m^3].
+    pub volume_difference: f64,
+    /// Iterations of the solver.
+    pub steps: u32,
+    /// Wall time [s].
+    pub time_s: f64,
+}
+
+/// What was measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SkinStudy {
+    /// The scene's name.
+    pub scene: String,
+    /// All insertions but the reference: Newton's method from coarse to fine, then the other.
+    pub rows: Vec<SkinRow>,
+    /// The finest by Newton's method.
+    pub reference: SkinRow,
+    /// What its gain may be off [m^2].
+    pub uncertainty: f64,
+    /// Edges [m] and methods for which there was no time.
+    pub left_out: Vec<(f64, Method)>,
+    /// Whether it was interrupted.
+    pub interrupted: bool,
+}
+
+/// Why nothing could be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum SkinStudyError {
+    /// The scene cannot be run.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// No two meshes that came to rest.
+    #[error("no reference: {0}")]
+    NoReference(String),
+}
+
+impl SkinStudy {
+    /// The error of a row: its gain less the reference's [m^2].
+    pub fn error(&self, row: &SkinRow) -> f64 {
+        row.gain - self.reference.gain
+    }
+
+    /// The same as a share of the reference's gain, without a sign.
+    pub fn share(&self, row: &SkinRow) -> f64 {
+        (self.error(row) / self.reference.gain).abs()
+    }
+
+    /// Whether an error can be told from the reference's own uncertainty.
+    pub fn is_certain(&self, row: &SkinRow) -> bool {
+        self.error(row).abs() >= self.uncertainty
+    }
+
+    /// The fastest row for each target, a share of the gain; none where the target is below the uncertainty.
+    pub fn recommended(&self) -> Vec<(f64, Option<usize>)> {
+        let keeps = |target: f64, row: &SkinRow| {
+            row.converged && self.share(row) + self.uncertainty / self.reference.gain.abs() <= target
+        };
+        let best = |target: f64| {
+            let all = (0..self.rows.len()).filter(|&k| keeps(target, &self.rows[k]));
+            all.min_by(|&a, &b| self.rows[a].time_s.total_cmp(&self.rows[b].time_s))
+        };
+        TARGETS.map(|target| (target, best(target))).to_vec()
+    }
+}
+
+/// The scene with its last frame alone, on a mesh with edges of `edge` [m].
+fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
+    let mut scene = scene.clone();
+    let last = scene.frames;
+    if let SkinSurface::Sheet { side, cells } = &mut scene.skin.surface {
+        *cells = ((*side / edge).round() as u32).max(4);
+    }
+    scene.skin.method = Some(method);
+    match &mut scene.under {
+        Under::Implants(all) => {
+            for filled in all {
+                filled.order.edge = Some(edge);
+                filled.fill = vec![(1, filled.volume_at(last))];
+            }
+        }
+        Under::Ball(ball) => ball.order.edge = Some(edge),
+    }
+    SkinScene { frames: 1, ..scene }
+}
+
+/// Runs a variant; `None` where it was interrupted or could not be solved.
+fn insert(scene: SkinScene, method: Method, watch: &dyn Watch) -> Result<Option<SkinRow>, LoadError> {
+    let begun = Instant::now();
+    let mut run = SkinRun::new(scene)?;
+    if run.step(&mut |_| !watch.stops()) != Stepped::Done {
+        return Ok(None);
+    }
+    let count = |of: &dyn Fn(&crate::simulation::skin::Part) -> usize| run.parts.iter().map(of).sum();
+    let sum = |of: &dyn Fn(&crate::skin::Areas) -> f64| -> f64 {
+        run.parts.iter().filter_map(|p| p.frames.last()).map(|f| of(&f.areas)).sum()
+    };
+    Ok(Some(SkinRow {
+        edge: run.parts.first().map_or(0.0, |p| p.ready.layers.edge),
+        method,
+        vertices: count(&|p| 2 * p.ready.layers.count()),
+        springs: count(&|p| p.ready.layers.springs.len()),
+        converged: run.converged(),
+        gain: sum(&crate::skin::Areas::gain),
+        deformed: sum(&|a| a.deformed),
+        volume_difference: sum(&|a| a.volume_difference),
+        steps: run.parts.iter().map(|p| p.steps()).sum(),
+        time_s: begun.elapsed().as_secs_f64(),
+    }))
+}
+
+/// Measures a scene of skin within about `budget`.
+///
+/// # Errors
+/// A scene that cannot be run; fewer than two meshes at rest.
+pub fn measure(scene: &SkinScene, budget: Duration, watch: &mut dyn Watch) -> Result<SkinStudy, SkinStudyError> {
+    let begun = Instant::now();
+    let own = SkinRun::new(scene.clone())?.parts.first().map_or(0.0, |p| p.ready.layers.edge);
+    let budget = budget.as_secs_f64();
+    let mut left_out = Vec::new();
+    let mut rows: Vec<SkinRow> = Vec::new();
+    for (method, share) in [(Method::Newton, FOR_REFERENCE), (Method::QuasiStatic, 1.0)] {
+        let mut last = None::<f64>;
+        for edge in EDGES.map(|e| e * own) {
+            // The first two are needed whatever they take.
+            let needed = method == Method::Newton && rows.len() < 2;
+            let late = begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
+            if watch.stops() || (late && !needed) {
+                left_out.push((edge, method));
+                continue;
+            }
+            watch.part(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
+            // Too coarse or too fine for its region is an error; the scene itself can be made ready.
+            let Ok(Some(row)) = insert(variant(scene, edge, method), method, watch) else { continue };
+            last = Some(row.time_s);
+            // A mesh that is finer than asked for is taken as it is.
+            if !rows.iter().any(|r| r.method == method && (r.vertices, r.springs) == (row.vertices, row.springs)) {
+                rows.push(row);
+            }
+        }
+    }
+    let interrupted = watch.stops();
+    let (reference, uncertainty) = reference(&mut rows)?;
+    Ok(SkinStudy { scene: scene.name.clone(), rows, reference, uncertainty, left_out, interrupted })
+}
+
+/// What a method is called in scenes.
+pub fn name(method: Method) -> &'static str {
+    match method {
+        Method::Newton => "newton",
+        Method::QuasiStatic => "quasi_static",
+    }
+}
+
+/// Takes the finest mesh of Newton's method out of the rows; and what its gain may be off: the sum of the geometric series
+/// that the last two differences begin, at least the last difference itself.
+fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> {
+    let newton: Vec<usize> =
+        (0..rows.len()).filter(|&k| rows[k].method == Method::Newton && rows[k].converged).collect();
+    let [.., second, finest] = newton[..] else {
+        let why = "fewer than two meshes came to rest in the time; give more, with --budget".to_owned();
+        return Err(SkinStudyError::NoReference(why));
+    };
+    let last = (rows[finest].gain - rows[second].gain).abs();
+    let before = newton.len().checked_sub(3).map(|k| (rows[second].gain - rows[newton[k]].gain).abs());
+    let ratio = before.map_or(0.0, |before| last / before);
+    let rest = if ratio < 1.0 { last * ratio / (1.0 - ratio) } else { last };
+    Ok((rows.remove(finest), rest.max(last)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(gain: f64, method: Method, time_s: f64) -> SkinRow {
+        let (vertices, springs, steps) = (1, 1, 1);
+        let (edge, deformed, volume_difference) = (1e-3, gain + 1.0, 0.0);
+        SkinRow { edge, method, vertices, springs, converged: true, gain, deformed, volume_difference, steps, time_s }
+    }
+
+    #[test]
+    fn the_finest_is_the_reference_and_its_doubt_follows_from_the_differences() {
+        let newton = |gain, time| row(gain, Method::Newton, time);
+        let mut rows = vec![newton(1.4, 1.0), newton(1.1, 3.0), newton(1.0, 9.0), row(1.1, Method::QuasiStatic, 2.0)];
+        let (found, doubt) = reference(&mut rows).expect("a reference");
+        // Differences of 0.3 and 0.1: what is to come is 0.1/3 + 0.1/9 + ... = 0.05, less than the last.
+        assert!(found.gain == 1.0 && (doubt - 0.1).abs() <= 1e-12 && rows.len() == 3, "{doubt}");
+        let study = SkinStudy {
+            scene: String::new(),
+            rows,
+            reference: found,
+            uncertainty: 0.0,
+            left_out: Vec::new(),
+            interrupted: false,
+        };
+        // Both are off by a tenth; rounding decides nothing.
+        let near =
+            SkinStudy { rows: study.rows.iter().map(|r| SkinRow { gain: r.gain - 0.01, ..*r }).collect(), ..study };
+        assert_eq!(near.recommended(), [(0.1, Some(2)), (0.01, None), (0.001, None)]);
+        let doubtful = SkinStudy { uncertainty: 0.1, ..near };
+        assert_eq!(doubtful.recommended()[0], (0.1, None), "control: a target below the uncertainty is granted");
+    }
+
+    #[test]
+    fn one_mesh_is_no_reference() {
+        assert!(reference(&mut vec![row(1.0, Method::Newton, 1.0), row(1.0, Method::QuasiStatic, 1.0)]).is_err());
+    }
+}

@@ -1,0 +1,209 @@
+//! A box of points on springs whose highest layer is dragged and let go.
+
+use std::time::Instant;
+
+use nalgebra::{Point3, Vector3};
+
+use super::fault::{Fault, LoadError};
+use super::plan::Plan;
+use super::skin::Stepped;
+use crate::mesh::TriangleMesh;
+use crate::mesh::measures::greatest;
+use crate::scene::content::LatticeScene;
+use crate::springs::lattice::{Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit};
+
+/// A step is at most this share of the longest stable one.
+const STABLE: f64 = 0.5;
+
+/// Most steps a frame.
+const MOST_STEPS: f64 = 1e5;
+
+/// A lattice is at rest where no point moves further in a frame than this share of the spacing.
+const STILL: f64 = 1e-3;
+
+/// One frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// The frame.
+    pub frame: usize,
+    /// Greatest distance of a point from its place at the start [m].
+    pub distance: f64,
+    /// Greatest motion of a point in the frame [m].
+    pub moved: f64,
+    /// Wall time [s].
+    pub time_s: f64,
+}
+
+/// A lattice that runs.
+pub struct LatticeRun {
+    /// The scene.
+    pub scene: LatticeScene,
+    /// What runs.
+    pub plan: Plan,
+    /// The lattice.
+    pub lattice: Lattice<f64>,
+    /// Steps a frame.
+    pub steps: u32,
+    /// Its surface at the start [m].
+    pub surface: TriangleMesh,
+    /// Every frame after the start.
+    pub frames: Vec<Measured>,
+    /// The point of the lattice of each vertex of the surface.
+    points: Vec<[usize; 3]>,
+    now: Vec<[f64; 3]>,
+}
+
+impl LatticeRun {
+    /// Builds the lattice, with steps that are stable.
+    ///
+    /// # Errors
+    /// Numbers of which no lattice can be built.
+    pub fn new(scene: LatticeScene) -> Result<Self, LoadError> {
+        let refused = |error| LoadError::at(&scene.origin, "lattice", "lattice".to_owned(), Fault::Lattice(error));
+        let most = scene.points.iter().max().copied().unwrap_or(2);
+        let spacing = scene.side / (most - 1) as f64;
+        let shape = Shape { points: scene.points, origin: [0.0; 3], spacing: [spacing; 3] };
+        let stiffness = Stiffness::Uniform(scene.stiffness);
+        let mut settings = Settings { stiffness, mass: scene.mass, ..Settings::new(scene.neighbours) };
+        let damping = scene.damping * settings.damping_estimate(&shape);
+        let limit = stability_limit(largest_stiffness(&shape, &settings), scene.mass, damping);
+        let frame = 1.0 / scene.frame_rate;
+        let steps = (frame / (STABLE * limit)).ceil().max(1.0);
+        if !(steps <= MOST_STEPS) {
+            let (time_step, mass, stiffness) = (frame / MOST_STEPS, scene.mass, scene.stiffness);
+            return Err(refused(LatticeError::Unstable { time_step, limit, mass, damping, stiffness }));
+        }
+        (settings.damping, settings.time_step) = (Some(damping), Some(frame / steps));
+        let mut lattice = Lattice::new(shape, settings).map_err(refused)?;
+        shape.each().filter(|p| p[2] == 0).for_each(|p| lattice.pin(p));
+        let (points, surface) = surface(&shape);
+        let plan = Plan::of_lattice(&scene, &shape, steps as u32);
+        let now = lattice.positions();
+        Ok(Self { scene, plan, lattice, steps: steps as u32, surface, frames: Vec::new(), points, now })
+    }
+
+    /// The last frame that was computed; 0 is the start.
+    pub fn frame(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Whether it was at rest in the last frame.
+    pub fn at_rest(&self) -> bool {
+        let spacing = self.lattice.shape().spacing[0];
+        self.frames.last().is_some_and(|f| f.moved <= STILL * spacing)
+    }
+
+    /// Whether the highest layer is held and moved in a frame.
+    fn drags(&self, frame: usize) -> bool {
+        frame <= self.scene.release && self.scene.drag.norm() > 0.0
+    }
+
+    /// Computes the next frame.
+    pub fn step(&mut self) -> Stepped {
+        let (begun, frame) = (Instant::now(), self.frame() + 1);
+        let top: Vec<[usize; 3]> = self.lattice.shape().each().filter(|p| p[2] + 1 == self.scene.points[2]).collect();
+        if self.drags(frame) && frame == 1 {
+            top.iter().for_each(|&p| self.lattice.pin(p));
+        }
+        for s in 1..=self.steps {
+            if self.drags(frame) {
+                let share = (f64::from(s) / f64::from(self.steps) + (frame - 1) as f64) / self.scene.release as f64;
+                self.drag(&top, self.scene.drag * share);
+            }
+            if let Err(error) = self.lattice.step() {
+                return Stepped::Failed(format!("frame {frame}: {error}"));
+            }
+        }
+        if self.drags(frame) && frame == self.scene.release {
+            top.iter().for_each(|&p| self.lattice.release(p));
+        }
+        let (shape, now) = (*self.lattice.shape(), self.lattice.positions());
+        let apart = |a: &[f64; 3], b: &[f64; 3]| (Vector3::from(*a) - Vector3::from(*b)).norm();
+        let distance = greatest(shape.each().zip(&now).map(|(p, x)| apart(x, &shape.at(p))));
+        let moved = greatest(self.now.iter().zip(&now).map(|(a, b)| apart(a, b)));
+        self.now = now;
+        self.frames.push(Measured { frame, distance, moved, time_s: begun.elapsed().as_secs_f64() });
+        Stepped::Done
+    }
+
+    fn drag(&mut self, top: &[[usize; 3]], by: Vector3<f64>) {
+        for &point in top {
+            let at = Vector3::from(self.lattice.shape().at(point)) + by;
+            self.lattice.place(point, at.into());
+        }
+    }
+
+    /// The surface in the last frame [m].
+    pub fn surface_at(&self) -> Vec<Point3<f64>> {
+        self.points.iter().map(|&p| Point3::from(self.lattice.position(p))).collect()
+    }
+}
+
+/// The points on the surface of a box and the triangles between them, outward.
+fn surface(shape: &Shape) -> (Vec<[usize; 3]>, TriangleMesh) {
+    let mut numbers = std::collections::HashMap::new();
+    let mut points: Vec<[usize; 3]> = Vec::new();
+    let mut number = |p: [usize; 3]| {
+        *numbers.entry(p).or_insert_with(|| {
+            points.push(p);
+            points.len() as u32 - 1
+        })
+    };
+    let mut triangles = Vec::new();
+    for axis in 0..3 {
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let last = shape.points.map(|n| n - 1);
+        for side in [0, last[axis]] {
+            for (i, j) in (0..last[u]).flat_map(|i| (0..last[v]).map(move |j| (i, j))) {
+                let mut corner = |a: usize, b: usize| {
+                    let mut p = [0; 3];
+                    (p[axis], p[u], p[v]) = (side, i + a, j + b);
+                    number(p)
+                };
+                let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
+                let outward = |[p, q, r]: [u32; 3]| if side == 0 { [p, r, q] } else { [p, q, r] };
+                triangles.extend([outward([a, b, c]), outward([a, c, d])]);
+            }
+        }
+    }
+    let vertices = points.iter().map(|&p| Point3::from(shape.at(p))).collect();
+    (points, TriangleMesh { vertices, triangles })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Topology;
+    use crate::scene::builtin::load_content;
+    use crate::scene::content::{Content, Staged};
+
+    #[test]
+    fn the_surface_of_a_box_is_closed_and_looks_outward() {
+        let shape = Shape { points: [3, 4, 5], origin: [0.0; 3], spacing: [0.1, 0.2, 0.3] };
+        let (points, mesh) = surface(&shape);
+        let topology = Topology::new(&mesh);
+        assert!(topology.is_closed() && topology.is_oriented());
+        assert_eq!(points.len(), 3 * 4 * 5 - 2 * 3);
+        assert!((mesh.volume() - 0.2 * 0.6 * 1.2).abs() <= 1e-15);
+    }
+
+    #[test]
+    fn what_was_dragged_comes_back_and_six_neighbours_keep_no_shape() {
+        let far = |more: &str| {
+            let changes = ["lattice.points=[5,5,5]".to_owned(), "frames=90".to_owned(), more.to_owned()];
+            let found = load_content("lattice", &changes).expect("a scene");
+            let Content::Staged(Staged::Lattice(scene)) = found else { panic!("a lattice") };
+            let mut run = LatticeRun::new(*scene).expect("a lattice");
+            while run.frame() < 90 {
+                assert_eq!(run.step(), Stepped::Done);
+            }
+            (run.frames[29].distance, run.frames[89].distance, run.at_rest())
+        };
+        let (dragged, end, rests) = far("lattice.neighbours=26");
+        // 30 and 10 mm.
+        assert!((dragged - 1e-3f64.sqrt()).abs() <= 1e-9, "{dragged}");
+        assert!(rests && end <= 1e-4, "{end} m from the start");
+        let (_, end, _) = far("lattice.neighbours=6");
+        assert!(!(end <= 1e-4), "control: {end} m");
+    }
+}

@@ -1,0 +1,97 @@
+//! The plan of a scene without muscles.
+
+use super::{LeftOut, Plan, Planned};
+use crate::mesh::TriangleMesh;
+use crate::scene::content::{LatticeScene, SkinScene, Under};
+use crate::simulation::skin::Part;
+use crate::springs::lattice::Shape;
+
+/// Milliseconds that a spring of skin takes in an equilibrium, all included, over an implant and over a ball, as the built-in
+/// scenes took them on two cores: for estimates only.
+const MS_OF_SKIN: f64 = 0.1;
+const MS_OVER_BALL: f64 = 0.012;
+
+/// Nanoseconds that a point of a lattice takes in a step.
+const NS_OF_LATTICE: f64 = 100.0;
+
+/// Bytes of a spring with its stiffness, and of a vertex that may touch.
+const SPRING: usize = 32;
+const TOUCH: usize = 120;
+
+impl Plan {
+    /// What runs in a scene of skin.
+    pub fn of_skin(scene: &SkinScene, parts: &[Part], obstacles: &[TriangleMesh]) -> Self {
+        let mut plan = Self::default();
+        for part in parts {
+            plan.add_part(scene, part, obstacles);
+        }
+        for (effect, why) in [
+            ("growth", "told from published ratios, not simulated"),
+            ("bending", "two layers resist it; it has no stiffness of its own"),
+            ("friction", "contact of skin is without friction"),
+            ("gravity", "nothing in a scene of skin has weight"),
+            ("damping", "an equilibrium has no velocities"),
+        ] {
+            plan.leave("", effect, why);
+        }
+        plan
+    }
+
+    fn add_part(&mut self, scene: &SkinScene, part: &Part, obstacles: &[TriangleMesh]) {
+        let layers = &part.ready.layers;
+        let free = layers.held.iter().filter(|held| !**held).count() / 2;
+        let mut run = |effect: &str, elements: usize, bytes: usize, ms_per_frame: f64| {
+            let (muscle, effect) = (part.name.clone(), effect.to_owned());
+            self.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
+        };
+        let springs = layers.springs.len();
+        let over_ball = matches!(scene.under, Under::Ball(_));
+        let ms = springs as f64 * if over_ball { MS_OVER_BALL } else { MS_OF_SKIN };
+        run("two layers of skin", springs, springs * SPRING, ms);
+        if over_ball {
+            run("contact with the ball", free, free * TOUCH, 0.0);
+            return;
+        }
+        let (vertices, triangles) = (part.shell_at().len(), part.shell.triangles.len());
+        run("shell of the implant", triangles, triangles * 2 * SPRING, 0.0);
+        run("volume of the implant", vertices, vertices * 52 + triangles * 36, 0.0);
+        run("contact of skin and implant", free + vertices, (free + vertices) * TOUCH, 0.0);
+        if part.obstacles.is_empty() {
+            run("contact with what was under the skin", free + vertices, (free + vertices) * TOUCH, 0.0);
+        }
+        for &o in &part.obstacles {
+            let elements = free + vertices + obstacles[o].vertices.len();
+            let effect = format!("contact with {}", scene.obstacles[o].name);
+            run(&effect, elements, (free + vertices) * TOUCH + obstacles[o].triangles.len() * 60, 0.0);
+        }
+        for o in (0..obstacles.len()).filter(|o| !part.obstacles.contains(o)) {
+            let effect = format!("contact with {}", scene.obstacles[o].name);
+            self.leave(&part.name, &effect, "it is further from the implant than two of its bases");
+        }
+    }
+
+    /// What runs in a scene of a lattice, in so many steps a frame.
+    pub fn of_lattice(scene: &LatticeScene, shape: &Shape, steps: u32) -> Self {
+        let (springs, points) = (scene.neighbours.springs(scene.points), shape.count());
+        let top = scene.points[0] * scene.points[1];
+        let mut plan = Self::default();
+        let mut run = |effect: &str, elements: usize, bytes: usize, ms_per_frame: f64| {
+            let (muscle, effect) = (scene.name.clone(), effect.to_owned());
+            plan.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
+        };
+        run("springs", springs, points * 48, points as f64 * NS_OF_LATTICE * f64::from(steps) * 1e-6);
+        if scene.drag.norm() > 0.0 {
+            run("drag of the highest layer", top, 0, 0.0);
+        }
+        let mut leave = |effect: &str, why: &str| {
+            plan.left_out.push(LeftOut { muscle: String::new(), effect: effect.to_owned(), why: why.to_owned() });
+        };
+        if !(scene.drag.norm() > 0.0) {
+            leave("drag", "the scene has no `drag`, or one of length zero");
+        }
+        for effect in ["bending", "volume", "contact", "gravity"] {
+            leave(effect, "a lattice has springs and damping alone");
+        }
+        plan
+    }
+}

@@ -1,0 +1,331 @@
+//! Skin over implants, or over a ball, frame after frame: each an equilibrium, found from the one before.
+
+use std::time::Instant;
+
+use nalgebra::{Point3, Vector3};
+
+use super::assets::{mended, name_of, named_at, read_scaled};
+use super::fault::{Fault, LoadError};
+use super::plan::Plan;
+use crate::mesh::measures::Aabb;
+use crate::mesh::{TriangleMesh, shapes};
+use crate::scene::Source;
+use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
+use crate::skin::plan::{Inserted, Place, Ready};
+use crate::skin::region::Region;
+use crate::skin::settle::Progress;
+use crate::skin::{self, Areas, Order, SkinError};
+
+/// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
+const REACH: f64 = 2.0;
+
+/// How a frame ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Stepped {
+    /// It is there.
+    Done,
+    /// It was given up, because `watch` said so.
+    Interrupted,
+    /// It could not be computed, and why.
+    Failed(String),
+}
+
+/// One implant, or the ball, in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// The frame.
+    pub frame: usize,
+    /// Volume of the implant [m^3]; 0 for a ball.
+    pub volume: f64,
+    /// Areas of the region.
+    pub areas: Areas,
+    /// How it was found.
+    pub progress: Progress,
+    /// Wall time [s].
+    pub time_s: f64,
+}
+
+/// One implant, or the ball, and the skin over it.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Its name.
+    pub name: String,
+    /// The skin, made ready for it.
+    pub ready: Ready,
+    /// Its shell at the start [m]; empty for a ball.
+    pub shell: TriangleMesh,
+    /// Obstacles in reach, by their numbers.
+    pub obstacles: Vec<usize>,
+    /// The last frame; nothing at the start.
+    pub now: Option<Inserted>,
+    /// Every frame after the start.
+    pub frames: Vec<Measured>,
+    /// The first vertex of its patch in the whole skin.
+    first: usize,
+}
+
+impl Part {
+    /// Positions of the shell in the last frame [m].
+    pub fn shell_at(&self) -> &[Point3<f64>] {
+        self.now.as_ref().map_or(&self.shell.vertices, |now| &now.x[2 * self.ready.layers.count()..])
+    }
+
+    /// Each vertex of the region and that of the whole skin.
+    pub fn vertices(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.first + *patch as usize))
+    }
+
+    /// All iterations of the solver.
+    pub fn steps(&self) -> u32 {
+        self.frames.iter().map(|f| f.progress.iterations).sum()
+    }
+
+    /// Wall time of all frames [s].
+    pub fn time_s(&self) -> f64 {
+        self.frames.iter().map(|f| f.time_s).sum()
+    }
+
+    /// Whether it was at rest in every frame.
+    pub fn converged(&self) -> bool {
+        self.frames.iter().all(|f| f.progress.converged)
+    }
+}
+
+/// Skin that is lifted.
+pub struct SkinRun {
+    /// The scene.
+    pub scene: SkinScene,
+    /// The skin as read [m].
+    pub skin: TriangleMesh,
+    /// Obstacles as read [m].
+    pub obstacles: Vec<TriangleMesh>,
+    /// What runs.
+    pub plan: Plan,
+    /// Implants, or the ball.
+    pub parts: Vec<Part>,
+    /// The whole skin at the start, refined where implants go [m].
+    pub whole: TriangleMesh,
+    /// Notes of reading, for people.
+    pub notes: Vec<String>,
+    frame: usize,
+}
+
+impl SkinRun {
+    /// Reads meshes, chooses regions, builds the layers of skin.
+    ///
+    /// # Errors
+    /// A mesh that cannot be read or used; an implant that does not go where it is asked for.
+    pub fn new(scene: SkinScene) -> Result<Self, LoadError> {
+        let mut notes = Vec::new();
+        let skin = read_skin(&scene, &mut notes)?;
+        let obstacles: Vec<TriangleMesh> =
+            (0..scene.obstacles.len()).map(|o| read_obstacle(&scene, o, &mut notes)).collect::<Result<_, _>>()?;
+        let (parts, whole) = Making { scene: &scene, skin: &skin, obstacles: &obstacles }.parts()?;
+        let plan = Plan::of_skin(&scene, &parts, &obstacles);
+        Ok(Self { scene, skin, obstacles, plan, parts, whole, notes, frame: 0 })
+    }
+
+    /// The last frame that was computed; 0 is the start.
+    pub fn frame(&self) -> usize {
+        self.frame
+    }
+
+    /// Whether everything was at rest in every frame.
+    pub fn converged(&self) -> bool {
+        self.parts.iter().all(Part::converged)
+    }
+
+    /// Computes the next frame; `watch` hears how far each part is, and says whether to go on.
+    pub fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped {
+        let frame = self.frame + 1;
+        let mut found = Vec::new();
+        for (k, part) in self.parts.iter().enumerate() {
+            let begun = Instant::now();
+            let mut heard = |p: &Progress| {
+                watch(&format!("frame {frame}, {}: round {}, moved {:.3} mm", part.name, p.rounds, p.moved * 1e3))
+            };
+            let done = match &self.scene.under {
+                Under::Implants(all) => part.ready.insert_after(part.now.as_ref(), all[k].volume_at(frame), &mut heard),
+                Under::Ball(ball) => {
+                    let at = |frame| self.ball_at(ball, part, frame);
+                    let before = part.now.as_ref().map(|now| (now, at(self.frame)));
+                    part.ready.over_ball(at(frame), before, &mut heard)
+                }
+            };
+            match done {
+                Ok(now) => found.push((now, begun.elapsed().as_secs_f64())),
+                Err(SkinError::Stopped) => return Stepped::Interrupted,
+                Err(error) => {
+                    return Stepped::Failed(format!("frame {frame}, {}: {error}; {}", part.name, error.help()));
+                }
+            }
+        }
+        for (part, (now, time_s)) in self.parts.iter_mut().zip(found) {
+            let (volume, areas, progress) = (now.implant_volume, now.areas, now.progress);
+            part.frames.push(Measured { frame, volume, areas, progress, time_s });
+            part.now = Some(now);
+        }
+        self.frame = frame;
+        Stepped::Done
+    }
+
+    /// Where the ball is at a frame.
+    pub fn ball_at(&self, ball: &Ball, part: &Part, frame: usize) -> skin::Ball {
+        let down = part.ready.frame * -Vector3::z();
+        // Touching the lower layer from below.
+        let from = ball.from.unwrap_or_else(|| ball.to + down * (ball.radius + ball.order.tissue.depth));
+        let share = frame as f64 / self.scene.frames as f64;
+        skin::Ball { centre: from + (ball.to - from) * share, radius: ball.radius }
+    }
+
+    /// The whole skin in the last frame [m].
+    pub fn skin_at(&self) -> Vec<Point3<f64>> {
+        let mut x = self.whole.vertices.clone();
+        for part in &self.parts {
+            let Some(now) = &part.now else { continue };
+            part.vertices().for_each(|(v, vertex)| x[vertex] = now.x[v]);
+        }
+        x
+    }
+}
+
+/// The key of a mesh of a scene and what it is called there.
+fn mesh(scene: &SkinScene, source: &Source, key: &str, part: &str) -> Result<(TriangleMesh, Vec<String>), LoadError> {
+    let read = read_scaled(source)?;
+    if read.mesh.triangles.is_empty() {
+        let fault = Fault::NoTriangles { file: name_of(source) };
+        return Err(LoadError::at(&scene.origin, &named_at(source, key, "mesh"), part.to_owned(), fault));
+    }
+    Ok((read.mesh, read.warnings.iter().map(|warned| format!("{part}: {warned}")).collect()))
+}
+
+fn read_skin(scene: &SkinScene, notes: &mut Vec<String>) -> Result<TriangleMesh, LoadError> {
+    let skin = &scene.skin;
+    let read = match &skin.surface {
+        SkinSurface::Sheet { side, cells } => shapes::sheet(*side, *cells),
+        SkinSurface::Source(Source::Shape(_)) => shapes::scalp(),
+        SkinSurface::Source(file) => {
+            let (read, found) = mesh(scene, file, "skin.0", &format!("skin `{}`", skin.name))?;
+            notes.extend(found);
+            read
+        }
+    };
+    let mut own = Vec::new();
+    let read = mended(read, skin.repair.as_ref(), &mut own);
+    notes.extend(own.iter().map(|n| format!("{}: {n}", skin.name)));
+    Ok(read)
+}
+
+fn read_obstacle(scene: &SkinScene, o: usize, notes: &mut Vec<String>) -> Result<TriangleMesh, LoadError> {
+    let obstacle = &scene.obstacles[o];
+    let part = format!("obstacle `{}`", obstacle.name);
+    let (read, found) = mesh(scene, &obstacle.surface, &format!("obstacle.{o}"), &part)?;
+    notes.extend(found);
+    let mut own = Vec::new();
+    let read = mended(read, obstacle.repair.as_ref(), &mut own);
+    notes.extend(own.iter().map(|n| format!("{}: {n}", obstacle.name)));
+    Ok(read)
+}
+
+/// Parts being made.
+struct Making<'a> {
+    scene: &'a SkinScene,
+    skin: &'a TriangleMesh,
+    obstacles: &'a [TriangleMesh],
+}
+
+impl Making<'_> {
+    /// All parts, of which no two share skin, and the whole skin with their patches in it.
+    fn parts(&self) -> Result<(Vec<Part>, TriangleMesh), LoadError> {
+        let mut parts = match &self.scene.under {
+            Under::Implants(all) => {
+                all.iter().enumerate().map(|(k, filled)| self.implant(k, filled)).collect::<Result<Vec<_>, _>>()?
+            }
+            Under::Ball(ball) => {
+                let refused = |error| self.refused("ball", "the ball".to_owned(), error);
+                let ready = self.ready(&ball.order, &[]).map_err(refused)?;
+                vec![part("ball".to_owned(), ready, TriangleMesh::default(), Vec::new())]
+            }
+        };
+        let count = self.skin.triangles.len();
+        let mut owner = vec![None; count];
+        for (k, part) in parts.iter().enumerate() {
+            let mut inside = vec![true; count];
+            part.ready.outside.iter().for_each(|t| inside[*t as usize] = false);
+            for t in (0..count).filter(|t| inside[*t]) {
+                if let Some(first) = owner[t].replace(k) {
+                    let error = SkinError::Overlap { first: first + 1, second: k + 1 };
+                    return Err(self.refused(&format!("implant.{k}.at"), format!("implant `{}`", part.name), error));
+                }
+            }
+        }
+        let outside = (0..count as u32).filter(|t| owner[*t as usize].is_none()).collect();
+        let mut whole = Region::of(self.skin, outside).mesh;
+        for part in &mut parts {
+            part.first = whole.vertices.len();
+            let first = part.first as u32;
+            whole.triangles.extend(part.ready.patch.triangles.iter().map(|t| t.map(|v| v + first)));
+            whole.vertices.extend(&part.ready.patch.vertices);
+        }
+        Ok((parts, whole))
+    }
+
+    fn ready(&self, order: &Order, obstacles: &[TriangleMesh]) -> Result<Ready, SkinError> {
+        let mut ready = Ready::new(self.skin, order, obstacles)?;
+        ready.method = self.scene.skin.method;
+        Ok(ready)
+    }
+
+    fn implant(&self, k: usize, filled: &Filled) -> Result<Part, LoadError> {
+        let refused = |error| {
+            let key = format!("implant.{k}{}", key_of(&error));
+            self.refused(&key, format!("implant `{}`", filled.name), error)
+        };
+        let near = self.near(&filled.order);
+        let met: Vec<TriangleMesh> = near.iter().map(|&o| self.obstacles[o].clone()).collect();
+        let ready = self.ready(&filled.order, &met).map_err(refused)?;
+        let reached = filled.fill.iter().filter(|(at, _)| *at <= self.scene.frames).map(|(_, volume)| *volume);
+        let most = reached.fold(filled.volume_at(self.scene.frames), f64::max);
+        ready.takes(most).map_err(refused)?;
+        let shell = ready.pocket().map_err(refused)?;
+        Ok(part(filled.name.clone(), ready, shell, near))
+    }
+
+    /// The obstacles that an implant may come near.
+    fn near(&self, order: &Order) -> Vec<usize> {
+        let place = match order.place {
+            Place::Vertex(v) => self.skin.vertices.get(v).copied(),
+            Place::Point(at) => Some(at),
+        };
+        // What has no place is refused where the skin is made ready.
+        let Some(place) = place else { return Vec::new() };
+        let around = Aabb { min: place, max: place }.inflate(REACH * order.implant.base);
+        (0..self.obstacles.len()).filter(|&o| self.obstacles[o].bounding_box().intersects(&around)).collect()
+    }
+
+    fn refused(&self, key: &str, part: String, error: SkinError) -> LoadError {
+        // What concerns the skin is told at the skin.
+        let skin = match &error {
+            SkinError::TooFine { .. } | SkinError::Refine(_) => Some("skin.0.edge_length"),
+            SkinError::Empty | SkinError::Mesh(_) | SkinError::NotManifold { .. } | SkinError::OneSided => {
+                Some("skin.0.mesh")
+            }
+            _ => None,
+        };
+        LoadError::at(&self.scene.origin, skin.unwrap_or(key), part, Fault::Skin(error))
+    }
+}
+
+/// The key of an implant that an error is about.
+fn key_of(error: &SkinError) -> &'static str {
+    match error {
+        SkinError::NoVertex { .. } => ".near_vertex",
+        SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => ".at",
+        SkinError::TooLarge { .. } => ".volume",
+        _ => "",
+    }
+}
+
+fn part(name: String, ready: Ready, shell: TriangleMesh, obstacles: Vec<usize>) -> Part {
+    Part { name, ready, shell, obstacles, now: None, frames: Vec::new(), first: 0 }
+}

@@ -1,0 +1,64 @@
+//! Skin over a rigid ball that comes up from below.
+
+use nalgebra::{Point3, Vector3};
+
+use super::SkinError;
+use super::areas::Areas;
+use super::plan::{Inserted, Ready, over_ball};
+use super::region::REACH;
+use super::settle::{Method, Progress};
+
+/// Places along the radius of a ball of which one is where the skin is taken to leave it.
+const PLACES: u32 = 64;
+
+/// A rigid ball: centre and radius [m].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ball {
+    /// Its centre.
+    pub centre: Point3<f64>,
+    /// Its radius.
+    pub radius: f64,
+}
+
+impl Ready {
+    /// Brings the skin to rest over a ball, from where it lay with a ball that was elsewhere `before`.
+    ///
+    /// # Errors
+    /// Equations without a solution, [`SkinError::Stopped`].
+    pub fn over_ball(
+        &self,
+        ball: Ball,
+        before: Option<(&Inserted, Ball)>,
+        watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Inserted, SkinError> {
+        // Without an implant a constant factor serves, several times as fast.
+        let method = self.method.unwrap_or(Method::QuasiStatic);
+        let membrane = self.order.tissue.membrane();
+        let model = over_ball(self.layers.clone(), membrane, ball.centre, ball.radius, method);
+        let mut x = before.map_or_else(|| model.rest(), |(before, _)| before.x.clone());
+        let up = self.frame * Vector3::z();
+        x.iter_mut().zip(self.raised(&ball)).for_each(|(p, lift)| *p += up * lift);
+        if let Some((_, was)) = before {
+            x.iter_mut().zip(self.raised(&was)).for_each(|(p, lift)| *p -= up * lift);
+        }
+        let progress = model.settle(&mut x, watch)?;
+        let areas = Areas::of(&self.layers, &x);
+        Ok(Inserted { implant_triangles: Vec::new(), implant_volume: 0.0, areas, progress, x })
+    }
+
+    /// How far a taut skin over a ball is above where it rests [m]: on the ball, and from there straight to the rim.
+    fn raised(&self, ball: &Ball) -> Vec<f64> {
+        let centre = self.frame.inverse_transform_point(&ball.centre);
+        let (base, rim) = (centre.z + self.order.tissue.depth, REACH * ball.radius);
+        let on_ball = |r: f64| base + (ball.radius * ball.radius - r * r).max(0.0).sqrt();
+        let slope = |r: f64| on_ball(r) / (rim - r);
+        let places = (0..PLACES).map(|k| ball.radius * f64::from(k) / f64::from(PLACES));
+        let leaves = places.fold(0.0, |best, r| if slope(r) > slope(best) { r } else { best });
+        let lift = |v: usize| {
+            let away = (self.frame.inverse_transform_point(&self.layers.rest[v]).xy() - centre.xy()).norm();
+            let taut = if away < leaves { on_ball(away) } else { slope(leaves) * (rim - away) };
+            if self.layers.held[v] { 0.0 } else { taut.max(0.0) }
+        };
+        (0..self.layers.rest.len()).map(lift).collect()
+    }
+}
