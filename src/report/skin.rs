@@ -20,6 +20,7 @@ use crate::scene::content::Under;
 use crate::simulation::Plan;
 use crate::simulation::skin::{Measured, Part, SkinRun, Stepped};
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
+use crate::skin::settle::deepest;
 use crate::skin::{Areas, Interval};
 
 /// Frames of an equilibrium have no rate of their own; pictures are shown at this one [1/s].
@@ -27,9 +28,6 @@ const RATE: f64 = 4.0;
 
 /// An implant keeps its volume to this share.
 const VOLUME_HELD: f64 = 1e-6;
-
-/// Bodies sink into each other by at most this share of the base.
-const DEPTH: f64 = 1e-3;
 
 /// A surface as it is drawn, edges by their strain.
 pub(super) fn actor(name: &str, rest: TriangleMesh, held: Vec<f64>, used: &mut HashSet<String>) -> Actor {
@@ -72,10 +70,15 @@ impl SkinRun {
             };
             let unrest = part.frames.iter().filter(|f| !f.progress.converged).count();
             say("at rest in every frame", format!("{unrest} frames are not"), unrest == 0);
-            let base = part.ready.order.implant.base;
+            let order = &part.ready.order;
             let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
             let found = format!("{:.3} mm", deep * 1e3);
-            say("bodies sink into each other by at most a thousandth of the base", found, deep <= DEPTH * base);
+            let may = deepest(order.implant.base, order.tissue.depth);
+            say(
+                "bodies sink into each other by at most 0.5 % of the base or 5 % of the skin's depth",
+                found,
+                deep <= may,
+            );
             if let Some(off) = self.volume_error(part) {
                 say("the implant's volume is kept to 1e-6", format!("{off:.1e}"), off <= VOLUME_HELD);
             }

@@ -235,6 +235,11 @@ impl<'a> Detector<'a> {
     }
 }
 
+/// How far bodies may be inside each other at rest [m], for a base and a depth of the skin [m].
+pub fn deepest(base: f64, depth: f64) -> f64 {
+    (DEEP * base).max(DEEP_IN_SKIN * depth)
+}
+
 /// Areas, none less than their mean: a small triangle at a ridge may bear as much as others.
 fn at_least_mean(areas: Vec<f64>) -> impl Iterator<Item = f64> {
     let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
@@ -392,7 +397,7 @@ impl Model {
             }
         }
         progress.depth = detector.depth(x);
-        progress.converged &= progress.depth <= (DEEP * self.base).max(DEEP_IN_SKIN * self.depth());
+        progress.converged &= progress.depth <= deepest(self.base, self.depth());
         Ok(progress)
     }
 
