@@ -5,6 +5,9 @@ use std::path::Path;
 use super::camera::MAX_SIDE;
 use super::colour::{Rgb, mix, quantise};
 
+/// How much of what lies behind text is taken away.
+const PALE: f32 = 0.8;
+
 /// Why a picture could not be written.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
@@ -93,6 +96,15 @@ impl Frame {
         if column < self.width && row < self.height {
             let pixel = &mut self.pixels[row * self.width + column];
             *pixel = quantise(mix(pixel.map(|c| f32::from(c) / 255.0), colour, amount));
+        }
+    }
+
+    /// Pales a rectangle, so that dark text can be read over whatever is there.
+    pub(super) fn pale(&mut self, columns: std::ops::Range<i64>, rows: std::ops::Range<i64>) {
+        for row in rows.start.max(0)..rows.end.min(self.height as i64) {
+            for column in columns.start.max(0)..columns.end.min(self.width as i64) {
+                self.blend(column, row, [1.0; 3], PALE);
+            }
         }
     }
 

@@ -61,13 +61,15 @@ impl Legend {
     pub fn draw(&self, frame: &mut Frame) {
         let (style, bar_width) = (self.style, self.bar_width());
         let left = frame.width() as i64 - self.width() as i64;
-        let mut row = frame.height() as i64 / 8;
+        let (top, bottom) = (frame.height() as i64 / 8, frame.height() as i64 * 7 / 8);
+        frame.pale(left - 1..frame.width() as i64, top - 4..bottom + style.height() / 2 + 4);
+        let mut row = top;
         for line in self.headings() {
             frame.text(left, row, &line, style, INK);
             row += style.height() + 2;
         }
         let top = row + 10;
-        let height = (frame.height() as i64 * 7 / 8 - top).max(2);
+        let height = (bottom - top).max(2);
         frame.rectangle(left - 1..left + bar_width + 1, top - 1..top + height + 1, INK);
         for down in 0..height {
             let t = 1.0 - (down as f64 + 0.5) / height as f64;

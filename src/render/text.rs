@@ -41,7 +41,17 @@ impl TextStyle {
 /// Longer text leaves any picture.
 const MOST_CHARACTERS: usize = 4096;
 
+/// What titles are written in.
+const INK: Rgb = [0.16, 0.17, 0.19];
+
 impl Frame {
+    /// Writes a title into the upper left corner, on a paler ground.
+    pub fn title(&mut self, text: &str, style: TextStyle) {
+        let (left, top) = (12, 10);
+        self.pale(left - 4..left + style.width(text) + 4, top - 2..top + style.height() + 2);
+        self.text(left, top, text, style, INK);
+    }
+
     /// Writes a line of text with its upper left corner at a column and row \[px\]. What lies outside the picture is
     /// cut off; a character that the font lacks (it has Latin ones) is written as `?`.
     pub fn text(&mut self, column: i64, row: i64, text: &str, style: TextStyle, colour: Rgb) {
@@ -73,6 +83,16 @@ mod tests {
         let mut frame = Frame::plain(120, 24, [1.0; 3]);
         frame.text(column, row, text, TextStyle::Small, [0.0; 3]);
         frame.pixels().iter().filter(|p| p[0] < 128).count()
+    }
+
+    #[test]
+    fn a_title_can_be_read_on_dark_ground() {
+        let mut frame = Frame::plain(120, 40, [0.15, 0.1, 0.3]);
+        frame.title("over", TextStyle::Title);
+        let bright = frame.pixels().iter().filter(|p| p[0] > 200).count();
+        let dark = frame.pixels().iter().filter(|p| p[0] < 60 && p[2] < 60).count();
+        assert!(bright > 300 && dark > 50, "{bright} {dark}");
+        assert_eq!(frame.pixel(118, 38), Frame::plain(1, 1, [0.15, 0.1, 0.3]).pixel(0, 0));
     }
 
     #[test]

@@ -411,7 +411,7 @@ impl Insertion<'_> {
             if with_legend {
                 legend.draw(&mut frame);
             }
-            frame.text(12, 10, title, TextStyle::Title, [0.16, 0.17, 0.19]);
+            frame.title(title, TextStyle::Title);
             frame.to_png()
         };
         let oblique = View::orthographic(out * 0.7 - up * 0.6 + right * 0.25, out);

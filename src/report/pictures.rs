@@ -105,7 +105,7 @@ impl<'a> Painter<'a> {
         let mut frame = self.paint(shot, Canvas::new(size.0, size.1).with_right(legend.width()));
         legend.draw(&mut frame);
         let title = format!("frame {}", shot.frame);
-        frame.text(12, 10, &title, if large { TextStyle::Title } else { TextStyle::Small }, [0.16, 0.17, 0.19]);
+        frame.title(&title, if large { TextStyle::Title } else { TextStyle::Small });
         frame
     }
 

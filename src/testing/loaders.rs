@@ -6,7 +6,8 @@ use std::path::Path;
 
 use crate::io::{MeshFile, Place, ReadError, read_bytes};
 use crate::mesh::TriangleMesh;
-use crate::scene::{SceneError, Surroundings, parse_with};
+use crate::scene::content::Content;
+use crate::scene::{SceneError, Surroundings, parse_content};
 
 /// The most bytes of a file that an error may quote.
 const LONGEST_TOKEN: usize = 64;
@@ -249,8 +250,10 @@ pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
     let folder = Path::new("no-such-folder");
     let nothing = |_: &str| -> Option<OsString> { None };
     let around = Surroundings { folder, variable: &nothing, overrides: &[] };
-    match caught(|| parse_with(&text, "s.toml", &around))? {
-        Ok(scene) if scene.frames == 0 || !(scene.frame_rate > 0.0 && scene.frame_rate.is_finite()) => {
+    match caught(|| parse_content(&text, "s.toml", &around))? {
+        Ok(Content::Muscles(scene))
+            if scene.frames == 0 || !(scene.frame_rate > 0.0 && scene.frame_rate.is_finite()) =>
+        {
             Err(Breach::Invalid { detail: format!("{} frames at {}", scene.frames, scene.frame_rate) })
         }
         Ok(_) => Ok(Outcome::Accepted),
