@@ -56,7 +56,7 @@ impl Prism {
     }
 }
 
-/// The energy V K w(v/V) over all prisms with rest volume V and volume v; w grows from [`FIRST`] downwards.
+/// The energy V K w(v/V) over all prisms with rest volume V and volume v; w grows below 0.8.
 #[derive(Clone, Debug)]
 pub struct Thickness {
     prisms: Vec<Prism>,
