@@ -44,6 +44,9 @@ pub enum SkinError {
         /// How far [m].
         distance: f64,
     },
+    /// Obstacles are given, but none lies under the implant.
+    #[error("no obstacle lies under the implant, within two bases below the skin")]
+    NothingBelow,
     /// The region of the implant reaches the border of the skin.
     #[error("the region of the implant reaches the border of the skin: {edges} of its edges lie on it")]
     AtBorder {
@@ -128,6 +131,7 @@ impl SkinError {
             }
             Self::NoVertex { .. } => "count vertices from 0, or give a place with --at",
             Self::FarAway { .. } => "check --at and --unit: both are in the unit of the file",
+            Self::NothingBelow => "check the obstacles and their unit, which is that of the skin; or leave them out",
             Self::AtBorder { .. } => "move the implant away from the border, or make its base smaller",
             Self::TooCoarse { .. } => "make --edge smaller or the base larger",
             Self::TooLarge { .. } => "make the volume smaller or the base larger",

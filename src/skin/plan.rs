@@ -51,6 +51,9 @@ pub(super) const BULGE: f64 = 1.3;
 /// Over an obstacle the lower layer takes at most this share of the room.
 const ROOM: f64 = 0.98;
 
+/// An obstacle under an implant is at most so many bases below the skin.
+const DEEPEST: f64 = 2.0;
+
 /// Where an implant goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
@@ -168,6 +171,9 @@ impl Ready {
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         if free < LEAST {
             return Err(SkinError::TooCoarse { vertices: free });
+        }
+        if !obstacles.is_empty() && !lies_below(&layers, &frame, order, obstacles) {
+            return Err(SkinError::NothingBelow);
         }
         let facing = |o: &TriangleMesh| Sheet::facing(o.clone(), &layers.rest, 2.0 * order.implant.base);
         let obstacles = obstacles.iter().map(facing).collect();
@@ -438,6 +444,24 @@ fn inward(mesh: &TriangleMesh, down: &Vector3<f64>, depth: f64, obstacles: &[Tri
         each.fold(f64::INFINITY, f64::min)
     };
     mesh.vertices.iter().map(|p| down * depth.min(ROOM * room(p)).max(0.02 * depth)).collect()
+}
+
+/// Whether an obstacle is under the skin over the implant, at most two bases down: one that is elsewhere would bear nothing,
+/// and the implant would sink into the body.
+fn lies_below(layers: &Layers, frame: &Isometry3<f64>, order: &Order, obstacles: &[TriangleMesh]) -> bool {
+    let Implant { shape, base, .. } = order.implant;
+    let down = frame * -Vector3::z();
+    let skin = &layers.rest[..layers.count()];
+    let over = |p: &&Point3<f64>| shape.reach(frame.inverse_transform_point(p).xy(), base) <= 1.0;
+    obstacles.iter().map(Surface::new).any(|o| {
+        let hit = |p: &Point3<f64>| {
+            let (t, w) = o.first_hit(p, &down)?;
+            let corners = o.triangles()[t as usize].map(|v| o.positions()[v as usize].coords);
+            let place = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
+            Some((place - p.coords).norm())
+        };
+        skin.iter().filter(over).filter_map(hit).any(|far| far <= DEEPEST * base)
+    })
 }
 
 /// A sheet that a rigid sphere pushes from below.

@@ -219,6 +219,17 @@ fn what_cannot_be_done_is_refused() {
     assert!(matches!(error, SkinError::TooLarge { .. }), "{error}");
     let error = refused(&order, &TriangleMesh::default());
     assert!(matches!(error, SkinError::Empty), "{error}");
+    let beside = |by: Vector3<f64>| {
+        let mut bone = sphere(12, 11, 0.05, Point3::new(0.0, 0.0, -0.06));
+        bone.vertices.iter_mut().for_each(|p| *p += by);
+        insert(&skin, &order, &[bone], |_| true)
+    };
+    // Beside, or further than two bases on either side: without a body around it, a sheet is turned to look away from bones.
+    for away in [Vector3::x() * 0.3, Vector3::z() * 0.3, Vector3::z() * -0.3] {
+        let error = beside(away).expect_err("nothing below");
+        assert!(matches!(error, SkinError::NothingBelow), "{error}");
+    }
+    assert!(beside(Vector3::zeros()).is_ok());
     // A third triangle at an edge in the middle.
     let mut fin = skin.clone();
     let [a, b, _] = fin.triangles[2 * (16 * 32 + 16)];
