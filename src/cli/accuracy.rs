@@ -110,6 +110,23 @@ fn tell(tables: [String; 2], notes: &[String], path: &Path) {
     say(&format!("{text}\nResults in {}\n  open {} in a browser\n", path.display(), page.display()));
 }
 
+/// Says what was found, and how it ends.
+fn conclude(
+    arguments: &Arguments,
+    json: &serde_json::Value,
+    tables: [String; 2],
+    notes: &[String],
+    path: &Path,
+    interrupted: bool,
+) -> u8 {
+    if arguments.json {
+        say_json(json)
+    } else {
+        tell(tables, notes, path)
+    }
+    if interrupted { INTERRUPTED } else { DONE }
+}
+
 fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     if arguments.frames.is_some() {
         let hint = "leave --frames out; with --set frames=N the fill ends there";
@@ -131,12 +148,8 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
         }
     };
     study.write(&folder)?;
-    if arguments.json {
-        say_json(&study.to_json());
-    } else {
-        tell([study.recommendation().to_text(), study.table().to_text()], &study.notes(), &path);
-    }
-    Ok(if study.interrupted { INTERRUPTED } else { DONE })
+    let tables = [study.recommendation().to_text(), study.table().to_text()];
+    Ok(conclude(arguments, &study.to_json(), tables, &study.notes(), &path, study.interrupted))
 }
 
 fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
@@ -163,12 +176,8 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
         }
     };
     study.write(&folder)?;
-    if arguments.json {
-        say_json(&study.to_json());
-    } else {
-        tell([study.recommendation().to_text(), study.table().to_text()], &study.notes(), &path);
-    }
-    Ok(if study.interrupted { INTERRUPTED } else { DONE })
+    let tables = [study.recommendation().to_text(), study.table().to_text()];
+    Ok(conclude(arguments, &study.to_json(), tables, &study.notes(), &path, study.interrupted))
 }
 
 fn no_energy() -> Failure {

@@ -122,15 +122,13 @@ fn refused(error: &SkinError) -> Failure {
 /// A number with one of some units; `bare` is the unit of a number without.
 fn quantity(what: &str, text: &str, units: &[(&str, f64)], bare: Option<f64>) -> Result<f64, Failure> {
     let text = text.trim();
-    let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e' && c != 'E').unwrap_or(text.len());
-    let (number, name) = (text[..split].trim(), text[split..].trim());
     let known: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
     let hint = format!("write a number and a unit of {}", known.join(", "));
-    let wrong = || Failure::usage(format!("{what}: cannot read `{text}`"), hint.clone());
-    let number: f64 = number.parse().map_err(|_| wrong())?;
-    let unit = units.iter().find(|(known, _)| *known == name).map(|(_, unit)| *unit);
-    let unit = unit.or(bare.filter(|_| name.is_empty())).ok_or_else(wrong)?;
-    Ok(number * unit)
+    // The unit is taken off first: what is left may be `nan`, which is a number that later checks refuse.
+    let of = |(name, unit): (&str, f64)| Some(text.strip_suffix(name)?.trim_end().parse::<f64>().ok()? * unit);
+    let with_unit = units.iter().copied().find_map(of);
+    let found = with_unit.or_else(|| bare.and_then(|unit| of(("", unit))));
+    found.ok_or_else(|| Failure::usage(format!("{what}: cannot read `{text}`"), hint))
 }
 
 fn length(what: &str, text: &str) -> Result<f64, Failure> {

@@ -59,6 +59,14 @@ impl Progress {
     }
 }
 
+/// A bar over so many steps, drawn as a template of indicatif says; on a pipe none.
+fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
+    std::io::stderr().is_terminal().then(|| {
+        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        ProgressBar::new(steps as u64).with_style(style)
+    })
+}
+
 /// On a pipe, a line about so often.
 const SECONDS_BETWEEN: f64 = 5.0;
 
@@ -72,12 +80,7 @@ pub(super) struct Bar {
 impl Bar {
     /// Of a run of at most so many steps.
     pub(super) fn new(steps: usize) -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(steps as u64);
-            let style = ProgressStyle::with_template("  {bar:30} {pos}/at most {len}  {msg}");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar
-        });
+        let bar = bar(steps, "  {bar:30} {pos}/at most {len}  {msg}");
         Self { bar, steps, said: Cell::new(Instant::now()) }
     }
 
@@ -111,12 +114,7 @@ pub(super) struct Rounds {
 impl Rounds {
     /// Of a run of so many frames.
     pub(super) fn new(frames: usize) -> Self {
-        let bar = std::io::stderr().is_terminal().then(|| {
-            let bar = ProgressBar::new(frames as u64);
-            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {msg}");
-            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-            bar
-        });
+        let bar = bar(frames, "  {bar:30} {pos}/{len}  {msg}");
         Self { bar, frames, said: Cell::new(Instant::now()) }
     }
 

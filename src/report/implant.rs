@@ -70,18 +70,6 @@ pub struct Insertion<'a> {
     pub time: f64,
 }
 
-fn sum(areas: impl Iterator<Item = Areas>) -> Areas {
-    let add = |a: Interval, b: Interval| Interval { low: a.low + b.low, high: a.high + b.high };
-    areas.fold(Areas::default(), |sum, a| Areas {
-        before: sum.before + a.before,
-        deformed: sum.deformed + a.deformed,
-        retracted: add(sum.retracted, a.retracted),
-        grown: add(sum.grown, a.grown),
-        volume_difference: sum.volume_difference + a.volume_difference,
-        stretch_max: sum.stretch_max.max(a.stretch_max),
-    })
-}
-
 pub(super) fn json_of(areas: &Areas) -> Value {
     json!({
         "area_before_m2": areas.before,
@@ -113,7 +101,7 @@ pub(super) fn joined(mut first: Value, second: Value) -> Value {
 impl Insertion<'_> {
     /// Areas of all implants together.
     pub fn areas(&self) -> Areas {
-        sum(self.implants.iter().map(|(_, done)| done.areas))
+        self.implants.iter().map(|(_, done)| done.areas).sum()
     }
 
     /// Whether all came to rest.

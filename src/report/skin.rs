@@ -96,18 +96,7 @@ impl SkinRun {
 
     /// Areas of all parts together in a frame.
     fn areas(&self, frame: usize) -> Areas {
-        let add = |a: Interval, b: Interval| Interval { low: a.low + b.low, high: a.high + b.high };
-        self.parts.iter().fold(Areas::default(), |sum, part| {
-            let a = areas_at(part, frame);
-            Areas {
-                before: sum.before + a.before,
-                deformed: sum.deformed + a.deformed,
-                retracted: add(sum.retracted, a.retracted),
-                grown: add(sum.grown, a.grown),
-                volume_difference: sum.volume_difference + a.volume_difference,
-                stretch_max: sum.stretch_max.max(a.stretch_max),
-            }
-        })
+        self.parts.iter().map(|part| areas_at(part, frame)).sum()
     }
 
     fn numbers(&self) -> Vec<(&'static str, f64)> {

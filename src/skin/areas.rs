@@ -86,6 +86,21 @@ impl Areas {
     }
 }
 
+impl std::iter::Sum for Areas {
+    /// Of parts of skin that have nothing in common; the stretch is the greatest.
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        let add = |a: Interval, b: Interval| Interval { low: a.low + b.low, high: a.high + b.high };
+        parts.fold(Self::default(), |sum, a| Self {
+            before: sum.before + a.before,
+            deformed: sum.deformed + a.deformed,
+            retracted: add(sum.retracted, a.retracted),
+            grown: add(sum.grown, a.grown),
+            volume_difference: sum.volume_difference + a.volume_difference,
+            stretch_max: greatest([sum.stretch_max, a.stretch_max]),
+        })
+    }
+}
+
 /// The volume that a surface sweeps from one place to another with its rim held [m^3], outward counted positive.
 pub fn volume_between(from: &[Point3<f64>], to: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
     let Some(origin) = from.first() else { return 0.0 };
@@ -116,6 +131,16 @@ pub fn stretches(rest: &[Point3<f64>], x: &[Point3<f64>], triangles: &[[u32; 3]]
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sum_hides_no_part_that_is_no_number() {
+        let part = |stretch_max| Areas { stretch_max, ..Areas::between(1.0, 1.2) };
+        let both: Areas = [part(1.1), part(1.3)].into_iter().sum();
+        assert!((both.gain() - 0.4).abs() <= 1e-12 && both.stretch_max == 1.3);
+        for parts in [[part(1.1), part(f64::NAN)], [part(f64::NAN), part(1.1)]] {
+            assert!(!(parts.into_iter().sum::<Areas>().stretch_max <= f64::MAX));
+        }
+    }
 
     #[test]
     fn a_stretched_triangle_tells_its_greater_stretch() {

@@ -144,7 +144,8 @@ fn bad_orders_say_what_to_change() {
     refused(&["--unit", "cm", "--near-vertex", "99999"], "no vertex 99999");
     refused(&with(&["--volume", "-100cc"]), "the volume must be more than 0");
     refused(&with(&["--volume", "100"]), "a unit of cc");
-    refused(&with(&["--volume", "nancc"]), "cannot read `nancc`");
+    refused(&with(&["--volume", "nancc"]), "must be more than 0");
+    refused(&with(&["--volume", "somecc"]), "cannot read `somecc`");
     refused(&with(&["--volume", "9l"]), "larger than the region");
     refused(&with(&["--thickness", "0mm"]), "thickness of the skin must be more than 0");
     refused(&with(&["--shape", "star"]), "known: round");
