@@ -73,7 +73,7 @@ impl SkinRun {
             let order = &part.ready.order;
             let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
             let found = format!("{:.3} mm", deep * 1e3);
-            let may = deepest(order.implant.base, order.tissue.depth);
+            let may = deepest(order.implant.base);
             say(
                 "bodies sink into each other by at most 0.5 % of the base or 5 % of the skin's depth",
                 found,

@@ -1,5 +1,5 @@
-//! Contact without friction as one-sided springs that begin to press a little before bodies touch, and let them sink into each
-//! other by less than a thousandth of the implant's base.
+//! Contact without friction as one-sided springs that begin to press a little before bodies touch; where they alone would let
+//! bodies sink into each other, they are lifted until they do not, as multipliers of an augmented Lagrangian.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -13,12 +13,16 @@ use crate::state::{Corrupt, Reader, State, Writer};
 pub struct Touch {
     /// The vertex.
     pub vertex: u32,
+    /// Which body it touches.
+    pub on: On,
     /// What it must stay over.
     pub over: Over,
     /// Stiffness [N/m].
     pub stiffness: f64,
     /// It begins to press at this gap [m].
     pub soft: f64,
+    /// It presses as if the surface were higher by this [m]: what a spring lacks to hold a body out that presses hard.
+    pub lift: f64,
     /// Stiffness against sliding along the plane [N/m], from where it was found: what presses on a curved surface with a
     /// force F is turned back by F/R, which a plane knows nothing of. Found anew where it rests, it exerts no force.
     pub slide: f64,
@@ -35,6 +39,19 @@ pub enum Over {
     Plane(Point3<f64>, Vector3<f64>),
     /// A sphere at rest: centre and radius [m].
     Ball(Point3<f64>, f64),
+}
+
+/// What a vertex may touch.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum On {
+    /// The sphere.
+    Ball,
+    /// The implant.
+    Implant,
+    /// The lower layer of the skin.
+    Skin,
+    /// One of the surfaces that lie below.
+    Bed(u32),
 }
 
 /// A gap and its derivatives by the vertex and the corners.
@@ -81,7 +98,7 @@ impl Touch {
 
     /// The same, held back along its plane as is due to a surface of this radius [m], found at positions `x`.
     pub fn found(mut self, x: &[Point3<f64>], radius: f64) -> Self {
-        let pressed = self.gap(x).map_or(0.0, |gap| law(gap, self.soft).1);
+        let pressed = self.gap(x).map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
         self.slide = self.stiffness * pressed / radius;
         self.from = self.way(x);
         self
@@ -128,8 +145,8 @@ impl Touch {
 
 impl Touch {
     /// A contact that nothing has pressed yet.
-    pub fn new(vertex: u32, over: Over, stiffness: f64, soft: f64) -> Self {
-        Self { vertex, over, stiffness, soft, slide: 0.0, from: Vector3::zeros() }
+    pub fn new(vertex: u32, on: On, over: Over, stiffness: f64, soft: f64) -> Self {
+        Self { vertex, on, over, stiffness, soft, lift: 0.0, slide: 0.0, from: Vector3::zeros() }
     }
 }
 
@@ -155,7 +172,8 @@ pub struct Touching {
 
 impl Touching {
     fn pressed(&self, x: &[Point3<f64>]) -> impl Iterator<Item = (f64, f64, Gap)> {
-        let measured = self.touches.iter().filter_map(move |t| Some((t.stiffness, t.soft, t.measure(x)?)));
+        let lifted = |t: &Touch, gap: Gap| Gap { value: gap.value - t.lift, ..gap };
+        let measured = self.touches.iter().filter_map(move |t| Some((t.stiffness, t.soft, lifted(t, t.measure(x)?))));
         measured.filter(|(_, soft, gap)| gap.value < *soft)
     }
 

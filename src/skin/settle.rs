@@ -4,12 +4,13 @@
 //! method; go there as far as the energy falls with contact as it is found there; until nothing moves any more or nothing
 //! more is gained. A plane that holds at rest then lies in the nearest point itself.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Point3;
 
 use super::SkinError;
-use super::contact::{Anchors, Over, Touch, Touching};
+use super::contact::{Anchors, On, Over, Touch, Touching};
 use super::elastic::Elastic;
 use super::envelope::Envelope;
 use super::layers::Layers;
@@ -70,12 +71,15 @@ const SHORTEST: f64 = 1.0 / 64.0;
 /// Residual force at rest, as a share of what a strain of one exerts.
 const TOLERANCE: f64 = 1e-5;
 
-/// At rest, nothing is further inside another body than the greater of this share of the base and that of the skin's depth:
-/// the rim of an implant bears all its pressure on a line.
-const DEEP: f64 = 5e-3;
-const DEEP_IN_SKIN: f64 = 0.05;
+/// At rest, nothing is further inside another body than this share of the base.
+const DEEP: f64 = 1e-3;
 
-/// Rounds at most, and iterations in each.
+/// Where all is at rest but deeper than that, what is deeper than this share of it is lifted by its depth, so many times at
+/// most: the rim of an implant bears all its pressure on a line, where springs are too soft.
+const LIFTED: f64 = 0.5;
+const LIFTS: u32 = 8;
+
+/// Rounds at most, also after each lift, and iterations in each.
 const ROUNDS: u32 = 80;
 const INNER: u32 = 6;
 
@@ -153,6 +157,8 @@ struct Detector<'a> {
     /// Topology of the lower layer.
     lower: Arc<Topology>,
     soft: f64,
+    /// How far touches were lifted [m].
+    lifts: BTreeMap<(On, u32), f64>,
 }
 
 impl<'a> Detector<'a> {
@@ -162,7 +168,14 @@ impl<'a> Detector<'a> {
         areas.extend(at_least_mean(bed.vertex_areas()));
         areas.extend(model.implant.iter().flat_map(|i| at_least_mean(i.mesh.vertex_areas())));
         let implant = model.implant.as_ref().map(|i| Surface::new(&i.mesh));
-        Self { model, areas, implant, lower: Arc::new(Topology::new(&bed)), soft: SOFT * model.base }
+        Self {
+            model,
+            areas,
+            implant,
+            lower: Arc::new(Topology::new(&bed)),
+            soft: SOFT * model.base,
+            lifts: BTreeMap::new(),
+        }
     }
 
     fn stiffness(&self, v: u32, share: f64) -> f64 {
@@ -178,7 +191,8 @@ impl<'a> Detector<'a> {
         if let Some(ball) = self.model.ball {
             let over = Over::Ball(ball.0, ball.1);
             let lower = (n as u32..2 * n as u32).filter(free);
-            touches.extend(lower.map(|vertex| Touch::new(vertex, over, self.stiffness(vertex, 1.0), self.soft)));
+            touches
+                .extend(lower.map(|vertex| Touch::new(vertex, On::Ball, over, self.stiffness(vertex, 1.0), self.soft)));
         }
         if n > 0
             && let Some(mut implant) = self.implant.take()
@@ -191,12 +205,25 @@ impl<'a> Detector<'a> {
             touches.extend((2 * n as u32..x.len() as u32).filter_map(|v| self.under_skin(&lower, v, x)));
             self.implant = Some(implant);
         }
-        for bed in &self.model.beds {
-            touches.extend((n as u32..x.len() as u32).filter(free).filter_map(|v| self.over_bed(bed, v, x, look)));
+        for k in 0..self.model.beds.len() {
+            touches.extend((n as u32..x.len() as u32).filter(free).filter_map(|v| self.over_bed(k, v, x, look)));
         }
         let radius = BENDS * self.model.base;
-        touches.iter_mut().for_each(|t| *t = t.found(x, radius));
+        for t in &mut touches {
+            t.lift = self.lifts.get(&(t.on, t.vertex)).copied().unwrap_or(0.0);
+            *t = t.found(x, radius);
+        }
         Touching { touches }
+    }
+
+    /// Lifts what is too deep, as far as it is.
+    fn lift(&mut self, x: &[Point3<f64>]) {
+        let deep = LIFTED * deepest(self.model.base);
+        for touch in self.touching(x).touches {
+            if let Some(depth) = touch.gap(x).map(|gap| -gap).filter(|depth| *depth > deep) {
+                *self.lifts.entry((touch.on, touch.vertex)).or_insert(0.0) += depth;
+            }
+        }
     }
 
     /// How far the deepest is inside another body [m], however far that is for the skin in the implant.
@@ -215,7 +242,7 @@ impl<'a> Detector<'a> {
         let first = 2 * self.model.layers.count() as u32;
         let corners = implant.triangles()[on.triangle as usize].map(|v| v + first);
         let over = Over::Carried(corners, on.weights, on.closest.normal);
-        Some(Touch::new(vertex, over, self.stiffness(vertex, 0.5), self.soft))
+        Some(Touch::new(vertex, On::Implant, over, self.stiffness(vertex, 0.5), self.soft))
     }
 
     /// A vertex of the implant stays under the lower layer.
@@ -224,20 +251,21 @@ impl<'a> Detector<'a> {
         let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
         let first = self.model.layers.count() as u32;
         let over = Over::Carried(on.corners.map(|v| v + first), on.weights, -on.away(&at));
-        Some(Touch::new(vertex, over, self.stiffness(vertex, 0.5), self.soft))
+        Some(Touch::new(vertex, On::Skin, over, self.stiffness(vertex, 0.5), self.soft))
     }
 
     /// A vertex stays over what lies below.
-    fn over_bed(&self, bed: &Sheet, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
+    fn over_bed(&self, bed: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
         let at = x[vertex as usize];
-        let on = bed.nearest(&at, look)?;
-        Some(Touch::new(vertex, Over::Plane(on.point, on.away(&at)), self.stiffness(vertex, 1.0), self.soft))
+        let on = self.model.beds[bed].nearest(&at, look)?;
+        let over = Over::Plane(on.point, on.away(&at));
+        Some(Touch::new(vertex, On::Bed(bed as u32), over, self.stiffness(vertex, 1.0), self.soft))
     }
 }
 
-/// How far bodies may be inside each other at rest [m], for a base and a depth of the skin [m].
-pub fn deepest(base: f64, depth: f64) -> f64 {
-    (DEEP * base).max(DEEP_IN_SKIN * depth)
+/// How far bodies may be inside each other at rest [m], for a base [m].
+pub fn deepest(base: f64) -> f64 {
+    DEEP * base
 }
 
 /// Areas, none less than their mean: a small triangle at a ridge may bear as much as others.
@@ -313,6 +341,54 @@ impl Told {
     }
 }
 
+/// A model on its way to rest.
+struct Descent<'a> {
+    detector: Detector<'a>,
+    newton: Option<Newton>,
+    start: Vec<Point3<f64>>,
+    inverse_mass: Vec<f64>,
+    progress: Progress,
+}
+
+impl<'a> Descent<'a> {
+    fn new(model: &'a Model) -> Self {
+        let held = |v: usize| model.layers.held.get(v).copied().unwrap_or(false);
+        let inverse_mass = (0..model.count()).map(|v| if held(v) { 0.0 } else { 1.0 }).collect();
+        let (detector, progress) = (Detector::new(model), Progress::default());
+        Self { detector, newton: None, start: model.rest(), inverse_mass, progress }
+    }
+
+    /// Rounds until all is at rest, with contact lifted as it is.
+    fn rounds(&mut self, x: &mut [Point3<f64>], watch: &mut dyn FnMut(&Progress) -> bool) -> Result<(), SkinError> {
+        let Self { detector, newton, start, inverse_mass, progress } = self;
+        let model = detector.model;
+        let mut way = Way::new(detector, x, start, LEASH * model.base);
+        let mut told = Told::default();
+        for _ in 0..ROUNDS {
+            let before = x.to_owned();
+            let outcome = model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
+            way = Way { energy: Energy::default(), ..way }.descend(detector, &before, x, start)?;
+            progress.rounds += 1;
+            progress.iterations += outcome.iterations;
+            progress.residual = outcome.residual;
+            progress.pressure = outcome.pressure;
+            // Of an implant alone all its vertices.
+            let judged = if model.layers.count() == 0 { x.len() } else { 2 * model.layers.count() };
+            progress.moved = greatest(before.iter().zip(x.iter()).take(judged).map(|(a, b)| (a - b).norm()));
+            told.tell(way.value, model.area(x), progress.pressure);
+            let still = outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
+            progress.converged = still || told.exhausted();
+            if progress.converged {
+                return Ok(());
+            }
+            if !watch(progress) {
+                return Err(SkinError::Stopped);
+            }
+        }
+        Ok(())
+    }
+}
+
 impl Model {
     /// Number of unknown vertices, held ones among them.
     pub fn count(&self) -> usize {
@@ -365,40 +441,20 @@ impl Model {
         x: &mut [Point3<f64>],
         mut watch: impl FnMut(&Progress) -> bool,
     ) -> Result<Progress, SkinError> {
-        let inverse_mass: Vec<f64> = (0..self.count())
-            .map(|v| if self.layers.held.get(v).copied().unwrap_or(false) { 0.0 } else { 1.0 })
-            .collect();
-        let start = self.rest();
         self.fill(x)?;
-        let mut detector = Detector::new(self);
-        let mut progress = Progress::default();
-        let mut newton = None;
-        let mut way = Way::new(&mut detector, x, &start, LEASH * self.base);
-        let mut told = Told::default();
-        for round in 1..=ROUNDS {
-            let before = x.to_owned();
-            let outcome = self.minimise(&mut newton, way.energy, x, &inverse_mass, way.leash)?;
-            way = Way { energy: Energy::default(), ..way }.descend(&mut detector, &before, x, &start)?;
-            progress.rounds = round;
-            progress.iterations += outcome.iterations;
-            progress.residual = outcome.residual;
-            progress.pressure = outcome.pressure;
-            // Of an implant alone all its vertices.
-            let judged = if self.layers.count() == 0 { x.len() } else { 2 * self.layers.count() };
-            progress.moved = greatest(before.iter().zip(x.iter()).take(judged).map(|(a, b)| (a - b).norm()));
-            told.tell(way.value, self.area(x), progress.pressure);
-            let still = outcome.converged && progress.moved <= STILL * self.layers.edge && told.steady();
-            progress.converged = still || told.exhausted();
-            if progress.converged {
+        let mut descent = Descent::new(self);
+        for _ in 0..=LIFTS {
+            descent.rounds(x, &mut watch)?;
+            let progress = &mut descent.progress;
+            progress.depth = descent.detector.depth(x);
+            let deep = !(progress.depth <= deepest(self.base));
+            if !progress.converged || !deep {
                 break;
             }
-            if !watch(&progress) {
-                return Err(SkinError::Stopped);
-            }
+            progress.converged = false;
+            descent.detector.lift(x);
         }
-        progress.depth = detector.depth(x);
-        progress.converged &= progress.depth <= deepest(self.base, self.depth());
-        Ok(progress)
+        Ok(descent.progress)
     }
 
     /// Area of the upper layer [m^2].

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use pliant::mesh::TriangleMesh;
 use pliant::skin::plan::{Inserted, Place, Ready};
-use pliant::skin::{Order, SkinError, insert};
+use pliant::skin::{Order, Shape, SkinError, insert};
 
 /// A mesh of the data set in metres; `None`, and a word about it, where there is none.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
@@ -30,11 +30,7 @@ fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (R
     assert!(done.areas.volume_difference >= 0.995 * volume, "{} m3", done.areas.volume_difference);
     assert!(done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0, "{}", done.areas.stretch_max);
     // As documented.
-    assert!(
-        done.progress.depth <= (5e-3 * order.implant.base).max(0.05 * order.tissue.depth),
-        "{} m",
-        done.progress.depth
-    );
+    assert!(done.progress.depth <= 1e-3 * order.implant.base, "{} m", done.progress.depth);
     (ready, done)
 }
 
@@ -43,6 +39,19 @@ fn a_breast_takes_an_implant_of_fourteen_centimetres() {
     let Some(body) = read("body/body_quads.obj", 0.1) else { return };
     let order = Order::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
     settled(&body, &order, &[]);
+}
+
+/// Where skin folds, the rim of an implant bears its pressure on a line: springs alone let it sink in by five times what may be.
+#[test]
+fn in_a_fold_nothing_sinks_into_anything() {
+    let Some(body) = read("body/body_quads.obj", 0.1) else { return };
+    let groin = Order::round(Place::Point(Point3::new(0.02, -0.05, 0.05)), 0.05, 50e-6);
+    settled(&body, &groin, &[]);
+    let Some(face) = read("fran_cut.vtk", 1.0) else { return };
+    let mut crescent = Order::round(Place::Vertex(900), 0.025, 3e-6);
+    crescent.implant.shape = Shape::Crescent;
+    crescent.tissue.depth = 2e-3;
+    settled(&face, &crescent, &[]);
 }
 
 /// Bones of the skull.
@@ -74,7 +83,7 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
     let mut order = Order::round(Place::Vertex(60), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
-    assert!(ready.depth_in(&bones, &done.x) <= 2e-3 * order.implant.base);
+    assert!(ready.depth_in(&bones, &done.x) <= 1e-3 * order.implant.base);
 }
 
 #[test]
