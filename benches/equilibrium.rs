@@ -75,7 +75,7 @@ impl Task {
         let count = self.mesh.vertices.len();
         Energy {
             elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volume: Some(EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), 0.0)),
+            volumes: vec![EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), 0.0)],
             ..Energy::default()
         }
     }

@@ -42,7 +42,7 @@ impl<'a> Turned<'a> {
         let count = mesh.vertices.len();
         Energy {
             elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volume: Some(EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0)),
+            volumes: vec![EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0)],
             ..Energy::default()
         }
     }

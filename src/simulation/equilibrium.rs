@@ -54,7 +54,7 @@ impl Equilibrium {
         settings: scene::Minimisation,
         step: Option<f64>,
     ) -> Result<Self, FactorError> {
-        let mut energy = Energy { volume: parts.volume, ..Energy::default() };
+        let mut energy = Energy { volumes: parts.volume.into_iter().collect(), ..Energy::default() };
         let (edges, k) = parts.edges;
         // An edge without stiffness (along a fibre, at full strength) exerts no force.
         let (edges, k): (Vec<_>, Vec<_>) = edges.into_iter().zip(k).filter(|(_, k)| *k > 0.0).unzip();

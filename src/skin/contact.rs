@@ -46,8 +46,8 @@ pub enum Over {
 pub enum On {
     /// The sphere.
     Ball,
-    /// The implant.
-    Implant,
+    /// One of the implants.
+    Implant(u32),
     /// The lower layer of the skin.
     Skin,
     /// One of the surfaces that lie below.

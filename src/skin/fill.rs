@@ -73,7 +73,7 @@ impl Ready {
     /// See [`Ready::insert`].
     pub fn pocket(&self) -> Result<TriangleMesh, SkinError> {
         let (model, x) = self.model(EMPTY * self.order.implant.base.powi(3))?;
-        let triangles = model.implant.map(|i| i.mesh.triangles).unwrap_or_default();
+        let triangles = model.implants.into_iter().next().map(|i| i.mesh.triangles).unwrap_or_default();
         Ok(TriangleMesh { vertices: x[2 * self.layers.count()..].to_vec(), triangles })
     }
 

@@ -11,6 +11,7 @@
 pub mod areas;
 pub mod ball;
 pub mod contact;
+mod detector;
 pub mod elastic;
 pub mod envelope;
 mod fault;

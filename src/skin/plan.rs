@@ -224,7 +224,7 @@ impl Ready {
             progress.iterations += done;
         }
         progress.iterations += before;
-        let implant_triangles = model.implant.as_ref().map(|i| i.mesh.triangles.clone()).unwrap_or_default();
+        let implant_triangles = model.implants.first().map(|i| i.mesh.triangles.clone()).unwrap_or_default();
         let shell = &x[2 * self.layers.count()..];
         let implant_volume = crate::mesh::measures::volume(shell, &implant_triangles);
         let areas = Areas::of(&self.layers, &x);
@@ -469,7 +469,7 @@ pub fn over_ball(layers: Layers, membrane: f64, centre: Point3<f64>, radius: f64
     Model {
         layers,
         membrane,
-        implant: None,
+        implants: Vec::new(),
         beds: Vec::new(),
         ball: Some((centre, radius)),
         base: 2.0 * radius,

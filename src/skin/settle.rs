@@ -4,13 +4,12 @@
 //! method; go there as far as the energy falls with contact as it is found there; until nothing moves any more or nothing
 //! more is gained. A plane that holds at rest then lies in the nearest point itself.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-
 use nalgebra::Point3;
 
 use super::SkinError;
-use super::contact::{Anchors, On, Over, Touch, Touching};
+use super::contact::{Anchors, Touching};
+pub use super::detector::deepest;
+use super::detector::{Detector, PENALTY};
 use super::elastic::Elastic;
 use super::envelope::Envelope;
 use super::layers::Layers;
@@ -18,9 +17,8 @@ use super::sheet::Sheet;
 use super::thickness::Thickness;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::distance::Distance;
-use crate::contact::Surface;
+use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
-use crate::mesh::{Topology, TriangleMesh};
 use crate::solvers::descent::{Outcome, Settings, Unguarded};
 use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
@@ -29,14 +27,6 @@ use crate::solvers::sparse::FactorError;
 
 /// The stiffness of each spring [N/m].
 pub type Stiffness = Vec<f64>;
-
-/// Contact stiffness [N/m^3] times the square of the base over the skin's in-plane stiffness: under a tension that
-/// stretches skin by a third, bodies then sink into each other by less than a thousandth of the base.
-const PENALTY: f64 = 2_000.0;
-
-/// Contact begins to press at this gap, over the base; a force that grows by a parabola from there to as much inside lets
-/// Newton's method see what it is about to meet.
-const SOFT: f64 = 3e-3;
 
 /// A round ends when something has moved by this share of the base: what may touch is then looked for again.
 const LEASH: f64 = 0.02;
@@ -47,13 +37,6 @@ const POCKET: f64 = 1e-5;
 
 /// Stiffness of skin that is pressed thin, over that of contact.
 const FIRM: f64 = 0.1;
-
-/// Vertices further apart than this share of the base are not looked at.
-const LOOK: f64 = 0.15;
-
-/// What presses is turned back along its plane as by a surface of this radius, over the base: smaller than what bends
-/// least, so that no round runs away, and larger than what would make rounds slow.
-const BENDS: f64 = 0.1;
 
 /// At rest, no vertex of the skin moves in a round by more than this share of an edge. The slack shell under it slides about
 /// by some tenths of an edge, for the nearest points jump from triangle to triangle; it is judged by its pressure.
@@ -71,12 +54,7 @@ const SHORTEST: f64 = 1.0 / 64.0;
 /// Residual force at rest, as a share of what a strain of one exerts.
 const TOLERANCE: f64 = 1e-5;
 
-/// At rest, nothing is further inside another body than this share of the base.
-const DEEP: f64 = 1e-3;
-
-/// Where all is at rest but deeper than that, what is deeper than this share of it is lifted by its depth, so many times at
-/// most: the rim of an implant bears all its pressure on a line, where springs are too soft.
-const LIFTED: f64 = 0.5;
+/// Contact that is too deep at rest is lifted so many times at most.
 const LIFTS: u32 = 8;
 
 /// Rounds at most, also after each lift, and iterations in each.
@@ -117,13 +95,13 @@ pub struct Model {
     pub layers: Layers,
     /// In-plane stiffness of the skin [N/m].
     pub membrane: f64,
-    /// The implant, if any.
-    pub implant: Option<Filled>,
-    /// What lower layer and implant rest on.
+    /// Implants, one after the other.
+    pub implants: Vec<Filled>,
+    /// What lower layer and implants rest on.
     pub beds: Vec<Sheet>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
-    /// Length of the base, by which lengths are judged [m].
+    /// Length of the base, of the smallest implant, by which lengths are judged [m].
     pub base: f64,
     /// How equilibrium is sought.
     pub method: Method,
@@ -142,136 +120,10 @@ pub struct Progress {
     pub moved: f64,
     /// Greatest depth of one body in another [m].
     pub depth: f64,
-    /// Pressure in the implant [Pa].
+    /// Pressure in the implant, of several the largest by magnitude [Pa].
     pub pressure: f64,
     /// Whether all is at rest.
     pub converged: bool,
-}
-
-/// Looks for what may touch.
-struct Detector<'a> {
-    model: &'a Model,
-    /// Area of each unknown vertex at rest [m^2].
-    areas: Vec<f64>,
-    implant: Option<Surface>,
-    /// Topology of the lower layer.
-    lower: Arc<Topology>,
-    soft: f64,
-    /// How far touches were lifted [m].
-    lifts: BTreeMap<(On, u32), f64>,
-}
-
-impl<'a> Detector<'a> {
-    fn new(model: &'a Model) -> Self {
-        let bed = model.layers.bed();
-        let mut areas = vec![0.0; model.layers.count()];
-        areas.extend(at_least_mean(bed.vertex_areas()));
-        areas.extend(model.implant.iter().flat_map(|i| at_least_mean(i.mesh.vertex_areas())));
-        let implant = model.implant.as_ref().map(|i| Surface::new(&i.mesh));
-        Self {
-            model,
-            areas,
-            implant,
-            lower: Arc::new(Topology::new(&bed)),
-            soft: SOFT * model.base,
-            lifts: BTreeMap::new(),
-        }
-    }
-
-    fn stiffness(&self, v: u32, share: f64) -> f64 {
-        let Model { membrane, base, .. } = self.model;
-        PENALTY * membrane / (base * base) * self.areas[v as usize] * share
-    }
-
-    /// All that may touch at positions `x`.
-    fn touching(&mut self, x: &[Point3<f64>]) -> Touching {
-        let (n, look) = (self.model.layers.count(), LOOK * self.model.base);
-        let free = |v: &u32| (*v as usize) >= 2 * n || !self.model.layers.held[*v as usize];
-        let mut touches = Vec::new();
-        if let Some(ball) = self.model.ball {
-            let over = Over::Ball(ball.0, ball.1);
-            let lower = (n as u32..2 * n as u32).filter(free);
-            touches
-                .extend(lower.map(|vertex| Touch::new(vertex, On::Ball, over, self.stiffness(vertex, 1.0), self.soft)));
-        }
-        if n > 0
-            && let Some(mut implant) = self.implant.take()
-        {
-            implant.refit(&x[2 * n..]);
-            let lower = TriangleMesh { vertices: x[n..2 * n].to_vec(), triangles: self.model.layers.triangles.clone() };
-            let lower = Sheet::with(lower, self.lower.clone());
-            touches
-                .extend((n as u32..2 * n as u32).filter(free).filter_map(|v| self.over_implant(&implant, v, x, look)));
-            touches.extend((2 * n as u32..x.len() as u32).filter_map(|v| self.under_skin(&lower, v, x)));
-            self.implant = Some(implant);
-        }
-        for k in 0..self.model.beds.len() {
-            touches.extend((n as u32..x.len() as u32).filter(free).filter_map(|v| self.over_bed(k, v, x, look)));
-        }
-        let radius = BENDS * self.model.base;
-        for t in &mut touches {
-            t.lift = self.lifts.get(&(t.on, t.vertex)).copied().unwrap_or(0.0);
-            *t = t.found(x, radius);
-        }
-        Touching { touches }
-    }
-
-    /// Lifts what is too deep, as far as it is.
-    fn lift(&mut self, x: &[Point3<f64>]) {
-        let deep = LIFTED * deepest(self.model.base);
-        for touch in self.touching(x).touches {
-            if let Some(depth) = touch.gap(x).map(|gap| -gap).filter(|depth| *depth > deep) {
-                *self.lifts.entry((touch.on, touch.vertex)).or_insert(0.0) += depth;
-            }
-        }
-    }
-
-    /// How far the deepest is inside another body [m], however far that is for the skin in the implant.
-    fn depth(&mut self, x: &[Point3<f64>]) -> f64 {
-        let near = self.touching(x).depth(x);
-        let n = self.model.layers.count();
-        let Some(implant) = self.implant.as_ref().filter(|_| n > 0) else { return near };
-        let free = (n..2 * n).filter(|v| !self.model.layers.held[*v]);
-        let inside = free.filter_map(|v| implant.nearest(&x[v], f64::MAX)).map(|on| (-on.closest.distance).max(0.0));
-        greatest(inside.chain([near]))
-    }
-
-    /// A vertex of the lower layer stays out of the implant.
-    fn over_implant(&self, implant: &Surface, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
-        let on = implant.nearest(&x[vertex as usize], look)?;
-        let first = 2 * self.model.layers.count() as u32;
-        let corners = implant.triangles()[on.triangle as usize].map(|v| v + first);
-        let over = Over::Carried(corners, on.weights, on.closest.normal);
-        Some(Touch::new(vertex, On::Implant, over, self.stiffness(vertex, 0.5), self.soft))
-    }
-
-    /// A vertex of the implant stays under the lower layer.
-    fn under_skin(&self, lower: &Sheet, vertex: u32, x: &[Point3<f64>]) -> Option<Touch> {
-        let at = x[vertex as usize];
-        let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
-        let first = self.model.layers.count() as u32;
-        let over = Over::Carried(on.corners.map(|v| v + first), on.weights, -on.away(&at));
-        Some(Touch::new(vertex, On::Skin, over, self.stiffness(vertex, 0.5), self.soft))
-    }
-
-    /// A vertex stays over what lies below.
-    fn over_bed(&self, bed: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
-        let at = x[vertex as usize];
-        let on = self.model.beds[bed].nearest(&at, look)?;
-        let over = Over::Plane(on.point, on.away(&at));
-        Some(Touch::new(vertex, On::Bed(bed as u32), over, self.stiffness(vertex, 1.0), self.soft))
-    }
-}
-
-/// How far bodies may be inside each other at rest [m], for a base [m].
-pub fn deepest(base: f64) -> f64 {
-    DEEP * base
-}
-
-/// Areas, none less than their mean: a small triangle at a ridge may bear as much as others.
-fn at_least_mean(areas: Vec<f64>) -> impl Iterator<Item = f64> {
-    let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
-    areas.into_iter().map(move |area| area.max(mean))
 }
 
 /// The energy with contact as it is at the present positions, and how far a round may go from there.
@@ -314,21 +166,22 @@ impl Way {
     }
 }
 
-/// Energy [J], area [m^2] and pressure [Pa] after the last rounds.
+/// Energy [J], area [m^2] and pressures [Pa] after the last rounds.
 #[derive(Default)]
-struct Told(Vec<[f64; 3]>);
+struct Told(Vec<(f64, f64, Vec<f64>)>);
 
 impl Told {
-    fn tell(&mut self, energy: f64, area: f64, pressure: f64) {
-        self.0.push([energy, area, pressure]);
-    }
-
-    /// Whether energy, area and pressure differ by at most these shares between the last two of so many rounds.
+    /// Whether energy, area and each pressure differ by at most these shares between the last two of so many rounds.
     fn within(&self, rounds: usize, shares: [f64; 3]) -> bool {
         let Some(first) = self.0.len().checked_sub(rounds) else { return false };
-        let last = self.0[self.0.len() - 1];
-        let near = |old: &[f64; 3]| (0..3).all(|k| (old[k] - last[k]).abs() <= shares[k] * last[k].abs());
-        self.0[first..].iter().all(near)
+        let last = &self.0[self.0.len() - 1];
+        let near = |old: f64, last: f64, share: f64| (old - last).abs() <= share * last.abs();
+        self.0[first..].iter().all(|old| {
+            let mut pressures = old.2.iter().zip(&last.2);
+            near(old.0, last.0, shares[0])
+                && near(old.1, last.1, shares[1])
+                && pressures.all(|(old, last)| near(*old, *last, shares[2]))
+        })
     }
 
     fn steady(&self) -> bool {
@@ -348,6 +201,13 @@ struct Descent<'a> {
     start: Vec<Point3<f64>>,
     inverse_mass: Vec<f64>,
     progress: Progress,
+    /// In each implant [Pa].
+    pressures: Vec<f64>,
+}
+
+/// The larger by magnitude; no number is larger than any.
+fn larger(a: f64, b: f64) -> f64 {
+    if b.abs() > a.abs() || b.is_nan() { b } else { a }
 }
 
 impl<'a> Descent<'a> {
@@ -355,27 +215,28 @@ impl<'a> Descent<'a> {
         let held = |v: usize| model.layers.held.get(v).copied().unwrap_or(false);
         let inverse_mass = (0..model.count()).map(|v| if held(v) { 0.0 } else { 1.0 }).collect();
         let (detector, progress) = (Detector::new(model), Progress::default());
-        Self { detector, newton: None, start: model.rest(), inverse_mass, progress }
+        Self { detector, newton: None, start: model.rest(), inverse_mass, progress, pressures: Vec::new() }
     }
 
     /// Rounds until all is at rest, with contact lifted as it is.
     fn rounds(&mut self, x: &mut [Point3<f64>], watch: &mut dyn FnMut(&Progress) -> bool) -> Result<(), SkinError> {
-        let Self { detector, newton, start, inverse_mass, progress } = self;
+        let Self { detector, newton, start, inverse_mass, progress, pressures } = self;
         let model = detector.model;
         let mut way = Way::new(detector, x, start, LEASH * model.base);
         let mut told = Told::default();
         for _ in 0..ROUNDS {
             let before = x.to_owned();
-            let outcome = model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
+            let outcome;
+            (outcome, *pressures) = model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
             way = Way { energy: Energy::default(), ..way }.descend(detector, &before, x, start)?;
             progress.rounds += 1;
             progress.iterations += outcome.iterations;
             progress.residual = outcome.residual;
-            progress.pressure = outcome.pressure;
+            progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
             // Of an implant alone all its vertices.
             let judged = if model.layers.count() == 0 { x.len() } else { 2 * model.layers.count() };
             progress.moved = greatest(before.iter().zip(x.iter()).take(judged).map(|(a, b)| (a - b).norm()));
-            told.tell(way.value, model.area(x), progress.pressure);
+            told.0.push((way.value, model.area(x), pressures.clone()));
             let still = outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
             progress.converged = still || told.exhausted();
             if progress.converged {
@@ -392,13 +253,22 @@ impl<'a> Descent<'a> {
 impl Model {
     /// Number of unknown vertices, held ones among them.
     pub fn count(&self) -> usize {
-        self.layers.rest.len() + self.implant.as_ref().map_or(0, |i| i.mesh.vertices.len())
+        self.layers.rest.len() + self.implants.iter().map(|i| i.mesh.vertices.len()).sum::<usize>()
     }
 
-    /// Skin and implant at rest, before they touch [m].
+    /// The first vertex of each implant.
+    pub(super) fn firsts(&self) -> impl Iterator<Item = u32> {
+        self.implants.iter().scan(self.layers.rest.len() as u32, |next, implant| {
+            let first = *next;
+            *next += implant.mesh.vertices.len() as u32;
+            Some(first)
+        })
+    }
+
+    /// Skin and implants at rest, before they touch [m].
     pub fn rest(&self) -> Vec<Point3<f64>> {
-        let implant = self.implant.iter().flat_map(|i| i.mesh.vertices.iter());
-        self.layers.rest.iter().chain(implant).copied().collect()
+        let implants = self.implants.iter().flat_map(|i| i.mesh.vertices.iter());
+        self.layers.rest.iter().chain(implants).copied().collect()
     }
 
     /// Greatest distance between the layers [m].
@@ -418,7 +288,7 @@ impl Model {
         if self.layers.count() > 0 {
             energy.elastic.push(Box::new(self.thickness()));
         }
-        if let Some(implant) = &self.implant {
+        for implant in &self.implants {
             let mut shell = Envelope::new(implant.springs.clone(), implant.stiffness.clone());
             if self.layers.springs.is_empty() {
                 shell = shell.alone();
@@ -426,8 +296,8 @@ impl Model {
             energy.elastic.push(Box::new(shell));
             let places = implant.pocket.iter().map(|&v| (v, start[v as usize])).collect();
             energy.elastic.push(Box::new(Anchors { places, stiffness: POCKET * self.membrane }));
-            energy.volume = Some(self.volume(implant));
         }
+        energy.volumes = self.volumes();
         energy.elastic.push(Box::new(touching));
         energy
     }
@@ -436,11 +306,19 @@ impl Model {
     ///
     /// # Errors
     /// No memory; equations without a solution; [`SkinError::Stopped`].
-    pub fn settle(
+    pub fn settle(&self, x: &mut [Point3<f64>], watch: impl FnMut(&Progress) -> bool) -> Result<Progress, SkinError> {
+        self.settle_each(x, watch).map(|(progress, _)| progress)
+    }
+
+    /// The same, and the pressure in each implant [Pa].
+    ///
+    /// # Errors
+    /// See [`Model::settle`].
+    pub fn settle_each(
         &self,
         x: &mut [Point3<f64>],
         mut watch: impl FnMut(&Progress) -> bool,
-    ) -> Result<Progress, SkinError> {
+    ) -> Result<(Progress, Vec<f64>), SkinError> {
         self.fill(x)?;
         let mut descent = Descent::new(self);
         for _ in 0..=LIFTS {
@@ -454,7 +332,7 @@ impl Model {
             progress.converged = false;
             descent.detector.lift(x);
         }
-        Ok(descent.progress)
+        Ok((descent.progress, descent.pressures))
     }
 
     /// Area of the upper layer [m^2].
@@ -462,22 +340,25 @@ impl Model {
         crate::mesh::measures::area(&x[..self.layers.count()], &self.layers.triangles)
     }
 
-    /// The volume of the implant, to be kept.
-    fn volume(&self, implant: &Filled) -> EnclosedVolume {
-        let first = 2 * self.layers.count() as u32;
-        let triangles: Vec<[u32; 3]> = implant.mesh.triangles.iter().map(|t| t.map(|v| v + first)).collect();
-        EnclosedVolume::new(&triangles, self.count(), implant.volume, 0.0)
+    /// The volumes of the implants, to be kept.
+    fn volumes(&self) -> Vec<EnclosedVolume> {
+        let volume = |(implant, first): (&Filled, u32)| {
+            let triangles: Vec<[u32; 3]> = implant.mesh.triangles.iter().map(|t| t.map(|v| v + first)).collect();
+            EnclosedVolume::new(&triangles, self.count(), implant.volume, 0.0)
+        };
+        self.implants.iter().zip(self.firsts()).map(volume).collect()
     }
 
-    /// Brings the implant to its volume: over a bed that is not flat its shell is not quite a dome.
+    /// Brings the implants to their volumes: over a bed that is not flat a shell is not quite a dome.
     fn fill(&self, x: &mut [Point3<f64>]) -> Result<(), SkinError> {
-        let Some(implant) = &self.implant else { return Ok(()) };
-        let volume = self.volume(implant);
-        let (_, gradient) = volume.value_and_gradient(x);
-        volume.retract(x, &gradient).map(|_| ()).map_err(|error| SkinError::Solver(error.to_string()))
+        for volume in self.volumes() {
+            let (_, gradient) = volume.value_and_gradient(x);
+            volume.retract(x, &gradient).map_err(|error| SkinError::Solver(error.to_string()))?;
+        }
+        Ok(())
     }
 
-    /// A solver of this energy; the one of the round before is used again.
+    /// A solver of this energy; the one of the round before is used again. And the pressures [Pa].
     fn minimise(
         &self,
         newton: &mut Option<Newton>,
@@ -485,23 +366,27 @@ impl Model {
         x: &mut [Point3<f64>],
         inverse_mass: &[f64],
         leash: f64,
-    ) -> Result<Outcome, SkinError> {
+    ) -> Result<(Outcome, Vec<f64>), SkinError> {
         let failed = |error: FactorError| SkinError::Solver(error.to_string());
         if self.method == Method::QuasiStatic {
             let settings = Settings { tolerance: TOLERANCE, iterations: INNER_QUASI_STATIC };
             let mut solver = QuasiStatic::new(energy, x, inverse_mass, settings).map_err(failed)?;
-            return Ok(solver.solve(x, &mut Unguarded, |_, _| true));
+            let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
+            return Ok((outcome, solver.pressures));
         }
-        match newton {
-            Some(newton) => newton.renew(energy).map_err(failed)?,
+        let newton = match newton {
+            Some(newton) => {
+                newton.renew(energy).map_err(failed)?;
+                newton
+            }
             None => {
                 let settings = Settings { tolerance: TOLERANCE, iterations: INNER };
-                *newton = Some(Newton::new(energy, &self.rest(), inverse_mass, settings).map_err(failed)?);
+                newton.insert(Newton::new(energy, &self.rest(), inverse_mass, settings).map_err(failed)?)
             }
-        }
+        };
         let from = x.to_owned();
         let near = |now: &[Point3<f64>]| from.iter().zip(now).all(|(a, b)| (a - b).norm() <= leash);
-        let outcome = newton.as_mut().map(|newton| newton.solve(x, |_, now| near(now)));
-        outcome.unwrap_or_else(|| Ok(Outcome::default())).map_err(failed)
+        let outcome = newton.solve(x, |_, now| near(now)).map_err(failed)?;
+        Ok((outcome, newton.pressures.clone()))
     }
 }

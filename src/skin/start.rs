@@ -123,7 +123,7 @@ impl Ready {
         let model = Model {
             layers: self.layers.clone(),
             membrane: self.order.tissue.membrane(),
-            implant: Some(filled),
+            implants: vec![filled],
             beds,
             ball: None,
             base: self.order.implant.base,

@@ -1,6 +1,6 @@
 //! What solvers of equilibrium share: energy and forces at a place, when to stop, and the search along a direction.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
 use super::energy::Energy;
 use super::history::{Field, add_scaled, dot};
@@ -14,6 +14,12 @@ const SUFFICIENT: f64 = 1e-4;
 
 /// Halvings of a step before the search gives up.
 const HALVINGS: u32 = 30;
+
+/// A volume that is off by less than this share of its target is off by rounding.
+pub(super) const ROUNDED: f64 = 64.0 * f64::EPSILON;
+
+/// Sweeps over several volumes until all are kept.
+const SWEEPS: u32 = 60;
 
 /// When to stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,7 +49,7 @@ pub struct Outcome {
     pub residual: f64,
     /// Energy [J].
     pub energy: f64,
-    /// Pressure inside [Pa]; 0 where no volume is kept.
+    /// Pressure in the first volume [Pa]; 0 where none is kept.
     pub pressure: f64,
     /// Whether the residual is within its tolerance.
     pub converged: bool,
@@ -64,6 +70,28 @@ impl Value for Outcome {
         let ((force, residual), (energy, pressure)) = from.take()?;
         Ok(Self { iterations, evaluations, force, residual, energy, pressure, converged: from.take()? })
     }
+}
+
+/// The multipliers of rows beside a matrix: of the system of `areas` times `spreads`, `compliance` on the diagonal. A row that
+/// nothing can change, as all that encloses it is held, has none.
+fn multipliers(
+    areas: &[Field],
+    spreads: &[Field],
+    compliance: impl Fn(usize) -> f64,
+    right: impl Fn(usize) -> f64,
+) -> Vec<f64> {
+    let entry = |i: usize, j: usize| dot(&areas[i], &spreads[j]) + if i == j { compliance(i) } else { 0.0 };
+    let moves: Vec<usize> = (0..areas.len()).filter(|&i| entry(i, i) > 0.0).collect();
+    if moves.is_empty() {
+        return vec![0.0; areas.len()];
+    }
+    let matrix = DMatrix::from_fn(moves.len(), moves.len(), |i, j| entry(moves[i], moves[j]));
+    let right = DVector::from_fn(moves.len(), |i, _| right(moves[i]));
+    let mut all = vec![0.0; areas.len()];
+    if let Some(found) = matrix.lu().solve(&right) {
+        moves.iter().zip(found.iter()).for_each(|(i, m)| all[*i] = *m);
+    }
+    all
 }
 
 /// What keeps vertices out of obstacles while they move.
@@ -98,10 +126,10 @@ pub(super) struct State {
     /// Sum of the energy's terms without their signs [J]: its rounding is a share of this.
     pub magnitude: f64,
     pub gradient: Field,
-    /// Gradient of the volume; empty where none is kept.
-    pub area: Field,
-    /// V less its target [m^3].
-    pub excess: f64,
+    /// Gradient of each volume that is kept.
+    pub areas: Vec<Field>,
+    /// V less its target [m^3], of each.
+    pub excess: Vec<f64>,
 }
 
 /// A body's energy, which of its vertices are unknown, and when it counts as at rest.
@@ -130,65 +158,76 @@ impl Problem {
         let mut gradient = vec![Vector3::zeros(); x.len()];
         let energy = self.energy.value_and_gradient(x, &mut gradient);
         self.unknowns.release_held(&mut gradient);
-        let (excess, mut area) =
-            self.energy.volume.as_ref().map_or((0.0, Vec::new()), |volume| volume.value_and_gradient(x));
-        if !area.is_empty() {
-            self.unknowns.release_held(&mut area);
+        let (excess, mut areas): (Vec<f64>, Vec<Field>) =
+            self.energy.volumes.iter().map(|volume| volume.value_and_gradient(x)).unzip();
+        areas.iter_mut().for_each(|area| self.unknowns.release_held(area));
+        let compressed = self.of_volumes(&excess);
+        let magnitude = energy + 2.0 * self.energy.negative_terms(x) + compressed;
+        State { energy: energy + compressed, magnitude, gradient, areas, excess }
+    }
+
+    /// Energy of compressed volumes [J]; one without compliance is a constraint and has none.
+    fn of_volumes(&self, excess: &[f64]) -> f64 {
+        self.softness(excess).zip(excess).map(|(pressure, excess)| 0.5 * excess * pressure).sum()
+    }
+
+    /// The multiplier of each volume with compliance, which it has of its own; 0 of the others.
+    fn softness(&self, excess: &[f64]) -> impl Iterator<Item = f64> {
+        let each = self.energy.volumes.iter().map(EnclosedVolume::compliance).zip(excess);
+        each.map(|(compliance, excess)| if compliance > 0.0 { excess / compliance } else { 0.0 })
+    }
+
+    /// The volumes' multipliers, -pressure, that leave the least force.
+    pub(super) fn first_multipliers(&self, state: &State) -> Vec<f64> {
+        let State { areas, gradient, .. } = state;
+        multipliers(areas, areas, |_| 0.0, |i| -dot(gradient, &areas[i]))
+    }
+
+    /// The direction of descent and the volumes' multipliers, -pressure: `pull` is the inverse matrix times the force,
+    /// `spreads` are that times the volumes' gradients, the rows beside the matrix.
+    pub(super) fn direction(&self, state: &State, mut pull: Field, spreads: &[Field]) -> (Field, Vec<f64>) {
+        let compliance = |i: usize| self.energy.volumes[i].compliance();
+        let found = multipliers(&state.areas, spreads, compliance, |i| state.excess[i] + dot(&state.areas[i], &pull));
+        found.iter().zip(spreads).for_each(|(m, spread)| add_scaled(&mut pull, -m, spread));
+        (pull, found)
+    }
+
+    /// Brings volumes without compliance to their targets, each along its spread; whether that can be done.
+    pub(super) fn keep_volumes(&self, x: &mut [Point3<f64>], spreads: &[Field]) -> bool {
+        let each = self.energy.volumes.iter().zip(spreads);
+        let rigid: Vec<(&EnclosedVolume, &Field)> = each.filter(|(v, _)| v.compliance() == 0.0).collect();
+        if let [(volume, spread)] = rigid[..] {
+            return volume.retract(x, spread).is_ok();
         }
-        let magnitude = energy + 2.0 * self.energy.negative_terms(x) + self.of_volume(excess);
-        State { energy: energy + self.of_volume(excess), magnitude, gradient, area, excess }
-    }
-
-    /// Of the volume [m^6/J].
-    pub(super) fn compliance(&self) -> f64 {
-        self.energy.volume.as_ref().map_or(0.0, EnclosedVolume::compliance)
-    }
-
-    /// Energy of a compressed volume [J]; one without compliance is a constraint and has none.
-    fn of_volume(&self, excess: f64) -> f64 {
-        let compliance = self.compliance();
-        if compliance > 0.0 { 0.5 * excess * excess / compliance } else { 0.0 }
-    }
-
-    /// The volume's multiplier, -pressure, that leaves the least force.
-    pub(super) fn first_multiplier(&self, state: &State) -> f64 {
-        let square = dot(&state.area, &state.area);
-        if square > 0.0 { -dot(&state.gradient, &state.area) / square } else { 0.0 }
-    }
-
-    /// The direction of descent and the volume's multiplier, -pressure: `pull` is the inverse matrix times the force,
-    /// `spread` that times the volume's gradient, the row beside the matrix.
-    pub(super) fn direction(&self, state: &State, mut pull: Field, spread: &[Vector3<f64>]) -> (Field, f64) {
-        if state.area.is_empty() {
-            return (pull, 0.0);
+        // What keeps one changes the others a little.
+        for _ in 0..SWEEPS {
+            if !rigid.iter().all(|(volume, spread)| volume.retract(x, spread).is_ok()) {
+                return false;
+            }
+            if rigid.iter().all(|(volume, _)| volume.value_and_gradient(x).0.abs() <= ROUNDED * volume.target().abs()) {
+                return true;
+            }
         }
-        let across = dot(&state.area, spread) + self.compliance();
-        // All that encloses it is held: nothing changes the volume.
-        let multiplier = if across > 0.0 { (state.excess + dot(&state.area, &pull)) / across } else { 0.0 };
-        add_scaled(&mut pull, -multiplier, spread);
-        (pull, multiplier)
-    }
-
-    /// Brings a volume without compliance to its target along `spread`; whether that can be done.
-    pub(super) fn keep_volume(&self, x: &mut [Point3<f64>], spread: &[Vector3<f64>]) -> bool {
-        let rigid = self.energy.volume.as_ref().filter(|v| v.compliance() == 0.0);
-        rigid.is_none_or(|volume| volume.retract(x, spread).is_ok())
+        false
     }
 
     /// The force on each vertex [N], without what obstacles exert.
-    pub(super) fn force(&self, state: &State, multiplier: f64) -> Field {
-        let multiplier = self.exact(state, multiplier);
+    pub(super) fn force(&self, state: &State, multipliers: &[f64]) -> Field {
         let mut force: Field = state.gradient.iter().map(|g| -g).collect();
-        if !state.area.is_empty() {
-            add_scaled(&mut force, -multiplier, &state.area);
-        }
+        let each = self.exact(state, multipliers).zip(&state.areas);
+        each.for_each(|(multiplier, area)| add_scaled(&mut force, -multiplier, area));
         force
     }
 
-    /// The multiplier: a volume with compliance has its own.
-    fn exact(&self, state: &State, multiplier: f64) -> f64 {
-        let compliance = self.compliance();
-        if compliance > 0.0 { state.excess / compliance } else { multiplier }
+    /// The multipliers: a volume with compliance has its own.
+    fn exact(&self, state: &State, multipliers: &[f64]) -> impl Iterator<Item = f64> {
+        let each = self.energy.volumes.iter().map(EnclosedVolume::compliance).zip(self.softness(&state.excess));
+        each.zip(multipliers).map(|((compliance, soft), free)| if compliance > 0.0 { soft } else { *free })
+    }
+
+    /// The pressure in each volume [Pa].
+    pub(super) fn pressures(&self, state: &State, multipliers: &[f64]) -> Vec<f64> {
+        self.exact(state, multipliers).map(|m| -m).collect()
     }
 
     /// The rows that hold: those that are touched and pressed against.
@@ -196,26 +235,26 @@ impl Problem {
         &self,
         x: &[Point3<f64>],
         state: &State,
-        multiplier: f64,
+        multipliers: &[f64],
         rows: &[Row],
         touching: f64,
     ) -> Vec<Row> {
         if rows.is_empty() {
             return Vec::new();
         }
-        let force = self.force(state, multiplier);
+        let force = self.force(state, multipliers);
         rows.iter().filter(|row| row.room(x) <= touching && row.is_pressed(&force)).copied().collect()
     }
 
-    pub(super) fn judge(&self, state: &State, multiplier: f64, holding: &[Row], outcome: &mut Outcome) {
-        let mut force = self.force(state, multiplier);
+    pub(super) fn judge(&self, state: &State, multipliers: &[f64], holding: &[Row], outcome: &mut Outcome) {
+        let mut force = self.force(state, multipliers);
         // Twice, as rows of one vertex share it.
         (0..2).for_each(|_| holding.iter().for_each(|row| row.support(&mut force)));
         self.unknowns.release_held(&mut force);
         outcome.force = (dot(&force, &force) / self.unknowns.free.len().max(1) as f64).sqrt();
         outcome.residual = outcome.force / self.force_scale;
         outcome.energy = state.energy;
-        outcome.pressure = -self.exact(state, multiplier);
+        outcome.pressure = self.exact(state, multipliers).next().map_or(0.0, |m| -m);
         outcome.converged = outcome.residual <= self.settings.tolerance;
     }
 
@@ -229,9 +268,11 @@ impl Problem {
         outcome: &mut Outcome,
         mut complete: impl FnMut(&mut [Point3<f64>]) -> bool,
     ) -> Option<(Vec<Point3<f64>>, State)> {
-        let soft = if self.compliance() > 0.0 { state.excess / self.compliance() } else { 0.0 };
-        let along =
-            |s: &State| dot(&s.gradient, direction) + if soft == 0.0 { 0.0 } else { soft * dot(&s.area, direction) };
+        let soft: Vec<f64> = self.softness(&state.excess).collect();
+        let along = |s: &State| {
+            let pressed = soft.iter().zip(&s.areas).filter(|(m, _)| **m != 0.0);
+            pressed.fold(dot(&s.gradient, direction), |sum, (m, area)| sum + m * dot(area, direction))
+        };
         let slope = along(state);
         if !(slope < 0.0) {
             return None;

@@ -17,9 +17,9 @@ pub struct Inertia {
     pub target: Vec<Point3<f64>>,
 }
 
-/// The energy of a body as a function of its positions; the enclosed volume is kept apart, as a constraint.
+/// The energy of a body as a function of its positions; enclosed volumes are kept apart, as constraints.
 ///
-/// The volume's multiplier `pressure` [Pa] enters the gradient as -pressure dV/dx; with a compliance `a` it is
+/// A volume's multiplier `pressure` [Pa] enters the gradient as -pressure dV/dx; with a compliance `a` it is
 /// (target - V) / a.
 #[derive(Default)]
 pub struct Energy {
@@ -29,17 +29,17 @@ pub struct Energy {
     pub forces: Vec<Vector3<f64>>,
     /// Inertia of an implicit step; `None` at rest.
     pub inertia: Option<Inertia>,
-    /// The enclosed volume.
-    pub volume: Option<EnclosedVolume>,
+    /// Enclosed volumes, each kept.
+    pub volumes: Vec<EnclosedVolume>,
 }
 
 impl Energy {
-    /// Energy [J] without that of the volume, at positions `x` [m].
+    /// Energy [J] without that of volumes, at positions `x` [m].
     pub fn value(&self, x: &[Point3<f64>]) -> f64 {
         self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + self.of_loads(x)
     }
 
-    /// Energy [J] without that of the volume; writes its gradient [N].
+    /// Energy [J] without that of volumes; writes its gradient [N].
     pub fn value_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         gradient.fill(Vector3::zeros());
         let elastic: f64 = self.elastic.iter().map(|part| part.energy_and_gradient(x, gradient)).sum();
@@ -64,22 +64,22 @@ impl Energy {
         moving - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
     }
 
-    /// Calls `pair` with every two vertices that the second derivative couples, the volume's by its edges.
+    /// Calls `pair` with every two vertices that the second derivative couples, volumes' by their edges.
     pub fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
         self.elastic.iter().for_each(|part| part.pairs(pair));
-        for [a, b, c] in self.volume.iter().flat_map(EnclosedVolume::triangles) {
+        for [a, b, c] in self.volumes.iter().flat_map(EnclosedVolume::triangles) {
             pair(*a, *b);
             pair(*b, *c);
             pair(*c, *a);
         }
     }
 
-    /// Calls `add` with the blocks of the second derivative [N/m] of energy and -`pressure` V; with `convex`, without
-    /// what may be indefinite.
+    /// Calls `add` with the blocks of the second derivative [N/m] of energy and -p V for each of `pressures` p; with
+    /// `convex`, without what may be indefinite.
     pub fn hessian(
         &self,
         x: &[Point3<f64>],
-        pressure: f64,
+        pressures: &[f64],
         convex: bool,
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     ) {
@@ -88,9 +88,8 @@ impl Energy {
             let each = inertia.weight.iter().enumerate();
             each.for_each(|(i, w)| add(i as u32, i as u32, &Matrix3::from_diagonal_element(*w)));
         }
-        if let Some(volume) = self.volume.as_ref().filter(|_| !convex && pressure != 0.0) {
-            volume_hessian(volume, x, -pressure, add);
-        }
+        let each = self.volumes.iter().zip(pressures).filter(|(_, pressure)| !convex && **pressure != 0.0);
+        each.for_each(|(volume, pressure)| volume_hessian(volume, x, -pressure, add));
     }
 
     /// Calls `add` with entries [N/m] of a constant positive semi-definite matrix over vertices that stands for the
@@ -115,8 +114,8 @@ impl Energy {
 
 impl State for Energy {
     fn save(&self, to: &mut Writer) {
-        // Every step sets the target of the inertia; the volume's own multiplier plays no part here.
-        let Self { elastic, forces: _, inertia: _, volume: _ } = self;
+        // Every step sets the target of the inertia; multipliers of volumes play no part here.
+        let Self { elastic, forces: _, inertia: _, volumes: _ } = self;
         elastic.iter().for_each(|part| part.save(to));
     }
 

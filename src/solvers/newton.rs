@@ -16,12 +16,17 @@ use super::sparse::{Factor, FactorError};
 /// Shifts of the diagonal that are tried where even the projected matrix has no factor, in mean entries of it.
 const SHIFTS: [f64; 4] = [1e-10, 1e-6, 1e-3, 1.0];
 
+/// Fields that the inverse is applied to at once.
+const AT_ONCE: usize = 2;
+
 /// A body ready to be brought to equilibrium.
 pub struct Newton {
     /// What is minimised.
     pub problem: Problem,
     factor: Factor<3>,
     numbers: Vec<f64>,
+    /// The pressure in each volume [Pa].
+    pub pressures: Vec<f64>,
     /// Factorisations done.
     pub factorisations: u64,
     /// Those of projected matrices.
@@ -42,8 +47,8 @@ impl Newton {
         let problem = Problem::new(energy, x, inverse_mass, settings);
         let unknowns = &problem.unknowns;
         let factor = Factor::new(unknowns.free.len(), &unknowns.pairs(|pair| problem.energy.pairs(pair)))?;
-        let numbers = vec![0.0; unknowns.free.len() * 6];
-        Ok(Self { problem, factor, numbers, factorisations: 0, projections: 0 })
+        let numbers = vec![0.0; unknowns.free.len() * 3 * AT_ONCE];
+        Ok(Self { problem, factor, numbers, pressures: Vec::new(), factorisations: 0, projections: 0 })
     }
 
     /// Takes another energy over the same vertices. Forces are judged as before; the order of elimination is kept where
@@ -77,25 +82,25 @@ impl Newton {
     ) -> Result<Outcome, FactorError> {
         let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
         let mut state = self.problem.state(x);
-        let mut multiplier = self.problem.first_multiplier(&state);
+        let mut multipliers = self.problem.first_multipliers(&state);
         loop {
-            self.problem.judge(&state, multiplier, &[], &mut outcome);
+            self.problem.judge(&state, &multipliers, &[], &mut outcome);
+            self.pressures = self.problem.pressures(&state, &multipliers);
             let more = watch(&outcome, x);
             if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
                 return Ok(outcome);
             }
-            self.factorise(x, -multiplier)?;
+            let pressures: Vec<f64> = multipliers.iter().map(|m| -m).collect();
+            self.factorise(x, &pressures)?;
             let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
-            let mut spread = state.area.clone();
+            let mut spreads = state.areas.clone();
             let Self { problem, factor, numbers, .. } = self;
-            if spread.is_empty() {
-                invert(problem, factor, numbers, &mut [&mut pull]);
-            } else {
-                invert(problem, factor, numbers, &mut [&mut pull, &mut spread]);
-            }
+            let mut fields: Vec<&mut [Vector3<f64>]> =
+                [&mut pull].into_iter().chain(&mut spreads).map(Vec::as_mut_slice).collect();
+            fields.chunks_mut(AT_ONCE).for_each(|fields| invert(problem, factor, numbers, fields));
             let direction;
-            (direction, multiplier) = problem.direction(&state, pull, &spread);
-            let complete = |end: &mut [Point3<f64>]| problem.keep_volume(end, &spread);
+            (direction, multipliers) = problem.direction(&state, pull, &spreads);
+            let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
             let Some((end, new)) = problem.search(x, &state, &direction, &mut outcome, complete) else {
                 return Ok(outcome);
             };
@@ -107,12 +112,12 @@ impl Newton {
     }
 
     /// Factors the second derivative, projected or shifted where that is needed.
-    fn factorise(&mut self, x: &[Point3<f64>], pressure: f64) -> Result<(), FactorError> {
+    fn factorise(&mut self, x: &[Point3<f64>], pressures: &[f64]) -> Result<(), FactorError> {
         let mut last = FactorError::NotPositiveDefinite { unknown: 0 };
         for (attempt, shift) in [0.0, 0.0].into_iter().chain(SHIFTS).enumerate() {
             // A shift adds to what the last attempt left.
             if attempt < 2 {
-                self.assemble(x, pressure, attempt > 0);
+                self.assemble(x, pressures, attempt > 0);
             }
             let mean = self.factor.trace() / (3 * self.factor.count().max(1)) as f64;
             (0..self.factor.count() as u32).for_each(|i| self.factor.add_diagonal(i, shift * mean));
@@ -126,10 +131,10 @@ impl Newton {
         Err(last)
     }
 
-    fn assemble(&mut self, x: &[Point3<f64>], pressure: f64, convex: bool) {
+    fn assemble(&mut self, x: &[Point3<f64>], pressures: &[f64], convex: bool) {
         let Self { problem, factor, .. } = self;
         factor.clear();
-        problem.energy.hessian(x, pressure, convex, &mut |a, b, block| {
+        problem.energy.hessian(x, pressures, convex, &mut |a, b, block| {
             if let (Some(i), Some(j)) = (problem.unknowns.of(a), problem.unknowns.of(b))
                 && i >= j
             {

@@ -2,8 +2,8 @@
 //!
 //! The error of a pose is smooth, and a local solver needs thousands of sweeps for it; the energy's second derivative,
 //! averaged over the directions of space and taken at rest, is a scalar matrix over a surface, cheap to factor, and its
-//! inverse spreads a correction over the whole body at once \[liu2017\]. The enclosed volume enters as one row beside
-//! that matrix (Sherman-Morrison), and is satisfied exactly after every step.
+//! inverse spreads a correction over the whole body at once \[liu2017\]. Enclosed volumes enter as rows beside
+//! that matrix (Sherman-Morrison-Woodbury), and are satisfied exactly after every step.
 //!
 //! *Limitations.* Mass, velocities and friction play no part. A net of springs can be folded in many ways: there may be
 //! several equilibria, and the one that is found is near the start.
@@ -11,26 +11,24 @@
 use nalgebra::{Point3, Vector3};
 
 use super::active::{Active, Touched};
-use super::descent::{Guard, Outcome, Problem, Settings, State};
+use super::descent::{Guard, Outcome, Problem, ROUNDED, Settings, State};
 use super::energy::Energy;
 use super::history::{Field, History};
 use super::sparse::FactorError;
 use super::unknowns::Laplacian;
+use crate::constraints::EnclosedVolume;
 use crate::contact::Row;
 use crate::state::{self, Corrupt, Reader, Writer};
 
 /// Steps of the minimisation that are remembered: more cost more than they save.
 const MEMORY: usize = 8;
 
-/// Iterations for which the inverse of the volume's gradient is kept: it changes little, and is half of the solves. Any
-/// field that changes the volume keeps it exactly.
+/// Iterations for which the inverse of the volumes' gradients is kept: it changes little, and is half of the solves. Any
+/// field that changes a volume keeps it exactly.
 const KEPT: u32 = 4;
 
 /// Iterations after which constraints that are known up to a period note where they are.
 const NOTED: u32 = 8;
-
-/// A volume that is off by less than this share of its target is off by rounding.
-const ROUNDED: f64 = 64.0 * f64::EPSILON;
 
 /// A body ready to be brought to equilibrium.
 pub struct QuasiStatic {
@@ -40,8 +38,10 @@ pub struct QuasiStatic {
     history: History,
     touched: Touched,
     active: Active,
-    /// The inverse matrix times the volume's gradient, and the iterations since it was computed.
-    spread: (Field, u32),
+    /// The inverse matrix times the volumes' gradients, and the iterations since they were computed.
+    spreads: (Vec<Field>, u32),
+    /// The pressure in each volume [Pa].
+    pub pressures: Vec<f64>,
 }
 
 impl QuasiStatic {
@@ -58,7 +58,15 @@ impl QuasiStatic {
         let problem = Problem::new(energy, x, inverse_mass, settings);
         let laplacian = Laplacian::new(&problem.energy, &problem.unknowns, x)?;
         let (touched, active) = (Touched::default(), Active::default());
-        Ok(Self { problem, laplacian, history: History::new(MEMORY), touched, active, spread: (Field::new(), 0) })
+        Ok(Self {
+            problem,
+            laplacian,
+            history: History::new(MEMORY),
+            touched,
+            active,
+            spreads: (Vec::new(), 0),
+            pressures: Vec::new(),
+        })
     }
 
     /// Entries of the factored matrix.
@@ -71,7 +79,7 @@ impl QuasiStatic {
         self.laplacian.bytes() + self.history.bytes() + self.touched.bytes()
     }
 
-    /// Moves held vertices to `held` and carries the others along smoothly, then keeps volume and obstacles.
+    /// Moves held vertices to `held` and carries the others along smoothly, then keeps volumes and obstacles.
     pub fn follow(&mut self, x: &mut [Point3<f64>], held: &[(u32, Point3<f64>)], guard: &mut impl Guard) {
         let mut displacement = vec![Vector3::zeros(); x.len()];
         held.iter().for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
@@ -90,11 +98,11 @@ impl QuasiStatic {
         held.iter().for_each(|&(v, to)| x[v as usize] = to);
         if !self.active.rows().is_empty() {
             self.active = Active::default();
-            self.spread.0.clear();
+            self.spreads.0.clear();
         }
         self.stay_over(&guard.rows(), x);
         guard.push(&start, x);
-        self.keep_volume(x);
+        self.keep_volumes(x);
         guard.accept(x);
         self.problem.energy.remember(x);
     }
@@ -107,24 +115,25 @@ impl QuasiStatic {
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Outcome {
         let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
-        self.keep_volume(x);
+        self.keep_volumes(x);
         let mut state = self.problem.state(x);
-        let mut multiplier = self.problem.first_multiplier(&state);
+        let mut multipliers = self.problem.first_multipliers(&state);
         loop {
             let rows = guard.rows();
-            let pressed = self.problem.pressed(x, &state, multiplier, &rows, guard.touching());
+            let pressed = self.problem.pressed(x, &state, &multipliers, &rows, guard.touching());
             if pressed != self.active.rows() {
                 self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
-                self.spread.0.clear();
+                self.spreads.0.clear();
             }
             let last = outcome.iterations >= self.problem.settings.iterations;
             let direction;
-            (direction, multiplier) = match last && self.active.rows().is_empty() {
-                // Nothing goes along it any more; the least force by which the volume's multiplier can be told needs none.
-                true => (Field::new(), self.problem.first_multiplier(&state)),
+            (direction, multipliers) = match last && self.active.rows().is_empty() {
+                // Nothing goes along it any more; the least force by which the volumes' multipliers can be told needs none.
+                true => (Field::new(), self.problem.first_multipliers(&state)),
                 false => self.direction(&state),
             };
-            self.problem.judge(&state, multiplier, self.active.rows(), &mut outcome);
+            self.problem.judge(&state, &multipliers, self.active.rows(), &mut outcome);
+            self.pressures = self.problem.pressures(&state, &multipliers);
             let more = watch(&outcome, x);
             if outcome.converged || last || !more {
                 self.problem.energy.remember(x);
@@ -136,11 +145,11 @@ impl QuasiStatic {
                 }
                 // What was remembered misled it: once more from the constant matrix alone.
                 self.history.clear();
-                self.spread.0.clear();
+                self.spreads.0.clear();
                 continue;
             };
             outcome.iterations += 1;
-            self.learn(x, &end, &state, &new, multiplier);
+            self.learn(x, &end, &state, &new, &multipliers);
             x.copy_from_slice(&end);
             // An angle turns by far less than a period between two notes.
             if outcome.iterations.is_multiple_of(NOTED) {
@@ -151,30 +160,34 @@ impl QuasiStatic {
         }
     }
 
-    /// Notes a step and how the gradient of the Lagrangian changed over it, at one multiplier.
-    fn learn(&mut self, x: &[Point3<f64>], end: &[Point3<f64>], old: &State, new: &State, multiplier: f64) {
+    /// Notes a step and how the gradient of the Lagrangian changed over it, at the same multipliers.
+    fn learn(&mut self, x: &[Point3<f64>], end: &[Point3<f64>], old: &State, new: &State, multipliers: &[f64]) {
         let step: Field = end.iter().zip(x).map(|(end, x)| end - x).collect();
         let mut change: Field = new.gradient.iter().zip(&old.gradient).map(|(new, old)| new - old).collect();
-        let areas = change.iter_mut().zip(new.area.iter().zip(&old.area));
-        areas.for_each(|(c, (new, old))| *c += (new - old) * multiplier);
+        for (multiplier, (new, old)) in multipliers.iter().zip(new.areas.iter().zip(&old.areas)) {
+            let areas = change.iter_mut().zip(new.iter().zip(old));
+            areas.for_each(|(c, (new, old))| *c += (new - old) * *multiplier);
+        }
         self.history.note(step, change);
     }
 
-    fn direction(&mut self, state: &State) -> (Field, f64) {
-        let Self { problem, laplacian, history, active, spread: (spread, age), .. } = self;
+    fn direction(&mut self, state: &State) -> (Field, Vec<f64>) {
+        let Self { problem, laplacian, history, active, spreads: (spreads, age), .. } = self;
         let invert = |laplacian: &mut Laplacian, fields: &mut [&mut [Vector3<f64>]]| {
             history.apply(fields, |fields| active.solve(laplacian, &problem.unknowns, fields));
         };
         let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
-        if state.area.is_empty() || (*age < KEPT && !spread.is_empty()) {
+        if state.areas.is_empty() || (*age < KEPT && !spreads.is_empty()) {
             invert(laplacian, &mut [&mut pull]);
             *age += 1;
         } else {
-            spread.clone_from(&state.area);
-            invert(laplacian, &mut [&mut pull, spread]);
+            spreads.clone_from(&state.areas);
+            let mut fields: Vec<&mut [Vector3<f64>]> =
+                [&mut pull].into_iter().chain(spreads.iter_mut()).map(Vec::as_mut_slice).collect();
+            invert(laplacian, &mut fields);
             *age = 0;
         }
-        problem.direction(state, pull, spread)
+        problem.direction(state, pull, spreads)
     }
 
     fn search(
@@ -186,11 +199,11 @@ impl QuasiStatic {
         guard: &mut impl Guard,
         outcome: &mut Outcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
-        let Self { problem, laplacian, touched, active, spread: (spread, _), .. } = self;
+        let Self { problem, laplacian, touched, active, spreads: (spreads, _), .. } = self;
         problem.search(x, state, direction, outcome, |end| {
             lift(problem, laplacian, touched, active, rows, end);
             guard.push(x, end);
-            problem.keep_volume(end, spread)
+            problem.keep_volumes(end, spreads)
         })
     }
 
@@ -198,42 +211,46 @@ impl QuasiStatic {
         lift(&self.problem, &mut self.laplacian, &mut self.touched, &self.active, rows, x);
     }
 
-    /// Brings a volume without compliance to its target, by the smoothest field that does it.
-    fn keep_volume(&mut self, x: &mut [Point3<f64>]) {
-        let Some(volume) = &self.problem.energy.volume else { return };
-        let (excess, mut field) = volume.value_and_gradient(x);
-        // Any smooth field does, and this one is at hand; to rounding it holds already after `follow`.
-        if excess.abs() <= ROUNDED * volume.target().abs()
-            || (!self.spread.0.is_empty() && self.problem.keep_volume(x, &self.spread.0))
+    /// Brings volumes without compliance to their targets, by the smoothest fields that do it.
+    fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
+        let volumes = &self.problem.energy.volumes;
+        let (excess, mut areas): (Vec<f64>, Vec<Field>) = volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
+        // Any smooth fields do, and these are at hand; to rounding volumes hold already after `follow`.
+        let off = |(excess, volume): (&f64, &EnclosedVolume)| !(excess.abs() <= ROUNDED * volume.target().abs());
+        if !excess.iter().zip(volumes).any(off)
+            || (!self.spreads.0.is_empty() && self.problem.keep_volumes(x, &self.spreads.0))
         {
             return;
         }
-        self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut [&mut field]);
-        self.problem.keep_volume(x, &field);
+        let mut fields: Vec<&mut [Vector3<f64>]> = areas.iter_mut().map(Vec::as_mut_slice).collect();
+        self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut fields);
+        self.problem.keep_volumes(x, &areas);
     }
 }
 
 impl state::State for QuasiStatic {
     fn save(&self, to: &mut Writer) {
-        let Self { problem, laplacian: _, history, touched, active, spread: (spread, age) } = self;
+        let Self { problem, laplacian: _, history, touched, active, spreads: (spreads, age), pressures: _ } = self;
         let Problem { energy, settings: _, unknowns: _, force_scale: _ } = problem;
         energy.save(to);
         history.save(to);
         touched.save(to);
         active.save(to);
-        to.list(spread);
+        to.list(&spreads.concat());
         to.put(age);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        let Self { problem, laplacian, history, touched, active, spread: (spread, age) } = self;
+        let Self { problem, laplacian, history, touched, active, spreads: (spreads, age), pressures: _ } = self;
         let count = problem.unknowns.count();
         problem.energy.restore(from)?;
         history.restore(from, count)?;
         touched.restore(from, &problem.unknowns)?;
         *active = Active::restore(from, touched, laplacian, &problem.unknowns, count)?;
-        *spread = from.take()?;
-        from.check(spread.is_empty() || spread.len() == count, "a field over another body")?;
+        let all: Field = from.take()?;
+        let volumes = problem.energy.volumes.len();
+        from.check(all.is_empty() || all.len() == count * volumes, "a field over another body")?;
+        *spreads = all.chunks(count.max(1)).map(<[_]>::to_vec).collect();
         *age = from.take()?;
         Ok(())
     }

@@ -5,6 +5,9 @@ use nalgebra::{Point3, Vector3};
 use super::energy::Energy;
 use super::sparse::{Factor, FactorError};
 
+/// Fields that the inverse is applied to at once: a direction and the gradient of a volume.
+const AT_ONCE: usize = 2;
+
 /// A vertex that is held has no number among the unknowns.
 const HELD: u32 = u32::MAX;
 
@@ -113,7 +116,7 @@ impl Laplacian {
             return Err(FactorError::NotPositiveDefinite { unknown });
         }
         factor.factorise()?;
-        let numbers = vec![0.0; unknowns.free.len() * 6];
+        let numbers = vec![0.0; unknowns.free.len() * 3 * AT_ONCE];
         Ok(Self { factor, to_held, numbers })
     }
 
@@ -127,8 +130,12 @@ impl Laplacian {
         self.factor.bytes() + self.to_held.capacity() * 16 + self.numbers.capacity() * 8
     }
 
-    /// Applies the inverse to one or two fields over all vertices, in place; entries of held vertices become zero.
+    /// Applies the inverse to fields over all vertices, in place; entries of held vertices become zero.
     pub fn solve(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
+        fields.chunks_mut(AT_ONCE).for_each(|fields| self.solve_at_once(unknowns, fields));
+    }
+
+    fn solve_at_once(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
         let n = unknowns.free.len();
         for (f, field) in fields.iter().enumerate() {
             for (i, &v) in unknowns.free.iter().enumerate() {

@@ -114,7 +114,7 @@ impl Tube {
         let count = self.mesh.vertices.len();
         Energy {
             elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volume: Some(EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), compliance)),
+            volumes: vec![EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), compliance)],
             ..Energy::default()
         }
     }
@@ -240,7 +240,7 @@ fn a_tube_on_a_floor_balances_its_weight() {
     let mut gradient = vec![Vector3::zeros(); x.len()];
     let energy_at = energy();
     energy_at.value_and_gradient(&x, &mut gradient);
-    let (_, area) = energy_at.volume.as_ref().expect("a volume").value_and_gradient(&x);
+    let (_, area) = energy_at.volumes[0].value_and_gradient(&x);
     let force = |v: usize| -(gradient[v] - area[v] * outcome.pressure);
     for v in (0..x.len()).filter(|v| tube.inverse_mass[*v] > 0.0) {
         let scale = 1e-6 * solver.problem.force_scale();

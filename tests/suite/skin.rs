@@ -134,7 +134,7 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
     let model = Model {
         layers: Layers::none(0.0025),
         membrane: SILICONE,
-        implant: Some(Filled { mesh, springs, stiffness, volume, pocket }),
+        implants: vec![Filled { mesh, springs, stiffness, volume, pocket }],
         beds: vec![Sheet::new(sheet(4, 0.2)), Sheet::new(ball)],
         ball: None,
         base: 0.02,

@@ -79,7 +79,7 @@ impl Task {
                 Box::new(Quadratic::<_, 2>::new(edges.0, edges.1)),
                 Box::new(Quadratic::<_, 4>::new(hinges.0, hinges.1)),
             ],
-            volume: Some(self.volume()),
+            volumes: vec![self.volume()],
             ..Energy::default()
         }
     }

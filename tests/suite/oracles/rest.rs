@@ -62,7 +62,7 @@ impl Body {
     /// By the constant matrix, with a volume that is kept.
     pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> Outcome {
         let settings = Settings { tolerance: 0.0, iterations: 2000 };
-        let energy = Energy { volume: Some(volume), ..self.energy(x) };
+        let energy = Energy { volumes: vec![volume], ..self.energy(x) };
         let mut solver = QuasiStatic::new(energy, x, &self.inverse_mass(), settings).expect("anchored");
         solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
         let outcome = solver.solve(x, &mut Unguarded, |_, _| true);

@@ -48,7 +48,7 @@ fn flat() -> Closed {
 fn inflate(x: &mut [Point3<f64>], springs: &[Distance], stiffness: &[f64], volume: f64, all: &[[u32; 3]]) {
     let mut energy = Energy::default();
     energy.elastic.push(Box::new(Elastic::new(springs, stiffness)));
-    energy.volume = Some(EnclosedVolume::new(all, x.len(), volume, 0.0));
+    energy.volumes = vec![EnclosedVolume::new(all, x.len(), volume, 0.0)];
     let movable = upper(RINGS - 1) as usize;
     let inverse_mass: Vec<f64> = (0..x.len()).map(|v| if v < movable { 1.0 } else { 0.0 }).collect();
     let lift = |x: &[Point3<f64>]| -> Vec<nalgebra::Vector3<f64>> {
@@ -59,7 +59,7 @@ fn inflate(x: &mut [Point3<f64>], springs: &[Distance], stiffness: &[f64], volum
         x.iter().enumerate().map(up).collect()
     };
     let field = lift(x);
-    energy.volume.as_ref().expect("a volume").retract(x, &field).expect("a volume to reach");
+    energy.volumes[0].retract(x, &field).expect("a volume to reach");
     let settings = Settings { tolerance: 1e-8, iterations: 100 };
     let mut newton = Newton::new(energy, x, &inverse_mass, settings).expect("a factor");
     let outcome = newton.solve(x, |_, _| true).expect("a solution");

@@ -1,0 +1,177 @@
+//! Which vertices may touch what: the lower layer and each implant both ways, implants each other, and all of them what lies
+//! below.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Point3;
+
+use super::contact::{On, Over, Touch, Touching};
+use super::settle::Model;
+use super::sheet::Sheet;
+use crate::contact::Surface;
+use crate::mesh::measures::greatest;
+use crate::mesh::{Topology, TriangleMesh};
+
+/// Contact stiffness [N/m^3] times the square of the base over the skin's in-plane stiffness: under a tension that
+/// stretches skin by a third, bodies then sink into each other by less than a thousandth of the base.
+pub(super) const PENALTY: f64 = 2_000.0;
+
+/// Contact begins to press at this gap, over the base; a force that grows by a parabola from there to as much inside lets
+/// Newton's method see what it is about to meet.
+const SOFT: f64 = 3e-3;
+
+/// Vertices further apart than this share of the base are not looked at.
+const LOOK: f64 = 0.15;
+
+/// What presses is turned back along its plane as by a surface of this radius, over the base: smaller than what bends
+/// least, so that no round runs away, and larger than what would make rounds slow.
+const BENDS: f64 = 0.1;
+
+/// At rest, nothing is further inside another body than this share of the base.
+const DEEP: f64 = 1e-3;
+
+/// Where all is at rest but deeper than that, what is deeper than this share of it is lifted by its depth: the rim of an
+/// implant bears all its pressure on a line, where springs are too soft.
+const LIFTED: f64 = 0.5;
+
+/// How far bodies may be inside each other at rest [m], for a base [m].
+pub fn deepest(base: f64) -> f64 {
+    DEEP * base
+}
+
+/// Looks for what may touch.
+pub(super) struct Detector<'a> {
+    pub model: &'a Model,
+    /// Area of each unknown vertex at rest [m^2].
+    areas: Vec<f64>,
+    /// Each implant and its first vertex.
+    implants: Vec<(Surface, u32)>,
+    /// Topology of the lower layer.
+    lower: Arc<Topology>,
+    soft: f64,
+    /// How far touches were lifted [m].
+    lifts: BTreeMap<(On, u32), f64>,
+}
+
+impl<'a> Detector<'a> {
+    pub fn new(model: &'a Model) -> Self {
+        let bed = model.layers.bed();
+        let mut areas = vec![0.0; model.layers.count()];
+        areas.extend(at_least_mean(bed.vertex_areas()));
+        areas.extend(model.implants.iter().flat_map(|i| at_least_mean(i.mesh.vertex_areas())));
+        let implants = model.implants.iter().map(|i| Surface::new(&i.mesh)).zip(model.firsts()).collect();
+        let (lower, lifts) = (Arc::new(Topology::new(&bed)), BTreeMap::new());
+        Self { model, areas, implants, lower, soft: SOFT * model.base, lifts }
+    }
+
+    fn stiffness(&self, v: u32, share: f64) -> f64 {
+        let Model { membrane, base, .. } = self.model;
+        PENALTY * membrane / (base * base) * self.areas[v as usize] * share
+    }
+
+    /// All that may touch at positions `x`.
+    pub fn touching(&mut self, x: &[Point3<f64>]) -> Touching {
+        for (surface, first) in &mut self.implants {
+            let first = *first as usize;
+            let end = first + surface.positions().len();
+            surface.refit(&x[first..end]);
+        }
+        let (n, look) = (self.model.layers.count(), LOOK * self.model.base);
+        let lower = self.lower_layer();
+        let mut touches = Vec::new();
+        if let Some((centre, radius)) = self.model.ball {
+            let over = Over::Ball(centre, radius);
+            let touch = |&vertex: &u32| Touch::new(vertex, On::Ball, over, self.stiffness(vertex, 1.0), self.soft);
+            touches.extend(lower.iter().map(touch));
+        }
+        let all = x.len() as u32;
+        for k in 0..self.implants.len() {
+            let others = (2 * n as u32..all).filter(|v| !self.own(k).contains(v));
+            touches.extend(lower.iter().copied().chain(others).filter_map(|v| self.over_implant(k, v, x, look)));
+        }
+        if n > 0 && !self.implants.is_empty() {
+            let triangles = self.model.layers.triangles.clone();
+            let layer = TriangleMesh { vertices: x[n..2 * n].to_vec(), triangles };
+            let layer = Sheet::with(layer, self.lower.clone());
+            touches.extend((2 * n as u32..all).filter_map(|v| self.under_skin(&layer, v, x)));
+        }
+        for k in 0..self.model.beds.len() {
+            let each = lower.iter().copied().chain(2 * n as u32..all);
+            touches.extend(each.filter_map(|v| self.over_bed(k, v, x, look)));
+        }
+        let radius = BENDS * self.model.base;
+        for t in &mut touches {
+            t.lift = self.lifts.get(&(t.on, t.vertex)).copied().unwrap_or(0.0);
+            *t = t.found(x, radius);
+        }
+        Touching { touches }
+    }
+
+    /// Vertices of the lower layer that are not held.
+    fn lower_layer(&self) -> Vec<u32> {
+        let n = self.model.layers.count() as u32;
+        (n..2 * n).filter(|v| !self.model.layers.held[*v as usize]).collect()
+    }
+
+    /// Vertices of an implant.
+    fn own(&self, k: usize) -> std::ops::Range<u32> {
+        let (surface, first) = &self.implants[k];
+        *first..*first + surface.positions().len() as u32
+    }
+
+    /// How far the deepest is inside another body [m], however far that is for what is in an implant.
+    pub fn depth(&mut self, x: &[Point3<f64>]) -> f64 {
+        let near = self.touching(x).depth(x);
+        let (lower, n) = (self.lower_layer(), self.model.layers.count() as u32);
+        let inside = |k: usize| {
+            let others = (2 * n..x.len() as u32).filter(|v| !self.own(k).contains(v));
+            let each = lower.iter().copied().chain(others);
+            let on = each.filter_map(|v| self.implants[k].0.nearest(&x[v as usize], f64::MAX));
+            greatest(on.map(|on| (-on.closest.distance).max(0.0)))
+        };
+        greatest((0..self.implants.len()).map(inside).chain([near]))
+    }
+
+    /// Lifts what is too deep, as far as it is.
+    pub fn lift(&mut self, x: &[Point3<f64>]) {
+        let deep = LIFTED * deepest(self.model.base);
+        for touch in self.touching(x).touches {
+            if let Some(depth) = touch.gap(x).map(|gap| -gap).filter(|depth| *depth > deep) {
+                *self.lifts.entry((touch.on, touch.vertex)).or_insert(0.0) += depth;
+            }
+        }
+    }
+
+    /// A vertex of the lower layer, or of another implant, stays out of an implant.
+    fn over_implant(&self, k: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
+        let (implant, first) = &self.implants[k];
+        let on = implant.nearest(&x[vertex as usize], look)?;
+        let corners = implant.triangles()[on.triangle as usize].map(|v| v + first);
+        let over = Over::Carried(corners, on.weights, on.closest.normal);
+        Some(Touch::new(vertex, On::Implant(k as u32), over, self.stiffness(vertex, 0.5), self.soft))
+    }
+
+    /// A vertex of an implant stays under the lower layer.
+    fn under_skin(&self, lower: &Sheet, vertex: u32, x: &[Point3<f64>]) -> Option<Touch> {
+        let at = x[vertex as usize];
+        let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
+        let first = self.model.layers.count() as u32;
+        let over = Over::Carried(on.corners.map(|v| v + first), on.weights, -on.away(&at));
+        Some(Touch::new(vertex, On::Skin, over, self.stiffness(vertex, 0.5), self.soft))
+    }
+
+    /// A vertex stays over what lies below.
+    fn over_bed(&self, bed: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
+        let at = x[vertex as usize];
+        let on = self.model.beds[bed].nearest(&at, look)?;
+        let over = Over::Plane(on.point, on.away(&at));
+        Some(Touch::new(vertex, On::Bed(bed as u32), over, self.stiffness(vertex, 1.0), self.soft))
+    }
+}
+
+/// Areas, none less than their mean: a small triangle at a ridge may bear as much as others.
+fn at_least_mean(areas: Vec<f64>) -> impl Iterator<Item = f64> {
+    let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
+    areas.into_iter().map(move |area| area.max(mean))
+}
