@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use pliant::constraints::second::Second;
-use pliant::constraints::{Constraint, EnclosedVolume, ForEachKind, for_each_kind};
+use pliant::constraints::{Bending, Constraint, Distance, EnclosedVolume, ForEachKind, for_each_kind};
 use pliant::contact::Row;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
@@ -11,7 +11,7 @@ use pliant::mesh::topology::Topology;
 use pliant::solvers::descent::{Guard, Settings, Unguarded};
 use pliant::solvers::energy::Energy;
 use pliant::solvers::newton::Newton;
-use pliant::solvers::potential::Quadratic;
+use pliant::solvers::potential::{Potential, Quadratic};
 use pliant::solvers::quasi_static::QuasiStatic;
 use pliant::solvers::sparse::{Factor, FactorError};
 use pliant::solvers::stiffness;
@@ -290,4 +290,71 @@ fn a_factor_solves_and_tells_what_is_not_positive_definite() {
     assert!(matches!(factor.factorise(), Err(FactorError::NotPositiveDefinite { .. })));
     factor.add_diagonal(17, f64::NAN);
     assert!(factor.factorise().is_err());
+}
+
+/// Two tubes side by side, the second moved by `apart` [m], joined by springs of `joined` [N/m] between vertices of the same
+/// number, with these shares of their volumes kept inside.
+fn two_tubes(apart: f64, joined: f64, shares: [f64; 2]) -> (Energy, Vec<Point3<f64>>, Vec<f64>) {
+    let tube = Tube::new();
+    let count = tube.mesh.vertices.len() as u32;
+    let second = |[a, b]: [u32; 2]| [a + count, b + count];
+    let topology = Topology::new(&tube.mesh);
+    let (edges, k) = stiffness::edges(&tube.mesh, &topology, 300.0);
+    let both = edges.iter().copied().chain(edges.iter().map(|e| Distance { points: second(e.points), ..*e }));
+    let between = (0..count).map(|v| Distance { points: [v, v + count], rest: apart });
+    let stiffness = [k.clone(), k, vec![joined; count as usize]].concat();
+    let aside = Vector3::z() * apart;
+    let x: Vec<Point3<f64>> =
+        tube.mesh.vertices.iter().copied().chain(tube.mesh.vertices.iter().map(|p| p + aside)).collect();
+    let triangles: Vec<[u32; 3]> = tube.mesh.triangles.iter().map(|t| t.map(|v| v + count)).collect();
+    let volumes = [&tube.mesh.triangles, &triangles].into_iter().zip(shares);
+    let volumes = volumes.map(|(t, share)| EnclosedVolume::new(t, x.len(), share * tube.mesh.volume(), 0.0)).collect();
+    let (hinges, b) = stiffness::hinges(&tube.mesh, &topology, 0.5);
+    let more = hinges.iter().map(|h| Bending { points: h.points.map(|v| v + count), ..*h });
+    let hinges = hinges.iter().copied().chain(more).collect();
+    let springs = Quadratic::<_, 2>::new(both.chain(between).collect(), stiffness);
+    let elastic: Vec<Box<dyn Potential>> =
+        vec![Box::new(springs), Box::new(Quadratic::<_, 4>::new(hinges, b.repeat(2)))];
+    let inverse_mass = tube.inverse_mass.repeat(2);
+    (Energy { elastic, volumes, ..Energy::default() }, x, inverse_mass)
+}
+
+#[test]
+fn several_volumes_are_kept_at_once() {
+    let shares = [1.1, 0.97];
+    let tube = Tube::new();
+    let settings = Settings { tolerance: 1e-9, iterations: 5000 };
+    let solve = |joined: f64| {
+        let (energy, mut x, inverse_mass) = two_tubes(1.0, joined, shares);
+        let start = x.clone();
+        // Newton's method goes on from where the other came, which keeps volumes from the first step on.
+        let mut first = QuasiStatic::new(energy, &x, &inverse_mass, settings).expect("held");
+        assert!(first.solve(&mut x, &mut Unguarded, |_, _| true).converged);
+        let kept = |x: &[Point3<f64>]| -> Vec<f64> {
+            let (one, two) = x.split_at(x.len() / 2);
+            [one, two].map(|x| volume(x, &tube.mesh.triangles) / tube.mesh.volume()).to_vec()
+        };
+        assert!(worst(kept(&x).iter().zip(shares).map(|(a, b)| (a - b).abs())) <= T2);
+        let quasi = x.clone();
+        let (energy, ..) = two_tubes(1.0, joined, shares);
+        let mut newton = Newton::new(energy, &start, &inverse_mass, settings).expect("held");
+        let outcome = newton.solve(&mut x, |_, _| true).expect("a factor");
+        assert!(outcome.converged, "{outcome:?}");
+        assert!(worst(kept(&x).iter().zip(shares).map(|(a, b)| (a - b).abs())) <= T2);
+        assert!(worst(quasi.iter().zip(&x).map(|(a, b)| (a - b).norm())) <= T15 * tube.mesh.length());
+        assert!(newton.pressures[0] > 0.0 && newton.pressures[1] < 0.0, "{:?}", newton.pressures);
+        (x, newton.pressures)
+    };
+    let (apart, free) = solve(0.0);
+    let (joined, pressed) = solve(3.0);
+    // Joined, each feels the other.
+    assert!((free[0] - pressed[0]).abs() > 1e-3 * free[0], "{free:?}, {pressed:?}");
+    assert!(worst(apart.iter().zip(&joined).map(|(a, b)| (a - b).norm())) > 1e-4);
+    // Alone, each is as if there were no other.
+    let (mut energy, mut x, inverse_mass) = two_tubes(1.0, 0.0, shares);
+    energy.volumes.truncate(1);
+    let mut newton = Newton::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
+    x.copy_from_slice(&apart);
+    assert!(newton.solve(&mut x, |_, _| true).expect("a factor").converged);
+    assert!((newton.pressures[0] / free[0] - 1.0).abs() <= 1e-4, "{free:?}, {:?}", newton.pressures);
 }
