@@ -132,7 +132,7 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
         let hint = "leave --frames out; with --set frames=N the fill ends there";
         return Err(Failure::usage("the last frame of skin is what is compared", hint));
     }
-    let stop = stop_on_interrupt();
+    let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
@@ -156,7 +156,7 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
     if Question::of(&scene.solver).is_none() {
         return Err(no_energy());
     }
-    let stop = stop_on_interrupt();
+    let stop = stop_on_interrupt("stopping after this frame");
     let cores = std::thread::available_parallelism().map_or(1, Into::into);
     let options = Options {
         budget: arguments.budget,

@@ -1,34 +1,34 @@
 //! `pliant implant`: skin over implants, for planning.
 
-use std::path::PathBuf;
+mod orders;
+
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-use nalgebra::{Point3, Vector3};
 
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, INTERRUPTED, length_unit, say, say_json, warn};
 use crate::io;
 use crate::mesh::TriangleMesh;
+use crate::mesh::measures::greatest;
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 use crate::report::implant::{Insertion, Point, ReportError};
-use crate::scene::units::{Dimension, parse};
 use crate::simulation::LoadError;
-use crate::skin::implant::{Implant, SILICONE};
-use crate::skin::layers::Tissue;
-use crate::skin::plan::{Inserted, Place, Ready};
+use crate::skin::coarse::halved_near;
+use crate::skin::plan::{Inserted, Ready};
 use crate::skin::settle::Progress;
-use crate::skin::{Filling, Order, Schedule, Shape, SkinError};
-
-/// Units of areas and volumes [m^2, m^3].
-const AREAS: &[(&str, f64)] = &[("cm2", 1e-4), ("mm2", 1e-6), ("dm2", 1e-2), ("m2", 1.0)];
-const VOLUMES: &[(&str, f64)] =
-    &[("cc", 1e-6), ("cm3", 1e-6), ("ml", 1e-6), ("mm3", 1e-9), ("dm3", 1e-3), ("l", 1e-3), ("m3", 1.0)];
+use crate::skin::{Order, SkinError};
+use orders::{Question, Said, limit, order, question, refused};
 
 /// The settling of a skin is said to go on every so many rounds.
 const SAY_EVERY: u32 = 10;
+
+/// An implant is tiny beside a skin of which it is less than this share, and skin is refined a lot where so many triangles were
+/// made of one: together they hint at a wrong unit.
+const SMALL: f64 = 0.01;
+const REFINED: usize = 10;
 
 /// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
 #[derive(Debug, clap::Args)]
@@ -42,7 +42,19 @@ Examples:
   pliant implant back.ply --unit mm --implant 'near-vertex=310 volume=100cc' --implant 'near-vertex=911 shape=oval volume=80cc'
 
 Results: report.html, skin.vtp (with `stretch` and `over_limit`), implant_1.vtp, ..., pictures, summary.json; curve.csv and
-curve.svg with --volumes and --fill. Exit code 1: skin or implant did not come to rest, or files could not be written.")]
+curve.svg with --volumes and --fill. What was checked is in `verdicts` of summary.json: that skin and implant are at rest, for
+each volume of a curve. Skin stretched beyond --stretch-limit is no failed check but a finding (`findings`,
+`area_over_limit_m2`).
+
+\"Volume difference\": the volume between the region before and the region over the implant, closed at its rim. It is more than
+the implant's, by the gap beside it that taut skin spans.
+
+Obstacles are meshes of bones and the like, in the unit of the skin, under it: at least one must lie under the implant, within
+two bases below the skin. Implant and skin come to lie over them. Without any, the implant lies on what was under the skin
+before, which does not give way.
+
+Exit codes: 0 all is at rest; 1 a skin or implant did not come to rest, or files could not be written; 2 bad usage or input, or a
+folder that cannot be written to, before anything is computed; 130 after Ctrl-C, with what was at rest by then written.")]
 pub(super) struct Arguments {
     /// The skin
     skin: PathBuf,
@@ -50,7 +62,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "UNIT")]
     unit: String,
     /// Middle of the implant: under this vertex of the file, counted from 0
-    #[arg(long, value_name = "N", conflicts_with = "at")]
+    #[arg(long, value_name = "N", conflicts_with = "at", allow_negative_numbers = true, value_parser = vertex)]
     near_vertex: Option<usize>,
     /// Middle of the implant: under the point of the skin nearest to this, in the unit of the file
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
@@ -58,22 +70,23 @@ pub(super) struct Arguments {
     /// Shape of the base: round, oval, crescent or rectangular
     #[arg(long, default_value = "round")]
     shape: String,
-    /// Length of the base
+    /// Length of the base; the region of the skin that moves is 1.5 times as wide
     #[arg(long, value_name = "LENGTH", default_value = "7cm", allow_hyphen_values = true)]
     base: String,
     /// Direction of the longer side [default: an axis of space]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     long: Option<String>,
-    /// Volume of the implant
+    /// Volume of the implant: at least that of a dome of a hundredth of the base, at most what the base takes
     #[arg(long, value_name = "VOLUME", default_value = "100cc", allow_hyphen_values = true)]
     volume: String,
-    /// How deep under the skin the implant goes
+    /// How deep under the skin the implant goes, at most half of the base
     #[arg(long, value_name = "LENGTH", default_value = "5mm", allow_hyphen_values = true)]
     depth: String,
-    /// Edges of the skin in the region [default: the base over 20]
+    /// Edges of the skin, at most a quarter of the base: where it is coarser it is refined. They change the region, too: it ends
+    /// with whole triangles, and so do the areas before and after [default: the base over 20]
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     edge: Option<String>,
-    /// Thickness of the skin that bears tension; assumed unless given
+    /// Thickness of the skin that bears tension, at most half of the base; assumed unless given
     #[arg(long, value_name = "LENGTH", default_value = "2mm", allow_hyphen_values = true)]
     thickness: String,
     /// Young's modulus of the skin; assumed unless given
@@ -83,7 +96,8 @@ pub(super) struct Arguments {
     /// fill=0:30cc,7:60cc; what it does not name is as given by the other options
     #[arg(long, value_name = "KEYS")]
     implant: Vec<String>,
-    /// Meshes under the skin that implants rest on, such as the skull [default: what is under the skin as it is]
+    /// Meshes under the skin that implants rest on, such as the skull, in the unit of the skin [default: what is under the skin
+    /// as it is]
     #[arg(long, value_name = "FILE", num_args = 1..)]
     obstacle: Vec<PathBuf>,
     /// Find the volume of which the region gains this area while the implant is in
@@ -95,15 +109,22 @@ pub(super) struct Arguments {
     /// Fill the implant over days, as DAY:VOLUME,... : areas after each filling; the last one is shown
     #[arg(long, value_name = "LIST", conflicts_with_all = ["volumes", "wanted_area", "volume"], allow_hyphen_values = true)]
     fill: Option<String>,
-    /// Stretch above which skin is marked as stretched too far
+    /// Stretch above which skin is marked as stretched too far; a finding, which no exit code tells
     #[arg(long, value_name = "RATIO", default_value_t = 1.5, allow_hyphen_values = true)]
     stretch_limit: f64,
     /// Folder of the results [default: pliant-out/NAME-implant]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Write the result as JSON to standard output, and nothing else
     #[arg(long)]
     json: bool,
+}
+
+fn vertex(text: &str) -> Result<usize, String> {
+    text.parse().map_err(|_| "vertices count from 0: give a whole number of at least 0".to_owned())
 }
 
 impl From<ReportError> for Failure {
@@ -113,132 +134,6 @@ impl From<ReportError> for Failure {
             ReportError::Picture(error) => Self::usage(error.to_string(), "choose another place"),
         }
     }
-}
-
-fn refused(error: &SkinError) -> Failure {
-    Failure::usage(error.to_string(), error.help())
-}
-
-/// A number with one of some units; `bare` is the unit of a number without.
-fn quantity(what: &str, text: &str, units: &[(&str, f64)], bare: Option<f64>) -> Result<f64, Failure> {
-    let text = text.trim();
-    let known: Vec<&str> = units.iter().map(|(name, _)| *name).collect();
-    let hint = format!("write a number and a unit of {}", known.join(", "));
-    // The unit is taken off first: what is left may be `nan`, which is a number that later checks refuse.
-    let of = |(name, unit): (&str, f64)| Some(text.strip_suffix(name)?.trim_end().parse::<f64>().ok()? * unit);
-    let with_unit = units.iter().copied().find_map(of);
-    let found = with_unit.or_else(|| bare.and_then(|unit| of(("", unit))));
-    found.ok_or_else(|| Failure::usage(format!("{what}: cannot read `{text}`"), hint))
-}
-
-fn length(what: &str, text: &str) -> Result<f64, Failure> {
-    parse(text, Dimension::Length).map_err(|e| Failure::usage(format!("{what}: {e}"), e.help()))
-}
-
-fn triple(what: &str, text: &str) -> Result<[f64; 3], Failure> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse::<f64>()).collect();
-    let numbers = numbers.ok().and_then(|n| <[f64; 3]>::try_from(n).ok()).filter(|n| n.iter().all(|c| c.is_finite()));
-    numbers.ok_or_else(|| {
-        Failure::usage(format!("{what}: cannot read `{text}`"), "write three numbers, as in 0.1,0.2,0.3")
-    })
-}
-
-/// What a person says of one implant; what is missing is taken from the other options.
-#[derive(Clone, Default)]
-struct Said {
-    near_vertex: Option<usize>,
-    at: Option<String>,
-    shape: Option<String>,
-    base: Option<String>,
-    volume: Option<String>,
-    fill: Option<String>,
-    long: Option<String>,
-}
-
-impl Said {
-    fn of(text: &str) -> Result<Self, Failure> {
-        let mut said = Self::default();
-        for word in text.split_whitespace() {
-            let (key, value) = word.split_once('=').unwrap_or((word, ""));
-            let value = value.to_owned();
-            match key {
-                "near-vertex" => {
-                    let number = value.parse().map_err(|_| {
-                        Failure::usage(format!("--implant: `{value}` is no vertex"), "count vertices from 0")
-                    })?;
-                    said.near_vertex = Some(number);
-                }
-                "at" => said.at = Some(value),
-                "shape" => said.shape = Some(value),
-                "base" => said.base = Some(value),
-                "volume" => said.volume = Some(value),
-                "fill" => said.fill = Some(value),
-                "long" => said.long = Some(value),
-                _ => {
-                    let hint = "known keys: near-vertex, at, shape, base, volume, fill, long";
-                    return Err(Failure::usage(format!("--implant: unknown key `{key}`"), hint));
-                }
-            }
-        }
-        Ok(said)
-    }
-}
-
-/// Days and volumes.
-fn schedule(text: &str) -> Result<Schedule, Failure> {
-    let filling = |pair: &str| {
-        let hint = "write a day and a volume each, as in 0:30cc,7:60cc";
-        let wrong = || Failure::usage(format!("--fill: cannot read `{pair}`"), hint);
-        let (day, volume) = pair.split_once(':').ok_or_else(wrong)?;
-        let day = day.trim().parse().map_err(|_| wrong())?;
-        Ok(Filling { day, volume: quantity("--fill", volume, VOLUMES, None)? })
-    };
-    let fillings: Result<Vec<Filling>, Failure> = text.split(',').map(filling).collect();
-    Schedule::new(fillings?).map_err(|e| refused(&e))
-}
-
-/// The order of one implant.
-fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Order, Failure> {
-    let (at, vertex) = match (said.near_vertex, &said.at) {
-        (None, None) => (arguments.at.as_ref(), arguments.near_vertex),
-        (vertex, at) => (at.as_ref(), vertex),
-    };
-    let place = match (vertex, at) {
-        (Some(vertex), _) => Place::Vertex(vertex),
-        (None, Some(at)) => Place::Point(Point3::from(triple("--at", at)?) * unit),
-        (None, None) => {
-            return Err(Failure::usage(
-                "no place for the implant",
-                "name a vertex with --near-vertex or a point with --at",
-            ));
-        }
-    };
-    let name = said.shape.as_ref().unwrap_or(&arguments.shape);
-    let shape = Shape::ALL
-        .iter()
-        .find(|(known, _)| known == name)
-        .map(|(_, shape)| *shape)
-        .ok_or_else(|| Failure::usage(format!("no shape `{name}`"), "known: round, oval, crescent, rectangular"))?;
-    let long = said.long.as_ref().or(arguments.long.as_ref());
-    let long = long.map(|text| triple("--long", text)).transpose()?.map(Vector3::from);
-    let modulus = parse(&arguments.modulus, Dimension::Pressure)
-        .map_err(|e| Failure::usage(format!("--modulus: {e}"), e.help()))?;
-    Ok(Order {
-        place,
-        implant: Implant {
-            shape,
-            base: length("--base", said.base.as_ref().unwrap_or(&arguments.base))?,
-            volume: quantity("--volume", said.volume.as_ref().unwrap_or(&arguments.volume), VOLUMES, None)?,
-            membrane: SILICONE,
-        },
-        long,
-        tissue: Tissue {
-            modulus,
-            thickness: length("--thickness", &arguments.thickness)?,
-            depth: length("--depth", &arguments.depth)?,
-        },
-        edge: arguments.edge.as_ref().map(|text| length("--edge", text)).transpose()?,
-    })
 }
 
 fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
@@ -251,11 +146,17 @@ fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
 }
 
 /// Prepares each implant; two may not share skin.
-fn prepare(orders: &[Order], skin: &TriangleMesh, obstacles: &[TriangleMesh]) -> Result<Vec<Ready>, SkinError> {
+fn prepare(
+    orders: &[Order],
+    skin: &TriangleMesh,
+    obstacles: &[TriangleMesh],
+    stop: &AtomicBool,
+) -> Result<Vec<Ready>, SkinError> {
+    let go_on = || !stop.load(Ordering::Relaxed);
     let mut all: Vec<Ready> = Vec::new();
     let mut owner = vec![usize::MAX; skin.triangles.len()];
     for order in orders {
-        let ready = Ready::new(skin, order, obstacles)?;
+        let ready = Ready::new_while(skin, order, obstacles, &go_on)?;
         let mut outside = vec![false; skin.triangles.len()];
         ready.outside.iter().for_each(|t| outside[*t as usize] = true);
         for t in (0..owner.len()).filter(|t| !outside[*t]) {
@@ -269,9 +170,36 @@ fn prepare(orders: &[Order], skin: &TriangleMesh, obstacles: &[TriangleMesh]) ->
     Ok(all)
 }
 
+/// How large the skin is beside its implants: a wrong unit is seen there.
+fn say_sizes(extent: f64, orders: &[Order]) {
+    let bases: Vec<String> = orders.iter().map(|o| format!("{:.1} cm", o.implant.base * 1e2)).collect();
+    let (size, unit) = if extent >= 1.0 { (extent, "m") } else { (extent * 1e2, "cm") };
+    warn(&format!("skin {size:.1} {unit} across, base {}", bases.join(", ")));
+}
+
+/// Warns where an implant is tiny beside the skin, and the skin had to be refined a lot for it.
+fn warn_of_small(extent: f64, skin: &TriangleMesh, ready: &[Ready]) {
+    for (k, ready) in ready.iter().enumerate() {
+        let (share, taken) = (ready.order.implant.base / extent, skin.triangles.len() - ready.outside.len());
+        if share < SMALL && ready.patch.triangles.len() > REFINED * taken {
+            warn(&format!(
+                "note: the base of implant {} is {:.2} % of the skin's extent, and {taken} triangles of the skin became {}: are \
+                 --unit and --base right?",
+                k + 1,
+                share * 1e2,
+                ready.patch.triangles.len()
+            ));
+        }
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    let stop = stop_on_interrupt();
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+    }
+    let stop = stop_on_interrupt("stopping; volumes and implants that are at rest already will be written");
     let unit = length_unit(&arguments.unit)?;
     let said: Result<Vec<Said>, Failure> = arguments.implant.iter().map(|text| Said::of(text)).collect();
     let mut said = said?;
@@ -282,80 +210,80 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let orders = orders?;
     let questions: Result<Vec<Question>, Failure> = said.iter().map(|s| question(arguments, s)).collect();
     let questions = questions?;
+    questions.iter().zip(&orders).try_for_each(|(question, order)| question.check(order))?;
     limit(arguments.stretch_limit)?;
+    let stem = arguments.skin.file_stem().map_or("skin".into(), |s| s.to_string_lossy().into_owned());
+    let out = PathBuf::from("pliant-out").join(format!("{}-implant", file_name(&stem)));
+    let out = arguments.out.clone().unwrap_or(out);
+    Folder::check(&out, &Insertion::files(orders.len(), questions.iter().any(Question::is_curve)))?;
     let skin = read(&arguments.skin, unit)?;
     let obstacles: Result<Vec<TriangleMesh>, Failure> =
         arguments.obstacle.iter().map(|path| read(path, unit)).collect();
     let obstacles = obstacles?;
-    let stem = arguments.skin.file_stem().map_or("skin".into(), |s| s.to_string_lossy().into_owned());
-    let out = PathBuf::from("pliant-out").join(format!("{}-implant", file_name(&stem)));
-    let out = arguments.out.clone().unwrap_or(out);
-    let ready = prepare(&orders, &skin, &obstacles).map_err(|e| refused(&e))?;
-    let found = match settle(ready, &questions, &stop) {
-        Err(SkinError::Stopped) => return Ok(INTERRUPTED),
+    let extent = greatest(skin.bounding_box().extents().iter().copied());
+    say_sizes(extent, &orders);
+    let skin = halved_near(skin, &orders);
+    let ready = match prepare(&orders, &skin, &obstacles, &stop) {
+        Err(SkinError::Stopped) => return Ok(nothing_written()),
         other => other.map_err(|e| refused(&e))?,
     };
+    warn_of_small(extent, &skin, &ready);
+    let found = settle(ready, &questions, &stop).map_err(|e| refused(&e))?;
+    if found.implants.is_empty() {
+        return Ok(nothing_written());
+    }
     let insertion = Insertion {
         name: stem,
         skin: &skin,
-        implants: found.0,
+        implants: found.implants,
         obstacles: &obstacles,
-        curve: found.1,
+        curve: found.curve,
         limit: arguments.stretch_limit,
+        interrupted: found.interrupted,
         wanted: questions.iter().find_map(|q| if let Question::Area(wanted) = q { Some(*wanted) } else { None }),
         time: begun.elapsed().as_secs_f64(),
     };
     insertion.write(&Folder::open(&out)?)?;
-    if arguments.json {
-        say_json(&insertion.to_json());
-    } else {
-        let page = out.join("report.html");
-        let tables: Vec<String> = insertion.tables().iter().map(|table| table.to_text()).collect();
-        let results = format!("Results in {}\n  open {} in a browser\n", out.display(), page.display());
-        say(&format!("{}\n{results}", tables.join("\n")));
-    }
-    Ok(if insertion.converged() { DONE } else { FAILED })
+    tell(&insertion, arguments.json, &out);
+    let holds = insertion.verdicts().iter().all(|(_, ok)| *ok);
+    Ok(match (insertion.interrupted, holds) {
+        (true, _) => INTERRUPTED,
+        (false, true) => DONE,
+        (false, false) => FAILED,
+    })
 }
 
-/// What is asked of an implant.
-enum Question {
-    /// What its volume does.
-    Volume,
-    /// Which volume gains this area [m^2].
-    Area(f64),
-    /// What each of these volumes does [m^3].
-    Volumes(Vec<f64>),
-    /// What it does as it is filled.
-    Fill(Schedule),
+/// After Ctrl-C, before anything was at rest.
+fn nothing_written() -> u8 {
+    warn("interrupted before any implant was at rest: nothing is written");
+    INTERRUPTED
 }
 
-fn question(arguments: &Arguments, said: &Said) -> Result<Question, Failure> {
-    if let Some(text) = &arguments.wanted_area {
-        return Ok(Question::Area(quantity("--wanted-area", text, AREAS, None)?));
+fn tell(insertion: &Insertion<'_>, json: bool, out: &Path) {
+    for (what, _) in insertion.verdicts().iter().filter(|(_, ok)| !ok) {
+        warn(&format!("FAIL  {what}"));
     }
-    if let Some(list) = &arguments.volumes {
-        let volumes: Result<Vec<f64>, Failure> =
-            list.split(',').map(|v| quantity("--volumes", v, VOLUMES, Some(1e-6))).collect();
-        return Ok(Question::Volumes(volumes?));
+    if json {
+        return say_json(&insertion.to_json());
     }
-    // An implant with a volume of its own is not filled as the others are.
-    let fill = said.fill.as_ref().or(arguments.fill.as_ref().filter(|_| said.volume.is_none()));
-    fill.map_or(Ok(Question::Volume), |text| Ok(Question::Fill(schedule(text)?)))
+    let page = out.join("report.html");
+    let tables: Vec<String> = insertion.tables().iter().map(|table| table.to_text()).collect();
+    let found: Vec<String> = insertion.findings().iter().map(|text| format!("found: {text}\n")).collect();
+    let results = format!("Results in {}\n  open {} in a browser\n", out.display(), page.display());
+    say(&format!("{}\n{}\n{results}", tables.join("\n"), found.concat()));
 }
 
-fn limit(ratio: f64) -> Result<(), Failure> {
-    if ratio > 1.0 && ratio.is_finite() {
-        return Ok(());
-    }
-    Err(Failure::usage(format!("--stretch-limit: {ratio} is no stretch"), "give a ratio above 1, as in 1.5"))
+/// What came to rest.
+#[derive(Default)]
+struct Found {
+    implants: Vec<(Ready, Inserted)>,
+    curve: Vec<Point>,
+    interrupted: bool,
 }
 
-type Found = (Vec<(Ready, Inserted)>, Vec<Point>);
-
-/// Brings all to rest: each implant, or the one of a wanted area, or of each of several volumes.
+/// Brings all to rest: each implant, or the one of a wanted area, or of each of several volumes. After Ctrl-C what is there.
 fn settle(ready: Vec<Ready>, questions: &[Question], stop: &AtomicBool) -> Result<Found, SkinError> {
-    let mut curve = Vec::new();
-    let mut implants = Vec::new();
+    let mut found = Found::default();
     for (k, (ready, question)) in ready.into_iter().zip(questions).enumerate() {
         let mut watch = |p: &Progress| {
             if p.rounds.is_multiple_of(SAY_EVERY) {
@@ -363,26 +291,32 @@ fn settle(ready: Vec<Ready>, questions: &[Question], stop: &AtomicBool) -> Resul
             }
             !stop.load(Ordering::Relaxed)
         };
-        let (days, mut all): (Vec<f64>, Vec<Inserted>) = match question {
-            Question::Volume => (Vec::new(), vec![ready.insert(ready.order.implant.volume, &mut watch)?]),
-            Question::Area(wanted) => (Vec::new(), vec![ready.seek(*wanted, &mut watch)?]),
-            Question::Volumes(volumes) => (Vec::new(), ready.curve(volumes, &mut watch)?),
-            Question::Fill(schedule) => {
-                (schedule.fillings().iter().map(|f| f.day).collect(), ready.fill(schedule, &mut watch)?)
-            }
+        let mut last: Option<Inserted> = None;
+        let keep = |result: Result<Inserted, SkinError>| match result {
+            Err(SkinError::Stopped) => Ok(None),
+            other => other.map(Some),
         };
-        if matches!(question, Question::Volumes(_) | Question::Fill(_)) {
-            curve.extend(all.iter().enumerate().map(|(i, done)| Point {
-                implant: k + 1,
-                day: days.get(i).copied(),
-                volume: done.implant_volume,
-                areas: done.areas,
-                progress: done.progress,
-            }));
+        if let Question::Area(wanted) = question {
+            last = keep(ready.seek(*wanted, &mut watch))?;
+            found.interrupted = last.is_none();
         }
-        if let Some(last) = all.pop() {
-            implants.push((ready, last));
+        for (volume, day) in question.volumes(&ready.order) {
+            let Some(done) = keep(ready.insert_after(last.as_ref(), volume, &mut watch))? else {
+                found.interrupted = true;
+                break;
+            };
+            if question.is_curve() {
+                let (volume, areas, progress) = (done.implant_volume, done.areas, done.progress);
+                found.curve.push(Point { implant: k + 1, day, volume, areas, progress });
+                let rest = if progress.converged { "is at rest" } else { "is NOT at rest" };
+                warn(&format!("implant {}: {:.1} cc {rest}", k + 1, volume * 1e6));
+            }
+            last = Some(done);
+        }
+        found.implants.extend(last.map(|done| (ready, done)));
+        if found.interrupted {
+            break;
         }
     }
-    Ok((implants, curve))
+    Ok(found)
 }

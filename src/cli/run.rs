@@ -90,7 +90,7 @@ enum Animation {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    let stop = stop_on_interrupt();
+    let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
@@ -231,8 +231,8 @@ fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     all
 }
 
-/// A flag that Ctrl-C raises; a second Ctrl-C ends the process at once.
-pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
+/// A flag that Ctrl-C raises, which says what happens then; a second Ctrl-C ends the process at once.
+pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let raised = stop.clone();
     let set = ctrlc::set_handler(move || {
@@ -240,7 +240,7 @@ pub(super) fn stop_on_interrupt() -> Arc<AtomicBool> {
             // Files appear whole or not at all, so that nothing is lost but what was not begun.
             std::process::exit(INTERRUPTED.into());
         }
-        warn("stopping after this frame; press Ctrl-C again to stop at once");
+        warn(&format!("{what}; press Ctrl-C again to stop at once"));
     });
     if let Err(error) = set {
         warn(&format!("note: Ctrl-C will end the run without its last files: {error}"));

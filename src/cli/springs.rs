@@ -1,6 +1,7 @@
 //! `pliant springs`: a mass-spring system to rest.
 
 mod built;
+mod nearing;
 mod pictures;
 mod written;
 
@@ -22,7 +23,15 @@ use crate::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_
 use crate::springs::rest::{End, Rest, Settled, settle_by};
 use crate::springs::stability::{Mode, Stiffest, limit, stiffest};
 use built::Built;
+use nearing::Nearing;
 use written::Record;
+
+/// Steps at most where nothing else is said; and without damping, where they only show how it swings.
+const STEPS: u32 = 10_000;
+const UNDAMPED_STEPS: u32 = 1000;
+
+/// Why it is not at rest without damping.
+const NEVER: &str = "without damping it never comes to rest: give --damping, or leave it out for the estimate";
 
 /// Run a mass-spring system to rest: one from a file, or a lattice
 #[derive(Debug, clap::Args)]
@@ -44,7 +53,7 @@ measures.csv, summary.json, report.html. Exit codes: 0 at rest; 1 not at rest wi
 130 after Ctrl-C.")]
 pub(super) struct Arguments {
     /// A file of a spring system
-    #[arg(required_unless_present = "lattice", conflicts_with = "lattice")]
+    #[arg(conflicts_with = "lattice")]
     file: Option<PathBuf>,
     /// A block of points in place of a file, such as 50x50x50
     #[arg(long, value_name = "NxNxN", value_parser = built::sides)]
@@ -79,9 +88,9 @@ pub(super) struct Arguments {
     /// It is at rest when no force is above this share of what a strain of one would give, and motion is as small
     #[arg(long, value_name = "SHARE", default_value = "1e-6", allow_negative_numbers = true, value_parser = tolerance)]
     tolerance: f64,
-    /// Steps at most
-    #[arg(long, value_name = "N", default_value = "10000", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
-    steps: u32,
+    /// Steps at most [default: 10000; without any damping 1000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    steps: Option<u32>,
     /// Also write a frame every N steps
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     every: Option<u32>,
@@ -160,7 +169,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
         let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
     }
-    let stop = stop_on_interrupt();
+    let stop = stop_on_interrupt("stopping after this step");
     let begun = Instant::now();
     let mut built = match (&arguments.file, arguments.lattice) {
         (Some(file), _) => Built::of_file(file, arguments.mass)?,
@@ -168,7 +177,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             let neighbours = arguments.neighbours.unwrap_or(Neighbours::Six);
             Built::of_lattice(sides, neighbours, arguments.side.unwrap_or(1.0), arguments.mass)?
         }
-        (None, None) => return Err(Failure::usage("nothing to run", "name a file, or give --lattice 10x10x10")),
+        (None, None) => {
+            let hint = "name a file, as examples/lattice-5x5x5.springs, or give --lattice 10x10x10";
+            return Err(Failure::usage("nothing to run", hint));
+        }
     };
     let estimate = built.estimate();
     built.system.damping = match arguments.damping.or(estimate) {
@@ -183,14 +195,29 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let path = arguments.out.clone();
     let path = path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-springs", file_name(&built.name))));
     let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
-    let bar = Bar::new(arguments.steps as usize);
-    let settled = advance(arguments, &mut built, integrator, dt, rest, |system, step| {
+    // These two damp by themselves.
+    let damps = ["bdf2", "implicit"].contains(&integrator.name());
+    let undamped = !damps && built.system.damping == 0.0;
+    if undamped {
+        warn(
+            "note: without damping nothing comes to rest, it swings for ever; give --damping, or leave it out for the estimate",
+        );
+    }
+    let steps = arguments.steps.unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
+    let bar = Bar::new(steps);
+    let mut nearing = Nearing::new(steps, rest);
+    let settled = advance(arguments.adaptive, steps, &mut built, integrator, dt, rest, |system, step| {
         record.step(system, step);
         bar.step(step);
+        nearing.step(step);
         !stop.load(Ordering::Relaxed)
     });
     bar.end();
     let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
+    summary.steps_wanted = steps;
+    if settled.end == End::Steps {
+        summary.notes.push(if undamped { NEVER.to_owned() } else { nearing.hint() });
+    }
     (summary.damping_estimate_ns_m, summary.dt_s, summary.stability_limit_s) = (estimate, dt, longest);
     (summary.time_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
     record.finish(&built, &summary)?;
@@ -221,7 +248,6 @@ fn summary(arguments: &Arguments, built: &Built, stiffest: &Stiffest, settled: &
         at_rest: settled.end == End::Rest,
         end: in_words(settled, rest),
         steps: settled.steps,
-        steps_wanted: arguments.steps as usize,
         residual_force_n: settled.last.residual,
         residual_force_allowed_n: rest.force,
         kinetic_energy_j: settled.last.energy.kinetic,
@@ -269,15 +295,16 @@ fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure>
 }
 
 fn advance(
-    arguments: &Arguments,
+    is_adaptive: bool,
+    steps: usize,
     built: &mut Built,
     mut integrator: Box<dyn Integrator>,
     dt: f64,
     rest: Rest,
     mut watch: impl FnMut(&crate::springs::SpringSystem, &crate::springs::rest::StepRecord) -> bool,
 ) -> Settled {
-    let (steps, system) = (arguments.steps as usize, &mut built.system);
-    if arguments.adaptive {
+    let system = &mut built.system;
+    if is_adaptive {
         let mut adaptive = Adaptive::new(integrator, dt);
         settle_by(system, |system| adaptive.step(system).map(|a| a.dt), rest, steps, &mut watch)
     } else {
@@ -324,5 +351,6 @@ fn tell(arguments: &Arguments, summary: &Summary, path: &std::path::Path) {
     say(&text);
     if !summary.at_rest {
         warn(&format!("note: {}", summary.end));
+        summary.notes.iter().filter(|note| note.contains("--")).for_each(|note| warn(&format!("note: {note}")));
     }
 }

@@ -64,7 +64,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let stop = stop_on_interrupt();
+    let stop = stop_on_interrupt("stopping after this frame");
     let cores = std::thread::available_parallelism().map_or(1, Into::into);
     let threads = arguments.threads.map_or(cores, usize::from);
     // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.

@@ -37,6 +37,8 @@ const ENOUGH: usize = 200;
 const ROUNDS: usize = 6;
 /// More triangles than this are refused [1]; a mesh of this size needs about 2 GB while it is made.
 const MOST_TRIANGLES: f64 = 8e6;
+/// Whether to go on is asked after so many edges, vertices or triangles.
+const ASKED: usize = 1000;
 
 /// A remeshed surface.
 #[derive(Clone, Debug, PartialEq)]
@@ -95,6 +97,9 @@ pub enum RefineError {
         /// Largest allowed number.
         most: f64,
     },
+    /// Stopped from outside.
+    #[error("stopped")]
+    Stopped,
 }
 
 /// Remeshes a manifold, oriented surface to edges of about `edge_length` [m].
@@ -106,26 +111,41 @@ pub enum RefineError {
 /// # Errors
 /// A bad edge length, an empty, non-manifold or inconsistently oriented mesh, too many triangles.
 pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineError> {
+    refine_while(mesh, edge_length, &|| true)
+}
+
+/// As [`refine`], as long as `go_on` says so: it is asked every thousand edges, vertices or triangles.
+///
+/// # Errors
+/// As [`refine`]; [`RefineError::Stopped`].
+pub fn refine_while(mesh: &TriangleMesh, edge_length: f64, go_on: &dyn Fn() -> bool) -> Result<Refined, RefineError> {
     let topology = checked(mesh, edge_length)?;
     let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-    let mut working = Working::new(mesh, &topology, &original, edge_length);
-    split_long(&mut working, LONG * edge_length);
+    let mut working = Working::new(mesh, &topology, &original, edge_length, go_on);
+    remesh(&mut working, edge_length);
+    if working.is_stopped() {
+        return Err(RefineError::Stopped);
+    }
+    let (refined, drift) = working.finish();
+    let report = measure(mesh, &original, &refined, drift, edge_length, go_on).ok_or(RefineError::Stopped)?;
+    Ok(Refined { mesh: refined, report })
+}
+
+fn remesh(working: &mut Working<'_>, edge_length: f64) {
+    split_long(working, LONG * edge_length);
     for _ in 0..ROUNDS {
-        let mut changes = split_long(&mut working, LONG * edge_length);
-        changes += collapse_short(&mut working, edge_length);
-        changes += flip_for_angles(&mut working, edge_length);
-        changes += flip_for_valence(&mut working, edge_length);
-        smooth(&mut working, edge_length);
-        flip_for_angles(&mut working, edge_length);
-        smooth(&mut working, edge_length);
-        if changes < working.triangles.len() / ENOUGH {
+        let mut changes = split_long(working, LONG * edge_length);
+        changes += collapse_short(working, edge_length);
+        changes += flip_for_angles(working, edge_length);
+        changes += flip_for_valence(working, edge_length);
+        smooth(working, edge_length);
+        flip_for_angles(working, edge_length);
+        smooth(working, edge_length);
+        if changes < working.triangles.len() / ENOUGH || working.is_stopped() {
             break;
         }
     }
-    repair(&mut working, edge_length);
-    let (refined, drift) = working.finish();
-    let report = measure(mesh, &original, &refined, drift, edge_length);
-    Ok(Refined { mesh: refined, report })
+    repair(working, edge_length);
 }
 
 fn checked(mesh: &TriangleMesh, edge_length: f64) -> Result<Topology, RefineError> {
@@ -165,7 +185,12 @@ fn split_long(working: &mut Working<'_>, longest: f64) -> usize {
         }
         splits += edges.len();
         // A split changes no other edge, it only adds some, so the list holds while it is worked off.
-        edges.iter().rev().for_each(|&(_, a, b)| working.split(a, b));
+        for &(_, a, b) in edges.iter().rev() {
+            if !working.goes_on() {
+                return splits;
+            }
+            working.split(a, b);
+        }
     }
 }
 
@@ -173,6 +198,9 @@ fn collapse_short(working: &mut Working<'_>, edge_length: f64) -> usize {
     let mut collapses = 0;
     let limits = limits(edge_length);
     for (length, a, b) in working.edges_by_length(|length| length < SHORT * edge_length) {
+        if !working.goes_on() {
+            break;
+        }
         // An earlier collapse may have removed the edge, or moved its ends apart; `collapse` checks the former.
         if working.length(a, b) <= length.max(SHORT * edge_length) {
             collapses += usize::from(working.collapse(a, b, &limits));
@@ -187,6 +215,9 @@ fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) -> usize {
     for _ in 0..4 {
         let mut flips = 0;
         for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
+            if !working.goes_on() {
+                return total;
+            }
             // A clear gain, so that equal diagonals do not swap for ever.
             flips += usize::from(working.flip(a, b, &limits, |_, _, old, new| new > 1.01 * old));
         }
@@ -202,6 +233,9 @@ fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) -> usize {
     let mut flips = 0;
     let limits = limits(edge_length);
     for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
+        if !working.goes_on() {
+            break;
+        }
         let better = |w: &Working<'_>, quad: [u32; 4], old: f64, new: f64| {
             let excess = |by: [i32; 4]| -> i32 {
                 let one = |(&v, by): (&u32, i32)| {
@@ -221,6 +255,9 @@ fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) -> usize {
 fn smooth(working: &mut Working<'_>, edge_length: f64) {
     let limits = limits(edge_length);
     for v in 0..working.points.len() as u32 {
+        if !working.goes_on() {
+            return;
+        }
         if working.rings[v as usize].is_empty() || working.boundary[v as usize] {
             continue;
         }
@@ -259,6 +296,9 @@ fn repair(working: &mut Working<'_>, edge_length: f64) {
             return;
         }
         for t in all {
+            if !working.goes_on() {
+                return;
+            }
             if bad(working, t) {
                 repair_one(working, t, edge_length, &limits);
             }
@@ -340,11 +380,15 @@ fn measure(
     refined: &TriangleMesh,
     drift: f64,
     edge_length: f64,
-) -> RefineReport {
+    go_on: &dyn Fn() -> bool,
+) -> Option<RefineReport> {
     let topology = Topology::new(refined);
     let lengths = topology.edge_lengths(refined);
     let mut deviation = drift;
     for t in 0..refined.triangles.len() {
+        if t % ASKED == 0 && !go_on() {
+            return None;
+        }
         let [a, b, c] = refined.corners(t);
         for k in 0..=4 {
             for j in 0..=4 - k {
@@ -357,13 +401,13 @@ fn measure(
     }
     let before = mesh.volume();
     let volume_change = if topology.is_closed() && before != 0.0 { (refined.volume() - before) / before } else { 0.0 };
-    RefineReport {
+    Some(RefineReport {
         max_edge: lengths.iter().copied().fold(0.0, f64::max),
         min_edge: lengths.iter().copied().fold(f64::INFINITY, f64::min),
         min_angle: refined.smallest_angles().into_iter().fold(f64::INFINITY, f64::min),
         deviation,
         volume_change,
-    }
+    })
 }
 
 #[cfg(test)]

@@ -38,6 +38,14 @@ pub enum FolderError {
     /// A file of an earlier frame is not what was written.
     #[error("`{0}` is not as pliant wrote it, and the run cannot go on without it; begin anew without --resume")]
     Changed(PathBuf),
+    /// Nothing can be written there, which is known before anything is computed.
+    #[error("`{path}` cannot be written to ({source}); name another folder with --out")]
+    Unwritable {
+        /// The folder, or the nearest one above it that is there.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
     /// The operating system refuses.
     #[error("cannot write `{path}`: {source}")]
     Io {
@@ -49,6 +57,11 @@ pub enum FolderError {
     /// The thread that writes frames ended early.
     #[error("the writer of frames ended before its time")]
     WriterEnded,
+}
+
+/// The folder that a path without words means.
+fn or_here(path: &Path) -> &Path {
+    if path.as_os_str().is_empty() { Path::new(".") } else { path }
 }
 
 fn refused(path: &Path) -> impl FnOnce(io::Error) -> FolderError + '_ {
@@ -75,6 +88,31 @@ impl Folder {
     /// Something that is no folder, or what the operating system refuses.
     pub fn open(root: &Path) -> Result<Self, FolderError> {
         Self::open_keeping(root, &|_| false)
+    }
+
+    /// Whether results could be written: looked at before anything is computed, and nothing is left behind.
+    ///
+    /// # Errors
+    /// Something that is no folder, a file of somebody else where one of `files` goes, or a folder that cannot be written to.
+    pub fn check(root: &Path, files: &[String]) -> Result<(), FolderError> {
+        // Below a symbolic link that leads nowhere there is no folder either.
+        let is_there = |p: &&Path| p.symlink_metadata().is_ok();
+        let Some(nearest) = root.ancestors().map(or_here).find(is_there) else { return Ok(()) };
+        if !nearest.is_dir() {
+            return Err(FolderError::NotAFolder(nearest.to_owned()));
+        }
+        let own = listed(&root.join(LIST)).map_err(|error| match error {
+            FolderError::Io { path, source } => FolderError::Unwritable { path, source },
+            other => other,
+        })?;
+        let own: HashSet<String> = own.into_iter().flatten().collect();
+        let foreign = |file: &&String| !own.contains(*file) && root.join(file).symlink_metadata().is_ok();
+        if let Some(file) = files.iter().find(foreign) {
+            return Err(FolderError::Foreign(root.join(file)));
+        }
+        let trial = nearest.join(format!(".pliant-{}", std::process::id()));
+        let tried = OpenOptions::new().write(true).create_new(true).open(&trial).and_then(|_| fs::remove_file(&trial));
+        tried.map_err(|source| FolderError::Unwritable { path: nearest.to_owned(), source })
     }
 
     /// As [`Self::open`], but files of an earlier run that `keep` wants, by their relative paths, stay and stay known as
@@ -317,6 +355,37 @@ mod tests {
         let rest = "frames/a_0000.vtp\nframes/a_0001.vtp\nframes/a_0002.vtp\nsummary.json\nb.gif\n";
         assert_eq!(list, format!("{HEADER}\n{rest}"));
         fs::remove_dir_all(&root).unwrap();
+    }
+
+    #[test]
+    fn a_look_at_a_folder_leaves_nothing_behind() {
+        let root = scratch("look");
+        let files = ["summary.json".to_owned(), "skin.vtp".to_owned()];
+        Folder::check(&root.join("deep/er"), &files).unwrap();
+        assert!(!root.exists(), "it was made");
+        fs::create_dir_all(&root).unwrap();
+        Folder::check(&root, &files).unwrap();
+        assert_eq!(fs::read_dir(&root).unwrap().count(), 0);
+        fs::write(root.join("skin.vtp"), "mine").unwrap();
+        assert!(matches!(Folder::check(&root, &files), Err(FolderError::Foreign(path)) if path.ends_with("skin.vtp")));
+        Folder::check(&root, &files[..1]).unwrap();
+        let below = Folder::check(&root.join("skin.vtp/out"), &files);
+        assert!(matches!(below, Err(FolderError::NotAFolder(path)) if path.ends_with("skin.vtp")));
+        assert_eq!(fs::read_dir(&root).unwrap().count(), 1);
+        fs::remove_file(root.join("skin.vtp")).unwrap();
+        // What an earlier run wrote is no obstacle.
+        Folder::open(&root).unwrap().write("skin.vtp", text("old")).unwrap();
+        Folder::check(&root, &files).unwrap();
+        assert!(root.join("skin.vtp").exists());
+        fs::remove_dir_all(&root).unwrap();
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_folder_that_nothing_can_be_written_to_is_known_before() {
+        // Not even root writes there.
+        let refused = Folder::check(Path::new("/proc/pliant/out"), &[]);
+        assert!(matches!(refused, Err(FolderError::Unwritable { path, .. }) if path == Path::new("/proc")));
     }
 
     #[test]

@@ -14,6 +14,8 @@ pub struct Report {
     pub subtitle: String,
     /// What was checked, with its number, and whether it passed.
     pub verdict: Vec<(String, bool)>,
+    /// What was found and is neither right nor wrong, below the checks.
+    pub findings: Vec<String>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
     pub pictures: Vec<(String, Vec<u8>)>,
     /// Caption and bytes of each picture that needs the whole width, one below the other.
@@ -53,9 +55,10 @@ figcaption{padding:10px 14px;color:var(--soft);border-top:1px solid var(--line)}
 .checks{list-style:none;padding:8px 18px}
 .checks li{display:flex;gap:12px;padding:5px 0;border-top:1px solid var(--line)}
 .checks li:first-child{border-top:0}
-.checks b{flex:none;width:52px;font-size:13px;line-height:1.75}
+.checks b{flex:none;width:60px;font-size:13px;line-height:1.75}
 .pass b{color:var(--good)}
 .fail b{color:var(--bad)}
+.found b{color:var(--soft)}
 .scroll{overflow-x:auto;padding:6px 0}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 th,td{padding:6px 18px;text-align:left;vertical-align:top;border-top:1px solid var(--line)}
@@ -105,11 +108,12 @@ impl Report {
     }
 
     fn write_verdict(&self, html: &mut String) {
-        if self.verdict.is_empty() {
+        if self.verdict.is_empty() && self.findings.is_empty() {
             return;
         }
         let (all, failed) = (self.verdict.len(), self.verdict.iter().filter(|(_, passed)| !passed).count());
         let (class, sum) = match (all, failed) {
+            (0, 0) => ("found", "Nothing was checked".to_owned()),
             (1, 0) => ("pass", "The check passes".to_owned()),
             (_, 0) => ("pass", format!("All {all} checks pass")),
             _ => ("fail", format!("{failed} of {all} checks {}", if failed == 1 { "fails" } else { "fail" })),
@@ -120,6 +124,9 @@ impl Report {
         for (text, passed) in failed.into_iter().chain(passed) {
             let (class, mark) = if *passed { ("pass", "✓ pass") } else { ("fail", "✗ fail") };
             let _ = writeln!(html, "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>", escape(text));
+        }
+        for text in &self.findings {
+            let _ = writeln!(html, "<li class=\"found\"><b>→ found</b><span>{}</span></li>", escape(text));
         }
         html.push_str("</ul>\n");
     }
@@ -219,6 +226,7 @@ mod tests {
             title: evil(),
             subtitle: evil(),
             verdict: vec![(evil(), true), (evil(), false)],
+            findings: vec![evil()],
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
             plots_title: evil(),
@@ -257,6 +265,10 @@ mod tests {
 
     #[test]
     fn failures_come_first_and_are_counted() {
+        let findings = vec!["4 cm2 are <stretched>".to_owned()];
+        let html = Report { verdict: vec![("kept".into(), true)], findings, ..Report::default() }.to_html();
+        assert!(html.contains("The check passes") && !html.contains("class=\"fail\""), "a finding counts as a check");
+        assert!(html.contains("class=\"found\"") && html.contains("4 cm2 are &lt;stretched&gt;"));
         let verdict = vec![("volume kept".into(), true), ("no vertex in a bone".into(), false)];
         let html = Report { verdict, ..Report::default() }.to_html();
         assert!(html.contains("1 of 2 checks fails"));

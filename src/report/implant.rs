@@ -64,6 +64,8 @@ pub struct Insertion<'a> {
     pub curve: Vec<Point>,
     /// Stretch above which skin counts as stretched too far.
     pub limit: f64,
+    /// Whether it was interrupted, so that implants or volumes that were asked for are missing.
+    pub interrupted: bool,
     /// The gain that was asked for [m^2].
     pub wanted: Option<f64>,
     /// Time of all of it [s].
@@ -110,6 +112,36 @@ impl Insertion<'_> {
             && self.curve.iter().all(|point| point.progress.converged)
     }
 
+    /// Each check and whether it holds: that everything shown, and every volume of a curve, came to rest.
+    pub fn verdicts(&self) -> Vec<(String, bool)> {
+        let at_rest = "skin and implant are at rest";
+        let alone = |k: &usize| self.curve.iter().all(|point| point.implant != k + 1);
+        let shown = (0..self.implants.len()).filter(alone).map(|k| {
+            let done = &self.implants[k].1;
+            (format!("implant {}, {:.1} cc: {at_rest}", k + 1, done.implant_volume * 1e6), done.progress.converged)
+        });
+        let curve = self.curve.iter().map(|point| {
+            let day = point.day.map_or(String::new(), |day| format!(", day {day}"));
+            (
+                format!("implant {}{day}, {:.1} cc: {at_rest}", point.implant, point.volume * 1e6),
+                point.progress.converged,
+            )
+        });
+        let cut = self.interrupted.then(|| ("all that was asked for is there: it was interrupted".to_owned(), false));
+        cut.into_iter().chain(shown).chain(curve).collect()
+    }
+
+    /// What was found that is neither right nor wrong: skin that is stretched far.
+    pub fn findings(&self) -> Vec<String> {
+        let (area, limit) = (self.over_limit(), self.limit);
+        vec![if area > 0.0 {
+            let cm2 = crate::render::number(area * 1e4);
+            format!("{cm2} cm2 are stretched beyond {limit:.2}: too far, if that limit is right")
+        } else {
+            format!("nothing is stretched beyond {limit:.2}")
+        }]
+    }
+
     fn count(&self, of: impl Fn(&Ready) -> usize) -> usize {
         self.implants.iter().map(|(ready, _)| of(ready)).sum()
     }
@@ -143,6 +175,7 @@ impl Insertion<'_> {
             });
             joined(own, json_of(&point.areas))
         });
+        let verdicts: Vec<Value> = self.verdicts().iter().map(|(what, ok)| json!({"what": what, "ok": ok})).collect();
         let all = json!({
             "skin": self.name,
             "implant_volume_m3": self.implants.iter().map(|(_, done)| done.implant_volume).sum::<f64>(),
@@ -152,7 +185,12 @@ impl Insertion<'_> {
                 "springs": self.count(|r| r.layers.springs.len()),
             },
             "steps": self.implants.iter().map(|(_, done)| done.progress.iterations).sum::<u32>(),
-            "converged": self.converged(),
+            "converged": self.converged() && !self.interrupted,
+            "interrupted": self.interrupted,
+            "verdicts": verdicts,
+            "findings": self.findings(),
+            // An empty sum is minus zero.
+            "area_over_limit_m2": self.over_limit() + 0.0,
             "time_s": self.time,
             "wanted_area_m2": self.wanted,
             "stretch_limit": self.limit,
@@ -300,6 +338,14 @@ impl Insertion<'_> {
         text
     }
 
+    /// The files that results of so many implants have, with those of a curve.
+    pub fn files(implants: usize, curve: bool) -> Vec<String> {
+        let fixed = ["skin.vtp", "stretch.png", "side.png", "before.png", "summary.json", "report.html"];
+        let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
+        let each = (1..=implants).map(|k| format!("implant_{k}.vtp"));
+        fixed.into_iter().chain(of_curve).map(str::to_owned).chain(each).collect()
+    }
+
     /// Writes skins, implants, pictures, tables and the page.
     ///
     /// # Errors
@@ -334,10 +380,6 @@ impl Insertion<'_> {
     }
 
     fn page(&self, pictures: Vec<Picture>) -> Report {
-        let over = self.over_limit();
-        let mut verdict = vec![("skin and implants are at rest".to_owned(), self.converged())];
-        let found = format!("{:.1} cm2 are stretched beyond {:.2}", over * 1e4, self.limit);
-        verdict.push((found, over == 0.0));
         Report {
             title: format!(
                 "{}: {} implant{}",
@@ -346,7 +388,8 @@ impl Insertion<'_> {
                 if self.implants.len() == 1 { "" } else { "s" }
             ),
             subtitle: format!("{:.1} s", self.time),
-            verdict,
+            verdict: self.verdicts(),
+            findings: self.findings(),
             pictures: pictures.into_iter().map(|(_, caption, png)| (caption, png)).collect(),
             plots_title: "Areas of several volumes".to_owned(),
             plots: self.plot().into_iter().collect(),

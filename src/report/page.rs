@@ -28,6 +28,7 @@ pub fn report(
 ) -> Result<Report, PictureError> {
     let verdict = |v: &super::summary::Verdict| (format!("{}: {}: {}", v.muscle, v.promise, v.found), v.kept);
     Ok(Report {
+        findings: Vec::new(),
         title: summary.scene.clone(),
         subtitle: subtitle(summary),
         verdict: summary.verdicts.iter().map(verdict).collect(),

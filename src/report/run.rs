@@ -173,7 +173,8 @@ pub fn perform(
         let gif = to_gif(&pictures, seconds).map_err(|e| encoded(&name, e))?;
         folder.write(&name, |w| w.write_all(&gif))?;
     }
-    let converged = run.converged() && told.failed.is_none();
+    // What was not run to its end has not come to rest there.
+    let converged = run.converged() && told.failed.is_none() && !interrupted;
     let time = json!({
         "total_s": wanted.begun.elapsed().as_secs_f64(),
         "prepare_s": prepared.as_secs_f64(),
@@ -239,7 +240,7 @@ fn summary(run: &dyn Run, account: &Account, told: &Told, interrupted: bool, tim
         "frames": run.frame(),
         "frames_wanted": run.frames(),
         "interrupted": interrupted,
-        "converged": run.converged() && told.failed.is_none(),
+        "converged": run.converged() && told.failed.is_none() && !interrupted,
         "stopped": told.failed,
     });
     let last = json!({

@@ -58,6 +58,7 @@ impl SkinRun {
             curve: Vec::new(),
             limit: self.scene.skin.stretch_limit,
             wanted: None,
+            interrupted: false,
             time: self.parts.iter().map(Part::time_s).sum(),
         }
     }

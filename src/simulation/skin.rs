@@ -11,6 +11,7 @@ use crate::mesh::measures::Aabb;
 use crate::mesh::{TriangleMesh, shapes};
 use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
+use crate::skin::coarse::halved_near;
 use crate::skin::plan::{Inserted, Place, Ready};
 use crate::skin::region::Region;
 use crate::skin::settle::Progress;
@@ -95,7 +96,7 @@ impl Part {
 pub struct SkinRun {
     /// The scene.
     pub scene: SkinScene,
-    /// The skin as read [m].
+    /// The skin as read [m], its triangles halved near implants where they are large.
     pub skin: TriangleMesh,
     /// Obstacles as read [m].
     pub obstacles: Vec<TriangleMesh>,
@@ -120,6 +121,12 @@ impl SkinRun {
         let skin = read_skin(&scene, &mut notes)?;
         let obstacles: Vec<TriangleMesh> =
             (0..scene.obstacles.len()).map(|o| read_obstacle(&scene, o, &mut notes)).collect::<Result<_, _>>()?;
+        let skin = match &scene.under {
+            Under::Implants(all) => {
+                halved_near(skin, &all.iter().map(|filled| filled.order.clone()).collect::<Vec<_>>())
+            }
+            Under::Ball(_) => skin,
+        };
         let (parts, whole) = Making { scene: &scene, skin: &skin, obstacles: &obstacles }.parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
         Ok(Self { scene, skin, obstacles, plan, parts, whole, notes, frame: 0 })
@@ -321,7 +328,7 @@ fn key_of(error: &SkinError) -> &'static str {
     match error {
         SkinError::NoVertex { .. } => ".near_vertex",
         SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => ".at",
-        SkinError::TooLarge { .. } => ".volume",
+        SkinError::TooLarge { .. } | SkinError::Beyond { .. } => ".volume",
         _ => "",
     }
 }

@@ -1,5 +1,63 @@
 //! Why skin cannot be laid over an implant, and what to change.
 
+/// A number with three digits that are worth something.
+fn shown(number: f64) -> String {
+    crate::render::number(number)
+}
+
+/// A length in a unit that suits it.
+fn length(metres: f64) -> String {
+    let (factor, unit) = match metres.abs() {
+        size if size >= 1.0 => (1.0, "m"),
+        size if size >= 1e-2 => (1e2, "cm"),
+        _ => (1e3, "mm"),
+    };
+    format!("{} {unit}", shown(metres * factor))
+}
+
+/// Two digits, cut off below, so that what is said to be possible is.
+fn at_most(number: f64) -> String {
+    two_digits(number, f64::floor)
+}
+
+/// Two digits, cut off above.
+fn at_least(number: f64) -> String {
+    two_digits(number, f64::ceil)
+}
+
+fn two_digits(number: f64, round: fn(f64) -> f64) -> String {
+    if !(number > 0.0 && number.is_finite()) {
+        return shown(number);
+    }
+    let digits = 1 - number.log10().floor() as i32;
+    let unit = 10f64.powi(-digits);
+    format!("{:.*}", digits.max(0) as usize, round(number / unit) * unit)
+}
+
+/// The base that fits beside a border.
+fn fitting(metres: f64) -> String {
+    // Less than a tenth of a millimetre is no base of any implant.
+    if metres >= 1e-4 {
+        format!("a base of {} cm would fit there", at_most(metres * 1e2))
+    } else {
+        "the place lies at the border itself".to_owned()
+    }
+}
+
+fn not_manifold(edges: usize, vertices: usize) -> String {
+    let edges = match edges {
+        0 => None,
+        1 => Some("1 edge has more than two triangles (E030)".to_owned()),
+        n => Some(format!("{n} edges have more than two triangles (E030)")),
+    };
+    let vertices = match vertices {
+        0 => None,
+        1 => Some("1 vertex joins surfaces (W012)".to_owned()),
+        n => Some(format!("{n} vertices join surfaces (W012)")),
+    };
+    edges.into_iter().chain(vertices).collect::<Vec<_>>().join(", ")
+}
+
 /// Why an implant cannot be inserted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SkinError {
@@ -18,9 +76,7 @@ pub enum SkinError {
     #[error("the skin is no mesh: {0}")]
     Mesh(#[from] crate::mesh::MeshError),
     /// More than two triangles at an edge, or surfaces that touch in a vertex, near the implant.
-    #[error(
-        "the skin is not manifold: {edges} edges have more than two triangles (E030), {vertices} vertices join surfaces (W012)"
-    )]
+    #[error("the skin is not manifold near the implant: {}", not_manifold(*edges, *vertices))]
     NotManifold {
         /// Such edges.
         edges: usize,
@@ -48,10 +104,15 @@ pub enum SkinError {
     #[error("no obstacle lies under the implant, within two bases below the skin")]
     NothingBelow,
     /// The region of the implant reaches the border of the skin.
-    #[error("the region of the implant reaches the border of the skin: {edges} of its edges lie on it")]
+    #[error(
+        "the region of the implant reaches the border of the skin: {edges} of its edges lie on it; {}",
+        fitting(*fits)
+    )]
     AtBorder {
         /// How many edges of the skin's border it has.
         edges: usize,
+        /// A base that would fit there [m].
+        fits: f64,
     },
     /// Too few triangles move.
     #[error("only {vertices} vertices of the skin around the implant can move")]
@@ -61,13 +122,75 @@ pub enum SkinError {
     },
     /// The implant is wider than the region.
     #[error(
-        "the implant is larger than the region: {volume_cc:.0} cc on this base bulge {ratio:.2} times as far as its rim"
+        "the implant is larger than the region: {} cc bulge too far beyond a base of {} cm, which takes at most {} cc",
+        shown(*volume_cc),
+        shown(*base_cm),
+        at_most(*most_cc)
     )]
     TooLarge {
         /// Its volume [cm^3].
         volume_cc: f64,
+        /// The largest volume for this base [cm^3].
+        most_cc: f64,
+        /// The base [cm].
+        base_cm: f64,
+    },
+    /// The dome of the implant hangs over what is under the skin.
+    #[error("the implant reaches beyond the skin that was taken: it bulges {bulge:.2} times as far as its rim")]
+    Beyond {
         /// Greatest width over that of the base.
-        ratio: f64,
+        bulge: f64,
+    },
+    /// The implant is next to nothing.
+    #[error(
+        "a volume of {} cc is no implant on a base of {} cm: it would be less than a hundredth of the base high; at least {} cc",
+        shown(*volume_cc),
+        shown(*base_cm),
+        at_least(*least_cc)
+    )]
+    TooFlat {
+        /// Its volume [cm^3].
+        volume_cc: f64,
+        /// The least volume for this base [cm^3].
+        least_cc: f64,
+        /// The base [cm].
+        base_cm: f64,
+    },
+    /// Skin as thick as the implant is wide.
+    #[error(
+        "the {what}, {}, is more than half of the base of {}: at most {}",
+        length(*value),
+        length(*base),
+        length(*most)
+    )]
+    TooThick {
+        /// Depth or thickness.
+        what: &'static str,
+        /// What was asked for [m].
+        value: f64,
+        /// The most [m].
+        most: f64,
+        /// The base [m].
+        base: f64,
+    },
+    /// Edges that are too long for the base.
+    #[error("edges of {} are too long for a base of {}: at most a quarter of it, {}", length(*edge), length(*base), length(*most))]
+    TooLong {
+        /// What was asked for [m].
+        edge: f64,
+        /// The most [m].
+        most: f64,
+        /// The base [m].
+        base: f64,
+    },
+    /// A direction without a length.
+    #[error("the direction of the longer side is none: its length must be more than 0 and finite")]
+    NoDirection,
+    /// An obstacle that lies in the skin.
+    #[error("obstacle {obstacle} lies in the skin over the implant, as if it were the skin itself")]
+    ObstacleIsSkin {
+        /// Which, from 1.
+        obstacle: usize,
     },
     /// The skin turns away beside the implant.
     #[error("the skin bends too much beside the implant: it turns away by {degrees:.0} degrees")]
@@ -78,6 +201,16 @@ pub enum SkinError {
     /// Too much for a consultation.
     #[error("about {vertices:.1e} vertices would be needed in the region, the most allowed is {most:.0e}")]
     TooFine {
+        /// Estimate.
+        vertices: f64,
+        /// Limit.
+        most: f64,
+    },
+    /// Too much skin would have to be refined.
+    #[error(
+        "about {vertices:.1e} vertices would be needed to refine the skin about the implant, the most allowed is {most:.0e}"
+    )]
+    TooLargePatch {
         /// Estimate.
         vertices: f64,
         /// Limit.
@@ -133,6 +266,15 @@ impl SkinError {
             Self::FarAway { .. } => "check --at and --unit: both are in the unit of the file",
             Self::NothingBelow => "check the obstacles and their unit, which is that of the skin; or leave them out",
             Self::AtBorder { .. } => "move the implant away from the border, or make its base smaller",
+            Self::Beyond { .. } => "make the volume smaller or the base larger",
+            Self::TooFlat { .. } => "make the volume larger or the base smaller, and check the unit",
+            Self::TooThick { .. } => "make it smaller or the base larger, and check the units",
+            Self::TooLong { .. } => "give shorter edges, or leave them out for a twentieth of the base",
+            Self::NoDirection => "give a direction along the skin, as in 0,1,0, or leave it out",
+            Self::ObstacleIsSkin { .. } => "name what lies under the skin, such as bones; or leave it out",
+            Self::TooLargePatch { .. } => {
+                "make --edge larger or the base larger, or refine the mesh near the implant (`coarse::halved_near` does)"
+            }
             Self::TooCoarse { .. } => "make --edge smaller or the base larger",
             Self::TooLarge { .. } => "make the volume smaller or the base larger",
             Self::TooCurved { .. } => {

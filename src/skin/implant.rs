@@ -11,6 +11,9 @@ use crate::skin::layers::springs_of;
 /// Halvings of the bracket of a dome's height: to the last bit.
 const HALVINGS: u32 = 200;
 
+/// A dome may be so many times as wide as its base.
+pub(super) const BULGE: f64 = 1.3;
+
 /// A dome may be so many times as high as half of its base.
 const HIGHEST: f64 = 20.0;
 
@@ -49,12 +52,44 @@ impl Implant {
     pub fn dome(&self, edge: f64) -> Result<TriangleMesh, SkinError> {
         self.check()?;
         SkinError::positive("the edge length", edge)?;
-        let rings = ((0.5 * self.base / edge).round() as u32).clamp(4, 64);
+        self.shape_of(edge).ok_or_else(|| self.too_large(edge))
+    }
+
+    /// How a volume that is too large for this base is refused.
+    pub fn too_large(&self, edge: f64) -> SkinError {
+        let (volume_cc, most_cc) = (self.volume * 1e6, self.largest(edge) * 1e6);
+        SkinError::TooLarge { volume_cc, most_cc, base_cm: self.base * 1e2 }
+    }
+
+    /// The largest volume [m^3] whose dome with edges of about `edge` [m] does not bulge too far beyond its base.
+    pub fn largest(&self, edge: f64) -> f64 {
+        let (mut low, mut high) = (0.0, 10.0 * self.base.powi(3));
+        for _ in 0..40 {
+            let tried = Self { volume: 0.5 * (low + high), ..*self };
+            let fits = tried.shape_of(edge).is_some_and(|dome| tried.bulge(&dome) <= BULGE);
+            if fits { low = tried.volume } else { high = tried.volume }
+        }
+        low
+    }
+
+    /// The volume of the dome of this height [m^3].
+    pub(super) fn volume_of(&self, height: f64, edge: f64) -> f64 {
+        let rings = self.rings(edge);
+        TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles(rings) }.volume()
+    }
+
+    fn rings(&self, edge: f64) -> u32 {
+        ((0.5 * self.base / edge).round() as u32).clamp(4, 64)
+    }
+
+    /// The dome, unless it would be far higher than wide.
+    fn shape_of(&self, edge: f64) -> Option<TriangleMesh> {
+        let rings = self.rings(edge);
         let triangles = triangles(rings);
         let at = |height: f64| TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles.clone() };
         let (mut low, mut high) = (0.0, HIGHEST * 0.5 * self.base);
         if !(at(high).volume() >= self.volume) {
-            return Err(SkinError::TooLarge { volume_cc: self.volume * 1e6, ratio: f64::INFINITY });
+            return None;
         }
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
@@ -63,7 +98,7 @@ impl Implant {
             }
             if at(middle).volume() < self.volume { low = middle } else { high = middle }
         }
-        Ok(at(high))
+        Some(at(high))
     }
 
     /// How far the dome bulges beyond its rim: its greatest width over that of the base.

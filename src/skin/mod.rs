@@ -10,6 +10,7 @@
 
 pub mod areas;
 pub mod ball;
+pub mod coarse;
 pub mod contact;
 mod detector;
 pub mod elastic;
@@ -19,6 +20,8 @@ pub mod fill;
 pub mod implant;
 pub mod layers;
 pub mod levels;
+pub mod limits;
+mod patch;
 pub mod plan;
 pub mod region;
 mod seek;

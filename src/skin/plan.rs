@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::areas::Areas;
 use super::implant::Implant;
 use super::layers::{Layers, Tissue};
+use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::region::{REACH, Region, frame};
 use super::settle::{Method, Model, Progress};
 use super::sheet::Sheet;
@@ -14,20 +15,13 @@ use super::{Shape, SkinError};
 use crate::contact::Surface;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
-use crate::mesh::orientation::Orientation;
-use crate::mesh::{Topology, TriangleMesh, refine};
+use crate::mesh::{Topology, TriangleMesh};
 
 /// Default edges are the base over this.
-const FINE: f64 = 20.0;
-
-/// Skin whose median edge is at most this many times the wanted one is taken as it is.
-const ENOUGH: f64 = 1.25;
-
-/// The patch that is refined reaches so much further than the region, in its radii.
-const MARGIN: f64 = 1.25;
+pub(super) const FINE: f64 = 20.0;
 
 /// Most vertices in one layer of a region.
-const MOST: f64 = 1e5;
+pub(super) const MOST: f64 = 1e5;
 
 /// Least vertices of a region that can move.
 const LEAST: usize = 20;
@@ -39,20 +33,17 @@ const TURN: f64 = 70.0;
 /// The region does not end nearer to the base than this, in its outlines.
 const NEAR: f64 = 1.1;
 
-/// Skin lies about its middle if its normals point so much away from it, as a share of what they would of a sphere.
-const ROUND: f64 = 0.02;
-
 /// So much of the skin over the implant may turn further than that.
 const FOLDED: f64 = 0.05;
-
-/// A dome may be so many times as wide as its base.
-pub(super) const BULGE: f64 = 1.3;
 
 /// Over an obstacle the lower layer takes at most this share of the room.
 const ROOM: f64 = 0.98;
 
 /// An obstacle under an implant is at most so many bases below the skin.
 const DEEPEST: f64 = 2.0;
+
+/// A smaller base is said to fit with so much to spare.
+const SURELY: f64 = 0.95;
 
 /// Where an implant goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,17 +135,30 @@ impl Ready {
     /// # Errors
     /// See [`SkinError`].
     pub fn new(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Result<Self, SkinError> {
-        order.implant.check()?;
-        order.tissue.check()?;
-        let edge = order.edge.unwrap_or(order.implant.base / FINE);
-        SkinError::positive("the edge length", edge)?;
+        Self::new_while(skin, order, obstacles, &|| true)
+    }
+
+    /// The same, as long as `go_on` says so: it is asked while skin is refined, which takes seconds where it is large.
+    ///
+    /// # Errors
+    /// See [`SkinError`].
+    pub fn new_while(
+        skin: &TriangleMesh,
+        order: &Order,
+        obstacles: &[TriangleMesh],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Self, SkinError> {
+        order.check()?;
+        let edge = order.edge();
         let radius = REACH * 0.5 * order.implant.base;
-        let vertices = std::f64::consts::PI * radius * radius / (0.866 * edge * edge);
+        let vertices = std::f64::consts::PI * radius * radius / (EVEN * edge * edge);
         if vertices > MOST {
             return Err(SkinError::TooFine { vertices, most: MOST });
         }
         let (centre, seed) = middle(skin, order)?;
-        let (patch, outside) = patch(skin, seed, &centre, radius * MARGIN, edge, obstacles)?;
+        order.check_obstacles(skin, &centre, obstacles)?;
+        let patch = Patch { skin, seed, centre, radius: radius * MARGIN, edge, obstacles };
+        let TakenOut { mesh: patch, outside, at_border } = patch.taken_out(go_on)?;
         let topology = Topology::new(&patch);
         let seed = nearest_vertex(&patch, &centre);
         let normal = patch.vertex_normals()[seed as usize];
@@ -165,7 +169,13 @@ impl Ready {
         let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
         frame = self::frame(&centre, &mean, order.long.as_ref());
         region = around(&patch, &topology, seed, order, &frame);
-        check_region(&region, &patch, &topology, order, &frame)?;
+        check_region(&region, &patch, &topology, order, &frame).map_err(|error| match error {
+            // Of closed skin only what turns away reaches as far as where the patch was cut off.
+            SkinError::AtBorder { .. } if !at_border => {
+                SkinError::TooCurved { degrees: greatest(turns(&region.mesh, &frame)) }
+            }
+            other => other,
+        })?;
         let inward = inward(&region.mesh, &(frame * -Vector3::z()), order.tissue.depth, obstacles);
         let layers = Layers::new(&region, &order.tissue, &inward);
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
@@ -232,18 +242,8 @@ impl Ready {
     }
 
     /// The largest volume [m^3] whose dome does not bulge too far beyond its base.
-    ///
-    /// # Errors
-    /// See [`Implant::dome`].
-    pub fn largest(&self) -> Result<f64, SkinError> {
-        let base = self.order.implant.base;
-        let (mut low, mut high) = (0.0, 10.0 * base * base * base);
-        for _ in 0..40 {
-            let implant = Implant { volume: 0.5 * (low + high), ..self.order.implant };
-            let fits = implant.bulge(&implant.dome(self.layers.edge)?) <= BULGE;
-            if fits { low = implant.volume } else { high = implant.volume }
-        }
-        Ok(low)
+    pub fn largest(&self) -> f64 {
+        self.order.implant.largest(self.layers.edge)
     }
 
     /// Whether something of the lower layer or of the implant is under an obstacle, and how far [m].
@@ -259,7 +259,7 @@ impl Ready {
 }
 
 /// The place on the skin and a vertex near it.
-fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
+pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
     if skin.triangles.is_empty() {
         return Err(SkinError::Empty);
     }
@@ -287,83 +287,14 @@ fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), Skin
     }
 }
 
-fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
+pub(super) fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
     let far = |v: &u32| (mesh.vertices[*v as usize] - at).norm_squared();
     (0..mesh.vertices.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0)
 }
 
-fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {
+pub(super) fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {
     let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
     (b - a).cross(&(c - a))
-}
-
-/// The skin about the implant and somewhat beyond, oriented, refined where it is coarse; and all triangles besides.
-fn patch(
-    skin: &TriangleMesh,
-    seed: u32,
-    centre: &Point3<f64>,
-    radius: f64,
-    edge: f64,
-    obstacles: &[TriangleMesh],
-) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
-    let topology = Topology::new(skin);
-    let near = |v: u32| (skin.vertices[v as usize] - centre).norm() <= radius + 2.0 * edge;
-    let part = Region::around(skin, &topology, seed, near);
-    let mut mesh = part.mesh;
-    // Of the skin, not of the part: where that was cut off it may touch itself.
-    let has = |v: &u32| part.vertices.binary_search(v).is_ok();
-    let edges = topology.non_manifold_edges().iter().filter(|e| topology.edges[**e as usize].iter().all(has)).count();
-    let vertices = topology.non_manifold_vertices(skin).iter().filter(|v| has(v)).count();
-    if edges + vertices > 0 {
-        return Err(SkinError::NotManifold { edges, vertices });
-    }
-    let topology = Topology::new(&mesh);
-    let orientation = Orientation::new(&topology, &mesh.triangles);
-    if orientation.one_sided.is_some() {
-        return Err(SkinError::OneSided);
-    }
-    let turn = mesh.triangles.iter_mut().zip(&orientation.turn).filter(|(_, turn)| **turn);
-    turn.for_each(|(t, _)| t.swap(1, 2));
-    let most_turned = 2 * orientation.turn.iter().filter(|turn| **turn).count() > orientation.turn.len();
-    if looks_inward(&mesh, skin, most_turned, centre, obstacles) {
-        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    }
-    if mesh.median_edge_length(&topology).is_some_and(|median| median > ENOUGH * edge) {
-        mesh = refine(&mesh, edge)?.mesh;
-    }
-    let mut inside = vec![false; skin.triangles.len()];
-    part.triangles.iter().for_each(|t| inside[*t as usize] = true);
-    Ok((mesh, (0..skin.triangles.len() as u32).filter(|t| !inside[*t as usize]).collect()))
-}
-
-/// Whether the normals look into the body: towards the obstacle that is nearest to the middle, or, without any, into what the
-/// whole skin goes around. As it is where that cannot be told, as of a flat sheet.
-fn looks_inward(
-    mesh: &TriangleMesh,
-    skin: &TriangleMesh,
-    turned: bool,
-    centre: &Point3<f64>,
-    obstacles: &[TriangleMesh],
-) -> bool {
-    let own = nearest_vertex(mesh, centre);
-    let normal = mesh.vertex_normals()[own as usize];
-    let nearest =
-        obstacles.iter().filter_map(|o| SurfaceTree::new(&o.vertices, &o.triangles).closest(centre, f64::INFINITY));
-    if let Some(nearest) = nearest.min_by(|a, b| a.distance.total_cmp(&b.distance)) {
-        return normal.dot(&(nearest.point - centre)) > 0.0;
-    }
-    // How the skin lies about its middle, as it winds; the patch may have been turned since.
-    let area: Vec<Vector3<f64>> = skin.triangles.iter().map(|t| normal_of(skin, t)).collect();
-    let middles: Vec<Vector3<f64>> = skin
-        .triangles
-        .iter()
-        .map(|t| t.iter().map(|v| skin.vertices[*v as usize].coords).sum::<Vector3<f64>>() / 3.0)
-        .collect();
-    let all: f64 = area.iter().map(Vector3::norm).sum();
-    let middle = area.iter().zip(&middles).fold(Vector3::zeros(), |sum, (a, m)| sum + m * a.norm()) / all;
-    let about: f64 = area.iter().zip(&middles).map(|(a, m)| a.dot(&(m - middle))).sum();
-    let size: f64 = area.iter().zip(&middles).map(|(a, m)| a.norm() * (m - middle).norm()).sum();
-    (if turned { -about } else { about }) < -ROUND * size
 }
 
 /// The region by the rule: every triangle with a vertex within [`REACH`] times the base's outline; beyond [`NEAR`] times only as
@@ -400,6 +331,16 @@ fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
     mesh.vertex_normals().iter().map(turn).collect()
 }
 
+/// The longest base of which the region does not touch the border of the skin, over the present one: no triangle at the border
+/// has a vertex inside.
+fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
+    let at_border = topology.boundary_edges();
+    let triangles = at_border.iter().flat_map(|e| topology.triangles_of_edge(*e as usize));
+    let nearest = triangles.flat_map(|t| patch.triangles[*t as usize]).map(|v| reach[v as usize]);
+    // Finer triangles, as a smaller base asks for, lie nearer to the border; the rest is for the mean normal, which changes.
+    SURELY * nearest.fold(f64::INFINITY, f64::min) / REACH
+}
+
 fn check_region(
     region: &Region,
     patch: &TriangleMesh,
@@ -413,11 +354,11 @@ fn check_region(
         .iter()
         .for_each(|t| topology.triangle_edges[*t as usize].iter().for_each(|e| sides[*e as usize] = true));
     let edges = topology.boundary_edges().into_iter().filter(|e| sides[*e as usize]).count();
+    let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
     if edges > 0 {
-        return Err(SkinError::AtBorder { edges });
+        return Err(SkinError::AtBorder { edges, fits: fits(patch, topology, &reach) * order.implant.base });
     }
     // Under the implant the skin may have folds, but not turn away as a whole.
-    let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
     let mut areas = (0.0, 0.0, 0.0f64);
     for t in region
         .triangles

@@ -20,7 +20,7 @@ impl Ready {
     /// A gain that no volume gives; see also [`Ready::insert`].
     pub fn seek(&self, wanted: f64, mut watch: impl FnMut(&Progress) -> bool) -> Result<Inserted, SkinError> {
         SkinError::positive("the wanted area", wanted)?;
-        let most = self.largest()?;
+        let most = self.largest();
         let base = self.order.implant.base;
         // A cap over the base gains pi h^2; skin gains less.
         let height = (wanted / std::f64::consts::PI).sqrt();

@@ -3,9 +3,9 @@
 use nalgebra::{Point2, Point3, Vector3};
 
 use super::SkinError;
-use super::implant::{Implant, upper};
+use super::implant::{BULGE, Implant, upper};
 use super::levels::Carried;
-use super::plan::{BULGE, Inserted, Order, Place, Ready};
+use super::plan::{Inserted, Order, Place, Ready};
 use super::region::REACH;
 use super::settle::{Filled, Method, Model, Progress};
 use super::sheet::Sheet;
@@ -91,9 +91,8 @@ impl Ready {
         let implant = Implant { volume, ..self.order.implant };
         let dome = implant.dome(self.layers.edge)?;
         let bulge = implant.bulge(&dome);
-        let too_large = |ratio| SkinError::TooLarge { volume_cc: volume * 1e6, ratio };
         if bulge > BULGE {
-            return Err(too_large(bulge));
+            return Err(implant.too_large(self.layers.edge));
         }
         let bed = Surface::new(&self.layers.bed());
         let down = self.frame * -Vector3::z();
@@ -102,7 +101,7 @@ impl Ready {
         for p in &mut shell.vertices {
             // Over the bed as it is, by as much as over a plane.
             let from = self.frame * Point3::new(p.x, p.y, over);
-            let (t, w) = bed.first_hit(&from, &down).ok_or(too_large(bulge))?;
+            let (t, w) = bed.first_hit(&from, &down).ok_or(SkinError::Beyond { bulge })?;
             let corners = bed.triangles()[t as usize].map(|v| bed.positions()[v as usize]);
             let foot = corners[0] + (corners[1] - corners[0]) * w[1] + (corners[2] - corners[0]) * w[2];
             *p = foot - down * p.z;

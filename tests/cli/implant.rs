@@ -160,3 +160,238 @@ fn bad_orders_say_what_to_change() {
     refused(&with(&["--stretch-limit", "nan"]), "a ratio above 1");
     refused(&with(&["--wanted-area", "900cm2"]), "no volume up to");
 }
+
+/// A box of twelve triangles as OBJ, its sides 40 long, its top at 20.
+fn box_of_twelve() -> String {
+    let mut obj = String::new();
+    let mesh = pliant::mesh::shapes::box_surface([40.0; 3], 40.0);
+    mesh.vertices.iter().for_each(|p| {
+        let _ = writeln!(obj, "v {} {} {}", p.x, p.y, p.z);
+    });
+    mesh.triangles.iter().for_each(|t| {
+        let _ = writeln!(obj, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1);
+    });
+    obj
+}
+
+#[test]
+fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only() {
+    let scratch = Scratch::new("implant-box");
+    let (file, out) = (scratch.join("box.obj"), scratch.join("out"));
+    fs::write(&file, box_of_twelve()).unwrap();
+    let at = ["implant", shown(&file), "--unit", "cm", "--at", "3.1,1.7,20", "--base", "1cm", "--depth", "2mm"];
+    let done = run(&[&at[..], &["--volume", "0.2cc", "--json", "--out", shown(&out)]].concat());
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    // On a flat face the region is a disc of 1.5 bases, or some triangles more.
+    let before = result["area_before_m2"].as_f64().unwrap() * 1e4;
+    let disc = std::f64::consts::PI * 0.75 * 0.75;
+    assert!((disc..1.3 * disc).contains(&before), "{before} cm2");
+    let skin = pliant::io::read(&out.join("skin.vtp")).unwrap().mesh;
+    assert!(skin.triangles.len() < 20_000, "{} triangles", skin.triangles.len());
+    // The whole box, and what the implant adds.
+    let gained = result["area_deformed_m2"].as_f64().unwrap() - result["area_before_m2"].as_f64().unwrap();
+    assert!((skin.area() / (0.96 + gained) - 1.0).abs() <= 1e-6, "{} m2", skin.area());
+    assert!(text(&done.stderr).contains("skin 40.0 cm across, base 1.0 cm"), "{}", text(&done.stderr));
+}
+
+#[test]
+fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
+    // A bellows of 4000 folds, 10 cm high each, of a sheet of 20 cm: coarse, and all of it near the implant.
+    let scratch = Scratch::new("implant-bellows");
+    let file = scratch.join("bellows.obj");
+    let mut obj = String::new();
+    let folds = 4000;
+    for i in 0..=folds {
+        let (x, z) = (20.0 * f64::from(i) / f64::from(folds) - 10.0, if i % 2 == 0 { 0.0 } else { 10.0 });
+        let _ = writeln!(obj, "v {x} -10 {z}\nv {x} 10 {z}");
+    }
+    for i in 0..folds {
+        let a = 2 * i + 1;
+        let _ = writeln!(obj, "f {a} {} {}\nf {a} {} {}", a + 2, a + 3, a + 3, a + 1);
+    }
+    fs::write(&file, obj).unwrap();
+    let begun = std::time::Instant::now();
+    let done = run(&["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--base", "7cm", "--out", "never"]);
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(2), "{said}");
+    assert!(said.contains("vertices would be needed to refine the skin") && said.contains("--edge larger"), "{said}");
+    // To make them takes minutes.
+    assert!(begun.elapsed().as_secs() < 30, "{:?}", begun.elapsed());
+}
+
+#[test]
+fn a_place_for_results_is_looked_at_before_anything_is_computed() {
+    let scratch = Scratch::new("implant-out");
+    let file = scratch.join("sheet.obj");
+    fs::write(&file, sheet(16)).unwrap();
+    let into = |out: &str| {
+        // A skin that is not there would be told if it were read first.
+        let done = run(&["implant", "no-such-skin.obj", "--unit", "cm", "--at", "0,0,0", "--out", out]);
+        (done.status.code(), text(&done.stderr))
+    };
+    let (code, said) = into(shown(&file));
+    assert!(code == Some(2) && said.contains("is not a folder"), "{said}");
+    let foreign = scratch.join("foreign");
+    fs::create_dir_all(&foreign).unwrap();
+    fs::write(foreign.join("skin.vtp"), "mine").unwrap();
+    let (code, said) = into(shown(&foreign));
+    assert!(code == Some(2) && said.contains("was not written by pliant"), "{said}");
+    assert_eq!(super::names_in(&foreign), ["skin.vtp"], "something was left behind");
+    if cfg!(target_os = "linux") {
+        let (code, said) = into("/proc/pliant");
+        assert!(code == Some(2) && said.contains("cannot be written to"), "{said}");
+    }
+    let (_, said) = into(shown(&scratch.join("new")));
+    assert!(said.contains("no-such-skin.obj") && !scratch.join("new").exists(), "{said}");
+}
+
+#[test]
+fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
+    let scratch = Scratch::new("implant-verdicts");
+    let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
+    fs::write(&file, sheet(24)).unwrap();
+    let common = ["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "8mm", "--out", shown(&out)];
+    let of = |more: &[&str]| {
+        let done = run(&[&common[..], more, &["--json"]].concat());
+        let result: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
+        (done.status.code(), result, fs::read_to_string(out.join("report.html")).unwrap())
+    };
+    let (code, result, page) = of(&["--volumes", "60,80", "--stretch-limit", "1.01"]);
+    let verdicts = result["verdicts"].as_array().unwrap();
+    assert_eq!(verdicts.len(), 2, "{verdicts:?}");
+    let all = verdicts.iter().all(|v| v["ok"] == true);
+    assert!(verdicts[0]["what"].as_str().unwrap().contains("60.0 cc: skin and implant are at rest"), "{verdicts:?}");
+    assert_eq!((code, result["converged"].as_bool()), (Some(i32::from(!all)), Some(all)), "{result}");
+    assert!(result["area_over_limit_m2"].as_f64().unwrap() > 1e-4, "{result}");
+    assert!(result["findings"][0].as_str().unwrap().contains("stretched beyond 1.01"), "{result}");
+    assert_eq!(page.contains("✗ fail"), !all, "the page does not agree with the exit code");
+    assert!(page.contains("→ found") && page.contains("stretched beyond 1.01"));
+    let (_, result, page) = of(&["--volume", "60cc", "--stretch-limit", "9"]);
+    assert_eq!(result["area_over_limit_m2"].as_f64(), Some(0.0));
+    assert!(page.contains("nothing is stretched beyond 9.00"));
+}
+
+#[test]
+fn any_number_of_threads_gives_the_same() {
+    let scratch = Scratch::new("implant-threads");
+    let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
+    fs::write(&file, sheet(24)).unwrap();
+    let of = |threads: &str| {
+        let common = ["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "7mm", "--json", "--out"];
+        let done = run(&[&common[..], &[shown(&out), "--threads", threads]].concat());
+        assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+        let mut result: Value = serde_json::from_slice(&done.stdout).unwrap();
+        result["time_s"] = 0.into();
+        (result, fs::read(out.join("skin.vtp")).unwrap())
+    };
+    let one = of("1");
+    assert!(one.0["area_deformed_m2"].as_f64().unwrap() > one.0["area_before_m2"].as_f64().unwrap());
+    assert!(of("3") == one);
+    assert_eq!(run(&["implant", shown(&file), "--unit", "cm", "--threads", "0"]).status.code(), Some(2));
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_the_volumes_that_are_done() {
+    use std::io::BufRead;
+    use std::process::{Command, Stdio};
+    let scratch = Scratch::new("implant-interrupt");
+    let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
+    fs::write(&file, sheet(40)).unwrap();
+    let interrupted = |volumes: &str, after: &str| {
+        let mut child = super::pliant()
+            .args(["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "3mm", "--json"])
+            .args(["--volumes", volumes, "--out", shown(&out)])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = std::io::BufReader::new(child.stderr.take().unwrap()).lines().map_while(Result::ok);
+        let heard: Vec<String> = said.by_ref().take_while(|line| !line.contains(after)).collect();
+        assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+        let rest: Vec<String> = said.collect();
+        (child.wait().unwrap().code(), [heard, rest].concat().join("\n"))
+    };
+    // Before anything is at rest: many volumes take far longer than a signal.
+    let many = (0..60).map(|k| (40 + k).to_string()).collect::<Vec<_>>().join(",");
+    let (code, said) = interrupted(&many, "skin 20.0 cm across");
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("nothing is written") && !said.contains("frame") && !out.exists(), "{said}");
+    let (code, said) = interrupted(&many, "implant 1: 41.0 cc is at rest");
+    assert_eq!(code, Some(130), "{said}");
+    assert!(said.contains("at rest already will be written") && !said.contains("frame"), "{said}");
+    let summary = json(&out.join("summary.json"));
+    let curve = summary["curve"].as_array().unwrap();
+    assert!((2..60).contains(&curve.len()), "{} volumes", curve.len());
+    assert_eq!((summary["interrupted"].as_bool(), summary["converged"].as_bool()), (Some(true), Some(false)));
+    assert!(summary["verdicts"].as_array().unwrap().iter().any(|v| v["ok"] == false));
+    let rows = fs::read_to_string(out.join("curve.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 1 + curve.len());
+    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("it was interrupted"));
+}
+
+#[test]
+fn senseless_orders_are_refused_in_the_words_of_the_user() {
+    let scratch = Scratch::new("implant-senseless");
+    let file = scratch.join("sheet.obj");
+    fs::write(&file, sheet(16)).unwrap();
+    let out = scratch.join("out");
+    let common = ["implant", shown(&file), "--unit", "cm", "--out", shown(&out)];
+    let refused = |more: &[&str], wanted: &[&str]| {
+        let done = run(&[&common[..], more].concat());
+        let said = text(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{more:?}: {said}");
+        wanted.iter().for_each(|word| assert!(said.contains(word), "{more:?}: no `{word}` in {said}"));
+        said
+    };
+    fn with<'a>(more: &[&'a str]) -> Vec<&'a str> {
+        [&["--at", "0,0,0"], more].concat()
+    }
+    refused(&with(&["--depth", "50cm"]), &["--depth 50cm", "half of the base of 7 cm", "at most 3.5 cm"]);
+    refused(&with(&["--thickness", "30cm"]), &["--thickness 30cm", "at most 3.5 cm"]);
+    refused(&with(&["--long", "0,0,0"]), &["--long", "direction"]);
+    refused(&with(&["--edge", "50cm"]), &["--edge 50cm", "a quarter of it, 1.75 cm"]);
+    refused(&with(&["--obstacle", shown(&file)]), &["obstacle 1", "the skin itself"]);
+    refused(&with(&["--volume", "-100cc"]), &["--volume: the volume must be more than 0", "`-100cc`"]);
+    refused(&with(&["--volumes", "10,-5"]), &["--volumes: the volume must be more than 0", "`-5`"]);
+    refused(&with(&["--implant", "volume=-3ml"]), &["--implant: volume", "`-3ml`"]);
+    refused(&["--near-vertex", "-3"], &["vertices count from 0"]);
+    refused(&["--near-vertex", "half"], &["vertices count from 0"]);
+    // What is said to fit does, and a little less or more does not.
+    let number = |said: &str, before: &str, after: &str| -> f64 {
+        let from = said.find(before).unwrap_or_else(|| panic!("no `{before}` in {said}")) + before.len();
+        let to = from + said[from..].find(after).unwrap_or_else(|| panic!("no `{after}` in {said}"));
+        said[from..to].trim().parse().unwrap_or_else(|e| panic!("{e}: {said}"))
+    };
+    let fits = |more: &[&str]| {
+        let done = run(&[&common[..], more, &["--json"]].concat());
+        assert!(matches!(done.status.code(), Some(0 | 1)), "{more:?}: {}", text(&done.stderr));
+    };
+    let least = number(&refused(&with(&["--volume", "0.001cc"]), &["no implant"]), "at least", "cc");
+    assert!((0.5..3.0).contains(&least), "{least} cc");
+    fits(&with(&["--volume", &format!("{least}cc")]));
+    refused(&["--at", "0,0,0", "--volume", &format!("{}cc", 0.9 * least)], &["no implant"]);
+    let most = number(&refused(&with(&["--volume", "9l"]), &["larger than the region"]), "at most", "cc");
+    assert!((150.0..1000.0).contains(&most), "{most} cc");
+    refused(&["--at", "0,0,0", "--volume", &format!("{}cc", 1.2 * most)], &["larger than the region"]);
+    // 4 cm from the border: 5 cm across fit in no case.
+    let base = number(&refused(&["--at", "6,0,0"], &["border"]), "a base of", "cm would fit");
+    assert!((2.5..5.0).contains(&base), "{base} cm");
+    fits(&["--at", "6,0,0", "--base", &format!("{base}cm"), "--volume", "8cc"]);
+}
+
+#[test]
+fn surfaces_that_touch_are_told_by_what_touches() {
+    let scratch = Scratch::new("implant-touching");
+    let file = scratch.join("sheet.obj");
+    // A second sheet that has one vertex in common with the first.
+    let mut obj = sheet(16);
+    let middle = 17 * 8 + 8 + 1;
+    let _ = writeln!(obj, "v 1 0 3\nv 0 1 3\nf {middle} 290 291");
+    fs::write(&file, obj).unwrap();
+    let done = run(&["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--out", shown(&scratch.join("out"))]);
+    let said = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(2), "{said}");
+    assert!(said.contains("1 vertex joins surfaces") && !said.contains("0 edges"), "{said}");
+}

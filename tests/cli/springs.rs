@@ -128,5 +128,35 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
         assert!(said.contains(expected) && !said.contains("panicked"), "{arguments:?}: {said}");
     }
     assert!(!out.exists());
-    assert_eq!(run(&["springs"]).status.code(), Some(2));
+    let done = run(&["springs"]);
+    let said = text(&done.stderr);
+    assert!(done.status.code() == Some(2) && said.contains("name a file") && said.contains("--lattice"), "{said}");
+}
+
+#[test]
+fn steps_that_are_not_enough_are_told_how_many_would_be() {
+    let scratch = Scratch::new("springs-hint");
+    let out = scratch.join("out");
+    let of = |more: &[&str]| {
+        let done = pliant().args(["springs", "--out", shown(&out), "--json"]).args(more).output().unwrap();
+        let said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
+        (done.status.code(), said, text(&done.stderr))
+    };
+    let lattice = ["--lattice", "8x8x8", "--steps"];
+    let (code, said, _) = of(&[&lattice[..], &["100"]].concat());
+    assert_eq!(code, Some(1), "{said}");
+    let hint = said["notes"].as_array().unwrap().last().unwrap().as_str().unwrap().to_owned();
+    let steps = hint.split("--steps ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
+    assert!(steps.parse::<u32>().unwrap() > 100, "{hint}");
+    let (code, said, _) = of(&[&lattice[..], &[&steps]].concat());
+    assert_eq!(code, Some(0), "{hint} {said}");
+    // Without damping it is said at once, and few steps are made.
+    let (code, said, heard) = of(&["--lattice", "5x5x5", "--damping", "0"]);
+    assert_eq!((code, said["steps"].as_u64()), (Some(1), Some(1000)), "{said}");
+    assert!(heard.starts_with("note: without damping nothing comes to rest"), "{heard}");
+    let (_, said, _) = of(&["--lattice", "5x5x5", "--damping", "0", "--steps", "30"]);
+    assert_eq!(said["steps"].as_u64(), Some(30));
+    // An integrator that damps by itself gets there.
+    let (code, _, heard) = of(&["--lattice", "4x4x4", "--damping", "0", "--integrator", "implicit"]);
+    assert!(code == Some(0) && !heard.contains("without damping"), "{heard}");
 }

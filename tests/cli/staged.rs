@@ -259,3 +259,28 @@ fn wrong_scenes_say_where_and_what_to_change() {
         assert!(text(&done.stderr).contains(wanted), "{arguments:?}: {}", text(&done.stderr));
     }
 }
+
+#[cfg(unix)]
+#[test]
+fn what_was_interrupted_has_not_converged() {
+    let scratch = Scratch::new("staged-interrupt");
+    let out = scratch.join("out");
+    let mut child = super::pliant()
+        .args(["run", "expander", "--frames", "500", "--set", "skin.edge_length=6 mm", "--out", shown(&out)])
+        .stdout(std::process::Stdio::null())
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let first = out.join("frames/expander_0001.vtp");
+    let begun = std::time::Instant::now();
+    while !first.exists() && begun.elapsed().as_secs() < 120 {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let summary = json(&out.join("summary.json"));
+    let frames = summary["frames"].as_u64().unwrap();
+    assert!((1..500).contains(&frames), "{frames} frames");
+    assert_eq!((&summary["interrupted"], &summary["converged"]), (&Value::Bool(true), &Value::Bool(false)));
+}

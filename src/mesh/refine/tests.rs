@@ -148,6 +148,25 @@ fn the_same_input_gives_the_same_bits() {
 }
 
 #[test]
+fn it_can_be_stopped_wherever_it_is_and_not_being_stopped_changes_nothing() {
+    let mesh = tube(0.5, 2.0, 30);
+    let asked = std::cell::Cell::new(0);
+    let counted = || {
+        asked.set(asked.get() + 1);
+        true
+    };
+    assert_eq!(refine_while(&mesh, 0.05, &counted), refine(&mesh, 0.05));
+    let all = asked.get();
+    assert!(all > 50, "asked {all} times only");
+    for at in [0, 1, all / 4, all / 2, all - 2, all - 1] {
+        let left = std::cell::Cell::new(at);
+        let go_on = || left.replace(left.get() - 1) > 0;
+        assert_eq!(refine_while(&mesh, 0.05, &go_on), Err(RefineError::Stopped), "after {at} of {all}");
+        assert_eq!(left.get(), -1, "asked again after it had said no");
+    }
+}
+
+#[test]
 fn a_surface_without_extent_does_not_panic() {
     let mesh = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: tetrahedron().triangles };
     let refined = refine(&mesh, 0.1).expect("manifold");

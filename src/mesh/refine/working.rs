@@ -2,6 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::ASKED;
 use crate::mesh::closest::{SurfaceTree, closest_on_triangle};
 use crate::mesh::{Topology, TriangleMesh};
 
@@ -43,6 +44,10 @@ pub(super) struct Working<'a> {
     carried: Vec<Vec<u32>>,
     /// Projections reach so far [m].
     reach: f64,
+    go_on: &'a dyn Fn() -> bool,
+    /// How often it was asked whether to go on.
+    asked: usize,
+    stopped: bool,
 }
 
 /// The sine of the smallest angle of a triangle; zero for one without area.
@@ -62,7 +67,13 @@ fn worst_sine(triangles: &[Corners]) -> f64 {
 }
 
 impl<'a> Working<'a> {
-    pub fn new(mesh: &TriangleMesh, topology: &Topology, original: &'a SurfaceTree, edge_length: f64) -> Self {
+    pub fn new(
+        mesh: &TriangleMesh,
+        topology: &Topology,
+        original: &'a SurfaceTree,
+        edge_length: f64,
+        go_on: &'a dyn Fn() -> bool,
+    ) -> Self {
         let mut boundary = vec![false; mesh.vertices.len()];
         for e in topology.boundary_edges() {
             topology.edges[e as usize].iter().for_each(|&v| boundary[v as usize] = true);
@@ -77,9 +88,26 @@ impl<'a> Working<'a> {
             samples: Vec::new(),
             carried: vec![Vec::new(); mesh.triangles.len()],
             reach: edge_length,
+            go_on,
+            asked: 0,
+            stopped: false,
         };
         working.watch(mesh, topology, 0.5 * edge_length);
         working
+    }
+
+    /// Whether to go on with the next edge, vertex or triangle; once stopped, it stays so.
+    pub fn goes_on(&mut self) -> bool {
+        if !self.stopped && self.asked.is_multiple_of(ASKED) {
+            self.stopped = !(self.go_on)();
+        }
+        self.asked += 1;
+        !self.stopped
+    }
+
+    /// Whether it was stopped from outside, and so is not done.
+    pub fn is_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// Makes samples of all vertices and, `spacing` apart, of folded edges.

@@ -1,0 +1,174 @@
+//! Skin of triangles that are large beside an implant, such as a box of twelve: they are halved near it, so that what is taken
+//! out and refined is no more of the skin than the implant needs.
+
+use std::collections::{BTreeMap, BinaryHeap};
+
+use nalgebra::{Point3, center};
+
+use super::patch::MARGIN;
+use super::plan::{Order, middle};
+use super::region::REACH;
+use crate::mesh::TriangleMesh;
+use crate::mesh::closest::closest_on_triangle;
+
+/// Edges that reach near an implant are halved down to this share of its region's radius.
+const LONG: f64 = 0.5;
+
+/// Halvings at most. A triangle of any size needs some hundred; skin that needs more is refused by its area later on.
+const MOST: usize = 200_000;
+
+/// An edge by its length, the longest first; ends decide between equal ones.
+#[derive(PartialEq)]
+struct Long(f64, [u32; 2]);
+
+impl Eq for Long {}
+
+impl Ord for Long {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0).then_with(|| other.1.cmp(&self.1))
+    }
+}
+
+impl PartialOrd for Long {
+    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+/// The same surface with triangles about as small as each implant needs near it: edges longer than half of the radius of its
+/// region are halved, the longest first, with every triangle beside them. Vertices keep their numbers, new ones follow; skin
+/// that is fine enough comes back as it is. What is wrong with an order is left to [`super::plan::Ready::new`].
+pub fn halved_near(mut skin: TriangleMesh, orders: &[Order]) -> TriangleMesh {
+    if skin.triangles.iter().flatten().any(|v| *v as usize >= skin.vertices.len()) {
+        return skin;
+    }
+    for order in orders {
+        if order.check().is_err() {
+            continue;
+        }
+        let Ok((centre, _)) = middle(&skin, order) else { continue };
+        let radius = REACH * 0.5 * order.implant.base;
+        skin = halved(skin, &centre, MARGIN * radius + 2.0 * order.edge(), LONG * radius);
+    }
+    skin
+}
+
+fn key(a: u32, b: u32) -> [u32; 2] {
+    [a.min(b), a.max(b)]
+}
+
+/// Halves edges longer than `longest` [m] of triangles at most `within` [m] from a place.
+fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f64) -> TriangleMesh {
+    let length = |skin: &TriangleMesh, [a, b]: [u32; 2]| (skin.vertices[a as usize] - skin.vertices[b as usize]).norm();
+    let sides = |t: [u32; 3]| [key(t[0], t[1]), key(t[1], t[2]), key(t[2], t[0])];
+    let near = |skin: &TriangleMesh, t: [u32; 3]| {
+        let corners = t.map(|v| skin.vertices[v as usize]);
+        (closest_on_triangle(centre, &corners) - centre).norm() <= within
+    };
+    let mut open = BinaryHeap::new();
+    let offer = |skin: &TriangleMesh, t: [u32; 3], open: &mut BinaryHeap<Long>| {
+        let long = sides(t).map(|side| Long(length(skin, side), side));
+        // A length that is no number is nothing to halve.
+        if long.iter().any(|side| side.0 > longest) && near(skin, t) {
+            open.extend(long.into_iter().filter(|side| side.0 > longest && side.0.is_finite()));
+        }
+    };
+    skin.triangles.iter().for_each(|t| offer(&skin, *t, &mut open));
+    if open.is_empty() {
+        return skin;
+    }
+    let mut beside: BTreeMap<[u32; 2], Vec<u32>> = BTreeMap::new();
+    for (t, corners) in skin.triangles.iter().enumerate() {
+        for side in sides(*corners) {
+            let all = beside.entry(side).or_default();
+            // A triangle that names a vertex twice has a side twice.
+            if all.last() != Some(&(t as u32)) {
+                all.push(t as u32);
+            }
+        }
+    }
+    for _ in 0..MOST {
+        let Some(Long(_, side @ [a, b])) = open.pop() else { break };
+        let ends = side.map(|v| skin.vertices[v as usize]);
+        let middle = center(&ends[0], &ends[1]);
+        // So short beside its coordinates that no number lies between them: that cannot be halved.
+        if ends.contains(&middle) {
+            continue;
+        }
+        // Offered by two triangles and halved already.
+        let Some(halved) = beside.remove(&side) else { continue };
+        let new = skin.vertices.len() as u32;
+        skin.vertices.push(middle);
+        for t in halved {
+            let old = skin.triangles[t as usize];
+            let [first, second] = [(a, new), (b, new)].map(|(from, to)| old.map(|v| if v == from { to } else { v }));
+            let added = skin.triangles.len() as u32;
+            skin.triangles[t as usize] = first;
+            skin.triangles.push(second);
+            // The triangle that was there is the one with `b` from here on.
+            for side in sides(old).into_iter().filter(|s| s.contains(&a) && !s.contains(&b)) {
+                beside.entry(side).or_default().iter_mut().filter(|o| **o == t).for_each(|o| *o = added);
+            }
+            for (t, corners) in [(t, first), (added, second)] {
+                sides(corners).into_iter().filter(|s| s[1] == new).for_each(|s| {
+                    let all = beside.entry(s).or_default();
+                    if !all.contains(&t) {
+                        all.push(t);
+                    }
+                });
+                offer(&skin, corners, &mut open);
+            }
+        }
+    }
+    skin
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::plan::Place;
+    use super::*;
+    use crate::mesh::Topology;
+    use crate::mesh::shapes::box_surface;
+
+    fn order(at: Point3<f64>) -> Order {
+        Order::round(Place::Point(at), 0.02, 1e-6)
+    }
+
+    #[test]
+    fn a_box_is_halved_near_the_implant_only_and_stays_the_same_box() {
+        let skin = box_surface([2.0; 3], 2.0);
+        let place = Point3::new(0.31, 0.17, 1.0);
+        let after = halved_near(skin.clone(), &[order(place)]);
+        let topology = Topology::new(&after);
+        assert!(topology.is_closed() && topology.is_oriented());
+        assert!(topology.non_manifold_edges().is_empty() && topology.non_manifold_vertices(&after).is_empty());
+        assert!(
+            (after.area() / skin.area() - 1.0).abs() <= 1e-12 && (after.volume() / skin.volume() - 1.0).abs() <= 1e-12
+        );
+        assert_eq!(after.vertices[..skin.vertices.len()], skin.vertices[..]);
+        let added = after.triangles.len() - skin.triangles.len();
+        assert!((20..1000).contains(&added), "{added} more triangles");
+        // About it nothing is longer than asked for; what is far away is as it was.
+        let radius = REACH * 0.5 * 0.02;
+        for t in &after.triangles {
+            let corners = t.map(|v| after.vertices[v as usize]);
+            let longest = (0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()).fold(0.0, f64::max);
+            let far = (closest_on_triangle(&place, &corners) - place).norm();
+            assert!(far > MARGIN * radius || longest <= LONG * radius, "{longest} m at {far} m");
+        }
+        assert!(after.triangles.iter().filter(|t| skin.triangles.contains(t)).count() * 2 >= skin.triangles.len());
+    }
+
+    #[test]
+    fn skin_that_is_fine_enough_and_orders_that_are_wrong_change_nothing() {
+        let skin = box_surface([0.1; 3], 0.004);
+        let top = Point3::new(0.0, 0.0, 0.05);
+        assert_eq!(halved_near(skin.clone(), &[order(top)]), skin);
+        let coarse = box_surface([0.1; 3], 0.1);
+        let wrong = Order { place: Place::Vertex(1_000_000), ..order(top) };
+        assert_eq!(halved_near(coarse.clone(), &[wrong]), coarse);
+        let mut broken = coarse;
+        broken.vertices[0].x = f64::INFINITY;
+        assert!(halved_near(broken, &[order(top)]).triangles.len() < 10_000);
+    }
+}
