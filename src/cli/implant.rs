@@ -19,6 +19,7 @@ use crate::simulation::LoadError;
 use crate::skin::coarse::halved_near;
 use crate::skin::plan::{Inserted, Ready};
 use crate::skin::settle::Progress;
+use crate::skin::together::{Group, grouped};
 use crate::skin::{Order, SkinError};
 use orders::{Question, Said, limit, order, question, refused};
 
@@ -145,31 +146,6 @@ fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
     Ok(mesh)
 }
 
-/// Prepares each implant; two may not share skin.
-fn prepare(
-    orders: &[Order],
-    skin: &TriangleMesh,
-    obstacles: &[TriangleMesh],
-    stop: &AtomicBool,
-) -> Result<Vec<Ready>, SkinError> {
-    let go_on = || !stop.load(Ordering::Relaxed);
-    let mut all: Vec<Ready> = Vec::new();
-    let mut owner = vec![usize::MAX; skin.triangles.len()];
-    for order in orders {
-        let ready = Ready::new_while(skin, order, obstacles, &go_on)?;
-        let mut outside = vec![false; skin.triangles.len()];
-        ready.outside.iter().for_each(|t| outside[*t as usize] = true);
-        for t in (0..owner.len()).filter(|t| !outside[*t]) {
-            if owner[t] != usize::MAX {
-                return Err(SkinError::Overlap { first: owner[t] + 1, second: all.len() + 1 });
-            }
-            owner[t] = all.len();
-        }
-        all.push(ready);
-    }
-    Ok(all)
-}
-
 /// How large the skin is beside its implants: a wrong unit is seen there.
 fn say_sizes(extent: f64, orders: &[Order]) {
     let bases: Vec<String> = orders.iter().map(|o| format!("{:.1} cm", o.implant.base * 1e2)).collect();
@@ -178,14 +154,14 @@ fn say_sizes(extent: f64, orders: &[Order]) {
 }
 
 /// Warns where an implant is tiny beside the skin, and the skin had to be refined a lot for it.
-fn warn_of_small(extent: f64, skin: &TriangleMesh, ready: &[Ready]) {
-    for (k, ready) in ready.iter().enumerate() {
+fn warn_of_small(extent: f64, skin: &TriangleMesh, groups: &[Group]) {
+    for (ready, members) in groups {
         let (share, taken) = (ready.order.implant.base / extent, skin.triangles.len() - ready.outside.len());
         if share < SMALL && ready.patch.triangles.len() > REFINED * taken {
             warn(&format!(
                 "note: the base of implant {} is {:.2} % of the skin's extent, and {taken} triangles of the skin became {}: are \
                  --unit and --base right?",
-                k + 1,
+                members[0] + 1,
                 share * 1e2,
                 ready.patch.triangles.len()
             ));
@@ -223,12 +199,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let extent = greatest(skin.bounding_box().extents().iter().copied());
     say_sizes(extent, &orders);
     let skin = halved_near(skin, &orders);
-    let ready = match prepare(&orders, &skin, &obstacles, &stop) {
-        Err(SkinError::Stopped) => return Ok(nothing_written()),
-        other => other.map_err(|e| refused(&e))?,
+    let groups = match grouped(&skin, &orders, |_| obstacles.clone(), &|| !stop.load(Ordering::Relaxed)) {
+        Err((_, SkinError::Stopped)) => return Ok(nothing_written()),
+        other => other.map_err(|(k, error)| refused_of(k, orders.len(), &error))?,
     };
-    warn_of_small(extent, &skin, &ready);
-    let found = settle(ready, &questions, &stop).map_err(|e| refused(&e))?;
+    warn_of_small(extent, &skin, &groups);
+    let found = settle(groups, &questions, &stop).map_err(|e| refused(&e))?;
     if found.implants.is_empty() {
         return Ok(nothing_written());
     }
@@ -236,6 +212,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         name: stem,
         skin: &skin,
         implants: found.implants,
+        numbers: found.numbers,
         obstacles: &obstacles,
         curve: found.curve,
         limit: arguments.stretch_limit,
@@ -251,6 +228,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         (false, true) => DONE,
         (false, false) => FAILED,
     })
+}
+
+/// A refusal of one of several implants, which is told by its number.
+fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
+    if of == 1 { refused(error) } else { Failure::usage(format!("implant {}: {error}", k + 1), error.help()) }
 }
 
 /// After Ctrl-C, before anything was at rest.
@@ -277,17 +259,21 @@ fn tell(insertion: &Insertion<'_>, json: bool, out: &Path) {
 #[derive(Default)]
 struct Found {
     implants: Vec<(Ready, Inserted)>,
+    numbers: Vec<Vec<usize>>,
     curve: Vec<Point>,
     interrupted: bool,
 }
 
-/// Brings all to rest: each implant, or the one of a wanted area, or of each of several volumes. After Ctrl-C what is there.
-fn settle(ready: Vec<Ready>, questions: &[Question], stop: &AtomicBool) -> Result<Found, SkinError> {
+/// Brings all to rest: implants that share skin together, or the one of a wanted area, or of each of several volumes. After
+/// Ctrl-C what is there.
+fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Result<Found, SkinError> {
     let mut found = Found::default();
-    for (k, (ready, question)) in ready.into_iter().zip(questions).enumerate() {
+    for (ready, members) in groups {
+        let names: Vec<String> = members.iter().map(|k| (k + 1).to_string()).collect();
+        let name = format!("implant{} {}", if names.len() == 1 { "" } else { "s" }, names.join(" and "));
         let mut watch = |p: &Progress| {
             if p.rounds.is_multiple_of(SAY_EVERY) {
-                warn(&format!("implant {}: round {}, moved {:.3} mm", k + 1, p.rounds, p.moved * 1e3));
+                warn(&format!("{name}: round {}, moved {:.3} mm", p.rounds, p.moved * 1e3));
             }
             !stop.load(Ordering::Relaxed)
         };
@@ -296,27 +282,53 @@ fn settle(ready: Vec<Ready>, questions: &[Question], stop: &AtomicBool) -> Resul
             Err(SkinError::Stopped) => Ok(None),
             other => other.map(Some),
         };
-        if let Question::Area(wanted) = question {
+        let own: Vec<&Question> = members.iter().map(|k| &questions[*k]).collect();
+        if let [Question::Area(wanted)] = own[..] {
             last = keep(ready.seek(*wanted, &mut watch))?;
             found.interrupted = last.is_none();
         }
-        for (volume, day) in question.volumes(&ready.order) {
-            let Some(done) = keep(ready.insert_after(last.as_ref(), volume, &mut watch))? else {
+        for (volumes, day) in steps(&own, &ready) {
+            let Some(done) = keep(ready.insert_after(last.as_ref(), &volumes, &mut watch))? else {
                 found.interrupted = true;
                 break;
             };
-            if question.is_curve() {
-                let (volume, areas, progress) = (done.implant_volume, done.areas, done.progress);
-                found.curve.push(Point { implant: k + 1, day, volume, areas, progress });
+            if own.iter().any(|question| question.is_curve()) {
+                let (volume, areas, progress) = (done.volume(), done.areas, done.progress);
+                found.curve.push(Point { implant: members[0] + 1, day, volume, areas, progress });
                 let rest = if progress.converged { "is at rest" } else { "is NOT at rest" };
-                warn(&format!("implant {}: {:.1} cc {rest}", k + 1, volume * 1e6));
+                warn(&format!("{name}: {:.1} cc {rest}", volume * 1e6));
             }
             last = Some(done);
         }
+        found.numbers.extend(last.is_some().then_some(members));
         found.implants.extend(last.map(|done| (ready, done)));
         if found.interrupted {
             break;
         }
     }
     Ok(found)
+}
+
+/// Volumes of the implants of a group that are known before anything is computed [m^3], one after the other, and the day of
+/// each. Those that are filled on other days keep what they have; before its first filling an implant is as flat as one may be.
+fn steps(questions: &[&Question], ready: &Ready) -> Vec<(Vec<f64>, Option<f64>)> {
+    if let [one] = questions {
+        return one.volumes(&ready.order).into_iter().map(|(volume, day)| (vec![volume], day)).collect();
+    }
+    let schedules =
+        questions.iter().filter_map(|q| if let Question::Fill(schedule) = q { Some(schedule) } else { None });
+    let mut days: Vec<f64> = schedules.flat_map(|schedule| schedule.fillings()).map(|filling| filling.day).collect();
+    days.sort_by(f64::total_cmp);
+    days.dedup();
+    let at = |day: f64| {
+        let each = ready.sites().zip(questions).map(|((order, _), question)| match question {
+            Question::Fill(schedule) => schedule.volume(day).max(order.implant.least(ready.layers.edge)),
+            _ => order.implant.volume,
+        });
+        each.collect()
+    };
+    if days.is_empty() {
+        return vec![(ready.volumes(), None)];
+    }
+    days.into_iter().map(|day| (at(day), Some(day))).collect()
 }

@@ -1,6 +1,6 @@
 //! Skin over implants as a table, JSON, pictures, files and a page.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::folder::{Folder, FolderError};
@@ -13,7 +13,7 @@ use crate::render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Surface, TextStyle, View, colour, render,
 };
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE, stretches};
-use crate::skin::plan::{Inserted, Ready};
+use crate::skin::plan::{Inserted, Order, Ready, Shell};
 use crate::skin::settle::Progress;
 use crate::skin::{Areas, Interval};
 
@@ -56,8 +56,10 @@ pub struct Insertion<'a> {
     pub name: String,
     /// The skin as read [m].
     pub skin: &'a TriangleMesh,
-    /// Each implant.
+    /// Implants, those that share skin together.
     pub implants: Vec<(Ready, Inserted)>,
+    /// The numbers of these implants, from 0.
+    pub numbers: Vec<Vec<usize>>,
     /// Meshes that the implants rest on [m].
     pub obstacles: &'a [TriangleMesh],
     /// What several volumes of an implant do.
@@ -70,6 +72,19 @@ pub struct Insertion<'a> {
     pub wanted: Option<f64>,
     /// Time of all of it [s].
     pub time: f64,
+}
+
+/// One implant, and the skin that it may share with others.
+struct Single<'a> {
+    /// From 0.
+    number: usize,
+    order: &'a Order,
+    frame: &'a Isometry3<f64>,
+    ready: &'a Ready,
+    done: &'a Inserted,
+    shell: &'a Shell,
+    /// Numbers of those that share its skin, from 1.
+    shares: Vec<usize>,
 }
 
 pub(super) fn json_of(areas: &Areas) -> Value {
@@ -101,6 +116,29 @@ pub(super) fn joined(mut first: Value, second: Value) -> Value {
 }
 
 impl Insertion<'_> {
+    /// Each implant by its number.
+    fn each(&self) -> Vec<Single<'_>> {
+        let mut all = Vec::new();
+        for ((ready, done), numbers) in self.implants.iter().zip(&self.numbers) {
+            for (((order, frame), shell), &number) in ready.sites().zip(&done.shells).zip(numbers) {
+                let shares = numbers.iter().filter(|n| **n != number).map(|n| n + 1).collect();
+                all.push(Single { number, order, frame, ready, done, shell, shares });
+            }
+        }
+        all.sort_by_key(|single| single.number);
+        all
+    }
+
+    /// What the gain may be off because of the mesh [m^2]; `None` where that is not known of each.
+    pub fn gain_uncertainty(&self) -> Option<f64> {
+        self.implants.iter().map(|(_, done)| done.gain_uncertainty()).sum()
+    }
+
+    /// Volume of all implants [m^3].
+    fn volume(&self) -> f64 {
+        self.implants.iter().map(|(_, done)| done.volume()).sum()
+    }
+
     /// Areas of all implants together.
     pub fn areas(&self) -> Areas {
         self.implants.iter().map(|(_, done)| done.areas).sum()
@@ -115,11 +153,16 @@ impl Insertion<'_> {
     /// Each check and whether it holds: that everything shown, and every volume of a curve, came to rest.
     pub fn verdicts(&self) -> Vec<(String, bool)> {
         let at_rest = "skin and implant are at rest";
-        let alone = |k: &usize| self.curve.iter().all(|point| point.implant != k + 1);
-        let shown = (0..self.implants.len()).filter(alone).map(|k| {
-            let done = &self.implants[k].1;
-            (format!("implant {}, {:.1} cc: {at_rest}", k + 1, done.implant_volume * 1e6), done.progress.converged)
-        });
+        let alone = |single: &Single| self.curve.iter().all(|point| point.implant != single.number + 1);
+        let shown: Vec<(String, bool)> = self
+            .each()
+            .into_iter()
+            .filter(alone)
+            .map(|one| {
+                let (number, cc) = (one.number + 1, one.shell.volume * 1e6);
+                (format!("implant {number}, {cc:.1} cc: {at_rest}"), one.done.progress.converged)
+            })
+            .collect();
         let curve = self.curve.iter().map(|point| {
             let day = point.day.map_or(String::new(), |day| format!(", day {day}"));
             (
@@ -148,15 +191,17 @@ impl Insertion<'_> {
 
     /// As `--json` gives it.
     pub fn to_json(&self) -> Value {
-        let each = self.implants.iter().map(|(ready, done)| {
+        let each = self.each().into_iter().map(|Single { order, frame, ready, done, shell, shares, .. }| {
             let own = json!({
-                "shape": ready.order.implant.shape.name(),
-                "base_m": ready.order.implant.base,
-                "implant_volume_m3": done.implant_volume,
-                "depth_m": ready.order.tissue.depth,
+                "shares_skin_with": shares,
+                "shape": order.implant.shape.name(),
+                "base_m": order.implant.base,
+                "implant_volume_m3": shell.volume,
+                "depth_m": order.tissue.depth,
                 "edge_m": ready.layers.edge,
-                "centre_m": ready.frame.translation.vector.as_slice(),
-                "pressure_pa": done.progress.pressure,
+                "centre_m": frame.translation.vector.as_slice(),
+                "pressure_pa": shell.pressure,
+                "area_gain_uncertainty_m2": done.gain_uncertainty(),
                 "residual": done.progress.residual,
                 "penetration_m": done.progress.depth,
                 "rounds": done.progress.rounds,
@@ -178,12 +223,13 @@ impl Insertion<'_> {
         let verdicts: Vec<Value> = self.verdicts().iter().map(|(what, ok)| json!({"what": what, "ok": ok})).collect();
         let all = json!({
             "skin": self.name,
-            "implant_volume_m3": self.implants.iter().map(|(_, done)| done.implant_volume).sum::<f64>(),
+            "implant_volume_m3": self.volume(),
             "region": {
                 "vertices": self.count(|r| 2 * r.layers.count()),
                 "triangles": self.count(|r| 2 * r.layers.triangles.len()),
                 "springs": self.count(|r| r.layers.springs.len()),
             },
+            "area_gain_uncertainty_m2": self.gain_uncertainty(),
             "steps": self.implants.iter().map(|(_, done)| done.progress.iterations).sum::<u32>(),
             "converged": self.converged() && !self.interrupted,
             "interrupted": self.interrupted,
@@ -218,11 +264,19 @@ impl Insertion<'_> {
         };
         row("area before [cm2]", cm2(areas.before), String::new(), "the mesh");
         row("area deformed [cm2]", cm2(areas.deformed), gained(areas.deformed), "equilibrium: an upper bound");
+        if let Some(off) = self.gain_uncertainty() {
+            let off = format!("±{:.more$}", off * 1e4);
+            row(
+                "   of it uncertain by the mesh [cm2]",
+                String::new(),
+                off,
+                "changed by so much from edges twice as long",
+            );
+        }
         row("area retracted [cm2]", span(areas.retracted), span_gained(areas.retracted), RETRACTED_SOURCE);
         row("area grown [cm2]", span(areas.grown), span_gained(areas.grown), GROWN_SOURCE);
         let cc = |m3: f64| format!("{:.1}", m3 * 1e6);
-        let implants = self.implants.iter().map(|(_, done)| done.implant_volume).sum();
-        row("volume of implants [cc]", cc(implants), String::new(), "kept exactly");
+        row("volume of implants [cc]", cc(self.volume()), String::new(), "kept exactly");
         row("volume difference of the region [cc]", cc(areas.volume_difference), String::new(), "closed at its rim");
         row("greatest stretch", format!("{:.2}", areas.stretch_max), String::new(), "of a triangle, any direction");
         // An empty sum is minus zero.
@@ -242,20 +296,20 @@ impl Insertion<'_> {
             ["implant", "shape", "base [cm]", "volume [cc]", "vertices", "triangles", "springs", "steps", "residual"];
         let head = head.into_iter().chain(["depth in each other [mm]", "pressure [kPa]", "at rest"]);
         let mut table = Table::new("Implants", head);
-        for (k, (ready, done)) in self.implants.iter().enumerate() {
-            let implant = &ready.order.implant;
+        for Single { number, order, ready, done, shell, .. } in self.each() {
+            let implant = &order.implant;
             table.row([
-                (k + 1).to_string(),
+                (number + 1).to_string(),
                 implant.shape.name().to_owned(),
                 format!("{:.1}", implant.base * 1e2),
-                format!("{:.1}", done.implant_volume * 1e6),
+                format!("{:.1}", shell.volume * 1e6),
                 (2 * ready.layers.count()).to_string(),
                 (2 * ready.layers.triangles.len()).to_string(),
                 ready.layers.springs.len().to_string(),
                 done.progress.iterations.to_string(),
                 format!("{:.1e}", done.progress.residual),
                 format!("{:.3}", done.progress.depth * 1e3),
-                format!("{:.2}", done.progress.pressure * 1e-3),
+                format!("{:.2}", shell.pressure * 1e-3),
                 if done.progress.converged { "yes" } else { "NO" }.to_owned(),
             ]);
         }
@@ -358,10 +412,9 @@ impl Insertion<'_> {
         let point_data = vec![("stretch", stretch.clone()), ("over_limit", over)];
         let data = vtp::PolyData { points: &skin.vertices, triangles: &skin.triangles, lines: &[], point_data };
         vtp::write(&path, &data).map_err(io(path))?;
-        for (k, (ready, done)) in self.implants.iter().enumerate() {
-            let path = folder.claim(&format!("implant_{}.vtp", k + 1))?;
-            let points = &done.x[2 * ready.layers.count()..];
-            let triangles = &done.implant_triangles;
+        for one in self.each() {
+            let path = folder.claim(&format!("implant_{}.vtp", one.number + 1))?;
+            let (points, triangles) = (one.done.shell_at(one.shell), &one.shell.triangles);
             let data = vtp::PolyData { points, triangles, lines: &[], point_data: Vec::new() };
             vtp::write(&path, &data).map_err(io(path))?;
         }
@@ -384,8 +437,8 @@ impl Insertion<'_> {
             title: format!(
                 "{}: {} implant{}",
                 self.name,
-                self.implants.len(),
-                if self.implants.len() == 1 { "" } else { "s" }
+                self.each().len(),
+                if self.each().len() == 1 { "" } else { "s" }
             ),
             subtitle: format!("{:.1} s", self.time),
             verdict: self.verdicts(),
@@ -432,8 +485,6 @@ impl Insertion<'_> {
                 done.x[..n].iter().chain(&ready.layers.rest[n..]).copied()
             })
             .collect();
-        let implants: Vec<&[Point3<f64>]> =
-            self.implants.iter().map(|(r, done)| &done.x[2 * r.layers.count()..]).collect();
         let most = self.limit.max(1.05);
         let legend = Legend::new("Stretch", "", (1.0, most), ColourMap::Viridis).large();
         let shot = |surfaces: Vec<Surface>, view: &View, title: &str, with_legend: bool| {
@@ -451,8 +502,10 @@ impl Insertion<'_> {
         let before = Surface::plain(&self.skin.vertices, &self.skin.triangles, colour::BONE);
         let mut inside: Vec<Surface> =
             self.obstacles.iter().map(|o| Surface::plain(&o.vertices, &o.triangles, colour::BONE)).collect();
-        let each = implants.iter().zip(&self.implants);
-        inside.extend(each.map(|(x, (_, done))| Surface::plain(x, &done.implant_triangles, [0.45, 0.6, 0.8])));
+        let each = self.each();
+        let shell = |one: &Single<'_>| (one.done.shell_at(one.shell).to_vec(), one.shell.triangles.clone());
+        let shells: Vec<(Vec<Point3<f64>>, Vec<[u32; 3]>)> = each.iter().map(shell).collect();
+        inside.extend(shells.iter().map(|(x, triangles)| Surface::plain(x, triangles, [0.45, 0.6, 0.8])));
         let mut through = inside.clone();
         through.push(over.with_opacity(0.45));
         Ok(vec![

@@ -19,6 +19,7 @@ use crate::render::PictureError;
 use crate::scene::content::Under;
 use crate::simulation::Plan;
 use crate::simulation::skin::{Measured, Part, SkinRun, Stepped};
+use crate::skin::Order;
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
 use crate::skin::settle::deepest;
 use crate::skin::{Areas, Interval};
@@ -54,6 +55,7 @@ impl SkinRun {
             name: self.scene.skin.name.clone(),
             skin: &self.skin,
             implants: self.parts.iter().filter_map(|p| Some((p.ready.clone(), p.now.clone()?))).collect(),
+            numbers: self.parts.iter().map(|p| p.members.clone()).collect(),
             obstacles: &self.obstacles,
             curve: Vec::new(),
             limit: self.scene.skin.stretch_limit,
@@ -71,15 +73,11 @@ impl SkinRun {
             };
             let unrest = part.frames.iter().filter(|f| !f.progress.converged).count();
             say("at rest in every frame", format!("{unrest} frames are not"), unrest == 0);
-            let order = &part.ready.order;
+            let base = part.ready.sites().map(|(order, _)| order.implant.base).fold(f64::INFINITY, f64::min);
             let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
             let found = format!("{:.3} mm", deep * 1e3);
-            let may = deepest(order.implant.base);
-            say(
-                "bodies sink into each other by at most 0.5 % of the base or 5 % of the skin's depth",
-                found,
-                deep <= may,
-            );
+            let may = deepest(base);
+            say("bodies sink into each other by at most 0.1 % of the base", found, deep <= may);
             if let Some(off) = self.volume_error(part) {
                 say("the implant's volume is kept to 1e-6", format!("{off:.1e}"), off <= VOLUME_HELD);
             }
@@ -87,12 +85,14 @@ impl SkinRun {
         all
     }
 
-    /// Greatest departure of an implant's volume from what it is filled with, as a share of it; `None` for a ball.
+    /// Greatest departure of implants' volumes from what they are filled with, as a share of it; `None` for a ball.
     fn volume_error(&self, part: &Part) -> Option<f64> {
         let Under::Implants(all) = &self.scene.under else { return None };
-        let filled = all.iter().find(|filled| filled.name == part.name)?;
-        let off = |f: &Measured| (f.volume / filled.volume_at(f.frame) - 1.0).abs();
-        Some(greatest(part.frames.iter().map(off)))
+        let of_frame = |f: &Measured| {
+            let each = part.members.iter().zip(&f.shells);
+            greatest(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
+        };
+        Some(greatest(part.frames.iter().map(of_frame)))
     }
 
     /// Areas of all parts together in a frame.
@@ -102,7 +102,7 @@ impl SkinRun {
 
     fn numbers(&self) -> Vec<(&'static str, f64)> {
         let areas = self.areas(self.frame());
-        let volume: f64 = self.parts.iter().filter_map(|p| p.frames.last()).map(|f| f.volume).sum();
+        let volume: f64 = self.parts.iter().filter_map(|p| p.frames.last()).map(volume_of).sum();
         let last = |of: fn(&Measured) -> f64| greatest(self.parts.iter().filter_map(|p| p.frames.last()).map(of));
         vec![
             ("time_s", self.parts.iter().map(Part::time_s).sum()),
@@ -122,8 +122,12 @@ impl SkinRun {
     }
 
     fn own_summary(&self) -> Map<String, Value> {
-        let implants: Vec<Value> = match self.scene.under {
-            Under::Implants(_) => self.parts.iter().map(json_of_part).collect(),
+        let implants: Vec<Value> = match &self.scene.under {
+            Under::Implants(all) => {
+                let mut each: Vec<(usize, Value)> = self.parts.iter().flat_map(json_of_part).collect();
+                each.sort_by_key(|(number, _)| *number);
+                each.into_iter().map(|(k, entry)| joined(entry, json!({"name": all[k].name}))).collect()
+            }
             Under::Ball(_) => Vec::new(),
         };
         let mut all = joined(
@@ -138,7 +142,8 @@ impl SkinRun {
         if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
             let at = self.ball_at(ball, part, self.frame());
             let ball = json!({"radius_m": ball.radius, "centre_m": at.centre.coords.as_slice()});
-            all = joined(all, json!({"ball": joined(json_of_part(part), ball)}));
+            let part = json_of_part(part).swap_remove(0).1;
+            all = joined(all, json!({"ball": joined(part, ball)}));
         }
         all.as_object().cloned().unwrap_or_default()
     }
@@ -169,7 +174,7 @@ impl SkinRun {
                 let progress = row.map(|f| f.progress).unwrap_or_default();
                 let areas = [a.before, a.deformed, a.retracted.low, a.retracted.high, a.grown.low, a.grown.high];
                 let rest = [a.volume_difference, a.stretch_max, progress.pressure, progress.depth];
-                let mut cells = vec![frame.to_string(), quoted(&part.name), row.map_or(0.0, |f| f.volume).to_string()];
+                let mut cells = vec![frame.to_string(), quoted(&part.name), row.map_or(0.0, volume_of).to_string()];
                 cells.extend(areas.iter().chain(&rest).map(f64::to_string));
                 cells.push(progress.iterations.to_string());
                 cells.push(row.is_none_or(|f| f.progress.converged).to_string());
@@ -217,29 +222,57 @@ fn areas_at(part: &Part, frame: usize) -> Areas {
     )
 }
 
-fn json_of_part(part: &Part) -> Value {
-    let (ready, last) = (&part.ready, part.frames.last());
-    let areas = areas_at(part, last.map_or(0, |f| f.frame));
-    let progress = last.map(|f| f.progress).unwrap_or_default();
+/// Volume of all implants of a part [m^3].
+fn volume_of(frame: &Measured) -> f64 {
+    // An empty sum is minus zero.
+    frame.shells.iter().map(|(volume, _)| volume).sum::<f64>() + 0.0
+}
+
+/// The entries of a part's implants, one of a ball, each with its number among all implants.
+fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
+    let ready = &part.ready;
+    let sites: Vec<(&Order, &Isometry3<f64>)> = ready.sites().collect();
+    let numbers = |k: usize| part.members.get(k).copied().unwrap_or(k);
+    let shares = |k: usize| (0..sites.len()).filter(|o| *o != k).map(|o| numbers(o) + 1).collect::<Vec<usize>>();
+    let each = sites.iter().enumerate().map(|(k, (order, frame))| {
+        let own = json!({
+            "shares_skin_with": shares(k),
+            "shape": order.implant.shape.name(),
+            "base_m": order.implant.base,
+            "depth_m": order.tissue.depth,
+            "centre_m": frame.translation.vector.as_slice(),
+        });
+        (numbers(k), joined(joined(own, json_of_frames(part, k)), json_of_region(part)))
+    });
+    each.collect()
+}
+
+/// What the frames of an implant are.
+fn json_of_frames(part: &Part, shell: usize) -> Value {
+    let of = |f: &Measured| f.shells.get(shell).copied().unwrap_or((0.0, f.progress.pressure));
     let each = part.frames.iter().map(|f| {
+        let (volume, pressure) = of(f);
         let own = json!({
             "frame": f.frame,
-            "implant_volume_m3": f.volume,
-            "pressure_pa": f.progress.pressure,
+            "implant_volume_m3": volume,
+            "pressure_pa": pressure,
             "steps": f.progress.iterations,
             "converged": f.progress.converged,
         });
         joined(own, json_of(&f.areas))
     });
+    let last = part.frames.last().map_or((0.0, 0.0), of);
+    json!({"implant_volume_m3": last.0, "pressure_pa": last.1, "frames": each.collect::<Vec<_>>()})
+}
+
+/// What implants that share skin have in common.
+fn json_of_region(part: &Part) -> Value {
+    let (ready, last) = (&part.ready, part.frames.last());
+    let areas = areas_at(part, last.map_or(0, |f| f.frame));
+    let progress = last.map(|f| f.progress).unwrap_or_default();
     let own = json!({
         "name": part.name,
-        "shape": ready.order.implant.shape.name(),
-        "base_m": ready.order.implant.base,
-        "implant_volume_m3": last.map_or(0.0, |f| f.volume),
-        "depth_m": ready.order.tissue.depth,
         "edge_m": ready.layers.edge,
-        "centre_m": ready.frame.translation.vector.as_slice(),
-        "pressure_pa": progress.pressure,
         "residual": progress.residual,
         "penetration_m": progress.depth,
         "region": {
@@ -250,7 +283,6 @@ fn json_of_part(part: &Part) -> Value {
         "steps": part.steps(),
         "converged": part.converged(),
         "time_s": part.time_s(),
-        "frames": each.collect::<Vec<_>>(),
     });
     joined(own, json_of(&areas))
 }
@@ -281,10 +313,12 @@ impl Run for SkinRun {
             }
         }
         let mut muscles = vec![actor(&self.scene.skin.name, self.whole.clone(), held, &mut used)];
-        for part in self.parts.iter().filter(|p| !p.shell.triangles.is_empty()) {
-            let rest = TriangleMesh { vertices: part.shell_at().to_vec(), ..part.shell.clone() };
-            // What is stretched is the skin; a pocket has no edges at rest.
-            muscles.push(Actor { edges: Vec::new(), ..actor(&part.name, rest, Vec::new(), &mut used) });
+        for part in &self.parts {
+            for ((k, shell), at) in part.members.iter().zip(&part.shells).zip(part.shells_at()) {
+                let rest = TriangleMesh { vertices: at.to_vec(), ..shell.clone() };
+                // What is stretched is the skin; a pocket has no edges at rest.
+                muscles.push(Actor { edges: Vec::new(), ..actor(self.name_of(*k), rest, Vec::new(), &mut used) });
+            }
         }
         let obstacles = self.scene.obstacles.iter().zip(&self.obstacles);
         let mut bones: Vec<(String, TriangleMesh)> =
@@ -301,8 +335,7 @@ impl Run for SkinRun {
             (x, vec![Vector3::zeros(); count])
         };
         let mut muscles = vec![still(self.skin_at())];
-        muscles
-            .extend(self.parts.iter().filter(|p| !p.shell.triangles.is_empty()).map(|p| still(p.shell_at().to_vec())));
+        muscles.extend(self.parts.iter().flat_map(|p| p.shells_at()).map(|shell| still(shell.to_vec())));
         let frame = SkinRun::frame(self);
         Snapshot { frame, time: frame as f64 / RATE, muscles, bones: self.poses(frame) }
     }

@@ -1,5 +1,6 @@
 //! Skin over implants, or over a ball, frame after frame: each an equilibrium, found from the one before.
 
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use nalgebra::{Point3, Vector3};
@@ -15,6 +16,7 @@ use crate::skin::coarse::halved_near;
 use crate::skin::plan::{Inserted, Place, Ready};
 use crate::skin::region::Region;
 use crate::skin::settle::Progress;
+use crate::skin::together::grouped;
 use crate::skin::{self, Areas, Order, SkinError};
 
 /// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
@@ -31,13 +33,13 @@ pub enum Stepped {
     Failed(String),
 }
 
-/// One implant, or the ball, in one frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Implants that share skin, or the ball, in one frame.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// The frame.
     pub frame: usize,
-    /// Volume of the implant [m^3]; 0 for a ball.
-    pub volume: f64,
+    /// Volume [m^3] and pressure [Pa] of each implant; none of a ball.
+    pub shells: Vec<(f64, f64)>,
     /// Areas of the region.
     pub areas: Areas,
     /// How it was found.
@@ -46,15 +48,17 @@ pub struct Measured {
     pub time_s: f64,
 }
 
-/// One implant, or the ball, and the skin over it.
+/// An implant, or several that share skin, or the ball, and the skin over it.
 #[derive(Clone, Debug)]
 pub struct Part {
-    /// Its name.
+    /// Its name; of several all their names.
     pub name: String,
+    /// Its implants, by their numbers in the scene; none of a ball.
+    pub members: Vec<usize>,
     /// The skin, made ready for it.
     pub ready: Ready,
-    /// Its shell at the start [m]; empty for a ball.
-    pub shell: TriangleMesh,
+    /// Shells at the start [m].
+    pub shells: Vec<TriangleMesh>,
     /// Obstacles in reach, by their numbers.
     pub obstacles: Vec<usize>,
     /// The last frame; nothing at the start.
@@ -66,9 +70,13 @@ pub struct Part {
 }
 
 impl Part {
-    /// Positions of the shell in the last frame [m].
-    pub fn shell_at(&self) -> &[Point3<f64>] {
-        self.now.as_ref().map_or(&self.shell.vertices, |now| &now.x[2 * self.ready.layers.count()..])
+    /// Positions of each shell in the last frame [m].
+    pub fn shells_at(&self) -> impl Iterator<Item = &[Point3<f64>]> {
+        let at = |k: usize| match &self.now {
+            Some(now) => now.shell_at(&now.shells[k]),
+            None => &self.shells[k].vertices,
+        };
+        (0..self.shells.len()).map(at)
     }
 
     /// Each vertex of the region and that of the whole skin.
@@ -132,6 +140,14 @@ impl SkinRun {
         Ok(Self { scene, skin, obstacles, plan, parts, whole, notes, frame: 0 })
     }
 
+    /// The name of an implant.
+    pub fn name_of(&self, implant: usize) -> &str {
+        match &self.scene.under {
+            Under::Implants(all) => &all[implant].name,
+            Under::Ball(_) => "ball",
+        }
+    }
+
     /// The last frame that was computed; 0 is the start.
     pub fn frame(&self) -> usize {
         self.frame
@@ -146,13 +162,16 @@ impl SkinRun {
     pub fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped {
         let frame = self.frame + 1;
         let mut found = Vec::new();
-        for (k, part) in self.parts.iter().enumerate() {
+        for part in &self.parts {
             let begun = Instant::now();
             let mut heard = |p: &Progress| {
                 watch(&format!("frame {frame}, {}: round {}, moved {:.3} mm", part.name, p.rounds, p.moved * 1e3))
             };
             let done = match &self.scene.under {
-                Under::Implants(all) => part.ready.insert_after(part.now.as_ref(), all[k].volume_at(frame), &mut heard),
+                Under::Implants(all) => {
+                    let volumes: Vec<f64> = part.members.iter().map(|k| all[*k].volume_at(frame)).collect();
+                    part.ready.insert_after(part.now.as_ref(), &volumes, &mut heard)
+                }
                 Under::Ball(ball) => {
                     let at = |frame| self.ball_at(ball, part, frame);
                     let before = part.now.as_ref().map(|now| (now, at(self.frame)));
@@ -168,8 +187,9 @@ impl SkinRun {
             }
         }
         for (part, (now, time_s)) in self.parts.iter_mut().zip(found) {
-            let (volume, areas, progress) = (now.implant_volume, now.areas, now.progress);
-            part.frames.push(Measured { frame, volume, areas, progress, time_s });
+            let shells = now.shells.iter().map(|shell| (shell.volume, shell.pressure)).collect();
+            let (areas, progress) = (now.areas, now.progress);
+            part.frames.push(Measured { frame, shells, areas, progress, time_s });
             part.now = Some(now);
         }
         self.frame = frame;
@@ -245,28 +265,18 @@ impl Making<'_> {
     /// All parts, of which no two share skin, and the whole skin with their patches in it.
     fn parts(&self) -> Result<(Vec<Part>, TriangleMesh), LoadError> {
         let mut parts = match &self.scene.under {
-            Under::Implants(all) => {
-                all.iter().enumerate().map(|(k, filled)| self.implant(k, filled)).collect::<Result<Vec<_>, _>>()?
-            }
+            Under::Implants(all) => self.implants(all)?,
             Under::Ball(ball) => {
                 let refused = |error| self.refused("ball", "the ball".to_owned(), error);
-                let ready = self.ready(&ball.order, &[]).map_err(refused)?;
-                vec![part("ball".to_owned(), ready, TriangleMesh::default(), Vec::new())]
+                let mut ready = Ready::new(self.skin, &ball.order, &[]).map_err(refused)?;
+                ready.method = self.scene.skin.method;
+                vec![part("ball".to_owned(), ready)]
             }
         };
         let count = self.skin.triangles.len();
-        let mut owner = vec![None; count];
-        for (k, part) in parts.iter().enumerate() {
-            let mut inside = vec![true; count];
-            part.ready.outside.iter().for_each(|t| inside[*t as usize] = false);
-            for t in (0..count).filter(|t| inside[*t]) {
-                if let Some(first) = owner[t].replace(k) {
-                    let error = SkinError::Overlap { first: first + 1, second: k + 1 };
-                    return Err(self.refused(&format!("implant.{k}.at"), format!("implant `{}`", part.name), error));
-                }
-            }
-        }
-        let outside = (0..count as u32).filter(|t| owner[*t as usize].is_none()).collect();
+        let mut beside = vec![0; count];
+        parts.iter().for_each(|part| part.ready.outside.iter().for_each(|t| beside[*t as usize] += 1));
+        let outside = (0..count as u32).filter(|t| beside[*t as usize] == parts.len()).collect();
         let mut whole = Region::of(self.skin, outside).mesh;
         for part in &mut parts {
             part.first = whole.vertices.len();
@@ -277,25 +287,32 @@ impl Making<'_> {
         Ok((parts, whole))
     }
 
-    fn ready(&self, order: &Order, obstacles: &[TriangleMesh]) -> Result<Ready, SkinError> {
-        let mut ready = Ready::new(self.skin, order, obstacles)?;
-        ready.method = self.scene.skin.method;
-        Ok(ready)
-    }
-
-    fn implant(&self, k: usize, filled: &Filled) -> Result<Part, LoadError> {
-        let refused = |error| {
-            let key = format!("implant.{k}{}", key_of(&error));
-            self.refused(&key, format!("implant `{}`", filled.name), error)
+    /// Implants, those that share skin together.
+    fn implants(&self, all: &[Filled]) -> Result<Vec<Part>, LoadError> {
+        let refused = |(k, error): (usize, SkinError)| {
+            self.refused(&format!("implant.{k}{}", key_of(&error)), format!("implant `{}`", all[k].name), error)
         };
-        let near = self.near(&filled.order);
-        let met: Vec<TriangleMesh> = near.iter().map(|&o| self.obstacles[o].clone()).collect();
-        let ready = self.ready(&filled.order, &met).map_err(refused)?;
-        let reached = filled.fill.iter().filter(|(at, _)| *at <= self.scene.frames).map(|(_, volume)| *volume);
-        let most = reached.fold(filled.volume_at(self.scene.frames), f64::max);
-        ready.takes(most).map_err(refused)?;
-        let shell = ready.pocket().map_err(refused)?;
-        Ok(part(filled.name.clone(), ready, shell, near))
+        let orders: Vec<Order> = all.iter().map(|filled| filled.order.clone()).collect();
+        let near = |members: &[usize]| -> Vec<usize> {
+            let each: BTreeSet<usize> = members.iter().flat_map(|k| self.near(&orders[*k])).collect();
+            each.into_iter().collect()
+        };
+        let met = |members: &[usize]| near(members).into_iter().map(|o| self.obstacles[o].clone()).collect();
+        let mut parts = Vec::new();
+        for (mut ready, members) in grouped(self.skin, &orders, met, &|| true).map_err(refused)? {
+            ready.method = self.scene.skin.method;
+            let most = |k: &usize| {
+                let reached = all[*k].fill.iter().filter(|(at, _)| *at <= self.scene.frames).map(|(_, volume)| *volume);
+                reached.fold(all[*k].volume_at(self.scene.frames), f64::max)
+            };
+            let volumes: Vec<f64> = members.iter().map(most).collect();
+            ready.takes(&volumes).map_err(|error| refused((members[0], error)))?;
+            let shells = ready.pockets().map_err(|error| refused((members[0], error)))?;
+            let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();
+            let obstacles = near(&members);
+            parts.push(Part { members, shells, obstacles, ..part(names.join(" and "), ready) });
+        }
+        Ok(parts)
     }
 
     /// The obstacles that an implant may come near.
@@ -333,6 +350,7 @@ fn key_of(error: &SkinError) -> &'static str {
     }
 }
 
-fn part(name: String, ready: Ready, shell: TriangleMesh, obstacles: Vec<usize>) -> Part {
-    Part { name, ready, shell, obstacles, now: None, frames: Vec::new(), first: 0 }
+fn part(name: String, ready: Ready) -> Part {
+    let (members, shells, obstacles, frames) = Default::default();
+    Part { name, members, ready, shells, obstacles, now: None, frames, first: 0 }
 }

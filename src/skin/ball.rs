@@ -43,7 +43,7 @@ impl Ready {
         }
         let progress = model.settle(&mut x, watch)?;
         let areas = Areas::of(&self.layers, &x);
-        Ok(Inserted { implant_triangles: Vec::new(), implant_volume: 0.0, areas, progress, x })
+        Ok(Inserted { shells: Vec::new(), areas, progress, coarse_gain: None, x })
     }
 
     /// How far a taut skin over a ball is above where it rests [m]: on the ball, and from there straight to the rim.

@@ -219,8 +219,8 @@ pub enum SkinError {
     /// The skin could not be remeshed.
     #[error("the skin cannot be refined: {0}")]
     Refine(#[from] crate::mesh::RefineError),
-    /// Two implants share skin.
-    #[error("the regions of implants {first} and {second} overlap")]
+    /// Two implants would lie in one another.
+    #[error("the bases of implants {first} and {second} overlap")]
     Overlap {
         /// The one, from 1.
         first: usize,
@@ -282,7 +282,7 @@ impl SkinError {
             }
             Self::TooFine { .. } => "make --edge larger or the base smaller",
             Self::Refine(_) => "see `pliant check`, or give another --edge",
-            Self::Overlap { .. } => "move them apart: regions reach 1.5 times as far as the base",
+            Self::Overlap { .. } => "move them apart: bases may touch, but not overlap",
             Self::Solver(_) => "make the volume smaller, or --edge larger",
             Self::OutOfReach { .. } => "make the base larger, or use several implants",
             Self::Schedule { .. } => "give days that rise and volumes that do not fall, as in 0:30cc,7:60cc,14:100cc",

@@ -59,22 +59,21 @@ impl Schedule {
 const EMPTY: f64 = 1e-5;
 
 impl Ready {
-    /// Checks that an implant of this volume [m^3] goes under this skin.
+    /// Checks that implants of these volumes [m^3] go under this skin.
     ///
     /// # Errors
     /// A volume that is not positive, or larger than the region takes.
-    pub fn takes(&self, volume: f64) -> Result<(), SkinError> {
-        self.model(volume).map(|_| ())
+    pub fn takes(&self, volumes: &[f64]) -> Result<(), SkinError> {
+        self.model(volumes).map(|_| ())
     }
 
-    /// The shell of an implant that holds next to nothing [m].
+    /// The shells of implants that hold next to nothing [m].
     ///
     /// # Errors
     /// See [`Ready::insert`].
-    pub fn pocket(&self) -> Result<TriangleMesh, SkinError> {
-        let (model, x) = self.model(EMPTY * self.order.implant.base.powi(3))?;
-        let triangles = model.implants.into_iter().next().map(|i| i.mesh.triangles).unwrap_or_default();
-        Ok(TriangleMesh { vertices: x[2 * self.layers.count()..].to_vec(), triangles })
+    pub fn pockets(&self) -> Result<Vec<TriangleMesh>, SkinError> {
+        let empty: Vec<f64> = self.sites().map(|(order, _)| EMPTY * order.implant.base.powi(3)).collect();
+        Ok(self.model(&empty)?.0.implants.into_iter().map(|implant| implant.mesh).collect())
     }
 
     /// Skin over the implant after each filling.
@@ -88,7 +87,7 @@ impl Ready {
     ) -> Result<Vec<Inserted>, SkinError> {
         let mut done: Vec<Inserted> = Vec::new();
         for filling in schedule.fillings() {
-            let next = self.insert_after(done.last(), filling.volume, &mut watch)?;
+            let next = self.insert_after(done.last(), &[filling.volume], &mut watch)?;
             done.push(next);
         }
         Ok(done)

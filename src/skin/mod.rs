@@ -30,6 +30,7 @@ pub mod shapes;
 pub mod sheet;
 mod start;
 pub mod thickness;
+pub mod together;
 
 pub use areas::{Areas, Interval};
 pub use ball::Ball;

@@ -1,5 +1,7 @@
 //! The part of a skin that an implant needs, taken out of it and refined.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
@@ -29,12 +31,8 @@ const LARGER: f64 = 4.0;
 /// What is taken out of a skin.
 pub(super) struct Patch<'a> {
     pub skin: &'a TriangleMesh,
-    /// A vertex of it near the middle.
-    pub seed: u32,
-    /// The middle of the implant [m].
-    pub centre: Point3<f64>,
-    /// How far it reaches at least [m].
-    pub radius: f64,
+    /// For each implant a vertex near its middle, the middle [m], and how far the patch reaches at least [m].
+    pub places: Vec<(u32, Point3<f64>, f64)>,
     /// Wanted edges [m].
     pub edge: f64,
     pub obstacles: &'a [TriangleMesh],
@@ -52,10 +50,16 @@ pub(super) struct TakenOut {
 impl Patch<'_> {
     /// The skin about the implant and somewhat beyond, oriented, refined where it is coarse.
     pub fn taken_out(&self, go_on: &dyn Fn() -> bool) -> Result<TakenOut, SkinError> {
-        let Self { skin, seed, centre, radius, edge, obstacles } = *self;
+        let Self { skin, places, edge, obstacles } = self;
+        let (skin, edge) = (*skin, *edge);
         let topology = Topology::new(skin);
-        let near = |v: u32| (skin.vertices[v as usize] - centre).norm() <= radius + 2.0 * edge;
-        let part = Region::around(skin, &topology, seed, near);
+        let mut all = BTreeSet::new();
+        for (seed, centre, radius) in places {
+            let near = |v: u32| (skin.vertices[v as usize] - centre).norm() <= radius + 2.0 * edge;
+            all.extend(Region::around(skin, &topology, *seed, near).triangles);
+        }
+        let part = Region::of(skin, all.into_iter().collect());
+        let centre = places[0].1;
         let mut mesh = part.mesh;
         // Of the skin, not of the part: where that was cut off it may touch itself.
         let has = |v: &u32| part.vertices.binary_search(v).is_ok();

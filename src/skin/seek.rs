@@ -29,7 +29,7 @@ impl Ready {
         let (mut low, mut high) = ((0.0, -wanted), None::<(f64, f64)>);
         let mut last: Option<Inserted> = None;
         for _ in 0..TRIALS {
-            let found = self.insert_after(last.as_ref(), volume, &mut watch)?;
+            let found = self.insert_after(last.as_ref(), &[volume], &mut watch)?;
             let over = found.areas.gain() - wanted;
             if over.abs() <= MET * wanted {
                 return Ok(found);
@@ -59,7 +59,7 @@ impl Ready {
     pub fn curve(&self, volumes: &[f64], mut watch: impl FnMut(&Progress) -> bool) -> Result<Vec<Inserted>, SkinError> {
         let mut done: Vec<Inserted> = Vec::new();
         for volume in volumes {
-            let next = self.insert_after(done.last(), *volume, &mut watch)?;
+            let next = self.insert_after(done.last(), &[*volume], &mut watch)?;
             done.push(next);
         }
         Ok(done)

@@ -28,7 +28,7 @@ fn gain(run: &SkinRun) -> f64 {
 fn a_fill_by_steps_ends_where_one_filling_does() {
     let at_once = gain(&run(&["implant.volume=60cc"]));
     let steps = run(&["implant.volume=60cc", "frames=3"]);
-    let volumes: Vec<f64> = steps.parts[0].frames.iter().map(|f| f.volume * 1e6).collect();
+    let volumes: Vec<f64> = steps.parts[0].frames.iter().map(|f| f.shells[0].0 * 1e6).collect();
     assert!(volumes.iter().zip([20.0, 40.0, 60.0]).all(|(v, w)| (v - w).abs() <= 1e-6 * w), "{volumes:?}");
     // An area may still change by a thousandth in a round where all counts as at rest, which is up to a fiftieth of its gain.
     let found = gain(&steps);

@@ -52,10 +52,15 @@ impl Plan {
             run("contact with the ball", free, free * TOUCH, 0.0);
             return;
         }
-        let (vertices, triangles) = (part.shell_at().len(), part.shell.triangles.len());
-        run("shell of the implant", triangles, triangles * 2 * SPRING, 0.0);
-        run("volume of the implant", vertices, vertices * 52 + triangles * 36, 0.0);
-        run("contact of skin and implant", free + vertices, (free + vertices) * TOUCH, 0.0);
+        let vertices: usize = part.shells.iter().map(|shell| shell.vertices.len()).sum();
+        let triangles: usize = part.shells.iter().map(|shell| shell.triangles.len()).sum();
+        let (shell, volume, contact) = match part.shells.len() {
+            1 => ("shell of the implant", "volume of the implant", "contact of skin and implant"),
+            _ => ("shells of implants", "volumes of implants", "contact of skin and implants"),
+        };
+        run(shell, triangles, triangles * 2 * SPRING, 0.0);
+        run(volume, vertices, vertices * 52 + triangles * 36, 0.0);
+        run(contact, free + vertices, (free + vertices) * TOUCH, 0.0);
         if part.obstacles.is_empty() {
             run("contact with what was under the skin", free + vertices, (free + vertices) * TOUCH, 0.0);
         }

@@ -26,7 +26,7 @@ fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (R
     let volume = order.implant.volume;
     println!("{} vertices a layer, {:?}, {:?}", ready.layers.count(), done.progress, done.areas);
     assert!(done.progress.converged, "{:?}", done.progress);
-    assert!((done.implant_volume / volume - 1.0).abs() <= 1e-9);
+    assert!((done.volume() / volume - 1.0).abs() <= 1e-9);
     assert!(done.areas.volume_difference >= 0.995 * volume, "{} m3", done.areas.volume_difference);
     assert!(done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0, "{}", done.areas.stretch_max);
     // As documented.

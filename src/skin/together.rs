@@ -1,0 +1,90 @@
+//! Several implants: those whose regions meet are brought to rest together, under skin that they share.
+
+use super::SkinError;
+use super::plan::{Order, Ready};
+use crate::mesh::TriangleMesh;
+
+/// Skin made ready for some implants, and their numbers in the list of all orders.
+pub type Group = (Ready, Vec<usize>);
+
+/// Makes skin ready for all orders: one group for all that share skin, in the order of the first of each. `obstacles` are
+/// those that an order may meet.
+///
+/// # Errors
+/// See [`Ready::new`]; the number of the order that is refused, from 0, comes with it.
+pub fn grouped(
+    skin: &TriangleMesh,
+    orders: &[Order],
+    obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Vec<Group>, (usize, SkinError)> {
+    let mut alone = Vec::new();
+    for (k, order) in orders.iter().enumerate() {
+        let ready = Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
+        alone.push(Some(ready));
+    }
+    let each: Vec<Vec<bool>> = alone.iter().flatten().map(|ready| taken(skin, ready)).collect();
+    let mut groups = Vec::new();
+    for members in meeting(&each) {
+        let ready = match (&members[..], alone[members[0]].take()) {
+            (&[_], Some(ready)) => ready,
+            (&[first, ref others @ ..], _) => {
+                let more: Vec<Order> = others.iter().map(|k| orders[*k].clone()).collect();
+                let all = obstacles(&members);
+                Ready::together(skin, &orders[first], &more, &all, go_on).map_err(|error| of_all(error, &members))?
+            }
+            _ => continue,
+        };
+        groups.push((ready, members));
+    }
+    Ok(groups)
+}
+
+/// An error of a group, whose implants it counts from 1, as one of all.
+fn of_all(error: SkinError, members: &[usize]) -> (usize, SkinError) {
+    match error {
+        SkinError::Overlap { first, second } => {
+            let [first, second] = [first, second].map(|k| members[k - 1]);
+            (second, SkinError::Overlap { first: first + 1, second: second + 1 })
+        }
+        other => (members[0], other),
+    }
+}
+
+/// Which triangles of the skin are in the patch of an implant.
+fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
+    let mut inside = vec![true; skin.triangles.len()];
+    ready.outside.iter().for_each(|t| inside[*t as usize] = false);
+    inside
+}
+
+/// Those that have something in common, also through others: lists of numbers, ascending.
+fn meeting(each: &[Vec<bool>]) -> Vec<Vec<usize>> {
+    let meet = |a: usize, b: usize| each[a].iter().zip(&each[b]).any(|(a, b)| *a && *b);
+    let mut group: Vec<usize> = (0..each.len()).collect();
+    for a in 0..each.len() {
+        for b in 0..a {
+            if group[a] != group[b] && meet(a, b) {
+                let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
+                group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
+            }
+        }
+    }
+    let firsts = (0..each.len()).filter(|k| group[*k] == *k);
+    firsts.map(|first| (first..each.len()).filter(|k| group[*k] == first).collect()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_meets_through_others_is_one_group() {
+        let masks =
+            |all: &[&str]| all.iter().map(|m| m.bytes().map(|b| b == b'x').collect()).collect::<Vec<Vec<bool>>>();
+        assert_eq!(meeting(&masks(&["xx......", "....xx..", "......xx"])), [vec![0], vec![1], vec![2]]);
+        assert_eq!(meeting(&masks(&["xx......", "....xx..", ".xxxx...", "......xx"])), [vec![0, 1, 2], vec![3]]);
+        assert_eq!(meeting(&masks(&["xx......", "....xx..", "xx......"])), [vec![0, 2], vec![1]]);
+        assert!(meeting(&[]).is_empty());
+    }
+}

@@ -1,0 +1,101 @@
+//! Several implants under skin that they share.
+
+use nalgebra::Point3;
+use pliant::skin::plan::{Inserted, Place, Ready};
+use pliant::skin::settle::deepest;
+use pliant::skin::together::{Group, grouped};
+use pliant::skin::{Order, SkinError};
+
+use super::shapes::sheet;
+use crate::tolerances::T6;
+
+const BASE: f64 = 0.03;
+
+/// Orders of round implants at places along x [m] of a sheet, with volumes [m^3].
+fn orders(at: &[(f64, f64)]) -> Vec<Order> {
+    let order = |&(x, volume): &(f64, f64)| {
+        let place = Place::Point(Point3::new(x, 0.0, 0.0));
+        Order { edge: Some(2.5e-3), ..Order::round(place, BASE, volume) }
+    };
+    at.iter().map(order).collect()
+}
+
+fn groups(at: &[(f64, f64)]) -> Result<Vec<Group>, (usize, SkinError)> {
+    grouped(&sheet(80, 0.2), &orders(at), |_| Vec::new(), &|| true)
+}
+
+fn settled(ready: &Ready) -> Inserted {
+    let done = ready.insert_after(None, &ready.volumes(), |_| true).expect("settled");
+    println!("{:?}, {:?}", done.progress, done.areas);
+    assert!(done.progress.converged, "{:?}", done.progress);
+    assert!(done.progress.depth <= deepest(BASE), "{} m", done.progress.depth);
+    for (shell, volume) in done.shells.iter().zip(ready.volumes()) {
+        assert!((shell.volume / volume - 1.0).abs() <= T6, "{} of {volume} m3", shell.volume);
+    }
+    done
+}
+
+#[test]
+fn implants_that_share_skin_press_on_each_other() {
+    let (far, near, volume) = (0.07, 0.016, 4e-6);
+    let apart = groups(&[(-far, volume), (far, volume)]).expect("regions");
+    assert_eq!(apart.iter().map(|g| g.1.clone()).collect::<Vec<_>>(), [vec![0], vec![1]]);
+    let alone: Vec<Inserted> = apart.iter().map(|(ready, _)| settled(ready)).collect();
+    let together = groups(&[(-near, volume), (near, volume)]).expect("a region");
+    let [(ready, members)] = &together[..] else { panic!("one group") };
+    assert_eq!(members, &[0, 1]);
+    let done = settled(ready);
+    // What is the same on both sides is found to be, but for a mesh that is no mirror image.
+    let [left, right] = &done.shells[..] else { panic!("two shells") };
+    assert!((left.pressure / right.pressure - 1.0).abs() <= 0.02, "{} and {} Pa", left.pressure, right.pressure);
+    let middle = |shell| done.shell_at(shell).iter().map(|p| p.x).sum::<f64>() / done.shell_at(shell).len() as f64;
+    let middles = [middle(left), middle(right)];
+    // Without friction nothing but the mesh tells them where to lie: to half an edge.
+    assert!((middles[0] + middles[1]).abs() <= 0.5 * 2.5e-3 && middles[1] > 0.3 * BASE, "{middles:?}");
+    // Skin between two implants is lifted by both: it has less to go round than two domes by themselves.
+    let sum: f64 = alone.iter().map(|done| done.areas.gain()).sum();
+    let gain = done.areas.gain();
+    assert!(gain > 1.05 * alone[0].areas.gain() && gain < sum, "{gain} m2, alone {sum}");
+    assert!(done.areas.volume_difference > 2.0 * volume);
+    // Neither has gone through the other: control, one that was moved into the other is deep in it.
+    let mut moved = done.x.clone();
+    moved[left.vertices.clone()].iter_mut().for_each(|p| p.x += BASE);
+    let surface = |x: &[Point3<f64>]| {
+        let mesh = |shell: &pliant::skin::plan::Shell| pliant::mesh::TriangleMesh {
+            vertices: x[shell.vertices.clone()].to_vec(),
+            triangles: shell.triangles.clone(),
+        };
+        let (own, other) = (mesh(left), pliant::contact::Surface::new(&mesh(right)));
+        let depth = |p: &Point3<f64>| other.nearest(p, 1.0).map_or(0.0, |on| -on.closest.distance);
+        own.vertices.iter().map(depth).fold(f64::NEG_INFINITY, |a, b| if b > a || b.is_nan() { b } else { a })
+    };
+    assert!(surface(&done.x) <= deepest(BASE));
+    assert!(surface(&moved) > 0.1 * BASE);
+}
+
+#[test]
+fn an_implant_is_the_same_in_whatever_order_it_is_named() {
+    let (small, large) = ((-0.02, 2e-6), (0.018, 6e-6));
+    let gains = [[small, large], [large, small]].map(|at| {
+        let groups = groups(&at).expect("a region");
+        let done = settled(&groups[0].0);
+        (done.areas.gain(), pressures(&done))
+    });
+    // The smaller implant is pressed harder or less, but it is the same one.
+    assert!((gains[0].0 / gains[1].0 - 1.0).abs() <= 2e-3, "{gains:?}");
+    assert!((gains[0].1[0] / gains[1].1[1] - 1.0).abs() <= 0.02, "{gains:?}");
+    assert!((gains[0].1[1] / gains[1].1[0] - 1.0).abs() <= 0.02, "{gains:?}");
+}
+
+fn pressures(done: &Inserted) -> Vec<f64> {
+    done.shells.iter().map(|shell| shell.pressure).collect()
+}
+
+#[test]
+fn implants_in_one_another_are_refused() {
+    let Err((number, error)) = groups(&[(-0.07, 4e-6), (0.0, 4e-6), (0.5 * BASE, 4e-6)]) else { panic!("accepted") };
+    assert!(matches!(error, SkinError::Overlap { first: 2, second: 3 }) && number == 2, "{number}: {error}");
+    assert!(error.help().contains("apart"));
+    // Touching bases are as near as may be.
+    assert!(groups(&[(0.0, 4e-6), (1.01 * BASE, 4e-6)]).is_ok());
+}
