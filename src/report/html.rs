@@ -226,7 +226,7 @@ mod tests {
             title: evil(),
             subtitle: evil(),
             verdict: vec![(evil(), true), (evil(), false)],
-            findings: vec![evil()],
+            findings: Vec::new(),
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
             plots_title: evil(),

@@ -197,13 +197,13 @@ fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only()
 
 #[test]
 fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
-    // A bellows of 4000 folds, 10 cm high each, of a sheet of 20 cm: coarse, and all of it near the implant.
+    // A bellows of 4000 folds, 3 cm high each, of a sheet of 20 cm: coarse, and most of it near the implant.
     let scratch = Scratch::new("implant-bellows");
     let file = scratch.join("bellows.obj");
     let mut obj = String::new();
     let folds = 4000;
     for i in 0..=folds {
-        let (x, z) = (20.0 * f64::from(i) / f64::from(folds) - 10.0, if i % 2 == 0 { 0.0 } else { 10.0 });
+        let (x, z) = (20.0 * f64::from(i) / f64::from(folds) - 10.0, if i % 2 == 0 { 0.0 } else { 3.0 });
         let _ = writeln!(obj, "v {x} -10 {z}\nv {x} 10 {z}");
     }
     for i in 0..folds {

@@ -142,12 +142,12 @@ fn steps_that_are_not_enough_are_told_how_many_would_be() {
         let said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
         (done.status.code(), said, text(&done.stderr))
     };
-    let lattice = ["--lattice", "8x8x8", "--steps"];
-    let (code, said, _) = of(&[&lattice[..], &["100"]].concat());
+    let lattice = ["--lattice", "14x14x14", "--steps"];
+    let (code, said, _) = of(&[&lattice[..], &["60"]].concat());
     assert_eq!(code, Some(1), "{said}");
     let hint = said["notes"].as_array().unwrap().last().unwrap().as_str().unwrap().to_owned();
     let steps = hint.split("--steps ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
-    assert!(steps.parse::<u32>().unwrap() > 100, "{hint}");
+    assert!(steps.parse::<u32>().unwrap() > 60, "{hint}");
     let (code, said, _) = of(&[&lattice[..], &[&steps]].concat());
     assert_eq!(code, Some(0), "{hint} {said}");
     // Without damping it is said at once, and few steps are made.

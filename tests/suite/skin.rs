@@ -15,6 +15,8 @@ mod together;
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::measures::{area, greatest};
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::report::implant::{Insertion, Point};
+use pliant::skin::coarse::halved_near;
 use pliant::skin::implant::SILICONE;
 use pliant::skin::layers::{Layers, Tissue, springs_of};
 use pliant::skin::plan::{Place, Ready, over_ball};
@@ -188,6 +190,103 @@ fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
     let at_once = ready.insert(80e-6, |_| true).expect("settled").areas.gain();
     // Both are at rest to a thousandth of the area, which is some fifteen times the gain.
     assert!((gains[2] / at_once - 1.0).abs() <= 0.01, "{} and {at_once} m2", gains[2]);
+}
+
+#[test]
+fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
+    let skin = sheet(24, 0.2);
+    let order = Order { edge: Some(8e-3), ..Order::round(CENTRE, 0.07, 6e-5) };
+    let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
+    assert!(done.progress.converged, "{:?}", done.progress);
+    let point = |volume, converged| {
+        let progress = Progress { converged, ..done.progress };
+        Point { implant: 1, day: None, volume, areas: done.areas, progress }
+    };
+    let all = |curve: Vec<Point>, limit: f64, interrupted: bool| {
+        let implants = vec![(ready.clone(), done.clone())];
+        let name = "sheet".to_owned();
+        let insertion = Insertion {
+            name,
+            skin: &skin,
+            implants,
+            obstacles: &[],
+            curve,
+            limit,
+            interrupted,
+            wanted: None,
+            time: 0.0,
+        };
+        let kept: Vec<bool> = insertion.verdicts().iter().map(|(_, ok)| *ok).collect();
+        (kept, insertion.to_json())
+    };
+    let (kept, json) = all(vec![point(4e-5, true), point(6e-5, true)], 1.01, false);
+    assert_eq!((kept, &json["converged"]), (vec![true, true], &true.into()));
+    assert!(json["area_over_limit_m2"].as_f64().is_some_and(|area| area > 1e-4), "{json}");
+    let (kept, json) = all(vec![point(4e-5, false), point(6e-5, true)], 9.0, false);
+    assert_eq!((kept, &json["converged"]), (vec![false, true], &false.into()));
+    assert_eq!((&json["verdicts"][0]["ok"], &json["area_over_limit_m2"]), (&false.into(), &0.0.into()));
+    let (kept, json) = all(Vec::new(), 9.0, true);
+    assert_eq!((kept, &json["converged"], &json["interrupted"]), (vec![false, true], &false.into(), &true.into()));
+}
+
+#[test]
+fn numbers_that_make_no_sense_beside_the_base_are_refused() {
+    let skin = sheet(32, 0.2);
+    let order = Order::round(CENTRE, 0.07, 1e-4);
+    let made = |change: fn(&mut Order)| {
+        let mut order = order.clone();
+        change(&mut order);
+        order.check_edge().and_then(|()| Ready::new(&skin, &order, &[])).map(|_| ())
+    };
+    // Just within half of the base, and a quarter of it.
+    for (within, beyond) in [
+        ((|o| o.tissue.depth = 0.035) as fn(&mut Order), (|o| o.tissue.depth = 0.0351) as fn(&mut Order)),
+        (|o| o.tissue.thickness = 0.035, |o| o.tissue.thickness = 0.0351),
+    ] {
+        assert_eq!(made(within), Ok(()));
+        assert!(matches!(made(beyond), Err(SkinError::TooThick { .. })));
+    }
+    assert_eq!(made(|o| o.edge = Some(0.0175)), Ok(()));
+    assert!(matches!(made(|o| o.edge = Some(0.0176)), Err(SkinError::TooLong { .. })));
+    assert_eq!(made(|o| o.long = Some(Vector3::new(0.0, 1e-3, 0.0))), Ok(()));
+    assert_eq!(made(|o| o.long = Some(Vector3::zeros())), Err(SkinError::NoDirection));
+    // The skin itself as what lies below it, and the same a depth further down.
+    let own = |down: f64| {
+        let mut below = skin.clone();
+        below.vertices.iter_mut().for_each(|p| p.z -= down);
+        Ready::new(&skin, &order, &[sphere(12, 11, 0.05, Point3::new(0.0, 0.0, -0.06)), below]).map(|_| ())
+    };
+    assert_eq!(own(0.0), Err(SkinError::ObstacleIsSkin { obstacle: 2 }));
+    assert_eq!(own(5e-3), Ok(()));
+    // A volume that is said to be the largest fits, a little more does not.
+    let ready = Ready::new(&skin, &order, &[]).expect("a region");
+    let largest = ready.largest();
+    assert_eq!(ready.takes(largest), Ok(()));
+    assert!(
+        matches!(ready.takes(1.01 * largest), Err(SkinError::TooLarge { most_cc, .. }) if most_cc >= largest * 0.99e6)
+    );
+}
+
+#[test]
+fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number() {
+    // Six faces of two triangles each, of 40 cm.
+    let skin = cube(1, 0.4);
+    let at = Point3::new(0.25, 0.13, 0.4);
+    let order =
+        Order { tissue: Tissue { depth: 2e-3, ..Tissue::default() }, ..Order::round(Place::Point(at), 0.01, 2e-7) };
+    let error = Ready::new(&skin, &order, &[]).expect_err("too much to refine");
+    assert!(matches!(error, SkinError::TooLargePatch { vertices, most } if vertices > most), "{error}");
+    let halved = halved_near(skin, std::slice::from_ref(&order));
+    let ready = Ready::new(&halved, &order, &[]).expect("a region");
+    assert!(ready.patch.triangles.len() < 20_000, "{}", ready.patch.triangles.len());
+    // Refining looks up, and what it would have been is not needed.
+    let stopped = Ready::new_while(&halved, &order, &[], &|| false).expect_err("stopped");
+    assert_eq!(stopped, SkinError::Stopped);
+    // At a corner the skin turns away; it has no border that could be in the way.
+    let corner = Order { place: Place::Vertex(0), ..order };
+    let halved = halved_near(cube(1, 0.4), std::slice::from_ref(&corner));
+    let error = Ready::new(&halved, &corner, &[]).expect_err("no place");
+    assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
 }
 
 #[test]

@@ -162,9 +162,9 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Ord
     };
     order.check_edge().map_err(|error| match &error {
         SkinError::TooThick { what: "depth", .. } => {
-            flagged("--depth", &arguments.depth, " (unless given 5mm)", &error)
+            flagged("--depth", &arguments.depth, " (5mm unless given)", &error)
         }
-        SkinError::TooThick { .. } => flagged("--thickness", &arguments.thickness, " (unless given 2mm)", &error),
+        SkinError::TooThick { .. } => flagged("--thickness", &arguments.thickness, " (2mm unless given)", &error),
         SkinError::TooLong { .. } => flagged("--edge", arguments.edge.as_deref().unwrap_or_default(), "", &error),
         _ => refused(&error),
     })?;
