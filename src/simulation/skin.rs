@@ -12,8 +12,8 @@ use crate::mesh::{TriangleMesh, shapes};
 use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
 use crate::skin::plan::{Inserted, Place, Ready};
-use crate::skin::region::Region;
 use crate::skin::settle::Progress;
+use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, Order, SkinError};
 
 /// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
@@ -60,8 +60,8 @@ pub struct Part {
     pub now: Option<Inserted>,
     /// Every frame after the start.
     pub frames: Vec<Measured>,
-    /// The first vertex of its patch in the whole skin.
-    first: usize,
+    /// The vertex of the whole skin for each of its patch.
+    whole: Vec<u32>,
 }
 
 impl Part {
@@ -72,7 +72,7 @@ impl Part {
 
     /// Each vertex of the region and that of the whole skin.
     pub fn vertices(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.first + *patch as usize))
+        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.whole[*patch as usize] as usize))
     }
 
     /// All iterations of the solver.
@@ -259,14 +259,9 @@ impl Making<'_> {
                 }
             }
         }
-        let outside = (0..count as u32).filter(|t| owner[*t as usize].is_none()).collect();
-        let mut whole = Region::of(self.skin, outside).mesh;
-        for part in &mut parts {
-            part.first = whole.vertices.len();
-            let first = part.first as u32;
-            whole.triangles.extend(part.ready.patch.triangles.iter().map(|t| t.map(|v| v + first)));
-            whole.vertices.extend(&part.ready.patch.vertices);
-        }
+        let ready: Vec<&Ready> = parts.iter().map(|part| &part.ready).collect();
+        let Whole { mesh: whole, vertices, .. } = Whole::of(self.skin, &ready);
+        parts.iter_mut().zip(vertices).for_each(|(part, vertices)| part.whole = vertices);
         Ok((parts, whole))
     }
 
@@ -322,10 +317,11 @@ fn key_of(error: &SkinError) -> &'static str {
         SkinError::NoVertex { .. } => ".near_vertex",
         SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => ".at",
         SkinError::TooLarge { .. } => ".volume",
+        SkinError::WrapsAround { .. } => ".base",
         _ => "",
     }
 }
 
 fn part(name: String, ready: Ready, shell: TriangleMesh, obstacles: Vec<usize>) -> Part {
-    Part { name, ready, shell, obstacles, now: None, frames: Vec::new(), first: 0 }
+    Part { name, ready, shell, obstacles, now: None, frames: Vec::new(), whole: Vec::new() }
 }

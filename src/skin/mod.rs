@@ -18,6 +18,7 @@ pub mod fill;
 pub mod implant;
 pub mod layers;
 pub mod levels;
+mod patch;
 pub mod plan;
 pub mod region;
 mod seek;
@@ -26,6 +27,7 @@ pub mod shapes;
 pub mod sheet;
 mod start;
 pub mod thickness;
+pub mod whole;
 
 pub use areas::{Areas, Interval};
 pub use ball::Ball;

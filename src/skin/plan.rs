@@ -7,27 +7,29 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::areas::Areas;
 use super::implant::Implant;
 use super::layers::{Layers, Tissue};
+use super::patch::{Patch, nearest_vertex, normal_of, patch};
 use super::region::{REACH, Region, frame};
 use super::settle::{Method, Model, Progress};
 use super::sheet::Sheet;
+use super::whole::rim;
 use super::{Shape, SkinError};
 use crate::contact::Surface;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
-use crate::mesh::orientation::Orientation;
-use crate::mesh::{Topology, TriangleMesh, refine};
+use crate::mesh::{Topology, TriangleMesh};
 
 /// Default edges are the base over this.
 const FINE: f64 = 20.0;
-
-/// Skin whose median edge is at most this many times the wanted one is taken as it is.
-const ENOUGH: f64 = 1.25;
 
 /// The patch that is refined reaches so much further than the region, in its radii.
 const MARGIN: f64 = 1.25;
 
 /// Most vertices in one layer of a region.
 const MOST: f64 = 1e5;
+
+/// Bases that are tried in search of one that fits, each so many times the one before.
+const TRIES: u32 = 10;
+const SMALLER: f64 = 0.85;
 
 /// Least vertices of a region that can move.
 const LEAST: usize = 20;
@@ -38,9 +40,6 @@ const TURN: f64 = 70.0;
 
 /// The region does not end nearer to the base than this, in its outlines.
 const NEAR: f64 = 1.1;
-
-/// Skin lies about its middle if its normals point so much away from it, as a share of what they would of a sphere.
-const ROUND: f64 = 0.02;
 
 /// So much of the skin over the implant may turn further than that.
 const FOLDED: f64 = 0.05;
@@ -95,6 +94,8 @@ pub struct Ready {
     pub patch: TriangleMesh,
     /// Triangles of the skin that are not in the patch.
     pub outside: Vec<u32>,
+    /// The vertex of the skin that each vertex of the patch is, `u32::MAX` for one that is of the patch only.
+    pub origin: Vec<u32>,
     /// The region within the patch.
     pub region: Region,
     /// Both layers.
@@ -153,19 +154,7 @@ impl Ready {
         if vertices > MOST {
             return Err(SkinError::TooFine { vertices, most: MOST });
         }
-        let (centre, seed) = middle(skin, order)?;
-        let (patch, outside) = patch(skin, seed, &centre, radius * MARGIN, edge, obstacles)?;
-        let topology = Topology::new(&patch);
-        let seed = nearest_vertex(&patch, &centre);
-        let normal = patch.vertex_normals()[seed as usize];
-        let mut frame = frame(&centre, &normal, order.long.as_ref());
-        let mut region = around(&patch, &topology, seed, order, &frame);
-        // Once more with the mean normal of the region: that of one vertex is a matter of chance.
-        let normals = region.mesh.triangles.iter().map(|t| normal_of(&region.mesh, t));
-        let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
-        frame = self::frame(&centre, &mean, order.long.as_ref());
-        region = around(&patch, &topology, seed, order, &frame);
-        check_region(&region, &patch, &topology, order, &frame)?;
+        let Placed { patch, region, frame } = placed(skin, order, edge, obstacles)?;
         let inward = inward(&region.mesh, &(frame * -Vector3::z()), order.tissue.depth, obstacles);
         let layers = Layers::new(&region, &order.tissue, &inward);
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
@@ -178,7 +167,9 @@ impl Ready {
         let facing = |o: &TriangleMesh| Sheet::facing(o.clone(), &layers.rest, 2.0 * order.implant.base);
         let obstacles = obstacles.iter().map(facing).collect();
         let coarser = OnceLock::new();
-        Ok(Self { order: order.clone(), patch, outside, region, layers, frame, method: None, obstacles, coarser })
+        let Patch { mesh: patch, outside, origin, .. } = patch;
+        let order = order.clone();
+        Ok(Self { order, patch, outside, origin, region, layers, frame, method: None, obstacles, coarser })
     }
 
     /// Brings the skin to rest over the implant filled with `volume` [m^3].
@@ -258,6 +249,61 @@ impl Ready {
     }
 }
 
+/// A region and the patch that it is in.
+struct Placed {
+    patch: Patch,
+    region: Region,
+    frame: Isometry3<f64>,
+}
+
+/// Finds the region of an order in skin with edges of at most about `edge` [m].
+fn placed(skin: &TriangleMesh, order: &Order, edge: f64, obstacles: &[TriangleMesh]) -> Result<Placed, SkinError> {
+    match found(skin, order, edge, obstacles) {
+        Err(SkinError::WrapsAround { base, .. }) => {
+            Err(SkinError::WrapsAround { base, fits: fitting(skin, order, obstacles) })
+        }
+        Err(SkinError::TooCurved { degrees, .. }) => {
+            Err(SkinError::TooCurved { degrees, fits: fitting(skin, order, obstacles) })
+        }
+        other => other,
+    }
+}
+
+fn found(skin: &TriangleMesh, order: &Order, edge: f64, obstacles: &[TriangleMesh]) -> Result<Placed, SkinError> {
+    let (centre, seed) = middle(skin, order)?;
+    let patch = patch(skin, seed, &centre, REACH * 0.5 * order.implant.base * MARGIN, edge, obstacles)?;
+    let topology = Topology::new(&patch.mesh);
+    let seed = nearest_vertex(&patch.mesh, &centre);
+    let normal = patch.mesh.vertex_normals()[seed as usize];
+    let mut frame = frame(&centre, &normal, order.long.as_ref());
+    let mut region = around(&patch.mesh, &topology, seed, order, &frame);
+    // Once more with the mean normal of the region: that of one vertex is a matter of chance.
+    let normals = region.mesh.triangles.iter().map(|t| normal_of(&region.mesh, t));
+    let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
+    frame = self::frame(&centre, &mean, order.long.as_ref());
+    region = around(&patch.mesh, &topology, seed, order, &frame);
+    check_region(&region, &patch, &topology, order, &frame)?;
+    Ok(Placed { patch, region, frame })
+}
+
+/// A smaller base of the same shape that goes there [m], in whole millimetres where it has some; `None` if none was found.
+fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Option<f64> {
+    let mut base = order.implant.base;
+    for _ in 0..TRIES {
+        base *= SMALLER;
+        let round = (base * 1e3).floor() * 1e-3;
+        let smaller = Order {
+            implant: Implant { base: if round > 0.0 { round } else { base }, ..order.implant },
+            ..order.clone()
+        };
+        let base = smaller.implant.base;
+        if found(skin, &smaller, order.edge.unwrap_or(base / FINE), obstacles).is_ok() {
+            return Some(base);
+        }
+    }
+    None
+}
+
 /// The place on the skin and a vertex near it.
 fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
     if skin.triangles.is_empty() {
@@ -285,85 +331,6 @@ fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), Skin
             Ok((closest.point, near.unwrap_or(corners[0])))
         }
     }
-}
-
-fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
-    let far = |v: &u32| (mesh.vertices[*v as usize] - at).norm_squared();
-    (0..mesh.vertices.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0)
-}
-
-fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {
-    let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
-    (b - a).cross(&(c - a))
-}
-
-/// The skin about the implant and somewhat beyond, oriented, refined where it is coarse; and all triangles besides.
-fn patch(
-    skin: &TriangleMesh,
-    seed: u32,
-    centre: &Point3<f64>,
-    radius: f64,
-    edge: f64,
-    obstacles: &[TriangleMesh],
-) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
-    let topology = Topology::new(skin);
-    let near = |v: u32| (skin.vertices[v as usize] - centre).norm() <= radius + 2.0 * edge;
-    let part = Region::around(skin, &topology, seed, near);
-    let mut mesh = part.mesh;
-    // Of the skin, not of the part: where that was cut off it may touch itself.
-    let has = |v: &u32| part.vertices.binary_search(v).is_ok();
-    let edges = topology.non_manifold_edges().iter().filter(|e| topology.edges[**e as usize].iter().all(has)).count();
-    let vertices = topology.non_manifold_vertices(skin).iter().filter(|v| has(v)).count();
-    if edges + vertices > 0 {
-        return Err(SkinError::NotManifold { edges, vertices });
-    }
-    let topology = Topology::new(&mesh);
-    let orientation = Orientation::new(&topology, &mesh.triangles);
-    if orientation.one_sided.is_some() {
-        return Err(SkinError::OneSided);
-    }
-    let turn = mesh.triangles.iter_mut().zip(&orientation.turn).filter(|(_, turn)| **turn);
-    turn.for_each(|(t, _)| t.swap(1, 2));
-    let most_turned = 2 * orientation.turn.iter().filter(|turn| **turn).count() > orientation.turn.len();
-    if looks_inward(&mesh, skin, most_turned, centre, obstacles) {
-        mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-    }
-    if mesh.median_edge_length(&topology).is_some_and(|median| median > ENOUGH * edge) {
-        mesh = refine(&mesh, edge)?.mesh;
-    }
-    let mut inside = vec![false; skin.triangles.len()];
-    part.triangles.iter().for_each(|t| inside[*t as usize] = true);
-    Ok((mesh, (0..skin.triangles.len() as u32).filter(|t| !inside[*t as usize]).collect()))
-}
-
-/// Whether the normals look into the body: towards the obstacle that is nearest to the middle, or, without any, into what the
-/// whole skin goes around. As it is where that cannot be told, as of a flat sheet.
-fn looks_inward(
-    mesh: &TriangleMesh,
-    skin: &TriangleMesh,
-    turned: bool,
-    centre: &Point3<f64>,
-    obstacles: &[TriangleMesh],
-) -> bool {
-    let own = nearest_vertex(mesh, centre);
-    let normal = mesh.vertex_normals()[own as usize];
-    let nearest =
-        obstacles.iter().filter_map(|o| SurfaceTree::new(&o.vertices, &o.triangles).closest(centre, f64::INFINITY));
-    if let Some(nearest) = nearest.min_by(|a, b| a.distance.total_cmp(&b.distance)) {
-        return normal.dot(&(nearest.point - centre)) > 0.0;
-    }
-    // How the skin lies about its middle, as it winds; the patch may have been turned since.
-    let area: Vec<Vector3<f64>> = skin.triangles.iter().map(|t| normal_of(skin, t)).collect();
-    let middles: Vec<Vector3<f64>> = skin
-        .triangles
-        .iter()
-        .map(|t| t.iter().map(|v| skin.vertices[*v as usize].coords).sum::<Vector3<f64>>() / 3.0)
-        .collect();
-    let all: f64 = area.iter().map(Vector3::norm).sum();
-    let middle = area.iter().zip(&middles).fold(Vector3::zeros(), |sum, (a, m)| sum + m * a.norm()) / all;
-    let about: f64 = area.iter().zip(&middles).map(|(a, m)| a.dot(&(m - middle))).sum();
-    let size: f64 = area.iter().zip(&middles).map(|(a, m)| a.norm() * (m - middle).norm()).sum();
-    (if turned { -about } else { about }) < -ROUND * size
 }
 
 /// The region by the rule: every triangle with a vertex within [`REACH`] times the base's outline; beyond [`NEAR`] times only as
@@ -402,7 +369,7 @@ fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
 
 fn check_region(
     region: &Region,
-    patch: &TriangleMesh,
+    Patch { mesh: patch, origin, border, .. }: &Patch,
     topology: &Topology,
     order: &Order,
     frame: &Isometry3<f64>,
@@ -412,9 +379,17 @@ fn check_region(
         .triangles
         .iter()
         .for_each(|t| topology.triangle_edges[*t as usize].iter().for_each(|e| sides[*e as usize] = true));
-    let edges = topology.boundary_edges().into_iter().filter(|e| sides[*e as usize]).count();
-    if edges > 0 {
-        return Err(SkinError::AtBorder { edges });
+    if topology.boundary_edges().into_iter().any(|e| sides[e as usize]) {
+        let chains = rim(patch, topology, origin);
+        let of_skin = chains.iter().filter(|c| border.contains(&[c.ends[0].min(c.ends[1]), c.ends[0].max(c.ends[1])]));
+        let reached = |pair: &[u32]| topology.find_edge(pair[0], pair[1]).is_some_and(|e| sides[e as usize]);
+        let edges = of_skin.flat_map(|c| c.vertices.windows(2)).filter(|pair| reached(pair)).count();
+        // The rim of the patch is reached only by skin that goes down beside the implant.
+        return Err(if edges > 0 {
+            SkinError::AtBorder { edges }
+        } else {
+            SkinError::WrapsAround { base: order.implant.base, fits: None }
+        });
     }
     // Under the implant the skin may have folds, but not turn away as a whole.
     let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
@@ -430,7 +405,7 @@ fn check_region(
         areas = (areas.0 + area, areas.1 + if degrees > TURN { area } else { 0.0 }, areas.2.max(degrees));
     }
     if areas.1 > FOLDED * areas.0 {
-        return Err(SkinError::TooCurved { degrees: areas.2 });
+        return Err(SkinError::TooCurved { degrees: areas.2, fits: None });
     }
     Ok(())
 }
