@@ -32,10 +32,9 @@ const LOOKS: usize = 400;
 /// The colours end at a round stretch that is not below this one.
 const LEAST: f64 = 1.05;
 
-/// Skin, skin that is cut, the implant and where it is cut, bone where it is cut, what was below the skin, lines of the section, the skin before.
+/// Skin, skin that is cut, the implant where it is cut, bone where it is cut, what was below the skin, lines of the section, the skin before.
 const SKIN: Rgb = [0.86, 0.74, 0.66];
 const FLESH: Rgb = [0.84, 0.50, 0.45];
-const IMPLANT: Rgb = [0.45, 0.6, 0.8];
 const FILLING: Rgb = [0.66, 0.78, 0.92];
 const MARROW: Rgb = [0.80, 0.73, 0.58];
 const BED: Rgb = [0.72, 0.52, 0.48];
@@ -145,30 +144,27 @@ impl Insertion<'_> {
         // What bears the implant, its top first: where no bone does, it is what was below the lower layer.
         let bed = if self.obstacles.is_empty() { halved(&layers.bed()) } else { Cut::default() };
         let [rest, before] = [rest, before].map(|mesh| halved(&mesh));
-        let shells = self.implants.iter().map(|(ready, done)| TriangleMesh {
-            vertices: done.x[2 * ready.layers.count()..].to_vec(),
-            triangles: done.implant_triangles.clone(),
-        });
-        let shells: Vec<Cut> = shells.map(|mesh| halved(&mesh)).collect();
+        // Of the implant only its cut is drawn: the rest is under the skin, and in the bed by what contact gives way.
+        let shell_mesh = TriangleMesh { vertices: shell.to_vec(), triangles: done.implant_triangles.clone() };
+        let inside = halved(&shell_mesh);
         let bones: Vec<(Cut, bool)> =
             self.obstacles.iter().map(oriented).map(|(mesh, closed)| (halved(&mesh), closed)).collect();
         let mut surfaces =
             vec![plain(&rest.mesh, SKIN), plain(&lower.mesh, FLESH), plain(&bed.mesh, BED), plain(&upper.mesh, SKIN)];
-        surfaces.extend(shells.iter().map(|c| plain(&c.mesh, IMPLANT)));
         surfaces.extend(bones.iter().map(|(c, _)| plain(&c.mesh, colour::BONE)));
         // What is closed is filled where it is cut.
         let skin_line = [upper.line.as_slice(), &lower.line].concat();
         let closed = bones.iter().filter(|(_, closed)| *closed).map(|(c, _)| (c.line.as_slice(), MARROW));
-        let closed = closed.chain(shells.iter().map(|c| (c.line.as_slice(), FILLING))).chain([(&skin_line[..], FLESH)]);
+        let closed = closed.chain([(&inside.line[..], FILLING), (&skin_line[..], FLESH)]);
         let fillings: Vec<(TriangleMesh, Rgb)> = closed.map(|(line, colour)| (filled(line, &-up), colour)).collect();
         surfaces.extend(fillings.iter().map(|(mesh, colour)| plain(mesh, *colour)));
         let mut drawing = Drawing::of(surfaces).with_lines(Lines { width: 1.6, ..Lines::new(&before.line, BEFORE) });
-        let outlines = [&rest, &upper, &lower, &bed].into_iter().chain(&shells).chain(bones.iter().map(|(c, _)| c));
+        let outlines = [&rest, &upper, &lower, &bed, &inside].into_iter().chain(bones.iter().map(|(c, _)| c));
         for outline in outlines {
             drawing = drawing.with_lines(Lines { width: 2.2, ..Lines::new(&outline.line, INK) });
         }
         let view = View::orthographic(-up + out * 0.18, out);
-        let focus = done.x[..n].iter().chain(shell).chain(&layers.rest[..n]).copied();
+        let focus = done.x.iter().chain(&layers.rest[..n]).copied();
         let mut frame = render(&drawing, &Camera::fit(focus, &view, Canvas::new(SIZE.0, SIZE.1)));
         frame.title(&format!("section through {}", self.which(&[k])), TextStyle::Title);
         frame.to_png()
