@@ -351,7 +351,8 @@ impl Insertion<'_> {
     fn page(&self, pictures: Vec<Picture>) -> Report {
         let over = self.over_limit();
         let mut verdict = vec![("skin and implants are at rest".to_owned(), self.converged())];
-        let found = format!("{:.1} cm2 are stretched beyond {:.2}", over * 1e4, self.limit);
+        // An empty sum is minus zero.
+        let found = format!("{:.1} cm2 are stretched beyond {:.2}", over * 1e4 + 0.0, self.limit);
         verdict.push((found, over == 0.0));
         Report {
             title: format!(

@@ -195,6 +195,7 @@ fn one_volume_is_told_in_the_table_and_not_plotted() {
     assert!(out.join("curve.csv").is_file() && !out.join("curve.svg").exists());
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("Areas gained by volume") && !page.contains("<svg"));
+    assert!(page.contains(">0.0 cm2 are stretched beyond"), "minus nothing");
 }
 
 #[test]
