@@ -3,6 +3,7 @@
 pub mod boundary;
 pub mod closest;
 pub mod coincident;
+pub mod cut;
 pub mod health;
 pub mod inside;
 pub mod isosurface;
@@ -22,6 +23,7 @@ use nalgebra::Point3;
 pub use health::Health;
 pub use isosurface::isosurface;
 pub use measures::Aabb;
+pub(crate) use refine::refine_patch;
 pub use refine::{RefineError, RefineReport, Refined, refine};
 pub use topology::Topology;
 

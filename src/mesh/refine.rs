@@ -9,7 +9,7 @@ mod working;
 use std::f64::consts::TAU;
 
 use super::closest::SurfaceTree;
-use super::topology::Topology;
+use super::topology::{NONE, Topology};
 use super::{MeshError, TriangleMesh};
 use working::{Limits, Working, smallest_sine};
 
@@ -119,6 +119,16 @@ pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineEr
 /// # Errors
 /// As [`refine`]; [`RefineError::Stopped`].
 pub fn refine_while(mesh: &TriangleMesh, edge_length: f64, go_on: &dyn Fn() -> bool) -> Result<Refined, RefineError> {
+    refine_patch(mesh, edge_length, go_on).map(|(refined, _)| refined)
+}
+
+/// The same, and for each vertex of the result the vertex of the original's border that it is, so that what is cut out of a
+/// surface can be put back; [`NONE`] for all others. Vertices between two of these lie on the straight edge that they have split.
+pub(crate) fn refine_patch(
+    mesh: &TriangleMesh,
+    edge_length: f64,
+    go_on: &dyn Fn() -> bool,
+) -> Result<(Refined, Vec<u32>), RefineError> {
     let topology = checked(mesh, edge_length)?;
     let original = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
     let mut working = Working::new(mesh, &topology, &original, edge_length, go_on);
@@ -126,9 +136,15 @@ pub fn refine_while(mesh: &TriangleMesh, edge_length: f64, go_on: &dyn Fn() -> b
     if working.is_stopped() {
         return Err(RefineError::Stopped);
     }
-    let (refined, drift) = working.finish();
+    let (refined, names, drift) = working.finish();
     let report = measure(mesh, &original, &refined, drift, edge_length, go_on).ok_or(RefineError::Stopped)?;
-    Ok(Refined { mesh: refined, report })
+    let mut origin = vec![NONE; refined.vertices.len()];
+    for v in topology.boundary_edges().into_iter().flat_map(|e| topology.edges[e as usize]) {
+        if let Some(kept) = origin.get_mut(names[v as usize] as usize) {
+            *kept = v;
+        }
+    }
+    Ok((Refined { mesh: refined, report }, origin))
 }
 
 fn remesh(working: &mut Working<'_>, edge_length: f64) {

@@ -9,6 +9,8 @@ const INK: Rgb = [0.16, 0.17, 0.19];
 const TICK: i64 = 5;
 const GAP: i64 = 6;
 const MARGIN: i64 = 20;
+/// A mark reaches so far beyond the bar on both sides [px].
+const MARK: i64 = 3;
 
 /// A colour bar with its title and unit.
 #[derive(Clone, Debug, PartialEq)]
@@ -23,17 +25,24 @@ pub struct Legend {
     pub map: ColourMap,
     /// The size of its text and bar.
     pub style: TextStyle,
+    /// A value that is marked across the bar, and how; not where it is outside of the range.
+    pub mark: Option<(f64, Rgb)>,
 }
 
 impl Legend {
     /// A legend with small text.
     pub fn new(title: impl Into<String>, unit: impl Into<String>, range: (f64, f64), map: ColourMap) -> Self {
-        Self { title: title.into(), unit: unit.into(), range, map, style: TextStyle::Small }
+        Self { title: title.into(), unit: unit.into(), range, map, style: TextStyle::Small, mark: None }
     }
 
     /// The same with large text, for a picture that will be shown smaller than it is.
     pub fn large(self) -> Self {
         Self { style: TextStyle::Large, ..self }
+    }
+
+    /// The same with a value marked across the bar.
+    pub fn with_mark(self, value: f64, colour: Rgb) -> Self {
+        Self { mark: Some((value, colour)), ..self }
     }
 
     fn bar_width(&self) -> i64 {
@@ -75,6 +84,13 @@ impl Legend {
             let t = 1.0 - (down as f64 + 0.5) / height as f64;
             frame.rectangle(left..left + bar_width, top + down..top + down + 1, self.map.colour(t));
         }
+        if let Some((value, colour)) = self.mark {
+            let t = ColourMap::place(value, self.range);
+            if (0.0..=1.0).contains(&t) {
+                let at = top + ((1.0 - t) * height as f64).round() as i64;
+                frame.rectangle(left - MARK..left + bar_width + MARK, at - 1..at + 2, colour);
+            }
+        }
         let ticks = self.ticks();
         for (value, label) in ticks.values.iter().zip(&ticks.labels) {
             let t = ColourMap::place(*value, self.range).clamp(0.0, 1.0);
@@ -107,6 +123,21 @@ mod tests {
         assert_eq!(ticks, 5, "-10, -5, 0, 5, 10");
         let clear = 200 - legend.width() as usize - 2;
         assert!((0..300).all(|row| (0..clear).all(|x| frame.pixel(x, row) == Some([255; 3]))), "drawn too wide");
+    }
+
+    #[test]
+    fn a_mark_is_drawn_where_its_value_is_and_not_elsewhere() {
+        let red = [1.0, 0.0, 0.0];
+        let rows = |value: f64| -> Vec<usize> {
+            let legend = Legend::new("Stretch", "", (1.0, 2.0), ColourMap::Viridis).with_mark(value, red);
+            let mut frame = Frame::plain(200, 300, [1.0; 3]);
+            legend.draw(&mut frame);
+            let column = 200 - legend.width() as usize + 4;
+            (0..300).filter(|row| frame.pixel(column, *row) == Some(quantise(red))).collect()
+        };
+        let (low, high) = (rows(1.25), rows(1.75));
+        assert!(low.len() == 3 && high.len() == 3 && low[0] > high[0] + 50, "{low:?} {high:?}");
+        assert!(rows(2.5).is_empty() && rows(f64::NAN).is_empty());
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Skin over implants as a table, JSON, pictures, files and a page.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+mod pictures;
+
+use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
 use super::folder::{Folder, FolderError};
@@ -9,19 +11,15 @@ use super::plot::LinePlot;
 use super::table::Table;
 use crate::io::vtp;
 use crate::mesh::TriangleMesh;
-use crate::render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Surface, TextStyle, View, colour, render,
-};
+use crate::render::PictureError;
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE, stretches};
 use crate::skin::plan::{Inserted, Order, Ready, Shell};
 use crate::skin::settle::Progress;
+use crate::skin::whole::Whole;
 use crate::skin::{Areas, Interval};
 
-/// Size of a picture [px].
-const SIZE: (u32, u32) = (720, 560);
-
 /// Name, caption and bytes of a picture.
-pub(super) type Picture = (&'static str, String, Vec<u8>);
+pub(super) type Picture = (String, String, Vec<u8>);
 
 /// Why the results cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -82,7 +80,10 @@ struct Single<'a> {
     frame: &'a Isometry3<f64>,
     ready: &'a Ready,
     done: &'a Inserted,
-    shell: &'a Shell,
+    /// Which of all regions its skin is.
+    region: usize,
+    /// None of a ball.
+    shell: Option<&'a Shell>,
     /// Numbers of those that share its skin, from 1.
     shares: Vec<usize>,
 }
@@ -115,14 +116,63 @@ pub(super) fn joined(mut first: Value, second: Value) -> Value {
     first
 }
 
+/// What the table tells of an implant.
+type Told = fn(&Single<'_>) -> String;
+
+/// The rows of the table of implants, which has a column for each.
+const ROWS: [(&str, Told); 11] = [
+    ("shape", |one| one.order.implant.shape.name().to_owned()),
+    ("base [cm]", |one| format!("{:.1}", one.order.implant.base * 1e2)),
+    ("volume [cc]", |one| format!("{:.1}", one.volume() * 1e6)),
+    ("vertices", |one| (2 * one.ready.layers.count()).to_string()),
+    ("triangles", |one| (2 * one.ready.layers.triangles.len()).to_string()),
+    ("springs", |one| one.ready.layers.springs.len().to_string()),
+    ("steps", |one| one.done.progress.iterations.to_string()),
+    ("residual", |one| format!("{:.1e}", one.done.progress.residual)),
+    ("depth in each other [mm]", |one| format!("{:.3}", one.done.progress.depth * 1e3)),
+    ("pressure [kPa]", |one| format!("{:.2}", one.pressure() * 1e-3)),
+    ("at rest", |one| if one.done.progress.converged { "yes" } else { "NO" }.to_owned()),
+];
+
+/// Skin that is shown.
+#[derive(Debug)]
+pub(super) struct Shown {
+    /// Before, patches in it.
+    pub whole: Whole,
+    /// As it comes to lie.
+    pub skin: TriangleMesh,
+    /// The greatest stretch at each vertex.
+    pub stretch: Vec<f64>,
+}
+
+impl Single<'_> {
+    /// Its volume [m^3].
+    fn volume(&self) -> f64 {
+        self.shell.map_or(0.0, |shell| shell.volume)
+    }
+
+    /// The pressure in it [Pa].
+    fn pressure(&self) -> f64 {
+        self.shell.map_or(self.done.progress.pressure, |shell| shell.pressure)
+    }
+
+    /// Its shell as it lies; empty for a ball.
+    fn mesh(&self) -> TriangleMesh {
+        self.shell.map_or_else(TriangleMesh::default, |shell| TriangleMesh {
+            vertices: self.done.shell_at(shell).to_vec(),
+            triangles: shell.triangles.clone(),
+        })
+    }
+}
+
 impl Insertion<'_> {
     /// Each implant by its number.
     fn each(&self) -> Vec<Single<'_>> {
         let mut all = Vec::new();
-        for ((ready, done), numbers) in self.implants.iter().zip(&self.numbers) {
-            for (((order, frame), shell), &number) in ready.sites().zip(&done.shells).zip(numbers) {
+        for (region, ((ready, done), numbers)) in self.implants.iter().zip(&self.numbers).enumerate() {
+            for (k, ((order, frame), &number)) in ready.sites().zip(numbers).enumerate() {
                 let shares = numbers.iter().filter(|n| **n != number).map(|n| n + 1).collect();
-                all.push(Single { number, order, frame, ready, done, shell, shares });
+                all.push(Single { number, order, frame, ready, done, region, shell: done.shells.get(k), shares });
             }
         }
         all.sort_by_key(|single| single.number);
@@ -159,7 +209,7 @@ impl Insertion<'_> {
             .into_iter()
             .filter(alone)
             .map(|one| {
-                let (number, cc) = (one.number + 1, one.shell.volume * 1e6);
+                let (number, cc) = (one.number + 1, one.volume() * 1e6);
                 (format!("implant {number}, {cc:.1} cc: {at_rest}"), one.done.progress.converged)
             })
             .collect();
@@ -191,16 +241,18 @@ impl Insertion<'_> {
 
     /// As `--json` gives it.
     pub fn to_json(&self) -> Value {
-        let each = self.each().into_iter().map(|Single { order, frame, ready, done, shell, shares, .. }| {
+        let each = self.each().into_iter().map(|one| {
+            let (volume, pressure) = (one.volume(), one.pressure());
+            let Single { order, frame, ready, done, shares, .. } = one;
             let own = json!({
                 "shares_skin_with": shares,
                 "shape": order.implant.shape.name(),
                 "base_m": order.implant.base,
-                "implant_volume_m3": shell.volume,
+                "implant_volume_m3": volume,
                 "depth_m": order.tissue.depth,
                 "edge_m": ready.layers.edge,
                 "centre_m": frame.translation.vector.as_slice(),
-                "pressure_pa": shell.pressure,
+                "pressure_pa": pressure,
                 "area_gain_uncertainty_m2": done.gain_uncertainty(),
                 "residual": done.progress.residual,
                 "penetration_m": done.progress.depth,
@@ -292,26 +344,11 @@ impl Insertion<'_> {
 
     /// How it was found.
     pub fn run_table(&self) -> Table {
-        let head =
-            ["implant", "shape", "base [cm]", "volume [cc]", "vertices", "triangles", "springs", "steps", "residual"];
-        let head = head.into_iter().chain(["depth in each other [mm]", "pressure [kPa]", "at rest"]);
-        let mut table = Table::new("Implants", head);
-        for Single { number, order, ready, done, shell, .. } in self.each() {
-            let implant = &order.implant;
-            table.row([
-                (number + 1).to_string(),
-                implant.shape.name().to_owned(),
-                format!("{:.1}", implant.base * 1e2),
-                format!("{:.1}", shell.volume * 1e6),
-                (2 * ready.layers.count()).to_string(),
-                (2 * ready.layers.triangles.len()).to_string(),
-                ready.layers.springs.len().to_string(),
-                done.progress.iterations.to_string(),
-                format!("{:.1e}", done.progress.residual),
-                format!("{:.3}", done.progress.depth * 1e3),
-                format!("{:.2}", shell.pressure * 1e-3),
-                if done.progress.converged { "yes" } else { "NO" }.to_owned(),
-            ]);
+        let each = self.each();
+        let heads = each.iter().map(|one| format!("implant {}", one.number + 1));
+        let mut table = Table::new("Implants", std::iter::once(String::new()).chain(heads));
+        for (what, value) in ROWS {
+            table.row(std::iter::once(what.to_owned()).chain(each.iter().map(value)));
         }
         table
     }
@@ -328,10 +365,11 @@ impl Insertion<'_> {
         self.implants.iter().map(of).sum()
     }
 
-    /// The curve of areas over volumes, or over days, of the first implant that has one.
+    /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
     pub fn plot(&self) -> Option<LinePlot> {
-        let first = self.curve.first()?;
-        let own: Vec<&Point> = self.curve.iter().filter(|point| point.implant == first.implant).collect();
+        let of = |implant: usize| self.curve.iter().filter(move |point| point.implant == implant);
+        let first = self.curve.iter().find(|point| of(point.implant).count() > 1)?;
+        let own: Vec<&Point> = of(first.implant).collect();
         let over = |point: &Point| point.day.unwrap_or(point.volume * 1e6);
         let points = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
             own.iter().map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4)).collect()
@@ -406,7 +444,8 @@ impl Insertion<'_> {
     /// What the folder or an encoder says.
     pub fn write(&self, folder: &Folder) -> Result<(), ReportError> {
         let io = |path: std::path::PathBuf| move |source| FolderError::Io { path, source };
-        let (skin, stretch) = self.whole();
+        let shown = self.shown();
+        let Shown { skin, stretch, .. } = &shown;
         let path = folder.claim("skin.vtp")?;
         let over: Vec<f64> = stretch.iter().map(|s| f64::from(u8::from(*s > self.limit))).collect();
         let point_data = vec![("stretch", stretch.clone()), ("over_limit", over)];
@@ -414,18 +453,21 @@ impl Insertion<'_> {
         vtp::write(&path, &data).map_err(io(path))?;
         for one in self.each() {
             let path = folder.claim(&format!("implant_{}.vtp", one.number + 1))?;
-            let (points, triangles) = (one.done.shell_at(one.shell), &one.shell.triangles);
+            let shell = one.mesh();
+            let (points, triangles) = (&shell.vertices, &shell.triangles);
             let data = vtp::PolyData { points, triangles, lines: &[], point_data: Vec::new() };
             vtp::write(&path, &data).map_err(io(path))?;
         }
-        let pictures = self.pictures(&skin, &stretch)?;
+        let pictures = self.pictures(&shown)?;
         for (name, _, png) in &pictures {
             folder.write(&format!("{name}.png"), |w| std::io::Write::write_all(w, png))?;
         }
         let text = |name: &str, text: String| folder.write(name, |w| std::io::Write::write_all(w, text.as_bytes()));
         text("summary.json", format!("{}\n", serde_json::to_string_pretty(&self.to_json()).unwrap_or_default()))?;
-        if let Some(plot) = self.plot() {
+        if !self.curve.is_empty() {
             text("curve.csv", self.csv())?;
+        }
+        if let Some(plot) = self.plot() {
             text("curve.svg", plot.to_svg())?;
         }
         text("report.html", self.page(pictures).to_html())?;
@@ -452,71 +494,20 @@ impl Insertion<'_> {
         }
     }
 
-    /// The whole skin as it comes to lie, and the greatest stretch at each vertex.
-    pub(super) fn whole(&self) -> (TriangleMesh, Vec<f64>) {
-        let mut left = vec![0usize; self.skin.triangles.len()];
-        self.implants.iter().for_each(|(ready, _)| ready.outside.iter().for_each(|t| left[*t as usize] += 1));
-        let outside = (0..left.len() as u32).filter(|t| left[*t as usize] == self.implants.len());
-        let mut whole = crate::skin::region::Region::of(self.skin, outside.collect()).mesh;
-        let mut stretch = vec![1.0; whole.vertices.len()];
-        for (ready, done) in &self.implants {
-            let first = whole.vertices.len() as u32;
-            whole.triangles.extend(ready.patch.triangles.iter().map(|t| t.map(|v| v + first)));
-            let mut x = ready.patch.vertices.clone();
-            let mut own = vec![1.0; x.len()];
+    /// The whole skin before and as it comes to lie.
+    pub(super) fn shown(&self) -> Shown {
+        let ready: Vec<&Ready> = self.implants.iter().map(|(ready, _)| ready).collect();
+        let whole = Whole::of(self.skin, &ready);
+        let (mut x, mut stretch) = (whole.mesh.vertices.clone(), vec![1.0; whole.mesh.vertices.len()]);
+        for ((ready, done), names) in self.implants.iter().zip(&whole.vertices) {
             let at = at_vertices(ready, done);
             for (v, part) in ready.region.vertices.iter().enumerate() {
-                (x[*part as usize], own[*part as usize]) = (done.x[v], at[v]);
+                let name = names[*part as usize] as usize;
+                (x[name], stretch[name]) = (done.x[v], at[v]);
             }
-            whole.vertices.extend(x);
-            stretch.extend(own);
         }
-        (whole, stretch)
-    }
-
-    pub(super) fn pictures(&self, skin: &TriangleMesh, stretch: &[f64]) -> Result<Vec<Picture>, PictureError> {
-        let Some((first, _)) = self.implants.first() else { return Ok(Vec::new()) };
-        let [right, up, out] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| first.frame * axis);
-        let focus: Vec<Point3<f64>> = self
-            .implants
-            .iter()
-            .flat_map(|(ready, done)| {
-                let n = ready.layers.count();
-                done.x[..n].iter().chain(&ready.layers.rest[n..]).copied()
-            })
-            .collect();
-        let most = self.limit.max(1.05);
-        let legend = Legend::new("Stretch", "", (1.0, most), ColourMap::Viridis).large();
-        let shot = |surfaces: Vec<Surface>, view: &View, title: &str, with_legend: bool| {
-            let canvas = Canvas::new(SIZE.0, SIZE.1).with_right(if with_legend { legend.width() } else { 0.0 });
-            let mut frame: Frame = render(&Drawing::of(surfaces), &Camera::fit(focus.iter().copied(), view, canvas));
-            if with_legend {
-                legend.draw(&mut frame);
-            }
-            frame.title(title, TextStyle::Title);
-            frame.to_png()
-        };
-        let oblique = View::orthographic(out * 0.7 - up * 0.6 + right * 0.25, out);
-        let side = View::orthographic(-up + out * 0.05, out);
-        let over = Surface::field(&skin.vertices, &skin.triangles, stretch, (1.0, most), ColourMap::Viridis);
-        let before = Surface::plain(&self.skin.vertices, &self.skin.triangles, colour::BONE);
-        let mut inside: Vec<Surface> =
-            self.obstacles.iter().map(|o| Surface::plain(&o.vertices, &o.triangles, colour::BONE)).collect();
-        let each = self.each();
-        let shell = |one: &Single<'_>| (one.done.shell_at(one.shell).to_vec(), one.shell.triangles.clone());
-        let shells: Vec<(Vec<Point3<f64>>, Vec<[u32; 3]>)> = each.iter().map(shell).collect();
-        inside.extend(shells.iter().map(|(x, triangles)| Surface::plain(x, triangles, [0.45, 0.6, 0.8])));
-        let mut through = inside.clone();
-        through.push(over.with_opacity(0.45));
-        Ok(vec![
-            (
-                "stretch",
-                "Skin over the implant, coloured by its greatest stretch".to_owned(),
-                shot(vec![over], &oblique, "over the implant", true)?,
-            ),
-            ("side", "From the side, the implant inside".to_owned(), shot(through, &side, "from the side", true)?),
-            ("before", "Before".to_owned(), shot(vec![before], &oblique, "before", false)?),
-        ])
+        let skin = TriangleMesh { vertices: x, triangles: whole.mesh.triangles.clone() };
+        Shown { whole, skin, stretch }
     }
 }
 

@@ -14,6 +14,9 @@ const BOTTOM: f64 = 42.0;
 /// Width of a character of the small font, about.
 const CHARACTER: f64 = 6.4;
 
+/// Width of the dot of a point without neighbours.
+const LONE: f64 = 8.0;
+
 /// Colours that are told apart by all eyes, on white and on black.
 const COLOURS: [&str; 7] = ["#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63"];
 
@@ -290,13 +293,13 @@ impl LinePlot {
                 for (k, (x, y)) in run.iter().flatten().enumerate() {
                     let _ = write!(path, "{}{x:.1} {y:.1}", if k == 0 { 'M' } else { 'L' });
                 }
-                // A lone point is a dot: a line of no length with round ends.
-                path.push_str(if run.len() == 1 { "h0" } else { "" });
+                // A lone point is a dot: a line of next to no length (of none, some viewers draw nothing) with round ends.
+                path.push_str(if run.len() == 1 { "h0.1" } else { "" });
                 let _ = writeln!(
                     svg,
                     "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"{}\" stroke-linejoin=\"round\" \
                      stroke-linecap=\"round\"/>",
-                    if run.len() == 1 { 4.0 } else { 1.8 }
+                    if run.len() == 1 { LONE } else { 1.8 }
                 );
             }
         }

@@ -55,7 +55,12 @@ impl SkinRun {
             name: self.scene.skin.name.clone(),
             skin: &self.skin,
             implants: self.parts.iter().filter_map(|p| Some((p.ready.clone(), p.now.clone()?))).collect(),
-            numbers: self.parts.iter().map(|p| p.members.clone()).collect(),
+            // A ball is in place of the first implant.
+            numbers: self
+                .parts
+                .iter()
+                .map(|p| if p.members.is_empty() { vec![0] } else { p.members.clone() })
+                .collect(),
             obstacles: &self.obstacles,
             curve: Vec::new(),
             limit: self.scene.skin.stretch_limit,
@@ -387,12 +392,19 @@ impl Run for SkinRun {
     }
 
     fn pictures(&self) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-        let insertion = self.insertion();
-        let (skin, stretch) = insertion.whole();
-        let pictures = insertion.pictures(&skin, &stretch)?;
+        // A ball bears the skin as an obstacle does.
+        let mut below = self.obstacles.clone();
+        if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
+            let at = self.ball_at(ball, part, SkinRun::frame(self));
+            let mut round = shapes::icosphere(at.radius, 4);
+            round.vertices.iter_mut().for_each(|p| *p += at.centre.coords);
+            below.push(round);
+        }
+        let insertion = Insertion { obstacles: &below, ..self.insertion() };
+        let pictures = insertion.pictures(&insertion.shown())?;
         let caption = |caption: String| match self.scene.under {
             Under::Implants(_) => caption,
-            Under::Ball(_) => caption.replace(", the implant inside", "").replace("implant", "ball"),
+            Under::Ball(_) => caption.replace("implant", "ball"),
         };
         Ok(pictures.into_iter().map(|(_, of, png)| (caption(of), png)).collect())
     }

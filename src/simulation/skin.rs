@@ -14,9 +14,9 @@ use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
 use crate::skin::coarse::halved_near;
 use crate::skin::plan::{Inserted, Place, Ready};
-use crate::skin::region::Region;
 use crate::skin::settle::Progress;
 use crate::skin::together::grouped;
+use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, Order, SkinError};
 
 /// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
@@ -65,8 +65,8 @@ pub struct Part {
     pub now: Option<Inserted>,
     /// Every frame after the start.
     pub frames: Vec<Measured>,
-    /// The first vertex of its patch in the whole skin.
-    first: usize,
+    /// The vertex of the whole skin for each of its patch.
+    whole: Vec<u32>,
 }
 
 impl Part {
@@ -81,7 +81,7 @@ impl Part {
 
     /// Each vertex of the region and that of the whole skin.
     pub fn vertices(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.first + *patch as usize))
+        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.whole[*patch as usize] as usize))
     }
 
     /// All iterations of the solver.
@@ -273,17 +273,9 @@ impl Making<'_> {
                 vec![part("ball".to_owned(), ready)]
             }
         };
-        let count = self.skin.triangles.len();
-        let mut beside = vec![0; count];
-        parts.iter().for_each(|part| part.ready.outside.iter().for_each(|t| beside[*t as usize] += 1));
-        let outside = (0..count as u32).filter(|t| beside[*t as usize] == parts.len()).collect();
-        let mut whole = Region::of(self.skin, outside).mesh;
-        for part in &mut parts {
-            part.first = whole.vertices.len();
-            let first = part.first as u32;
-            whole.triangles.extend(part.ready.patch.triangles.iter().map(|t| t.map(|v| v + first)));
-            whole.vertices.extend(&part.ready.patch.vertices);
-        }
+        let ready: Vec<&Ready> = parts.iter().map(|part| &part.ready).collect();
+        let Whole { mesh: whole, vertices, .. } = Whole::of(self.skin, &ready);
+        parts.iter_mut().zip(vertices).for_each(|(part, vertices)| part.whole = vertices);
         Ok((parts, whole))
     }
 
@@ -346,11 +338,12 @@ fn key_of(error: &SkinError) -> &'static str {
         SkinError::NoVertex { .. } => ".near_vertex",
         SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => ".at",
         SkinError::TooLarge { .. } | SkinError::Beyond { .. } => ".volume",
+        SkinError::WrapsAround { .. } => ".base",
         _ => "",
     }
 }
 
 fn part(name: String, ready: Ready) -> Part {
-    let (members, shells, obstacles, frames) = Default::default();
-    Part { name, members, ready, shells, obstacles, now: None, frames, first: 0 }
+    let (members, shells, obstacles, frames, whole) = Default::default();
+    Part { name, members, ready, shells, obstacles, now: None, frames, whole }
 }

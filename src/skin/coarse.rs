@@ -6,7 +6,8 @@ use std::collections::{BTreeMap, BinaryHeap};
 use nalgebra::{Point3, center};
 
 use super::patch::MARGIN;
-use super::plan::{Order, middle};
+use super::place::middle;
+use super::plan::Order;
 use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::closest_on_triangle;

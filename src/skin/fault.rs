@@ -114,6 +114,18 @@ pub enum SkinError {
         /// A base that would fit there [m].
         fits: f64,
     },
+    /// The skin goes round the body within the outline of the implant.
+    #[error(
+        "a base of {:.1} cm is too large for this place: under it the skin turns away and goes round the body{}",
+        base * 1e2,
+        smaller(*fits)
+    )]
+    WrapsAround {
+        /// The base [m].
+        base: f64,
+        /// A smaller base that fits there [m], if one was found.
+        fits: Option<f64>,
+    },
     /// Too few triangles move.
     #[error("only {vertices} vertices of the skin around the implant can move")]
     TooCoarse {
@@ -193,10 +205,12 @@ pub enum SkinError {
         obstacle: usize,
     },
     /// The skin turns away beside the implant.
-    #[error("the skin bends too much beside the implant: it turns away by {degrees:.0} degrees")]
+    #[error("the skin bends too much beside the implant: it turns away by {degrees:.0} degrees{}", smaller(*fits))]
     TooCurved {
         /// Greatest angle to the normal of its middle.
         degrees: f64,
+        /// A smaller base that fits there [m], if one was found.
+        fits: Option<f64>,
     },
     /// Too much for a consultation.
     #[error("about {vertices:.1e} vertices would be needed in the region, the most allowed is {most:.0e}")]
@@ -253,6 +267,11 @@ pub enum SkinError {
     Stopped,
 }
 
+/// What is said of a base that fits [m].
+fn smaller(fits: Option<f64>) -> String {
+    fits.map_or(String::new(), |fits| format!("; a base of {:.1} cm fits", fits * 1e2))
+}
+
 impl SkinError {
     /// What to change.
     pub fn help(&self) -> &'static str {
@@ -275,6 +294,7 @@ impl SkinError {
             Self::TooLargePatch { .. } => {
                 "make --edge larger or the base larger, or refine the mesh near the implant (`coarse::halved_near` does)"
             }
+            Self::WrapsAround { .. } => "make the base smaller, or choose a flatter place",
             Self::TooCoarse { .. } => "make --edge smaller or the base larger",
             Self::TooLarge { .. } => "make the volume smaller or the base larger",
             Self::TooCurved { .. } => {

@@ -22,6 +22,7 @@ pub mod layers;
 pub mod levels;
 pub mod limits;
 mod patch;
+mod place;
 pub mod plan;
 pub mod region;
 mod seek;
@@ -31,6 +32,7 @@ pub mod sheet;
 mod start;
 pub mod thickness;
 pub mod together;
+pub mod whole;
 
 pub use areas::{Areas, Interval};
 pub use ball::Ball;

@@ -5,12 +5,12 @@ use std::collections::BTreeSet;
 use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
-use super::plan::{MOST, nearest_vertex, normal_of};
+use super::plan::MOST;
 use super::region::Region;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::orientation::Orientation;
-use crate::mesh::refine::refine_while;
-use crate::mesh::{RefineError, Topology, TriangleMesh};
+use crate::mesh::topology::NONE;
+use crate::mesh::{RefineError, Topology, TriangleMesh, refine_patch};
 
 /// The patch that is refined reaches so much further than the region, in its radii.
 pub(super) const MARGIN: f64 = 1.25;
@@ -43,8 +43,10 @@ pub(super) struct TakenOut {
     pub mesh: TriangleMesh,
     /// All triangles of the skin besides.
     pub outside: Vec<u32>,
-    /// Whether some of its rim is the border of the skin: the rest is where it was cut off.
-    pub at_border: bool,
+    /// The vertex of the skin that each of its vertices is, [`NONE`] for one that is of the patch only.
+    pub origin: Vec<u32>,
+    /// Edges of the skin with one triangle only, each with the lower end first: the rest of its rim is where it was cut off.
+    pub border: BTreeSet<[u32; 2]>,
 }
 
 impl Patch<'_> {
@@ -60,7 +62,7 @@ impl Patch<'_> {
         }
         let part = Region::of(skin, all.into_iter().collect());
         let centre = places[0].1;
-        let mut mesh = part.mesh;
+        let (mut mesh, mut origin) = (part.mesh, part.vertices.clone());
         // Of the skin, not of the part: where that was cut off it may touch itself.
         let has = |v: &u32| part.vertices.binary_search(v).is_ok();
         let edges =
@@ -69,7 +71,7 @@ impl Patch<'_> {
         if edges + vertices > 0 {
             return Err(SkinError::NotManifold { edges, vertices });
         }
-        let at_border = topology.boundary_edges().iter().any(|e| topology.edges[*e as usize].iter().all(has));
+        let border = topology.boundary_edges().into_iter().map(|e| topology.edges[e as usize]).collect();
         let topology = Topology::new(&mesh);
         let orientation = Orientation::new(&topology, &mesh.triangles);
         if orientation.one_sided.is_some() {
@@ -82,24 +84,26 @@ impl Patch<'_> {
             mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
         if mesh.median_edge_length(&topology).is_some_and(|median| median > ENOUGH * edge) {
-            mesh = refined(&mesh, edge, go_on)?;
+            let (refined, kept) = refined(&mesh, edge, go_on)?;
+            mesh = refined;
+            origin = kept.iter().map(|&v| if v == NONE { NONE } else { origin[v as usize] }).collect();
         }
         let mut inside = vec![false; skin.triangles.len()];
         part.triangles.iter().for_each(|t| inside[*t as usize] = true);
         let outside = (0..skin.triangles.len() as u32).filter(|t| !inside[*t as usize]).collect();
-        Ok(TakenOut { mesh, outside, at_border })
+        Ok(TakenOut { mesh, outside, origin, border })
     }
 }
 
 /// With even triangles of the wanted edges, unless there would be too many: they are counted before they are made.
-fn refined(mesh: &TriangleMesh, edge: f64, go_on: &dyn Fn() -> bool) -> Result<TriangleMesh, SkinError> {
+fn refined(mesh: &TriangleMesh, edge: f64, go_on: &dyn Fn() -> bool) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
     let (vertices, most) = (mesh.area() / (EVEN * edge * edge), LARGER * MOST);
     if !(vertices <= most) {
         return Err(SkinError::TooLargePatch { vertices, most });
     }
-    match refine_while(mesh, edge, go_on) {
+    match refine_patch(mesh, edge, go_on) {
         Err(RefineError::Stopped) => Err(SkinError::Stopped),
-        other => Ok(other?.mesh),
+        other => Ok(other.map(|(refined, kept)| (refined.mesh, kept))?),
     }
 }
 
@@ -131,4 +135,14 @@ fn looks_inward(
     let about: f64 = area.iter().zip(&middles).map(|(a, m)| a.dot(&(m - middle))).sum();
     let size: f64 = area.iter().zip(&middles).map(|(a, m)| a.norm() * (m - middle).norm()).sum();
     (if turned { -about } else { about }) < -ROUND * size
+}
+
+pub(super) fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
+    let far = |v: &u32| (mesh.vertices[*v as usize] - at).norm_squared();
+    (0..mesh.vertices.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0)
+}
+
+pub(super) fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {
+    let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
+    (b - a).cross(&(c - a))
 }

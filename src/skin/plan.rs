@@ -4,19 +4,19 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::areas::Areas;
 use super::implant::Implant;
 use super::layers::{Layers, Tissue};
 use super::patch::{EVEN, MARGIN, Patch, TakenOut};
-use super::region::{REACH, Region, frame};
+use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
+use super::region::{REACH, Region};
 use super::settle::{Filled, Method, Model, Progress};
 use super::sheet::Sheet;
 use super::start::Begin;
 use super::{Shape, SkinError};
 use crate::contact::Surface;
-use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::{greatest, volume};
 use crate::mesh::{Topology, TriangleMesh};
 
@@ -28,28 +28,6 @@ pub(super) const MOST: f64 = 1e5;
 
 /// Least vertices of a region that can move.
 const LEAST: usize = 20;
-
-/// The region ends where the skin turns further than this from the normal of the middle [degrees]: there it is no longer
-/// over the implant.
-const TURN: f64 = 70.0;
-
-/// The region does not end nearer to the base than this, in its outlines.
-const NEAR: f64 = 1.1;
-
-/// So much of the skin over the implant may turn further than that.
-const FOLDED: f64 = 0.05;
-
-/// Places on the outline of a base that are looked at.
-const OUTLINE: u32 = 72;
-
-/// Over an obstacle the lower layer takes at most this share of the room.
-const ROOM: f64 = 0.98;
-
-/// An obstacle under an implant is at most so many bases below the skin.
-const DEEPEST: f64 = 2.0;
-
-/// A smaller base is said to fit with so much to spare.
-const SURELY: f64 = 0.95;
 
 /// Where an implant goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,6 +79,8 @@ pub struct Ready {
     pub patch: TriangleMesh,
     /// Triangles of the skin that are not in the patch.
     pub outside: Vec<u32>,
+    /// The vertex of the skin that each vertex of the patch is, `u32::MAX` for one that is of the patch only.
+    pub origin: Vec<u32>,
     /// The region within the patch.
     pub region: Region,
     /// Both layers.
@@ -235,7 +215,8 @@ impl Ready {
         let topology = Topology::new(&taken.mesh);
         let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
         for (order, centre) in orders.into_iter().zip(&centres) {
-            let (region, frame) = placed(&taken, &topology, order, centre)?;
+            let (region, frame) =
+                placed(&taken, &topology, order, centre).map_err(|error| advised(error, skin, order, obstacles))?;
             triangles.extend(region.triangles);
             sites.push(Site { order: order.clone(), frame });
         }
@@ -246,7 +227,7 @@ impl Ready {
 
     /// Both layers of a region, over what lies below.
     fn over(
-        TakenOut { mesh: patch, outside, .. }: TakenOut,
+        TakenOut { mesh: patch, outside, origin, .. }: TakenOut,
         region: Region,
         mut sites: Vec<Site>,
         obstacles: &[TriangleMesh],
@@ -267,7 +248,7 @@ impl Ready {
         let obstacles = obstacles.iter().map(facing).collect();
         let Site { order, frame } = sites.remove(0);
         let (others, coarser) = (sites, OnceLock::new());
-        Ok(Self { order, patch, outside, region, layers, frame, others, method: None, obstacles, coarser })
+        Ok(Self { order, patch, outside, origin, region, layers, frame, others, method: None, obstacles, coarser })
     }
 
     /// Each implant: its order and its frame.
@@ -352,225 +333,12 @@ impl Ready {
     }
 }
 
-/// The place on the skin and a vertex near it.
-pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
-    if skin.triangles.is_empty() {
-        return Err(SkinError::Empty);
-    }
-    let count = skin.vertices.len();
-    match order.place {
-        Place::Vertex(vertex) => {
-            let used = vertex < count && skin.triangles.iter().flatten().any(|v| *v as usize == vertex);
-            let at = skin.vertices.get(vertex).filter(|_| used).ok_or(SkinError::NoVertex { vertex, count })?;
-            Ok((*at, vertex as u32))
-        }
-        Place::Point(point) => {
-            if !point.coords.iter().all(|c| c.is_finite()) {
-                return Err(SkinError::NotPositive { what: "the distance of --at to the skin", value: f64::NAN });
-            }
-            let tree = SurfaceTree::new(&skin.vertices, &skin.triangles);
-            let closest = tree.closest(&point, f64::INFINITY).ok_or(SkinError::Empty)?;
-            if closest.distance > 0.5 * order.implant.base {
-                return Err(SkinError::FarAway { distance: closest.distance });
-            }
-            let corners = skin.triangles[closest.triangle as usize];
-            let far = |v: u32| (skin.vertices[v as usize] - closest.point).norm();
-            let near = corners.into_iter().min_by(|a, b| far(*a).total_cmp(&far(*b)));
-            Ok((closest.point, near.unwrap_or(corners[0])))
-        }
-    }
-}
-
-pub(super) fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
-    let far = |v: &u32| (mesh.vertices[*v as usize] - at).norm_squared();
-    (0..mesh.vertices.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0)
-}
-
-pub(super) fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {
-    let [a, b, c] = t.map(|v| mesh.vertices[v as usize]);
-    (b - a).cross(&(c - a))
-}
-
 /// Edges that serve all orders [m]: the longest asked for, but at most twice the shortest, or a small implant beside a large one
 /// would ask for many times the vertices.
 fn shared_edge(orders: &[&Order]) -> f64 {
     let all = || orders.iter().map(|order| order.edge());
     let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), greatest(all()));
     longest.min(2.0 * shortest)
-}
-
-/// The region of an implant in a patch, and its frame.
-fn placed(
-    taken: &TakenOut,
-    topology: &Topology,
-    order: &Order,
-    centre: &Point3<f64>,
-) -> Result<(Region, Isometry3<f64>), SkinError> {
-    let patch = &taken.mesh;
-    let seed = nearest_vertex(patch, centre);
-    let normal = patch.vertex_normals()[seed as usize];
-    let mut frame = frame(centre, &normal, order.long.as_ref());
-    let mut region = around(patch, topology, seed, order, &frame);
-    // Once more with the mean normal of the region: that of one vertex is a matter of chance.
-    let normals = region.mesh.triangles.iter().map(|t| normal_of(&region.mesh, t));
-    let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
-    frame = self::frame(centre, &mean, order.long.as_ref());
-    region = around(patch, topology, seed, order, &frame);
-    check_region(&region, patch, topology, order, &frame).map_err(|error| match error {
-        // Of closed skin only what turns away reaches as far as where the patch was cut off.
-        SkinError::AtBorder { .. } if !taken.at_border => {
-            SkinError::TooCurved { degrees: greatest(turns(&region.mesh, &frame)) }
-        }
-        other => other,
-    })?;
-    Ok((region, frame))
-}
-
-/// The region by the rule: every triangle with a vertex within [`REACH`] times the base's outline; beyond [`NEAR`] times only as
-/// far as the skin does not turn away.
-fn around(mesh: &TriangleMesh, topology: &Topology, seed: u32, order: &Order, frame: &Isometry3<f64>) -> Region {
-    let (reach, turn) = (reaches(mesh, order, frame), turns(mesh, frame));
-    // Rounding must not decide about vertices just at the limit.
-    let within = |v: usize| reach[v] <= REACH * (1.0 + 1e-9);
-    let mut inside: Vec<bool> = (0..reach.len()).map(|v| within(v) && (turn[v] <= TURN || reach[v] <= NEAR)).collect();
-    // What turns away but is joined to nothing beyond is a fold within the region.
-    let mut beyond: Vec<bool> = (0..reach.len()).map(|v| !within(v)).collect();
-    let mut open: Vec<usize> = (0..reach.len()).filter(|v| beyond[*v]).collect();
-    while let Some(v) = open.pop() {
-        for w in topology.triangles_of_vertex(v).iter().flat_map(|t| mesh.triangles[*t as usize]) {
-            if !inside[w as usize] && !std::mem::replace(&mut beyond[w as usize], true) {
-                open.push(w as usize);
-            }
-        }
-    }
-    inside.iter_mut().zip(beyond).for_each(|(inside, beyond)| *inside |= !beyond);
-    Region::around(mesh, topology, seed, |v| inside[v as usize])
-}
-
-/// How far each vertex is from the middle, 1 on the outline of the base.
-fn reaches(mesh: &TriangleMesh, order: &Order, frame: &Isometry3<f64>) -> Vec<f64> {
-    let Implant { shape, base, .. } = order.implant;
-    mesh.vertices.iter().map(|p| shape.reach(frame.inverse_transform_point(p).xy(), base)).collect()
-}
-
-/// The angle of the skin at each vertex to the normal of the middle [degrees].
-fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
-    let z = frame * Vector3::z();
-    let turn = |n: &Vector3<f64>| libm::atan2(n.cross(&z).norm(), n.dot(&z)).to_degrees();
-    mesh.vertex_normals().iter().map(turn).collect()
-}
-
-/// The longest base of which the region does not touch the border of the skin, over the present one: no triangle at the border
-/// has a vertex inside.
-fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
-    let at_border = topology.boundary_edges();
-    let triangles = at_border.iter().flat_map(|e| topology.triangles_of_edge(*e as usize));
-    let nearest = triangles.flat_map(|t| patch.triangles[*t as usize]).map(|v| reach[v as usize]);
-    // Finer triangles, as a smaller base asks for, lie nearer to the border; the rest is for the mean normal, which changes.
-    SURELY * nearest.fold(f64::INFINITY, f64::min) / REACH
-}
-
-fn check_region(
-    region: &Region,
-    patch: &TriangleMesh,
-    topology: &Topology,
-    order: &Order,
-    frame: &Isometry3<f64>,
-) -> Result<(), SkinError> {
-    let mut sides = vec![false; topology.edges.len()];
-    region
-        .triangles
-        .iter()
-        .for_each(|t| topology.triangle_edges[*t as usize].iter().for_each(|e| sides[*e as usize] = true));
-    let edges = topology.boundary_edges().into_iter().filter(|e| sides[*e as usize]).count();
-    let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
-    if edges > 0 {
-        return Err(SkinError::AtBorder { edges, fits: fits(patch, topology, &reach) * order.implant.base });
-    }
-    // Under the implant the skin may have folds, but not turn away as a whole.
-    let mut areas = (0.0, 0.0, 0.0f64);
-    for t in region
-        .triangles
-        .iter()
-        .map(|t| patch.triangles[*t as usize])
-        .filter(|t| t.iter().all(|v| reach[*v as usize] <= NEAR))
-    {
-        let area = normal_of(patch, &t).norm();
-        let degrees = greatest(t.iter().map(|v| turn[*v as usize]));
-        areas = (areas.0 + area, areas.1 + if degrees > TURN { area } else { 0.0 }, areas.2.max(degrees));
-    }
-    if areas.1 > FOLDED * areas.0 {
-        return Err(SkinError::TooCurved { degrees: areas.2 });
-    }
-    Ok(())
-}
-
-/// Refuses implants that would begin in one another: the outline of one base reaches into another.
-fn apart(sites: &[Site]) -> Result<(), SkinError> {
-    let into = |a: &Site, b: &Site| {
-        let (own, other) = (a.order.implant, b.order.implant);
-        (0..OUTLINE).any(|k| {
-            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(OUTLINE);
-            let at = own.shape.place(Point2::new(libm::cos(angle), libm::sin(angle)), own.base);
-            let at = b.frame.inverse_transform_point(&(a.frame * Point3::new(at.x, at.y, 0.0)));
-            // One far below or above is on another side of the body.
-            at.z.abs() <= 0.5 * other.base && other.shape.reach(at.xy(), other.base) < 1.0 - 1e-9
-        })
-    };
-    for (k, b) in sites.iter().enumerate() {
-        if let Some(j) = sites[..k].iter().position(|a| into(a, b) || into(b, a)) {
-            return Err(SkinError::Overlap { first: j + 1, second: k + 1 });
-        }
-    }
-    Ok(())
-}
-
-/// Which way is down at each place: along one direction for all of an implant's skin, so that nothing folds; between several
-/// implants that of the nearer one counts more, by the fourth power of how near.
-pub(super) fn downs(places: &[Point3<f64>], sites: &[(&Order, &Isometry3<f64>)]) -> Vec<Vector3<f64>> {
-    let down = |frame: &Isometry3<f64>| frame * -Vector3::z();
-    if let [(_, frame)] = sites {
-        return vec![down(frame); places.len()];
-    }
-    let at = |p: &Point3<f64>| {
-        let weighted = sites.iter().map(|(order, frame)| {
-            let Implant { shape, base, .. } = order.implant;
-            // Not without bound in the middle.
-            let reach = shape.reach(frame.inverse_transform_point(p).xy(), base).max(0.1);
-            down(frame) / reach.powi(4)
-        });
-        let sum = weighted.fold(Vector3::zeros(), |sum, d| sum + d);
-        sum.try_normalize(0.0).unwrap_or_else(|| down(sites[0].1))
-    };
-    places.iter().map(at).collect()
-}
-
-/// From each vertex to the one under it [m]: by `depth`, but not into an obstacle.
-fn inward(mesh: &TriangleMesh, downs: &[Vector3<f64>], depth: f64, obstacles: &[TriangleMesh]) -> Vec<Vector3<f64>> {
-    let surfaces: Vec<SurfaceTree> = obstacles.iter().map(|o| SurfaceTree::new(&o.vertices, &o.triangles)).collect();
-    let room = |p: &Point3<f64>| {
-        let each = surfaces.iter().filter_map(|s| s.closest(p, 2.0 * depth)).map(|c| c.distance);
-        each.fold(f64::INFINITY, f64::min)
-    };
-    mesh.vertices.iter().zip(downs).map(|(p, down)| down * depth.min(ROOM * room(p)).max(0.02 * depth)).collect()
-}
-
-/// Whether an obstacle is under the skin over the implant, at most two bases down: one that is elsewhere would bear nothing,
-/// and the implant would sink into the body.
-fn lies_below(layers: &Layers, frame: &Isometry3<f64>, order: &Order, obstacles: &[TriangleMesh]) -> bool {
-    let Implant { shape, base, .. } = order.implant;
-    let down = frame * -Vector3::z();
-    let skin = &layers.rest[..layers.count()];
-    let over = |p: &&Point3<f64>| shape.reach(frame.inverse_transform_point(p).xy(), base) <= 1.0;
-    obstacles.iter().map(Surface::new).any(|o| {
-        let hit = |p: &Point3<f64>| {
-            let (t, w) = o.first_hit(p, &down)?;
-            let corners = o.triangles()[t as usize].map(|v| o.positions()[v as usize].coords);
-            let place = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
-            Some((place - p.coords).norm())
-        };
-        skin.iter().filter(over).filter_map(hit).any(|far| far <= DEEPEST * base)
-    })
 }
 
 /// A sheet that a rigid sphere pushes from below.

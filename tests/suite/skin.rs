@@ -209,6 +209,7 @@ fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not
             name,
             skin: &skin,
             implants,
+            numbers: vec![vec![0]],
             obstacles: &[],
             curve,
             limit,
@@ -261,9 +262,9 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     // A volume that is said to be the largest fits, a little more does not.
     let ready = Ready::new(&skin, &order, &[]).expect("a region");
     let largest = ready.largest();
-    assert_eq!(ready.takes(largest), Ok(()));
+    assert_eq!(ready.takes(&[largest]), Ok(()));
     assert!(
-        matches!(ready.takes(1.01 * largest), Err(SkinError::TooLarge { most_cc, .. }) if most_cc >= largest * 0.99e6)
+        matches!(ready.takes(&[1.01 * largest]), Err(SkinError::TooLarge { most_cc, .. }) if most_cc >= largest * 0.99e6)
     );
 }
 

@@ -398,8 +398,9 @@ impl<'a> Working<'a> {
         true
     }
 
-    /// The mesh without holes, vertices in their order here, and the largest distance of a watched point from it [m].
-    pub fn finish(self) -> (TriangleMesh, f64) {
+    /// The mesh without holes, vertices in their order here, the number of each of those in it, and the largest distance of a
+    /// watched point from it [m].
+    pub fn finish(self) -> (TriangleMesh, Vec<u32>, f64) {
         let mut drift: f64 = 0.0;
         let mut names = vec![NONE; self.points.len()];
         let mut mesh = TriangleMesh::default();
@@ -417,6 +418,6 @@ impl<'a> Working<'a> {
             }
             mesh.triangles.push(self.triangles[t as usize].map(|v| names[v as usize]));
         }
-        (mesh, drift)
+        (mesh, names, drift)
     }
 }

@@ -3,8 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
-use pliant::mesh::TriangleMesh;
+use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::plan::{Inserted, Place, Ready};
+use pliant::skin::whole::Whole;
 use pliant::skin::{Order, Shape, SkinError, insert};
 
 /// A mesh of the data set in metres; `None`, and a word about it, where there is none.
@@ -38,7 +39,11 @@ fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (R
 fn a_breast_takes_an_implant_of_fourteen_centimetres() {
     let Some(body) = read("body/body_quads.obj", 0.1) else { return };
     let order = Order::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
-    settled(&body, &order, &[]);
+    let (ready, _) = settled(&body, &order, &[]);
+    // The body is closed, and with the refined patch in it still is.
+    let whole = Topology::new(&Whole::of(&body, &[&ready]).mesh);
+    assert!(whole.is_closed() && whole.is_oriented());
+    assert!(!Topology::new(&ready.patch).is_closed());
 }
 
 /// Where skin folds, the rim of an implant bears its pressure on a line: springs alone let it sink in by five times what may be.
