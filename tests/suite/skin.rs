@@ -287,7 +287,7 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
     let corner = Order { place: Place::Vertex(0), ..order };
     let halved = halved_near(cube(1, 0.4), std::slice::from_ref(&corner));
     let error = Ready::new(&halved, &corner, &[]).expect_err("no place");
-    assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
+    assert!(matches!(error, SkinError::WrapsAround { .. }), "{error}");
 }
 
 #[test]
