@@ -300,6 +300,10 @@ fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Resu
             }
             last = Some(done);
         }
+        if let Some(done) = last.as_mut().filter(|_| !found.interrupted) {
+            // Without it there is a result all the same.
+            found.interrupted = keep(ready.compare(done, &mut watch).map(|()| done.clone()))?.is_none();
+        }
         found.numbers.extend(last.is_some().then_some(members));
         found.implants.extend(last.map(|done| (ready, done)));
         if found.interrupted {

@@ -131,7 +131,7 @@ const ROWS: [(&str, Told); 11] = [
     ("residual", |one| format!("{:.1e}", one.done.progress.residual)),
     ("depth in each other [mm]", |one| format!("{:.3}", one.done.progress.depth * 1e3)),
     ("pressure [kPa]", |one| format!("{:.2}", one.pressure() * 1e-3)),
-    ("at rest", |one| if one.done.progress.converged { "yes" } else { "NO" }.to_owned()),
+    ("at rest", |one| one.done.progress.rest().to_owned()),
 ];
 
 /// Skin that is shown.
@@ -259,6 +259,7 @@ impl Insertion<'_> {
                 "rounds": done.progress.rounds,
                 "steps": done.progress.iterations,
                 "converged": done.progress.converged,
+                "rest_by": done.progress.rest_by(),
             });
             joined(own, json_of(&done.areas))
         });
@@ -403,7 +404,7 @@ impl Insertion<'_> {
                 span(point.areas.retracted),
                 span(point.areas.grown),
                 format!("{:.2}", point.areas.stretch_max),
-                if point.progress.converged { "yes" } else { "NO" }.to_owned(),
+                point.progress.rest().to_owned(),
             ]);
         }
         (!self.curve.is_empty()).then_some(table)

@@ -21,6 +21,7 @@ use crate::simulation::Plan;
 use crate::simulation::skin::{Measured, Part, SkinRun, Stepped};
 use crate::skin::Order;
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
+use crate::skin::plan::Inserted;
 use crate::skin::settle::deepest;
 use crate::skin::{Areas, Interval};
 
@@ -279,6 +280,8 @@ fn json_of_region(part: &Part) -> Value {
         "name": part.name,
         "edge_m": ready.layers.edge,
         "residual": progress.residual,
+        "rest_by": progress.rest_by(),
+        "area_gain_uncertainty_m2": part.now.as_ref().and_then(Inserted::gain_uncertainty),
         "penetration_m": progress.depth,
         "region": {
             "vertices": 2 * ready.layers.count(),

@@ -178,7 +178,12 @@ impl SkinRun {
                     part.ready.over_ball(at(frame), before, &mut heard)
                 }
             };
-            match done {
+            let last = frame == self.scene.frames;
+            let compared = done.and_then(|mut now| match last {
+                true => part.ready.compare(&mut now, &mut heard).map(|()| now),
+                false => Ok(now),
+            });
+            match compared {
                 Ok(now) => found.push((now, begun.elapsed().as_secs_f64())),
                 Err(SkinError::Stopped) => return Stepped::Interrupted,
                 Err(error) => {

@@ -124,6 +124,24 @@ pub struct Progress {
     pub pressure: f64,
     /// Whether all is at rest.
     pub converged: bool,
+    /// Whether that is so because nothing more was gained, whatever force is left.
+    pub exhausted: bool,
+}
+
+impl Progress {
+    /// By which rule it is at rest: `force` or `exhaustion`; `None` where it is not.
+    pub fn rest_by(&self) -> Option<&'static str> {
+        self.converged.then_some(if self.exhausted { "exhaustion" } else { "force" })
+    }
+
+    /// Whether it is at rest, for people.
+    pub fn rest(&self) -> &'static str {
+        match self.rest_by() {
+            None => "NO",
+            Some("force") => "yes",
+            Some(_) => "yes, nothing more to gain",
+        }
+    }
 }
 
 /// The energy with contact as it is at the present positions, and how far a round may go from there.
@@ -238,7 +256,8 @@ impl<'a> Descent<'a> {
             progress.moved = greatest(before.iter().zip(x.iter()).take(judged).map(|(a, b)| (a - b).norm()));
             told.0.push((way.value, model.area(x), pressures.clone()));
             let still = outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
-            progress.converged = still || told.exhausted();
+            progress.exhausted = !still && told.exhausted();
+            progress.converged = still || progress.exhausted;
             if progress.converged {
                 return Ok(());
             }
