@@ -43,7 +43,7 @@ const FIRM: f64 = 0.1;
 const STILL: f64 = 0.05;
 
 /// At rest, area and pressure change in a round by at most this share.
-const STEADY: f64 = 1e-3;
+pub(super) const STEADY: f64 = 1e-3;
 
 /// Or: over so many rounds the energy falls by less than that, area changes by a fifth of it and pressure by ten times it.
 const EXHAUSTED: usize = 6;
