@@ -35,11 +35,11 @@ pub enum ReportError {
 /// What one of several volumes of an implant does.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
-    /// The implant, from 1.
+    /// The implant, from 1; the first of those that share skin.
     pub implant: usize,
     /// The day of its filling.
     pub day: Option<f64>,
-    /// Its volume [m^3].
+    /// Its volume, of several that share skin of all of them [m^3].
     pub volume: f64,
     /// The areas.
     pub areas: Areas,
@@ -179,6 +179,13 @@ impl Insertion<'_> {
         all
     }
 
+    /// The number of an implant, from 1, with those that share its skin.
+    fn called(&self, implant: usize) -> String {
+        let own = self.numbers.iter().find(|numbers| numbers.first().map(|k| k + 1) == Some(implant));
+        let numbers = own.map_or(vec![implant], |numbers| numbers.iter().map(|k| k + 1).collect());
+        numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" and ")
+    }
+
     /// What the gain may be off because of the mesh [m^2]; `None` where that is not known of each.
     pub fn gain_uncertainty(&self) -> Option<f64> {
         self.implants.iter().map(|(_, done)| done.gain_uncertainty()).sum()
@@ -216,7 +223,7 @@ impl Insertion<'_> {
         let curve = self.curve.iter().map(|point| {
             let day = point.day.map_or(String::new(), |day| format!(", day {day}"));
             (
-                format!("implant {}{day}, {:.1} cc: {at_rest}", point.implant, point.volume * 1e6),
+                format!("implant {}{day}, {:.1} cc: {at_rest}", self.called(point.implant), point.volume * 1e6),
                 point.progress.converged,
             )
         });
@@ -397,7 +404,7 @@ impl Insertion<'_> {
             let more = few + 1;
             let span = |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
             table.row([
-                point.implant.to_string(),
+                self.called(point.implant),
                 point.day.map_or("–".to_owned(), |day| day.to_string()),
                 format!("{:.1}", point.volume * 1e6),
                 format!("{:+.more$}", gained(point.areas.deformed)),
