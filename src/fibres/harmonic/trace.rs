@@ -10,8 +10,9 @@ use crate::mesh::closest::SurfaceTree;
 
 /// Length of a step, in sides of a cell.
 const STEP: f64 = 0.3;
-/// Nearer to its area than this a streamline goes straight to it, in sides of a cell: the field knows no finer.
-const ARRIVED: f64 = 0.5;
+/// Nearer to its area than this a streamline goes straight to it, in sides of a cell: the field knows
+/// no finer, and where an area is smaller than a cell streamlines would meet in the middle of that cell.
+const ARRIVED: f64 = 1.0;
 /// The same where the field leads no further.
 const ARRIVED_LATE: f64 = 2.0;
 /// What is left of the way to the closest place of the area: not all, or all streamlines that arrive beside an area
