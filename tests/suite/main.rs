@@ -16,6 +16,7 @@ mod effects;
 mod enclosed_volume;
 mod equilibrium;
 mod errata;
+mod fibres;
 mod filled;
 #[path = "../io.rs"]
 mod io;

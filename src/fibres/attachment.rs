@@ -1,0 +1,304 @@
+//! Where fibres begin and end: areas of origin and insertion, projected onto the muscle's surface.
+
+use nalgebra::Point3;
+
+use crate::contact::{Obstacle, Surface};
+use crate::mesh::TriangleMesh;
+use crate::mesh::closest::SurfaceTree;
+use crate::mesh::measures::median;
+
+/// A patch at a median distance above this share of the muscle's length is reached by tendons.
+pub const TENDON_FROM: f64 = 0.02;
+/// A patch farther than this share of the muscle's length belongs to something else, or has another unit.
+pub const FARTHEST: f64 = 0.5;
+/// Points drawn over a patch at most, so that a fine patch costs no more than a coarse one.
+const SAMPLES: usize = 1_500;
+
+/// Which of the two areas.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Where fibres begin.
+    Origin,
+    /// Where fibres end.
+    Insertion,
+}
+
+impl std::fmt::Display for End {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Origin => "origin",
+            Self::Insertion => "insertion",
+        })
+    }
+}
+
+/// How an area is given.
+#[derive(Clone, Copy, Debug)]
+pub enum AreaSource<'a> {
+    /// An open surface on or near the muscle, such as the area on the bone.
+    Patch(&'a TriangleMesh),
+    /// Vertices of the muscle; one without a triangle all of whose corners are listed stands for all triangles at it.
+    Vertices(&'a [u32]),
+    /// All vertices of the muscle at most so far [m] from a bone; inside a closed bone counts as 0.
+    Near(&'a TriangleMesh, f64),
+}
+
+/// An area on a muscle's surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Area {
+    /// Triangles of the muscle, ascending.
+    pub triangles: Vec<u32>,
+    /// Their vertices, ascending.
+    pub vertices: Vec<u32>,
+    /// Distance of each of these vertices to what the area was given by [m]; 0 for a list.
+    pub distances: Vec<f64>,
+    /// The patch, if it is far enough away to be reached by tendons.
+    pub patch: Option<TriangleMesh>,
+}
+
+impl Area {
+    /// The triangles as a tree, for closest points.
+    pub fn tree(&self, muscle: &TriangleMesh) -> SurfaceTree {
+        let triangles: Vec<[u32; 3]> = self.triangles.iter().map(|&t| muscle.triangles[t as usize]).collect();
+        SurfaceTree::new(&muscle.vertices, &triangles)
+    }
+}
+
+/// Why there is no area.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AttachmentError {
+    /// A patch without triangles, or a list without vertices.
+    #[error("the area of the {end} is empty; give a patch with triangles, or at least one vertex")]
+    Empty {
+        /// Which area.
+        end: End,
+    },
+    /// No vertex is near the bone.
+    #[error(
+        "no vertex of the muscle is within {within} m of the bone given for the {end}; the nearest is vertex {vertex}, \
+         {distance:.6} m away: give a greater distance, or another bone"
+    )]
+    NothingNear {
+        /// Which area.
+        end: End,
+        /// The distance asked for [m].
+        within: f64,
+        /// The nearest vertex.
+        vertex: u32,
+        /// Its distance [m].
+        distance: f64,
+    },
+    /// A listed vertex does not exist.
+    #[error("the {end} names vertex {vertex}, but the muscle has {count} vertices, counted from 0")]
+    NoSuchVertex {
+        /// Which area.
+        end: End,
+        /// The vertex named.
+        vertex: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// The patch is far from the muscle.
+    #[error(
+        "the area of the {end} lies off the muscle: its nearest point is {distance:.6} m away, at ({}, {}, {}), and the \
+         muscle is {length:.6} m long; check that both files are of the same body, in the same unit",
+        .at.x, .at.y, .at.z
+    )]
+    OffSurface {
+        /// Which area.
+        end: End,
+        /// Distance of its nearest point [m].
+        distance: f64,
+        /// That point [m].
+        at: Point3<f64>,
+        /// Length of the muscle's box [m].
+        length: f64,
+    },
+    /// The two areas share vertices.
+    #[error(
+        "origin and insertion overlap in {count} vertices of the muscle, the first is vertex {vertex} at ({}, {}, {}); \
+         make one of the areas smaller, or give a smaller distance to its bone",
+        .at.x, .at.y, .at.z
+    )]
+    Overlapping {
+        /// Number of vertices that both have.
+        count: usize,
+        /// The first of them.
+        vertex: u32,
+        /// Where it is [m].
+        at: Point3<f64>,
+    },
+    /// The muscle has no triangles.
+    #[error("the muscle has no triangles")]
+    NoMuscle,
+}
+
+/// Both areas of a muscle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Attachment {
+    /// Where fibres begin.
+    pub origin: Area,
+    /// Where they end.
+    pub insertion: Area,
+}
+
+impl Attachment {
+    /// Projects both areas onto the muscle's surface.
+    ///
+    /// # Errors
+    /// An area is empty, off the surface, or shares vertices with the other.
+    pub fn new(
+        muscle: &TriangleMesh,
+        origin: AreaSource<'_>,
+        insertion: AreaSource<'_>,
+    ) -> Result<Self, AttachmentError> {
+        let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
+        let origin = project(muscle, &tree, End::Origin, origin)?;
+        let insertion = project(muscle, &tree, End::Insertion, insertion)?;
+        let mut both = origin.vertices.iter().filter(|v| insertion.vertices.binary_search(v).is_ok());
+        if let Some(&vertex) = both.next() {
+            let at = muscle.vertices[vertex as usize];
+            return Err(AttachmentError::Overlapping { count: 1 + both.count(), vertex, at });
+        }
+        Ok(Self { origin, insertion })
+    }
+}
+
+fn project(
+    muscle: &TriangleMesh,
+    tree: &SurfaceTree,
+    end: End,
+    source: AreaSource<'_>,
+) -> Result<Area, AttachmentError> {
+    if muscle.triangles.is_empty() {
+        return Err(AttachmentError::NoMuscle);
+    }
+    match source {
+        AreaSource::Patch(patch) => from_patch(muscle, tree, end, patch),
+        AreaSource::Vertices(list) => from_list(muscle, end, list),
+        AreaSource::Near(bone, within) => {
+            let list = near(muscle, end, bone, within)?;
+            let mut area = from_list(muscle, end, &list)?;
+            let surface = Surface::new(bone);
+            let distance =
+                |v: &u32| surface.closest(&muscle.vertices[*v as usize]).map_or(0.0, |c| c.distance.max(0.0));
+            area.distances = area.vertices.iter().map(distance).collect();
+            Ok(area)
+        }
+    }
+}
+
+fn from_patch(
+    muscle: &TriangleMesh,
+    tree: &SurfaceTree,
+    end: End,
+    patch: &TriangleMesh,
+) -> Result<Area, AttachmentError> {
+    let length = muscle.length();
+    let mut triangles = Vec::new();
+    let mut distances = Vec::new();
+    let mut nearest: Option<(f64, Point3<f64>)> = None;
+    for p in samples(patch, muscle) {
+        let Some(found) = tree.closest(&p, f64::INFINITY) else { continue };
+        triangles.push(found.triangle);
+        distances.push(found.distance);
+        if nearest.is_none_or(|(d, _)| found.distance < d) {
+            nearest = Some((found.distance, p));
+        }
+    }
+    let (Some((distance, at)), Some(middle)) = (nearest, median(distances)) else {
+        return Err(AttachmentError::Empty { end });
+    };
+    if distance > FARTHEST * length {
+        return Err(AttachmentError::OffSurface { end, distance, at, length });
+    }
+    let mut area = of_triangles(muscle, triangles);
+    let back = SurfaceTree::new(&patch.vertices, &patch.triangles);
+    let gap = |v: &u32| back.closest(&muscle.vertices[*v as usize], f64::INFINITY).map_or(0.0, |c| c.distance);
+    area.distances = area.vertices.iter().map(gap).collect();
+    area.patch = (middle > TENDON_FROM * length).then(|| patch.clone());
+    Ok(area)
+}
+
+/// Points over a patch, as dense as the muscle's triangles are small.
+fn samples(patch: &TriangleMesh, muscle: &TriangleMesh) -> Vec<Point3<f64>> {
+    if patch.triangles.is_empty() || !(patch.area() > 0.0) {
+        return Vec::new();
+    }
+    let spacing = (muscle.area() / muscle.triangles.len() as f64).min(patch.area()).sqrt() / 3.0;
+    let spacing = spacing.max((patch.area() / SAMPLES as f64).sqrt());
+    (0..patch.triangles.len()).flat_map(|t| over_triangle(&patch.corners(t), spacing)).collect()
+}
+
+/// The middles of the parts into which a triangle is cut by lines about `spacing` [m] apart.
+pub(super) fn over_triangle(corners: &[Point3<f64>; 3], spacing: f64) -> Vec<Point3<f64>> {
+    let [a, b, c] = corners;
+    let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
+    let n = ((longest / spacing).ceil() as u32).clamp(1, 1000);
+    let at = |i: f64, j: f64| a + (b - a) * (i / f64::from(n)) + (c - a) * (j / f64::from(n));
+    let third = 1.0 / 3.0;
+    let mut all = Vec::with_capacity((n * n) as usize);
+    for i in 0..n {
+        for j in 0..n - i {
+            all.push(at(f64::from(i) + third, f64::from(j) + third));
+            if i + j + 1 < n {
+                all.push(at(f64::from(i) + 2.0 * third, f64::from(j) + 2.0 * third));
+            }
+        }
+    }
+    all
+}
+
+fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
+    triangles.sort_unstable();
+    triangles.dedup();
+    let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| muscle.triangles[t as usize]).collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    Area { distances: vec![0.0; vertices.len()], triangles, vertices, patch: None }
+}
+
+fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, AttachmentError> {
+    let count = muscle.vertices.len();
+    if let Some(&vertex) = list.iter().find(|v| **v as usize >= count) {
+        return Err(AttachmentError::NoSuchVertex { end, vertex, count });
+    }
+    let mut listed = vec![false; count];
+    list.iter().for_each(|&v| listed[v as usize] = true);
+    let mut spanned = vec![false; count];
+    let whole = |t: &[u32; 3]| t.iter().all(|&v| listed[v as usize]);
+    muscle.triangles.iter().filter(|t| whole(t)).flatten().for_each(|&v| spanned[v as usize] = true);
+    // A vertex alone would be a point, which no field can be held at.
+    let lone = |t: &[u32; 3]| t.iter().any(|&v| listed[v as usize] && !spanned[v as usize]);
+    let taken = |t: &usize| whole(&muscle.triangles[*t]) || lone(&muscle.triangles[*t]);
+    let triangles: Vec<u32> = (0..muscle.triangles.len()).filter(taken).map(|t| t as u32).collect();
+    if triangles.is_empty() {
+        return Err(AttachmentError::Empty { end });
+    }
+    Ok(of_triangles(muscle, triangles))
+}
+
+fn near(muscle: &TriangleMesh, end: End, bone: &TriangleMesh, within: f64) -> Result<Vec<u32>, AttachmentError> {
+    let surface = Surface::new(bone);
+    let mut nearest: Option<(f64, u32)> = None;
+    let mut list = Vec::new();
+    let mut used = vec![false; muscle.vertices.len()];
+    muscle.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+    for (v, p) in muscle.vertices.iter().enumerate().filter(|(v, _)| used[*v]) {
+        let Some(found) = surface.closest(p) else { continue };
+        let distance = found.distance.max(0.0);
+        if nearest.is_none_or(|(d, _)| distance < d) {
+            nearest = Some((distance, v as u32));
+        }
+        if distance <= within {
+            list.push(v as u32);
+        }
+    }
+    match nearest {
+        None => Err(AttachmentError::Empty { end }),
+        Some((distance, vertex)) if list.is_empty() => {
+            Err(AttachmentError::NothingNear { end, within, vertex, distance })
+        }
+        Some(_) => Ok(list),
+    }
+}

@@ -1,0 +1,202 @@
+//! Harmonic decomposition: fibres along the gradient of a field that is 0 at the origin and 1 at the insertion.
+//!
+//! The field is solved in cubes that cover the inside ([`cells`], [`field`]); which points are inside is decided by the
+//! winding number. Fibres are its streamlines ([`trace`]): the flow maps each cross-section of constant value one to one
+//! onto the next, so that fibres do not cross, and it does so for elongated muscles as for any. Each next fibre goes
+//! through the point farthest from all before ([`seeds`]).
+
+pub mod cells;
+mod exchange;
+pub mod field;
+pub mod jacobian;
+pub mod seeds;
+pub mod trace;
+
+use nalgebra::Point3;
+
+use super::attachment::Attachment;
+use super::polyline::resample;
+use super::solid::{Closed, Solid};
+use crate::mesh::{TriangleMesh, measures};
+use crate::solvers::sparse::FactorError;
+use cells::Cells;
+use field::{Field, FieldError};
+use seeds::Seeds;
+use trace::{Tracer, Way};
+
+/// Cells whose volume together is that of a muscle: at least, and for each vertex.
+const CELLS: f64 = 2_000.0;
+const CELLS_PER_VERTEX: f64 = 0.4;
+/// Seeds that may fail, for each fibre.
+const TRIES: usize = 4;
+
+/// How many fibres of how many points.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Number of fibres.
+    pub count: usize,
+    /// Points of each, at least 2.
+    pub points: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { count: 100, points: 15 }
+    }
+}
+
+/// Why a muscle was not decomposed.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DecompositionError {
+    /// No fibre, or fibres of fewer than two points, asked for.
+    #[error("{count} fibres of {points} points make no decomposition; ask for at least 1 fibre of at least 2 points")]
+    TooFew {
+        /// Fibres asked for.
+        count: usize,
+        /// Points asked for.
+        points: usize,
+    },
+    /// The muscle encloses nothing.
+    #[error("the muscle encloses {volume:.3e} m3, which is too little to hold fibres; is its surface a flat sheet?")]
+    NoInside {
+        /// Its volume [m3].
+        volume: f64,
+    },
+    /// The two areas lie on parts that are not joined inside.
+    #[error(
+        "no way leads inside the muscle from the origin near ({}, {}, {}) to the insertion near ({}, {}, {}); are they on \
+         separate pieces? `pliant check` lists the pieces",
+        .origin.x, .origin.y, .origin.z, .insertion.x, .insertion.y, .insertion.z
+    )]
+    NotJoined {
+        /// A vertex of the origin [m].
+        origin: Point3<f64>,
+        /// A vertex of the insertion [m].
+        insertion: Point3<f64>,
+    },
+    /// Too few ways were found.
+    #[error("only {found} of {count} fibres found a way from origin to insertion; ask for fewer")]
+    Lost {
+        /// Fibres found.
+        found: usize,
+        /// Fibres asked for.
+        count: usize,
+    },
+    /// The field could not be solved for.
+    #[error("the field could not be solved for: {0}")]
+    Factor(#[from] FactorError),
+}
+
+/// A muscle decomposed into fibres.
+#[derive(Clone, Debug)]
+pub struct Decomposition {
+    /// Each fibre from origin to insertion [m], points equally far apart along it.
+    pub fibres: Vec<Vec<Point3<f64>>>,
+    /// For each fibre its streamline: from the seed to the origin, and to the insertion.
+    pub ways: Vec<[Way; 2]>,
+    /// The field.
+    pub field: Field,
+    /// The surface that bounds the inside.
+    pub closed: std::sync::Arc<Closed>,
+}
+
+/// Decomposes a muscle.
+///
+/// # Errors
+/// Too few fibres or points, nothing inside, areas that are not joined, ways that are not found, no memory.
+pub fn decompose(
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    options: Options,
+) -> Result<Decomposition, DecompositionError> {
+    let Options { count, points } = options;
+    if count == 0 || points < 2 {
+        return Err(DecompositionError::TooFew { count, points });
+    }
+    let closed = std::sync::Arc::new(Closed::new(muscle));
+    let volume = closed.mesh.volume().abs();
+    let size = muscle.length();
+    // Thinner than this the inside has no point that differs from the surface.
+    if !(volume > 1e-9 * size * size * size) {
+        return Err(DecompositionError::NoInside { volume });
+    }
+    let wanted = CELLS + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
+    let solid = closed.solid();
+    let cells = Cells::new(&solid, (volume / wanted).cbrt());
+    let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion).map_err(|e| match e {
+        FieldError::Factor(e) => DecompositionError::Factor(e),
+        FieldError::NotJoined => {
+            let first =
+                |vertices: &[u32]| vertices.first().map_or_else(Point3::origin, |&v| muscle.vertices[v as usize]);
+            let (origin, insertion) = (first(&attachment.origin.vertices), first(&attachment.insertion.vertices));
+            DecompositionError::NotJoined { origin, insertion }
+        }
+    })?;
+    let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
+    let mut ways = ways(&tracer, count)?;
+    exchange::exchange(&tracer, &mut ways, volume);
+    let fibres = ways.iter().map(|w| fibre(w, points, &solid)).collect();
+    Ok(Decomposition { fibres, ways, field, closed })
+}
+
+/// Fibres through points that are far from one another.
+fn ways(tracer: &Tracer<'_>, count: usize) -> Result<Vec<[Way; 2]>, DecompositionError> {
+    let mut seeds = Seeds::new(tracer.field);
+    let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
+    for n in 0..2 * TRIES * count {
+        let Some((cell, seed, distance)) = seeds.farthest() else { break };
+        seeds.give_up(cell);
+        let Some(way) = through(tracer, &seed, n >= TRIES * count) else { continue };
+        seeds.note(&way[0].points, distance);
+        seeds.note(&way[1].points, distance);
+        ways.push(way);
+        if ways.len() == count {
+            return Ok(ways);
+        }
+    }
+    Err(DecompositionError::Lost { found: ways.len(), count })
+}
+
+/// The streamline through a point, from it to the origin and to the insertion; `None` where it is lost, or where what is
+/// beside it comes to lie the other way round, unless `any` will do.
+fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Option<[Way; 2]> {
+    let half = |sign: f64| {
+        let way = tracer.half(seed, sign, any)?;
+        let kept = any || jacobian::along(tracer, &way, sign).iter().all(|j| *j > 0.0);
+        kept.then_some(way)
+    };
+    let (back, on) = rayon::join(|| half(-1.0), || half(1.0));
+    Some([back?, on?])
+}
+
+/// A streamline as a fibre: from origin to insertion, its points equally far apart, none outside.
+fn fibre([back, on]: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
+    let whole: Vec<Point3<f64>> = back.points.iter().rev().chain(&on.points[1..]).copied().collect();
+    let mut line = resample(&whole, points);
+    // Between two points of a streamline a chord may cut through a hollow of the wall.
+    for p in &mut line {
+        if !solid.contains_as_given(p)
+            && let Some(wall) = solid.wall(p, f64::INFINITY)
+        {
+            *p = wall.point;
+        }
+    }
+    line
+}
+
+impl Decomposition {
+    /// Jacobian of the fibre map at every point of every streamline, 1 at its seed: the area across the fibre of what was
+    /// one unit of area there. All are positive where the order of fibres is kept.
+    pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
+        let tracer = Tracer::new(&self.field, muscle, &attachment.origin, &attachment.insertion);
+        let halves =
+            |[back, on]: &[Way; 2]| [jacobian::along(&tracer, back, -1.0), jacobian::along(&tracer, on, 1.0)].concat();
+        self.ways.iter().flat_map(halves).collect()
+    }
+
+    /// Mean side of what a fibre has for itself [m]: the root of the volume over the length of all fibres.
+    pub fn spacing(&self) -> f64 {
+        let length: f64 = self.fibres.iter().map(|f| super::polyline::length(f)).sum();
+        (measures::volume(&self.closed.mesh.vertices, &self.closed.mesh.triangles).abs() / length).sqrt()
+    }
+}

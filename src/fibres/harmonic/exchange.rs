@@ -1,0 +1,116 @@
+//! Fibres that cover little that no other covers give way to fibres through what none covers.
+
+use nalgebra::Point3;
+
+use super::cells::NONE;
+use super::field::Field;
+use super::trace::{Tracer, Way};
+use crate::fibres::polyline::length;
+
+/// Below this uncovered share of the volume nothing is exchanged.
+const ENOUGH: f64 = 0.03;
+/// Cells around an uncovered one that are looked at, to begin where most is to be gained.
+const AROUND: usize = 2;
+
+struct Cover<'a> {
+    field: &'a Field,
+    /// How many fibres cover each cell.
+    counts: Vec<u32>,
+    /// Cells covered by each fibre.
+    of: Vec<Vec<u32>>,
+    radius: f64,
+}
+
+/// Exchanges fibres while that covers more of the volume; at most twice as many tries as there are fibres.
+pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], volume: f64) {
+    let field = tracer.field;
+    let total: f64 = ways.iter().flatten().map(|w| length(&w.points)).sum();
+    let mut cover =
+        Cover { field, counts: vec![0; field.cells.count()], of: Vec::new(), radius: (volume / total).sqrt() };
+    for way in ways.iter() {
+        let cells = cover.cells_of(way);
+        cells.iter().for_each(|&c| cover.counts[c as usize] += 1);
+        cover.of.push(cells);
+    }
+    let usable = |c: &u32| field.cells.inner[*c as usize].is_some() && !field.values[*c as usize].is_nan();
+    let cells: Vec<u32> = (0..field.cells.count() as u32).filter(usable).collect();
+    let whole: f64 = cells.iter().map(|&c| field.cells.shares[c as usize]).sum();
+    let mut tried = vec![false; field.cells.count()];
+    for _ in 0..2 * ways.len() {
+        let bare: Vec<u32> = cells.iter().copied().filter(|&c| cover.counts[c as usize] == 0).collect();
+        if cover.sum(bare.iter()) <= ENOUGH * whole {
+            return;
+        }
+        let seed = bare.iter().filter(|c| !tried[**c as usize]).max_by_key(|c| (cover.bare_around(**c), !**c));
+        let Some(&seed) = seed else { return };
+        tried[seed as usize] = true;
+        let Some(point) = field.cells.inner[seed as usize] else { continue };
+        if let Some(way) = super::through(tracer, &point, false) {
+            cover.offer(way, ways);
+        }
+    }
+}
+
+impl Cover<'_> {
+    fn sum<'c>(&self, cells: impl Iterator<Item = &'c u32>) -> f64 {
+        cells.map(|&c| self.field.cells.shares[c as usize]).sum()
+    }
+
+    /// Takes a fibre in for the one that then covers least alone, if that is a gain.
+    fn offer(&mut self, way: [Way; 2], ways: &mut [[Way; 2]]) {
+        let new = self.cells_of(&way);
+        let gain = self.sum(new.iter().filter(|c| self.counts[**c as usize] == 0));
+        new.iter().for_each(|&c| self.counts[c as usize] += 1);
+        let alone = |of: &Vec<u32>| self.sum(of.iter().filter(|c| self.counts[**c as usize] == 1));
+        let losses: Vec<f64> = self.of.iter().map(alone).collect();
+        let least = (0..losses.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b]));
+        match least {
+            Some(least) if losses[least] < gain => {
+                self.of[least].iter().for_each(|&c| self.counts[c as usize] -= 1);
+                self.of[least] = new;
+                ways[least] = way;
+            }
+            _ => new.iter().for_each(|&c| self.counts[c as usize] -= 1),
+        }
+    }
+
+    fn cells_of(&self, way: &[Way; 2]) -> Vec<u32> {
+        let cells = &self.field.cells;
+        let reach = (self.radius / cells.side).ceil() as usize;
+        let mut found = Vec::new();
+        for p in way.iter().flat_map(|w| &w.points) {
+            self.visit(cells.holding(p), reach, |c| {
+                if cells.inner[c as usize].is_some_and(|at: Point3<f64>| (at - p).norm() <= self.radius) {
+                    found.push(c);
+                }
+            });
+        }
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+
+    fn bare_around(&self, cell: u32) -> usize {
+        let index = self.field.cells.index(self.field.cells.places[cell as usize].map(|k| k as usize));
+        let mut bare = 0;
+        self.visit(index, AROUND, |c| bare += usize::from(self.counts[c as usize] == 0));
+        bare
+    }
+
+    fn visit(&self, index: usize, reach: usize, mut deed: impl FnMut(u32)) {
+        let cells = &self.field.cells;
+        let [nx, ny, _] = cells.dims;
+        let place = [index % nx, index / nx % ny, index / nx / ny];
+        let range = |k: usize| place[k].saturating_sub(reach)..(place[k] + reach + 1).min(cells.dims[k]);
+        for k in range(2) {
+            for j in range(1) {
+                for i in range(0) {
+                    let c = cells.at[cells.index([i, j, k])];
+                    if c != NONE {
+                        deed(c);
+                    }
+                }
+            }
+        }
+    }
+}

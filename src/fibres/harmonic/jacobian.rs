@@ -1,0 +1,80 @@
+//! How much the flow from cross-section to cross-section spreads or turns over what is next to a fibre.
+
+use nalgebra::{Point3, Vector3};
+
+use super::trace::{Tracer, Way};
+
+/// Size of the triangle that is carried along, in sides of a cell.
+const SIZE: f64 = 1e-5;
+
+/// Area across the fibre of what was one unit of area at the seed, at each point of one half of a streamline; negative
+/// where the order about the fibre is reversed.
+pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
+    let last = way.flows.len().saturating_sub(1);
+    areas(way, SIZE * tracer.field.cells.side, |k, q| match (way.flows[k], k == last) {
+        (true, _) => tracer.step(q, sign),
+        (_, true) => tracer.landing(q, sign),
+        _ => None,
+    })
+}
+
+/// The areas, where `map` takes what is beside point k of the way to what is beside point k + 1; two points `size` [m]
+/// beside each point are carried on. Where it gives none the area stays.
+pub fn areas(way: &Way, size: f64, map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>) -> Vec<f64> {
+    let mut areas = vec![1.0];
+    for k in 0..way.flows.len() {
+        // A fresh pair at each point: of the one before, only its size and its order matter from here on.
+        let factor = heading(way, k).and_then(|direction| {
+            let onward = heading(way, k + 1).unwrap_or(direction);
+            let carried = |f: Vector3<f64>| Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size);
+            let [first, second] = across(&direction).map(carried);
+            Some(first?.cross(&second?).dot(&onward))
+        });
+        areas.push(areas[k] * factor.unwrap_or(1.0));
+    }
+    areas
+}
+
+fn heading(way: &Way, k: usize) -> Option<Vector3<f64>> {
+    (*way.points.get(k + 1)? - *way.points.get(k)?).try_normalize(0.0)
+}
+
+/// Two unit vectors across a direction, in right-handed order with it.
+fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let helper = Vector3::ith(direction.iamin(), 1.0);
+    let first = direction.cross(&helper).normalize();
+    [first, direction.cross(&first)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn straight() -> Way {
+        let points = (0..6).map(|k| Point3::new(f64::from(k), 0.0, 0.0)).collect();
+        Way { points, flows: vec![true; 5] }
+    }
+
+    #[test]
+    fn a_flow_that_spreads_has_growing_areas() {
+        let spread = |k: usize, q: &Point3<f64>| Some(Point3::new(k as f64 + 1.0, 2.0 * q.y, 3.0 * q.z));
+        let found = areas(&straight(), 1e-6, spread);
+        assert!(found.iter().enumerate().all(|(k, a)| (a / 6f64.powi(k as i32) - 1.0).abs() <= 1e-9), "{found:?}");
+    }
+
+    #[test]
+    fn a_flow_that_mirrors_is_seen() {
+        let mirror = |k: usize, q: &Point3<f64>| {
+            let turned = if k == 2 { -1.0 } else { 1.0 };
+            Some(Point3::new(k as f64 + 1.0, turned * q.y, q.z))
+        };
+        let found = areas(&straight(), 1e-6, mirror);
+        assert_eq!(found.iter().map(|a| *a > 0.0).collect::<Vec<_>>(), [true, true, true, false, false, false]);
+    }
+
+    #[test]
+    fn a_flow_that_folds_into_a_plane_is_seen() {
+        let folded = areas(&straight(), 1e-6, |k, q| Some(Point3::new(k as f64 + 1.0, q.y, q.y)));
+        assert!(folded.iter().skip(1).all(|a| !(*a > 0.0)), "{folded:?}");
+    }
+}

@@ -1,0 +1,139 @@
+//! Streamlines of the field, from the origin to the insertion, along its walls.
+
+use nalgebra::{Point3, Vector3};
+
+use super::super::attachment::Area;
+use super::cells::NONE;
+use super::field::Field;
+use crate::mesh::TriangleMesh;
+use crate::mesh::closest::SurfaceTree;
+
+/// Length of a step, in sides of a cell.
+const STEP: f64 = 0.3;
+/// Nearer to its area than this a streamline goes straight to it, in sides of a cell: the field knows
+/// no finer, and where an area is smaller than a cell streamlines would meet in the middle of that cell.
+const ARRIVED: f64 = 1.0;
+/// The same where the field leads no further.
+const ARRIVED_LATE: f64 = 2.0;
+/// What is left of the way to the closest place of the area: not all, or all streamlines that arrive beside an area
+/// would end in one point of its rim.
+const LEFT: f64 = 1e-3;
+/// The same, in lengths of the muscle, at most.
+const LEFT_MOST: f64 = 2e-6;
+/// Steps in which a streamline has to move on by [`PROGRESS`] steps; else it is lost in a corner.
+const PATIENCE: usize = 16;
+const PROGRESS: f64 = 2.0;
+/// Steps of one half of a streamline at most, in cells along the box's sides.
+const MOST_STEPS: usize = 24;
+
+/// One half of a streamline.
+#[derive(Clone, Debug, Default)]
+pub struct Way {
+    /// From the seed to the area [m].
+    pub points: Vec<Point3<f64>>,
+    /// Whether the step to the next point follows the field, and is not a hop or the way onto the area.
+    pub flows: Vec<bool>,
+}
+
+/// Follows the field in a muscle.
+#[derive(Debug)]
+pub struct Tracer<'a> {
+    /// The field.
+    pub field: &'a Field,
+    areas: [SurfaceTree; 2],
+    length: f64,
+}
+
+impl<'a> Tracer<'a> {
+    /// A tracer between two areas of `muscle`.
+    pub fn new(field: &'a Field, muscle: &TriangleMesh, origin: &Area, insertion: &Area) -> Self {
+        Self { field, areas: [origin, insertion].map(|area| area.tree(muscle)), length: muscle.length() }
+    }
+
+    fn side(&self) -> f64 {
+        self.field.cells.side
+    }
+
+    fn by_area(&self, p: &Point3<f64>, end: usize) -> bool {
+        self.field.by_area[end][self.field.cells.holding(p)]
+    }
+
+    /// Direction of the field at a point, towards the insertion for `sign` 1, towards the origin for -1.
+    fn direction(&self, p: &Point3<f64>, sign: f64) -> Option<Vector3<f64>> {
+        let sample = self.field.at(p)?;
+        (sample.gradient.try_normalize(0.0)? * sign + sample.push).try_normalize(0.0)
+    }
+
+    /// One step of the midpoint rule.
+    pub fn step(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
+        let length = STEP * self.side();
+        let half = p + self.direction(p, sign)? * (0.5 * length);
+        Some(p + self.direction(&half, sign)? * length)
+    }
+
+    /// Where a streamline that comes to `p` meets the area.
+    pub fn landing(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
+        let found = self.areas[usize::from(sign > 0.0)].closest(p, f64::INFINITY)?;
+        if !(found.distance > 0.0) {
+            return Some(found.point);
+        }
+        Some(found.point + (p - found.point) * LEFT.min(LEFT_MOST * self.length / found.distance))
+    }
+
+    fn distance_to_area(&self, p: &Point3<f64>, sign: f64, within: f64) -> Option<f64> {
+        self.areas[usize::from(sign > 0.0)].closest(p, within).map(|found| found.distance)
+    }
+
+    /// Follows the field from a seed to the area; `None` where it is lost on the way and may not go on by cells (`hop`).
+    pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Option<Way> {
+        let mut way = Way { points: vec![*seed], flows: Vec::new() };
+        let mut p = *seed;
+        let mut since = 0;
+        for _ in 0..MOST_STEPS * self.field.cells.dims.iter().sum::<usize>() {
+            let stuck = way.points.len() > since + PATIENCE && {
+                let before = way.points[way.points.len() - 1 - PATIENCE];
+                (p - before).norm() < PROGRESS * STEP * self.side()
+            };
+            let reach = self.side() * if stuck { ARRIVED_LATE } else { ARRIVED };
+            if self.by_area(&p, usize::from(sign > 0.0)) && self.distance_to_area(&p, sign, reach).is_some() {
+                return self.arrive(way, &p, sign);
+            }
+            let next = if stuck { None } else { self.step(&p, sign) };
+            if let Some(next) = next {
+                p = next;
+                way.flows.push(true);
+                way.points.push(p);
+                continue;
+            }
+            if !hop {
+                return None;
+            }
+            since = way.points.len();
+            let Some(next) = self.hop(&p, sign) else { return self.arrive(way, &p, sign) };
+            way.flows.push(false);
+            way.points.push(next);
+            p = next;
+        }
+        None
+    }
+
+    fn arrive(&self, mut way: Way, p: &Point3<f64>, sign: f64) -> Option<Way> {
+        way.points.push(self.landing(p, sign)?);
+        way.flows.push(false);
+        Some(way)
+    }
+
+    /// The next cell towards the area that has a point inside.
+    fn hop(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
+        let mut cell = self.field.cells.at[self.field.cells.holding(p)];
+        if cell == NONE || self.field.values[cell as usize].is_nan() {
+            return None;
+        }
+        loop {
+            cell = self.field.onward(cell, sign)?;
+            if let Some(point) = self.field.cells.inner[cell as usize] {
+                return Some(point);
+            }
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Lengths and points along polylines.
+
+use nalgebra::{Point3, Vector3};
+
+/// Length [m].
+pub fn length(line: &[Point3<f64>]) -> f64 {
+    line.windows(2).map(|s| (s[1] - s[0]).norm()).sum()
+}
+
+/// `count` points equally far apart along a smooth line through the points; both ends are kept, bit for bit.
+pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
+    let (Some(&first), Some(&last)) = (line.first(), line.last()) else { return Vec::new() };
+    let mut arcs = vec![0.0];
+    for s in line.windows(2) {
+        arcs.push(arcs[arcs.len() - 1] + (s[1] - s[0]).norm());
+    }
+    let total = arcs[arcs.len() - 1];
+    let mut out = Vec::with_capacity(count);
+    let mut k = 0;
+    for n in 0..count {
+        let wanted = total * n as f64 / (count - 1).max(1) as f64;
+        while k + 2 < arcs.len() && arcs[k + 1] < wanted {
+            k += 1;
+        }
+        out.push(match n {
+            0 => first,
+            _ if n + 1 == count => last,
+            _ => between(line, &arcs, k, wanted),
+        });
+    }
+    out
+}
+
+/// The point of the cubic over segment `k` at `wanted` along the line.
+fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<f64> {
+    let span = arcs[k + 1] - arcs[k];
+    if !(span > 0.0) {
+        return line[k];
+    }
+    // Slopes over arc length, from the neighbours on both sides.
+    let slope = |i: usize| -> Vector3<f64> {
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(line.len() - 1));
+        let width = arcs[b] - arcs[a];
+        if width > 0.0 { (line[b] - line[a]) / width } else { Vector3::zeros() }
+    };
+    let t = ((wanted - arcs[k]) / span).clamp(0.0, 1.0);
+    let (m, n) = (slope(k) * span, slope(k + 1) * span);
+    let d = line[k + 1] - line[k];
+    line[k] + m * t + (d * 3.0 - m * 2.0 - n) * (t * t) + (m + n - d * 2.0) * (t * t * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_equally_far_apart() {
+        let at = |x: f64| Point3::new(x.cos(), x.sin(), 0.1 * x);
+        let line: Vec<_> = (0..=100).map(|k| at(0.03 * f64::from(k))).collect();
+        let points = resample(&line, 7);
+        for (k, p) in points.iter().enumerate() {
+            assert!((p - at(0.5 * k as f64)).norm() <= 1e-6, "{p}");
+        }
+        assert_eq!((points[0], points[6]), (line[0], line[100]));
+        assert!((length(&line) - 3.0 * 1.01_f64.sqrt()).abs() <= 1e-3);
+    }
+}

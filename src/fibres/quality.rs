@@ -1,0 +1,174 @@
+//! How good fibres are, whatever made them.
+
+use nalgebra::{Point3, Vector3};
+use serde::Serialize;
+
+use super::attachment::{Area, Attachment};
+use super::polyline::length;
+use super::solid::Closed;
+use crate::mesh::TriangleMesh;
+use crate::mesh::closest::SurfaceTree;
+use crate::mesh::measures::greatest;
+
+/// A point counts as outside where it is farther out than this share of the muscle's length.
+pub const OUTSIDE: f64 = 1e-9;
+/// Points over the inside at which coverage is asked for.
+const PROBES: f64 = 6_000.0;
+
+/// What is measured of fibres.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Quality {
+    /// Number of fibres.
+    pub fibres: usize,
+    /// Number of points of all fibres.
+    pub points: usize,
+    /// Points outside the muscle by more than [`OUTSIDE`] of its length.
+    pub outside: usize,
+    /// Greatest distance of a point outside to the surface [m].
+    pub outside_max_m: f64,
+    /// Greatest distance of an end to its projected area [m].
+    pub end_distance_max_m: f64,
+    /// Greatest length of a straight tendon from an end to a patch [m]; 0 where no patch is far enough away for one.
+    pub tendon_length_max_m: f64,
+    /// Least Jacobian of the fibre map, 1 where each fibre began; NaN where the map was not given.
+    pub jacobian_min: f64,
+    /// Least distance of a point of a fibre, but for its ends, to another fibre [m].
+    pub spacing_min_m: f64,
+    /// Share of the volume within one mean spacing of a fibre: the root of the volume over the length of all fibres.
+    pub coverage: f64,
+    /// Mean length of the fibres, without tendons [m].
+    pub length_mean_m: f64,
+    /// Mean angle between fibres and line of action, from the mean of all origins to that of all insertions [rad].
+    pub pennation_mean_rad: f64,
+}
+
+/// Measures fibres, each from origin to insertion, in a muscle; `jacobian` holds the Jacobians of the fibre map.
+pub fn measure(
+    muscle: &TriangleMesh,
+    closed: &Closed,
+    attachment: &Attachment,
+    fibres: &[Vec<Point3<f64>>],
+    jacobian: impl IntoIterator<Item = f64>,
+) -> Quality {
+    let out = outside(muscle, closed, fibres);
+    let limit = OUTSIDE * muscle.length();
+    let total: f64 = fibres.iter().map(|f| length(f)).sum();
+    let ends = [(&attachment.origin, false), (&attachment.insertion, true)];
+    let at_end = |last: bool| fibres.iter().filter_map(move |f| if last { f.last() } else { f.first() });
+    let far = ends.iter().flat_map(|&(area, last)| {
+        let tree = area.tree(muscle);
+        at_end(last).map(|p| distance(&tree, p)).collect::<Vec<_>>()
+    });
+    let tendons = ends.iter().flat_map(|&(area, last)| {
+        let tree = area.patch.as_ref().map(|patch| SurfaceTree::new(&patch.vertices, &patch.triangles));
+        at_end(last).map(|p| tree.as_ref().map_or(0.0, |tree| distance(tree, p))).collect::<Vec<_>>()
+    });
+    Quality {
+        fibres: fibres.len(),
+        points: fibres.iter().map(Vec::len).sum(),
+        outside: out.iter().filter(|d| !(**d <= limit)).count(),
+        outside_max_m: greatest(out.iter().copied()),
+        end_distance_max_m: greatest(far),
+        tendon_length_max_m: greatest(tendons),
+        jacobian_min: least(jacobian),
+        spacing_min_m: spacing_min(fibres),
+        coverage: coverage(closed, fibres, total),
+        length_mean_m: total / fibres.len() as f64,
+        pennation_mean_rad: pennation(fibres),
+    }
+}
+
+/// Straight tendons from the end of each fibre to the closest place of the patch of an area far away.
+pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<[Point3<f64>; 2]> {
+    let Some(patch) = &area.patch else { return Vec::new() };
+    let tree = SurfaceTree::new(&patch.vertices, &patch.triangles);
+    ends.iter().filter_map(|p| Some([*p, tree.closest(p, f64::INFINITY)?.point])).collect()
+}
+
+/// The least of some numbers, NaN if one is or if there is none.
+fn least(numbers: impl IntoIterator<Item = f64>) -> f64 {
+    numbers.into_iter().reduce(|a, b| if a.is_nan() || a <= b { a } else { b }).unwrap_or(f64::NAN)
+}
+
+fn distance(tree: &SurfaceTree, p: &Point3<f64>) -> f64 {
+    tree.closest(p, f64::INFINITY).map_or(f64::INFINITY, |found| found.distance)
+}
+
+/// Distance of each point to the inside [m]: 0 for points inside, else that to the surface as given or as closed.
+fn outside(muscle: &TriangleMesh, closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> Vec<f64> {
+    let solid = closed.solid();
+    let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
+    let distance = |p: &Point3<f64>| match solid.contains_as_given(p) {
+        true => 0.0,
+        false => distance(&tree, p).min(solid.wall(p, f64::INFINITY).map_or(f64::INFINITY, |w| w.distance)),
+    };
+    fibres.iter().flatten().map(distance).collect()
+}
+
+/// The segments of fibres as a tree of triangles without area.
+fn segments(fibres: &[Vec<Point3<f64>>]) -> SurfaceTree {
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for fibre in fibres {
+        for s in fibre.windows(2) {
+            let first = vertices.len() as u32;
+            vertices.extend_from_slice(s);
+            triangles.push([first, first + 1, first + 1]);
+        }
+    }
+    SurfaceTree::new(&vertices, &triangles)
+}
+
+fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>], total: f64) -> f64 {
+    let solid = closed.solid();
+    let volume = closed.mesh.volume().abs();
+    let spacing = (volume / total).sqrt();
+    let side = (volume / PROBES).cbrt();
+    let tree = segments(fibres);
+    let bounds = closed.mesh.bounding_box();
+    let counts: [u32; 3] = std::array::from_fn(|k| (bounds.extents()[k] / side).ceil().max(1.0) as u32);
+    let (mut inside, mut covered) = (0usize, 0usize);
+    for k in 0..counts[2] {
+        for j in 0..counts[1] {
+            for i in 0..counts[0] {
+                let p = bounds.min + Vector3::new(f64::from(i) + 0.5, f64::from(j) + 0.5, f64::from(k) + 0.5) * side;
+                if solid.contains(&p) {
+                    inside += 1;
+                    covered += usize::from(tree.closest(&p, spacing).is_some());
+                }
+            }
+        }
+    }
+    covered as f64 / inside as f64
+}
+
+fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
+    let mut least = f64::INFINITY;
+    for (n, fibre) in fibres.iter().enumerate() {
+        for p in fibre.iter().skip(1).take(fibre.len().saturating_sub(2)) {
+            for other in fibres.iter().enumerate().filter(|(m, _)| *m != n).flat_map(|(_, f)| f.windows(2)) {
+                least = least.min(to_segment(p, &other[0], &other[1]));
+            }
+        }
+    }
+    least.sqrt()
+}
+
+/// Square of the distance of a point to a segment [m2].
+fn to_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
+    let (along, to) = (b - a, p - a);
+    let square = along.norm_squared();
+    let t = if square > 0.0 { (to.dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    (to - along * t).norm_squared()
+}
+
+fn pennation(fibres: &[Vec<Point3<f64>>]) -> f64 {
+    let sum = |p: Option<&Point3<f64>>| p.map_or_else(Vector3::zeros, |p| p.coords);
+    let action: Vector3<f64> = fibres.iter().map(|f| sum(f.last()) - sum(f.first())).sum();
+    let (mut angles, mut lengths) = (0.0, 0.0);
+    for s in fibres.iter().flat_map(|f| f.windows(2)) {
+        let along = s[1] - s[0];
+        angles += along.norm() * libm::atan2(along.cross(&action).norm(), along.dot(&action));
+        lengths += along.norm();
+    }
+    angles / lengths
+}

@@ -1,0 +1,113 @@
+//! What is inside a muscle: its surface closed and turned outward for the question, itself unchanged.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::mesh::closest::SurfaceTree;
+use crate::mesh::inside::Inside;
+use crate::mesh::repair::{LONGEST_RIM, Options, repair};
+use crate::mesh::winding::WindingTree;
+use crate::mesh::{Topology, TriangleMesh};
+
+/// Share of a turn about a point from which it counts as inside \[jacobson2013\].
+const HALF: f64 = 0.5;
+
+/// A muscle's surface as given, and the closed, outward one that bounds its inside.
+#[derive(Debug)]
+pub struct Closed {
+    /// The surface that bounds the inside.
+    pub mesh: TriangleMesh,
+    /// Windings about points of the surface as given, where it had to be changed to be closed.
+    given: Option<WindingTree>,
+    /// Windings about points of the closed surface, where no repair made it closed and oriented.
+    open: Option<WindingTree>,
+}
+
+impl Closed {
+    /// Closes holes and turns triangles where needed; a mesh that needs nothing stays as it is.
+    pub fn new(muscle: &TriangleMesh) -> Self {
+        let fit = |mesh: &TriangleMesh| {
+            let topology = Topology::new(mesh);
+            topology.is_closed() && topology.is_oriented()
+        };
+        if fit(muscle) && muscle.volume() > 0.0 {
+            return Self { mesh: muscle.clone(), given: None, open: None };
+        }
+        let options = Options { close_holes: LONGEST_RIM, ..Options::default() };
+        let mesh = repair(muscle, &[], &options).mesh;
+        let open = (!fit(&mesh)).then(|| WindingTree::new(&mesh));
+        let given = (!fit(muscle)).then(|| WindingTree::new(muscle));
+        Self { mesh, given, open }
+    }
+
+    /// The questions about points.
+    pub fn solid(&self) -> Solid<'_> {
+        let tree = SurfaceTree::new(&self.mesh.vertices, &self.mesh.triangles);
+        Solid { closed: self, inside: Inside::new(&self.mesh.vertices, &self.mesh.triangles), tree }
+    }
+}
+
+/// Inside or outside, and how deep.
+#[derive(Debug)]
+pub struct Solid<'a> {
+    closed: &'a Closed,
+    inside: Inside<'a>,
+    tree: SurfaceTree,
+}
+
+/// The nearest place of a wall.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wall {
+    /// The closest point of the surface [m].
+    pub point: Point3<f64>,
+    /// Unit vector from it to the point asked about.
+    pub away: Vector3<f64>,
+    /// Distance to it [m].
+    pub distance: f64,
+}
+
+impl Solid<'_> {
+    /// Whether the closed surface winds about a point; by exact signed crossings where it is closed.
+    pub fn contains(&self, p: &Point3<f64>) -> bool {
+        match &self.closed.open {
+            Some(tree) => tree.number(p).abs() >= HALF,
+            None => self.inside.winding(p) > 0,
+        }
+    }
+
+    /// As [`Solid::contains`], and for a surface given open or turned also by its own winding number, without its sign.
+    pub fn contains_as_given(&self, p: &Point3<f64>) -> bool {
+        self.contains(p) && self.closed.given.as_ref().is_none_or(|tree| tree.number(p).abs() >= HALF)
+    }
+
+    /// The closest place of the wall at most `within` [m] away.
+    pub fn wall(&self, p: &Point3<f64>, within: f64) -> Option<Wall> {
+        let found = self.tree.closest(p, within)?;
+        let away = (p - found.point).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+        Some(Wall { point: found.point, away, distance: found.distance })
+    }
+
+    /// The surface that bounds the inside.
+    pub fn mesh(&self) -> &TriangleMesh {
+        &self.closed.mesh
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn open_and_inside_out_surfaces_have_the_same_inside() {
+        let mut mesh = icosphere(1.0, 3);
+        mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+        mesh.triangles.drain(10..14);
+        let closed = Closed::new(&mesh);
+        let solid = closed.solid();
+        let along = |r: f64| Point3::from(Vector3::new(0.3, -0.5, 0.8).normalize() * r);
+        assert!(solid.contains(&along(0.9)) && solid.contains_as_given(&along(0.9)));
+        assert!(!solid.contains(&along(1.1)) && !solid.contains_as_given(&along(1.1)));
+        let wall = solid.wall(&along(0.9), 0.5).expect("near");
+        assert!(wall.away.dot(&along(1.0).coords) < -0.9 && wall.distance < 0.1 + 1e-12);
+    }
+}
