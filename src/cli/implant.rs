@@ -186,7 +186,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let orders = orders?;
     let questions: Result<Vec<Question>, Failure> = said.iter().map(|s| question(arguments, s)).collect();
     let questions = questions?;
-    questions.iter().zip(&orders).try_for_each(|(question, order)| question.check(order))?;
+    for (k, (question, order)) in questions.iter().zip(&orders).enumerate() {
+        question.check(order).map_err(|error| refused_of(k, orders.len(), &error))?;
+    }
     limit(arguments.stretch_limit)?;
     let stem = arguments.skin.file_stem().map_or("skin".into(), |s| s.to_string_lossy().into_owned());
     let out = PathBuf::from("pliant-out").join(format!("{}-implant", file_name(&stem)));
@@ -301,8 +303,7 @@ fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Resu
             last = Some(done);
         }
         if let Some(done) = last.as_mut().filter(|_| !found.interrupted) {
-            // Without it there is a result all the same.
-            found.interrupted = keep(ready.compare(done, &mut watch).map(|()| done.clone()))?.is_none();
+            ready.compare(done, &mut watch);
         }
         found.numbers.extend(last.is_some().then_some(members));
         found.implants.extend(last.map(|done| (ready, done)));

@@ -250,8 +250,9 @@ impl Insertion<'_> {
     pub fn to_json(&self) -> Value {
         let each = self.each().into_iter().map(|one| {
             let (volume, pressure) = (one.volume(), one.pressure());
-            let Single { order, frame, ready, done, shares, .. } = one;
+            let Single { number, order, frame, ready, done, shares, .. } = one;
             let own = json!({
+                "implant": number + 1,
                 "shares_skin_with": shares,
                 "shape": order.implant.shape.name(),
                 "base_m": order.implant.base,
@@ -442,7 +443,9 @@ impl Insertion<'_> {
     pub fn files(implants: usize, curve: bool) -> Vec<String> {
         let fixed = ["skin.vtp", "stretch.png", "side.png", "before.png", "summary.json", "report.html"];
         let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
-        let each = (1..=implants).map(|k| format!("implant_{k}.vtp"));
+        let shells = (1..=implants).map(|k| format!("implant_{k}.vtp"));
+        let more = |k: usize| ["stretch", "side", "before"].map(|what| format!("{what}_{k}.png"));
+        let each = shells.chain((2..=implants).flat_map(more));
         fixed.into_iter().chain(of_curve).map(str::to_owned).chain(each).collect()
     }
 

@@ -242,6 +242,7 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     let shares = |k: usize| (0..sites.len()).filter(|o| *o != k).map(|o| numbers(o) + 1).collect::<Vec<usize>>();
     let each = sites.iter().enumerate().map(|(k, (order, frame))| {
         let own = json!({
+            "implant": numbers(k) + 1,
             "shares_skin_with": shares(k),
             "shape": order.implant.shape.name(),
             "base_m": order.implant.base,

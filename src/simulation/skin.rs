@@ -13,6 +13,7 @@ use crate::mesh::{TriangleMesh, shapes};
 use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
 use crate::skin::coarse::halved_near;
+use crate::skin::implant::Implant;
 use crate::skin::plan::{Inserted, Place, Ready};
 use crate::skin::settle::Progress;
 use crate::skin::together::grouped;
@@ -179,9 +180,11 @@ impl SkinRun {
                 }
             };
             let last = frame == self.scene.frames;
-            let compared = done.and_then(|mut now| match last {
-                true => part.ready.compare(&mut now, &mut heard).map(|()| now),
-                false => Ok(now),
+            let compared = done.map(|mut now| {
+                if last {
+                    part.ready.compare(&mut now, &mut heard);
+                }
+                now
             });
             match compared {
                 Ok(now) => found.push((now, begun.elapsed().as_secs_f64())),
@@ -303,6 +306,13 @@ impl Making<'_> {
                 reached.fold(all[*k].volume_at(self.scene.frames), f64::max)
             };
             let volumes: Vec<f64> = members.iter().map(most).collect();
+            for (k, volume) in members.iter().zip(&volumes) {
+                let implant = orders[*k].implant;
+                if *volume > implant.largest(ready.layers.edge) {
+                    let error = Implant { volume: *volume, ..implant }.too_large(ready.layers.edge);
+                    return Err(refused((*k, error)));
+                }
+            }
             ready.takes(&volumes).map_err(|error| refused((members[0], error)))?;
             let shells = ready.pockets().map_err(|error| refused((members[0], error)))?;
             let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();

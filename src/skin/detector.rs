@@ -133,14 +133,20 @@ impl<'a> Detector<'a> {
         greatest((0..self.implants.len()).map(inside).chain([near]))
     }
 
-    /// Lifts what is too deep, as far as it is.
-    pub fn lift(&mut self, x: &[Point3<f64>]) {
+    /// Lifts what is too deep, as far as it is, and lowers what was lifted and is too high; whether anything is too deep that can
+    /// be lifted.
+    pub fn lift(&mut self, x: &[Point3<f64>]) -> bool {
         let deep = LIFTED * deepest(self.model.base);
+        let mut any = false;
         for touch in self.touching(x).touches {
-            if let Some(depth) = touch.gap(x).map(|gap| -gap).filter(|depth| *depth > deep) {
-                *self.lifts.entry((touch.on, touch.vertex)).or_insert(0.0) += depth;
+            let (Some(gap), key) = (touch.gap(x), (touch.on, touch.vertex)) else { continue };
+            any |= -gap > deep;
+            if -gap > deep || self.lifts.contains_key(&key) {
+                let lift = self.lifts.entry(key).or_insert(0.0);
+                *lift = (*lift - gap).max(0.0);
             }
         }
+        any
     }
 
     /// A vertex of the lower layer, or of another implant, stays out of an implant.

@@ -180,49 +180,49 @@ impl Ready {
         obstacles: &[TriangleMesh],
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, SkinError> {
-        Self::together(skin, order, &[], obstacles, go_on)
+        Self::together(skin, order, &[], obstacles, go_on).map_err(|(_, error)| error)
     }
 
     /// The same for an implant and others that share skin with it: the region is all that one of them needs.
     ///
     /// # Errors
-    /// See [`SkinError`].
+    /// See [`SkinError`]; with the implant that it is about, 0 the first.
     pub fn together(
         skin: &TriangleMesh,
         first: &Order,
         others: &[Order],
         obstacles: &[TriangleMesh],
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Self, SkinError> {
+    ) -> Result<Self, (usize, SkinError)> {
         let orders: Vec<&Order> = [first].into_iter().chain(others).collect();
-        orders.iter().try_for_each(|order| order.check())?;
+        orders.iter().enumerate().try_for_each(|(k, order)| order.check().map_err(|error| (k, error)))?;
         let edge = shared_edge(&orders);
         let radius = |order: &Order| REACH * 0.5 * order.implant.base;
         let area: f64 = orders.iter().map(|order| std::f64::consts::PI * radius(order) * radius(order)).sum();
         let vertices = area / (EVEN * edge * edge);
         if vertices > MOST {
-            return Err(SkinError::TooFine { vertices, most: MOST });
+            return Err((0, SkinError::TooFine { vertices, most: MOST }));
         }
         let mut places = Vec::new();
-        for order in &orders {
-            let (centre, seed) = middle(skin, order)?;
-            order.check_obstacles(skin, &centre, obstacles)?;
+        for (k, order) in orders.iter().enumerate() {
+            let (centre, seed) = middle(skin, order).map_err(|error| (k, error))?;
+            order.check_obstacles(skin, &centre, obstacles).map_err(|error| (k, error))?;
             places.push((seed, centre, radius(order) * MARGIN));
         }
         let patch = Patch { skin, places, edge, obstacles };
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
-        let taken = patch.taken_out(go_on)?;
+        let taken = patch.taken_out(go_on).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
         let (mut sites, mut triangles) = (Vec::new(), BTreeSet::new());
-        for (order, centre) in orders.into_iter().zip(&centres) {
-            let (region, frame) =
-                placed(&taken, &topology, order, centre).map_err(|error| advised(error, skin, order, obstacles))?;
+        for (k, (order, centre)) in orders.into_iter().zip(&centres).enumerate() {
+            let (region, frame) = placed(&taken, &topology, order, centre)
+                .map_err(|error| (k, advised(error, skin, order, obstacles)))?;
             triangles.extend(region.triangles);
             sites.push(Site { order: order.clone(), frame });
         }
-        apart(&sites)?;
+        apart(&sites).map_err(|error| (0, error))?;
         let region = Region::of(&taken.mesh, triangles.into_iter().collect());
-        Self::over(taken, region, sites, obstacles)
+        Self::over(taken, region, sites, obstacles).map_err(|error| (0, error))
     }
 
     /// Both layers of a region, over what lies below.

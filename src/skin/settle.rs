@@ -349,7 +349,9 @@ impl Model {
                 break;
             }
             progress.converged = false;
-            descent.detector.lift(x);
+            if !descent.detector.lift(x) {
+                break;
+            }
         }
         Ok((descent.progress, descent.pressures))
     }

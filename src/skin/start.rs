@@ -66,21 +66,14 @@ impl Ready {
         Ok(start.iter().zip(moved).map(|(x, moved)| x + moved).collect())
     }
 
-    /// Finds what edges twice as long gain, where that is not known of a result yet.
-    ///
-    /// # Errors
-    /// [`SkinError::Stopped`].
-    pub fn compare(&self, done: &mut Inserted, mut watch: impl FnMut(&Progress) -> bool) -> Result<(), SkinError> {
+    /// Finds what edges twice as long gain, where that is not known of a result yet; leaves it where that cannot be found, or
+    /// `watch` says so.
+    pub fn compare(&self, done: &mut Inserted, mut watch: impl FnMut(&Progress) -> bool) {
         if done.coarse_gain.is_some() || done.shells.is_empty() {
-            return Ok(());
+            return;
         }
-        let Some(coarser) = self.coarser() else { return Ok(()) };
-        match coarser.begun(None, &done.volumes(), &mut watch) {
-            Err(SkinError::Stopped) => return Err(SkinError::Stopped),
-            Ok(coarse) if coarse.progress.converged => done.coarse_gain = Some(coarse.areas.gain()),
-            _ => {}
-        }
-        Ok(())
+        let coarse = self.coarser().and_then(|coarser| coarser.begun(None, &done.volumes(), &mut watch).ok());
+        done.coarse_gain = coarse.filter(|coarse| coarse.progress.converged).map(|coarse| coarse.areas.gain());
     }
 
     /// Where a coarser skin and its implants came to rest, and what that took.

@@ -18,36 +18,44 @@ pub fn grouped(
     obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<Group>, (usize, SkinError)> {
-    let mut alone = Vec::new();
+    let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
         let ready = Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
-        alone.push(Some(ready));
+        groups.push((ready, vec![k]));
     }
-    let each: Vec<Vec<bool>> = alone.iter().flatten().map(|ready| taken(skin, ready)).collect();
-    let mut groups = Vec::new();
-    for members in meeting(&each) {
-        let ready = match (&members[..], alone[members[0]].take()) {
-            (&[_], Some(ready)) => ready,
-            (&[first, ref others @ ..], _) => {
-                let more: Vec<Order> = others.iter().map(|k| orders[*k].clone()).collect();
-                let all = obstacles(&members);
-                Ready::together(skin, &orders[first], &more, &all, go_on).map_err(|error| of_all(error, &members))?
+    // A joint patch has other edges and may reach further than those of its implants alone: until no two meet.
+    loop {
+        let each: Vec<Vec<bool>> = groups.iter().map(|(ready, _)| taken(skin, ready)).collect();
+        let meeting = meeting(&each);
+        if meeting.len() == groups.len() {
+            return Ok(groups);
+        }
+        let mut before: Vec<Option<Group>> = groups.into_iter().map(Some).collect();
+        groups = Vec::new();
+        for numbers in meeting {
+            let mut own: Vec<Group> = numbers.iter().filter_map(|k| before[*k].take()).collect();
+            if own.len() == 1 {
+                groups.append(&mut own);
+                continue;
             }
-            _ => continue,
-        };
-        groups.push((ready, members));
+            let mut members: Vec<usize> = own.into_iter().flat_map(|(_, members)| members).collect();
+            members.sort_unstable();
+            let more: Vec<Order> = members[1..].iter().map(|k| orders[*k].clone()).collect();
+            let all = obstacles(&members);
+            let ready = Ready::together(skin, &orders[members[0]], &more, &all, go_on);
+            groups.push((ready.map_err(|(site, error)| of_all(site, error, &members))?, members));
+        }
     }
-    Ok(groups)
 }
 
 /// An error of a group, whose implants it counts from 1, as one of all.
-fn of_all(error: SkinError, members: &[usize]) -> (usize, SkinError) {
+fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError) {
     match error {
         SkinError::Overlap { first, second } => {
             let [first, second] = [first, second].map(|k| members[k - 1]);
             (second, SkinError::Overlap { first: first + 1, second: second + 1 })
         }
-        other => (members[0], other),
+        other => (members[site], other),
     }
 }
 

@@ -94,6 +94,13 @@ fn multipliers(
     all
 }
 
+/// Whether a volume is at its target but for rounding, of itself and of coordinates far from the origin.
+fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
+    let (excess, area) = volume.value_and_gradient(x);
+    let moved: f64 = area.iter().zip(x).map(|(a, p)| a.norm() * p.coords.norm()).sum();
+    excess.abs() <= ROUNDED * volume.target().abs() + f64::EPSILON * moved
+}
+
 /// What keeps vertices out of obstacles while they move.
 pub trait Guard {
     /// The planes that vertices near an obstacle must stay over.
@@ -204,7 +211,7 @@ impl Problem {
             if !rigid.iter().all(|(volume, spread)| volume.retract(x, spread).is_ok()) {
                 return false;
             }
-            if rigid.iter().all(|(volume, _)| volume.value_and_gradient(x).0.abs() <= ROUNDED * volume.target().abs()) {
+            if rigid.iter().all(|(volume, _)| is_kept(volume, x)) {
                 return true;
             }
         }

@@ -5,6 +5,7 @@ use std::fs;
 
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
+use pliant::report::implant::Insertion;
 use pliant::skin::Order;
 use pliant::skin::plan::{Place, Ready};
 use serde_json::Value;
@@ -196,6 +197,41 @@ fn one_volume_is_told_in_the_table_and_not_plotted() {
     let page = fs::read_to_string(out.join("report.html")).unwrap();
     assert!(page.contains("Areas gained by volume") && !page.contains("<svg"));
     assert!(page.contains("nothing is stretched beyond") && !page.contains("-0.0"), "minus nothing");
+}
+
+#[test]
+fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_before() {
+    let scratch = Scratch::new("implant-shared");
+    let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
+    fs::write(&file, sheet(32)).unwrap();
+    let common = ["implant", shown(&file), "--unit", "cm", "--base", "3cm", "--edge", "4mm", "--out", shown(&out)];
+    let three =
+        ["--implant", "at=-3,0,0 volume=4cc", "--implant", "at=-4,6,0 volume=3cc", "--implant", "at=1,0,0 volume=5cc"];
+    let done = run(&[&common[..], &three[..], &["--json"]].concat());
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let told: Vec<(u64, f64)> = result["implants"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|i| (i["implant"].as_u64().unwrap(), (i["implant_volume_m3"].as_f64().unwrap() * 1e6).round()))
+        .collect();
+    assert_eq!(told, [(1, 4.0), (2, 3.0), (3, 5.0)]);
+    assert_eq!(result["implants"][0]["shares_skin_with"], serde_json::json!([3]));
+    let known = Insertion::files(3, false);
+    for entry in fs::read_dir(&out).unwrap() {
+        let name = entry.unwrap().file_name().to_string_lossy().into_owned();
+        assert!(name == "pliant-files.txt" || known.contains(&name), "{name}");
+    }
+    // The one that is refused is the one that is told.
+    let large = ["--implant", "at=-3,0,0 volume=4cc", "--implant", "at=1,0,0 volume=500cc"];
+    let done = run(&[&common[..], &large[..]].concat());
+    assert_eq!(done.status.code(), Some(2));
+    assert!(text(&done.stderr).contains("implant 2: "), "{}", text(&done.stderr));
+    for both in ["at=0,0,0 near-vertex=3", "at=0,0,0 volume=3cc fill=0:3cc"] {
+        let done = run(&[&common[..], &["--implant", both]].concat());
+        assert!(done.status.code() == Some(2) && text(&done.stderr).contains("exclude each other"), "{both}");
+    }
 }
 
 #[test]

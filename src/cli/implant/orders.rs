@@ -94,6 +94,13 @@ impl Said {
                 }
             }
         }
+        let twice = [
+            (said.near_vertex.is_some() && said.at.is_some(), "near-vertex and at"),
+            (said.volume.is_some() && said.fill.is_some(), "volume and fill"),
+        ];
+        if let Some((_, both)) = twice.iter().find(|(both, _)| *both) {
+            return Err(Failure::usage(format!("--implant: {both} exclude each other"), "give one of the two"));
+        }
         Ok(said)
     }
 }
@@ -205,17 +212,17 @@ impl Question {
     }
 
     /// Refuses volumes that are no implant: one so flat that contact decides where it lies, or one too large for its base.
-    pub(super) fn check(&self, order: &Order) -> Result<(), Failure> {
+    pub(super) fn check(&self, order: &Order) -> Result<(), SkinError> {
         let edge = order.edge();
         for (volume, _) in self.volumes(order) {
             let implant = Implant { volume, ..order.implant };
             let least = implant.least(edge);
             if volume < least {
                 let (volume_cc, least_cc, base_cm) = (volume * 1e6, least * 1e6, implant.base * 1e2);
-                return Err(refused(&SkinError::TooFlat { volume_cc, least_cc, base_cm }));
+                return Err(SkinError::TooFlat { volume_cc, least_cc, base_cm });
             }
             if volume > implant.largest(edge) {
-                return Err(refused(&implant.too_large(edge)));
+                return Err(implant.too_large(edge));
             }
         }
         Ok(())

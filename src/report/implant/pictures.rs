@@ -65,7 +65,7 @@ impl Insertion<'_> {
                 let one = self.which(&[k]);
                 let caption =
                     format!("Section through {one}: skin, implant and what is below; green line: skin before");
-                all.push((numbered("side", k), caption, self.section(shown, k)?));
+                all.push((numbered("side", self.each()[k].number), caption, self.section(shown, k)?));
             }
             let caption = if groups.len() == 1 { "Before".to_owned() } else { format!("Before, at {which}") };
             all.push((name("before"), caption, stage.before()?));
@@ -75,7 +75,8 @@ impl Insertion<'_> {
 
     /// How some of the implants are called.
     fn which(&self, implants: &[usize]) -> String {
-        let numbers: Vec<String> = implants.iter().map(|k| (k + 1).to_string()).collect();
+        let each = self.each();
+        let numbers: Vec<String> = implants.iter().map(|k| (each[*k].number + 1).to_string()).collect();
         match (self.each().len(), numbers.as_slice()) {
             (1, _) => "the implant".to_owned(),
             (_, [one]) => format!("implant {one}"),

@@ -99,3 +99,27 @@ fn implants_in_one_another_are_refused() {
     // Touching bases are as near as may be.
     assert!(groups(&[(0.0, 4e-6), (1.01 * BASE, 4e-6)]).is_ok());
 }
+
+#[test]
+fn no_skin_is_in_two_groups() {
+    // The joint patch of the first two has longer edges than that of the second alone, and meets the third where that did not.
+    let order = |x: f64, y: f64, base: f64| {
+        let place = Place::Point(Point3::new(x, y, 0.0));
+        Order::round(place, base, 0.05 * base * base * base)
+    };
+    let skin = sheet(80, 0.2);
+    for y in [0.0, 1e-3, 1.87e-3, 3e-3, 6e-3] {
+        let all = [order(-0.05, -0.05, 0.06), order(0.03, -0.05, 0.03), order(0.07, y, 0.03)];
+        let groups = grouped(&skin, &all, |_| Vec::new(), &|| true).expect("regions");
+        let mut owners = vec![0; skin.triangles.len()];
+        for (ready, _) in &groups {
+            let mut inside = vec![1; skin.triangles.len()];
+            ready.outside.iter().for_each(|t| inside[*t as usize] = 0);
+            owners.iter_mut().zip(inside).for_each(|(all, own)| *all += own);
+        }
+        assert!(owners.iter().all(|owners| *owners <= 1), "{y}: {} groups", groups.len());
+        let mut members: Vec<usize> = groups.into_iter().flat_map(|(_, members)| members).collect();
+        members.sort_unstable();
+        assert_eq!(members, [0, 1, 2]);
+    }
+}
