@@ -205,8 +205,14 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
     let common = ["implant", shown(&file), "--unit", "cm", "--base", "3cm", "--edge", "4mm", "--out", shown(&out)];
-    let three =
-        ["--implant", "at=-3,0,0 volume=4cc", "--implant", "at=-4,6,0 volume=3cc", "--implant", "at=1,0,0 volume=5cc"];
+    let three = [
+        "--implant",
+        "at=-3,0,0 volume=4cc",
+        "--implant",
+        "at=6.5,6.5,0 volume=3cc",
+        "--implant",
+        "at=0.5,0,0 volume=5cc",
+    ];
     let done = run(&[&common[..], &three[..], &["--json"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let result: Value = serde_json::from_slice(&done.stdout).unwrap();
