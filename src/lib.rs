@@ -21,6 +21,7 @@ pub mod constraints;
 pub mod contact;
 pub mod springs;
 pub mod solvers;
+pub mod morph;
 pub mod fibres;
 pub mod muscles;
 pub mod skin;

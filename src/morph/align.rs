@@ -1,0 +1,250 @@
+//! Turning one map so that its features meet those of another, and moving features to their places (errata M10).
+
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+
+use super::sphere::{SphereError, SphereMap, flipped};
+
+/// Why maps cannot be aligned.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum AlignError {
+    /// Features of the two sides do not pair up.
+    #[error("{from} features here and {to} there; give one for each")]
+    Counts {
+        /// On the map that moves.
+        from: usize,
+        /// On the other.
+        to: usize,
+    },
+    /// Too few features for a rotation.
+    #[error("{0} pairs of features; a rotation needs at least 2")]
+    TooFew(usize),
+    /// An area without points.
+    #[error("an area of no points has no centre")]
+    Empty,
+    /// The points of an area cancel out.
+    #[error("the {points} points of an area lie all around the sphere; such an area has no centre")]
+    NoCentre {
+        /// How many.
+        points: usize,
+    },
+    /// A vertex that does not exist.
+    #[error("vertex {vertex} is named, but there are {count}")]
+    Vertex {
+        /// The vertex.
+        vertex: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// Two features that are to go to one place, or one vertex to two.
+    #[error("features {first} and {second} are the same vertex or have the same place")]
+    Same {
+        /// One, from 0.
+        first: usize,
+        /// The other, from 0.
+        second: usize,
+    },
+    /// A feature cannot be moved to its place without folding the map.
+    #[error(
+        "feature {feature} (vertex {vertex}) is still {left} rad from its place after {steps} steps without a fold"
+    )]
+    Stuck {
+        /// The feature, from 0.
+        feature: usize,
+        /// Its vertex.
+        vertex: u32,
+        /// What is left \[rad\].
+        left: f64,
+        /// Steps made.
+        steps: usize,
+    },
+    /// The result is no map.
+    #[error(transparent)]
+    Sphere(#[from] SphereError),
+}
+
+/// The centre of an area: the normalised mean of its vertices' places.
+///
+/// # Errors
+/// No vertices, one that does not exist, or places that cancel out.
+pub fn centre(map: &SphereMap, area: &[u32]) -> Result<Point3<f64>, AlignError> {
+    if area.is_empty() {
+        return Err(AlignError::Empty);
+    }
+    let count = map.points().len();
+    if let Some(&vertex) = area.iter().find(|v| **v as usize >= count) {
+        return Err(AlignError::Vertex { vertex, count });
+    }
+    let sum: Vector3<f64> = area.iter().map(|&v| map.points()[v as usize].coords).sum();
+    let least = 1e-12 * area.len() as f64;
+    sum.try_normalize(least).map(Point3::from).ok_or(AlignError::NoCentre { points: area.len() })
+}
+
+/// The rotation that takes `origin` exactly to its target and `insertion` as near as that allows to its own.
+///
+/// About the axis a of the target the angle is atan2(a . (s x t), s . t - (a . s)(a . t)).
+pub fn origin_then_insertion(origin: [&Point3<f64>; 2], insertion: [&Point3<f64>; 2]) -> UnitQuaternion<f64> {
+    let (from, a) = (origin[0].coords, origin[1].coords);
+    let first = UnitQuaternion::rotation_between(&from, &a).unwrap_or_else(|| {
+        // Opposite: half a turn about any axis square to it.
+        let aside = from.cross(&Vector3::ith(from.iamin(), 1.0));
+        UnitQuaternion::from_scaled_axis(aside.normalize() * std::f64::consts::PI)
+    });
+    let (s, t) = (first * insertion[0].coords, insertion[1].coords);
+    let angle = libm::atan2(a.dot(&s.cross(&t)), s.dot(&t) - a.dot(&s) * a.dot(&t));
+    UnitQuaternion::from_scaled_axis(a * angle) * first
+}
+
+/// The rotation with the least sum of squared distances from `from` to `to` \[kabsch1976\].
+///
+/// # Errors
+/// Fewer than two pairs, or lists of different lengths.
+pub fn nearest_rotation(from: &[Point3<f64>], to: &[Point3<f64>]) -> Result<UnitQuaternion<f64>, AlignError> {
+    if from.len() != to.len() {
+        return Err(AlignError::Counts { from: from.len(), to: to.len() });
+    }
+    if from.len() < 2 {
+        return Err(AlignError::TooFew(from.len()));
+    }
+    let products = from.iter().zip(to).map(|(f, t)| t.coords * f.coords.transpose());
+    Ok(rotation_of(&products.sum()))
+}
+
+/// The rotation nearest to a matrix: of U S V^T that is U diag(1, 1, det U V^T) V^T.
+pub(super) fn rotation_of(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
+    let svd = matrix.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return UnitQuaternion::identity() };
+    let sign = (u * v).determinant().signum();
+    // nalgebra sorts singular values from the greatest: the last is the one to give up.
+    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v;
+    UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(rotation))
+}
+
+/// How features are moved to their places.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moving {
+    /// Radius around a feature in which vertices go with it, on the unit sphere.
+    pub radius: f64,
+    /// Steps after which it is given up.
+    pub steps: usize,
+}
+
+impl Default for Moving {
+    fn default() -> Self {
+        Self { radius: 1.2, steps: 2000 }
+    }
+}
+
+/// Greatest part of the radius that a step goes; from one half on vertices may overtake each other (M10).
+const SHARE: f64 = 0.25;
+/// A feature this near to its place is put there \[rad\].
+const THERE: f64 = 1e-9;
+
+/// Moves vertices of a map, the features, to given places, and what is around them with them:
+/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2, halved while a triangle would be turned over.
+///
+/// The printed form lacks the division by d: a feature moves by d times what is left (M10).
+///
+/// # Errors
+/// Features that do not exist or coincide, and those that cannot be moved without a fold.
+pub fn move_features(
+    map: &SphereMap,
+    features: &[u32],
+    targets: &[Point3<f64>],
+    how: &Moving,
+) -> Result<SphereMap, AlignError> {
+    check_features(map, features, targets)?;
+    let mut points = map.points().to_vec();
+    let mut share = SHARE;
+    for _ in 0..how.steps {
+        let left = |i: usize| (targets[i] - points[features[i] as usize]).norm();
+        if (0..features.len()).all(|i| left(i) <= THERE) {
+            return finish(map, points, features, targets);
+        }
+        let next = moved(&points, features, targets, how.radius, share);
+        if flipped(&next, map.triangles()).is_empty() {
+            points = next;
+            share = SHARE.min(2.0 * share);
+        } else {
+            // What was pushed together spreads, so that the next step has room.
+            share *= 0.5;
+            relax(&mut points, map.triangles(), features);
+        }
+    }
+    let left = |i: usize| (targets[i] - points[features[i] as usize]).norm();
+    let worst = (0..features.len()).max_by(|&i, &j| left(i).total_cmp(&left(j))).unwrap_or(0);
+    let left = 2.0 * libm::asin((0.5 * left(worst)).min(1.0));
+    Err(AlignError::Stuck { feature: worst, vertex: features[worst], left, steps: how.steps })
+}
+
+fn check_features(map: &SphereMap, features: &[u32], targets: &[Point3<f64>]) -> Result<(), AlignError> {
+    let count = map.points().len();
+    if features.len() != targets.len() {
+        return Err(AlignError::Counts { from: features.len(), to: targets.len() });
+    }
+    if let Some(&vertex) = features.iter().find(|v| **v as usize >= count) {
+        return Err(AlignError::Vertex { vertex, count });
+    }
+    for second in 0..features.len() {
+        let same = |first: &usize| features[*first] == features[second] || targets[*first] == targets[second];
+        if let Some(first) = (0..second).find(same) {
+            return Err(AlignError::Same { first, second });
+        }
+    }
+    Ok(())
+}
+
+/// One step of all features.
+fn moved(
+    points: &[Point3<f64>],
+    features: &[u32],
+    targets: &[Point3<f64>],
+    radius: f64,
+    share: f64,
+) -> Vec<Point3<f64>> {
+    let mut next = points.to_vec();
+    for (&feature, target) in features.iter().zip(targets) {
+        let f = next[feature as usize];
+        let way = target - f;
+        let step = way * (share * radius / way.norm().max(share * radius));
+        for (v, p) in next.iter_mut().enumerate() {
+            let near = 1.0 - (*p - f).norm() / radius;
+            let held = v as u32 != feature && features.contains(&(v as u32));
+            if near > 0.0 && !held {
+                *p = Point3::from((p.coords + step * near).normalize());
+            }
+        }
+    }
+    next
+}
+
+/// Draws all but the features a little to the middle of their neighbours, where that turns no triangle over.
+fn relax(points: &mut Vec<Point3<f64>>, triangles: &[[u32; 3]], features: &[u32]) {
+    let mut sums: Vec<Vector3<f64>> = vec![Vector3::zeros(); points.len()];
+    for &[a, b, c] in triangles {
+        for [v, w] in [[a, b], [b, c], [c, a]] {
+            sums[v as usize] += points[w as usize].coords;
+        }
+    }
+    let mut next = points.clone();
+    for (v, p) in next.iter_mut().enumerate() {
+        if let (false, Some(middle)) = (features.contains(&(v as u32)), sums[v].try_normalize(0.0)) {
+            *p = Point3::from((p.coords + middle).normalize());
+        }
+    }
+    if flipped(&next, triangles).is_empty() {
+        *points = next;
+    }
+}
+
+/// Features exactly at their places, if no triangle minds.
+fn finish(
+    map: &SphereMap,
+    mut points: Vec<Point3<f64>>,
+    features: &[u32],
+    targets: &[Point3<f64>],
+) -> Result<SphereMap, AlignError> {
+    for (&feature, target) in features.iter().zip(targets) {
+        points[feature as usize] = *target;
+    }
+    Ok(SphereMap::new(points, map.triangles().to_vec())?)
+}

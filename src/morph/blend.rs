@@ -1,0 +1,201 @@
+//! Shapes between two that share their triangles.
+//!
+//! At t = 0 and t = 1 every blend gives the shape that it is between.
+
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+
+use super::align::rotation_of;
+use crate::mesh::Topology;
+use crate::solvers::sparse::{Factor, FactorError};
+
+/// Why there is no blend.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum BlendError {
+    /// Shapes that do not share their vertices.
+    #[error("{first} positions here and {second} there; both shapes must have the same vertices")]
+    Counts {
+        /// Of the first shape, or of what was given.
+        first: usize,
+        /// Of the second, or of what is wanted.
+        second: usize,
+    },
+    /// A triangle names a vertex that does not exist.
+    #[error("triangle {triangle} names vertex {vertex}, but there are {count}")]
+    Vertex {
+        /// The triangle.
+        triangle: usize,
+        /// The vertex.
+        vertex: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// A vertex that no triangle joins to the others.
+    #[error("vertex {vertex} is not joined to vertex 0; the Laplacian of the shapes has no unique solution")]
+    Apart {
+        /// The vertex.
+        vertex: u32,
+    },
+    /// The system could not be solved.
+    #[error(transparent)]
+    Factor(#[from] FactorError),
+}
+
+fn check(first: &[Point3<f64>], second: &[Point3<f64>]) -> Result<(), BlendError> {
+    let (first, second) = (first.len(), second.len());
+    if first == second { Ok(()) } else { Err(BlendError::Counts { first, second }) }
+}
+
+/// x(t) = (1 - t) x0 + t x1 \[m\].
+///
+/// # Errors
+/// Shapes that do not share their vertices.
+pub fn linear(first: &[Point3<f64>], second: &[Point3<f64>], t: f64) -> Result<Vec<Point3<f64>>, BlendError> {
+    check(first, second)?;
+    Ok(first.iter().zip(second).map(|(a, b)| Point3::from(a.coords * (1.0 - t) + b.coords * t)).collect())
+}
+
+/// x(t) = h00 x0 + h10 g0 + h01 x1 + h11 g1, with the tangents `leaving` at t = 0 and `arriving` at t = 1 \[m\].
+///
+/// # Errors
+/// Lists of different lengths.
+pub fn hermite(
+    ends: [&[Point3<f64>]; 2],
+    leaving: &[Vector3<f64>],
+    arriving: &[Vector3<f64>],
+    t: f64,
+) -> Result<Vec<Point3<f64>>, BlendError> {
+    check(ends[0], ends[1])?;
+    for tangents in [leaving, arriving] {
+        if tangents.len() != ends[0].len() {
+            return Err(BlendError::Counts { first: tangents.len(), second: ends[0].len() });
+        }
+    }
+    let (square, cube) = (t * t, t * t * t);
+    let (h00, h01) = (2.0 * cube - 3.0 * square + 1.0, 3.0 * square - 2.0 * cube);
+    let (h10, h11) = (cube - 2.0 * square + t, cube - square);
+    let at = |i: usize| ends[0][i].coords * h00 + leaving[i] * h10 + ends[1][i].coords * h01 + arriving[i] * h11;
+    Ok((0..ends[0].len()).map(|i| Point3::from(at(i))).collect())
+}
+
+/// Blend of Laplacian vectors, turned from the one shape to the other: keeps size and volume where parts turn.
+///
+/// The source blends delta_i = sum_j w_ij (x_j - x_i) linearly and solves L x = delta(t). With one matrix L, that is the linear
+/// blend again, for both are linear in the positions. So each vertex has the rotation R_i that takes its ring on the first
+/// shape nearest to that on the second, and an edge in between is that of the first, blended with that of the second turned
+/// back, and turned by the part t of the rotation; a rotation of the whole is taken out before and put back after.
+pub struct Laplacian {
+    first: Vec<Point3<f64>>,
+    second: Vec<Point3<f64>>,
+    edges: Vec<[u32; 2]>,
+    weights: Vec<f64>,
+    /// Rotation of each vertex's ring beside that of the whole, as a vector along its axis \[rad\].
+    turns: Vec<Vector3<f64>>,
+    /// Rotation of the whole.
+    whole: Vector3<f64>,
+    centres: [Vector3<f64>; 2],
+    factor: Factor<1>,
+}
+
+/// Least weight of an edge over the mean: cotangents may be negative or vanish, and the system must have a solution.
+const LEAST: f64 = 1e-2;
+/// Greatest weight over the mean: cotangents of slivers have no bound.
+const MOST: f64 = 1e2;
+
+impl Laplacian {
+    /// Prepares the blend: rotations, weights, and the matrix factored once.
+    ///
+    /// # Errors
+    /// Shapes that do not share their vertices, triangles that name none of them, vertices that are not joined to the rest.
+    pub fn new(first: &[Point3<f64>], second: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self, BlendError> {
+        check(first, second)?;
+        let count = first.len();
+        for (triangle, t) in triangles.iter().enumerate() {
+            if let Some(&vertex) = t.iter().find(|v| **v as usize >= count) {
+                return Err(BlendError::Vertex { triangle, vertex, count });
+            }
+        }
+        let topology = Topology::of_triangles(count, triangles);
+        if let Some(vertex) = topology.components().labels.iter().position(|&l| l != 0) {
+            return Err(BlendError::Apart { vertex: vertex as u32 });
+        }
+        let weights = weights(&topology, triangles, [first, second]);
+        let edges = topology.edges;
+        let mut factor = Factor::new(count, &edges)?;
+        for (&[a, b], &w) in edges.iter().zip(&weights) {
+            factor.add(b, a, &[[-w]]);
+            factor.add_diagonal(a, w);
+            factor.add_diagonal(b, w);
+        }
+        // Vertex 0 is held near its linear blend; all are moved to the blended centre afterwards.
+        factor.add_diagonal(0, weights.iter().sum::<f64>() / weights.len().max(1) as f64);
+        factor.factorise()?;
+        let centres = [first, second].map(|x| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count.max(1) as f64);
+        let mut products = vec![Matrix3::zeros(); count];
+        for (&[a, b], &w) in edges.iter().zip(&weights) {
+            let (before, after) = (first[b as usize] - first[a as usize], second[b as usize] - second[a as usize]);
+            let product = after * before.transpose() * w;
+            products[a as usize] += product;
+            products[b as usize] += product;
+        }
+        let about =
+            first.iter().zip(second).map(|(a, b)| (b.coords - centres[1]) * (a.coords - centres[0]).transpose());
+        let whole = rotation_of(&about.sum());
+        let back = whole.inverse().to_rotation_matrix();
+        let turns = products.iter().map(|m| rotation_of(&(back.matrix() * m)).scaled_axis()).collect();
+        let (first, second) = (first.to_vec(), second.to_vec());
+        Ok(Self { first, second, edges, weights, turns, whole: whole.scaled_axis(), centres, factor })
+    }
+
+    /// The shape at t \[m\].
+    pub fn at(&mut self, t: f64) -> Vec<Point3<f64>> {
+        let count = self.first.len();
+        let whole = UnitQuaternion::from_scaled_axis(self.whole);
+        let back = whole.inverse().to_rotation_matrix();
+        // Both shapes about their centres, the second turned back.
+        let start: Vec<Vector3<f64>> = self.first.iter().map(|p| p.coords - self.centres[0]).collect();
+        let end: Vec<Vector3<f64>> = self.second.iter().map(|p| back * (p.coords - self.centres[1])).collect();
+        let straight: Vec<Vector3<f64>> = start.iter().zip(&end).map(|(a, b)| a * (1.0 - t) + b * t).collect();
+        let part = |turn: &Vector3<f64>| *UnitQuaternion::from_scaled_axis(turn * t).to_rotation_matrix().matrix();
+        let rest =
+            |turn: &Vector3<f64>| *UnitQuaternion::from_scaled_axis(turn * (t - 1.0)).to_rotation_matrix().matrix();
+        let turned: Vec<_> = self.turns.iter().map(|turn| (part(turn), rest(turn))).collect();
+        // Solved for what is added to the linear blend, so that nothing is added at either end.
+        let mut rhs = vec![0.0; 3 * count];
+        for (&[a, b], &w) in self.edges.iter().zip(&self.weights) {
+            let (a, b) = (a as usize, b as usize);
+            let (before, after) = (start[b] - start[a], end[b] - end[a]);
+            let bent = |v: usize| turned[v].0 * before * (1.0 - t) + turned[v].1 * after * t;
+            let lack = ((bent(a) + bent(b)) * 0.5 - (straight[b] - straight[a])) * w;
+            for k in 0..3 {
+                rhs[k * count + a] -= lack[k];
+                rhs[k * count + b] += lack[k];
+            }
+        }
+        self.factor.solve(&mut rhs, 3);
+        let added = |i: usize| Vector3::new(rhs[i], rhs[count + i], rhs[2 * count + i]);
+        let middle = (0..count).map(added).sum::<Vector3<f64>>() / count.max(1) as f64;
+        let centre = self.centres[0] * (1.0 - t) + self.centres[1] * t;
+        let forward = UnitQuaternion::from_scaled_axis(self.whole * t).to_rotation_matrix();
+        (0..count).map(|i| Point3::from(centre + forward * (straight[i] + added(i) - middle))).collect()
+    }
+}
+
+/// Half the cotangents of the angles opposite each edge, the mean of both shapes, within bounds about their mean.
+fn weights(topology: &Topology, triangles: &[[u32; 3]], shapes: [&[Point3<f64>]; 2]) -> Vec<f64> {
+    let mut sums = vec![0.0; topology.edges.len()];
+    for x in shapes {
+        for (t, corners) in triangles.iter().enumerate() {
+            for k in 0..3 {
+                let at = |j: usize| x[corners[(k + j) % 3] as usize];
+                let (u, v) = (at(0) - at(2), at(1) - at(2));
+                let cotangent = u.dot(&v) / u.cross(&v).norm();
+                let bounded = if cotangent.is_finite() { cotangent.clamp(-MOST, MOST) } else { MOST };
+                sums[topology.triangle_edges[t][k] as usize] += 0.25 * bounded;
+            }
+        }
+    }
+    let mean = sums.iter().map(|w| w.abs()).sum::<f64>() / sums.len().max(1) as f64;
+    let mean = if mean > 0.0 { mean } else { 1.0 };
+    sums.iter_mut().for_each(|w| *w = w.clamp(LEAST * mean, MOST * mean));
+    sums
+}

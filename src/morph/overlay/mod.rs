@@ -1,0 +1,208 @@
+//! Two maps laid over one another: a surface with the vertices and edges of both, and a place on either for each vertex.
+//!
+//! How edges cross is told by exact predicates, and what is built from it, the order of edges around a vertex and of
+//! crossings along an edge, is combinatorial: V - E + F = 2 however thin the pieces are. Where a vertex lies exactly on
+//! an edge of the other map, or on a vertex, one map is turned a little, and it is said by how much.
+
+mod faces;
+mod walk;
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+
+pub use walk::arcs_cross;
+
+use self::walk::{Exactly, Ground};
+use super::locate::{Located, Locator};
+use super::sphere::{SphereError, SphereMap, turn};
+
+/// Where a vertex of the merged surface comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Origin {
+    /// A vertex of the first surface, in a triangle of the second.
+    First {
+        /// The vertex.
+        vertex: u32,
+        /// Its place on the second.
+        on: Located,
+    },
+    /// A vertex of the second surface, in a triangle of the first.
+    Second {
+        /// The vertex.
+        vertex: u32,
+        /// Its place on the first.
+        on: Located,
+    },
+    /// Where an edge of each crosses.
+    Crossing {
+        /// Ends of the edge of the first surface.
+        first: [u32; 2],
+        /// How far along it, 0 to 1.
+        along_first: f64,
+        /// Ends of the edge of the second.
+        second: [u32; 2],
+        /// How far along that.
+        along_second: f64,
+    },
+}
+
+/// A surface with the vertices and edges of two.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlay {
+    /// Where each vertex comes from: those of the first surface, those of the second, crossings.
+    pub origins: Vec<Origin>,
+    /// Triangles over these vertices, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Number of vertices of the first and of the second surface.
+    pub counts: [usize; 2],
+    /// By how much the first map was turned so that no vertex lies exactly on an edge \[rad\].
+    pub turned: f64,
+}
+
+/// Why two maps have no overlay.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum OverlayError {
+    /// Turning did not help.
+    #[error(
+        "vertices of one map lie exactly on edges of the other, in {attempts} attempts to turn it by up to {angle} rad"
+    )]
+    Exact {
+        /// Attempts.
+        attempts: usize,
+        /// The last angle \[rad\].
+        angle: f64,
+    },
+    /// The positions do not belong to the map.
+    #[error("{found} positions for a map of {wanted} vertices")]
+    Positions {
+        /// How many were given.
+        found: usize,
+        /// How many there are.
+        wanted: usize,
+    },
+    /// Turning folded a thin triangle.
+    #[error(transparent)]
+    Sphere(#[from] SphereError),
+}
+
+/// Angles by which the first map is turned if need be \[rad\]: as little as possible, yet well above rounding.
+const ANGLES: [f64; 6] = [0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6];
+
+impl Overlay {
+    /// Lays `first` over `second`.
+    ///
+    /// # Errors
+    /// Maps that cannot be brought into general position.
+    pub fn new(first: &SphereMap, second: &SphereMap) -> Result<Self, OverlayError> {
+        let mut last = None;
+        for angle in ANGLES {
+            // An axis along no symmetry that a mesh made by code is likely to have.
+            let axis = Vector3::new(0.534_522, -0.267_261, 0.801_784).normalize();
+            let turned = match angle > 0.0 {
+                true => first.turned(&UnitQuaternion::from_scaled_axis(axis * angle)),
+                false => Ok(first.clone()),
+            };
+            match turned {
+                Ok(map) => match lay(&map, second) {
+                    Ok((origins, triangles)) => {
+                        let counts = [first.points().len(), second.points().len()];
+                        return Ok(Self { origins, triangles, counts, turned: angle });
+                    }
+                    Err(Exactly) => last = None,
+                },
+                Err(error) => last = Some(error),
+            }
+        }
+        let angle = ANGLES[ANGLES.len() - 1];
+        Err(last.map_or(OverlayError::Exact { attempts: ANGLES.len(), angle }, OverlayError::Sphere))
+    }
+
+    /// Number of crossings.
+    pub fn crossings(&self) -> usize {
+        self.origins.len() - self.counts[0] - self.counts[1]
+    }
+
+    /// Places on the first surface, whose vertices and triangles are given \[m\].
+    ///
+    /// # Errors
+    /// Positions that do not belong to the first map.
+    pub fn on_first(&self, places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Vec<Point3<f64>>, OverlayError> {
+        self.check(places, 0)?;
+        let place = |origin: &Origin| match *origin {
+            Origin::First { vertex, .. } => places[vertex as usize],
+            Origin::Second { on, .. } => on.of(triangles, places),
+            Origin::Crossing { first, along_first, .. } => between(places, first, along_first),
+        };
+        Ok(self.origins.iter().map(place).collect())
+    }
+
+    /// Places on the second surface.
+    ///
+    /// # Errors
+    /// Positions that do not belong to the second map.
+    pub fn on_second(&self, places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Vec<Point3<f64>>, OverlayError> {
+        self.check(places, 1)?;
+        let place = |origin: &Origin| match *origin {
+            Origin::First { on, .. } => on.of(triangles, places),
+            Origin::Second { vertex, .. } => places[vertex as usize],
+            Origin::Crossing { second, along_second, .. } => between(places, second, along_second),
+        };
+        Ok(self.origins.iter().map(place).collect())
+    }
+
+    fn check(&self, places: &[Point3<f64>], side: usize) -> Result<(), OverlayError> {
+        let (found, wanted) = (places.len(), self.counts[side]);
+        if found == wanted { Ok(()) } else { Err(OverlayError::Positions { found, wanted }) }
+    }
+}
+
+fn between(places: &[Point3<f64>], ends: [u32; 2], along: f64) -> Point3<f64> {
+    let [a, b] = ends.map(|v| places[v as usize]);
+    a + (b - a) * along
+}
+
+/// What becomes of one map's vertices and edges on the other: the triangle of each vertex, the edges that each edge crosses.
+struct Laid {
+    on: Vec<Located>,
+    crossed: Vec<Vec<u32>>,
+}
+
+fn lay_over(map: &SphereMap, edges: &[[u32; 2]], ground: &Ground<'_>) -> Result<Laid, Exactly> {
+    let locator = Locator::new(ground.map);
+    let locate = |p: &Point3<f64>| {
+        let found = locator.locate_exactly(p).ok_or(Exactly)?;
+        if locator.sides(found.triangle, p).contains(&0.0) { Err(Exactly) } else { Ok(found) }
+    };
+    let on: Vec<Located> = map.points().iter().map(locate).collect::<Result<_, _>>()?;
+    let way = |&[a, b]: &[u32; 2]| {
+        let (from, to) = (a as usize, b as usize);
+        ground.crossed(&map.points()[from], on[from].triangle, &map.points()[to], on[to].triangle)
+    };
+    let crossed = edges.iter().map(way).collect::<Result<_, _>>()?;
+    Ok(Laid { on, crossed })
+}
+
+type Pieces = (Vec<Origin>, Vec<[u32; 3]>);
+
+fn lay(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
+    let grounds = [Ground::new(first), Ground::new(second)];
+    let edges = [&grounds[0].topology.edges, &grounds[1].topology.edges];
+    let laid = [lay_over(first, edges[0], &grounds[1])?, lay_over(second, edges[1], &grounds[0])?];
+    let crossings = faces::Crossings::new(&laid)?;
+    let mut origins: Vec<Origin> = Vec::with_capacity(first.points().len() + second.points().len());
+    origins.extend(laid[0].on.iter().enumerate().map(|(v, &on)| Origin::First { vertex: v as u32, on }));
+    origins.extend(laid[1].on.iter().enumerate().map(|(v, &on)| Origin::Second { vertex: v as u32, on }));
+    for &[e, f] in &crossings.pairs {
+        let (ends, others) = (edges[0][e as usize], edges[1][f as usize]);
+        let (p, q) = (ends.map(|v| &first.points()[v as usize]), others.map(|v| &second.points()[v as usize]));
+        let (along_first, along_second) = (part(p, q), part(q, p));
+        origins.push(Origin::Crossing { first: ends, along_first, second: others, along_second });
+    }
+    let triangles = faces::triangles(&grounds, &laid, &crossings)?;
+    Ok((origins, triangles))
+}
+
+/// How far along the chord of an arc it meets the plane of another that crosses it: between 0 and 1, whatever rounding does.
+fn part(p: [&Point3<f64>; 2], q: [&Point3<f64>; 2]) -> f64 {
+    let (before, after) = (turn(p[0], q[0], q[1]), turn(p[1], q[0], q[1]));
+    before / (before - after)
+}

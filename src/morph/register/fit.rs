@@ -1,0 +1,65 @@
+//! The similarity that takes points nearest to others, and how many draws RANSAC needs.
+
+use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, Vector3};
+
+use super::super::align::rotation_of;
+
+/// Whether size may change.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Motion {
+    /// Turned and moved.
+    #[default]
+    Rigid,
+    /// Turned, moved and scaled.
+    Similarity,
+}
+
+/// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\]; `None` where weights or
+/// points give none: all in one place, all weights 0.
+pub fn fit(from: &[Point3<f64>], to: &[Point3<f64>], weights: &[f64], motion: Motion) -> Option<Similarity3<f64>> {
+    let total: f64 = weights.iter().sum();
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    let middle =
+        |points: &[Point3<f64>]| points.iter().zip(weights).map(|(p, w)| p.coords * *w).sum::<Vector3<f64>>() / total;
+    let (a, b) = (middle(from), middle(to));
+    let (mut product, mut square, mut other) = (Matrix3::zeros(), 0.0, 0.0);
+    for ((p, q), w) in from.iter().zip(to).zip(weights) {
+        let (p, q) = (p.coords - a, q.coords - b);
+        product += q * p.transpose() * *w;
+        square += p.norm_squared() * w;
+        other += q.norm_squared() * w;
+    }
+    if !(square > 0.0 && other > 0.0) {
+        return None;
+    }
+    let rotation = rotation_of(&product);
+    let scale = match motion {
+        Motion::Rigid => 1.0,
+        Motion::Similarity => (rotation.to_rotation_matrix().matrix().transpose() * product).trace() / square,
+    };
+    if !(scale > 0.0 && scale.is_finite()) {
+        return None;
+    }
+    let shift = b - rotation * a * scale;
+    Some(Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(shift), rotation), scale))
+}
+
+/// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
+pub fn expected_draws(good: f64, count: u32) -> f64 {
+    good.powi(count as i32).recip()
+}
+
+/// Standard deviation of that number: sqrt(1 - w^N)/w^N.
+pub fn draws_deviation(good: f64, count: u32) -> f64 {
+    let all = good.powi(count as i32);
+    (1.0 - all).sqrt() / all
+}
+
+/// Draws after which an all-good one is among them with probability `sure`: ln(1 - z)/ln(1 - w^N).
+///
+/// The printed log(1 - z) E(k) is negative (M9).
+pub fn draws_needed(good: f64, count: u32, sure: f64) -> f64 {
+    (1.0 - sure).ln() / (-good.powi(count as i32)).ln_1p()
+}

@@ -1,0 +1,245 @@
+//! Iterated closest points in six stages \[rusinkiewicz2001\]: select, match, weigh, reject, measure, minimise.
+
+use nalgebra::{Point3, Similarity3, Vector3};
+
+use super::fit::{Motion, fit};
+use super::{RegisterError, Surface};
+
+/// Which vertices of the moving surface take part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Select {
+    /// All.
+    All,
+    /// Every so manieth, such that about so many are left.
+    About(usize),
+}
+
+/// How pairs are weighed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Weigh {
+    /// All alike.
+    #[default]
+    Even,
+    /// 1 - d/d_max, so that near pairs count more.
+    Near,
+}
+
+/// Which pairs are dropped.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reject {
+    /// None.
+    None,
+    /// Those further apart than this \[m\].
+    Beyond(f64),
+    /// This share of them, the worst.
+    Worst(f64),
+    /// Those further apart than so many times the median, whose normals disagree, or whose partner lies on an open edge.
+    Median(f64),
+}
+
+/// What is made small.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Measure {
+    /// Distances between the points of pairs.
+    Points,
+    /// Distances from the tangent planes of the partners: much faster where surfaces slide along each other.
+    #[default]
+    Planes,
+}
+
+/// Settings of the six stages.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Icp {
+    /// Whether size may change.
+    pub motion: Motion,
+    /// Stage 1.
+    pub select: Select,
+    /// Stage 3; stage 2 is the closest point of the surface.
+    pub weigh: Weigh,
+    /// Stage 4.
+    pub reject: Reject,
+    /// Stage 5.
+    pub measure: Measure,
+    /// Rounds at most.
+    pub rounds: usize,
+    /// It ends when no vertex moves further in a round, over the size of the surface.
+    pub threshold: f64,
+}
+
+impl Default for Icp {
+    fn default() -> Self {
+        Self {
+            motion: Motion::Rigid,
+            select: Select::All,
+            weigh: Weigh::Even,
+            reject: Reject::Median(3.0),
+            measure: Measure::Planes,
+            rounds: 100,
+            threshold: 1e-9,
+        }
+    }
+}
+
+/// Where it ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Registered {
+    /// Takes the moving surface to the other.
+    pub motion: Similarity3<f64>,
+    /// Rounds made.
+    pub rounds: usize,
+    /// Whether it ended by its threshold.
+    pub converged: bool,
+    /// Root of the mean square of the distances of the pairs that were kept \[m\].
+    pub distance: f64,
+    /// Pairs that were kept.
+    pub pairs: usize,
+}
+
+/// A vertex and what it is matched with.
+struct Pair {
+    from: Point3<f64>,
+    to: Point3<f64>,
+    normal: Vector3<f64>,
+    distance: f64,
+}
+
+impl Icp {
+    /// Moves `moving` onto `fixed`, from `start` on.
+    ///
+    /// # Errors
+    /// Too few pairs are left, or they determine no motion.
+    pub fn run(
+        &self,
+        moving: &Surface<'_>,
+        fixed: &Surface<'_>,
+        start: &Similarity3<f64>,
+    ) -> Result<Registered, RegisterError> {
+        let chosen: Vec<u32> = match self.select {
+            Select::All => (0..moving.points().len() as u32).collect(),
+            Select::About(count) => {
+                let step = (moving.points().len() / count.max(1)).max(1);
+                (0..moving.points().len() as u32).step_by(step).collect()
+            }
+        };
+        let mut motion = *start;
+        let mut last = Registered { motion, rounds: 0, converged: false, distance: 0.0, pairs: 0 };
+        for round in 1..=self.rounds {
+            let mut pairs = self.matched(moving, fixed, &chosen, &motion);
+            self.drop_bad(&mut pairs);
+            if pairs.len() < 6 {
+                return Err(RegisterError::Pairs { pairs: pairs.len(), of: chosen.len(), round });
+            }
+            let squares: f64 = pairs.iter().map(|p| p.distance * p.distance).sum();
+            let step = self.step(&pairs).ok_or(RegisterError::Undetermined { pairs: pairs.len(), round })?;
+            let moved = pairs.iter().map(|p| (step * p.from - p.from).norm()).fold(0.0, f64::max);
+            motion = step * motion;
+            last = Registered {
+                motion,
+                rounds: round,
+                converged: moved <= self.threshold * fixed.size(),
+                distance: (squares / pairs.len() as f64).sqrt(),
+                pairs: pairs.len(),
+            };
+            if last.converged {
+                break;
+            }
+        }
+        Ok(last)
+    }
+
+    fn matched(
+        &self,
+        moving: &Surface<'_>,
+        fixed: &Surface<'_>,
+        chosen: &[u32],
+        motion: &Similarity3<f64>,
+    ) -> Vec<Pair> {
+        let strict = matches!(self.reject, Reject::Median(_));
+        let pair = |&v: &u32| {
+            let from = motion * moving.points()[v as usize];
+            let near = fixed.tree().closest(&from, f64::INFINITY)?;
+            let normal = fixed.normal(near.triangle);
+            if strict {
+                let own = motion.isometry.rotation * moving.normals()[v as usize];
+                if own.dot(&normal) < 0.5 || fixed.is_on_rim(near.triangle, &near.point) {
+                    return None;
+                }
+            }
+            Some(Pair { from, to: near.point, normal, distance: near.distance })
+        };
+        chosen.iter().filter_map(pair).collect()
+    }
+
+    fn drop_bad(&self, pairs: &mut Vec<Pair>) {
+        let limit = match self.reject {
+            Reject::None => return,
+            Reject::Beyond(limit) => limit,
+            Reject::Worst(share) => {
+                let mut all: Vec<f64> = pairs.iter().map(|p| p.distance).collect();
+                all.sort_by(f64::total_cmp);
+                let kept = ((1.0 - share.clamp(0.0, 1.0)) * all.len() as f64).ceil() as usize;
+                all.get(kept.saturating_sub(1)).copied().unwrap_or(0.0)
+            }
+            Reject::Median(times) => {
+                let median = crate::mesh::measures::median(pairs.iter().map(|p| p.distance).collect());
+                times * median.unwrap_or(0.0)
+            }
+        };
+        pairs.retain(|p| p.distance <= limit);
+    }
+
+    /// The motion that makes the measure least.
+    fn step(&self, pairs: &[Pair]) -> Option<Similarity3<f64>> {
+        let most = pairs.iter().map(|p| p.distance).fold(0.0, f64::max);
+        let weight = |p: &Pair| match self.weigh {
+            Weigh::Near if most > 0.0 => 1.0 - p.distance / most,
+            _ => 1.0,
+        };
+        let weights: Vec<f64> = pairs.iter().map(weight).collect();
+        if self.measure == Measure::Planes
+            && let Some(step) = self.step_by_planes(pairs, &weights)
+        {
+            return Some(step);
+        }
+        let from: Vec<_> = pairs.iter().map(|p| p.from).collect();
+        let to: Vec<_> = pairs.iter().map(|p| p.to).collect();
+        fit(&from, &to, &weights, self.motion)
+    }
+
+    /// Gauss and Newton on distances from planes: turn, shift and the logarithm of the scale about the middle of the pairs.
+    /// `None` where surfaces slide without a change of distance.
+    fn step_by_planes(&self, pairs: &[Pair], weights: &[f64]) -> Option<Similarity3<f64>> {
+        let total: f64 = weights.iter().sum();
+        let middle = pairs.iter().zip(weights).map(|(p, w)| p.from.coords * *w).sum::<Vector3<f64>>() / total;
+        let size =
+            (pairs.iter().map(|p| (p.from.coords - middle).norm_squared()).sum::<f64>() / pairs.len() as f64).sqrt();
+        let mut matrix = nalgebra::SMatrix::<f64, 7, 7>::zeros();
+        let mut rhs = nalgebra::SVector::<f64, 7>::zeros();
+        for (p, w) in pairs.iter().zip(weights) {
+            // In units of the size, so that all seven unknowns are alike.
+            let (arm, n) = ((p.from.coords - middle) / size, p.normal);
+            let turn = arm.cross(&n);
+            let swell = if self.motion == Motion::Similarity { arm.dot(&n) } else { 0.0 };
+            let row = nalgebra::SVector::<f64, 7>::from_column_slice(&[turn.x, turn.y, turn.z, n.x, n.y, n.z, swell]);
+            matrix += row * row.transpose() * *w;
+            rhs -= row * ((p.from - p.to).dot(&n) / size * w);
+        }
+        if self.motion == Motion::Rigid {
+            matrix[(6, 6)] = total;
+        }
+        let eigen = matrix.symmetric_eigen();
+        let (least, greatest) = (eigen.eigenvalues.min(), eigen.eigenvalues.max());
+        if !(least > 1e-9 * greatest) {
+            return None;
+        }
+        let x = eigen.eigenvectors * (eigen.eigenvectors.transpose() * rhs).component_div(&eigen.eigenvalues);
+        let (turn, shift) = (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]) * size);
+        // A step of more than half a radian or half the size is no step of a linear model.
+        let share = 1.0f64.min(0.5 / turn.norm().max(x[6].abs()).max(1e-300));
+        let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn * share);
+        let scale = (x[6] * share).exp();
+        let shift = middle + shift * share - rotation * middle * scale;
+        let moved = nalgebra::Isometry3::from_parts(nalgebra::Translation3::from(shift), rotation);
+        Some(Similarity3::from_isometry(moved, scale))
+    }
+}

@@ -1,0 +1,241 @@
+//! A start for registration: pairs of points with normals that look alike on both surfaces.
+//!
+//! Two points p, q with normals m, n give three angles that no similarity changes: of m and of n to q - p, and between the two
+//! around it. A pair here and one there that agree in them give the whole motion, its scale included; the one that lays
+//! most points onto the other surface is taken. It needs two good points, where three without normals would be needed.
+
+use std::collections::HashMap;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3};
+
+use super::super::draws::Draws;
+use super::fit::{Motion, draws_needed};
+use super::icp::Select;
+use super::{Icp, RegisterError, Surface};
+
+/// Settings of the search.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ransac {
+    /// Whether size may change.
+    pub motion: Motion,
+    /// Share of the points of the moving surface that have a place on the other, at least.
+    pub good: f64,
+    /// Probability of drawing at least one pair of good points.
+    pub sure: f64,
+    /// Draws made for each that this asks for: normals of different samples differ, and not every good pair is recognised.
+    pub patience: f64,
+    /// A point agrees if it comes as near as this to the other surface, over the size of the smaller.
+    pub near: f64,
+    /// Least and greatest scale.
+    pub scales: [f64; 2],
+    /// Points of the fixed surface between which pairs are listed.
+    pub listed: usize,
+    /// Of the draws.
+    pub seed: u64,
+}
+
+impl Default for Ransac {
+    fn default() -> Self {
+        Self {
+            motion: Motion::Rigid,
+            good: 0.3,
+            sure: 0.99,
+            patience: 5.0,
+            near: 0.01,
+            scales: [0.2, 5.0],
+            listed: 400,
+            seed: 1,
+        }
+    }
+}
+
+/// Bins of each of the three angles.
+const BINS: f64 = 24.0;
+/// Points that are tried first, and the share of the wanted agreement that they must have.
+const FIRST: usize = 24;
+
+/// Motions that are refined before one is chosen.
+const KEPT: usize = 12;
+/// How near points must come after refining, over what is asked before.
+const CLOSER: f64 = 0.2;
+
+/// Two points with normals.
+type Oriented = [(Point3<f64>, Vector3<f64>); 2];
+
+/// Cosines of both normals to the line, and the angle between them about it.
+fn angles([(p, m), (q, n)]: &Oriented) -> Option<[f64; 3]> {
+    let d = (q - p).try_normalize(0.0)?;
+    let (a, b) = (m - d * m.dot(&d), n - d * n.dot(&d));
+    // Along the line a normal has no direction about it.
+    if !(a.norm() > 0.2 && b.norm() > 0.2) {
+        return None;
+    }
+    let about = libm::atan2(d.dot(&a.cross(&b)), a.dot(&b));
+    Some([m.dot(&d), n.dot(&d), about])
+}
+
+fn bin(angles: &[f64; 3]) -> [i32; 3] {
+    let [a, b, c] = *angles;
+    [
+        (a * BINS / 2.0).floor() as i32,
+        (b * BINS / 2.0).floor() as i32,
+        (c * BINS / std::f64::consts::TAU).floor() as i32,
+    ]
+}
+
+/// The motion that takes one pair to another.
+fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f64>> {
+    let frame = |[(p, m), (q, n)]: &Oriented| {
+        let d = (q - p).try_normalize(0.0)?;
+        let side = (m - d * m.dot(&d)).normalize() + (n - d * n.dot(&d)).normalize();
+        let across = (side - d * side.dot(&d)).try_normalize(1e-3)?;
+        Some(Matrix3::from_columns(&[d, across, d.cross(&across)]))
+    };
+    // Sums of the two normals mean the same on both sides, for they include the same angle.
+    let rotation = frame(to)? * frame(from)?.transpose();
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    let lengths = [from, to].map(|pair| (pair[1].0 - pair[0].0).norm());
+    let scale = if kind == Motion::Similarity { lengths[1] / lengths[0] } else { 1.0 };
+    let middles = [from, to].map(|pair| (pair[0].0.coords + pair[1].0.coords) * 0.5);
+    let shift = middles[1] - rotation * middles[0] * scale;
+    Some(Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(shift), rotation), scale))
+}
+
+/// What is fixed for all draws.
+struct Search<'a> {
+    settings: &'a Ransac,
+    moving: &'a Surface<'a>,
+    fixed: &'a Surface<'a>,
+    listed: Vec<u32>,
+    pairs: HashMap<[i32; 3], Vec<[u32; 2]>>,
+    tried: Vec<u32>,
+    wanted: usize,
+}
+
+impl Ransac {
+    /// Finds a motion of `moving` that lays the share [`Self::good`] of its points onto `fixed`.
+    ///
+    /// # Errors
+    /// None was found.
+    pub fn start(&self, moving: &Surface<'_>, fixed: &Surface<'_>) -> Result<Similarity3<f64>, RegisterError> {
+        let mut draws = Draws::new(self.seed);
+        let search = Search::new(self, moving, fixed, &mut draws);
+        let needed =
+            (self.patience * draws_needed(self.good.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999))).ceil();
+        let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
+        let count = needed.max(1.0) as usize;
+        for _ in 0..count {
+            let Some(from) = search.draw(&mut draws) else { continue };
+            for candidate in search.candidates(&from) {
+                let least = if best.len() < KEPT { 0 } else { best[KEPT - 1].0 };
+                let agreeing = search.agreeing(&candidate, least, self.near);
+                if agreeing > least {
+                    best.push((agreeing, candidate));
+                    best.sort_by_key(|b| std::cmp::Reverse(b.0));
+                    best.truncate(KEPT);
+                }
+            }
+        }
+        // What is right gets better by refining, and then agrees more closely; what agrees by chance does not.
+        let icp = Icp { motion: self.motion, select: Select::About(400), rounds: 20, ..Icp::default() };
+        let refined = best.iter().filter_map(|(_, motion)| Some(icp.run(moving, fixed, motion).ok()?.motion));
+        let [low, high] = self.scales;
+        let sized = refined.filter(|m| self.motion == Motion::Rigid || (low..=high).contains(&m.scaling()));
+        let judged = sized.map(|m| (search.agreeing(&m, 0, CLOSER * self.near), m));
+        let (inliers, found) = judged.fold((0, None), |b, (n, m)| if n > b.0 { (n, Some(m)) } else { b });
+        let (of, wanted) = (search.tried.len(), search.wanted);
+        found.filter(|_| inliers >= wanted).ok_or(RegisterError::NoStart { draws: count, inliers, of, wanted })
+    }
+}
+
+impl<'a> Search<'a> {
+    fn new(settings: &'a Ransac, moving: &'a Surface<'a>, fixed: &'a Surface<'a>, draws: &mut Draws) -> Self {
+        let sample = |count: usize, of: usize, draws: &mut Draws| -> Vec<u32> {
+            let mut all: Vec<u32> = (0..of as u32).collect();
+            for i in 0..count.min(of) {
+                let j = i + draws.index(of - i);
+                all.swap(i, j);
+            }
+            all.truncate(count);
+            all
+        };
+        let listed = sample(settings.listed, fixed.points().len(), draws);
+        let tried = sample(300, moving.points().len(), draws);
+        // Two thirds of what is said to be good, for some of it lies at rims.
+        let wanted = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
+        let mut search = Self { settings, moving, fixed, listed, pairs: HashMap::new(), tried, wanted };
+        for &i in &search.listed {
+            for &j in &search.listed {
+                let pair = oriented(search.fixed, [i, j]);
+                let apart = (pair[1].0 - pair[0].0).norm();
+                if apart < 0.1 * search.fixed.size() {
+                    continue;
+                }
+                if let Some(angles) = angles(&pair) {
+                    search.pairs.entry(bin(&angles)).or_default().push([i, j]);
+                }
+            }
+        }
+        search
+    }
+
+    /// Two points of the moving surface that are well apart.
+    fn draw(&self, draws: &mut Draws) -> Option<Oriented> {
+        let count = self.moving.points().len();
+        for _ in 0..50 {
+            let pair = oriented(self.moving, [draws.index(count) as u32, draws.index(count) as u32]);
+            let apart = (pair[1].0 - pair[0].0).norm();
+            if apart > 0.15 * self.moving.size() && angles(&pair).is_some() {
+                return Some(pair);
+            }
+        }
+        None
+    }
+
+    /// Motions to all listed pairs that look alike.
+    fn candidates(&self, from: &Oriented) -> Vec<Similarity3<f64>> {
+        let Some(own) = angles(from) else { return Vec::new() };
+        let middle = bin(&own);
+        let length = (from[1].0 - from[0].0).norm();
+        let tolerance = [2.0 / BINS, 2.0 / BINS, std::f64::consts::TAU / BINS].map(|t| 0.7 * t);
+        let mut found = Vec::new();
+        for (a, b, c) in (-1..=1).flat_map(|a| (-1..=1).flat_map(move |b| (-1..=1).map(move |c| (a, b, c)))) {
+            let key = [middle[0] + a, middle[1] + b, middle[2] + c];
+            for &pair in self.pairs.get(&key).into_iter().flatten() {
+                let to = oriented(self.fixed, pair);
+                let scale = (to[1].0 - to[0].0).norm() / length;
+                let fits = match self.settings.motion {
+                    Motion::Rigid => (scale - 1.0).abs() < 0.1,
+                    Motion::Similarity => scale >= self.settings.scales[0] && scale <= self.settings.scales[1],
+                };
+                let alike = |theirs: [f64; 3]| (0..3).all(|k| (theirs[k] - own[k]).abs() <= tolerance[k]);
+                if fits && angles(&to).is_some_and(alike) {
+                    found.extend(motion(from, &to, self.settings.motion));
+                }
+            }
+        }
+        found
+    }
+
+    /// How many of the tried points come near the other surface, with a normal alike; 0 where it cannot beat `least`.
+    fn agreeing(&self, motion: &Similarity3<f64>, least: usize, near: f64) -> usize {
+        // Over the smaller of the two, or a surface that shrinks to a spot would agree with any.
+        let moved = motion.scaling() * self.moving.size();
+        let within = near * self.fixed.size().min(moved);
+        let agrees = |&&v: &&u32| {
+            let at = motion * self.moving.points()[v as usize];
+            let normal = motion.isometry.rotation * self.moving.normals()[v as usize];
+            self.fixed.tree().is_near_facing(&at, &normal, 0.7, within)
+        };
+        let first = self.tried.iter().take(FIRST).filter(agrees).count();
+        let share = self.wanted.max(least) as f64 / self.tried.len() as f64;
+        if (first as f64) < 0.5 * share * FIRST as f64 {
+            return 0;
+        }
+        first + self.tried.iter().skip(FIRST).filter(agrees).count()
+    }
+}
+
+fn oriented(surface: &Surface<'_>, pair: [u32; 2]) -> Oriented {
+    pair.map(|v| (surface.points()[v as usize], surface.normals()[v as usize]))
+}

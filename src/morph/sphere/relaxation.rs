@@ -1,0 +1,169 @@
+//! Relaxation with anchors \[alexa2000\], as corrected: errata M5 to M8 and M21.
+//!
+//! Vertices are thrown onto a sphere about a place inside the body and drawn to the middle of their neighbours, first with
+//! four vertices held that lie near the corners of a tetrahedron, then with the four nearest to their antipodes. It ends
+//! when no triangle is turned in, which may be never: a long evenly triangulated body crowds into two spots (M21).
+
+use nalgebra::{Point3, Vector3};
+
+use super::super::draws::Draws;
+use super::centre::{bounding_sphere, inside_near};
+use super::{SphereError, SphereMap, check, flipped};
+use crate::mesh::TriangleMesh;
+use crate::mesh::shapes::tetrahedron;
+
+/// How relaxation goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Relaxation {
+    /// A phase ends when no vertex moves further in a sweep, on the unit sphere.
+    pub threshold: f64,
+    /// Sweeps after which a phase ends anyway.
+    pub sweeps: usize,
+    /// Tetrahedra tried.
+    pub attempts: usize,
+    /// How far from the antipode of an anchor the nearest vertex may be, on the unit sphere, before the attempt counts as
+    /// collapsed. The printed limit, the edge of a tetrahedron, cannot be exceeded (M5).
+    pub gap: f64,
+    /// Of the random tetrahedra.
+    pub seed: u64,
+    /// Place of the centre \[m\]; where none is given, one inside the body near the middle of its bounding sphere.
+    pub centre: Option<Point3<f64>>,
+}
+
+impl Default for Relaxation {
+    fn default() -> Self {
+        Self { threshold: 1e-3, sweeps: 10_000, attempts: 5, gap: 0.5, seed: 1, centre: None }
+    }
+}
+
+/// What relaxation took.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Effort {
+    /// Tetrahedra tried.
+    pub attempts: usize,
+    /// Sweeps of the first phase of the last attempt.
+    pub first: usize,
+    /// Sweeps of its second phase, until no triangle was turned in.
+    pub second: usize,
+}
+
+/// Where one attempt got to.
+struct State<'a> {
+    start: &'a [u32],
+    neighbours: &'a [u32],
+    points: Vec<Point3<f64>>,
+    next: Vec<Point3<f64>>,
+}
+
+impl Relaxation {
+    /// Maps a surface to the sphere.
+    ///
+    /// # Errors
+    /// A surface that is no sphere, see [`check`]; no centre inside; every attempt collapsed or kept triangles turned in.
+    pub fn map(&self, mesh: &TriangleMesh) -> Result<(SphereMap, Effort), SphereError> {
+        let topology = check(mesh)?;
+        let centre = match self.centre {
+            Some(centre) => centre,
+            None => inside_near(mesh, &bounding_sphere(&mesh.vertices).0)?,
+        };
+        let thrown: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| thrown(&(v - centre))).collect();
+        let (start, neighbours) = topology.vertex_neighbours();
+        let mut draws = Draws::new(self.seed);
+        let mut last = SphereError::Collapsed { attempts: 0, anchor: 0, gap: 0.0 };
+        for attempt in 1..=self.attempts {
+            let state = State { start: &start, neighbours: &neighbours, points: thrown.clone(), next: thrown.clone() };
+            match self.attempt(state, mesh, &mut draws) {
+                Ok((points, first, second)) => {
+                    let map = SphereMap::of_positions(points, mesh.triangles.clone())?;
+                    return Ok((map, Effort { attempts: attempt, first, second }));
+                }
+                Err(SphereError::Collapsed { anchor, gap, .. }) => {
+                    last = SphereError::Collapsed { attempts: attempt, anchor, gap };
+                }
+                Err(error) => last = error,
+            }
+        }
+        Err(last)
+    }
+
+    fn attempt(
+        &self,
+        mut state: State<'_>,
+        mesh: &TriangleMesh,
+        draws: &mut Draws,
+    ) -> Result<(Vec<Point3<f64>>, usize, usize), SphereError> {
+        let anchors = state.anchors(draws);
+        let first = state.relax(&anchors, self.threshold, self.sweeps);
+        let antipodes = anchors.map(|a| -state.points[a as usize]);
+        let opposite = antipodes.map(|p| state.nearest(&p));
+        let gaps: [f64; 4] = std::array::from_fn(|k| (state.points[opposite[k] as usize] - antipodes[k]).norm());
+        let worst = (0..4).max_by(|&i, &j| gaps[i].total_cmp(&gaps[j])).unwrap_or(0);
+        if !(gaps[worst] <= self.gap) {
+            return Err(SphereError::Collapsed { attempts: 0, anchor: anchors[worst], gap: gaps[worst] });
+        }
+        let (mut second, mut threshold) = (0, self.threshold);
+        loop {
+            let left = self.sweeps - second;
+            second += state.relax(&opposite, threshold, left);
+            let bad = flipped(&state.points, &mesh.triangles);
+            let Some(&triangle) = bad.first() else { return Ok((state.points, first, second)) };
+            threshold *= 0.5;
+            // Below this, moves are rounding.
+            if second >= self.sweeps || threshold < 1e-15 {
+                let (flipped, triangles) = (bad.len(), mesh.triangles.len());
+                return Err(SphereError::Flipped { flipped, triangles, triangle, sweeps: second });
+            }
+        }
+    }
+}
+
+/// A direction as a point of the unit sphere; where there is none, the pole.
+fn thrown(direction: &Vector3<f64>) -> Point3<f64> {
+    Point3::from(direction.try_normalize(0.0).unwrap_or_else(Vector3::z))
+}
+
+impl State<'_> {
+    /// Vertices nearest to the corners of a random tetrahedron, four of them.
+    fn anchors(&self, draws: &mut Draws) -> [u32; 4] {
+        let mut found = [0, 1, 2, 3];
+        for _ in 0..100 {
+            let turn = draws.rotation();
+            let corners = tetrahedron().vertices;
+            let nearest: [u32; 4] = std::array::from_fn(|k| self.nearest(&(turn * corners[k])));
+            if (0..4).all(|i| (0..i).all(|j| nearest[i] != nearest[j])) {
+                return nearest;
+            }
+            found = if nearest[0] > 3 { [nearest[0], 0, 1, 2] } else { found };
+        }
+        found
+    }
+
+    fn nearest(&self, to: &Point3<f64>) -> u32 {
+        let square = |v: &u32| (self.points[*v as usize] - to).norm_squared();
+        (0..self.points.len() as u32).min_by(|a, b| square(a).total_cmp(&square(b))).unwrap_or(0)
+    }
+
+    /// Draws all but the held vertices to the middle of their neighbours, all at once; returns how many sweeps it took.
+    fn relax(&mut self, held: &[u32; 4], threshold: f64, most: usize) -> usize {
+        for sweep in 1..=most {
+            let mut greatest = 0.0f64;
+            for v in 0..self.points.len() {
+                let ring = &self.neighbours[self.start[v] as usize..self.start[v + 1] as usize];
+                let sum: Vector3<f64> = ring.iter().map(|&n| self.points[n as usize].coords).sum();
+                // Where neighbours cancel out, the vertex stays.
+                self.next[v] = sum.try_normalize(0.0).map_or(self.points[v], Point3::from);
+            }
+            for &v in held {
+                self.next[v as usize] = self.points[v as usize];
+            }
+            for (old, new) in self.points.iter().zip(&self.next) {
+                greatest = greatest.max((new - old).norm_squared());
+            }
+            std::mem::swap(&mut self.points, &mut self.next);
+            if greatest.sqrt() < threshold {
+                return sweep;
+            }
+        }
+        most
+    }
+}

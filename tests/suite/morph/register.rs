@@ -1,0 +1,200 @@
+//! Registration: draws of RANSAC, fits, iterated closest points, a known similarity recovered.
+
+use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
+use pliant::mesh::{TriangleMesh, shapes};
+use pliant::morph::register::fit::{draws_deviation, draws_needed, expected_draws};
+use pliant::morph::register::icp::{Measure, Reject, Select, Weigh};
+use pliant::morph::register::{Icp, Motion, Ransac, RegisterError, Surface, fit};
+use pliant::testing::Draw;
+
+/// Table 4.1 of the source, to its printed digits.
+#[test]
+fn expected_draws_are_those_of_the_table() {
+    let table: [(f64, [f64; 6]); 6] = [
+        (0.9, [1.1, 1.2, 1.4, 1.5, 1.7, 1.9]),
+        (0.8, [1.3, 1.6, 2.0, 2.4, 3.0, 3.8]),
+        (0.7, [1.4, 2.0, 2.9, 4.2, 5.9, 8.5]),
+        (0.6, [1.7, 2.8, 4.6, 7.7, 13.0, 21.0]),
+        (0.5, [2.0, 4.0, 8.0, 16.0, 32.0, 64.0]),
+        (0.4, [2.5, 6.3, 16.0, 39.0, 98.0, 244.0]),
+    ];
+    for (good, row) in table {
+        for (n, printed) in (1..).zip(row) {
+            // A number without a decimal is one to the nearest whole.
+            let half = if printed.fract() == 0.0 { 0.5 } else { 0.05 };
+            let exact = expected_draws(good, n);
+            assert!((exact - printed).abs() <= half + 1e-9, "{good} {n}: {exact} {printed}");
+        }
+    }
+}
+
+/// M9: the number of draws for a probability; M11: what the deviation is.
+#[test]
+fn m09_m11_draws_for_a_probability() {
+    for (sure, exact) in [(0.90, 35.68), (0.95, 46.42), (0.99, 71.36)] {
+        assert!((draws_needed(0.5, 4, sure) - exact).abs() <= 5e-3, "{}", draws_needed(0.5, 4, sure));
+        let printed = (1.0f64 - sure).ln() * expected_draws(0.5, 4);
+        assert!(printed < 0.0, "the printed number is negative");
+    }
+    assert!((draws_needed(0.9, 1, 0.95) - 1.30).abs() <= 5e-3);
+    let over = |w: f64, n: u32| draws_deviation(w, n) / expected_draws(w, n);
+    for (w, n, ratio) in [(0.9, 1, 0.316), (0.9, 4, 0.586), (0.5, 4, 0.968)] {
+        assert!((over(w, n) - ratio).abs() <= 5e-4, "{}", over(w, n));
+    }
+}
+
+fn motion(draw: &mut Draw, kind: Motion) -> Similarity3<f64> {
+    let rotation = UnitQuaternion::from_rotation_matrix(&draw.rotation());
+    let shift = draw.direction() * draw.between(0.0, 3.0);
+    let scale = if kind == Motion::Similarity { draw.between(0.5, 2.0) } else { 1.0 };
+    Similarity3::from_isometry(Isometry3::from_parts(shift.into(), rotation), scale)
+}
+
+#[test]
+fn a_fit_is_exact_where_there_is_an_exact_one() {
+    let mut draw = Draw::new(2);
+    for kind in [Motion::Rigid, Motion::Similarity] {
+        for _ in 0..100 {
+            let known = motion(&mut draw, kind);
+            let from: Vec<Point3<f64>> = (0..10).map(|_| Point3::from(draw.direction())).collect();
+            let mut to: Vec<Point3<f64>> = from.iter().map(|p| known * p).collect();
+            let mut weights = vec![1.0; 10];
+            // What has no weight has no say.
+            (to[3], weights[3]) = (Point3::new(9.0, 9.0, 9.0), 0.0);
+            let found = fit(&from, &to, &weights, kind).expect("a motion");
+            let off = from.iter().map(|p| (found * p - known * p).norm()).fold(0.0, f64::max);
+            assert!(off < 1e-12, "{off}");
+        }
+    }
+    let p = Point3::origin();
+    assert_eq!(fit(&[p, p], &[p, p], &[1.0, 1.0], Motion::Rigid), None);
+    assert_eq!(fit(&[p], &[p], &[0.0], Motion::Rigid), None);
+}
+
+/// A body without symmetry.
+fn body() -> TriangleMesh {
+    let mut mesh = shapes::icosphere(1.0, 4);
+    for v in &mut mesh.vertices {
+        let p = *v;
+        let bump = |c: [f64; 3], high: f64, sharp: f64| high * (-(p - Point3::from(c)).norm_squared() * sharp).exp();
+        let r =
+            1.0 + bump([1.0, 0.0, 0.0], 0.8, 4.0) + bump([0.0, 0.8, 0.6], 0.5, 6.0) + bump([-0.6, -0.8, 0.0], 0.4, 8.0)
+                - bump([0.0, -0.6, 0.8], 0.3, 5.0)
+                + bump([-0.6, 0.6, -0.5], 0.6, 5.0)
+                + bump([0.3, -0.4, -0.87], 0.35, 9.0);
+        *v = Point3::new(p.x * r * 1.6, p.y * r, p.z * r * 0.8);
+    }
+    mesh
+}
+
+/// The part of a mesh where `keep` holds, its vertices renumbered.
+fn part(mesh: &TriangleMesh, keep: impl Fn(&Point3<f64>) -> bool) -> TriangleMesh {
+    let mut names = vec![u32::MAX; mesh.vertices.len()];
+    let mut out = TriangleMesh::default();
+    for t in &mesh.triangles {
+        if t.iter().all(|&v| keep(&mesh.vertices[v as usize])) {
+            out.triangles.push(t.map(|v| {
+                if names[v as usize] == u32::MAX {
+                    names[v as usize] = out.vertices.len() as u32;
+                    out.vertices.push(mesh.vertices[v as usize]);
+                }
+                names[v as usize]
+            }));
+        }
+    }
+    out
+}
+
+fn off(found: &Similarity3<f64>, known: &Similarity3<f64>, mesh: &TriangleMesh, size: f64) -> f64 {
+    mesh.vertices.iter().map(|p| (found * p - known * p).norm()).fold(0.0, f64::max) / size
+}
+
+#[test]
+fn every_way_through_the_six_stages_ends_at_the_known_motion() {
+    let fixed = body();
+    let known = Similarity3::new(Vector3::new(0.05, -0.03, 0.02), Vector3::new(0.05, 0.08, -0.04), 1.0);
+    let moving =
+        TriangleMesh { vertices: fixed.vertices.iter().map(|p| known.inverse() * p).collect(), ..fixed.clone() };
+    let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
+    let base = Icp { rounds: 400, ..Icp::default() };
+    let ways = [
+        ("default", base),
+        ("some points", Icp { select: Select::About(300), ..base }),
+        ("near", Icp { weigh: Weigh::Near, ..base }),
+        ("worst tenth", Icp { reject: Reject::Worst(0.1), ..base }),
+        ("none dropped", Icp { reject: Reject::None, ..base }),
+        ("within", Icp { reject: Reject::Beyond(0.5), ..base }),
+        ("size", Icp { motion: Motion::Similarity, ..base }),
+    ];
+    for (name, icp) in ways {
+        let found = icp.run(&a, &b, &Similarity3::identity()).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let error = off(&found.motion, &known, &moving, b.size());
+        println!("{name}: {} rounds, {error:e} of the size, {} pairs", found.rounds, found.pairs);
+        assert!(found.converged && error < 1e-6, "{name}: {error}");
+    }
+    // Points against points creep.
+    let points = Icp { measure: Measure::Points, rounds: 50, ..base };
+    let found = points.run(&a, &b, &Similarity3::identity()).expect("a motion");
+    let error = off(&found.motion, &known, &moving, b.size());
+    println!("points: {} rounds, {error:e}", found.rounds);
+    assert!(error < 0.5 * off(&Similarity3::identity(), &known, &moving, b.size()));
+}
+
+#[test]
+fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
+    let whole = body();
+    // Two parts that share a middle strip: what each has of the other is two fifths.
+    let fixed = part(&whole, |p| p.x + 0.3 * p.y < 0.45);
+    let other = part(&whole, |p| p.x + 0.3 * p.y > -0.35);
+    let shared = other.vertices.iter().filter(|p| p.x + 0.3 * p.y < 0.45).count() as f64 / other.vertices.len() as f64;
+    println!("{:.0} % of {} vertices are shared", 100.0 * shared, other.vertices.len());
+    assert!(shared < 0.45, "{shared}");
+    let mut draw = Draw::new(11);
+    let mut recovered = 0;
+    for seed in 0..3 {
+        let known = motion(&mut draw, Motion::Similarity);
+        let mut moving =
+            TriangleMesh { vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(), ..other.clone() };
+        // A fifth of all vertices belongs to clutter: small triangles anywhere around.
+        let (size, around) = (moving.length(), moving.bounding_box().center());
+        for _ in 0..moving.vertices.len() / 12 {
+            let at = around + draw.direction() * draw.between(0.0, 0.6) * size;
+            let first = moving.vertices.len() as u32;
+            moving.vertices.extend((0..3).map(|_| at + draw.direction() * 0.02 * size));
+            moving.triangles.push([first, first + 1, first + 2]);
+        }
+        let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
+        let search = Ransac { motion: Motion::Similarity, good: 0.25, seed, ..Ransac::default() };
+        let start = search.start(&a, &b).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        let icp = Icp { motion: Motion::Similarity, rounds: 200, ..Icp::default() };
+        let found = icp.run(&a, &b, &start).expect("a motion");
+        let clean =
+            TriangleMesh { vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(), ..other.clone() };
+        let errors = [start, found.motion].map(|m| off(&m, &known, &clean, b.size()));
+        println!("seed {seed}: start {:e}, end {:e} of the size, {} rounds", errors[0], errors[1], found.rounds);
+        assert!(errors[1] < 1e-3, "seed {seed}: {errors:?}");
+        recovered += 1;
+    }
+    assert_eq!(recovered, 3);
+}
+
+#[test]
+fn what_cannot_be_registered_is_refused() {
+    let ball = shapes::icosphere(1.0, 1);
+    let refused = |mesh: &TriangleMesh| Surface::new(mesh).err().expect("no surface");
+    assert_eq!(refused(&TriangleMesh::default()), RegisterError::TooFew { vertices: 0, triangles: 0 });
+    let point = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: vec![[0, 1, 2]] };
+    assert_eq!(refused(&point), RegisterError::NoSize { vertices: 4 });
+    let mut none = ball.clone();
+    none.vertices[7].x = f64::NAN;
+    assert!(refused(&none).to_string().contains("vertex 7"));
+    let surface = Surface::new(&ball).expect("a surface");
+    let far = Similarity3::new(Vector3::new(100.0, 0.0, 0.0), Vector3::zeros(), 1.0);
+    let strict = Icp { reject: Reject::Beyond(0.1), ..Icp::default() };
+    assert_eq!(strict.run(&surface, &surface, &far), Err(RegisterError::Pairs { pairs: 0, of: 42, round: 1 }));
+    // A ball against a thin box: nothing lays a third of it there.
+    let thin = shapes::box_surface([1.0, 0.01, 0.01], 0.1);
+    let thin = Surface::new(&thin).expect("a surface");
+    let error = Ransac::default().start(&surface, &thin).expect_err("no start");
+    assert!(matches!(error, RegisterError::NoStart { wanted, .. } if wanted > 3), "{error}");
+}
