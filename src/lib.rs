@@ -17,6 +17,7 @@ pub mod mesh;
 pub mod io;
 pub mod state;
 pub mod particles;
+mod random;
 pub mod constraints;
 pub mod contact;
 pub mod springs;

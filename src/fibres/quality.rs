@@ -142,15 +142,17 @@ fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>], total: f64) -> f64 {
 }
 
 fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
-    let mut least = f64::INFINITY;
+    let mut all = Vec::new();
     for (n, fibre) in fibres.iter().enumerate() {
         for p in fibre.iter().skip(1).take(fibre.len().saturating_sub(2)) {
+            let mut nearest = f64::INFINITY;
             for other in fibres.iter().enumerate().filter(|(m, _)| *m != n).flat_map(|(_, f)| f.windows(2)) {
-                least = least.min(to_segment(p, &other[0], &other[1]));
+                nearest = least([nearest, to_segment(p, &other[0], &other[1])]);
             }
+            all.push(nearest);
         }
     }
-    least.sqrt()
+    least(all).sqrt()
 }
 
 /// Square of the distance of a point to a segment [m2].

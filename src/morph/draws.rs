@@ -2,6 +2,8 @@
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
+use crate::random;
+
 /// A stream of numbers.
 #[derive(Clone, Debug)]
 pub(super) struct Draws(u64);
@@ -11,17 +13,9 @@ impl Draws {
         Self(seed)
     }
 
-    fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
     /// Uniform in 0..1.
     pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        random::unit(&mut self.0)
     }
 
     /// Uniform among 0..count, which is at least 1.

@@ -129,6 +129,7 @@ mod tests {
     use super::super::plan::Place;
     use super::*;
     use crate::mesh::Topology;
+    use crate::mesh::measures::greatest;
     use crate::mesh::shapes::box_surface;
 
     fn order(at: Point3<f64>) -> Order {
@@ -153,7 +154,7 @@ mod tests {
         let radius = REACH * 0.5 * 0.02;
         for t in &after.triangles {
             let corners = t.map(|v| after.vertices[v as usize]);
-            let longest = (0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()).fold(0.0, f64::max);
+            let longest = greatest((0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()));
             let far = (closest_on_triangle(&place, &corners) - place).norm();
             assert!(far > MARGIN * radius || longest <= LONG * radius, "{longest} m at {far} m");
         }

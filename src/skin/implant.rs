@@ -203,7 +203,7 @@ mod tests {
     fn a_round_dome_is_a_cap() {
         // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside it, so it is a little higher.
         let dome = round(100e-6).dome(0.002).unwrap();
-        let height = dome.vertices.iter().map(|p| p.z).fold(0.0, f64::max);
+        let height = crate::mesh::measures::greatest(dome.vertices.iter().map(|p| p.z));
         let (a, h) = (0.035, height);
         let volume = std::f64::consts::PI * h * (3.0 * a * a + h * h) / 6.0;
         assert!(volume > 100e-6 && volume < 101e-6, "{volume}");

@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 
 use crate::constraints::Parameter;
+use crate::random;
 
 /// A small seeded generator (SplitMix64): the same seed gives the same draws on every machine.
 #[derive(Clone, Debug)]
@@ -20,11 +21,7 @@ impl Draw {
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        random::bits(&mut self.state)
     }
 
     /// Uniform in `low..high`.

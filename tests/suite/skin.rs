@@ -13,13 +13,14 @@ mod shapes;
 mod together;
 
 use nalgebra::{Point3, Vector3};
+use pliant::contact::Surface;
 use pliant::mesh::measures::{area, greatest};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::report::implant::{Insertion, Point};
 use pliant::skin::coarse::halved_near;
 use pliant::skin::implant::SILICONE;
 use pliant::skin::layers::{Layers, Tissue, springs_of};
-use pliant::skin::plan::{Place, Ready, over_ball};
+use pliant::skin::plan::{Inserted, Place, Ready, Shell, over_ball};
 use pliant::skin::settle::{Filled, Method, Model, Progress};
 use pliant::skin::sheet::Sheet;
 use pliant::skin::{Filling, Order, Schedule, SkinError, insert};
@@ -28,6 +29,21 @@ use axisymmetric::Membrane;
 use shapes::{cube, sheet, sphere};
 
 const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
+
+/// How far the lower layer, or the shell of another implant, is inside an implant [m] where all lies at `x`: by the signed
+/// distance to the shell as a surface of its own, which knows nothing of the contact that was solved for.
+fn sunk(ready: &Ready, done: &Inserted, x: &[Point3<f64>]) -> f64 {
+    let n = ready.layers.count();
+    let into = |own: &Shell| {
+        let vertices = x[own.vertices.clone()].to_vec();
+        let surface = Surface::new(&TriangleMesh { vertices, triangles: own.triangles.clone() });
+        let lower = (n..2 * n).filter(|v| !ready.layers.held[*v]);
+        let others = done.shells.iter().filter(|o| o.vertices != own.vertices).flat_map(|o| o.vertices.clone());
+        let depth = |v: usize| surface.nearest(&x[v], f64::MAX).map_or(f64::NAN, |on| (-on.closest.distance).max(0.0));
+        greatest(lower.chain(others).map(depth))
+    };
+    greatest(done.shells.iter().map(into))
+}
 
 /// The region over a sphere of 2.5 mm under a sheet of 1 cm.
 fn small_sheet(n: u32) -> Ready {

@@ -1,5 +1,6 @@
 //! Iterated closest points in six stages \[rusinkiewicz2001\]: select, match, weigh, reject, measure, minimise.
 
+use crate::mesh::measures::greatest;
 use nalgebra::{Point3, Similarity3, Vector3};
 
 use super::fit::{Motion, fit};
@@ -131,7 +132,7 @@ impl Icp {
             }
             let squares: f64 = pairs.iter().map(|p| p.distance * p.distance).sum();
             let step = self.step(&pairs).ok_or(RegisterError::Undetermined { pairs: pairs.len(), round })?;
-            let moved = pairs.iter().map(|p| (step * p.from - p.from).norm()).fold(0.0, f64::max);
+            let moved = greatest(pairs.iter().map(|p| (step * p.from - p.from).norm()));
             motion = step * motion;
             last = Registered {
                 motion,
@@ -190,7 +191,7 @@ impl Icp {
 
     /// The motion that makes the measure least.
     fn step(&self, pairs: &[Pair]) -> Option<Similarity3<f64>> {
-        let most = pairs.iter().map(|p| p.distance).fold(0.0, f64::max);
+        let most = greatest(pairs.iter().map(|p| p.distance));
         let weight = |p: &Pair| match self.weigh {
             Weigh::Near if most > 0.0 => 1.0 - p.distance / most,
             _ => 1.0,

@@ -1,5 +1,6 @@
 //! The sphere around a body, and a place inside it.
 
+use crate::mesh::measures::greatest;
 use nalgebra::{Point3, Vector3};
 
 use super::SphereError;
@@ -25,7 +26,7 @@ pub fn bounding_sphere(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
         }
     }
     // What rounding left outside.
-    let farthest = points.iter().map(|p| (p - centre).norm()).fold(radius, f64::max);
+    let farthest = greatest(points.iter().map(|p| (p - centre).norm()).chain([radius]));
     (centre, farthest)
 }
 

@@ -42,10 +42,10 @@ const ROWS: &[Row] = &[
     ("muscles/Brachialis_muscle.r", Near("Humerus.r", 0.002), Near("Ulna.r", 0.005), 0.95),
     ("muscles/Infraspinatus_muscle.r", Near("Scapula.r", 0.001), Near("Humerus.r", 0.001), 0.95),
     ("muscles/Subscapularis_muscle.r", Near("Scapula.r", 0.001), Near("Humerus.r", 0.001), 0.87),
-    ("muscles/Medial_head_of_gastrocnemius.r", Near("Femur.r", 0.01), Near("Fibula.r", 0.035), 0.94),
+    ("muscles/Medial_head_of_gastrocnemius.r", Near("Femur.r", 0.01), Near("Fibula.r", 0.035), 0.95),
     ("muscles/Soleus_muscle.r", Near("Fibula.r", 0.005), Near("Tibia.r", 0.002), 0.88),
-    ("muscles/Gracilis_muscle.r", Patch("gracilis", Some(1)), Patch("gracilis", Some(0)), 0.94),
-    ("muscles/Long_head_of_biceps_femoris.r", Patch("long_head_of_biceps_femoris", None), Near("Fibula.r", 0.02), 0.94),
+    ("muscles/Gracilis_muscle.r", Patch("gracilis", Some(1)), Patch("gracilis", Some(0)), 0.95),
+    ("muscles/Long_head_of_biceps_femoris.r", Patch("long_head_of_biceps_femoris", None), Near("Fibula.r", 0.02), 0.95),
     ("muscles-fine/psoas_major", Near("Sacrum", 0.03), Near("Femur.r", 0.01), 0.6),
 ];
 

@@ -1,5 +1,6 @@
 //! Overlays, alignment, point location and blends.
 
+use crate::tolerances::worst;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::{self, AlignError, Moving};
@@ -132,7 +133,7 @@ fn a_map_over_itself_is_turned_a_little_and_says_so() {
     let overlay = Overlay::new(&map, &map).expect("an overlay");
     assert!(overlay.turned > 0.0 && overlay.turned <= 1e-6, "{}", overlay.turned);
     let places = assert_overlay(&overlay, &ball, &ball);
-    let apart = places[0].iter().zip(&places[1]).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    let apart = worst(places[0].iter().zip(&places[1]).map(|(a, b)| (a - b).norm()));
     assert!(apart <= 1e-3, "the same place on both: {apart}");
     let wrong = overlay.on_first(&ball.vertices[1..], &ball.triangles).expect_err("one too few");
     assert_eq!(wrong, OverlayError::Positions { found: 161, wanted: 162 });
@@ -142,7 +143,7 @@ fn a_map_over_itself_is_turned_a_little_and_says_so() {
 fn blends_end_in_both_shapes() {
     let (first, second) = (stretched(2, 6.0), bent(2, 6.0, 2.0));
     let size = first.length();
-    let off = |x: &[Point3<f64>], y: &[Point3<f64>]| x.iter().zip(y).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+    let off = |x: &[Point3<f64>], y: &[Point3<f64>]| worst(x.iter().zip(y).map(|(a, b)| (a - b).norm()));
     let tangents: Vec<Vector3<f64>> = first.vertices.iter().map(|p| Vector3::new(p.y, -p.x, 0.3)).collect();
     let mut dual = Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
     for (t, shape) in [(0.0, &first), (1.0, &second)] {

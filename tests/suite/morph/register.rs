@@ -1,5 +1,6 @@
 //! Registration: draws of RANSAC, fits, iterated closest points, a known similarity recovered.
 
+use crate::tolerances::worst;
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::morph::register::fit::{draws_deviation, draws_needed, expected_draws};
@@ -62,7 +63,7 @@ fn a_fit_is_exact_where_there_is_an_exact_one() {
             // What has no weight has no say.
             (to[3], weights[3]) = (Point3::new(9.0, 9.0, 9.0), 0.0);
             let found = fit(&from, &to, &weights, kind).expect("a motion");
-            let off = from.iter().map(|p| (found * p - known * p).norm()).fold(0.0, f64::max);
+            let off = worst(from.iter().map(|p| (found * p - known * p).norm()));
             assert!(off < 1e-12, "{off}");
         }
     }
@@ -106,7 +107,7 @@ fn part(mesh: &TriangleMesh, keep: impl Fn(&Point3<f64>) -> bool) -> TriangleMes
 }
 
 fn off(found: &Similarity3<f64>, known: &Similarity3<f64>, mesh: &TriangleMesh, size: f64) -> f64 {
-    mesh.vertices.iter().map(|p| (found * p - known * p).norm()).fold(0.0, f64::max) / size
+    worst(mesh.vertices.iter().map(|p| (found * p - known * p).norm())) / size
 }
 
 #[test]

@@ -32,6 +32,13 @@ fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (R
     assert!(done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0, "{}", done.areas.stretch_max);
     // As documented.
     assert!(done.progress.depth <= 1e-3 * order.implant.base, "{} m", done.progress.depth);
+    // As found without the solver, and seen if the implant is raised into the skin.
+    let sunk = |x: &[Point3<f64>]| super::sunk(&ready, &done, x);
+    assert!(sunk(&done.x) <= 1e-3 * order.implant.base, "{} m", sunk(&done.x));
+    let mut raised = done.x.clone();
+    let up = ready.frame * nalgebra::Vector3::z() * (0.1 * order.implant.base);
+    raised[2 * ready.layers.count()..].iter_mut().for_each(|p| *p += up);
+    assert!(sunk(&raised) > 0.01 * order.implant.base, "control: {} m", sunk(&raised));
     (ready, done)
 }
 

@@ -7,6 +7,7 @@ use pliant::skin::together::{Group, grouped};
 use pliant::skin::{Order, SkinError};
 
 use super::shapes::sheet;
+use super::sunk;
 use crate::tolerances::T6;
 
 const BASE: f64 = 0.03;
@@ -29,6 +30,7 @@ fn settled(ready: &Ready) -> Inserted {
     println!("{:?}, {:?}", done.progress, done.areas);
     assert!(done.progress.converged, "{:?}", done.progress);
     assert!(done.progress.depth <= deepest(BASE), "{} m", done.progress.depth);
+    assert!(sunk(ready, &done, &done.x) <= deepest(BASE), "{} m", sunk(ready, &done, &done.x));
     for (shell, volume) in done.shells.iter().zip(ready.volumes()) {
         assert!((shell.volume / volume - 1.0).abs() <= T6, "{} of {volume} m3", shell.volume);
     }
@@ -60,17 +62,8 @@ fn implants_that_share_skin_press_on_each_other() {
     // Neither has gone through the other: control, one that was moved into the other is deep in it.
     let mut moved = done.x.clone();
     moved[left.vertices.clone()].iter_mut().for_each(|p| p.x += BASE);
-    let surface = |x: &[Point3<f64>]| {
-        let mesh = |shell: &pliant::skin::plan::Shell| pliant::mesh::TriangleMesh {
-            vertices: x[shell.vertices.clone()].to_vec(),
-            triangles: shell.triangles.clone(),
-        };
-        let (own, other) = (mesh(left), pliant::contact::Surface::new(&mesh(right)));
-        let depth = |p: &Point3<f64>| other.nearest(p, 1.0).map_or(0.0, |on| -on.closest.distance);
-        own.vertices.iter().map(depth).fold(f64::NEG_INFINITY, |a, b| if b > a || b.is_nan() { b } else { a })
-    };
-    assert!(surface(&done.x) <= deepest(BASE));
-    assert!(surface(&moved) > 0.1 * BASE);
+    assert!(sunk(ready, &done, &done.x) <= deepest(BASE));
+    assert!(sunk(ready, &done, &moved) > 0.1 * BASE);
 }
 
 #[test]
