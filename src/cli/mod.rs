@@ -3,11 +3,13 @@
 //! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
 
 mod accuracy;
+mod areas;
 mod biceps;
 mod check;
 mod convert;
 mod excerpt;
 mod failure;
+mod fibres;
 mod from_meshes;
 mod implant;
 mod plan;
@@ -66,6 +68,8 @@ enum Command {
     Springs(Box<springs::Arguments>),
     /// Change the length of a muscle of frusta that keeps its volume
     Biceps(biceps::Arguments),
+    /// Fill a muscle with fibres from its origin to its insertion
+    Fibres(Box<fibres::Arguments>),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -94,6 +98,7 @@ pub fn main() -> ExitCode {
         Some(Command::Study(arguments)) => study::run(&arguments),
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
+        Some(Command::Fibres(arguments)) => fibres::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

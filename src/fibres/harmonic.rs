@@ -10,6 +10,7 @@ mod exchange;
 pub mod field;
 pub mod jacobian;
 pub mod seeds;
+pub mod spread;
 pub mod trace;
 
 use nalgebra::Point3;
@@ -109,6 +110,19 @@ pub fn decompose(
     attachment: &Attachment,
     options: Options,
 ) -> Result<Decomposition, DecompositionError> {
+    decompose_along(muscle, attachment, &[], options)
+}
+
+/// Decomposes a muscle along lines on its surface [m]; without any as [`decompose`].
+///
+/// # Errors
+/// As [`decompose`].
+pub fn decompose_along(
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    lines: &[Vec<Point3<f64>>],
+    options: Options,
+) -> Result<Decomposition, DecompositionError> {
     let Options { count, points } = options;
     if count == 0 || points < 2 {
         return Err(DecompositionError::TooFew { count, points });
@@ -123,7 +137,8 @@ pub fn decompose(
     let wanted = CELLS + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
     let solid = closed.solid();
     let cells = Cells::new(&solid, (volume / wanted).cbrt());
-    let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion).map_err(|e| match e {
+    let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion, lines);
+    let field = field.map_err(|e| match e {
         FieldError::Factor(e) => DecompositionError::Factor(e),
         FieldError::NotJoined => {
             let first =

@@ -3,7 +3,11 @@
 pub mod anisotropy;
 pub mod attachment;
 pub mod binding;
+pub mod each;
 pub mod harmonic;
+pub mod method;
 pub mod polyline;
 pub mod quality;
+pub mod smooth;
 pub mod solid;
+pub mod superficial;

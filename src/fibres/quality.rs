@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use super::attachment::{Area, Attachment};
+use super::each::{Tendon, action, turned};
 use super::polyline::length;
 use super::solid::Closed;
 use crate::mesh::TriangleMesh;
@@ -79,7 +80,7 @@ pub fn measure(
 }
 
 /// Straight tendons from the end of each fibre to the closest place of the patch of an area far away.
-pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<[Point3<f64>; 2]> {
+pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<Tendon> {
     let Some(patch) = &area.patch else { return Vec::new() };
     let tree = SurfaceTree::new(&patch.vertices, &patch.triangles);
     ends.iter().filter_map(|p| Some([*p, tree.closest(p, f64::INFINITY)?.point])).collect()
@@ -164,13 +165,7 @@ fn to_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
 }
 
 fn pennation(fibres: &[Vec<Point3<f64>>]) -> f64 {
-    let sum = |p: Option<&Point3<f64>>| p.map_or_else(Vector3::zeros, |p| p.coords);
-    let action: Vector3<f64> = fibres.iter().map(|f| sum(f.last()) - sum(f.first())).sum();
-    let (mut angles, mut lengths) = (0.0, 0.0);
-    for s in fibres.iter().flat_map(|f| f.windows(2)) {
-        let along = s[1] - s[0];
-        angles += along.norm() * libm::atan2(along.cross(&action).norm(), along.dot(&action));
-        lengths += along.norm();
-    }
-    angles / lengths
+    let action = action(fibres);
+    let angles: f64 = fibres.iter().map(|f| turned(f, &action)).sum();
+    angles / fibres.iter().map(|f| length(f)).sum::<f64>()
 }

@@ -29,12 +29,25 @@ pub struct PolyData<'a> {
 /// An index out of range, point data whose length is no multiple of the number of points, and what the operating
 /// system refuses.
 pub fn write(path: &Path, data: &PolyData<'_>) -> io::Result<()> {
+    write_with_cells(path, data, &[])
+}
+
+/// As [`write()`], with numbers at each polyline and then at each triangle: names and values, shape
+/// `[line_count + triangle_count]`.
+///
+/// # Errors
+/// As [`write()`]; cell data of another number.
+pub fn write_with_cells(path: &Path, data: &PolyData<'_>, cell_data: &[(&str, Vec<f64>)]) -> io::Result<()> {
     check_indices(data.points.len(), data.triangles, data.lines)?;
+    let cells = data.lines.len() + data.triangles.len();
+    if let Some((name, values)) = cell_data.iter().find(|(_, values)| values.len() != cells) {
+        return Err(invalid(format!("'{name}' has {} values for {cells} cells", values.len())));
+    }
     let components = data.point_data.iter().map(|(name, values)| components(name, values, data.points.len()));
     let components = components.collect::<io::Result<Vec<usize>>>()?;
     let layout = Layout::of(data);
     write_whole(path, |w| {
-        header(w, data, &components, &layout)?;
+        header(w, data, &components, &layout, cell_data)?;
         floats(w, data.points.iter().flat_map(|p| [p.x, p.y, p.z]), 3 * data.points.len())?;
         for (_, values) in &data.point_data {
             floats(w, values.iter().copied(), values.len())?;
@@ -49,6 +62,9 @@ pub fn write(path: &Path, data: &PolyData<'_>) -> io::Result<()> {
         integers(w, ends, data.lines.len())?;
         integers(w, data.triangles.iter().flatten().map(|&i| u64::from(i)), 3 * data.triangles.len())?;
         integers(w, (1..=data.triangles.len() as u64).map(|i| 3 * i), data.triangles.len())?;
+        for (_, values) in cell_data {
+            floats(w, values.iter().copied(), values.len())?;
+        }
         write!(w, "\n  </AppendedData>\n</VTKFile>\n")
     })
 }
@@ -69,6 +85,8 @@ struct Layout {
     line_ends: u64,
     triangle_corners: u64,
     triangle_ends: u64,
+    /// Where arrays of cell data begin, one after the other.
+    cell_data: u64,
 }
 
 impl Layout {
@@ -87,11 +105,18 @@ impl Layout {
             line_ends: block(data.lines.len()),
             triangle_corners: block(3 * data.triangles.len()),
             triangle_ends: block(data.triangles.len()),
+            cell_data: block(0),
         }
     }
 }
 
-fn header(w: &mut impl Write, data: &PolyData<'_>, components: &[usize], layout: &Layout) -> io::Result<()> {
+fn header(
+    w: &mut impl Write,
+    data: &PolyData<'_>,
+    components: &[usize],
+    layout: &Layout,
+    cell_data: &[(&str, Vec<f64>)],
+) -> io::Result<()> {
     let (points, lines, triangles) = (data.points.len(), data.lines.len(), data.triangles.len());
     writeln!(w, "<?xml version=\"1.0\"?>")?;
     writeln!(
@@ -107,7 +132,16 @@ fn header(w: &mut impl Write, data: &PolyData<'_>, components: &[usize], layout:
     for (((name, _), components), offset) in data.point_data.iter().zip(components).zip(&layout.point_data) {
         array(w, "Float64", &escape(name), *components, *offset)?;
     }
-    writeln!(w, "      </PointData>\n      <Points>")?;
+    writeln!(w, "      </PointData>")?;
+    if !cell_data.is_empty() {
+        writeln!(w, "      <CellData>")?;
+        for (k, (name, values)) in cell_data.iter().enumerate() {
+            let offset = layout.cell_data + k as u64 * (8 + 8 * values.len() as u64);
+            array(w, "Float64", &escape(name), 1, offset)?;
+        }
+        writeln!(w, "      </CellData>")?;
+    }
+    writeln!(w, "      <Points>")?;
     array(w, "Float64", "Points", 3, 0)?;
     writeln!(w, "      </Points>\n      <Lines>")?;
     array(w, "Int64", "connectivity", 1, layout.line_corners)?;
@@ -199,6 +233,30 @@ mod tests {
         let file = crate::io::read(&path).unwrap();
         let bits: Vec<u64> = file.mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).map(f64::to_bits).collect();
         assert_eq!((bits, file.mesh.triangles, file.lines), (flat, data.triangles.to_vec(), lines.to_vec()));
+    }
+
+    #[test]
+    fn cell_data_stand_behind_the_cells() {
+        let path = scratch("cells.vtp");
+        let points = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]].map(Point3::from);
+        let data = PolyData {
+            points: &points,
+            triangles: &[[0, 1, 2]],
+            lines: &[vec![0, 1, 2], vec![2, 0]],
+            ..Default::default()
+        };
+        let cells = [("fibre", vec![0., 1., -1.]), ("length_m", vec![0.25, 0.5, f64::NAN])];
+        write_with_cells(&path, &data, &cells).unwrap();
+        let bytes = std::fs::read(&*path).unwrap();
+        let begin = bytes.windows(2).position(|w| w == b" _").unwrap() + 2;
+        let text = std::str::from_utf8(&bytes[..begin]).unwrap();
+        for (name, values) in &cells {
+            let bits: Vec<u64> = values.iter().map(|v| v.to_bits()).collect();
+            assert_eq!(block(&bytes[begin..], offset_of(text, "<CellData>", name)), bits, "{name}");
+        }
+        assert!(bytes.ends_with(b"\n  </AppendedData>\n</VTKFile>\n"));
+        assert_eq!(crate::io::read(&path).unwrap().lines, data.lines.to_vec());
+        assert!(write_with_cells(&path, &data, &[("short", vec![0.0; 2])]).is_err());
     }
 
     #[test]

@@ -5,6 +5,7 @@
 //! and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
 
 pub mod biceps;
+pub mod fibres;
 pub mod folder;
 pub mod frames;
 pub mod gathered;

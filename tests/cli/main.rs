@@ -2,6 +2,7 @@
 
 mod biceps;
 mod check;
+mod fibres;
 mod implant;
 mod resume;
 mod springs;

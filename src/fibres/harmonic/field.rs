@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::super::attachment::{Area, over_triangle};
 use super::super::solid::Solid;
 use super::cells::{Cells, NONE};
+use super::spread::spread;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::solvers::sparse::{Factor, FactorError};
@@ -34,6 +35,7 @@ pub struct Field {
     pub values: Vec<f64>,
     /// Whether an area passes near a cube, for each place of the box: of the origin, of the insertion.
     pub by_area: [Vec<bool>; 2],
+    /// Of the values; where lines on the surface were given, unit vectors along what they say.
     gradients: Vec<Vector3<f64>>,
     pushes: Vec<Vector3<f64>>,
 }
@@ -41,7 +43,7 @@ pub struct Field {
 /// The field at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Its gradient [1/m], along the wall where that is near.
+    /// Its gradient [1/m], or the direction of lines on the surface, along the wall where that is near.
     pub gradient: Vector3<f64>,
     /// Its value.
     pub value: f64,
@@ -59,7 +61,8 @@ pub enum FieldError {
 }
 
 impl Field {
-    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface.
+    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface. If there are
+    /// `lines` on the surface [m], streamlines follow their directions, spread through the inside ([`super::spread`]).
     ///
     /// # Errors
     /// The areas are not joined inside, no memory.
@@ -69,6 +72,7 @@ impl Field {
         muscle: &TriangleMesh,
         origin: &Area,
         insertion: &Area,
+        lines: &[Vec<Point3<f64>>],
     ) -> Result<Self, FieldError> {
         let mut contacts = [contact(&cells, muscle, origin), contact(&cells, muscle, insertion)];
         let by_area = [0, 1].map(|end: usize| {
@@ -113,8 +117,25 @@ impl Field {
         let values = name.iter().map(|&n| if n == NONE { f64::NAN } else { values[n as usize] }).collect();
         let mut this = Self { gradients: Vec::new(), pushes: Vec::new(), by_area, cells, values };
         this.gradients = this.gradients(&kept);
+        if !lines.is_empty() {
+            this.follow(lines, &name, &kept).map_err(FieldError::Factor)?;
+        }
         this.lead_along_walls(solid, &[origin, insertion].map(|area| area.tree(muscle)));
         Ok(this)
+    }
+
+    /// Puts directions of lines in the place of the gradients.
+    fn follow(
+        &mut self,
+        lines: &[Vec<Point3<f64>>],
+        name: &[u32],
+        links: &[(u32, u32, usize)],
+    ) -> Result<(), FactorError> {
+        let link =
+            |&(a, b, axis): &(u32, u32, usize)| ([a, b].map(|c| name[c as usize]), self.cells.open[a as usize][axis]);
+        let links: Vec<([u32; 2], f64)> = links.iter().map(link).collect();
+        self.gradients = spread(&self.cells, name, &links, &self.gradients, lines)?;
+        Ok(())
     }
 
     /// Takes from the gradients near a wall what points across it, and notes where to lead back: once for each cell, and

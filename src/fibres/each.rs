@@ -1,0 +1,75 @@
+//! Numbers of each fibre.
+
+use nalgebra::{Point3, Vector3};
+use serde::Serialize;
+
+use super::polyline::length;
+
+/// A straight tendon, from the end of a fibre to a patch.
+pub type Tendon = [Point3<f64>; 2];
+
+/// What is measured of one fibre.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Each {
+    /// Length without tendons [m].
+    pub length_m: f64,
+    /// Distance of its ends [m].
+    pub chord_m: f64,
+    /// Mean angle to the line of action along it [rad].
+    pub pennation_rad: f64,
+    /// Length of the tendon at the origin [m]; 0 without one.
+    pub tendon_origin_m: f64,
+    /// Length of the tendon at the insertion [m]; 0 without one.
+    pub tendon_insertion_m: f64,
+}
+
+/// From the mean of all origins to that of all insertions, times the number of fibres [m].
+pub fn action(fibres: &[Vec<Point3<f64>>]) -> Vector3<f64> {
+    let at = |p: Option<&Point3<f64>>| p.map_or_else(Vector3::zeros, |p| p.coords);
+    fibres.iter().map(|f| at(f.last()) - at(f.first())).sum()
+}
+
+/// Integral along a fibre of its angle to the line of action [rad m].
+pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
+    let angle = |along: Vector3<f64>| along.norm() * libm::atan2(along.cross(action).norm(), along.dot(action));
+    fibre.windows(2).map(|s| angle(s[1] - s[0])).sum()
+}
+
+/// Measures each fibre; tendons are one for each fibre, or none.
+pub fn each(fibres: &[Vec<Point3<f64>>], tendons: &[Vec<Tendon>; 2]) -> Vec<Each> {
+    let action = action(fibres);
+    let tendon = |end: usize, k: usize| tendons[end].get(k).map_or(0.0, |[a, b]| (b - a).norm());
+    let one = |(k, fibre): (usize, &Vec<Point3<f64>>)| {
+        let length_m = length(fibre);
+        let ends = fibre.first().zip(fibre.last());
+        Each {
+            length_m,
+            chord_m: ends.map_or(0.0, |(a, b)| (b - a).norm()),
+            pennation_rad: if length_m > 0.0 { turned(fibre, &action) / length_m } else { 0.0 },
+            tendon_origin_m: tendon(0, k),
+            tendon_insertion_m: tendon(1, k),
+        }
+    };
+    fibres.iter().enumerate().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bent_and_a_straight_fibre() {
+        let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
+        // Up, along and down again: half of its length at a right angle to the line of action.
+        let fibres = vec![vec![p(0.0, 0.0), p(0.0, 1.0), p(2.0, 1.0), p(2.0, 0.0)], vec![p(0.0, 3.0), p(2.0, 3.0)]];
+        let tendons = [vec![[p(0.0, 0.0), p(-0.5, 0.0)], [p(0.0, 3.0), p(-3.0, 7.0)]], Vec::new()];
+        let found = each(&fibres, &tendons);
+        let quarter = std::f64::consts::FRAC_PI_4;
+        let expected = [[4.0, 2.0, quarter, 0.5, 0.0], [2.0, 2.0, 0.0, 5.0, 0.0]];
+        for (e, expected) in found.iter().zip(expected) {
+            let numbers = [e.length_m, e.chord_m, e.pennation_rad, e.tendon_origin_m, e.tendon_insertion_m];
+            // A few roundings of a size of 5.
+            assert!(numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 40.0 * f64::EPSILON), "{e:?}");
+        }
+    }
+}
