@@ -37,8 +37,21 @@ pub struct Field {
     pub by_area: [Vec<bool>; 2],
     /// Of the values; where lines on the surface were given, unit vectors along what they say.
     gradients: Vec<Vector3<f64>>,
-    pushes: Vec<Vector3<f64>>,
+    nodes: Vec<Node>,
 }
+
+/// What is interpolated of a cell, together in memory: streamlines ask for nothing else.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    gradient: Vector3<f64>,
+    push: Vector3<f64>,
+    value: f64,
+    /// Share of the cell inside; 0 where it has no value.
+    share: f64,
+}
+
+/// Gradient along the wall, and push off it.
+type Led = (Vector3<f64>, Vector3<f64>);
 
 /// The field at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,7 +128,7 @@ impl Field {
         factor.factorise().map_err(FieldError::Factor)?;
         factor.solve(&mut values, 1);
         let values = name.iter().map(|&n| if n == NONE { f64::NAN } else { values[n as usize] }).collect();
-        let mut this = Self { gradients: Vec::new(), pushes: Vec::new(), by_area, cells, values };
+        let mut this = Self { gradients: Vec::new(), nodes: Vec::new(), by_area, cells, values };
         this.gradients = this.gradients(&kept);
         if !lines.is_empty() {
             this.follow(lines, &name, &kept).map_err(FieldError::Factor)?;
@@ -142,7 +155,7 @@ impl Field {
     /// between cells as smooth as the gradient itself, so that no two streamlines are thrown together.
     fn lead_along_walls(&mut self, solid: &Solid<'_>, areas: &[SurfaceTree; 2]) {
         let (cells, by_area) = (&self.cells, &self.by_area);
-        let led = |c: usize| -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let led = |c: usize| -> Option<Led> {
             let place = cells.places[c].map(|k| k as usize);
             let index = cells.index(place);
             if !cells.by_wall[index] {
@@ -162,12 +175,14 @@ impl Field {
             Some((gradient - across, inwards * (PUSH * is_wall * (PUSH_FROM - depth).clamp(0.0, 1.0))))
         };
         let all: Vec<_> = (0..cells.count()).into_par_iter().map(led).collect();
-        self.pushes = vec![Vector3::zeros(); all.len()];
-        for (c, led) in all.into_iter().enumerate() {
-            if let Some((gradient, push)) = led {
-                (self.gradients[c], self.pushes[c]) = (gradient, push);
-            }
-        }
+        let node = |(c, led): (usize, Option<Led>)| {
+            let (gradient, push) = led.unwrap_or((self.gradients[c], Vector3::zeros()));
+            let known = !self.values[c].is_nan();
+            let (value, share) = if known { (self.values[c], self.cells.shares[c]) } else { (0.0, 0.0) };
+            Node { gradient, push, value, share }
+        };
+        self.nodes = all.into_iter().enumerate().map(node).collect();
+        self.gradients = Vec::new();
     }
 
     /// Mean of the slopes through the two faces along each axis, each by how far it is open.
@@ -192,22 +207,26 @@ impl Field {
         let local = (p - cells.low) / cells.side - Vector3::repeat(0.5);
         let base = local.map(f64::floor);
         let part = local - base;
+        let sides: [[f64; 2]; 3] = std::array::from_fn(|k| [1.0 - part[k], part[k]]);
+        let place: [isize; 3] = std::array::from_fn(|k| base[k] as isize);
+        let [nx, ny, nz] = cells.dims.map(|n| n as isize);
         let (mut gradient, mut push, mut value, mut total) = (Vector3::zeros(), Vector3::zeros(), 0.0, 0.0);
         for bit in 0..8usize {
-            let place: [isize; 3] = std::array::from_fn(|k| base[k] as isize + (bit >> k & 1) as isize);
-            if (0..3).any(|k| place[k] < 0 || place[k] >= cells.dims[k] as isize) {
+            let bits = [bit & 1, bit >> 1 & 1, bit >> 2 & 1];
+            let [i, j, k] = [0, 1, 2].map(|axis: usize| place[axis] + bits[axis] as isize);
+            if i < 0 || j < 0 || k < 0 || i >= nx || j >= ny || k >= nz {
                 continue;
             }
-            let cell = cells.at[cells.index(place.map(|k| k as usize))];
-            if cell == NONE || self.values[cell as usize].is_nan() {
+            let cell = cells.at[((k * ny + j) * nx + i) as usize];
+            if cell == NONE {
                 continue;
             }
-            let weight: f64 = (0..3).map(|k| if bit >> k & 1 == 1 { part[k] } else { 1.0 - part[k] }).product();
+            let node = &self.nodes[cell as usize];
             // What is known of a cell is as good as its share inside.
-            let weight = weight * cells.shares[cell as usize];
-            push += self.pushes[cell as usize] * weight;
-            gradient += self.gradients[cell as usize] * weight;
-            value += self.values[cell as usize] * weight;
+            let weight = sides[0][bits[0]] * sides[1][bits[1]] * sides[2][bits[2]] * node.share;
+            push += node.push * weight;
+            gradient += node.gradient * weight;
+            value += node.value * weight;
             total += weight;
         }
         (total > 0.0).then(|| Sample { gradient: gradient / total, value: value / total, push: push / total })
