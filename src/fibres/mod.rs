@@ -6,4 +6,7 @@ pub mod binding;
 pub mod harmonic;
 pub mod polyline;
 pub mod quality;
+pub mod slices;
 pub mod solid;
+pub mod springs;
+pub mod template;
