@@ -100,9 +100,13 @@ fn row(name: &str, muscle: &TriangleMesh, areas: &Attachment) {
         let made = decompose(method, muscle, areas, false);
         let time = begin.elapsed().as_secs_f64() * 1e3;
         match made.and_then(|_| quality(method, muscle, areas)) {
-            Err(why) => println!("ROW fibres {name} | {method} | – | {} | | | | | |", why.replace('|', "/")),
+            Err(why) => {
+                // What is in the way, without what comes before and after it in the message.
+                let short = why.split(" sphere: ").last().and_then(|s| s.split([';', ',']).next()).unwrap_or("");
+                println!("ROW fibres | {name} | {method} | – | refused: {short} | | | | | | |");
+            }
             Ok(q) => println!(
-                "ROW fibres {name} | {method} | {time:.0} | {} | {:.2} | {:.3} | {:.0e} | {:.3} | {:.3} | {:.4} |",
+                "ROW fibres | {name} | {method} | {time:.0} | {} | {:.2} | {:.3} | {:.0e} | {:.3} | {:.3} | {:.4} |",
                 q.outside,
                 1e3 * q.outside_max_m,
                 1e3 * q.end_distance_max_m,
