@@ -57,6 +57,7 @@ COMMANDS = {
     "choice": bench("choice"),
     "closest": bench("closest"),
     "contact": bench("contact"),
+    "fibres": bench("fibres"),
     "health": bench("health"),
     "hierarchy": bench("hierarchy"),
     "lattice": bench("lattice"),

@@ -31,6 +31,25 @@ pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
     out
 }
 
+/// Where along a line, in shares of the number of its segments, `count` points lie that are equally far apart on it.
+pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
+    let lengths: Vec<f64> = line.windows(2).map(|s| (s[1] - s[0]).norm()).collect();
+    let total: f64 = lengths.iter().sum();
+    let (mut k, mut before) = (0, 0.0);
+    let mut shares = Vec::with_capacity(count);
+    for n in 0..count {
+        let wanted = total * n as f64 / (count - 1).max(1) as f64;
+        while k + 1 < lengths.len() && before + lengths[k] < wanted {
+            before += lengths[k];
+            k += 1;
+        }
+        let within =
+            lengths.get(k).map_or(0.0, |l| if *l > 0.0 { ((wanted - before) / l).clamp(0.0, 1.0) } else { 0.0 });
+        shares.push(if n + 1 == count { 1.0 } else { (k as f64 + within) / lengths.len().max(1) as f64 });
+    }
+    shares
+}
+
 /// The point of the cubic over segment `k` at `wanted` along the line.
 fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<f64> {
     let span = arcs[k + 1] - arcs[k];

@@ -86,6 +86,135 @@ fn printed_coefficients_do_not_keep_the_volume() {
     assert!(off(&chain(&[2.0; 5], &[1.0; 5], 20.0), 14.0) <= 1e-12);
 }
 
+/// Coefficients A, B, C of the sum of squares over frusta in the change of radii, from volumes of chains.
+fn coefficients(r: &[f64], m: &[f64]) -> [f64; 3] {
+    let at = |s: f64| {
+        let radii: Vec<f64> = r.iter().zip(m).map(|(r, m)| r + m * s).collect();
+        // A distance of 1 between nodes.
+        chain(&radii, m, (r.len() - 1) as f64).volume() / std::f64::consts::PI
+    };
+    let (f0, f1, f2) = (at(0.0), at(1.0), at(2.0));
+    let a = 0.5 * (f2 - 2.0 * f1 + f0);
+    [a, f1 - f0 - a, f0]
+}
+
+/// The samples of the errata: radii and multipliers of A, B, D, E.
+fn samples() -> [(Vec<f64>, Vec<f64>); 4] {
+    let a = sample_a().rest().clone();
+    let five = [1.0, 2.0, 3.0, 2.0, 1.0];
+    [
+        (a.radii, a.growth),
+        (vec![0.8, 2.0, 3.5, 3.8, 2.5, 0.9], vec![0.1, 0.5, 1.0, 1.0, 0.5, 0.1]),
+        (five.to_vec(), five.map(|r| r / 3.0).to_vec()),
+        (five.to_vec(), vec![1.0, 0.6, 0.2, 0.6, 1.0]),
+    ]
+}
+
+#[test]
+fn g1_g2_printed_volumes_are_not_those_of_the_frusta() {
+    let rows = [(131.2, 127.0, 294.2, 20.0), (130.776, 116.628, 314.6, 18.0), (86.6667, 76.6667, 176.7, 20.0)];
+    for ((r, m), (right, doubled, first, length)) in samples().into_iter().zip(rows) {
+        let dx = length / (r.len() - 1) as f64;
+        let sum = |part: &dyn Fn(f64, f64) -> f64| dx * r.windows(2).map(|r| part(r[0], r[1])).sum::<f64>();
+        let volume = chain(&r, &m, length).volume() / std::f64::consts::PI;
+        assert!((volume - right).abs() <= FOUR_DIGITS, "{volume}");
+        let twice = sum(&|a, b| (b - a).powi(2) / 3.0 + 2.0 * a * (b - a) + a * a);
+        assert!((twice - right).abs() > 1.0, "control: the factor does not matter");
+        // (1.7) with its factor of 2, to the letter 3.2 to 11.5 % less: the difference is dx r (r' - r).
+        let less = sum(&|a, b| a * (b - a));
+        assert!(
+            (twice - less - volume).abs() <= 1e-9 && (volume + less - doubled).abs() <= FOUR_DIGITS * 20.0,
+            "{less}"
+        );
+        let typo = sum(&|a, b| (b - r[0]).powi(2) / 3.0 + a * (b - r[0]) + a * a);
+        assert!((typo - volume).abs() > 0.2 * volume && first > volume, "{typo} against {first}");
+    }
+}
+
+#[test]
+fn g3_g4_coefficients_of_the_samples() {
+    let rows = [
+        (3.82, 4.42, 28.0133, 27.08),
+        (2.3733, 3.1933, 18.43, 16.75),
+        (1.9259, 2.3704, 11.5556, 10.6667),
+        (1.6533, 2.2933, 8.5333, 9.6),
+    ];
+    for ((r, m), (a, printed_a, b, printed_b)) in samples().into_iter().zip(rows) {
+        let [found_a, found_b, _] = coefficients(&r, &m);
+        assert!((found_a - a).abs() <= FOUR_DIGITS && (found_b - b).abs() <= FOUR_DIGITS, "{found_a} {found_b}");
+        let pairs = || r.windows(2).zip(m.windows(2));
+        let wrong_a: f64 = pairs().map(|(_, m)| (m[1] * m[1] - 5.0 * m[0] * m[1] + 7.0 * m[0] * m[0]) / 3.0).sum();
+        let wrong_b: f64 = pairs().map(|(r, m)| m[1] * r[0] + m[0] * r[1]).sum();
+        assert!(
+            (wrong_a - printed_a).abs() <= FOUR_DIGITS && (wrong_b - printed_b).abs() <= FOUR_DIGITS,
+            "{wrong_a} {wrong_b}"
+        );
+        assert!((wrong_a - a).abs() > 0.4 && (wrong_b - b).abs() > 0.8, "control");
+        // Of the muscle turned end for end they are the same, the printed A is not where m is not symmetric.
+        let (mut back, mut grown) = (r.clone(), m.clone());
+        back.reverse();
+        grown.reverse();
+        let [same_a, same_b, _] = coefficients(&back, &grown);
+        assert!((same_a - found_a).abs() <= 1e-12 * a && (same_b - found_b).abs() <= 1e-12 * b.abs().max(1.0) * 100.0);
+    }
+}
+
+#[test]
+fn g5_roots_without_the_target_do_not_exist() {
+    let a = sample_a();
+    let [square, linear, constant] = coefficients(&a.rest().radii, &a.rest().growth);
+    let printed = linear * linear - 4.0 * square * constant;
+    assert!((constant - 52.48).abs() <= 1e-9 && (printed + 17.1).abs() <= 0.05, "{constant} {printed}");
+    assert!(linear * linear + 4.0 * square * constant * (20.0 / 14.0 - 1.0) > 0.0);
+}
+
+#[test]
+fn g6_small_changes_are_not_lost_in_rounding() {
+    let a = sample_a();
+    let [_, linear, constant] = coefficients(&a.rest().radii, &a.rest().growth);
+    for by in [1e-9, 1e-12] {
+        let shorter = at(sample_a(), 20.0 * (1.0 - by));
+        // To first order: the radius of a node with multiplier 1 grows by C/B times the share.
+        let lack = 20.0 / shorter.length() - 1.0;
+        let (found, wanted) = (shorter.radii()[4] - 3.4, constant / linear * lack);
+        // What is left is the rounding of the radius itself.
+        assert!((found - wanted).abs() <= 4.0 * f64::EPSILON * 3.4 + by * wanted, "{by}: {found} for {wanted}");
+    }
+}
+
+#[test]
+fn g7_negative_multipliers_and_radii_are_refused() {
+    let shape =
+        Shape { radii: vec![2.0; 5], growth: vec![-1.0, -1.0, -0.5, -1.0, -1.0], length: 20.0, caps: Caps::Out };
+    let error = Chain::new(shape).expect_err("refused");
+    assert!(matches!(error, ChainError::Negative { node: 1, value: -1.0, .. }), "{error}");
+    let thin = || chain(&[0.3, 2.0, 3.0, 2.0, 0.3], &[1.0, 0.5, 0.2, 0.5, 1.0], 20.0);
+    assert!((least(&at(thin(), 22.0)) - 0.0698).abs() <= FOUR_DIGITS, "{}", least(&at(thin(), 22.0)));
+    // 24 has a root with radii below 0, 40 none at all.
+    for length in [24.0, 40.0] {
+        let error = thin().set_length(length).expect_err("refused");
+        assert!(
+            matches!(error, ChainError::TooLong { node: 1, longest, .. } if (22.0..24.0).contains(&longest)),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn g8_round_ends_change_the_volume_unless_they_count() {
+    let cylinder =
+        |caps| Chain::new(Shape { radii: vec![2.0; 5], growth: vec![1.0; 5], length: 20.0, caps }).expect("a chain");
+    let drawn = |chain: &Chain| {
+        let ends = [chain.radii()[0], chain.radii()[4]].map(|r| 2.0 / 3.0 * r.powi(3));
+        chain.spacing() * chain.radii().windows(2).map(|r| (r[0] * r[0] + r[0] * r[1] + r[1] * r[1]) / 3.0).sum::<f64>()
+            + ends[0]
+            + ends[1]
+    };
+    let change = |caps| drawn(&at(cylinder(caps), 14.0)) / drawn(&cylinder(caps)) - 1.0;
+    assert!((change(Caps::Out) - 0.0832).abs() <= FOUR_DIGITS, "{}", change(Caps::Out));
+    assert!(change(Caps::In).abs() <= 1e-12, "{}", change(Caps::In));
+}
+
 #[test]
 fn a_thousand_changes_leave_no_trace() {
     let (rest, mut a) = (sample_a(), sample_a());

@@ -4,4 +4,5 @@ mod contact;
 mod formulas;
 mod forces;
 mod integrators;
+mod statements;
 mod thesis;

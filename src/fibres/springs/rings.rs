@@ -1,0 +1,62 @@
+//! Rings around a muscle made even: points equally far apart on each, and no ring turned against the next.
+//!
+//! Maps to the sphere may wind about a long body; what runs along a meridian then winds about the muscle. On each ring points
+//! are laid off anew at equal lengths, and each ring, from the middle one outwards, is begun where the sum of squared
+//! distances to the points of the one before is least. Order around and along stays as it is, so nothing folds by that.
+
+use nalgebra::Point3;
+
+/// Places on a ring between two lines, from which lengths are measured.
+const FINE: usize = 4;
+
+/// A closed ring over lines: `place(x)` for x from 0 to the number of lines.
+pub struct Ring {
+    /// x of equal lengths, over one turn and its end.
+    at: Vec<f64>,
+    lines: f64,
+    /// Where the first point is, as a share of the turn.
+    pub start: f64,
+}
+
+impl Ring {
+    /// Measures a ring over `lines` lines.
+    pub fn new<E>(lines: usize, mut place: impl FnMut(f64) -> Result<Point3<f64>, E>) -> Result<Self, E> {
+        let count = FINE * lines;
+        let step = 1.0 / FINE as f64;
+        let points: Vec<Point3<f64>> = (0..=count).map(|n| place(n as f64 * step)).collect::<Result<_, _>>()?;
+        let shares = crate::fibres::polyline::equal_shares(&points, count + 1);
+        let at = shares.into_iter().map(|s| s * lines as f64).collect();
+        Ok(Self { at, lines: lines as f64, start: 0.0 })
+    }
+
+    /// x of a share of the turn from the start.
+    pub fn line(&self, share: f64) -> f64 {
+        let y = (self.start + share).rem_euclid(1.0) * (self.at.len() - 1) as f64;
+        let k = (y as usize).min(self.at.len() - 2);
+        (self.at[k] + (self.at[k + 1] - self.at[k]) * (y - k as f64)).min(self.lines)
+    }
+
+    /// Begins where the points are nearest to those of a neighbour ring.
+    pub fn turn_to<E>(
+        &mut self,
+        neighbour: &[Point3<f64>],
+        mut place: impl FnMut(f64) -> Result<Point3<f64>, E>,
+    ) -> Result<(), E> {
+        let count = FINE * neighbour.len();
+        self.start = 0.0;
+        let points: Vec<Point3<f64>> =
+            (0..count).map(|n| place(self.line(n as f64 / count as f64))).collect::<Result<_, _>>()?;
+        let cost = |shift: usize| -> f64 {
+            let other = |m: usize| points[(shift + FINE * m) % count];
+            neighbour.iter().enumerate().map(|(m, p)| (p - other(m)).norm_squared()).sum()
+        };
+        let costs: Vec<f64> = (0..count).map(cost).collect();
+        let best = (0..count).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+        // Between the shifts tried, where a parabola through the best three is least.
+        let (before, after) = (costs[(best + count - 1) % count], costs[(best + 1) % count]);
+        let bend = before - 2.0 * costs[best] + after;
+        let shift = if bend > 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
+        self.start = ((best as f64 + shift) / count as f64).rem_euclid(1.0);
+        Ok(())
+    }
+}
