@@ -3,6 +3,8 @@
 mod biceps;
 mod check;
 mod implant;
+mod morph;
+mod register;
 mod resume;
 mod springs;
 mod staged;
@@ -139,6 +141,8 @@ fn every_command_has_help_with_an_example() {
         &["scenes", "--help"],
         &["accuracy", "--help"],
         &["springs", "--help"],
+        &["morph", "--help"],
+        &["register", "--help"],
         &["study", "--help"],
     ] {
         let done = run(arguments);
