@@ -7,7 +7,7 @@ use pliant::morph::align::{self, AlignError, Moving};
 use pliant::morph::blend::{BlendError, Laplacian, hermite, linear};
 use pliant::morph::locate::Locator;
 use pliant::morph::overlay::{Origin, OverlayError, arcs_cross};
-use pliant::morph::sphere::flipped;
+use pliant::morph::sphere::{flipped, turn};
 use pliant::morph::{Overlay, SphereMap};
 use pliant::testing::Draw;
 
@@ -41,6 +41,35 @@ fn each_direction_is_in_one_triangle_and_a_scan_finds_the_same() {
     }
     assert_eq!(locator.locate(&Vector3::zeros()), None);
     assert_eq!(locator.locate(&Vector3::new(f64::NAN, 0.0, 1.0)), None);
+}
+
+/// M12: on an edge (2.3) holds in two triangles wherever rounding says so; by exact signs one is found, and the place is in it.
+#[test]
+fn m12_a_place_on_an_edge_is_in_a_triangle() {
+    let map = robust(&bent(2, 6.0, 2.0));
+    let locator = Locator::new(&map);
+    let mut draw = Draw::new(12);
+    let (mut in_none, mut in_two) = (0, 0);
+    for t in map.triangles().iter().cycle().take(4000) {
+        let [a, b, _] = t.map(|v| map.points()[v as usize].coords);
+        let p = (a + (b - a) * draw.between(0.0, 1.0)).normalize();
+        let printed = |t: &&[u32; 3]| {
+            let [a, b, c] = t.map(|v| map.points()[v as usize].coords);
+            a.cross(&b).dot(&p) >= 0.0 && b.cross(&c).dot(&p) >= 0.0 && c.cross(&a).dot(&p) >= 0.0
+        };
+        match map.triangles().iter().filter(printed).count() {
+            0 => in_none += 1,
+            1 => {}
+            _ => in_two += 1,
+        }
+        let found = locator.locate(&p).expect("a triangle");
+        let [a, b, c] = map.triangles()[found.triangle as usize].map(|v| map.points()[v as usize]);
+        // As it is looked up: made a unit vector once more.
+        let p = Point3::from(p.normalize());
+        assert!([turn(&a, &b, &p), turn(&b, &c, &p), turn(&c, &a, &p)].iter().all(|side| *side >= 0.0));
+    }
+    println!("of 4000 places on edges {in_none} are in no triangle by the printed test, {in_two} in two");
+    assert!(in_two > 0, "{in_two}");
 }
 
 /// M4: arcs on opposite sides of the sphere do not cross, though both parameters say so.
