@@ -12,8 +12,10 @@ mod failure;
 mod fibres;
 mod from_meshes;
 mod implant;
+mod morph;
 mod plan;
 mod progress;
+mod register;
 mod resume;
 mod run;
 mod scenes;
@@ -76,6 +78,10 @@ enum Command {
     Check(check::Arguments),
     /// Write a mesh in another format or unit
     Convert(convert::Arguments),
+    /// Blend two closed surfaces: which place belongs to which, shapes and point data in between
+    Morph(morph::Arguments),
+    /// Lay one surface onto another: turned and moved, scaled, or bent
+    Register(register::Arguments),
     /// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
     Implant(Box<implant::Arguments>),
 }
@@ -103,6 +109,8 @@ pub fn main() -> ExitCode {
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),
         Some(Command::Implant(arguments)) => implant::run(&arguments),
+        Some(Command::Morph(arguments)) => morph::run(&arguments),
+        Some(Command::Register(arguments)) => register::run(&arguments),
     };
     match done {
         Ok(code) => ExitCode::from(code),

@@ -119,6 +119,36 @@ pub fn read(path: &Path) -> Result<MeshFile, ReadError> {
 /// As [`read`].
 pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
     let limit = limit.min(MAX_FILE_BYTES);
+    read_bytes_within(&bytes_of(path, limit)?, &path.display().to_string(), limit)
+}
+
+/// Numbers at the vertices of a mesh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointData {
+    /// The name of the array.
+    pub name: String,
+    /// Numbers at each vertex.
+    pub components: usize,
+    /// All of them, those of a vertex together, shape `[vertex_count * components]`; as they stand in the file, NaN included.
+    pub values: Vec<f64>,
+}
+
+/// Reads the numbers at the vertices of a `.vtp` file; of other formats none are read.
+///
+/// # Errors
+/// As [`read`], and arrays of another size than declared.
+pub fn read_point_data(path: &Path) -> Result<Vec<PointData>, ReadError> {
+    let bytes = bytes_of(path, MAX_FILE_BYTES)?;
+    let name = path.display().to_string();
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+    match detect(text, &name) {
+        Ok(Format::Vtp) => vtp::point_data(text, &name, MAX_FILE_BYTES),
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// The bytes of a file of at most `limit` bytes.
+fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     let name = path.display().to_string();
     let too_large = |bytes| {
         let problem = Problem::TooLarge { bytes, limit };
@@ -136,7 +166,7 @@ pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
     if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
     }
-    read_bytes_within(&bytes, &name, limit)
+    Ok(bytes)
 }
 
 /// Reads a mesh from the bytes of a file; `name` stands in errors and its extension breaks ties.

@@ -8,7 +8,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::part::{check_indices, invalid, write_whole};
-pub(super) use read::read;
+pub(super) use read::{point_data, read};
 
 /// A surface, lines and numbers at their points, borrowed for writing.
 #[derive(Clone, Debug, Default)]

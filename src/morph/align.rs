@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
+use super::sphere::kernel::sees;
+use super::sphere::rings::Rings;
 use super::sphere::{SphereError, SphereMap, flipped};
 
 /// Why maps cannot be aligned.
@@ -136,11 +138,17 @@ impl Default for Moving {
 
 /// Greatest part of the radius that a step goes; from one half on vertices may overtake each other (M10).
 const SHARE: f64 = 0.25;
+/// Halvings of the way of a vertex that does not see its ring from its end.
+const HALVINGS: usize = 6;
+/// Moving is given up when in so many steps what is left did not get smaller by so much.
+const PATIENCE: usize = 300;
+const BETTER: f64 = 0.999;
 /// A feature this near to its place is put there \[rad\].
 const THERE: f64 = 1e-9;
 
 /// Moves vertices of a map, the features, to given places, and what is around them with them:
-/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2, halved while a triangle would be turned over.
+/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2; where a triangle would be turned over, each vertex goes as far as it sees
+/// its ring, by halves.
 ///
 /// The printed form lacks the division by d: a feature moves by d times what is left (M10).
 ///
@@ -154,26 +162,34 @@ pub fn move_features(
 ) -> Result<SphereMap, AlignError> {
     check_features(map, features, targets)?;
     let mut points = map.points().to_vec();
-    let mut share = SHARE;
-    for _ in 0..how.steps {
-        let left = |i: usize| (targets[i] - points[features[i] as usize]).norm();
-        if (0..features.len()).all(|i| left(i) <= THERE) {
+    let Some(rings) = Rings::new(points.len(), map.triangles()) else {
+        return Err(SphereError::Vertex { vertex: 0 }.into());
+    };
+    let far = |points: &[Point3<f64>], i: usize| (targets[i] - points[features[i] as usize]).norm();
+    let (mut least, mut since, mut steps) = (f64::INFINITY, 0, 0);
+    while steps < how.steps && since <= PATIENCE {
+        if (0..features.len()).all(|i| far(&points, i) <= THERE) {
             return finish(map, points, features, targets);
         }
-        let next = moved(&points, features, targets, how.radius, share);
+        steps += 1;
+        let next = moved(&points, features, targets, how.radius, SHARE);
         if flipped(&next, map.triangles()).is_empty() {
             points = next;
-            share = SHARE.min(2.0 * share);
         } else {
-            // What was pushed together spreads, so that the next step has room.
-            share *= 0.5;
-            relax(&mut points, map.triangles(), features);
+            // One thin triangle must not stop all: each goes as far as it sees its ring, and what was pushed together spreads.
+            each_moved(&mut points, &rings, &next);
+            relax(&mut points, &rings, features);
+        }
+        let left = (0..features.len()).map(|i| far(&points, i)).sum::<f64>();
+        since = if left < least * BETTER { 0 } else { since + 1 };
+        if since == 0 {
+            least = left;
         }
     }
-    let left = |i: usize| (targets[i] - points[features[i] as usize]).norm();
+    let left = |i: usize| far(&points, i);
     let worst = (0..features.len()).max_by(|&i, &j| left(i).total_cmp(&left(j))).unwrap_or(0);
     let left = 2.0 * libm::asin((0.5 * left(worst)).min(1.0));
-    Err(AlignError::Stuck { feature: worst, vertex: features[worst], left, steps: how.steps })
+    Err(AlignError::Stuck { feature: worst, vertex: features[worst], left, steps })
 }
 
 fn check_features(map: &SphereMap, features: &[u32], targets: &[Point3<f64>]) -> Result<(), AlignError> {
@@ -217,22 +233,42 @@ fn moved(
     next
 }
 
+/// Moves vertices one after the other to where they are wanted, as far as they see their rings.
+fn each_moved(points: &mut [Point3<f64>], rings: &Rings, wanted: &[Point3<f64>]) {
+    let mut ring = Vec::new();
+    for v in 0..points.len() {
+        if wanted[v] != points[v] {
+            go(points, rings, v, wanted[v], &mut ring);
+        }
+    }
+}
+
+/// Moves a vertex towards a place, by halves, where it sees its ring.
+fn go(points: &mut [Point3<f64>], rings: &Rings, v: usize, to: Point3<f64>, ring: &mut Vec<Point3<f64>>) {
+    ring.clear();
+    ring.extend(rings.of(v as u32).iter().map(|&w| points[w as usize]));
+    let from = points[v].coords;
+    let mut share = 1.0;
+    for _ in 0..HALVINGS {
+        let Some(target) = (from + (to.coords - from) * share).try_normalize(0.0).map(Point3::from) else { return };
+        if sees(&target, ring) {
+            points[v] = target;
+            return;
+        }
+        share *= 0.5;
+    }
+}
+
 /// Draws all but the features a little to the middle of their neighbours, where that turns no triangle over.
-fn relax(points: &mut Vec<Point3<f64>>, triangles: &[[u32; 3]], features: &[u32]) {
-    let mut sums: Vec<Vector3<f64>> = vec![Vector3::zeros(); points.len()];
-    for &[a, b, c] in triangles {
-        for [v, w] in [[a, b], [b, c], [c, a]] {
-            sums[v as usize] += points[w as usize].coords;
-        }
-    }
-    let mut next = points.clone();
-    for (v, p) in next.iter_mut().enumerate() {
-        if let (false, Some(middle)) = (features.contains(&(v as u32)), sums[v].try_normalize(0.0)) {
-            *p = Point3::from((p.coords + middle).normalize());
-        }
-    }
-    if flipped(&next, triangles).is_empty() {
-        *points = next;
+fn relax(points: &mut [Point3<f64>], rings: &Rings, features: &[u32]) {
+    let mut held = vec![false; points.len()];
+    features.iter().for_each(|&f| held[f as usize] = true);
+    let mut ring = Vec::new();
+    for v in (0..points.len()).filter(|v| !held[*v]) {
+        let sum: Vector3<f64> = rings.of(v as u32).iter().map(|&w| points[w as usize].coords).sum();
+        let Some(middle) = sum.try_normalize(0.0) else { continue };
+        let Some(half) = (points[v].coords + middle).try_normalize(0.0) else { continue };
+        go(points, rings, v, Point3::from(half), &mut ring);
     }
 }
 

@@ -77,6 +77,55 @@ pub fn hermite(
     Ok((0..ends[0].len()).map(|i| Point3::from(at(i))).collect())
 }
 
+/// Tangents of [`hermite`] along the arcs of a turn of the whole: at either end the velocity of R(t) ((1 - t) a + t b) + c(t),
+/// with a and b both shapes about their centres, b turned back, R(t) the part t of the rotation nearest to what takes the one to
+/// the other, and c(t) the blended centre.
+///
+/// # Errors
+/// Shapes that do not share their vertices.
+pub fn turning(ends: [&[Point3<f64>]; 2]) -> Result<[Vec<Vector3<f64>>; 2], BlendError> {
+    check(ends[0], ends[1])?;
+    let (centres, whole) = whole_turn(ends);
+    let (by, along) = (whole.to_rotation_matrix(), centres[1] - centres[0]);
+    let axis = whole.scaled_axis();
+    let both = || ends[0].iter().zip(ends[1]).map(|(a, b)| (a.coords - centres[0], b.coords - centres[1]));
+    let leaving = both().map(|(a, b)| axis.cross(&a) + by.inverse() * b - a + along).collect();
+    let arriving = both().map(|(a, b)| axis.cross(&b) + b - by * a + along).collect();
+    Ok([leaving, arriving])
+}
+
+/// Centres of both shapes and the rotation about them that takes the first nearest to the second.
+fn whole_turn(ends: [&[Point3<f64>]; 2]) -> ([Vector3<f64>; 2], UnitQuaternion<f64>) {
+    let count = ends[0].len().max(1) as f64;
+    let centres = ends.map(|x| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count);
+    let about = ends[0].iter().zip(ends[1]).map(|(a, b)| (b.coords - centres[1]) * (a.coords - centres[0]).transpose());
+    (centres, rotation_of(&about.sum()))
+}
+
+/// A way from one shape to another.
+pub enum Path {
+    /// Straight.
+    Linear,
+    /// Along cubics with these tangents at either end.
+    Hermite(Box<[Vec<Vector3<f64>>; 2]>),
+    /// By turned Laplacian vectors.
+    Laplacian(Box<Laplacian>),
+}
+
+impl Path {
+    /// The shape at t between the two ends it was made for \[m\].
+    ///
+    /// # Errors
+    /// Other ends.
+    pub fn at(&mut self, ends: [&[Point3<f64>]; 2], t: f64) -> Result<Vec<Point3<f64>>, BlendError> {
+        match self {
+            Self::Linear => linear(ends[0], ends[1], t),
+            Self::Hermite(tangents) => hermite(ends, &tangents[0], &tangents[1], t),
+            Self::Laplacian(blend) => Ok(blend.at(t)),
+        }
+    }
+}
+
 /// Blend of Laplacian vectors, turned from the one shape to the other: keeps size and volume where parts turn.
 ///
 /// The source blends delta_i = sum_j w_ij (x_j - x_i) linearly and solves L x = delta(t). With one matrix L, that is the linear
@@ -96,9 +145,12 @@ pub struct Laplacian {
     factor: Factor<1>,
 }
 
-/// Least weight of an edge over the mean: cotangents may be negative or vanish, and the system must have a solution.
+/// Least weight of an edge over the mean. Cotangents are negative where two opposite angles exceed 180 degrees together, and on
+/// merged surfaces, which are full of slivers, hundreds are: then the matrix is not positive definite and has no Cholesky factor.
+/// The weights only say how what the turned edges disagree in is shared out, so that both ends are met with any that are
+/// positive; on evenly triangulated surfaces no bound is met.
 const LEAST: f64 = 1e-2;
-/// Greatest weight over the mean: cotangents of slivers have no bound.
+/// Greatest weight over the mean: cotangents of slivers have no bound, and one would outweigh all others of its vertices.
 const MOST: f64 = 1e2;
 
 impl Laplacian {
@@ -129,7 +181,7 @@ impl Laplacian {
         // Vertex 0 is held near its linear blend; all are moved to the blended centre afterwards.
         factor.add_diagonal(0, weights.iter().sum::<f64>() / weights.len().max(1) as f64);
         factor.factorise()?;
-        let centres = [first, second].map(|x| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count.max(1) as f64);
+        let (centres, whole) = whole_turn([first, second]);
         let mut products = vec![Matrix3::zeros(); count];
         for (&[a, b], &w) in edges.iter().zip(&weights) {
             let (before, after) = (first[b as usize] - first[a as usize], second[b as usize] - second[a as usize]);
@@ -137,9 +189,6 @@ impl Laplacian {
             products[a as usize] += product;
             products[b as usize] += product;
         }
-        let about =
-            first.iter().zip(second).map(|(a, b)| (b.coords - centres[1]) * (a.coords - centres[0]).transpose());
-        let whole = rotation_of(&about.sum());
         let back = whole.inverse().to_rotation_matrix();
         let turns = products.iter().map(|m| rotation_of(&(back.matrix() * m)).scaled_axis()).collect();
         let (first, second) = (first.to_vec(), second.to_vec());
@@ -198,4 +247,27 @@ fn weights(topology: &Topology, triangles: &[[u32; 3]], shapes: [&[Point3<f64>];
     let mean = if mean > 0.0 { mean } else { 1.0 };
     sums.iter_mut().for_each(|w| *w = w.clamp(LEAST * mean, MOST * mean));
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn bounds_on_weights_are_met_by_slivers_only() {
+        let ball = icosphere(1.0, 3);
+        let at_bounds = |x: &[Point3<f64>], triangles: &[[u32; 3]]| {
+            let topology = Topology::of_triangles(x.len(), triangles);
+            let found = weights(&topology, triangles, [x, x]);
+            let least = found.iter().copied().fold(f64::INFINITY, f64::min);
+            assert!(least > 0.0);
+            found.iter().filter(|w| **w == least).count()
+        };
+        assert!(at_bounds(&ball.vertices, &ball.triangles) < 100, "an even ball has weights of its own");
+        // Flattened to a hundredth, opposite angles exceed half a turn: weights would be negative.
+        let flat: Vec<Point3<f64>> = ball.vertices.iter().map(|p| Point3::new(p.x, p.y, 0.01 * p.z)).collect();
+        let thin: Vec<Point3<f64>> = flat.iter().map(|p| Point3::new(p.x, 0.1 * p.y, p.z)).collect();
+        assert!(at_bounds(&thin, &ball.triangles) > 100);
+    }
 }

@@ -18,7 +18,7 @@ pub const CHECKPOINT: &str = "checkpoint.pliant";
 const HEADER: &str = "# Written by pliant. The next run into this folder removes the files listed here.";
 
 /// Endings of files that a run writes: nothing else is ever removed, whatever the list says.
-const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "pliant"];
+const ENDINGS: &[&str] = &["vtp", "pvd", "csv", "json", "html", "gif", "png", "svg", "toml", "obj", "pliant"];
 
 /// Folders that a run makes in its own.
 const FOLDERS: &[&str] = &["frames", "runs"];

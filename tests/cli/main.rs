@@ -4,6 +4,8 @@ mod biceps;
 mod check;
 mod fibres;
 mod implant;
+mod morph;
+mod register;
 mod resume;
 mod springs;
 mod staged;
@@ -140,6 +142,8 @@ fn every_command_has_help_with_an_example() {
         &["scenes", "--help"],
         &["accuracy", "--help"],
         &["springs", "--help"],
+        &["morph", "--help"],
+        &["register", "--help"],
         &["study", "--help"],
     ] {
         let done = run(arguments);

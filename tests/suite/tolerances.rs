@@ -34,6 +34,14 @@ pub const T15: f64 = 1e-6;
 pub const T16: f64 = 0.1;
 /// T17: a body at rest against its exact equilibrium over its size, and what is left of the load on it.
 pub const T17: f64 = 1e-8;
+/// T18: ends of blends, surfaces cut by an overlay, exact fits, over their size.
+pub const T18: f64 = 1e-12;
+/// T19: a known motion found again from a part of a surface, its greatest error over the size of the surface.
+pub const T19: f64 = 1e-3;
+/// T20: a known motion found again from the same vertices, over the size of the surface.
+pub const T20: f64 = 1e-6;
+/// T21: angle between two rotations that are the same \[rad\].
+pub const T21: f64 = 1e-7;
 
 /// What the table of `docs/verification.md` must say.
 const ALL: &[(&str, f64)] = &[
@@ -54,6 +62,10 @@ const ALL: &[(&str, f64)] = &[
     ("T15", T15),
     ("T16", T16),
     ("T17", T17),
+    ("T18", T18),
+    ("T19", T19),
+    ("T20", T20),
+    ("T21", T21),
 ];
 
 /// Number of drawn cases: `default`, or what `PLIANT_CASES` says.

@@ -1,5 +1,7 @@
 //! Reader of VTK XML polydata: arrays as text, in base64 or appended, plain or compressed, of one piece or several.
 
+mod data;
+
 use std::borrow::Cow;
 
 use nalgebra::Point3;
@@ -10,6 +12,7 @@ use crate::io::encoded::{Compressor, Fault, Layout, Source};
 use crate::io::error::{Place, Problem, ReadError};
 use crate::io::surface::Surface;
 use crate::io::xml::{Tag, Xml};
+pub(in crate::io) use data::point_data;
 
 /// The type of the numbers of an array.
 #[derive(Clone, Copy)]
@@ -74,6 +77,7 @@ impl Array<'_> {
             Slot::Points => format!("the array of Points of piece {piece}"),
             Slot::Corners(i) => format!("the connectivity of {} of piece {piece}", section(i)),
             Slot::Ends(i) => format!("the offsets of {} of piece {piece}", section(i)),
+            Slot::Data => format!("an array of PointData of piece {piece}"),
         }
     }
 }
@@ -101,6 +105,8 @@ enum Slot {
     Points,
     Corners(usize),
     Ends(usize),
+    /// Numbers at the points, which the surface does without.
+    Data,
 }
 
 impl<'a> Piece<'a> {
@@ -176,9 +182,7 @@ struct Reader<'a> {
 /// # Errors
 /// Another XML file, an array that is missing, damaged or of another size than declared, an index out of range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
-    let layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit };
-    let xml = Xml::new(name, bytes);
-    let mut reader = Reader { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() };
+    let mut reader = Reader::new(bytes, name, limit);
     let pieces = reader.structure()?;
     for piece in &pieces {
         reader.piece(piece)?;
@@ -187,6 +191,12 @@ pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFi
 }
 
 impl<'a> Reader<'a> {
+    fn new(bytes: &'a [u8], name: &'a str, limit: u64) -> Self {
+        let layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit };
+        let xml = Xml::new(name, bytes);
+        Self { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() }
+    }
+
     /// Reads all tags, and no number.
     fn structure(&mut self) -> Result<Vec<Piece<'a>>, ReadError> {
         let mut pieces: Vec<Piece<'a>> = Vec::new();
@@ -293,6 +303,10 @@ impl<'a> Reader<'a> {
             (_, Some(i), b"offsets") => Slot::Ends(i),
             _ => return Ok(None),
         };
+        self.stored(tag, slot, piece).map(Some)
+    }
+
+    fn stored(&self, tag: &Tag<'a>, slot: Slot, piece: usize) -> Result<Array<'a>, ReadError> {
         let word = tag.attribute("type").unwrap_or_default();
         let Some(kind) = Kind::parse(word) else {
             return Err(self.expected("a type such as Int64 or Float32", if word.is_empty() { tag.name } else { word }));
@@ -307,7 +321,7 @@ impl<'a> Reader<'a> {
             }
             Some(other) => return Err(self.expected("ascii, binary or appended", other)),
         };
-        Ok(Some(Array { kind, stored, tag: tag.name, slot, piece }))
+        Ok(Array { kind, stored, tag: tag.name, slot, piece })
     }
 
     fn piece(&mut self, piece: &Piece<'a>) -> Result<(), ReadError> {

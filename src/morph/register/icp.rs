@@ -63,7 +63,7 @@ pub struct Icp {
     pub measure: Measure,
     /// Rounds at most.
     pub rounds: usize,
-    /// It ends when no vertex moves further in a round, over the size of the surface.
+    /// It ends when no vertex moves further in a round, over the size of the surface; or when distances get no less for long.
     pub threshold: f64,
 }
 
@@ -104,6 +104,12 @@ struct Pair {
     distance: f64,
 }
 
+/// Distances that get less by less than this are the same.
+const BETTER: f64 = 1e-6;
+/// It ends when in so many rounds distances got no less, and moves are below this share of the size.
+const PATIENCE: usize = 25;
+const SMALL: f64 = 1e-3;
+
 impl Icp {
     /// Moves `moving` onto `fixed`, from `start` on.
     ///
@@ -124,6 +130,7 @@ impl Icp {
         };
         let mut motion = *start;
         let mut last = Registered { motion, rounds: 0, converged: false, distance: 0.0, pairs: 0 };
+        let (mut least, mut since) = (f64::INFINITY, 0);
         for round in 1..=self.rounds {
             let mut pairs = self.matched(moving, fixed, &chosen, &motion);
             self.drop_bad(&mut pairs);
@@ -141,6 +148,10 @@ impl Icp {
                 distance: (squares / pairs.len() as f64).sqrt(),
                 pairs: pairs.len(),
             };
+            // Where shapes differ, pairs come and go in turn for ever.
+            since = if last.distance < least * (1.0 - BETTER) { 0 } else { since + 1 };
+            least = least.min(last.distance);
+            last.converged |= since >= PATIENCE && moved <= SMALL * fixed.size();
             if last.converged {
                 break;
             }
@@ -166,7 +177,8 @@ impl Icp {
                     return None;
                 }
             }
-            Some(Pair { from, to: near.point, normal, distance: near.distance })
+            let (to, normal) = fixed.curved(&near);
+            Some(Pair { from, to, normal, distance: (to - from).norm() })
         };
         chosen.iter().filter_map(pair).collect()
     }

@@ -1,16 +1,22 @@
-//! Laying one surface onto another by a motion: a start found by RANSAC, refined by iterated closest points.
+//! Laying one surface onto another: by a motion, from a start found by RANSAC and refined by iterated closest points, and by
+//! bending.
 
 pub mod fit;
 pub mod icp;
+pub mod nonrigid;
+mod outliers;
 pub mod ransac;
+pub mod whole;
 
 use nalgebra::{Point3, Vector3};
 
 pub use fit::{Motion, fit};
 pub use icp::{Icp, Registered};
-pub use ransac::Ransac;
+pub use nonrigid::{Bent, NonRigid};
+pub use ransac::{Begun, Ransac};
+pub use whole::{Laid, Settings, lay};
 
-use crate::mesh::closest::SurfaceTree;
+use crate::mesh::closest::{Closest, SurfaceTree};
 use crate::mesh::{MeshError, Topology, TriangleMesh};
 
 /// Why surfaces cannot be registered.
@@ -65,7 +71,16 @@ pub enum RegisterError {
         /// How many are wanted.
         wanted: usize,
     },
+    /// The system of the bending could not be solved.
+    #[error(transparent)]
+    Factor(#[from] crate::solvers::sparse::FactorError),
+    /// Somebody asked to stop.
+    #[error("stopped")]
+    Stopped,
 }
+
+/// Cosine of the angle between the normals of a triangle and of its corners up to which a surface counts as smooth: 25 degrees.
+const SMOOTH: f64 = 0.906;
 
 /// A surface with what registration asks of it.
 pub struct Surface<'a> {
@@ -93,9 +108,10 @@ impl<'a> Surface<'a> {
             return Err(RegisterError::NoSize { vertices });
         }
         let topology = Topology::new(mesh);
+        let normals = outliers::normals(mesh, &topology, &outliers::outliers(mesh, &topology));
         let open = (0..triangles).map(|t| topology.neighbours_of_triangle(t).map(|n| n.is_none())).collect();
         let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-        Ok(Self { mesh, tree, normals: mesh.vertex_normals(), size, open })
+        Ok(Self { mesh, tree, normals, size, open })
     }
 
     /// Vertices \[m\].
@@ -103,7 +119,12 @@ impl<'a> Surface<'a> {
         &self.mesh.vertices
     }
 
-    /// Unit normals of the vertices.
+    /// The mesh.
+    pub fn mesh(&self) -> &'a TriangleMesh {
+        self.mesh
+    }
+
+    /// Unit normals of the vertices, zero for outliers.
     pub fn normals(&self) -> &[Vector3<f64>] {
         &self.normals
     }
@@ -120,6 +141,34 @@ impl<'a> Surface<'a> {
     fn normal(&self, triangle: u32) -> Vector3<f64> {
         let [a, b, c] = self.mesh.corners(triangle as usize);
         (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
+    }
+
+    /// A place of a triangle and its normal on the smooth surface that the triangles stand for, where it is smooth.
+    ///
+    /// With p_i the corners, n_i their normals and w_i the weights of y in the triangle, y + 1/2 sum w_i ((p_i - y) . n_i) n_i is on
+    /// the surface to second order: a triangle lies below a surface of curvature k by k/2 sum w_i |y - p_i|^2. Without that, two
+    /// samples of one round body differ by the depth of their triangles, and the one that moves shrinks.
+    fn curved(&self, near: &Closest) -> (Point3<f64>, Vector3<f64>) {
+        let flat = self.normal(near.triangle);
+        let names = self.mesh.triangles[near.triangle as usize];
+        let (corners, normals) = (self.mesh.corners(near.triangle as usize), names.map(|v| self.normals[v as usize]));
+        // At edges and outliers vertex normals say nothing about the surface between.
+        if normals.iter().any(|n| n.dot(&flat) < SMOOTH) {
+            return (near.point, flat);
+        }
+        let y = near.point;
+        let part = |k: usize| {
+            let (q, r) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
+            (q - y).cross(&(r - y)).norm()
+        };
+        let parts = [0, 1, 2].map(part);
+        let whole: f64 = parts.iter().sum();
+        let (mut lift, mut normal) = (Vector3::zeros(), Vector3::zeros());
+        for k in 0..3 {
+            lift += normals[k] * (0.5 * parts[k] / whole * (corners[k] - y).dot(&normals[k]));
+            normal += normals[k] * parts[k];
+        }
+        (y + lift, normal.try_normalize(0.0).unwrap_or(flat))
     }
 
     /// Whether a place of a triangle lies on an open side of it: what is matched there is beyond the rim.

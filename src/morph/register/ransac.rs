@@ -8,10 +8,13 @@ use std::collections::HashMap;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
+use rayon::prelude::*;
+
 use super::super::draws::Draws;
 use super::fit::{Motion, draws_needed};
 use super::icp::Select;
 use super::{Icp, RegisterError, Surface};
+use crate::mesh::Aabb;
 
 /// Settings of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +57,16 @@ const BINS: f64 = 24.0;
 /// Points that are tried first, and the share of the wanted agreement that they must have.
 const FIRST: usize = 24;
 
-/// Motions that are refined before one is chosen.
-const KEPT: usize = 12;
+/// Searches, each among other points, until enough points agree.
+const ATTEMPTS: usize = 4;
+
+/// Motions that are kept, all different, refined a little, and of these the best refined further.
+const KEPT: usize = 60;
+const BEST: usize = 6;
+/// Motions that take all points to within this of each other are alike, over the size of the fixed surface.
+const ALIKE: f64 = 0.04;
+/// Of the share of points that seems to agree, so much is believed: some agree by chance.
+const BELIEVED: f64 = 0.8;
 /// How near points must come after refining, over what is asked before.
 const CLOSER: f64 = 0.2;
 
@@ -109,6 +120,9 @@ struct Search<'a> {
     listed: Vec<u32>,
     pairs: HashMap<[i32; 3], Vec<[u32; 2]>>,
     tried: Vec<u32>,
+    /// Vertices of the moving surface that have a normal, and the diagonal of their box.
+    with: Vec<u32>,
+    size: f64,
     wanted: usize,
 }
 
@@ -118,33 +132,104 @@ impl Ransac {
     /// # Errors
     /// None was found.
     pub fn start(&self, moving: &Surface<'_>, fixed: &Surface<'_>) -> Result<Similarity3<f64>, RegisterError> {
+        let found = self.best(moving, fixed, &[], &|| true)?;
+        if found.inliers >= found.wanted { Ok(found.motion) } else { Err(found.too_few()) }
+    }
+
+    /// The best motion of those drawn and of `others`, however few points it lays there.
+    ///
+    /// # Errors
+    /// No motion at all was found; `go_on` said no.
+    pub fn best(
+        &self,
+        moving: &Surface<'_>,
+        fixed: &Surface<'_>,
+        others: &[Similarity3<f64>],
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<Begun, RegisterError> {
         let mut draws = Draws::new(self.seed);
-        let search = Search::new(self, moving, fixed, &mut draws);
+        let mut best: Option<(usize, Begun)> = None;
+        for _ in 0..ATTEMPTS {
+            let search = Search::new(self, moving, fixed, &mut draws);
+            let next = self.once(&search, others, &mut draws, go_on)?;
+            let drawn = next.1.draws + best.as_ref().map_or(0, |b| b.1.draws);
+            let (score, begun) = best.filter(|b| b.0 >= next.0).unwrap_or(next);
+            let begun = Begun { draws: drawn, ..begun };
+            if begun.inliers >= begun.wanted {
+                return Ok(begun);
+            }
+            best = Some((score, begun));
+        }
+        let none = RegisterError::NoStart { draws: 0, inliers: 0, of: 0, wanted: 0 };
+        best.map(|b| b.1).ok_or(none)
+    }
+
+    /// One search among listed points; the motion that lays most points onto the other surface, and how it was judged.
+    fn once(
+        &self,
+        search: &Search<'_>,
+        others: &[Similarity3<f64>],
+        draws: &mut Draws,
+        go_on: &dyn Fn() -> bool,
+    ) -> Result<(usize, Begun), RegisterError> {
         let needed =
             (self.patience * draws_needed(self.good.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999))).ceil();
         let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
-        let count = needed.max(1.0) as usize;
-        for _ in 0..count {
-            let Some(from) = search.draw(&mut draws) else { continue };
-            for candidate in search.candidates(&from) {
-                let least = if best.len() < KEPT { 0 } else { best[KEPT - 1].0 };
-                let agreeing = search.agreeing(&candidate, least, self.near);
-                if agreeing > least {
-                    best.push((agreeing, candidate));
-                    best.sort_by_key(|b| std::cmp::Reverse(b.0));
-                    best.truncate(KEPT);
-                }
+        let (mut wanted, mut count) = (needed.max(1.0) as usize, 0);
+        while count < wanted {
+            if !go_on() {
+                return Err(RegisterError::Stopped);
             }
+            count += 1;
+            let Some(from) = search.draw(draws) else { continue };
+            let least = if best.len() < KEPT { 0 } else { best[KEPT - 1].0 };
+            let judge = |motion: Similarity3<f64>| (search.agreeing(&motion, Some(least), self.near), motion);
+            let judged: Vec<(usize, Similarity3<f64>)> =
+                search.candidates(&from).into_par_iter().map(judge).filter(|(agreeing, _)| *agreeing > least).collect();
+            best.extend(judged);
+            best.sort_by_key(|b| std::cmp::Reverse(b.0));
+            search.keep_different(&mut best);
+            // As many draws as the share of good points that was seen asks for.
+            let seen = best.first().map_or(0.0, |b| BELIEVED * b.0 as f64 / search.tried.len() as f64);
+            let enough =
+                (self.patience * draws_needed(seen.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999))).ceil();
+            wanted = wanted.min(enough.max(1.0) as usize);
         }
-        // What is right gets better by refining, and then agrees more closely; what agrees by chance does not.
-        let icp = Icp { motion: self.motion, select: Select::About(400), rounds: 20, ..Icp::default() };
-        let refined = best.iter().filter_map(|(_, motion)| Some(icp.run(moving, fixed, motion).ok()?.motion));
-        let [low, high] = self.scales;
-        let sized = refined.filter(|m| self.motion == Motion::Rigid || (low..=high).contains(&m.scaling()));
-        let judged = sized.map(|m| (search.agreeing(&m, 0, CLOSER * self.near), m));
-        let (inliers, found) = judged.fold((0, None), |b, (n, m)| if n > b.0 { (n, Some(m)) } else { b });
+        let starts: Vec<Similarity3<f64>> =
+            others.iter().copied().chain(best.iter().map(|(_, motion)| *motion)).collect();
+        let mut first = search.refined(&starts, 8);
+        first.sort_by_key(|f| std::cmp::Reverse(f.0));
+        first.truncate(BEST);
+        let starts: Vec<Similarity3<f64>> = first.iter().map(|f| f.2).collect();
         let (of, wanted) = (search.tried.len(), search.wanted);
-        found.filter(|_| inliers >= wanted).ok_or(RegisterError::NoStart { draws: count, inliers, of, wanted })
+        let found =
+            search.refined(&starts, 30).into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
+        let none = RegisterError::NoStart { draws: count, inliers: 0, of, wanted };
+        let (score, inliers, motion) = found.ok_or(none)?;
+        Ok((score, Begun { motion, draws: count, inliers, of, wanted }))
+    }
+}
+
+/// Where registration may begin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Begun {
+    /// Takes the moving surface near the other.
+    pub motion: Similarity3<f64>,
+    /// Draws made.
+    pub draws: usize,
+    /// Tried points that it lays onto the other surface.
+    pub inliers: usize,
+    /// Points that were tried.
+    pub of: usize,
+    /// How many are wanted.
+    pub wanted: usize,
+}
+
+impl Begun {
+    /// What is said where too few points agree.
+    pub fn too_few(&self) -> RegisterError {
+        let Self { draws, inliers, of, wanted, .. } = *self;
+        RegisterError::NoStart { draws, inliers, of, wanted }
     }
 }
 
@@ -160,10 +245,14 @@ impl<'a> Search<'a> {
             all
         };
         let listed = sample(settings.listed, fixed.points().len(), draws);
-        let tried = sample(300, moving.points().len(), draws);
+        // What has no normal agrees with nothing.
+        let with: Vec<u32> =
+            (0..moving.points().len() as u32).filter(|&v| moving.normals()[v as usize] != Vector3::zeros()).collect();
+        let tried: Vec<u32> = sample(300, with.len(), draws).into_iter().map(|i| with[i as usize]).collect();
         // Two thirds of what is said to be good, for some of it lies at rims.
         let wanted = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
-        let mut search = Self { settings, moving, fixed, listed, pairs: HashMap::new(), tried, wanted };
+        let size = Aabb::of_points(with.iter().map(|&v| &moving.points()[v as usize])).extents().norm();
+        let mut search = Self { settings, moving, fixed, listed, pairs: HashMap::new(), tried, with, size, wanted };
         for &i in &search.listed {
             for &j in &search.listed {
                 let pair = oriented(search.fixed, [i, j]);
@@ -181,15 +270,54 @@ impl<'a> Search<'a> {
 
     /// Two points of the moving surface that are well apart.
     fn draw(&self, draws: &mut Draws) -> Option<Oriented> {
-        let count = self.moving.points().len();
+        if self.with.is_empty() {
+            return None;
+        }
         for _ in 0..50 {
-            let pair = oriented(self.moving, [draws.index(count) as u32, draws.index(count) as u32]);
+            let mut any = || self.with[draws.index(self.with.len())];
+            let pair = oriented(self.moving, [any(), any()]);
             let apart = (pair[1].0 - pair[0].0).norm();
-            if apart > 0.15 * self.moving.size() && angles(&pair).is_some() {
+            if apart > 0.15 * self.size && angles(&pair).is_some() {
                 return Some(pair);
             }
         }
         None
+    }
+
+    /// Of motions sorted by how many points agree, those that are unlike any better one, at most [`KEPT`].
+    fn keep_different(&self, best: &mut Vec<(usize, Similarity3<f64>)>) {
+        let probes: Vec<Point3<f64>> = self.tried.iter().take(4).map(|&v| self.moving.points()[v as usize]).collect();
+        let within = ALIKE * self.fixed.size();
+        let mut kept: Vec<(usize, Similarity3<f64>)> = Vec::with_capacity(KEPT);
+        for (agreeing, motion) in best.iter() {
+            let alike = |(_, other): &(usize, Similarity3<f64>)| {
+                probes.iter().all(|p| (motion * p - other * p).norm() <= within)
+            };
+            if !kept.iter().any(alike) {
+                kept.push((*agreeing, *motion));
+            }
+            if kept.len() == KEPT {
+                break;
+            }
+        }
+        *best = kept;
+    }
+
+    /// Motions after some rounds of closest points, each with its points that agree, closely and less closely together and
+    /// closely alone. What is right gets better by refining, and then agrees more closely; what agrees by chance does not.
+    fn refined(&self, starts: &[Similarity3<f64>], rounds: usize) -> Vec<(usize, usize, Similarity3<f64>)> {
+        let settings = self.settings;
+        let icp = Icp { motion: settings.motion, select: Select::About(400), rounds, ..Icp::default() };
+        let [low, high] = settings.scales;
+        let refine = |start: &Similarity3<f64>| {
+            let motion = icp.run(self.moving, self.fixed, start).ok()?.motion;
+            if settings.motion == Motion::Similarity && !(low..=high).contains(&motion.scaling()) {
+                return None;
+            }
+            let closely = self.agreeing(&motion, None, CLOSER * settings.near);
+            Some((closely + self.agreeing(&motion, None, settings.near), closely, motion))
+        };
+        starts.par_iter().filter_map(refine).collect()
     }
 
     /// Motions to all listed pairs that look alike.
@@ -217,10 +345,10 @@ impl<'a> Search<'a> {
         found
     }
 
-    /// How many of the tried points come near the other surface, with a normal alike; 0 where it cannot beat `least`.
-    fn agreeing(&self, motion: &Similarity3<f64>, least: usize, near: f64) -> usize {
+    /// How many of the tried points come near the other surface, with a normal alike; 0 where it can hardly beat `least`.
+    fn agreeing(&self, motion: &Similarity3<f64>, least: Option<usize>, near: f64) -> usize {
         // Over the smaller of the two, or a surface that shrinks to a spot would agree with any.
-        let moved = motion.scaling() * self.moving.size();
+        let moved = motion.scaling() * self.size;
         let within = near * self.fixed.size().min(moved);
         let agrees = |&&v: &&u32| {
             let at = motion * self.moving.points()[v as usize];
@@ -228,9 +356,11 @@ impl<'a> Search<'a> {
             self.fixed.tree().is_near_facing(&at, &normal, 0.7, within)
         };
         let first = self.tried.iter().take(FIRST).filter(agrees).count();
-        let share = self.wanted.max(least) as f64 / self.tried.len() as f64;
-        if (first as f64) < 0.5 * share * FIRST as f64 {
-            return 0;
+        if let Some(least) = least {
+            let share = self.wanted.max(least) as f64 / self.tried.len() as f64;
+            if (first as f64) < 0.5 * share * FIRST as f64 {
+                return 0;
+            }
         }
         first + self.tried.iter().skip(FIRST).filter(agrees).count()
     }

@@ -7,10 +7,10 @@
 
 pub mod centre;
 mod error;
-mod kernel;
+pub(super) mod kernel;
 mod progressive;
 pub mod relaxation;
-mod rings;
+pub(super) mod rings;
 mod stretch;
 mod surface;
 

@@ -1,13 +1,13 @@
 //! Overlays, alignment, point location and blends.
 
-use crate::tolerances::worst;
+use crate::tolerances::{T8, T9, T18, T21, worst};
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::{self, AlignError, Moving};
 use pliant::morph::blend::{BlendError, Laplacian, hermite, linear};
 use pliant::morph::locate::Locator;
 use pliant::morph::overlay::{Origin, OverlayError, arcs_cross};
-use pliant::morph::sphere::flipped;
+use pliant::morph::sphere::{flipped, turn};
 use pliant::morph::{Overlay, SphereMap};
 use pliant::testing::Draw;
 
@@ -31,16 +31,45 @@ fn each_direction_is_in_one_triangle_and_a_scan_finds_the_same() {
         let scan: Vec<usize> = (0..map.triangles().len()).filter(|&t| holds(&map.triangles()[t])).collect();
         let found = locator.locate(&p.coords).expect("a triangle");
         assert_eq!(scan, [found.triangle as usize], "at {p}");
-        assert!(found.weights.iter().all(|w| *w >= 0.0) && (found.weights.iter().sum::<f64>() - 1.0).abs() < 1e-14);
+        assert!(found.weights.iter().all(|w| *w >= 0.0) && (found.weights.iter().sum::<f64>() - 1.0).abs() <= T8);
         let there = found.of(map.triangles(), map.points());
-        assert!((there.coords.normalize() - p.coords).norm() < 1e-12);
+        assert!((there.coords.normalize() - p.coords).norm() <= T18);
     }
     for (v, p) in map.points().iter().enumerate() {
         let found = locator.locate(&p.coords).expect("a triangle");
-        assert!((found.of(map.triangles(), map.points()) - p).norm() < 1e-9, "vertex {v}");
+        assert!((found.of(map.triangles(), map.points()) - p).norm() <= T9, "vertex {v}");
     }
     assert_eq!(locator.locate(&Vector3::zeros()), None);
     assert_eq!(locator.locate(&Vector3::new(f64::NAN, 0.0, 1.0)), None);
+}
+
+/// M12: on an edge (2.3) holds in two triangles wherever rounding says so; by exact signs one is found, and the place is in it.
+#[test]
+fn m12_a_place_on_an_edge_is_in_a_triangle() {
+    let map = robust(&bent(2, 6.0, 2.0));
+    let locator = Locator::new(&map);
+    let mut draw = Draw::new(12);
+    let (mut in_none, mut in_two) = (0, 0);
+    for t in map.triangles().iter().cycle().take(4000) {
+        let [a, b, _] = t.map(|v| map.points()[v as usize].coords);
+        let p = (a + (b - a) * draw.between(0.0, 1.0)).normalize();
+        let printed = |t: &&[u32; 3]| {
+            let [a, b, c] = t.map(|v| map.points()[v as usize].coords);
+            a.cross(&b).dot(&p) >= 0.0 && b.cross(&c).dot(&p) >= 0.0 && c.cross(&a).dot(&p) >= 0.0
+        };
+        match map.triangles().iter().filter(printed).count() {
+            0 => in_none += 1,
+            1 => {}
+            _ => in_two += 1,
+        }
+        let found = locator.locate(&p).expect("a triangle");
+        let [a, b, c] = map.triangles()[found.triangle as usize].map(|v| map.points()[v as usize]);
+        // As it is looked up: made a unit vector once more.
+        let p = Point3::from(p.normalize());
+        assert!([turn(&a, &b, &p), turn(&b, &c, &p), turn(&c, &a, &p)].iter().all(|side| *side >= 0.0));
+    }
+    println!("of 4000 places on edges {in_none} are in no triangle by the printed test, {in_two} in two");
+    assert!(in_two > 0, "{in_two}");
 }
 
 /// M4: arcs on opposite sides of the sphere do not cross, though both parameters say so.
@@ -91,9 +120,9 @@ fn assert_overlay(overlay: &Overlay, first: &TriangleMesh, second: &TriangleMesh
     for (x, mesh) in places.iter().zip([first, second]) {
         // The same surface, cut into more triangles: area and volume are those of the whole.
         let (area, volume) = (measures::area(x, &overlay.triangles), measures::volume(x, &overlay.triangles));
-        assert!((area / mesh.area() - 1.0).abs() <= 1e-12, "area {area} {}", mesh.area());
+        assert!((area / mesh.area() - 1.0).abs() <= T18, "area {area} {}", mesh.area());
         let size = mesh.length().powi(3);
-        assert!((volume - mesh.volume()).abs() <= 1e-12 * size, "volume {volume} {}", mesh.volume());
+        assert!((volume - mesh.volume()).abs() <= T18 * size, "volume {volume} {}", mesh.volume());
     }
     let counts = [first.vertices.len(), second.vertices.len()];
     assert_eq!(overlay.counts, counts);
@@ -150,9 +179,9 @@ fn blends_end_in_both_shapes() {
         let straight = linear(&first.vertices, &second.vertices, t).expect("shapes");
         assert_eq!(straight, shape.vertices, "bit for bit");
         let curved = hermite([&first.vertices, &second.vertices], &tangents, &tangents, t).expect("shapes");
-        assert!(off(&curved, &shape.vertices) <= 1e-12 * size);
+        assert!(off(&curved, &shape.vertices) <= T18 * size);
         let error = off(&dual.at(t), &shape.vertices);
-        assert!(error <= 1e-12 * size, "{t}: {error}");
+        assert!(error <= T18 * size, "{t}: {error}");
     }
     // Of the two tangents: dx/dt.
     let h = 1e-6;
@@ -170,7 +199,7 @@ fn the_laplacian_blend_keeps_the_volume_where_parts_turn() {
     let turned: Vec<Point3<f64>> = first.vertices.iter().map(|p| turn * p + Vector3::new(3.0, 0.0, 1.0)).collect();
     let volume = |x: &[Point3<f64>]| measures::volume(x, &first.triangles) / first.volume();
     let mut dual = Laplacian::new(&first.vertices, &turned, &first.triangles).expect("a blend");
-    assert!((volume(&dual.at(0.5)) - 1.0).abs() < 1e-9, "{}", volume(&dual.at(0.5)));
+    assert!((volume(&dual.at(0.5)) - 1.0).abs() <= T9, "{}", volume(&dual.at(0.5)));
     assert!(volume(&linear(&first.vertices, &turned, 0.5).expect("shapes")) < 0.5);
     // Bent: parts turn against each other.
     let second = bent(2, 6.0, 3.0);
@@ -203,11 +232,11 @@ fn a_map_turned_is_turned_back() {
         let from: Vec<Point3<f64>> = (0..5).map(|_| Point3::from(draw.direction())).collect();
         let to: Vec<Point3<f64>> = from.iter().map(|p| turn * p).collect();
         let found = align::nearest_rotation(&from, &to).expect("a rotation");
-        assert!(found.angle_to(&turn) < 1e-7, "{}", found.angle_to(&turn));
+        assert!(found.angle_to(&turn) <= T21, "{}", found.angle_to(&turn));
         // Two places only: the origin exactly, the insertion as near as may be.
         let noisy = Point3::from((to[1].coords + 0.2 * draw.direction()).normalize());
         let by = align::origin_then_insertion([&from[0], &to[0]], [&from[1], &noisy]);
-        assert!((by * from[0] - to[0]).norm() < 1e-12);
+        assert!((by * from[0] - to[0]).norm() <= T18);
         let gap = |angle: f64| {
             let more = UnitQuaternion::from_scaled_axis(to[0].coords * angle);
             (more * (by * from[1]) - noisy).norm()
@@ -216,7 +245,7 @@ fn a_map_turned_is_turned_back() {
     }
     let poles = [Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, -1.0), Point3::new(1.0, 0.0, 0.0)];
     let half = align::origin_then_insertion([&poles[0], &poles[1]], [&poles[2], &poles[2]]);
-    assert!((half * poles[0] - poles[1]).norm() < 1e-12 && (half * poles[2] - poles[2]).norm() < 1e-12);
+    assert!((half * poles[0] - poles[1]).norm() <= T18 && (half * poles[2] - poles[2]).norm() <= T18);
 }
 
 /// M10: the printed step moves a feature by d times what is left, and folds the map; the corrected one arrives without a fold.

@@ -1,11 +1,11 @@
 //! Registration: draws of RANSAC, fits, iterated closest points, a known similarity recovered.
 
-use crate::tolerances::worst;
+use crate::tolerances::{T9, T18, T19, T20, worst};
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::morph::register::fit::{draws_deviation, draws_needed, expected_draws};
 use pliant::morph::register::icp::{Measure, Reject, Select, Weigh};
-use pliant::morph::register::{Icp, Motion, Ransac, RegisterError, Surface, fit};
+use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface, fit};
 use pliant::testing::Draw;
 
 /// Table 4.1 of the source, to its printed digits.
@@ -24,7 +24,7 @@ fn expected_draws_are_those_of_the_table() {
             // A number without a decimal is one to the nearest whole.
             let half = if printed.fract() == 0.0 { 0.5 } else { 0.05 };
             let exact = expected_draws(good, n);
-            assert!((exact - printed).abs() <= half + 1e-9, "{good} {n}: {exact} {printed}");
+            assert!((exact - printed).abs() <= half + T9, "{good} {n}: {exact} {printed}");
         }
     }
 }
@@ -64,7 +64,7 @@ fn a_fit_is_exact_where_there_is_an_exact_one() {
             (to[3], weights[3]) = (Point3::new(9.0, 9.0, 9.0), 0.0);
             let found = fit(&from, &to, &weights, kind).expect("a motion");
             let off = worst(from.iter().map(|p| (found * p - known * p).norm()));
-            assert!(off < 1e-12, "{off}");
+            assert!(off <= T18, "{off}");
         }
     }
     let p = Point3::origin();
@@ -74,7 +74,12 @@ fn a_fit_is_exact_where_there_is_an_exact_one() {
 
 /// A body without symmetry.
 fn body() -> TriangleMesh {
-    let mut mesh = shapes::icosphere(1.0, 4);
+    body_over(shapes::icosphere(1.0, 4))
+}
+
+/// The same body, sampled where the vertices of a ball are.
+fn body_over(ball: TriangleMesh) -> TriangleMesh {
+    let mut mesh = ball;
     for v in &mut mesh.vertices {
         let p = *v;
         let bump = |c: [f64; 3], high: f64, sharp: f64| high * (-(p - Point3::from(c)).norm_squared() * sharp).exp();
@@ -131,7 +136,7 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
         let found = icp.run(&a, &b, &Similarity3::identity()).unwrap_or_else(|e| panic!("{name}: {e}"));
         let error = off(&found.motion, &known, &moving, b.size());
         println!("{name}: {} rounds, {error:e} of the size, {} pairs", found.rounds, found.pairs);
-        assert!(found.converged && error < 1e-6, "{name}: {error}");
+        assert!(found.converged && error <= T20, "{name}: {error}");
     }
     // Points against points creep.
     let points = Icp { measure: Measure::Points, rounds: 50, ..base };
@@ -173,10 +178,87 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
             TriangleMesh { vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(), ..other.clone() };
         let errors = [start, found.motion].map(|m| off(&m, &known, &clean, b.size()));
         println!("seed {seed}: start {:e}, end {:e} of the size, {} rounds", errors[0], errors[1], found.rounds);
-        assert!(errors[1] < 1e-3, "seed {seed}: {errors:?}");
+        assert!(errors[1] <= T19, "seed {seed}: {errors:?}");
         recovered += 1;
     }
     assert_eq!(recovered, 3);
+}
+
+/// As hard as it is said: other vertices and triangles on either side, finer or as fine, two fifths in common, and a fifth of the
+/// vertices thrown about, which spoils nearly every normal.
+#[test]
+fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
+    let fixed = part(&body(), |p| p.x + 0.3 * p.y < 0.45);
+    let mut draw = Draw::new(17);
+    for (level, seed) in [(4, 0), (4, 1), (5, 2)] {
+        let turn = UnitQuaternion::from_rotation_matrix(&draw.rotation());
+        let mut ball = shapes::icosphere(1.0, level);
+        ball.vertices.iter_mut().for_each(|v| *v = turn * *v);
+        let other = part(&body_over(ball), |p| p.x + 0.3 * p.y > -0.35);
+        let shared =
+            other.vertices.iter().filter(|p| p.x + 0.3 * p.y < 0.45).count() as f64 / other.vertices.len() as f64;
+        assert!(shared <= 0.4, "{shared}");
+        let known = motion(&mut draw, Motion::Similarity);
+        let clean: Vec<Point3<f64>> = other.vertices.iter().map(|p| known.inverse() * p).collect();
+        let mut moving = TriangleMesh { vertices: clean.clone(), triangles: other.triangles };
+        let (size, mut thrown) = (moving.length(), 0);
+        for v in &mut moving.vertices {
+            if draw.between(0.0, 1.0) < 0.2 {
+                *v += draw.direction() * draw.between(0.02, 0.3) * size;
+                thrown += 1;
+            }
+        }
+        assert!(thrown as f64 > 0.17 * clean.len() as f64);
+        let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
+        let search = Ransac { motion: Motion::Similarity, good: 0.25, seed, ..Ransac::default() };
+        let start = search.start(&a, &b).unwrap_or_else(|e| panic!("level {level}, seed {seed}: {e}"));
+        let icp = Icp { motion: Motion::Similarity, rounds: 200, ..Icp::default() };
+        let found = icp.run(&a, &b, &start).expect("a motion");
+        let off = |m: &Similarity3<f64>| worst(clean.iter().map(|p| (m * p - known * p).norm())) / b.size();
+        println!(
+            "level {level}, seed {seed}: {:.0} % shared, {thrown} of {} thrown, start {:e}, end {:e} of the size",
+            100.0 * shared,
+            clean.len(),
+            off(&start),
+            off(&found.motion)
+        );
+        assert!(off(&found.motion) <= T19, "level {level}, seed {seed}: {}", off(&found.motion));
+        // Control: as it was placed nothing fits.
+        assert!(off(&Similarity3::identity()) > 0.1);
+    }
+}
+
+#[test]
+fn a_bent_body_is_bent_back() {
+    let fixed = body_over(shapes::icosphere(1.0, 3));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -0.2, 0.3));
+    let mut ball = shapes::icosphere(1.0, 3);
+    ball.vertices.iter_mut().for_each(|v| *v = turn * *v);
+    let bend = |p: &Point3<f64>| Point3::new(p.x, p.y + 0.12 * p.x * p.x, p.z + 0.05 * p.x * p.y);
+    let straight = body_over(ball);
+    let moving = TriangleMesh { vertices: straight.vertices.iter().map(bend).collect(), ..straight.clone() };
+    let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
+    let rigid = Icp::default().run(&a, &b, &Similarity3::identity()).expect("a motion");
+    let start: Vec<Point3<f64>> = moving.vertices.iter().map(|p| rigid.motion * p).collect();
+    let from = |x: &[Point3<f64>]| {
+        let tree = pliant::mesh::closest::SurfaceTree::new(&fixed.vertices, &fixed.triangles);
+        let squares = x.iter().map(|p| tree.closest(p, f64::INFINITY).map_or(f64::NAN, |c| c.distance.powi(2)));
+        (squares.sum::<f64>() / x.len() as f64).sqrt() / b.size()
+    };
+    let bent = NonRigid::default().run(&a, &b, &start, &|| true).expect("a bending");
+    println!("bent: {} rounds, from {:e} to {:e} of the size", bent.rounds, from(&start), from(&bent.points));
+    assert!(bent.converged && from(&start) > 5e-3 && from(&bent.points) < 0.1 * from(&start));
+    // Not only onto the surface: places come near to where they came from.
+    let off = |x: &[Point3<f64>]| {
+        let squares = x.iter().zip(&straight.vertices).map(|(p, q)| (p - q).norm_squared());
+        (squares.sum::<f64>() / x.len() as f64).sqrt() / b.size()
+    };
+    assert!(off(&bent.points) < 0.5 * off(&start), "{} {}", off(&bent.points), off(&start));
+    // A cluster alone is a rigid body: it cannot.
+    let one = NonRigid { clusters: 1, ..NonRigid::default() }.run(&a, &b, &start, &|| true).expect("a bending");
+    assert!(from(&one.points) > 0.5 * from(&start), "{} {}", from(&one.points), from(&start));
+    let stopped = NonRigid::default().run(&a, &b, &start, &|| false);
+    assert_eq!(stopped.map(|b| b.rounds), Err(RegisterError::Stopped));
 }
 
 #[test]

@@ -12,14 +12,14 @@ use pliant::morph::{SphereError, SphereMap};
 use pliant::testing::Draw;
 
 use super::{bent, stretched, tube};
-use crate::tolerances::T1;
+use crate::tolerances::{T1, T9, T18};
 
 /// What every map must be.
 fn assert_covers_once(name: &str, map: &SphereMap) {
     assert_eq!(flipped(map.points(), map.triangles()), [0u32; 0], "{name}");
     let faces = map.triangles().len() as f64;
     let angle = solid_angle(map.points(), map.triangles());
-    assert!((angle - 4.0 * std::f64::consts::PI).abs() <= 1e-12 * faces, "{name}: {angle}");
+    assert!((angle - 4.0 * std::f64::consts::PI).abs() <= T18 * faces, "{name}: {angle}");
     assert!(map.points().iter().all(|p| (p.coords.norm() - 1.0).abs() <= T1), "{name}");
 }
 
@@ -143,7 +143,7 @@ fn a_map_that_goes_round_twice_is_found() {
     let triangles: Vec<[u32; 3]> = (0..8).flat_map(around).collect();
     assert!(flipped(&points, &triangles).is_empty());
     let error = SphereMap::new(points, triangles).expect_err("twice");
-    assert!(matches!(error, SphereError::Covers { times } if (times - 2.0).abs() < 1e-9), "{error}");
+    assert!(matches!(error, SphereError::Covers { times } if (times - 2.0).abs() <= T9), "{error}");
 }
 
 #[test]
@@ -266,7 +266,7 @@ fn m08_the_centre_is_half_the_thickness_behind_the_nearest_place() {
     let corner = Vector3::new(1.0, -1.0, -1.0);
     assert_eq!(inside.winding(&Point3::from(corner + 0.01 * corner.normalize())), 0, "the printed rule");
     let found = inside_near(&block, &Point3::origin()).expect("a centre");
-    assert!((found - Point3::new(1.5, 0.0, 0.0)).norm() < 1e-12, "{found}");
+    assert!((found - Point3::new(1.5, 0.0, 0.0)).norm() <= T18, "{found}");
     let mut out = block.clone();
     out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     let error = inside_near(&out, &Point3::origin()).expect_err("inside out");

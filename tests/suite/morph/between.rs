@@ -1,0 +1,165 @@
+//! Two surfaces brought together: ends, point data, pairs, how maps are turned, refusals.
+
+use nalgebra::{Point3, UnitQuaternion, Vector3};
+use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
+use pliant::morph::align::AlignError;
+use pliant::morph::between::{Between, BetweenError, Method, Settings, Shared};
+use pliant::morph::blend::{Path, hermite, turning};
+use pliant::morph::pose::Start;
+use pliant::morph::sphere::relaxation::Relaxation;
+use pliant::morph::sphere::{SphereError, flipped};
+
+use super::{bent, stretched, tube};
+use crate::tolerances::{T9, T18, worst};
+
+fn between(first: &TriangleMesh, second: &TriangleMesh, pairs: &[[u32; 2]], settings: &Settings) -> Between {
+    Between::new([first, second], pairs, settings, &|| true).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A body without symmetry, long enough to have axes.
+fn lopsided(subdivisions: u32) -> TriangleMesh {
+    let mut mesh = shapes::icosphere(1.0, subdivisions);
+    for v in &mut mesh.vertices {
+        let bump = 0.5 * (-4.0 * (*v - Point3::new(0.8, 0.6, 0.0)).norm_squared()).exp();
+        *v = Point3::from(v.coords.component_mul(&Vector3::new(2.0, 1.0, 0.7)) * (1.0 + bump));
+    }
+    mesh
+}
+
+#[test]
+fn both_ends_are_met_and_numbers_are_carried() {
+    let (first, second) = (bent(2, 6.0, 2.0), tube(12, 20, 12.0));
+    let both = between(&first, &second, &[], &Settings::default());
+    let counts = [first.vertices.len(), second.vertices.len()];
+    assert_eq!(both.places[0][..counts[0]], first.vertices);
+    assert_eq!(both.places[1][counts[0]..counts[0] + counts[1]], second.vertices);
+    let topology = Topology::of_triangles(both.kinds.len(), &both.triangles);
+    assert!(topology.is_closed() && topology.is_oriented() && topology.euler_characteristic() == 2);
+    for (map, mesh) in both.maps.iter().zip([&first, &second]) {
+        assert!(flipped(map.points(), map.triangles()).is_empty());
+        assert_eq!(map.triangles(), mesh.triangles);
+    }
+    for (places, mesh) in both.places.iter().zip([&first, &second]) {
+        let volume = measures::volume(places, &both.triangles);
+        assert!((volume - mesh.volume()).abs() <= T18 * mesh.length().powi(3), "{volume}");
+    }
+    // A field that is linear in space is linear on each triangle: what is carried is the place itself.
+    for side in 0..2 {
+        let mesh = [&first, &second][side];
+        let values: Vec<f64> = mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+        let carried = both.carried(side, &values, 3);
+        let off =
+            both.places[side].iter().zip(carried.chunks(3)).map(|(p, c)| (p - Point3::new(c[0], c[1], c[2])).norm());
+        assert!(worst(off) <= T18 * mesh.length());
+    }
+    // What is no number stays where it was, and where it has a say.
+    let mut values = vec![1.0; counts[0]];
+    values[3] = f64::NAN;
+    let carried = both.carried(0, &values, 1);
+    assert!(carried[3].is_nan() && carried[..counts[0]].iter().filter(|v| v.is_nan()).count() == 1);
+    assert!(carried.iter().all(|v| v.is_nan() || (v - 1.0).abs() <= T18));
+}
+
+#[test]
+fn the_first_topology_loses_what_the_merged_one_keeps() {
+    let (first, second) = (shapes::box_surface([1.0; 3], 1.0), lopsided(2));
+    let own = between(&first, &second, &[], &Settings { shared: Shared::First, ..Settings::default() });
+    assert_eq!((own.places[0].as_slice(), own.triangles.as_slice()), (&first.vertices[..], &first.triangles[..]));
+    let all = between(&first, &second, &[], &Settings::default());
+    let volume = |b: &Between| measures::volume(&b.places[1], &b.triangles) / second.volume();
+    assert!((volume(&all) - 1.0).abs() <= T18 && volume(&own) < 0.8, "{} {}", volume(&all), volume(&own));
+}
+
+#[test]
+fn a_turned_copy_is_found_and_one_as_it_is_placed() {
+    let first = lopsided(2);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.2, 0.1, 1.9));
+    let turned = TriangleMesh {
+        vertices: first.vertices.iter().map(|p| turn * p * 3.0 + Vector3::new(5.0, 0.0, 0.0)).collect(),
+        ..first.clone()
+    };
+    for second in [&turned, &first] {
+        let both = between(&first, second, &[], &Settings { shared: Shared::First, ..Settings::default() });
+        let off = worst(both.places[1].iter().zip(&second.vertices).map(|(p, q)| (p - q).norm())) / second.length();
+        println!("{:?}: {off:e} of the size from the same vertex", both.start);
+        // The map of a turned copy is another one, as steps have axes of space in them; of the same surface it is the same.
+        if second == &first {
+            assert!(both.start == Start::Placed && off <= T9, "{:?} {off}", both.start);
+        } else {
+            assert!(off <= 0.05, "{off}");
+        }
+    }
+}
+
+#[test]
+fn pairs_meet_exactly() {
+    let (first, second) = (stretched(2, 2.0), bent(2, 4.0, 1.0));
+    let vertex = |mesh: &TriangleMesh, along: Vector3<f64>| {
+        let high = |v: &u32| mesh.vertices[*v as usize].coords.dot(&along);
+        (0..mesh.vertices.len() as u32).max_by(|a, b| high(a).total_cmp(&high(b))).expect("vertices")
+    };
+    let pair = |a: Vector3<f64>, b: Vector3<f64>| [vertex(&first, a), vertex(&second, b)];
+    let pairs =
+        [pair(Vector3::x(), Vector3::x()), pair(Vector3::z(), Vector3::z()), pair(-Vector3::x(), -Vector3::x())];
+    for count in 1..=3 {
+        for shared in [Shared::First, Shared::Merged] {
+            let both = between(&first, &second, &pairs[..count], &Settings { shared, ..Settings::default() });
+            // Two vertices in one place are no general position: laid over each other, maps are turned a little.
+            let within = if shared == Shared::First { T18 } else { 1e3 * both.turned };
+            for [a, b] in &pairs[..count] {
+                let there = (both.places[1][*a as usize] - second.vertices[*b as usize]).norm();
+                assert!(there <= within * second.length(), "{count} pairs: {there}");
+            }
+            assert!(within <= 1e-3 && both.start == Start::Features);
+            assert!(both.maps.iter().all(|m| flipped(m.points(), m.triangles()).is_empty()));
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_brought_together_is_refused() {
+    let ball = stretched(1, 1.0);
+    let refused = |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &Settings| {
+        Between::new(meshes, pairs, settings, &|| true).expect_err("refused")
+    };
+    let mut out = ball.clone();
+    out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
+    let plain = Settings::default();
+    assert!(
+        matches!(refused([&ball, &out], &[], &plain), BetweenError::InsideOut { side: 1, volume } if volume < -3.0)
+    );
+    let open = TriangleMesh { triangles: ball.triangles[1..].to_vec(), ..ball.clone() };
+    let error = refused([&open, &ball], &[], &plain);
+    assert!(matches!(error, BetweenError::Surface { side: 0, error: SphereError::Open { edges: 3, .. } }), "{error}");
+    let far = AlignError::Vertex { vertex: 42, count: 42 };
+    assert_eq!(refused([&ball, &ball], &[[0, 0], [42, 1]], &plain), BetweenError::Align(far));
+    let same = AlignError::Same { first: 0, second: 1 };
+    assert_eq!(refused([&ball, &ball], &[[0, 0], [0, 1]], &plain), BetweenError::Align(same));
+    let relaxed = Relaxation { sweeps: 200, attempts: 1, threshold: 1e-6, ..Relaxation::default() };
+    let long = Settings { method: Method::Relaxation(relaxed), ..plain };
+    let error = refused([&ball, &tube(16, 200, 70.0)], &[], &long);
+    assert!(matches!(error, BetweenError::Surface { side: 1, .. }) && error.to_string().contains("robust"), "{error}");
+    let stopped = Between::new([&ball, &ball], &[], &plain, &|| false);
+    assert_eq!(stopped.map(|b| b.turned), Err(BetweenError::Stopped));
+}
+
+#[test]
+fn tangents_of_a_turn_follow_its_arc() {
+    let first = stretched(2, 3.0);
+    let axis = Vector3::new(0.0, 0.0, 1.0);
+    let turned = |angle: f64| -> Vec<Point3<f64>> {
+        let turn = UnitQuaternion::from_scaled_axis(axis * angle);
+        first.vertices.iter().map(|p| turn * p).collect()
+    };
+    let end = turned(1.0);
+    let ends = [first.vertices.as_slice(), &end];
+    let tangents = turning(ends).expect("shapes");
+    let middle = hermite(ends, &tangents[0], &tangents[1], 0.5).expect("shapes");
+    let off = |x: &[Point3<f64>]| worst(x.iter().zip(turned(0.5)).map(|(p, q)| (p - q).norm())) / first.length();
+    let straight = Path::Linear.at(ends, 0.5).expect("shapes");
+    // A cubic follows an arc of one radian to (1/24 - 1/32 - ...) of it, a straight line by 1 - cos(1/2).
+    assert!(off(&middle) < 2e-3 && off(&straight) > 0.05, "{} {}", off(&middle), off(&straight));
+    let mut by_path = Path::Hermite(Box::new(tangents));
+    assert_eq!(by_path.at(ends, 0.5).expect("shapes"), middle);
+    assert_eq!(by_path.at(ends, 0.0).expect("shapes"), first.vertices);
+}
