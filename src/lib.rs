@@ -29,6 +29,7 @@ pub mod skin;
 pub mod scene;
 pub mod geometric;
 pub mod simulation;
+pub mod moment_arms;
 pub mod accuracy;
 pub mod render;
 pub mod report;

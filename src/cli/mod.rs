@@ -13,6 +13,7 @@ mod fibres;
 mod from_meshes;
 mod implant;
 mod morph;
+mod moment_arms;
 mod plan;
 mod progress;
 mod register;
@@ -72,6 +73,8 @@ enum Command {
     Biceps(biceps::Arguments),
     /// Fill a muscle with fibres from its origin to its insertion
     Fibres(Box<fibres::Arguments>),
+    /// Fibres of muscles through the turn of a joint: lengths and moment arms
+    MomentArms(moment_arms::Arguments),
     /// List the built-in scenes, or show one
     Scenes(scenes::Arguments),
     /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
@@ -105,6 +108,7 @@ pub fn main() -> ExitCode {
         Some(Command::Springs(arguments)) => springs::run(&arguments),
         Some(Command::Biceps(arguments)) => biceps::run(&arguments),
         Some(Command::Fibres(arguments)) => fibres::run(&arguments),
+        Some(Command::MomentArms(arguments)) => moment_arms::run(&arguments),
         Some(Command::Scenes(arguments)) => scenes::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Convert(arguments)) => convert::run(&arguments),

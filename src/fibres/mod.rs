@@ -3,6 +3,7 @@
 pub mod anisotropy;
 pub mod attachment;
 pub mod binding;
+pub mod carry;
 pub mod each;
 pub mod harmonic;
 pub mod method;

@@ -12,6 +12,7 @@ pub mod gathered;
 mod html;
 pub mod implant;
 mod lattice;
+pub mod moment_arms;
 pub mod morph;
 pub mod page;
 pub mod pictures;

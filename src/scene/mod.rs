@@ -38,7 +38,7 @@ pub use study::StudyFile;
 use std::path::PathBuf;
 
 use crate::mesh::repair;
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 /// A checked scene of muscles and bones: SI units, every path resolved, every name found.
 #[derive(Clone, Debug, PartialEq)]
@@ -116,6 +116,26 @@ pub struct Bone {
 pub struct Motion {
     /// Sorted by frame; before the first and after the last the pose is held.
     pub keys: Vec<Key>,
+    /// The joint about which it turns, where centre and axis are given.
+    pub joint: Option<Joint>,
+}
+
+/// Where a bone turns, and about what.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Joint {
+    /// Its name; several bones may name the same.
+    pub name: Option<String>,
+    /// A point that stays \[m\].
+    pub centre: Point3<f64>,
+    /// Positive angles turn about it by the right hand.
+    pub axis: Unit<Vector3<f64>>,
+}
+
+impl Joint {
+    /// The pose of a bone that is turned by an angle \[rad\] from where its file has it.
+    pub fn pose(&self, angle: f64) -> Isometry3<f64> {
+        motion::turned(&self.axis, angle, &self.centre.coords)
+    }
 }
 
 /// One pose at one frame.

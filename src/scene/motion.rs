@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Quaternion, Translation3, Unit, UnitQuaternion, Vector
 use super::error::{Problem, SceneError};
 use super::reader::{Limit, Section};
 use super::units::Dimension;
-use super::{Key, Motion};
+use super::{Joint, Key, Motion};
 
 /// A turn about one axis between two keys is split into parts of at most this angle \[rad\], well below the half turn
 /// at which the axis of the relative pose is lost.
@@ -25,7 +25,7 @@ impl Motion {
     /// use pliant::scene::{Key, Motion};
     /// let turned = Isometry3::rotation(Vector3::z());
     /// let keys = vec![Key { frame: 0.0, pose: Isometry3::identity() }, Key { frame: 10.0, pose: turned }];
-    /// assert!((Motion { keys }.pose(5.0).rotation.angle() - 0.5).abs() < 1e-15);
+    /// assert!((Motion { keys, joint: None }.pose(5.0).rotation.angle() - 0.5).abs() < 1e-15);
     /// ```
     #[must_use]
     pub fn pose(&self, frame: f64) -> Isometry3<f64> {
@@ -74,6 +74,13 @@ fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, axis.as_ref() * sine))
 }
 
+/// The pose of what is turned by an angle \[rad\] about an axis through a centre \[m\].
+pub(super) fn turned(axis: &Unit<Vector3<f64>>, angle: f64, centre: &Vector3<f64>) -> Isometry3<f64> {
+    let rotation = turn(axis, angle);
+    let back = if angle == 0.0 { Vector3::zeros() } else { centre - rotation * centre };
+    Isometry3::from_parts(Translation3::from(back), rotation)
+}
+
 /// One key as written: where a body is that turned about an axis through the joint's centre, slid along the axis, and
 /// then moved.
 #[derive(Clone, Copy, Debug)]
@@ -87,10 +94,9 @@ struct Written {
 
 impl Written {
     fn pose(&self, centre: &Vector3<f64>) -> Isometry3<f64> {
-        let rotation = turn(&self.axis, self.angle);
-        let back = if self.angle == 0.0 { Vector3::zeros() } else { centre - rotation * centre };
-        let moved = back + self.axis.as_ref() * self.slide + self.translation;
-        Isometry3::from_parts(Translation3::from(moved), rotation)
+        let turned = turned(&self.axis, self.angle, centre);
+        let moved = turned.translation.vector + self.axis.as_ref() * self.slide + self.translation;
+        Isometry3::from_parts(Translation3::from(moved), turned.rotation)
     }
 
     /// The same axis, or no turn at all and so any axis.
@@ -109,7 +115,7 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         return keys.fail(Problem::EmptyList { wanted: "at least one key".to_owned() });
     }
     let point = centre.unwrap_or_default();
-    let mut motion = Motion::default();
+    let mut motion = Motion { joint: joint(section, centre, axis)?, ..Motion::default() };
     let mut before: Option<Written> = None;
     for key in sections {
         let written = read_key(&key, axis)?;
@@ -123,6 +129,23 @@ pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
         before = Some(written);
     }
     Ok(motion)
+}
+
+/// The joint of a motion that has a centre and an axis; only such a motion can name one.
+fn joint(
+    section: &Section<'_>,
+    centre: Option<Vector3<f64>>,
+    axis: Option<Unit<Vector3<f64>>>,
+) -> Result<Option<Joint>, SceneError> {
+    let name = section.get("joint").map(|item| item.text("hip").map(str::to_owned)).transpose()?;
+    match (centre, axis) {
+        (Some(centre), Some(axis)) => Ok(Some(Joint { name, centre: centre.into(), axis })),
+        (None, _) if name.is_some() => {
+            section.fail(Problem::missing("centre", "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`"))
+        }
+        (_, None) if name.is_some() => section.fail(Problem::missing("axis", "`axis = [-1, 0, 0]`")),
+        _ => Ok(None),
+    }
 }
 
 fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Written, SceneError> {
@@ -202,7 +225,7 @@ mod tests {
     }
 
     fn two(first: Isometry3<f64>, last: Isometry3<f64>) -> Motion {
-        Motion { keys: vec![Key { frame: 10.0, pose: first }, Key { frame: 30.0, pose: last }] }
+        Motion { keys: vec![Key { frame: 10.0, pose: first }, Key { frame: 30.0, pose: last }], joint: None }
     }
 
     #[test]

@@ -136,7 +136,7 @@ const BONE: Schema = Schema {
     ],
 };
 
-const MOTION: Schema = Schema { keys: &[("centre", Plain), ("axis", Plain), ("keys", List(&KEY))] };
+const MOTION: Schema = Schema { keys: &[("joint", Plain), ("centre", Plain), ("axis", Plain), ("keys", List(&KEY))] };
 
 const KEY: Schema =
     Schema { keys: &[("frame", Plain), ("angle", Text), ("slide", Text), ("axis", Plain), ("translation", Plain)] };

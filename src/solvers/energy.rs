@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::{Potential, volume_hessian};
 use crate::constraints::EnclosedVolume;
+use crate::contact::Row;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{Corrupt, Reader, State, Writer};
@@ -31,6 +32,10 @@ pub struct Energy {
     pub inertia: Option<Inertia>,
     /// Enclosed volumes, each kept.
     pub volumes: Vec<EnclosedVolume>,
+    /// Planes that push back what goes under them, by [`Self::press`].
+    pub pressed: Vec<Row>,
+    /// Force of a plane over how far something is under it [N/m].
+    pub press: f64,
 }
 
 impl Energy {
@@ -48,6 +53,12 @@ impl Energy {
             let each = gradient.iter_mut().zip(x).zip(inertia.target.iter().zip(&inertia.weight));
             each.for_each(|((g, x), (target, weight))| *g += (x - target) * *weight);
         }
+        for row in &self.pressed {
+            let room = row.room(x);
+            if room < 0.0 {
+                row.spread(self.press * room, gradient);
+            }
+        }
         elastic + self.of_loads(x)
     }
 
@@ -61,7 +72,9 @@ impl Energy {
             let square = |i: usize| inertia.weight[i] * (x[i] - inertia.target[i]).norm_squared();
             0.5 * tree_sum_by(inertia.weight.len(), square)
         });
-        moving - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
+        let press = |i: usize| self.pressed[i].room(x).min(0.0).powi(2);
+        let pressed = 0.5 * self.press * tree_sum_by(self.pressed.len(), press);
+        moving + pressed - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
     }
 
     /// Calls `pair` with every two vertices that the second derivative couples, volumes' by their edges.
@@ -114,8 +127,8 @@ impl Energy {
 
 impl State for Energy {
     fn save(&self, to: &mut Writer) {
-        // Every step sets the target of the inertia; multipliers of volumes play no part here.
-        let Self { elastic, forces: _, inertia: _, volumes: _ } = self;
+        // Every step sets the target of the inertia and the planes; multipliers of volumes play no part here.
+        let Self { elastic, forces: _, inertia: _, volumes: _, pressed: _, press: _ } = self;
         elastic.iter().for_each(|part| part.save(to));
     }
 

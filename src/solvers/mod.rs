@@ -18,6 +18,8 @@ pub mod quasi_static;
 pub mod sparse;
 pub mod stiffness;
 mod step;
+pub mod tension;
+pub mod tracking;
 mod unknowns;
 
 pub use step::{Broken, Clock, DIVERGENCE, Held, Settings, System, effect_of_name};

@@ -31,6 +31,8 @@ pub trait Potential: State + Send + Sync {
     fn force_scale(&self, x: &[Point3<f64>]) -> f64;
     /// Lets constraints whose value is known up to a period take note of where they are.
     fn remember(&mut self, x: &[Point3<f64>]);
+    /// Takes note of the shape that the body is to track [m], one place a vertex; most parts track none.
+    fn aim(&mut self, _target: &[Point3<f64>]) {}
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize;
 }

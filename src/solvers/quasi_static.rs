@@ -79,6 +79,11 @@ impl QuasiStatic {
         self.laplacian.bytes() + self.history.bytes() + self.touched.bytes()
     }
 
+    /// Fills in the free vertices' values so that they are as even as the elastic parts are stiff, given those of held ones.
+    pub fn extend(&mut self, values: &mut [Vector3<f64>]) {
+        self.laplacian.extend(&self.problem.unknowns, values);
+    }
+
     /// Moves held vertices to `held` and carries the others along smoothly, then keeps volumes and obstacles.
     pub fn follow(&mut self, x: &mut [Point3<f64>], held: &[(u32, Point3<f64>)], guard: &mut impl Guard) {
         let mut displacement = vec![Vector3::zeros(); x.len()];

@@ -1,0 +1,103 @@
+//! Lengths over an angle: their derivative, and how smooth that is.
+
+/// Points on each side of the one that a local cubic is compared with.
+pub const AROUND: usize = 4;
+
+/// Moment arms `-dL/dq` [m] of lengths [m] at angles \[rad\] that are `step` apart: second-order differences, one-sided
+/// at the ends. Nothing is smoothed. NaN for fewer than 3 lengths.
+///
+/// ```
+/// use pliant::moment_arms::curve::moment_arms;
+/// let lengths: Vec<f64> = (0..5).map(|k| 0.3 - 0.04 * 0.1 * f64::from(k)).collect();
+/// assert!(moment_arms(&lengths, 0.1).iter().all(|r| (r - 0.04).abs() < 1e-15));
+/// ```
+pub fn moment_arms(lengths: &[f64], step: f64) -> Vec<f64> {
+    let n = lengths.len();
+    if n < 3 {
+        return vec![f64::NAN; n];
+    }
+    let l = lengths;
+    let slope = |k: usize| match k {
+        0 => -1.5 * l[0] + 2.0 * l[1] - 0.5 * l[2],
+        k if k + 1 == n => 1.5 * l[k] - 2.0 * l[k - 1] + 0.5 * l[k - 2],
+        k => 0.5 * (l[k + 1] - l[k - 1]),
+    };
+    (0..n).map(|k| -slope(k) / step).collect()
+}
+
+/// How far a curve at even distances departs from the cubics fitted to it around each point.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Roughness {
+    /// Root mean square of the departures, as a share of the curve's range.
+    pub rms: f64,
+    /// Greatest departure, as a share of the curve's range.
+    pub max: f64,
+}
+
+/// Departure of each inner value from the cubic fitted by least squares to it and [`AROUND`] values on each side, as a
+/// share of the range of all values. `None` for fewer than `2 AROUND + 1` values, or where all are the same.
+pub fn roughness(values: &[f64]) -> Option<Roughness> {
+    let (least, most) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    let range = most - least;
+    if values.len() < 2 * AROUND + 1 || !(range > 0.0) || !values.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    let weights = weights();
+    let departure = |window: &[f64]| {
+        let fitted: f64 = window.iter().zip(&weights).map(|(v, w)| (v - window[AROUND]) * w).sum();
+        fitted.abs() / range
+    };
+    let all: Vec<f64> = values.windows(2 * AROUND + 1).map(departure).collect();
+    let squares: f64 = all.iter().map(|d| d * d).sum();
+    Some(Roughness {
+        rms: (squares / all.len() as f64).sqrt(),
+        max: crate::mesh::measures::greatest(all.iter().copied()),
+    })
+}
+
+/// Weights by which the value in the middle of a cubic fitted to `2 AROUND + 1` values comes from them: those of
+/// Savitzky and Golay, in closed form.
+fn weights() -> [f64; 2 * AROUND + 1] {
+    let m = AROUND as f64;
+    let scale = (2.0 * m - 1.0) * (2.0 * m + 1.0) * (2.0 * m + 3.0);
+    std::array::from_fn(|k| {
+        let i = k as f64 - m;
+        3.0 * (3.0 * m * m + 3.0 * m - 1.0 - 5.0 * i * i) / scale
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Second-order differences are exact on parabolas; cubics are not rough.
+        #[test]
+        fn exact_on_polynomials(c in prop::array::uniform4(-1.0..1.0_f64), step in 0.01..0.5_f64, n in 9usize..40) {
+            let at = |k: usize, terms: usize| (0..terms).rev().fold(0.0, |v, i| v * (k as f64 * step) + c[i]);
+            let parabola: Vec<f64> = (0..n).map(|k| at(k, 3)).collect();
+            let size = n as f64 * step;
+            for (k, r) in moment_arms(&parabola, step).iter().enumerate() {
+                let wanted = -(c[1] + 2.0 * c[2] * k as f64 * step);
+                // Rounding of lengths of size 1 + size^2, divided by the step.
+                prop_assert!((r - wanted).abs() <= 16.0 * f64::EPSILON * (1.0 + size * size) / step, "{r} {wanted}");
+            }
+            let cubic: Vec<f64> = (0..n).map(|k| at(k, 4)).collect();
+            let range = crate::mesh::measures::greatest(cubic.iter().flat_map(|a| cubic.iter().map(move |b| a - b)));
+            prop_assume!(range > 1e-3);
+            let found = roughness(&cubic).map_or(f64::NAN, |r| r.max);
+            prop_assert!(found <= 32.0 * f64::EPSILON * (1.0 + size.powi(3)) / range, "{found}");
+        }
+    }
+
+    #[test]
+    fn a_jump_is_rough() {
+        let jump: Vec<f64> = (0..40).map(|k| f64::from(k) * 0.1 + if k < 20 { 0.0 } else { 0.04 }).collect();
+        let found = roughness(&jump).expect("a range");
+        assert!(found.max > 0.002 && found.rms > 0.0005, "{found:?}");
+        assert_eq!(roughness(&[1.0; 20]), None);
+        assert_eq!(roughness(&[1.0, 2.0]), None);
+        assert!(moment_arms(&[1.0, 2.0], 0.1).iter().all(|r| r.is_nan()));
+    }
+}

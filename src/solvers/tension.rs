@@ -1,0 +1,229 @@
+//! The energy of cords under tone: edges that pull at every length, the more the longer they are.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::potential::Potential;
+use crate::constraints::distance::Distance;
+use crate::mesh::sum::Compensated;
+use crate::state::{Corrupt, Reader, State, Writer};
+
+/// How fast the force of passive muscle grows with its strain: by a factor e each time that the strain grows by the
+/// inverse of this. The exponent 4 over the strain 0.6 at the greatest isometric force \[thelen2003\].
+pub const STEEPNESS: f64 = 4.0 / 0.6;
+
+/// The energy `sum k d^2 exp(a e) / a^2 - k d / a u . (x_i - x_j)` over edges of rest length `d` and strain `e`, `u` their
+/// directions in a shape that is prescribed and `a` [`STEEPNESS`]. The force of an edge grows from `k d / a` at rest by
+/// the exponential law of passive muscle; forces in the directions `u` balance it in the prescribed shape as long as no edge
+/// is longer than at rest. The energy is convex and smooth: a net of such cords has one way to be taut, none to buckle,
+/// and no length at which it suddenly becomes slack.
+#[derive(Clone, Debug)]
+pub struct Tension {
+    edges: Vec<Distance>,
+    /// [N/m], one an edge.
+    stiffness: Vec<f64>,
+    /// Direction of each edge in the prescribed shape.
+    along: Vec<Vector3<f64>>,
+}
+
+fn directions(edges: &[Distance], x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
+    let direction = |e: &Distance| {
+        let [a, b] = e.points.map(|p| x[p as usize]);
+        (a - b).try_normalize(0.0).unwrap_or_else(Vector3::zeros)
+    };
+    edges.iter().map(direction).collect()
+}
+
+/// An edge as it is.
+struct Cord {
+    /// Its vector [m].
+    vector: Vector3<f64>,
+    length: f64,
+    /// Its force [N].
+    force: f64,
+    /// Its change by length [N/m].
+    slope: f64,
+}
+
+impl Tension {
+    /// Edges with a stiffness at rest [N/m] each, over a body in the prescribed shape `x` [m].
+    pub fn new(edges: Vec<Distance>, stiffness: Vec<f64>, x: &[Point3<f64>]) -> Self {
+        let along = directions(&edges, x);
+        Self { edges, stiffness, along }
+    }
+
+    fn cord(&self, e: usize, x: &[Point3<f64>]) -> Cord {
+        let Distance { points: [a, b], rest } = self.edges[e];
+        let vector = x[a as usize] - x[b as usize];
+        let length = vector.norm();
+        let slope = self.stiffness[e] * libm::exp(STEEPNESS * (length - rest) / rest);
+        Cord { vector, length, force: slope * rest / STEEPNESS, slope }
+    }
+
+    /// Energy of an edge [J].
+    fn of(&self, e: usize, cord: &Cord) -> f64 {
+        let rest = self.edges[e].rest;
+        (cord.force * rest - self.stiffness[e] * rest * self.along[e].dot(&cord.vector)) / STEEPNESS
+    }
+}
+
+impl Potential for Tension {
+    fn name(&self) -> &'static str {
+        "tension"
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> f64 {
+        let mut sum = Compensated::default();
+        (0..self.edges.len()).for_each(|e| sum.add(self.of(e, &self.cord(e, x))));
+        sum.total()
+    }
+
+    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
+        let mut sum = Compensated::default();
+        for (e, edge) in self.edges.iter().enumerate() {
+            let cord = self.cord(e, x);
+            sum.add(self.of(e, &cord));
+            // An edge without extent pulls in no direction.
+            let pull = if cord.length > 0.0 { cord.vector * (cord.force / cord.length) } else { Vector3::zeros() };
+            let force = pull - self.along[e] * (self.stiffness[e] * edge.rest / STEEPNESS);
+            gradient[edge.points[0] as usize] += force;
+            gradient[edge.points[1] as usize] -= force;
+        }
+        sum.total()
+    }
+
+    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
+        self.edges.iter().for_each(|e| pair(e.points[0], e.points[1]));
+    }
+
+    fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+        for (e, edge) in self.edges.iter().enumerate() {
+            let cord = self.cord(e, x);
+            if !(cord.length > 0.0) {
+                continue;
+            }
+            let unit = cord.vector / cord.length;
+            let across = cord.force / cord.length;
+            let block = Matrix3::identity() * across + unit * unit.transpose() * (cord.slope - across);
+            let [a, b] = edge.points;
+            add(a, a, &block);
+            add(b, b, &block);
+            add(a, b, &-block);
+            add(b, a, &-block);
+        }
+    }
+
+    fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
+        for (edge, &k) in self.edges.iter().zip(&self.stiffness) {
+            let [a, b] = edge.points;
+            add(a, a, k);
+            add(b, b, k);
+            add(a, b, -k);
+            add(b, a, -k);
+        }
+    }
+
+    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
+        let squares: f64 = self.edges.iter().zip(&self.stiffness).map(|(e, k)| (k * e.rest).powi(2)).sum();
+        (squares / self.edges.len().max(1) as f64).sqrt()
+    }
+
+    fn remember(&mut self, _: &[Point3<f64>]) {}
+
+    fn aim(&mut self, target: &[Point3<f64>]) {
+        self.along = directions(&self.edges, target);
+    }
+
+    fn bytes(&self) -> usize {
+        self.edges.capacity() * std::mem::size_of::<Distance>()
+            + self.stiffness.capacity() * 8
+            + self.along.capacity() * std::mem::size_of::<Vector3<f64>>()
+    }
+}
+
+/// Every step sets the prescribed shape.
+impl State for Tension {
+    fn save(&self, _: &mut Writer) {}
+
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::draw::Draw;
+
+    /// Cords of which some are shorter and some longer than at rest.
+    fn drawn() -> (Tension, Vec<Point3<f64>>) {
+        let mut draw = Draw::new(11);
+        let x = draw.shape(6);
+        let mut edges = Vec::new();
+        for a in 0..6u32 {
+            for b in 0..a {
+                let length = (x[a as usize] - x[b as usize]).norm();
+                let share = if (a + b) % 2 == 0 { 0.8 } else { 1.25 };
+                edges.push(Distance { points: [a, b], rest: share * length });
+            }
+        }
+        let stiffness = edges.iter().map(|_| draw.between(10.0, 300.0)).collect();
+        let other: Vec<Point3<f64>> = draw.shape(6);
+        (Tension::new(edges, stiffness, &other), x)
+    }
+
+    #[test]
+    fn derivatives_agree_with_differences() {
+        let (part, x) = drawn();
+        let mut gradient = vec![Vector3::zeros(); 6];
+        let energy = part.energy_and_gradient(&x, &mut gradient);
+        assert!((part.energy(&x) - energy).abs() <= 1e-15 * energy);
+        let mut hessian = nalgebra::SMatrix::<f64, 18, 18>::zeros();
+        part.hessian(&x, false, &mut |a, b, block| {
+            let mut view = hessian.fixed_view_mut::<3, 3>(3 * a as usize, 3 * b as usize);
+            view += block;
+        });
+        // Central differences with the step that balances truncation and rounding.
+        let h = 1e-5;
+        for v in 0..6 {
+            for c in 0..3 {
+                let (mut up, mut down) = (x.clone(), x.clone());
+                up[v][c] += h;
+                down[v][c] -= h;
+                let slope = (part.energy(&up) - part.energy(&down)) / (2.0 * h);
+                assert!((slope - gradient[v][c]).abs() <= 1e-8 * energy, "{slope} {}", gradient[v][c]);
+                assert!((slope - 1.001 * gradient[v][c]).abs() > 1e-8 * energy, "control");
+                let (mut g, mut l) = (vec![Vector3::zeros(); 6], vec![Vector3::zeros(); 6]);
+                part.energy_and_gradient(&up, &mut g);
+                part.energy_and_gradient(&down, &mut l);
+                for w in 0..6 {
+                    for d in 0..3 {
+                        let change = (g[w][d] - l[w][d]) / (2.0 * h);
+                        let wanted = hessian[(3 * w + d, 3 * v + c)];
+                        assert!((change - wanted).abs() <= 1e-7 * 300.0, "{change} {wanted}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_prescribed_shape_at_rest_lengths_is_in_balance() {
+        let (part, _) = drawn();
+        let x = Draw::new(5).shape(6);
+        let at_rest = |e: &Distance| {
+            let [a, b] = e.points.map(|p| x[p as usize]);
+            Distance { points: e.points, rest: (a - b).norm() }
+        };
+        let edges: Vec<Distance> = part.edges.iter().map(at_rest).collect();
+        let balanced = Tension::new(edges, part.stiffness.clone(), &x);
+        let greatest = |part: &Tension, x: &[Point3<f64>]| {
+            let mut gradient = vec![Vector3::zeros(); 6];
+            part.energy_and_gradient(x, &mut gradient);
+            crate::mesh::measures::greatest(gradient.iter().map(|g| g.norm()))
+        };
+        let scale = balanced.force_scale(&x);
+        assert!(greatest(&balanced, &x) <= 1e-13 * scale, "{}", greatest(&balanced, &x));
+        let longer: Vec<Point3<f64>> = x.iter().map(|p| p * 1.1).collect();
+        assert!(greatest(&balanced, &longer) > 0.01 * scale, "control: longer edges pull");
+    }
+}
