@@ -71,6 +71,9 @@ pub(super) struct Arguments {
     /// Frames from one value to the next, of the scene's solver
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
+    /// Values on each side of each that the slope of the length is fitted to, by a cubic; 0 takes differences as they are
+    #[arg(long, value_name = "N", default_value = "4", value_parser = around)]
+    smooth: usize,
     /// A table of moment arms to compare with; may be given several times
     #[arg(long, value_name = "FILE")]
     compare: Vec<PathBuf>,
@@ -103,6 +106,10 @@ fn axis(text: &str) -> Result<Unit<Vector3<f64>>, String> {
         _ => None,
     };
     axis.filter(|a| a.iter().all(|v| v.is_finite())).ok_or_else(|| "expected three numbers, such as 0,0,1".to_owned())
+}
+
+fn around(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n == 0 || (2..=100).contains(n)).ok_or_else(|| "expected 0, or 2 to 100".to_owned())
 }
 
 fn angle(name: &str, text: &str) -> Result<f64, Failure> {
@@ -158,6 +165,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let out = arguments.out.clone();
     let out = out.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-moment-arms", file_name(&name))));
     let mut running = Running::new(*scene, &sweep)?;
+    if running.angles.len() < 2 * arguments.smooth + 1 {
+        let message = format!("{} values of the angle are too few to smooth over", running.angles.len());
+        return Err(Failure::usage(
+            message,
+            format!("--smooth {} needs {}, or give --smooth 0", arguments.smooth, 2 * arguments.smooth + 1),
+        ));
+    }
     let folder = Folder::open(&out)?;
     let (mut series, mut pictures) = (Collection::new(), Vec::new());
     let rounds = Rounds::new(running.frames());
@@ -176,7 +190,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     rounds.end();
     let coordinate = arguments.coordinate.clone().unwrap_or_else(|| format!("{}_flexion", arguments.joint));
-    let mut arms: Vec<Arms> = running.muscles.iter().map(|m| Arms::new(m, &running)).collect();
+    let mut arms: Vec<Arms> = running.muscles.iter().map(|m| Arms::new(m, &running, arguments.smooth)).collect();
     arms.iter_mut().try_for_each(|a| a.compare(&tables, &coordinate)).map_err(refused)?;
     let asked = Asked {
         scene: name,

@@ -107,12 +107,12 @@ mod tests {
     use super::*;
     use crate::mesh::measures::greatest;
     use crate::mesh::shapes::icosphere;
-    use crate::testing::draw::Draw;
+    use crate::testing::Draw;
 
     fn points(mesh: &TriangleMesh) -> Vec<Point3<f64>> {
         let mut draw = Draw::new(7);
         let mut all: Vec<Point3<f64>> =
-            (0..200).map(|_| Point3::from(draw.direction() * draw.within(0.0, 0.0995))).collect();
+            (0..200).map(|_| Point3::from(draw.direction() * draw.between(0.0, 0.0995))).collect();
         // On a vertex, on an edge, on a triangle, and just below one.
         let [a, b, c] = mesh.corners(17);
         all.extend([a, a + (b - a) * 0.3, a + (b - a) * 0.3 + (c - a) * 0.5]);

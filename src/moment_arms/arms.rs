@@ -19,7 +19,7 @@ pub struct Arms {
     pub length: Vec<f64>,
     /// Mean over the fibres of their moment arms at each value [m]: the muscle's.
     pub mean: Vec<f64>,
-    /// How rough the muscle's moment arm is.
+    /// How rough the muscle's moment arm is without smoothing.
     pub roughness: Option<Roughness>,
     /// How rough the muscle's length is.
     pub length_roughness: Option<Roughness>,
@@ -32,18 +32,18 @@ fn mean(of: &[Vec<f64>], k: usize) -> f64 {
 }
 
 impl Arms {
-    /// Of a muscle, from what a sweep recorded.
-    pub fn new(muscle: &Crossing, running: &Running) -> Self {
+    /// Of a muscle, from what a sweep recorded; `around` values on each side are smoothed over, see [`moment_arms`].
+    pub fn new(muscle: &Crossing, running: &Running, around: usize) -> Self {
         let values = muscle.lengths.len();
         let count = muscle.fibres.len();
         let lengths: Vec<Vec<f64>> = (0..count).map(|f| muscle.lengths.iter().map(|all| all[f]).collect()).collect();
-        let fibres: Vec<Vec<f64>> = lengths.iter().map(|l| moment_arms(l, running.step)).collect();
+        let fibres: Vec<Vec<f64>> = lengths.iter().map(|l| moment_arms(l, running.step, around)).collect();
         let length: Vec<f64> = (0..values).map(|k| mean(&lengths, k)).collect();
         let mean: Vec<f64> = (0..values).map(|k| mean(&fibres, k)).collect();
         Self {
             name: muscle.name.clone(),
             angles: running.angles[..values].to_vec(),
-            roughness: roughness(&mean),
+            roughness: roughness(&super::curve::moment_arms(&length, running.step, 0)),
             length_roughness: roughness(&length),
             lengths,
             fibres,

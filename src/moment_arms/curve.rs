@@ -3,26 +3,47 @@
 /// Points on each side of the one that a local cubic is compared with.
 pub const AROUND: usize = 4;
 
-/// Moment arms `-dL/dq` [m] of lengths [m] at angles \[rad\] that are `step` apart: second-order differences, one-sided
-/// at the ends. Nothing is smoothed. NaN for fewer than 3 lengths.
+/// Moment arms `-dL/dq` [m] of lengths [m] at angles \[rad\] that are `step` apart. With `around` 0 nothing is smoothed:
+/// second-order differences, one-sided at the ends. Else the slope of the cubic fitted by least squares to so many values
+/// on each side, at the ends that of the last such cubic. NaN for fewer than 3 lengths, or `2 around + 1`.
 ///
 /// ```
 /// use pliant::moment_arms::curve::moment_arms;
-/// let lengths: Vec<f64> = (0..5).map(|k| 0.3 - 0.04 * 0.1 * f64::from(k)).collect();
-/// assert!(moment_arms(&lengths, 0.1).iter().all(|r| (r - 0.04).abs() < 1e-15));
+/// let lengths: Vec<f64> = (0..9).map(|k| 0.3 - 0.04 * 0.1 * f64::from(k)).collect();
+/// assert!(moment_arms(&lengths, 0.1, 0).iter().all(|r| (r - 0.04).abs() < 1e-15));
+/// assert!(moment_arms(&lengths, 0.1, 4).iter().all(|r| (r - 0.04).abs() < 1e-14));
 /// ```
-pub fn moment_arms(lengths: &[f64], step: f64) -> Vec<f64> {
+pub fn moment_arms(lengths: &[f64], step: f64, around: usize) -> Vec<f64> {
     let n = lengths.len();
-    if n < 3 {
+    if n < 3 || n < 2 * around + 1 {
         return vec![f64::NAN; n];
     }
     let l = lengths;
     let slope = |k: usize| match k {
+        _ if around > 1 => {
+            let middle = k.clamp(around, n - 1 - around);
+            fitted_slope(&l[middle - around..=middle + around], k as f64 - middle as f64)
+        }
         0 => -1.5 * l[0] + 2.0 * l[1] - 0.5 * l[2],
         k if k + 1 == n => 1.5 * l[k] - 2.0 * l[k - 1] + 0.5 * l[k - 2],
         k => 0.5 * (l[k + 1] - l[k - 1]),
     };
     (0..n).map(|k| -slope(k) / step).collect()
+}
+
+/// Slope at `at` places from the middle of the cubic fitted to an odd number of values, at least 5, a place apart.
+fn fitted_slope(values: &[f64], at: f64) -> f64 {
+    let m = (values.len() / 2) as f64;
+    let place = |k: usize| k as f64 - m;
+    let sum = |power: i32| (0..values.len()).map(|k| place(k).powi(power)).sum::<f64>();
+    let of = |power: i32| values.iter().enumerate().map(|(k, v)| (v - values[0]) * place(k).powi(power)).sum::<f64>();
+    let [s0, s2, s4, s6] = [0, 2, 4, 6].map(sum);
+    let [t0, t1, t2, t3] = [0, 1, 2, 3].map(of);
+    // Even and odd powers do not mix over places that are symmetric.
+    let odd = s2 * s6 - s4 * s4;
+    let (linear, cubic) = ((t1 * s6 - t3 * s4) / odd, (t3 * s2 - t1 * s4) / odd);
+    let square = (t2 * s0 - t0 * s2) / (s4 * s0 - s2 * s2);
+    linear + 2.0 * square * at + 3.0 * cubic * at * at
 }
 
 /// How far a curve at even distances departs from the cubics fitted to it around each point.
@@ -78,10 +99,17 @@ mod tests {
             let at = |k: usize, terms: usize| (0..terms).rev().fold(0.0, |v, i| v * (k as f64 * step) + c[i]);
             let parabola: Vec<f64> = (0..n).map(|k| at(k, 3)).collect();
             let size = n as f64 * step;
-            for (k, r) in moment_arms(&parabola, step).iter().enumerate() {
+            for (k, r) in moment_arms(&parabola, step, 0).iter().enumerate() {
                 let wanted = -(c[1] + 2.0 * c[2] * k as f64 * step);
                 // Rounding of lengths of size 1 + size^2, divided by the step.
                 prop_assert!((r - wanted).abs() <= 16.0 * f64::EPSILON * (1.0 + size * size) / step, "{r} {wanted}");
+            }
+            let slopes = moment_arms(&(0..n).map(|k| at(k, 4)).collect::<Vec<_>>(), step, 4);
+            for (k, r) in slopes.iter().enumerate() {
+                let q = k as f64 * step;
+                let wanted = -(c[1] + 2.0 * c[2] * q + 3.0 * c[3] * q * q);
+                // Rounding as above, and sums of sixth powers of four.
+                prop_assert!((r - wanted).abs() <= 512.0 * f64::EPSILON * (1.0 + size.powi(3)) / step, "{r} {wanted}");
             }
             let cubic: Vec<f64> = (0..n).map(|k| at(k, 4)).collect();
             let range = crate::mesh::measures::greatest(cubic.iter().flat_map(|a| cubic.iter().map(move |b| a - b)));
@@ -92,12 +120,25 @@ mod tests {
     }
 
     #[test]
+    fn a_cubic_smooths_noise_and_keeps_slopes() {
+        // Two up, two down: the noise that differences of neighbours but one show most of.
+        let noise = |k: usize| if k % 4 < 2 { 1e-3 } else { -1e-3 };
+        let noisy: Vec<f64> = (0..40).map(|k| 0.1 * k as f64 + noise(k)).collect();
+        let worst = |around| {
+            let arms = moment_arms(&noisy, 1.0, around);
+            crate::mesh::measures::greatest(arms.iter().skip(4).take(32).map(|r| (r + 0.1).abs()))
+        };
+        assert!(worst(4) <= 0.5 * worst(0) && worst(0) > 0.9e-3, "{} {}", worst(4), worst(0));
+    }
+
+    #[test]
     fn a_jump_is_rough() {
         let jump: Vec<f64> = (0..40).map(|k| f64::from(k) * 0.1 + if k < 20 { 0.0 } else { 0.04 }).collect();
         let found = roughness(&jump).expect("a range");
         assert!(found.max > 0.002 && found.rms > 0.0005, "{found:?}");
         assert_eq!(roughness(&[1.0; 20]), None);
         assert_eq!(roughness(&[1.0, 2.0]), None);
-        assert!(moment_arms(&[1.0, 2.0], 0.1).iter().all(|r| r.is_nan()));
+        assert!(moment_arms(&[1.0, 2.0, 3.0], 0.1, 4).iter().all(|r| r.is_nan()));
+        assert!(moment_arms(&[1.0, 2.0], 0.1, 0).iter().all(|r| r.is_nan()));
     }
 }

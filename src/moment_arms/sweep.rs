@@ -22,10 +22,11 @@ pub const MOST_VALUES: usize = 10_000;
 pub const WIDEST: f64 = std::f64::consts::PI;
 
 /// How the correction of a spread turn is solved for.
-const CORRECTION: Minimisation = Minimisation { substeps: 1, iterations: 200, tolerance: 1e-6 };
+const CORRECTION: Minimisation = Minimisation { substeps: 1, iterations: 200, tolerance: 1e-5 };
 
-/// Stiffness with which a muscle tracks the spread turn, as a share of that with which it resists being longer.
-const TRACKING: f64 = 0.01;
+/// Stiffness with which a muscle tracks the spread turn, as a share of that with which its edges resist strain at rest:
+/// neither is known better than the other, and nothing is fitted.
+const TRACKING: f64 = 1.0;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -376,8 +377,7 @@ fn track(body: &mut Body, turning: &[bool]) -> Result<Vec<f64>, SweepError> {
     let settings = Settings { tolerance: CORRECTION.tolerance, iterations: CORRECTION.iterations };
     let volume = body.system.volume.clone();
     let stiffness = vec![1.0; body.edges.len()];
-    let tracking = std::env::var("TRACK").ok().and_then(|t| t.parse().ok()).unwrap_or(TRACKING);
-    let made = Equilibrium::tracking(&body.edges, stiffness, tracking, volume, &body.system.particles, settings);
+    let made = Equilibrium::tracking(&body.edges, stiffness, TRACKING, volume, &body.system.particles, settings);
     let mut made = made.map_err(|error| SweepError::Factor { muscle: body.name.clone(), error })?;
     let held: Vec<(u32, f64)> = body.attached.iter().map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 })).collect();
     let mut shares = made.spread(&held);

@@ -12,6 +12,7 @@ use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
 use crate::solvers::energy::{Energy, Inertia};
 use crate::solvers::potential::Quadratic;
+use crate::solvers::press::Press;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::tension::Tension;
@@ -33,16 +34,19 @@ pub(super) struct Parts {
 }
 
 /// Rounds at most in which the planes of contact are looked up again.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 3;
 
 /// Planes are right where nothing moved by more than this share of the contact thickness since they were looked up.
-const STILL: f64 = 1e-3;
+const STILL: f64 = 1e-2;
 
-/// Share of the contact thickness by which planes may give way at most.
-const LEAST_LEFT: f64 = 0.9;
+/// Share of the contact thickness that has to be left over a bone.
+const LEAST_LEFT: f64 = 0.1;
 
-/// Stiffness of a plane of contact for a muscle that tracks a shape, over that of the stiffest edge.
-const PRESS: f64 = 20.0;
+/// Vertices nearer to a bone than so many contact thicknesses are looked at while a muscle comes to rest.
+const REACH: f64 = 4.0;
+
+/// Stiffness of the band over bones for a muscle that tracks a shape, over that of the stiffest edge.
+const PRESS: f64 = 4.0;
 
 /// A muscle's equilibrium, followed from step to step.
 pub struct Equilibrium {
@@ -116,6 +120,7 @@ impl Equilibrium {
         let points = edges.iter().map(|e| e.points).collect();
         let part = Tracking::new(points, stiffness.iter().map(|k| k * tracking).collect(), target.clone());
         let press = PRESS * (1.0 + tracking) * greatest(stiffness.iter().copied());
+        let press = Some(Press::new(press));
         let mut energy = Energy { volumes: volume.into_iter().collect(), press, ..Energy::default() };
         energy.elastic.push(Box::new(part));
         energy.elastic.push(Box::new(Tension::new(edges.to_vec(), stiffness, &particles.position)));
@@ -217,31 +222,37 @@ impl Equilibrium {
     }
 }
 
-/// Brings a muscle to rest against bones that give way by a small share of the contact thickness: what is minimised is
-/// then as smooth as the planes of contact, which are looked up again until nothing moves.
+/// Brings a muscle to rest against bones that give way by a share of the contact thickness, so that what is minimised is
+/// smooth; planes over which points of bones keep triangles are looked up again until nothing moves.
 fn lean(solver: &mut QuasiStatic, mut guard: Bones<'_>, start: &[Point3<f64>], x: &mut Vec<Point3<f64>>) -> Outcome {
     let thickness = guard.contacts.thickness();
-    let mut outcome = Outcome::default();
-    let (mut iterations, mut evaluations) = (0, 0);
+    let obstacles = guard.contacts.obstacles().to_vec();
+    let (mut outcome, mut iterations, mut evaluations) = (Outcome::default(), 0, 0);
     let mut pushed = x.clone();
     for _ in 0..ROUNDS {
         let before = x.clone();
         pushed.copy_from_slice(x);
         guard.push(start, &mut pushed);
-        solver.problem.energy.pressed = guard.rows();
+        if let Some(press) = &mut solver.problem.energy.press {
+            press.thickness = thickness;
+            press.place(&obstacles, &guard.placed, x, REACH * thickness);
+            press.rows = guard.rows().into_iter().filter(|row| row.terms[1].1 != 0.0).collect();
+        }
         outcome = solver.solve(x, &mut Unguarded, |_, _| true);
         iterations += outcome.iterations;
         evaluations += outcome.evaluations;
         let moved = x.iter().zip(&before).map(|(x, before)| (x - before).norm());
-        if greatest(moved) <= STILL * thickness {
+        let moved = greatest(moved);
+        if moved <= STILL * thickness {
             break;
         }
     }
-    pushed.copy_from_slice(x);
-    guard.push(start, &mut pushed);
-    // Thickness is left over the bone as long as the planes give way by less.
-    if !guard.rows().iter().all(|row| row.room(x) >= -LEAST_LEFT * row.distance) {
-        x.copy_from_slice(&pushed);
+    if let Some(press) = &mut solver.problem.energy.press {
+        press.place(&obstacles, &guard.placed, x, REACH * thickness);
+        // A muscle that presses through the band is pushed out as by rigid bones.
+        if !(press.left(x) >= LEAST_LEFT) {
+            guard.push(start, x);
+        }
     }
     guard.accept(x);
     outcome.iterations = iterations;

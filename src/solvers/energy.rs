@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::potential::{Potential, volume_hessian};
+use super::press::Press;
 use crate::constraints::EnclosedVolume;
-use crate::contact::Row;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{Corrupt, Reader, State, Writer};
@@ -32,16 +32,15 @@ pub struct Energy {
     pub inertia: Option<Inertia>,
     /// Enclosed volumes, each kept.
     pub volumes: Vec<EnclosedVolume>,
-    /// Planes that push back what goes under them, by [`Self::press`].
-    pub pressed: Vec<Row>,
-    /// Force of a plane over how far something is under it [N/m].
-    pub press: f64,
+    /// Obstacles that give way; `None` where there are none, or where they are rigid.
+    pub press: Option<Press>,
 }
 
 impl Energy {
     /// Energy [J] without that of volumes, at positions `x` [m].
     pub fn value(&self, x: &[Point3<f64>]) -> f64 {
-        self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + self.of_loads(x)
+        let pressed = self.press.as_ref().map_or(0.0, |press| press.energy(x));
+        self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + pressed + self.of_loads(x)
     }
 
     /// Energy [J] without that of volumes; writes its gradient [N].
@@ -53,13 +52,8 @@ impl Energy {
             let each = gradient.iter_mut().zip(x).zip(inertia.target.iter().zip(&inertia.weight));
             each.for_each(|((g, x), (target, weight))| *g += (x - target) * *weight);
         }
-        for row in &self.pressed {
-            let room = row.room(x);
-            if room < 0.0 {
-                row.spread(self.press * room, gradient);
-            }
-        }
-        elastic + self.of_loads(x)
+        let pressed = self.press.as_ref().map_or(0.0, |press| press.energy_and_gradient(x, gradient));
+        elastic + pressed + self.of_loads(x)
     }
 
     /// Sum of those terms of the energy that are negative, without their sign [J]: work of the constant forces.
@@ -72,9 +66,7 @@ impl Energy {
             let square = |i: usize| inertia.weight[i] * (x[i] - inertia.target[i]).norm_squared();
             0.5 * tree_sum_by(inertia.weight.len(), square)
         });
-        let press = |i: usize| self.pressed[i].room(x).min(0.0).powi(2);
-        let pressed = 0.5 * self.press * tree_sum_by(self.pressed.len(), press);
-        moving + pressed - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
+        moving - tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords))
     }
 
     /// Calls `pair` with every two vertices that the second derivative couples, volumes' by their edges.
@@ -127,8 +119,8 @@ impl Energy {
 
 impl State for Energy {
     fn save(&self, to: &mut Writer) {
-        // Every step sets the target of the inertia and the planes; multipliers of volumes play no part here.
-        let Self { elastic, forces: _, inertia: _, volumes: _, pressed: _, press: _ } = self;
+        // Every step sets the target of the inertia and what presses; multipliers of volumes play no part here.
+        let Self { elastic, forces: _, inertia: _, volumes: _, press: _ } = self;
         elastic.iter().for_each(|part| part.save(to));
     }
 

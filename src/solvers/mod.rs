@@ -14,6 +14,7 @@ pub mod energy;
 mod history;
 pub mod newton;
 pub mod potential;
+pub mod press;
 pub mod quasi_static;
 pub mod sparse;
 pub mod stiffness;

@@ -152,7 +152,7 @@ impl State for Tension {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::draw::Draw;
+    use crate::testing::Draw;
 
     /// Cords of which some are shorter and some longer than at rest.
     fn drawn() -> (Tension, Vec<Point3<f64>>) {

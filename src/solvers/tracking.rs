@@ -101,7 +101,7 @@ impl State for Tracking {
 mod tests {
     use super::*;
     use crate::mesh::measures::greatest;
-    use crate::testing::draw::Draw;
+    use crate::testing::Draw;
 
     fn drawn() -> (Tracking, Vec<Point3<f64>>) {
         let mut draw = Draw::new(3);
@@ -115,7 +115,7 @@ mod tests {
         let (part, x) = drawn();
         let mut gradient = vec![Vector3::zeros(); 4];
         let energy = part.energy_and_gradient(&x, &mut gradient);
-        let mut hessian = nalgebra::Matrix4::zeros();
+        let mut hessian = nalgebra::Matrix4::<f64>::zeros();
         part.scalar_hessian(&x, &mut |a, b, k| hessian[(a as usize, b as usize)] += k);
         // Quadratic: differences of any size are exact but for rounding.
         let h = 0.5;

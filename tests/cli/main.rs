@@ -4,6 +4,7 @@ mod biceps;
 mod check;
 mod fibres;
 mod implant;
+mod moment_arms;
 mod morph;
 mod register;
 mod resume;

@@ -22,6 +22,7 @@ mod filled;
 mod io;
 mod lanes;
 mod lattice;
+mod moment_arms;
 mod morph;
 mod oracles;
 mod scene;

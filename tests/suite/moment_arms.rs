@@ -1,0 +1,147 @@
+//! Moment arms of fibres carried through the turn of a joint.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Isometry3, Vector3};
+use pliant::io;
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::greatest;
+use pliant::mesh::shapes::{icosphere, tube};
+use pliant::moment_arms::arms::Arms;
+use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::scene::{Scene, parse};
+
+use crate::tolerances::{T9, T18};
+
+/// Distance of the axis from the muscle's own [m].
+const ARM: f64 = 0.05;
+
+struct Folder(PathBuf);
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+fn moved(mut mesh: TriangleMesh, by: Vector3<f64>) -> TriangleMesh {
+    mesh.vertices.iter_mut().for_each(|v| *v += by);
+    mesh
+}
+
+/// A straight muscle between two balls, of which one turns about an axis beside it.
+fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
+    let path = std::env::temp_dir().join(format!("pliant-arms-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&path).expect("a folder");
+    let folder = Folder(path.clone());
+    let muscle = tube(0.012, 0.12, 24);
+    let bounds = muscle.bounding_box();
+    let along = bounds.extents().iamax();
+    let end = |sign: f64| {
+        let mut at = bounds.center().coords;
+        at[along] += sign * (0.5 * bounds.extents()[along] + 0.009);
+        moved(icosphere(0.01, 3), at)
+    };
+    for (file, mesh) in [("muscle", muscle.clone()), ("upper", end(-1.0)), ("lower", end(1.0))] {
+        io::write(&path.join(format!("{file}.obj")), &mesh, 1.0).expect("written");
+    }
+    let mut axis = [0, 0, 0];
+    let mut centre = bounds.center().coords;
+    let across = (along + 1) % 3;
+    centre[across] += ARM;
+    axis[(along + 2) % 3] = 1;
+    let text = format!(
+        "name = \"hinge\"\nframes = 1\nframe_rate = \"60 Hz\"\n\
+         [[bone]]\nname = \"upper\"\nmesh = \"upper.obj\"\nunit = \"m\"\n\
+         [[bone]]\nname = \"lower\"\nmesh = \"lower.obj\"\nunit = \"m\"\n[bone.motion]\njoint = \"hinge\"\n\
+         centre = [\"{} m\", \"{} m\", \"{} m\"]\naxis = {axis:?}\nkeys = [{{ frame = 0 }}]\n\
+         [[muscle]]\nname = \"straight\"\nmesh = \"muscle.obj\"\nunit = \"m\"\n[muscle.material]\n\
+         density = \"1060 kg/m3\"\nstretch = \"300 N/m\"\nbending = \"2e-4 N m\"\n\
+         [[muscle.attachment]]\nbone = \"upper\"\nnear = \"5 mm\"\nlimit = \"5 %\"\n\
+         [[muscle.attachment]]\nbone = \"lower\"\nnear = \"5 mm\"\nlimit = \"5 %\"\n\
+         [effects.stretch]\n[effects.bending]\n[effects.volume]\npressure = 1.0\n[effects.damping]\nrate = \"5 1/s\"\n\
+         [solver.xpbd]\nsubsteps = 10\niterations = 1\norder = \"coloured\"\ntolerance = 0.01\n",
+        centre.x, centre.y, centre.z
+    );
+    let scene = parse(&change(text), "hinge.toml", Path::new(&path)).expect("a scene");
+    (folder, scene)
+}
+
+fn sweep(from: f64, to: f64) -> Sweep {
+    let fibres = pliant::fibres::harmonic::Options { count: 12, points: 9 };
+    let (joint, by) = ("hinge".to_owned(), By::Spread);
+    Sweep { joint, axis: None, from, to, step: 0.02, frames: 1, fibres, by }
+}
+
+fn swept(scene: Scene, sweep: &Sweep) -> Running {
+    let mut running = Running::new(scene, sweep).expect("ready");
+    while running.advance().is_some() {}
+    assert_eq!(running.done(), running.angles.len());
+    running
+}
+
+/// About an axis beside a straight muscle the moment arm is its distance to the axis, whatever moves the muscle between
+/// its ends.
+#[test]
+fn a_straight_muscle_has_its_distance_to_the_axis() {
+    let (_folder, scene) = scene("straight", |text| text);
+    let running = swept(scene, &sweep(-0.06, 0.06));
+    let arms = Arms::new(&running.muscles[0], &running, 0);
+    let middle = arms.mean[3].abs();
+    // Fibres lie within the muscle's radius of its axis, evenly to a share of it; their mean within a tenth of it.
+    assert!((middle - ARM).abs() <= 0.1 * 0.012, "{middle}");
+    for (fibre, arm) in running.muscles[0].fibres.iter().zip(&arms.fibres) {
+        let mid = fibre[4];
+        let centre = running.joint.centre;
+        let axis = running.joint.axis;
+        let way = (fibre[8] - fibre[0]).normalize();
+        let wanted = -(axis.cross(&(mid - centre))).dot(&way);
+        // The chord of a fibre is its tangent but for how it spreads from its area.
+        assert!((arm[3] - wanted).abs() <= 0.03 * ARM, "{} {wanted}", arm[3]);
+    }
+    assert!((middle - 1.05 * ARM).abs() > 0.1 * 0.012, "control: another distance is not taken for it");
+    assert!(running.muscles[0].volume_error <= T9, "{}", running.muscles[0].volume_error);
+}
+
+/// What is held goes with its bone, and the rest depends on the angle alone, not on where the sweep began.
+#[test]
+fn the_shape_depends_on_the_angle_alone() {
+    let (_a, first) = scene("from-below", |text| text);
+    let (_b, second) = scene("from-rest", |text| text);
+    let long = swept(first, &sweep(-0.2, 0.2));
+    let short = swept(second, &sweep(0.0, 0.2));
+    let [long_last, short_last] = [&long, &short].map(|r| r.muscles[0].now());
+    let apart = long_last.iter().flatten().zip(short_last.iter().flatten()).map(|(a, b)| (a - b).norm());
+    // Both equilibria are found to forces below 1e-5 of the scale; over the muscle's length that adds up.
+    let apart = greatest(apart) / 0.12;
+    assert!(apart <= 2e-4, "{apart}");
+    let other = long.muscles[0].fibres.iter().flatten().zip(short_last.iter().flatten()).map(|(a, b)| (a - b).norm());
+    assert!(greatest(other) / 0.12 > 1e-2, "control: at another angle it is elsewhere");
+    let pose: Isometry3<f64> = long.joint.pose(0.2);
+    for (rest, now) in long.muscles[0].fibres.iter().zip(long_last) {
+        assert!((rest[0] - now[0]).norm() <= 1e3 * T18 * 0.12, "ends at rest stay");
+        assert!((pose * rest[8] - now[8]).norm() <= 1e3 * T18 * 0.12, "ends that turn go with the bone");
+    }
+}
+
+#[test]
+fn what_cannot_be_swept_says_why() {
+    let refused = |change: &dyn Fn(String) -> String, sweep: &Sweep| {
+        let (_folder, scene) = scene("refused", change);
+        match Running::new(scene, sweep) {
+            Ok(_) => panic!("taken"),
+            Err(error) => error,
+        }
+    };
+    let same = |text: String| text;
+    let named = |joint: &str| Sweep { joint: joint.to_owned(), ..sweep(0.0, 0.1) };
+    assert!(refused(&same, &named("knee")).to_string().contains("no joint `knee`; known: hinge"));
+    assert!(matches!(refused(&same, &sweep(0.1, 0.0)), SweepError::Range(_)));
+    assert!(matches!(refused(&same, &Sweep { step: f64::NAN, ..sweep(0.0, 0.1) }), SweepError::Range(_)));
+    assert!(matches!(refused(&same, &sweep(-4.0, 0.1)), SweepError::Range(_)));
+    let one_side =
+        |text: String| text.replacen("bone = \"lower\"\nnear = \"5 mm\"", "bone = \"upper\"\nnear = \"8 mm\"", 1);
+    assert!(matches!(refused(&one_side, &sweep(0.0, 0.1)), SweepError::NothingCrosses(_)));
+    let (_folder, taken) = scene("taken", same);
+    assert!(Running::new(taken, &named("lower")).is_ok(), "control: a bone's name will do");
+}
