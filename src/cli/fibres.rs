@@ -12,11 +12,14 @@ use crate::contact::Surface;
 use crate::fibres::attachment::{Area, Attachment, AttachmentError};
 use crate::fibres::binding::BoundLines;
 use crate::fibres::each::{Tendon, each};
-use crate::fibres::harmonic::{DecompositionError, Options};
-use crate::fibres::method::{Method, decompose};
+use crate::fibres::harmonic::Options;
+use crate::fibres::method::{Method, MethodError, decompose};
 use crate::fibres::quality::{measure, tendons};
+use crate::fibres::slices::SlicesError;
 use crate::fibres::smooth::Smoothing;
+use crate::fibres::springs::SpringsError;
 use crate::fibres::superficial::{Registered, register};
+use crate::fibres::template::Template;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::report::fibres::{Bundle, FILES, ReportError, Summary, size};
@@ -27,7 +30,9 @@ use crate::report::frames::file_name;
 const LENGTHS: [f64; 2] = [0.001, 5.0];
 
 /// The methods by their names.
-const METHODS: [&str; 2] = ["harmonic", "superficial"];
+const METHODS: [&str; 4] = ["harmonic", "springs", "slices", "superficial"];
+/// Those that fill the muscle as a template is filled.
+const BY_TEMPLATE: [&str; 2] = ["springs", "slices"];
 
 /// Fill a muscle with fibres from its origin to its insertion
 #[derive(Debug, clap::Args)]
@@ -37,6 +42,7 @@ Examples:
   pliant fibres soleus.obj --unit mm --origin near:fibula.obj,5mm --insertion near:tibia.obj,2mm --count 200 --json
   pliant fibres muscle.obj --unit m --origin hip.obj --insertion vertices:end.txt --smooth-steps 10
   pliant fibres muscle.obj --unit cm --origin a.obj --insertion b.obj --method superficial --lines drawn.vtp
+  pliant fibres vastus.obj --unit m --origin a.obj --insertion b.obj --method springs --template pennate
   pliant fibres run/frames/gluteus_0020.vtp --unit m --rest run/frames/gluteus_0000.vtp --origin areas.obj#1 --insertion areas.obj#0
 
 AREA is one of
@@ -48,8 +54,13 @@ AREA is one of
 An area is projected onto the muscle. A patch off the muscle (median distance above 2 % of its length) is reached by straight
 tendons, which are no part of the fibres.
 
-Methods: `harmonic`, along the gradient of a harmonic field between the areas; `superficial`, along the lines of --lines on the
-surface, whose directions are spread through the inside.
+Methods: `harmonic`, along the gradient of a harmonic field between the areas, for any surface; `superficial`, along the lines of
+--lines on the surface, whose directions are spread through the inside; `springs` and `slices`, older ones to compare with, along
+the fibres of a --template, laid onto the surface with springs inside, or slice by slice. Springs need a closed surface without
+handles; both may leave the muscle, fold, and slices miss the areas: it is measured and told.
+
+Templates: `parallel`, areas at opposite ends; `pennate`, at opposite sides, fibres oblique; `curved`, on the same side, fibres in
+arches; `rectus`, areas narrower than the belly.
 
 Results in pliant-out/NAME-fibres: fibres.vtp (polylines with `fibre`, `part` (0 fibre, 1 tendon of the origin, 2 of the
 insertion), `length_m` and `pennation_rad`), muscle.vtp (with `area`: 1 origin, 2 insertion), fibres.csv (a row a fibre), points.csv,
@@ -68,9 +79,12 @@ pub(super) struct Arguments {
     /// Where they end
     #[arg(long, value_name = "AREA")]
     insertion: String,
-    /// How the muscle is decomposed: harmonic or superficial
+    /// How the muscle is decomposed
     #[arg(long, value_name = "NAME", default_value = "harmonic", value_parser = METHODS)]
     method: String,
+    /// How fibres run, for --method springs and slices [default: parallel]
+    #[arg(long, value_name = "NAME", value_parser = Template::NAMED.map(|(name, _)| name))]
+    template: Option<String>,
     /// Polylines along fibres on the surface (.vtp, .vtk, .obj), for --method superficial
     #[arg(long, value_name = "FILE", required_if_eq("method", "superficial"))]
     lines: Option<PathBuf>,
@@ -121,12 +135,7 @@ struct Given {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let unit = length_unit(&arguments.unit)?;
-    if arguments.lines.is_some() && arguments.method != "superficial" {
-        return Err(Failure::usage(
-            "--lines are given, but the method does not follow them",
-            "add --method superficial",
-        ));
-    }
+    let template = template(arguments)?;
     let areas = [Written::of("--origin", &arguments.origin)?, Written::of("--insertion", &arguments.insertion)?];
     let name = arguments.muscle.file_stem().map_or_else(|| "muscle".into(), |stem| stem.to_string_lossy().into_owned());
     let out = PathBuf::from("pliant-out").join(format!("{}-fibres", file_name(&name)));
@@ -134,7 +143,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Folder::check(&out, &FILES.map(str::to_owned))?;
     let given = read(arguments, &areas, unit)?;
     let Given { muscle, attachment, lines, notes } = &given;
-    let method = if arguments.method == "superficial" { Method::Superficial(&lines.lines) } else { Method::Harmonic };
+    let method = match (arguments.method.as_str(), template) {
+        ("springs", Some((_, template))) => Method::Springs(template),
+        ("slices", Some((_, template))) => Method::Slices(template),
+        ("superficial", _) => Method::Superficial(&lines.lines),
+        _ => Method::Harmonic,
+    };
     let options = Options { count: arguments.count as usize, points: arguments.points as usize };
     let smoothing = Smoothing { steps: arguments.smooth_steps, factor: arguments.smooth_factor };
     let begun = Instant::now();
@@ -148,6 +162,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let summary = Summary {
         muscle: name,
         method: arguments.method.clone(),
+        template: template.map(|(name, _)| name.to_owned()),
         time_s,
         vertices: muscle.vertices.len(),
         volume_m3: volume,
@@ -170,6 +185,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     bundle.write(&Folder::open(&out)?)?;
     tell(&bundle, arguments.json, &out);
     Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) { DONE } else { FAILED })
+}
+
+/// The template of a method that has one; what goes with another method is refused.
+fn template(arguments: &Arguments) -> Result<Option<(&'static str, Template)>, Failure> {
+    if arguments.lines.is_some() && arguments.method != "superficial" {
+        let hint = "add --method superficial";
+        return Err(Failure::usage("--lines are given, but the method does not follow them", hint));
+    }
+    let by_template = BY_TEMPLATE.contains(&arguments.method.as_str());
+    if arguments.template.is_some() && !by_template {
+        let message = format!("--template is given, but method {} has none", arguments.method);
+        return Err(Failure::usage(message, "add --method springs or --method slices, or leave it out"));
+    }
+    let named = |name: &str| Template::NAMED.into_iter().find(|(known, _)| *known == name);
+    Ok(named(arguments.template.as_deref().unwrap_or("parallel")).filter(|_| by_template))
 }
 
 /// Reads all files and projects the areas.
@@ -245,8 +275,18 @@ fn unusable(error: &AttachmentError) -> Failure {
     Failure::usage(error.to_string(), "`pliant fibres --help` tells how areas are given")
 }
 
-fn undone(error: &DecompositionError) -> Failure {
-    Failure::usage(error.to_string(), "`pliant check` tells what is wrong with a mesh")
+/// Why not, and the way out that this method leaves.
+fn undone(error: &MethodError) -> Failure {
+    let hint = match error {
+        MethodError::Flow(_) => "`pliant check` tells what is wrong with a mesh",
+        MethodError::Springs(SpringsError::Surface(_) | SpringsError::InsideOut { .. }) => {
+            "use --method harmonic, which takes any surface, or mend this one: `pliant check` tells what is wrong"
+        }
+        MethodError::Springs(SpringsError::WholeSurface { .. } | SpringsError::OnePlace { .. })
+        | MethodError::Slices(SlicesError::NoAxis { .. }) => "give other areas, or use --method harmonic",
+        MethodError::Springs(_) | MethodError::Slices(_) => "use --method harmonic",
+    };
+    Failure::usage(error.to_string(), hint)
 }
 
 fn tell(bundle: &Bundle<'_>, json: bool, out: &Path) {

@@ -6,8 +6,11 @@ use nalgebra::Point3;
 
 use super::attachment::Attachment;
 use super::harmonic::{Decomposition, DecompositionError, Options, decompose_along};
+use super::slices::{self, SlicesError};
 use super::smooth::{Smoothing, smooth};
 use super::solid::Closed;
+use super::springs::{self, SpringsError};
+use super::template::{Grid, Template};
 use crate::mesh::TriangleMesh;
 
 /// A way to decompose a muscle.
@@ -17,6 +20,33 @@ pub enum Method<'a> {
     Harmonic,
     /// Along directions of lines on the surface [m] ([`super::superficial::register`]), spread through the inside.
     Superficial(&'a [Vec<Point3<f64>>]),
+    /// A template's surface on the muscle's, and springs between ([`super::springs`]).
+    Springs(Template),
+    /// Contours of a template's box on those of the muscle ([`super::slices`]).
+    Slices(Template),
+}
+
+/// Why a muscle was not decomposed, by the method that was asked to.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum MethodError {
+    /// Along a flow: harmonic, superficial.
+    #[error(transparent)]
+    Flow(#[from] DecompositionError),
+    /// By springs.
+    #[error(transparent)]
+    Springs(#[from] SpringsError),
+    /// By slices.
+    #[error(transparent)]
+    Slices(#[from] SlicesError),
+}
+
+/// What fibres were read from, before they were made smooth.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// The flow whose streamlines they are.
+    Flow(Box<Decomposition>),
+    /// The grid whose lines they are.
+    Grid(Grid),
 }
 
 /// A muscle decomposed into fibres by any method.
@@ -26,24 +56,32 @@ pub struct Fibres {
     pub lines: Vec<Vec<Point3<f64>>>,
     /// The surface that bounds the inside.
     pub closed: Arc<Closed>,
-    /// The flow whose streamlines they are, before they were made smooth.
-    pub flow: Option<Decomposition>,
+    /// What they were read from.
+    pub source: Source,
 }
 
 /// Decomposes a muscle.
 ///
 /// # Errors
-/// Too few fibres or points, nothing inside, areas that are not joined, ways that are not found, no memory.
+/// Those of the method: [`DecompositionError`], [`SpringsError`], [`SlicesError`].
 pub fn decompose(
     muscle: &TriangleMesh,
     attachment: &Attachment,
     method: Method<'_>,
     options: Options,
     smoothing: Smoothing,
-) -> Result<Fibres, DecompositionError> {
+) -> Result<Fibres, MethodError> {
+    let Options { count, points } = options;
     let mut made = match method {
         Method::Harmonic => Fibres::of(decompose_along(muscle, attachment, &[], options)?),
         Method::Superficial(lines) => Fibres::of(decompose_along(muscle, attachment, lines, options)?),
+        Method::Springs(template) => {
+            let options = springs::Options { count, points, ..springs::Options::default() };
+            Fibres::of_grid(muscle, springs::grid(muscle, attachment, template, options)?)
+        }
+        Method::Slices(template) => {
+            Fibres::of_grid(muscle, slices::grid(muscle, attachment, template, slices::Options { count, points })?)
+        }
     };
     if smoothing.steps > 0 {
         smooth(&mut made.lines, smoothing, &made.closed.solid());
@@ -53,11 +91,23 @@ pub fn decompose(
 
 impl Fibres {
     fn of(mut flow: Decomposition) -> Self {
-        Self { lines: std::mem::take(&mut flow.fibres), closed: flow.closed.clone(), flow: Some(flow) }
+        Self {
+            lines: std::mem::take(&mut flow.fibres),
+            closed: flow.closed.clone(),
+            source: Source::Flow(Box::new(flow)),
+        }
     }
 
-    /// Jacobian of the fibre map at every point of every streamline, 1 at its seed; none where a method has no flow.
+    fn of_grid(muscle: &TriangleMesh, grid: Grid) -> Self {
+        Self { lines: grid.fibres(), closed: Arc::new(Closed::new(muscle)), source: Source::Grid(grid) }
+    }
+
+    /// Jacobian of the fibre map: of a flow at every point of every streamline, 1 at its seed; of a grid the scaled one at
+    /// every corner of every cell.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
-        self.flow.as_ref().map_or_else(Vec::new, |flow| flow.jacobian(muscle, attachment))
+        match &self.source {
+            Source::Flow(flow) => flow.jacobian(muscle, attachment),
+            Source::Grid(grid) => grid.jacobian(),
+        }
     }
 }

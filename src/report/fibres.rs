@@ -54,6 +54,8 @@ pub struct Summary {
     pub muscle: String,
     /// Name of the method.
     pub method: String,
+    /// Name of the template, of a method that has one.
+    pub template: Option<String>,
     /// What is measured.
     #[serde(flatten)]
     pub quality: Quality,

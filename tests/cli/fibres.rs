@@ -186,6 +186,55 @@ fn smoothing_shortens_and_keeps_ends() {
     assert_eq!(of(&json(&smooth.join("summary.json")), "outside"), 0.0);
 }
 
+#[test]
+fn springs_and_slices_fill_a_cylinder_by_a_template() {
+    let muscle = Cylinder::new("fibres-templates");
+    let told = |name: &str, more: &[&str]| {
+        let (done, out) = muscle.run(name, &[more, &["--json"]].concat());
+        let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
+        assert_eq!(told, json(&out.join("summary.json")));
+        assert_eq!(points(&out).iter().map(Vec::len).collect::<Vec<_>>(), [15; 100]);
+        (done.status.code(), text(&done.stderr), told)
+    };
+    // The first and the last slice lie a millionth of the length before the ends, so that all holds.
+    let (code, error, slices) = told("slices", &["--method", "slices"]);
+    assert_eq!(
+        (code, &slices["method"], &slices["template"]),
+        (Some(0), &"slices".into(), &"parallel".into()),
+        "{error}"
+    );
+    assert!(
+        (of(&slices, "length_mean_m") / LENGTH - 1.0).abs() <= 1e-5 && of(&slices, "jacobian_min") > 0.0,
+        "{slices}"
+    );
+    // Springs reach the areas, but cells fold near the middle, and that is told.
+    let (code, error, springs) = told("springs", &["--method", "springs", "--template", "parallel"]);
+    assert_eq!((of(&springs, "outside"), of(&springs, "end_distance_max_m") <= 1e-9), (0.0, true), "{springs}");
+    assert!(of(&springs, "jacobian_min") < 0.0 && code == Some(1), "{springs}");
+    assert!(error.contains("FAIL  fibres side by side stay so: least Jacobian of their map -"), "{error}");
+    // Arches end on one side of a body, the areas are at both ends.
+    let (code, error, curved) = told("curved", &["--method", "slices", "--template", "curved"]);
+    assert!(curved["template"] == "curved" && curved["length_mean_m"] != slices["length_mean_m"], "{curved}");
+    assert!(code == Some(1) && error.contains("FAIL  "), "{code:?} {error}");
+    // A hole is no sphere; slices and the harmonic way take it.
+    let mut open = muscle.mesh.clone();
+    open.triangles.remove(open.triangles.len() / 2);
+    put(&muscle.file, &open, &[]);
+    let (done, out) = muscle.run("open", &["--method", "springs"]);
+    let error = text(&done.stderr);
+    assert_eq!(done.status.code(), Some(2), "{error}");
+    for part in
+        ["the muscle's surface cannot be laid onto a sphere: ", "use --method harmonic, which takes any surface"]
+    {
+        assert!(error.contains(part), "{part} is not in {error}");
+    }
+    assert!(!out.exists());
+    for method in ["slices", "harmonic"] {
+        let (done, _) = muscle.run(method, &["--method", method]);
+        assert_eq!(done.status.code(), Some(0), "{method}: {}", text(&done.stderr));
+    }
+}
+
 /// Points along a helix on the cylinder, `turn` [rad] from end to end, from its axis `reach` radii away.
 fn helix(start: f64, turn: f64, reach: f64) -> Vec<Point3<f64>> {
     let at = |s: f64| {
@@ -293,7 +342,7 @@ fn what_cannot_be_is_refused() {
         (&["--points", "1"], "1 is not in 2..=10000"),
         (&["--count", "0"], "0 is not in 1..=100000"),
         (&["--smooth-factor", "1.5"], "expected a share from 0 to 1"),
-        (&["--method", "magic"], "[possible values: harmonic, superficial]"),
+        (&["--method", "magic"], "[possible values: harmonic, springs, slices, superficial]"),
         (&["--method", "superficial"], "--lines <FILE>"),
         (&["--lines", lines], "--lines are given, but the method does not follow them; add --method superficial"),
         (&["--method", "superficial", "--lines", file], "--lines: "),
@@ -301,6 +350,12 @@ fn what_cannot_be_is_refused() {
             &["--method", "superficial", "--lines", lines],
             "line 0, counted from 0, lies off the surface: half of its points",
         ),
+        (
+            &["--template", "pennate"],
+            "--template is given, but method harmonic has none; add --method springs or --method slices",
+        ),
+        (&["--template", "round", "--method", "slices"], "[possible values: parallel, pennate, curved, rectus]"),
+        (&["--lines", lines, "--method", "springs"], "--lines are given, but the method does not follow them"),
         (&["--rest", away], "away.obj has other triangles than the muscle"),
         (&["--unit", "lightyears"], "`lightyears` is no unit of length"),
     ];
