@@ -61,6 +61,7 @@ COMMANDS = {
     "health": bench("health"),
     "hierarchy": bench("hierarchy"),
     "lattice": bench("lattice"),
+    "morph": bench("morph"),
     "read": bench("read"),
     "peers": PEERS,
     "pose": PEERS + ["--bin", "pose"],
