@@ -1,6 +1,6 @@
 //! What a sweep gives: lengths and moment arms of each fibre and of the muscle, and how they compare with others.
 
-use super::curve::{Roughness, moment_arms, roughness};
+use super::curve::{Roughness, extremes, moment_arms, roughness};
 use super::reference::{Comparison, Reference, ReferenceError, Table};
 use super::sweep::{Crossing, Running};
 
@@ -43,7 +43,7 @@ impl Arms {
         Self {
             name: muscle.name.clone(),
             angles: running.angles[..values].to_vec(),
-            roughness: roughness(&super::curve::moment_arms(&length, running.step, 0)),
+            roughness: roughness(&moment_arms(&length, running.step, 0)),
             length_roughness: roughness(&length),
             lengths,
             fibres,
@@ -69,7 +69,6 @@ impl Arms {
 
     /// Least and greatest moment arm of a fibre at a value [m].
     pub fn bounds(&self, k: usize) -> [f64; 2] {
-        let all = || self.fibres.iter().map(|f| f[k]);
-        [-crate::mesh::measures::greatest(all().map(|r| -r)), crate::mesh::measures::greatest(all())]
+        extremes(self.fibres.iter().map(|f| f[k])).unwrap_or([f64::NAN; 2])
     }
 }

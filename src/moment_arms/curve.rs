@@ -46,6 +46,15 @@ fn fitted_slope(values: &[f64], at: f64) -> f64 {
     linear + 2.0 * square * at + 3.0 * cubic * at * at
 }
 
+/// Least and greatest of some numbers, both NaN if one is; `None` of none.
+pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+    let wider = |[low, high]: [f64; 2], [a, b]: [f64; 2]| match (low + a).is_nan() {
+        true => [f64::NAN; 2],
+        false => [low.min(a), high.max(b)],
+    };
+    numbers.into_iter().map(|n| [n, n]).reduce(wider)
+}
+
 /// How far a curve at even distances departs from the cubics fitted to it around each point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Roughness {
@@ -58,7 +67,7 @@ pub struct Roughness {
 /// Departure of each inner value from the cubic fitted by least squares to it and [`AROUND`] values on each side, as a
 /// share of the range of all values. `None` for fewer than `2 AROUND + 1` values, or where all are the same.
 pub fn roughness(values: &[f64]) -> Option<Roughness> {
-    let (least, most) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    let [least, most] = extremes(values.iter().copied())?;
     let range = most - least;
     if values.len() < 2 * AROUND + 1 || !(range > 0.0) || !values.iter().all(|v| v.is_finite()) {
         return None;
@@ -129,6 +138,15 @@ mod tests {
             crate::mesh::measures::greatest(arms.iter().skip(4).take(32).map(|r| (r + 0.1).abs()))
         };
         assert!(worst(4) <= 0.5 * worst(0) && worst(0) > 0.9e-3, "{} {}", worst(4), worst(0));
+    }
+
+    #[test]
+    fn extremes_of_any_sign_and_of_none() {
+        assert_eq!(extremes([-3.0, -1.0, -2.0]), Some([-3.0, -1.0]));
+        assert_eq!(extremes([]), None);
+        for numbers in [[f64::NAN, 1.0], [1.0, f64::NAN]] {
+            assert!(extremes(numbers).is_some_and(|e| e.iter().all(|v| v.is_nan())));
+        }
     }
 
     #[test]

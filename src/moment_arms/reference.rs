@@ -7,6 +7,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::curve::extremes;
 use super::names::means;
 
 /// A line through points `(angle [rad], moment arm [m])`, ascending in angle.
@@ -212,8 +213,7 @@ impl Reference {
     /// Lower and upper bound [m] at an angle \[rad\]; `None` where a curve does not go so far.
     pub fn at(&self, angle: f64) -> Option<[f64; 2]> {
         let values: Vec<f64> = self.curves.iter().map(|c| value(c, angle)).collect::<Option<_>>()?;
-        let low = values.iter().copied().reduce(f64::min)?;
-        Some([low, crate::mesh::measures::greatest(values)])
+        extremes(values)
     }
 
     /// Number of curves.
@@ -318,7 +318,7 @@ mod tests {
         assert!(of("angle_deg,psoas\n0,1\n").contains("does not tell the unit of column `psoas`"));
         assert!(of("angle_deg,psoas_m\n0,1\n5,x\n").contains("line 3: `x` in column `psoas_m` is no number"));
         let path = std::env::temp_dir().join(format!("pliant-{}-ragged.csv", std::process::id()));
-        for (text, wanted) in [("angle_deg,psoas_m\n0,1\n5\n", "line 3"), ("a,b\n0,1\n", "no column for the angle")] {
+        for (text, wanted) in [("angle_deg,psoas_m\n0,1\n5\n", "line: 3"), ("a,b\n0,1\n", "no column for the angle")] {
             std::fs::write(&path, text).expect("a file");
             let error = Table::read(&path).expect_err("refused").to_string();
             assert!(error.contains(wanted), "{error}");

@@ -14,6 +14,7 @@ use crate::io::pvd::{Collection, Entry};
 use crate::io::vtp::{self, PolyData};
 use crate::mesh::TriangleMesh;
 use crate::moment_arms::arms::Arms;
+use crate::moment_arms::curve::extremes;
 use crate::moment_arms::sweep::{By, Running};
 use crate::render::{Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render};
 
@@ -147,11 +148,7 @@ fn of_muscle(arms: &Arms, muscle: &crate::moment_arms::sweep::Crossing) -> Value
             "sign_turned": found.as_ref().is_some_and(|f| f.turned),
         })
     });
-    let range = |values: &[f64]| {
-        let finite = || values.iter().copied();
-        [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)]
-    };
-    let [least, most] = range(&arms.mean);
+    let [least, most] = extremes(arms.mean.iter().copied()).unwrap_or([f64::NAN; 2]);
     json!({
         "muscle": arms.name,
         "fibres": arms.fibres.len(),
@@ -268,12 +265,12 @@ pub fn table(running: &Running, arms: &[Arms]) -> Table {
         ["muscle", "least [mm]", "greatest [mm]", "rough (rms) [%]", "points in bone", "fibre [mm]", "area [cm2]"];
     let mut table = Table::new(title, header);
     for (a, m) in arms.iter().zip(&running.muscles) {
-        let of =
-            |pick: fn(f64, f64) -> f64| a.mean.iter().copied().reduce(pick).map_or("-".into(), |v| number(1e3 * v));
+        let ends = extremes(a.mean.iter().copied());
+        let of = |k: usize| ends.map_or("-".into(), |ends| number(1e3 * ends[k]));
         table.row([
             a.name.clone(),
-            of(f64::min),
-            of(f64::max),
+            of(0),
+            of(1),
             a.roughness.map_or("-".to_owned(), |r| number(1e2 * r.rms)),
             m.points_in_bone.to_string(),
             number(1e3 * m.quality.length_mean_m),

@@ -224,13 +224,13 @@ impl Equilibrium {
 
 /// Brings a muscle to rest against bones that give way by a share of the contact thickness, so that what is minimised is
 /// smooth; planes over which points of bones keep triangles are looked up again until nothing moves.
-fn lean(solver: &mut QuasiStatic, mut guard: Bones<'_>, start: &[Point3<f64>], x: &mut Vec<Point3<f64>>) -> Outcome {
+fn lean(solver: &mut QuasiStatic, mut guard: Bones<'_>, start: &[Point3<f64>], x: &mut [Point3<f64>]) -> Outcome {
     let thickness = guard.contacts.thickness();
     let obstacles = guard.contacts.obstacles().to_vec();
     let (mut outcome, mut iterations, mut evaluations) = (Outcome::default(), 0, 0);
-    let mut pushed = x.clone();
+    let mut pushed = x.to_vec();
     for _ in 0..ROUNDS {
-        let before = x.clone();
+        let before = x.to_vec();
         pushed.copy_from_slice(x);
         guard.push(start, &mut pushed);
         if let Some(press) = &mut solver.problem.energy.press {

@@ -11,7 +11,7 @@ use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
 use pliant::scene::{Scene, parse};
 
-use crate::tolerances::{T9, T18};
+use crate::tolerances::T9;
 
 /// Distance of the axis from the muscle's own [m].
 const ARM: f64 = 0.05;
@@ -43,7 +43,7 @@ fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
         moved(icosphere(0.01, 3), at)
     };
     for (file, mesh) in [("muscle", muscle.clone()), ("upper", end(-1.0)), ("lower", end(1.0))] {
-        io::write(&path.join(format!("{file}.obj")), &mesh, 1.0).expect("written");
+        io::write(&path.join(format!("{file}.obj")), &mesh, &[], io::Encoding::Text).expect("written");
     }
     let mut axis = [0, 0, 0];
     let mut centre = bounds.center().coords;
@@ -57,8 +57,8 @@ fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
          centre = [\"{} m\", \"{} m\", \"{} m\"]\naxis = {axis:?}\nkeys = [{{ frame = 0 }}]\n\
          [[muscle]]\nname = \"straight\"\nmesh = \"muscle.obj\"\nunit = \"m\"\n[muscle.material]\n\
          density = \"1060 kg/m3\"\nstretch = \"300 N/m\"\nbending = \"2e-4 N m\"\n\
-         [[muscle.attachment]]\nbone = \"upper\"\nnear = \"5 mm\"\nlimit = \"5 %\"\n\
-         [[muscle.attachment]]\nbone = \"lower\"\nnear = \"5 mm\"\nlimit = \"5 %\"\n\
+         [[muscle.attachment]]\nbone = \"upper\"\nnear = \"6 mm\"\nlimit = \"4 %\"\n\
+         [[muscle.attachment]]\nbone = \"lower\"\nnear = \"6 mm\"\nlimit = \"4 %\"\n\
          [effects.stretch]\n[effects.bending]\n[effects.volume]\npressure = 1.0\n[effects.damping]\nrate = \"5 1/s\"\n\
          [solver.xpbd]\nsubsteps = 10\niterations = 1\norder = \"coloured\"\ntolerance = 0.01\n",
         centre.x, centre.y, centre.z
@@ -118,9 +118,12 @@ fn the_shape_depends_on_the_angle_alone() {
     let other = long.muscles[0].fibres.iter().flatten().zip(short_last.iter().flatten()).map(|(a, b)| (a - b).norm());
     assert!(greatest(other) / 0.12 > 1e-2, "control: at another angle it is elsewhere");
     let pose: Isometry3<f64> = long.joint.pose(0.2);
+    // An end is left within 2e-6 of the length of its area, and what is so near goes with it but for the strain there.
+    let near = 1e-5 * 0.12;
     for (rest, now) in long.muscles[0].fibres.iter().zip(long_last) {
-        assert!((rest[0] - now[0]).norm() <= 1e3 * T18 * 0.12, "ends at rest stay");
-        assert!((pose * rest[8] - now[8]).norm() <= 1e3 * T18 * 0.12, "ends that turn go with the bone");
+        assert!((rest[0] - now[0]).norm() <= near, "ends at rest stay");
+        assert!((rest[8] - now[8]).norm() > 1e2 * near, "control: it does go");
+        assert!((pose * rest[8] - now[8]).norm() <= near, "ends that turn go with the bone");
     }
 }
 
@@ -140,7 +143,7 @@ fn what_cannot_be_swept_says_why() {
     assert!(matches!(refused(&same, &Sweep { step: f64::NAN, ..sweep(0.0, 0.1) }), SweepError::Range(_)));
     assert!(matches!(refused(&same, &sweep(-4.0, 0.1)), SweepError::Range(_)));
     let one_side =
-        |text: String| text.replacen("bone = \"lower\"\nnear = \"5 mm\"", "bone = \"upper\"\nnear = \"8 mm\"", 1);
+        |text: String| text.replacen("bone = \"lower\"\nnear = \"6 mm\"", "bone = \"upper\"\nnear = \"8 mm\"", 1);
     assert!(matches!(refused(&one_side, &sweep(0.0, 0.1)), SweepError::NothingCrosses(_)));
     let (_folder, taken) = scene("taken", same);
     assert!(Running::new(taken, &named("lower")).is_ok(), "control: a bone's name will do");
