@@ -17,6 +17,7 @@ use nalgebra::Point3;
 
 use super::attachment::Attachment;
 use super::polyline::resample;
+use super::quality;
 use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
 use crate::solvers::sparse::FactorError;
@@ -28,6 +29,11 @@ use trace::{Tracer, Way};
 /// Cells whose volume together is that of a muscle: at least, and for each vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
+/// Where a larger share of the cells stays bare, or the order of fibres is uncertain, once more with so many times the
+/// least number of cells, and so many times the tries to cover more.
+const BARE: f64 = 0.01;
+const FINER: f64 = 2.0;
+const MORE_TRIES: usize = 2;
 /// Seeds that may fail, for each fibre.
 const TRIES: usize = 4;
 
@@ -134,11 +140,46 @@ pub fn decompose_along(
     if !(volume > 1e-9 * size * size * size) {
         return Err(DecompositionError::NoInside { volume });
     }
-    let wanted = CELLS + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
     let solid = closed.solid();
-    let cells = Cells::new(&solid, (volume / wanted).cbrt());
-    let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion, lines);
-    let field = field.map_err(|e| match e {
+    let trial = |finer: f64, tries: usize| -> Result<Trial, DecompositionError> {
+        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
+        let cells = Cells::new(&solid, (volume / wanted).cbrt());
+        let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion, lines)
+            .map_err(|e| no_field(e, muscle, attachment))?;
+        let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
+        let (mut ways, any) = ways(&tracer, count)?;
+        let bare = exchange::exchange(&tracer, &mut ways, volume, tries);
+        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
+        let fibres = ways.iter().map(|w| fibre(w, points, &solid)).collect();
+        Ok(Trial { fibres, ways, field, disordered, bare })
+    };
+    let mut best = trial(1.0, 1)?;
+    if best.disordered > 0 || best.bare > BARE {
+        let covered = |trial: &Trial| quality::coverage(&closed, &trial.fibres);
+        // What finer cells cannot do, such as find enough ways, the first have done.
+        if let Ok(finer) = trial(FINER, MORE_TRIES) {
+            let better = finer.disordered < best.disordered
+                || (finer.disordered == best.disordered && covered(&finer) > covered(&best));
+            best = if better { finer } else { best };
+        }
+    }
+    let Trial { fibres, ways, field, .. } = best;
+    Ok(Decomposition { fibres, ways, field, closed })
+}
+
+/// Fibres in cells of one size.
+struct Trial {
+    fibres: Vec<Vec<Point3<f64>>>,
+    ways: Vec<[Way; 2]>,
+    field: Field,
+    /// Fibres whose order is reversed somewhere.
+    disordered: usize,
+    /// Share of the volume that no fibre covers, by cells.
+    bare: f64,
+}
+
+fn no_field(error: FieldError, muscle: &TriangleMesh, attachment: &Attachment) -> DecompositionError {
+    match error {
         FieldError::Factor(e) => DecompositionError::Factor(e),
         FieldError::NotJoined => {
             let first =
@@ -146,27 +187,28 @@ pub fn decompose_along(
             let (origin, insertion) = (first(&attachment.origin.vertices), first(&attachment.insertion.vertices));
             DecompositionError::NotJoined { origin, insertion }
         }
-    })?;
-    let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-    let mut ways = ways(&tracer, count)?;
-    exchange::exchange(&tracer, &mut ways, volume);
-    let fibres = ways.iter().map(|w| fibre(w, points, &solid)).collect();
-    Ok(Decomposition { fibres, ways, field, closed })
+    }
 }
 
-/// Fibres through points that are far from one another.
-fn ways(tracer: &Tracer<'_>, count: usize) -> Result<Vec<[Way; 2]>, DecompositionError> {
+/// Whether what is beside a fibre keeps its order all along.
+fn ordered(tracer: &Tracer<'_>, [back, on]: &[Way; 2]) -> bool {
+    jacobian::keeps_order(tracer, back, -1.0) && jacobian::keeps_order(tracer, on, 1.0)
+}
+
+/// Fibres through points that are far from one another, and whether the order of some was not asked for.
+fn ways(tracer: &Tracer<'_>, count: usize) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
     let mut seeds = Seeds::new(tracer.field);
     let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
     for n in 0..2 * TRIES * count {
         let Some((cell, seed, distance)) = seeds.farthest() else { break };
         seeds.give_up(cell);
-        let Some(way) = through(tracer, &seed, n >= TRIES * count) else { continue };
+        let any = n >= TRIES * count;
+        let Some(way) = through(tracer, &seed, any) else { continue };
         seeds.note(&way[0].points, distance);
         seeds.note(&way[1].points, distance);
         ways.push(way);
         if ways.len() == count {
-            return Ok(ways);
+            return Ok((ways, any));
         }
     }
     Err(DecompositionError::Lost { found: ways.len(), count })
@@ -177,7 +219,7 @@ fn ways(tracer: &Tracer<'_>, count: usize) -> Result<Vec<[Way; 2]>, Decompositio
 fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Option<[Way; 2]> {
     let half = |sign: f64| {
         let way = tracer.half(seed, sign, any)?;
-        let kept = any || jacobian::along(tracer, &way, sign).iter().all(|j| *j > 0.0);
+        let kept = any || jacobian::keeps_order(tracer, &way, sign);
         kept.then_some(way)
     };
     let (back, on) = rayon::join(|| half(-1.0), || half(1.0));

@@ -73,7 +73,7 @@ pub fn measure(
         tendon_length_max_m: greatest(tendons),
         jacobian_min: least(jacobian),
         spacing_min_m: spacing_min(fibres),
-        coverage: coverage(closed, fibres, total),
+        coverage: coverage(closed, fibres),
         length_mean_m: total / fibres.len() as f64,
         pennation_mean_rad: pennation(fibres),
     }
@@ -119,7 +119,9 @@ fn segments(fibres: &[Vec<Point3<f64>>]) -> SurfaceTree {
     SurfaceTree::new(&vertices, &triangles)
 }
 
-fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>], total: f64) -> f64 {
+/// Share of the volume within one mean spacing of a fibre: the root of the volume over the length of all fibres.
+pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
+    let total: f64 = fibres.iter().map(|f| length(f)).sum();
     let solid = closed.solid();
     let volume = closed.mesh.volume().abs();
     let spacing = (volume / total).sqrt();

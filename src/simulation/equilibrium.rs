@@ -46,7 +46,7 @@ const LEAST_LEFT: f64 = 0.1;
 const REACH: f64 = 4.0;
 
 /// Stiffness of the band over bones for a muscle that tracks a shape, over that of the stiffest edge.
-const PRESS: f64 = 4.0;
+const PRESS: f64 = 10.0;
 
 /// A muscle's equilibrium, followed from step to step.
 pub struct Equilibrium {
@@ -252,6 +252,7 @@ fn lean(solver: &mut QuasiStatic, mut guard: Bones<'_>, start: &[Point3<f64>], x
         // A muscle that presses through the band is pushed out as by rigid bones.
         if !(press.left(x) >= LEAST_LEFT) {
             guard.push(start, x);
+            solver.keep_volumes(x);
         }
     }
     guard.accept(x);

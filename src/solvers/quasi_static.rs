@@ -217,7 +217,7 @@ impl QuasiStatic {
     }
 
     /// Brings volumes without compliance to their targets, by the smoothest fields that do it.
-    fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
+    pub fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
         let volumes = &self.problem.energy.volumes;
         let (excess, mut areas): (Vec<f64>, Vec<Field>) = volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
         // Any smooth fields do, and these are at hand; to rounding volumes hold already after `follow`.

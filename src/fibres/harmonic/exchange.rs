@@ -8,7 +8,7 @@ use super::trace::{Tracer, Way};
 use crate::fibres::polyline::length;
 
 /// Below this uncovered share of the volume nothing is exchanged.
-const ENOUGH: f64 = 0.03;
+const ENOUGH: f64 = 0.005;
 /// Cells around an uncovered one that are looked at, to begin where most is to be gained.
 const AROUND: usize = 2;
 
@@ -26,8 +26,12 @@ struct Cover<'a> {
     radius: f64,
 }
 
-/// Exchanges fibres while that covers more of the volume; at most twice as many tries as there are fibres.
-pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], volume: f64) {
+/// Tries for each fibre.
+const TRIES: usize = 2;
+
+/// Exchanges fibres while that covers more of the volume, in at most `more` times [`TRIES`] tries a fibre; the share of the
+/// volume that stays bare.
+pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], volume: f64, more: usize) -> f64 {
     let field = tracer.field;
     let total: f64 = ways.iter().flatten().map(|w| length(&w.points)).sum();
     let mut cover = Cover::new(field, (volume / total).sqrt());
@@ -40,19 +44,20 @@ pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], volume: f64) {
     let cells: Vec<u32> = (0..field.cells.count() as u32).filter(usable).collect();
     let whole: f64 = cells.iter().map(|&c| field.cells.shares[c as usize]).sum();
     let mut tried = vec![false; field.cells.count()];
-    for _ in 0..2 * ways.len() {
+    for _ in 0..TRIES * more * ways.len() {
         let bare: Vec<u32> = cells.iter().copied().filter(|&c| cover.counts[c as usize] == 0).collect();
         if cover.sum(bare.iter()) <= ENOUGH * whole {
-            return;
+            break;
         }
         let seed = bare.iter().filter(|c| !tried[**c as usize]).max_by_key(|c| (cover.bare[**c as usize], !**c));
-        let Some(&seed) = seed else { return };
+        let Some(&seed) = seed else { break };
         tried[seed as usize] = true;
         let Some(point) = field.cells.inner[seed as usize] else { continue };
         if let Some(way) = super::through(tracer, &point, false) {
             cover.offer(way, ways);
         }
     }
+    cover.sum(cells.iter().filter(|c| cover.counts[**c as usize] == 0)) / whole
 }
 
 impl<'a> Cover<'a> {

@@ -10,12 +10,31 @@ const SIZE: f64 = 1e-5;
 /// Area across the fibre of what was one unit of area at the seed, at each point of one half of a streamline; negative
 /// where the order about the fibre is reversed.
 pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
+    areas(way, SIZE * tracer.field.cells.side, onward(tracer, way, sign))
+}
+
+/// Whether all of [`along`] is above 0; asks no further than to the first that is not.
+pub fn keeps_order(tracer: &Tracer<'_>, way: &Way, sign: f64) -> bool {
+    let map = onward(tracer, way, sign);
+    let mut area = 1.0;
+    (0..way.flows.len()).all(|k| {
+        area *= factor(way, k, SIZE * tracer.field.cells.side, &map);
+        area > 0.0
+    })
+}
+
+/// Where the flow takes a point beside point k of the way.
+fn onward<'a>(
+    tracer: &'a Tracer<'_>,
+    way: &'a Way,
+    sign: f64,
+) -> impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>> + 'a {
     let last = way.flows.len().saturating_sub(1);
-    areas(way, SIZE * tracer.field.cells.side, |k, q| match (way.flows[k], k == last) {
+    move |k, q| match (way.flows[k], k == last) {
         (true, _) => tracer.step(q, sign),
         (_, true) => tracer.landing(q, sign),
         _ => None,
-    })
+    }
 }
 
 /// The areas, where `map` takes what is beside point k of the way to what is beside point k + 1; two points `size` [m]
@@ -23,16 +42,21 @@ pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
 pub fn areas(way: &Way, size: f64, map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>) -> Vec<f64> {
     let mut areas = vec![1.0];
     for k in 0..way.flows.len() {
-        // A fresh pair at each point: of the one before, only its size and its order matter from here on.
-        let factor = heading(way, k).and_then(|direction| {
-            let onward = heading(way, k + 1).unwrap_or(direction);
-            let carried = |f: Vector3<f64>| Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size);
-            let [first, second] = across(&direction).map(carried);
-            Some(first?.cross(&second?).dot(&onward))
-        });
-        areas.push(areas[k] * factor.unwrap_or(1.0));
+        areas.push(areas[k] * factor(way, k, size, &map));
     }
     areas
+}
+
+/// The area at point k + 1 over that at point k.
+fn factor(way: &Way, k: usize, size: f64, map: &impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>) -> f64 {
+    // A fresh pair at each point: of the one before, only its size and its order matter from here on.
+    let factor = heading(way, k).and_then(|direction| {
+        let onward = heading(way, k + 1).unwrap_or(direction);
+        let carried = |f: Vector3<f64>| Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size);
+        let [first, second] = across(&direction).map(carried);
+        Some(first?.cross(&second?).dot(&onward))
+    });
+    factor.unwrap_or(1.0)
 }
 
 fn heading(way: &Way, k: usize) -> Option<Vector3<f64>> {
