@@ -77,7 +77,7 @@ fn points(out: &Path) -> Vec<Vec<Point3<f64>>> {
 
 #[test]
 fn a_cylinder_is_filled() {
-    let muscle = Cylinder::new("fibres");
+    let muscle = Cylinder::new("fibres-of-a-cylinder");
     let (done, out) = muscle.run("out", &["--json"]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
