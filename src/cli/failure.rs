@@ -65,7 +65,7 @@ impl Failure {
     /// The exit code.
     pub(super) fn code(&self) -> u8 {
         match self {
-            Self::Folder(FolderError::Io { .. } | FolderError::WriterEnded) => FAILED,
+            Self::Folder(FolderError::Io { .. } | FolderError::Picture(_) | FolderError::WriterEnded) => FAILED,
             _ => BAD_INPUT,
         }
     }

@@ -22,7 +22,7 @@ use crate::fibres::superficial::{Registered, register};
 use crate::fibres::template::Template;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
-use crate::report::fibres::{Bundle, FILES, ReportError, Summary, size};
+use crate::report::fibres::{Bundle, FILES, Summary, size};
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
 
@@ -114,15 +114,6 @@ pub(super) struct Arguments {
 fn share(text: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|n: &f64| (0.0..=1.0).contains(n));
     number.ok_or_else(|| "expected a share from 0 to 1, such as 0.5".to_owned())
-}
-
-impl From<ReportError> for Failure {
-    fn from(error: ReportError) -> Self {
-        match error {
-            ReportError::Folder(error) => error.into(),
-            ReportError::Picture(error) => Self::usage(error.to_string(), "choose another place"),
-        }
-    }
 }
 
 /// What was read.

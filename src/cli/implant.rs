@@ -14,7 +14,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::report::folder::Folder;
 use crate::report::frames::file_name;
-use crate::report::implant::{Insertion, Point, ReportError};
+use crate::report::implant::{Insertion, Point};
 use crate::simulation::LoadError;
 use crate::skin::coarse::halved_near;
 use crate::skin::plan::{Inserted, Ready};
@@ -126,15 +126,6 @@ pub(super) struct Arguments {
 
 fn vertex(text: &str) -> Result<usize, String> {
     text.parse().map_err(|_| "vertices count from 0: give a whole number of at least 0".to_owned())
-}
-
-impl From<ReportError> for Failure {
-    fn from(error: ReportError) -> Self {
-        match error {
-            ReportError::Folder(error) => error.into(),
-            ReportError::Picture(error) => Self::usage(error.to_string(), "choose another place"),
-        }
-    }
 }
 
 fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {

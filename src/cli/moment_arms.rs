@@ -23,6 +23,9 @@ use crate::report::moment_arms::{self as files, Asked};
 use crate::scene::units::{Dimension, parse};
 use crate::scene::{Content, builtin, overrides};
 
+/// Points of the fibres of a muscle at most: each holds a number for every vertex.
+const MOST_POINTS: u64 = 20_000;
+
 /// Fibres of muscles through the turn of a joint: lengths and moment arms
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
@@ -150,6 +153,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         fibres: Options { count: arguments.count as usize, points: arguments.points as usize },
         by: if arguments.motion == Motion::Spread { By::Spread } else { By::Scene },
     };
+    if u64::from(arguments.count) * u64::from(arguments.points) > MOST_POINTS {
+        let message = format!("{} fibres of {} points are too many to carry", arguments.count, arguments.points);
+        return Err(Failure::usage(
+            message,
+            format!("give --count and --points whose product is at most {MOST_POINTS}"),
+        ));
+    }
     let tables = arguments.compare.iter().map(|path| Table::read(path)).collect::<Result<Vec<_>, _>>();
     let tables = tables.map_err(refused)?;
     let Content::Muscles(scene) = builtin::load_content(&arguments.scene, &arguments.set)? else {

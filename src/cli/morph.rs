@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, length_unit, say, say_json, warn};
+use super::{INTERRUPTED, conclude, length_unit, warn};
 use crate::io::{self, PointData};
 use crate::mesh::TriangleMesh;
 use crate::morph::align::AlignError;
@@ -153,16 +153,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let summary = morph.summary();
     morph.write(&Folder::open(&out)?, &summary)?;
-    for (what, _) in summary.verdicts().iter().filter(|(_, holds)| !holds) {
-        warn(&format!("FAIL  {what}"));
-    }
-    if arguments.json {
-        say_json(&summary);
-    } else {
-        let page = out.join("report.html");
-        say(&format!("{}\nResults in {}\n  open {} in a browser\n", summary.to_text(), out.display(), page.display()));
-    }
-    Ok(if summary.holds() { DONE } else { FAILED })
+    Ok(conclude(&summary, &summary.to_text(), summary.verdicts(), arguments.json, &out))
 }
 
 fn nothing_written() -> u8 {

@@ -133,6 +133,8 @@ pub struct Crossing {
     pub vertex_depth: f64,
     /// Greatest departure of the volume from that at rest, as a share of it.
     pub volume_error: f64,
+    /// Values at which forces, volume or depth were not within their tolerances.
+    pub unconverged: usize,
     /// The frame at which it was stopped, and why.
     pub stopped: Option<(usize, Broken)>,
     /// Angle of each vertex over that of the joint; empty where the scene's solver moves it.
@@ -283,6 +285,7 @@ impl Running {
             muscle.points_in_bone += inside.vertices_inside;
             muscle.depth = greatest([muscle.depth, inside.depth]);
             muscle.vertex_depth = greatest([muscle.vertex_depth, measures.penetration_m]);
+            muscle.unconverged += usize::from(!measures.converged);
             muscle.volume_error = greatest([muscle.volume_error, measures.volume_error.abs()]);
         }
     }
@@ -409,6 +412,7 @@ fn cross(body: &Body, turning: &[bool], options: harmonic::Options) -> Result<Cr
         depth: 0.0,
         vertex_depth: 0.0,
         volume_error: 0.0,
+        unconverged: 0,
         stopped: None,
         shares: Vec::new(),
         bound: BoundVolume::new(&body.rest, &found.fibres),

@@ -12,7 +12,7 @@ use crate::geometric::surface::{Fineness, surface};
 use crate::io::pvd::{Collection, Entry};
 use crate::io::vtp::{self, PolyData};
 use crate::mesh::TriangleMesh;
-use crate::render::{Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render, to_gif};
+use crate::render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, render, to_gif};
 
 /// Lengths in the table.
 const ROWS: u32 = 100;
@@ -95,9 +95,8 @@ pub fn write(
     let poses = frames.map_or(Vec::new(), |count| cycle(muscle, count));
     put(folder, "muscle.vtp", &pose)?;
     let camera = camera(poses.iter().chain([&pose]));
-    let failed = |e: PictureError| FolderError::Io { path: folder.path().into(), source: io::Error::other(e) };
     let mut pictures = Vec::new();
-    let png = draw(&pose, &camera).to_png().map_err(failed)?;
+    let png = draw(&pose, &camera).to_png()?;
     folder.write("muscle.png", |w| w.write_all(&png))?;
     pictures.push((format!("at a length of {}", number(pose.length / muscle.unit)), png));
     if !poses.is_empty() {
@@ -111,7 +110,7 @@ pub fn write(
         let path = folder.claim(&format!("{file}.pvd"))?;
         series.write(&path).map_err(|source| FolderError::Io { path, source })?;
         let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
-        let gif = to_gif(&drawn, 1.0 / RATE).map_err(failed)?;
+        let gif = to_gif(&drawn, 1.0 / RATE)?;
         folder.write(&format!("{file}.gif"), |w| w.write_all(&gif))?;
         pictures.push(("over all lengths that it can take".to_owned(), gif));
     }

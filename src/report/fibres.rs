@@ -14,7 +14,6 @@ use crate::fibres::each::{Each, Tendon};
 use crate::fibres::quality::Quality;
 use crate::io::vtp::{self, PolyData};
 use crate::mesh::TriangleMesh;
-use crate::render::PictureError;
 
 /// Farthest that an end may lie from its projected area [m].
 pub const AT_AREA: f64 = 1e-5;
@@ -35,17 +34,6 @@ pub const FILES: [&str; 9] = [
     "sections.png",
     "report.html",
 ];
-
-/// Why the results cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The folder.
-    #[error(transparent)]
-    Folder(#[from] FolderError),
-    /// A picture.
-    #[error("a picture cannot be encoded: {0}")]
-    Picture(#[from] PictureError),
-}
 
 /// What is told of fibres in numbers.
 #[derive(Clone, Debug, Serialize)]
@@ -187,7 +175,7 @@ impl Bundle<'_> {
     ///
     /// # Errors
     /// A file that cannot be written, a picture that cannot be encoded.
-    pub fn write(&self, folder: &Folder) -> Result<(), ReportError> {
+    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
         self.write_fibres(folder)?;
         self.write_muscle(folder)?;
         folder.write("fibres.csv", |w| self.write_each(w))?;
@@ -201,7 +189,7 @@ impl Bundle<'_> {
             list.push((caption, png));
         }
         let report = Report { pictures, sheets, ..self.report() };
-        Ok(folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))?)
+        folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
     }
 
     fn report(&self) -> Report {

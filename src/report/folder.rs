@@ -7,6 +7,7 @@ use std::path::{Component, Path, PathBuf};
 use std::sync::Mutex;
 
 use crate::io::write_whole;
+use crate::render::PictureError;
 
 /// The file that lists what was written, a relative path a line.
 pub const LIST: &str = "pliant-files.txt";
@@ -54,6 +55,9 @@ pub enum FolderError {
         /// Why not.
         source: io::Error,
     },
+    /// A picture cannot be made into bytes.
+    #[error("a picture cannot be encoded: {0}")]
+    Picture(#[from] PictureError),
     /// The thread that writes frames ended early.
     #[error("the writer of frames ended before its time")]
     WriterEnded,

@@ -11,7 +11,6 @@ use super::plot::LinePlot;
 use super::table::Table;
 use crate::io::vtp;
 use crate::mesh::TriangleMesh;
-use crate::render::PictureError;
 use crate::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE, stretches};
 use crate::skin::plan::{Inserted, Order, Ready, Shell};
 use crate::skin::settle::Progress;
@@ -20,17 +19,6 @@ use crate::skin::{Areas, Interval};
 
 /// Name, caption and bytes of a picture.
 pub(super) type Picture = (String, String, Vec<u8>);
-
-/// Why the results cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The folder.
-    #[error(transparent)]
-    Folder(#[from] FolderError),
-    /// A picture.
-    #[error("a picture cannot be encoded: {0}")]
-    Picture(#[from] PictureError),
-}
 
 /// What one of several volumes of an implant does.
 #[derive(Clone, Copy, Debug)]
@@ -453,7 +441,7 @@ impl Insertion<'_> {
     ///
     /// # Errors
     /// What the folder or an encoder says.
-    pub fn write(&self, folder: &Folder) -> Result<(), ReportError> {
+    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
         let io = |path: std::path::PathBuf| move |source| FolderError::Io { path, source };
         let shown = self.shown();
         let Shown { skin, stretch, .. } = &shown;

@@ -16,7 +16,7 @@ use crate::mesh::TriangleMesh;
 use crate::moment_arms::arms::Arms;
 use crate::moment_arms::curve::extremes;
 use crate::moment_arms::sweep::{By, Running};
-use crate::render::{Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render};
+use crate::render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, render};
 
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (620, 620);
@@ -166,6 +166,7 @@ fn of_muscle(arms: &Arms, muscle: &crate::moment_arms::sweep::Crossing) -> Value
         "point_depth_max_m": muscle.depth,
         "vertex_depth_max_m": muscle.vertex_depth,
         "volume_error_max": muscle.volume_error,
+        "values_not_converged": muscle.unconverged,
         "stopped_at_frame": muscle.stopped.as_ref().map(|s| s.0),
         "compared": compared.collect::<Vec<_>>(),
     })
@@ -189,10 +190,9 @@ pub fn write(
     folder.write("fibres.csv", |w| write_each(w, arms))?;
     let json = serde_json::to_string_pretty(&to_json(asked, running, arms)).unwrap_or_default();
     folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-    let failed = |e: PictureError| FolderError::Io { path: folder.path().into(), source: io::Error::other(e) };
     let mut shown = Vec::new();
     for (k, (title, frame)) in pictures.iter().enumerate() {
-        let png = frame.to_png().map_err(failed)?;
+        let png = frame.to_png()?;
         folder.write(&format!("picture_{k}.png"), |w| w.write_all(&png))?;
         shown.push((title.clone(), png));
     }
@@ -313,6 +313,14 @@ pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     for m in &running.muscles {
         if let Some((frame, why)) = &m.stopped {
             notes.push(format!("{}: stopped at frame {frame}: {why:?}", m.name));
+        }
+        if m.unconverged > 0 {
+            notes.push(format!(
+                "{}: not converged at {} of {} angles: forces, volume or depth are above their tolerances there",
+                m.name,
+                m.unconverged,
+                m.lengths.len()
+            ));
         }
         if m.points_in_bone > 0 {
             notes.push(format!(

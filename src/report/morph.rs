@@ -18,7 +18,6 @@ use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::{area, greatest, volume};
 use crate::morph::sphere::flipped;
 use crate::morph::{Between, Distortion};
-use crate::render::PictureError;
 
 /// How near the ends of a blend must come to both shapes, over their size.
 const ENDS: f64 = 1e-12;
@@ -206,11 +205,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether every check holds.
-    pub fn holds(&self) -> bool {
-        self.verdicts.iter().all(|(_, holds)| *holds)
-    }
-
     /// What was checked, and whether it holds.
     pub fn verdicts(&self) -> &[(String, bool)] {
         &self.verdicts
@@ -354,8 +348,7 @@ impl Morph<'_> {
         }
         let path = folder.claim(&format!("{file}.pvd"))?;
         series.write(&path).map_err(|source| FolderError::Io { path, source })?;
-        let failed = |e: PictureError| FolderError::Io { path: folder.path().into(), source: io::Error::other(e) };
-        let drawn = pictures::Drawn::new(self, summary.length_unit).map_err(failed)?;
+        let drawn = pictures::Drawn::new(self, summary.length_unit)?;
         for (name, bytes) in [
             (format!("{file}.gif"), &drawn.film),
             ("sheet.png".into(), &drawn.sheet),

@@ -1,6 +1,6 @@
 //! Files of a registration: the moved surface with its distances, pictures before and after, summary, page.
 
-use std::io::{self, Write};
+use std::io::Write;
 
 use nalgebra::{Matrix3, Point3};
 use serde::Serialize;
@@ -14,9 +14,7 @@ use crate::mesh::measures::{Aabb, greatest};
 use crate::morph::pose::axes;
 use crate::morph::register::Motion;
 use crate::morph::register::whole::{Laid, Residual};
-use crate::render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Rgb, Surface, TextStyle, View, colour, render,
-};
+use crate::render::{Camera, Canvas, ColourMap, Drawing, Frame, Legend, Rgb, Surface, TextStyle, View, colour, render};
 
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (520, 480);
@@ -108,11 +106,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Whether every check holds.
-    pub fn holds(&self) -> bool {
-        self.verdicts.iter().all(|(_, holds)| *holds)
-    }
-
     /// What was checked, and whether it holds.
     pub fn verdicts(&self) -> &[(String, bool)] {
         &self.verdicts
@@ -234,9 +227,8 @@ impl Registration<'_> {
         let moved = TriangleMesh { vertices: laid.points.clone(), triangles: mesh.triangles.clone() };
         let path = folder.claim("moved.obj")?;
         obj::write(&path, &moved, &[]).map_err(|source| FolderError::Io { path, source })?;
-        let failed = |e: PictureError| FolderError::Io { path: folder.path().into(), source: io::Error::other(e) };
-        let before = self.before().to_png().map_err(failed)?;
-        let after = self.after().to_png().map_err(failed)?;
+        let before = self.before().to_png()?;
+        let after = self.after().to_png()?;
         folder.write("before.png", |w| w.write_all(&before))?;
         folder.write("after.png", |w| w.write_all(&after))?;
         let json = serde_json::to_string_pretty(summary).unwrap_or_default();

@@ -61,6 +61,7 @@ fn what_cannot_be_is_refused() {
         (&["hip", "--joint", "hip", "--to", "200deg"], "at most 180 degrees"),
         (&["hip", "--joint", "hip", "--step", "0deg"], "no or too many values"),
         (&["hip", "--joint", "hip", "--step", "20deg"], "too few to smooth over"),
+        (&["hip", "--joint", "hip", "--count", "100000"], "too many to carry"),
         (&["hip", "--joint", "hip", "--axis", "0,0"], "expected three numbers"),
         (&["hip", "--joint", "hip", "--compare", "nothing.csv"], "cannot read `nothing.csv`"),
         (&["lattice", "--joint", "hip"], "this scene has none"),

@@ -42,6 +42,10 @@ pub const T19: f64 = 1e-3;
 pub const T20: f64 = 1e-6;
 /// T21: angle between two rotations that are the same \[rad\].
 pub const T21: f64 = 1e-7;
+/// T22: moment arm of a straight muscle against its distance to the axis, relative.
+pub const T22: f64 = 0.024;
+/// T23: two shapes at the same angle, reached by different ways, over the length of the muscle.
+pub const T23: f64 = 2e-4;
 
 /// What the table of `docs/verification.md` must say.
 const ALL: &[(&str, f64)] = &[
@@ -66,6 +70,8 @@ const ALL: &[(&str, f64)] = &[
     ("T19", T19),
     ("T20", T20),
     ("T21", T21),
+    ("T22", T22),
+    ("T23", T23),
 ];
 
 /// Number of drawn cases: `default`, or what `PLIANT_CASES` says.
