@@ -9,6 +9,7 @@ mod nearest;
 pub mod remedies;
 mod response;
 mod row;
+pub mod smooth;
 pub mod surface;
 mod triangles;
 pub mod untangle;

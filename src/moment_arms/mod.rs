@@ -9,4 +9,5 @@ pub mod arms;
 pub mod curve;
 pub mod names;
 pub mod reference;
+pub mod shares;
 pub mod sweep;

@@ -1,7 +1,11 @@
 //! A joint turned through a range of angles while the muscles over it follow, and their fibres with them.
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+use crate::contact::smooth::SmoothDistance;
+use crate::contact::{Obstacle, Placed};
 use crate::fibres::attachment::{AreaSource, Attachment, AttachmentError};
 use crate::fibres::carry::BoundVolume;
 use crate::fibres::harmonic::{self, DecompositionError, decompose};
@@ -9,8 +13,9 @@ use crate::fibres::polyline::length;
 use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::greatest;
+use crate::moment_arms::shares::{Distances, distances, shares};
 use crate::scene::{Joint, Key, Minimisation, Motion, Scene, Solver};
-use crate::simulation::equilibrium::Equilibrium;
+use crate::simulation::tracked::{self, Parts, Tracked};
 use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
 use crate::solvers::descent::Settings;
@@ -22,11 +27,15 @@ pub const MOST_VALUES: usize = 10_000;
 pub const WIDEST: f64 = std::f64::consts::PI;
 
 /// How the correction of a spread turn is solved for.
-const CORRECTION: Minimisation = Minimisation { substeps: 1, iterations: 200, tolerance: 1e-5 };
+const CORRECTION: Minimisation = Minimisation { substeps: 1, iterations: 100, tolerance: 1e-8 };
 
 /// Stiffness with which a muscle tracks the spread turn, as a share of that with which its edges resist strain at rest:
 /// neither is known better than the other, and nothing is fitted.
 const TRACKING: f64 = 1.0;
+
+/// Distance between samples of the distance to a bone, over the bone's median edge: finer than its triangles it is not known,
+/// and coarser its edges would be rounded by more than a tenth of a contact thickness.
+const FINENESS: f64 = 0.5;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -192,6 +201,7 @@ impl Running {
             return Err(SweepError::NothingCrosses(sweep.joint.clone()));
         }
         if sweep.by == By::Spread {
+            // One step a frame; the muscles that cross the joint have a solver of their own.
             scene.solver = Solver::QuasiStatic(CORRECTION);
         }
         let mut simulation = Simulation::new(scene)?;
@@ -205,8 +215,11 @@ impl Running {
         let muscles = simulation.bodies.iter().map(|body| cross(body, &turning, sweep.fibres));
         let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
         if sweep.by == By::Spread {
-            for (muscle, body) in muscles.iter_mut().zip(&mut simulation.bodies) {
-                muscle.shares = track(body, &turning)?;
+            let near = near_bones(&simulation, &turning);
+            let placed = simulation.placed().to_vec();
+            let bones = smooth_bones(&simulation);
+            for ((muscle, body), near) in muscles.iter_mut().zip(&mut simulation.bodies).zip(near) {
+                muscle.shares = track(body, (&near, &bones), &placed, &turning)?;
             }
         }
         Ok(Self { simulation, muscles, left_out, angles, step, joint, frames, first, done: 0 })
@@ -247,8 +260,8 @@ impl Running {
         let angle = self.angle(self.simulation.frame() + 1);
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
             let turned = |(x, share): (&Point3<f64>, &f64)| self.joint.pose(angle * share) * x;
-            if let (Some(equilibrium), false) = (&mut body.equilibrium, muscle.shares.is_empty()) {
-                equilibrium.aim(body.rest.vertices.iter().zip(&muscle.shares).map(turned).collect());
+            if let Some(tracked) = &mut body.tracked {
+                tracked.aim(body.rest.vertices.iter().zip(&muscle.shares).map(turned).collect());
             }
         }
     }
@@ -375,17 +388,39 @@ fn prepare(scene: &mut Scene, turning: &[bool], joint: &Joint, angles: &[f64], s
     first
 }
 
+/// How far all vertices of all muscles are from bones that rest and that turn, where the meshes are.
+fn near_bones(simulation: &Simulation, turning: &[bool]) -> Vec<Vec<Distances>> {
+    let bone = |b: usize| (simulation.surface(b) as &dyn Obstacle, turning[b]);
+    let bones: Vec<_> = (0..simulation.bones.len()).map(bone).collect();
+    simulation.bodies.iter().map(|body| distances(&body.rest, &bones)).collect()
+}
+
+/// Smoothed distances to all obstacles, sampled at [`FINENESS`].
+fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
+    let thickness = simulation.scene.effects.contact.map_or(0.0, |c| c.thickness);
+    let of = |(o, placed): (usize, &Placed)| {
+        let edge = simulation.bones.get(o).and_then(|mesh| mesh.median_edge_length(&Topology::new(mesh)));
+        let spacing = edge.map_or(thickness, |edge| FINENESS * edge);
+        Arc::new(SmoothDistance::new(&*placed.obstacle, spacing, tracked::REACH * thickness))
+    };
+    simulation.placed().iter().enumerate().map(of).collect()
+}
+
 /// Makes a muscle track a prescribed shape; the share of the joint's angle of each vertex.
-fn track(body: &mut Body, turning: &[bool]) -> Result<Vec<f64>, SweepError> {
+fn track(
+    body: &mut Body,
+    (near, bones): (&[Distances], &[Arc<SmoothDistance>]),
+    placed: &[Placed],
+    turning: &[bool],
+) -> Result<Vec<f64>, SweepError> {
     let settings = Settings { tolerance: CORRECTION.tolerance, iterations: CORRECTION.iterations };
-    let volume = body.system.volume.clone();
-    let stiffness = vec![1.0; body.edges.len()];
-    let made = Equilibrium::tracking(&body.edges, stiffness, TRACKING, volume, &body.system.particles, settings);
-    let mut made = made.map_err(|error| SweepError::Factor { muscle: body.name.clone(), error })?;
+    let failed = |error| SweepError::Factor { muscle: body.name.clone(), error };
+    let parts = Parts { edges: &body.edges, stiffness: vec![1.0; body.edges.len()], tracking: TRACKING, bones };
+    let made = Tracked::new(parts, &body.system, placed, settings).map_err(failed)?;
     let held: Vec<(u32, f64)> = body.attached.iter().map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 })).collect();
-    let mut shares = made.spread(&held);
-    held.iter().for_each(|&(v, share)| shares[v as usize] = share);
-    body.equilibrium = Some(made);
+    let shares = shares(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
+    body.tracked = Some(made);
+    body.equilibrium = None;
     Ok(shares)
 }
 

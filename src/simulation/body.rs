@@ -6,6 +6,7 @@ use super::assets::Assets;
 use super::equilibrium::{Equilibrium, Parts};
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
+use super::tracked::Tracked;
 use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Order, Project};
@@ -43,6 +44,8 @@ pub struct Body {
     pub edges: Vec<Distance>,
     /// Its equilibrium, where the scene asks for that instead of motion.
     pub equilibrium: Option<Equilibrium>,
+    /// How it tracks a prescribed shape, where it is to do that instead of what the scene asks for.
+    pub tracked: Option<Tracked>,
     /// Vertices held by bones.
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
@@ -148,6 +151,7 @@ impl Body {
             edge_length: crate::mesh::measures::median(lengths).unwrap_or(length),
             edges,
             equilibrium,
+            tracked: None,
             attached,
             fibres,
             untangled,
@@ -164,9 +168,12 @@ impl Body {
     /// # Errors
     /// A number that is not finite appeared.
     pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
-        let Some(equilibrium) = &mut self.equilibrium else { return self.system.step(placed, dt) };
         let begin = std::time::Instant::now();
-        let done = equilibrium.step(&mut self.system, placed, dt);
+        let done = match (&mut self.tracked, &mut self.equilibrium) {
+            (Some(tracked), _) => tracked.step(&mut self.system, placed),
+            (None, Some(equilibrium)) => equilibrium.step(&mut self.system, placed, dt),
+            (None, None) => return self.system.step(placed, dt),
+        };
         self.system.clock.note("equilibrium", begin);
         done
     }
@@ -208,6 +215,7 @@ impl Body {
             rest: _,
             edges: _,
             equilibrium,
+            tracked: _,
             attached: _,
             fibres: _,
             untangled: _,

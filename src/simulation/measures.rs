@@ -65,8 +65,11 @@ impl Measures {
             Findings::default()
         };
         let counts = body.system.contacts.as_ref().map_or(Counts::default(), |c| c.counts(x));
-        let residual_m =
-            body.equilibrium.as_ref().map_or_else(|| elastic_residual(body), |e| e.residual * body.edge_length);
+        let residual_m = match (&body.tracked, &body.equilibrium) {
+            (Some(tracked), _) => tracked.outcome.residual * body.edge_length,
+            (None, Some(equilibrium)) => equilibrium.residual * body.edge_length,
+            (None, None) => elastic_residual(body),
+        };
         let n = x.len().max(1) as f64;
         let apart = x.iter().zip(&body.rest.vertices).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / n;
         let tolerance = scene.solver.tolerance();

@@ -5,6 +5,7 @@ pub mod audit;
 pub mod body;
 pub mod checkpoint;
 pub mod equilibrium;
+pub mod tracked;
 mod fault;
 pub mod lattice;
 pub mod measures;
@@ -97,6 +98,11 @@ impl Simulation {
     /// The surface of a bone.
     pub fn surface(&self, bone: usize) -> &Surface {
         &self.surfaces[bone]
+    }
+
+    /// All obstacles where they are now, bones first.
+    pub fn placed(&self) -> &[Placed] {
+        &self.placed
     }
 
     /// Looks for contact with bones in another way than the crate's own hierarchy, to be compared with it; capsules have
@@ -224,7 +230,8 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thic
         return;
     }
     // An equilibrium ends with contact and volume satisfied.
-    if let Some(last) = steps.last().filter(|_| body.equilibrium.is_none()) {
+    let at_rest = body.equilibrium.is_some() || body.tracked.is_some();
+    if let Some(last) = steps.last().filter(|_| !at_rest) {
         body.system.settle(last, SETTLED * thickness);
     }
     body.good.clone_from(&body.system.particles);

@@ -199,6 +199,11 @@ impl Problem {
         (pull, found)
     }
 
+    /// Whether all volumes without compliance are at their targets but for rounding.
+    pub(super) fn volumes_kept(&self, x: &[Point3<f64>]) -> bool {
+        self.energy.volumes.iter().filter(|v| v.compliance() == 0.0).all(|volume| is_kept(volume, x))
+    }
+
     /// Brings volumes without compliance to their targets, each along its spread; whether that can be done.
     pub(super) fn keep_volumes(&self, x: &mut [Point3<f64>], spreads: &[Field]) -> bool {
         let each = self.energy.volumes.iter().zip(spreads);

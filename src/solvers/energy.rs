@@ -89,6 +89,7 @@ impl Energy {
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     ) {
         self.elastic.iter().for_each(|part| part.hessian(x, convex, add));
+        self.press.iter().for_each(|press| press.hessian(x, convex, add));
         if let Some(inertia) = &self.inertia {
             let each = inertia.weight.iter().enumerate();
             each.for_each(|(i, w)| add(i as u32, i as u32, &Matrix3::from_diagonal_element(*w)));

@@ -81,6 +81,7 @@ impl Newton {
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Result<Outcome, FactorError> {
         let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
+        self.keep_volumes(x)?;
         let mut state = self.problem.state(x);
         let mut multipliers = self.problem.first_multipliers(&state);
         loop {
@@ -94,10 +95,8 @@ impl Newton {
             self.factorise(x, &pressures)?;
             let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
             let mut spreads = state.areas.clone();
-            let Self { problem, factor, numbers, .. } = self;
-            let mut fields: Vec<&mut [Vector3<f64>]> =
-                [&mut pull].into_iter().chain(&mut spreads).map(Vec::as_mut_slice).collect();
-            fields.chunks_mut(AT_ONCE).for_each(|fields| invert(problem, factor, numbers, fields));
+            self.invert([&mut pull].into_iter().chain(&mut spreads));
+            let problem = &self.problem;
             let direction;
             (direction, multipliers) = problem.direction(&state, pull, &spreads);
             let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
@@ -109,6 +108,28 @@ impl Newton {
             self.problem.energy.remember(x);
             state = new;
         }
+    }
+
+    /// Brings volumes without compliance to their targets, by the fields that cost least energy; the search along a
+    /// direction begins where they are kept.
+    fn keep_volumes(&mut self, x: &mut [Point3<f64>]) -> Result<(), FactorError> {
+        if self.problem.volumes_kept(x) {
+            return Ok(());
+        }
+        let volumes = &self.problem.energy.volumes;
+        let mut areas: Vec<Field> = volumes.iter().map(|v| v.value_and_gradient(x).1).collect();
+        let none = vec![0.0; areas.len()];
+        self.factorise(x, &none)?;
+        self.invert(areas.iter_mut());
+        self.problem.keep_volumes(x, &areas);
+        Ok(())
+    }
+
+    /// Applies the inverse to fields, in place.
+    fn invert<'a>(&mut self, fields: impl Iterator<Item = &'a mut Field>) {
+        let Self { problem, factor, numbers, .. } = self;
+        let mut fields: Vec<&mut [Vector3<f64>]> = fields.map(Vec::as_mut_slice).collect();
+        fields.chunks_mut(AT_ONCE).for_each(|fields| invert(problem, factor, numbers, fields));
     }
 
     /// Factors the second derivative, projected or shifted where that is needed.

@@ -1,147 +1,195 @@
 //! Obstacles that give way a little: a band over their surface that pushes back the more the less of it is left.
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::contact::{Placed, Row};
+use crate::contact::smooth::{Smooth, SmoothDistance};
+use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 
-/// The energy `k (h - d)^2 / 2` of every vertex nearer to an obstacle than `h`, `d` its distance, negative inside; and the
-/// same of planes that triangles must stay over. Outside of an obstacle the distance to it has a continuous derivative but
-/// where two of its places are equally near, so that a minimum can be found without knowing what touches.
+/// A place of a surface that is kept out of obstacles: midway between two vertices, which may be the same one.
+pub type Sample = [u32; 2];
+
+/// The energy `k (h - d)^3 / (3 h)` of every sample of a surface that is nearer to an obstacle than `h`, `d` its smoothed
+/// distance, negative inside. Its second derivative is continuous everywhere: a minimum can be found without knowing what
+/// touches, and moves smoothly with the obstacles.
 #[derive(Clone, Default)]
 pub struct Press {
-    /// Force over how far something is in the band [N/m].
+    /// Twice this is the slope of the force over the distance at the surface [N/m].
     pub stiffness: f64,
     /// Height of the band [m].
     pub thickness: f64,
-    /// The obstacles that each of some vertices may touch.
+    /// What is kept out.
+    samples: Vec<Sample>,
+    obstacles: Vec<Arc<SmoothDistance>>,
+    /// The obstacles that each of some samples may touch.
     near: Vec<(u32, usize)>,
-    placed: Vec<Placed>,
-    back: Vec<Isometry3<f64>>,
-    /// Planes that points of obstacles keep triangles over.
-    pub rows: Vec<Row>,
+    poses: Vec<Isometry3<f64>>,
+}
+
+/// A sample in the band.
+struct Touching {
+    sample: Sample,
+    /// What it is short of the height of the band [m].
+    short: f64,
+    /// The distance's derivatives.
+    gradient: Vector3<f64>,
+    hessian: Matrix3<f64>,
 }
 
 impl Press {
-    /// Without obstacles yet, of a stiffness [N/m].
-    pub fn new(stiffness: f64) -> Self {
-        Self { stiffness, ..Self::default() }
+    /// A band of a stiffness [N/m] and height [m] over obstacles, for samples of a surface.
+    pub fn new(stiffness: f64, thickness: f64, samples: Vec<Sample>, obstacles: Vec<Arc<SmoothDistance>>) -> Self {
+        let poses = vec![Isometry3::identity(); obstacles.len()];
+        Self { stiffness, thickness, samples, obstacles, near: Vec::new(), poses }
     }
 
-    /// Takes note of the obstacles as they are placed now, and of the vertices of `x` [m] nearer to them than `reach` [m]:
-    /// others are not looked at until the next time.
-    pub fn place(&mut self, obstacles: &[usize], placed: &[Placed], x: &[Point3<f64>], reach: f64) {
-        self.placed = obstacles.iter().map(|&o| placed[o].clone()).collect();
-        self.back = self.placed.iter().map(|p| p.now.inverse()).collect();
-        let count = self.placed.len();
-        let all = (0..x.len() * count).into_par_iter().with_min_len(256);
-        let is_near = |k: &usize| self.distance(k % count, &x[k / count]).is_some_and(|(d, _)| d < reach);
-        self.near = all.filter(is_near).map(|k| ((k / count) as u32, k % count)).collect();
+    /// Takes note of where the obstacles are, and of the samples of `x` [m] nearer to them than `reach` [m]: others are not
+    /// looked at until the next time. Whether all that are in a band now were looked at before.
+    pub fn place(&mut self, poses: Vec<Isometry3<f64>>, x: &[Point3<f64>], reach: f64) -> bool {
+        self.poses = poses;
+        let count = self.obstacles.len();
+        let all = (0..self.samples.len() * count).into_par_iter().with_min_len(256);
+        let pair = |k: usize| ((k / count) as u32, k % count);
+        let is_near =
+            |k: usize| self.distance(pair(k), x).filter(|d| d.distance < reach).map(|d| (pair(k), d.distance));
+        let found: Vec<((u32, usize), f64)> = all.filter_map(is_near).collect();
+        let known = |(near, d): &((u32, usize), f64)| *d >= self.thickness || self.near.binary_search(near).is_ok();
+        let all_known = found.iter().all(known);
+        self.near = found.into_iter().map(|(near, _)| near).collect();
+        all_known
     }
 
-    /// Distance to an obstacle [m], and the direction in which it grows.
-    fn distance(&self, o: usize, x: &Point3<f64>) -> Option<(f64, Vector3<f64>)> {
-        let found = self.placed[o].obstacle.closest(&(self.back[o] * x))?;
-        Some((found.distance, self.placed[o].now * found.normal))
+    /// Distance of a sample to an obstacle, in the obstacle's frame.
+    fn distance(&self, (s, o): (u32, usize), x: &[Point3<f64>]) -> Option<Smooth> {
+        let [a, b] = self.samples[s as usize].map(|v| x[v as usize]);
+        self.obstacles[o].at(&self.poses[o].inverse_transform_point(&nalgebra::center(&a, &b)))
     }
 
-    /// What is left of the band under a vertex [m], negative where it is in the band, and the direction out of it.
-    fn room(&self, (v, o): (u32, usize), x: &[Point3<f64>]) -> Option<(f64, Vector3<f64>)> {
-        self.distance(o, &x[v as usize]).map(|(d, normal)| (d - self.thickness, normal)).filter(|(room, _)| *room < 0.0)
+    fn touching(&self, x: &[Point3<f64>]) -> Vec<Touching> {
+        let touching = |&near: &(u32, usize)| {
+            let Smooth { distance, gradient, hessian } = self.distance(near, x)?;
+            let short = self.thickness - distance;
+            if !(short > 0.0) {
+                return None;
+            }
+            let turn = self.poses[near.1].rotation;
+            let matrix = turn.to_rotation_matrix();
+            let hessian = matrix * hessian * matrix.transpose();
+            Some(Touching { sample: self.samples[near.0 as usize], short, gradient: turn * gradient, hessian })
+        };
+        self.near.par_iter().with_min_len(64).filter_map(touching).collect()
     }
 
-    /// All vertices in the band, what is left of it under each, and the direction out of it.
-    fn touching(&self, x: &[Point3<f64>]) -> Vec<(u32, f64, Vector3<f64>)> {
-        let found = self.near.par_iter().with_min_len(64);
-        found.filter_map(|&near| self.room(near, x).map(|(room, normal)| (near.0, room, normal))).collect()
-    }
-
-    /// Energy [J] of vertices that touch at positions `x` [m].
-    fn of(&self, touching: &[(u32, f64, Vector3<f64>)], x: &[Point3<f64>]) -> f64 {
-        let vertex = |k: usize| touching[k].1 * touching[k].1;
-        let row = |k: usize| self.rows[k].room(x).min(0.0).powi(2);
-        0.5 * self.stiffness * (tree_sum_by(touching.len(), vertex) + tree_sum_by(self.rows.len(), row))
+    fn of(&self, touching: &[Touching]) -> f64 {
+        self.stiffness / (3.0 * self.thickness) * tree_sum_by(touching.len(), |k| touching[k].short.powi(3))
     }
 
     /// Energy [J] at positions `x` [m].
     pub fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        self.of(&self.touching(x), x)
+        self.of(&self.touching(x))
     }
 
     /// Energy [J]; adds its gradient [N].
     pub fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         let touching = self.touching(x);
-        touching.iter().for_each(|&(v, room, normal)| gradient[v as usize] += normal * (self.stiffness * room));
-        for row in &self.rows {
-            let room = row.room(x);
-            if room < 0.0 {
-                row.spread(self.stiffness * room, gradient);
-            }
+        for Touching { sample, short, gradient: up, .. } in &touching {
+            let force = up * (self.stiffness / self.thickness * short * short);
+            sample.iter().for_each(|v| gradient[*v as usize] -= force * 0.5);
         }
-        self.of(&touching, x)
+        self.of(&touching)
+    }
+
+    /// Calls `add` with the blocks of the second derivative [N/m]; with `convex`, without what may be indefinite.
+    pub fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+        for Touching { sample: [a, b], short, gradient, hessian } in self.touching(x) {
+            let mut block = gradient * gradient.transpose() * (2.0 * short);
+            if !convex {
+                block -= hessian * (short * short);
+            }
+            // Each half of a sample moves it by half.
+            block *= 0.25 * self.stiffness / self.thickness;
+            add(a, a, &block);
+            add(b, b, &block);
+            add(a, b, &block);
+            add(b, a, &block);
+        }
     }
 
     /// Least height over an obstacle that is left anywhere, as a share of the band: below 0 something is in an obstacle.
     pub fn left(&self, x: &[Point3<f64>]) -> f64 {
-        let vertices = self.near.iter().filter_map(|&near| self.room(near, x)).map(|(room, _)| room);
-        let rows = self.rows.iter().map(|row| row.room(x));
-        let least = -crate::mesh::measures::greatest(vertices.chain(rows).chain([0.0]).map(|room| -room));
-        1.0 + least / self.thickness
+        1.0 - greatest(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::contact::capsule::Capsule;
     use crate::testing::Draw;
 
+    /// Points of which some are inside, some in the band, some beyond; samples are they and what is between some.
     fn drawn() -> (Press, Vec<Point3<f64>>) {
         let mut draw = Draw::new(9);
         let capsule = Capsule { ends: [Point3::origin(), Point3::new(0.3, 0.0, 0.0)], radius: 0.1 };
         let pose = Isometry3::new(Vector3::new(0.1, -0.2, 0.05), Vector3::new(0.3, 1.0, -0.5));
-        let placed = Placed { name: "bone".into(), obstacle: Arc::new(capsule), before: pose, now: pose };
-        // Some inside, some in the band, some beyond.
         let x: Vec<Point3<f64>> =
             (0..40).map(|_| pose * Point3::from(draw.direction() * draw.between(0.05, 0.16))).collect();
-        let mut press = Press { stiffness: 50.0, thickness: 0.03, ..Press::default() };
-        press.place(&[0], &[placed], &x, 0.08);
-        let terms = [(0, 0.2), (1, 0.3), (2, 0.5)];
-        press.rows = vec![Row { terms, normal: draw.direction(), origin: pose * Point3::origin(), distance: 0.1 }];
+        let samples = (0..40).map(|v| [v, v]).chain((0..5).map(|v| [v, 39 - v])).collect();
+        let smooth = Arc::new(SmoothDistance::new(&capsule, 0.01, 0.1));
+        let mut press = Press::new(50.0, 0.03, samples, vec![smooth]);
+        press.place(vec![pose], &x, 0.08);
         (press, x)
     }
 
     #[test]
-    fn the_gradient_is_that_of_the_energy() {
+    fn derivatives_agree_with_differences() {
         let (press, x) = drawn();
-        let mut gradient = vec![Vector3::zeros(); x.len()];
-        let energy = press.energy_and_gradient(&x, &mut gradient);
-        assert!(energy == press.energy(&x) && energy > 0.0);
+        let gradient = |x: &[Point3<f64>]| {
+            let mut gradient = vec![Vector3::zeros(); x.len()];
+            press.energy_and_gradient(x, &mut gradient);
+            gradient
+        };
+        let (here, energy) = (gradient(&x), press.energy(&x));
+        let mut blocks = std::collections::BTreeMap::new();
+        press.hessian(&x, false, &mut |a, b, block| *blocks.entry((a, b)).or_insert_with(Matrix3::zeros) += block);
         let h = 1e-6;
         for v in 0..x.len() {
             for c in 0..3 {
-                let (mut up, mut down) = (x.clone(), x.clone());
-                up[v][c] += h;
-                down[v][c] -= h;
+                let moved = |sign: f64| {
+                    let mut x = x.clone();
+                    x[v][c] += sign * h;
+                    x
+                };
+                let (up, down) = (moved(1.0), moved(-1.0));
                 let slope = (press.energy(&up) - press.energy(&down)) / (2.0 * h);
-                // Rounding of the energy over the step, and the change of curvature at the edge of the band.
-                let limit = 1e-15 * energy / h + press.stiffness * h;
-                assert!((slope - gradient[v][c]).abs() <= limit, "{slope} {}", gradient[v][c]);
+                // Rounding of the energy over the step, and third derivatives.
+                let limit = 1e-15 * energy / h + 1e-4 * press.stiffness * h;
+                assert!((slope - here[v][c]).abs() <= limit, "{slope} {}", here[v][c]);
+                let (up, down) = (gradient(&up), gradient(&down));
+                for w in 0..x.len() {
+                    let change = (up[w] - down[w]) / (2.0 * h);
+                    let wanted = blocks.get(&(w as u32, v as u32)).map_or_else(Vector3::zeros, |b| b.column(c).into());
+                    assert!((change - wanted).norm() <= 1e-3 * press.stiffness, "{change} {wanted}");
+                }
             }
         }
-        let touched = gradient.iter().filter(|g| g.norm() > 0.0).count();
+        let touched = here.iter().filter(|g| g.norm() > 0.0).count();
         assert!(touched > 5 && touched < x.len(), "control: {touched} are in the band");
+        let steep = crate::mesh::measures::greatest(blocks.values().map(Matrix3::norm));
+        assert!(steep > 0.1 * press.stiffness, "control: {steep}");
     }
 
     #[test]
-    fn what_is_left_of_the_band() {
+    fn what_is_left_of_the_band_and_what_was_not_looked_at() {
         let (mut press, x) = drawn();
-        press.rows.clear();
         assert!(press.left(&x) < 0.0, "some are inside");
+        let poses = press.poses.clone();
+        assert!(press.place(poses.clone(), &x, 0.08), "all were looked at");
         press.near.clear();
         assert!((press.left(&x) - 1.0).abs() <= f64::EPSILON);
+        assert!(!press.place(poses, &x, 0.08), "none was looked at");
     }
 }

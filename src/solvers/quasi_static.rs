@@ -79,11 +79,6 @@ impl QuasiStatic {
         self.laplacian.bytes() + self.history.bytes() + self.touched.bytes()
     }
 
-    /// Fills in the free vertices' values so that they are as even as the elastic parts are stiff, given those of held ones.
-    pub fn extend(&mut self, values: &mut [Vector3<f64>]) {
-        self.laplacian.extend(&self.problem.unknowns, values);
-    }
-
     /// Moves held vertices to `held` and carries the others along smoothly, then keeps volumes and obstacles.
     pub fn follow(&mut self, x: &mut [Point3<f64>], held: &[(u32, Point3<f64>)], guard: &mut impl Guard) {
         let mut displacement = vec![Vector3::zeros(); x.len()];
@@ -217,7 +212,7 @@ impl QuasiStatic {
     }
 
     /// Brings volumes without compliance to their targets, by the smoothest fields that do it.
-    pub fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
+    fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
         let volumes = &self.problem.energy.volumes;
         let (excess, mut areas): (Vec<f64>, Vec<Field>) = volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
         // Any smooth fields do, and these are at hand; to rounding volumes hold already after `follow`.
