@@ -14,6 +14,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::{Point3, Vector3};
 
+use super::super::spot::Spot;
 use super::SphereError;
 use super::centre::bounding_sphere;
 use super::rings::{Removed, Rings};
@@ -22,18 +23,6 @@ use crate::mesh::measures::greatest;
 
 /// The radius of the body, where two unit vectors at a right angle are 1.4 apart. Maps are as good from 2 to 6.
 const EXTENT: f64 = 3.0;
-
-/// A vertex among the others: its place over the size of the body, and the normal there.
-pub struct Spot {
-    place: Point3<f64>,
-    normal: Vector3<f64>,
-}
-
-impl Spot {
-    fn square(&self, other: &Self) -> f64 {
-        (self.place - other.place).norm_squared() + (self.normal - other.normal).norm_squared()
-    }
-}
 
 /// The vertices of a body.
 pub fn spots(mesh: &TriangleMesh) -> Vec<Spot> {
