@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Runs the benches and writes docs/benchmarks.md from what they print.
+"""Runs the benches and writes docs/benchmarks.md, and tables of other documents, from what they print.
 
     python3 benches/document.py                 all of it, about a quarter of an hour
     python3 benches/document.py --only step     some benches; the others keep their numbers, with date and commit
@@ -34,6 +34,9 @@ RESULTS = ROOT / "benches" / "results.json"
 TEMPLATE = ROOT / "benches" / "benchmarks.template.md"
 COUNTS = ROOT / "benches" / "instructions.csv"
 DOCUMENT = ROOT / "docs" / "benchmarks.md"
+# Documents that are written by hand but for some tables.
+WITH_TABLES = [ROOT / "docs" / "morphing.md"]
+TABLE = re.compile(r"(<!-- rows (\S+): `python3 benches/document\.py --only (\S+)` -->\n).*?(<!-- end of rows -->)", re.DOTALL)
 PEERS = ["cargo", "run", "--release", "--manifest-path", "benches/peers/Cargo.toml"]
 DASH = "–"
 SCENES = {
@@ -62,6 +65,7 @@ COMMANDS = {
     "hierarchy": bench("hierarchy"),
     "lattice": bench("lattice"),
     "morph": bench("morph"),
+    "morphing": None,
     "read": bench("read"),
     "peers": PEERS,
     "pose": PEERS + ["--bin", "pose"],
@@ -184,6 +188,62 @@ def scenes():
 SAME = ("not-converged", "inside", "bone-inside", "stretch-end")
 
 
+# Surfaces of the body's folder and what else is said: one row of docs/morphing.md each.
+MORPHS = [
+    ("muscles/Gluteus_medius_muscle.r.obj", "muscles-fine/gluteus_medius.obj", []),
+    ("muscles/Short_head_of_biceps_brachii.r.obj", "muscles/Gracilis_muscle.r.obj", []),
+    ("bones/Femur.r.obj", "bones/Tibia.r.obj", []),
+    ("bones/Femur.r.obj", "bones/Tibia.r.obj", ["--blend", "laplacian"]),
+    ("bones/Radius.r.obj", "bones/Ulna.r.obj", []),
+]
+REGISTRATIONS = [
+    ("muscles/Gluteus_medius_muscle.r.obj", "muscles-fine/gluteus_medius.obj", []),
+    ("muscles/Gluteus_medius_muscle.r.obj", "muscles-fine/gluteus_medius.obj", ["--non-rigid"]),
+]
+
+
+def morphing():
+    """Morphs and registers real bodies and takes rows from summary.json and measures.csv."""
+    found = {"numbers": {}, "notes": {}, "rows": {}}
+    if "PLIANT_DATA" not in os.environ:
+        print("skipped: morphing needs the measured data, in PLIANT_DATA")
+        return found
+    body = pathlib.Path(os.environ["PLIANT_DATA"]) / "body"
+    subprocess.run(["cargo", "build", "--release"], cwd=ROOT, check=True)
+    target = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+
+    def run(what, a, b, more):
+        with tempfile.TemporaryDirectory() as folder:
+            out = pathlib.Path(folder) / "run"
+            command = [target / "release" / "pliant", what, body / a, body / b, "--json", "--out", out, *more]
+            done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+            if done.returncode != 0:
+                sys.exit(f"{what} of {a} and {b}: exit code {done.returncode}")
+            measures = out / "measures.csv"
+            return json.loads(done.stdout), measures.read_text().splitlines() if measures.exists() else []
+
+    called = lambda what, a, b, more: "`" + " ".join(["pliant", what, a.split("/")[1], b.split("/")[1], *more]) + "`"
+    for a, b, more in MORPHS:
+        summary, measures = run("morph", a, b, more)
+        volume = {float(t): float(v) for t, v, _ in (line.split(",") for line in measures[1:])}
+        # That of a body whose size is the mean of both.
+        like = ((volume[0.0] ** (1 / 3) + volume[1.0] ** (1 / 3)) / 2) ** 3
+        time_s, ends = summary["time_s"], max(summary[k]["end_error"] for k in "ab")
+        found["rows"].setdefault("morphing.found", []).append(
+            f"| {called('morph', a, b, more)} | {summary['a']['vertices']:,} and {summary['b']['vertices']:,} "
+            f"| {summary['vertices']:,} | {summary['flipped_a'] + summary['flipped_b']} | {ends:.0e} | {volume[0.5] / like:.3f} "
+            f"| {time_s['map_a'] + time_s['map_b']:.2f} | {time_s['align']:.2f} | {time_s['merge']:.2f} | {time_s['blend']:.2f} |"
+        )
+    for a, b, more in REGISTRATIONS:
+        summary, _ = run("register", a, b, more)
+        time_s = summary["time_s"]
+        found["rows"].setdefault("morphing.registered", []).append(
+            f"| {called('register', a, b, more)} | {summary['inlier_share']:.0%} | {summary['residual']['rms'] / summary['size']:.2%} "
+            f"| {time_s['start']:.2f} | {time_s['icp']:.2f} | {time_s['bend']:.2f} |".replace("%", " %")
+        )
+    return found
+
+
 def readers():
     """Other programs' readers, where Python has them."""
     with tempfile.TemporaryDirectory() as folder:
@@ -198,6 +258,8 @@ def measure(name):
         found = scenes()
     elif name == "readers":
         found = readers()
+    elif name == "morphing":
+        found = morphing()
     else:
         print("$", " ".join(COMMANDS[name]), flush=True)
         run = subprocess.run(COMMANDS[name], cwd=ROOT, stdout=subprocess.PIPE, text=True)
@@ -212,6 +274,13 @@ def measure(name):
     found["about"] = {"date": datetime.date.today().isoformat(), "commit": commit(), "seconds": round(time.time() - begin)}
     found["about"].update(machine())
     return found
+
+
+HEADS = {
+    "morphing.found": "| command | vertices | in common | flipped | ends missed by | volume halfway | maps [s] | alignment [s] | merge [s] "
+    "| 25 shapes [s] |",
+    "morphing.registered": "| command | vertices on B | rms over the size | start [s] | closest points [s] | bending [s] |",
+}
 
 
 class Document:
@@ -296,6 +365,21 @@ class Document:
             lines.append(f"| {task} | {lanes} | {int(number):,} |")
         return "\n".join(lines)
 
+    def with_tables(self, text):
+        """A document with the rows between its comments, and when they were measured."""
+
+        def table(match):
+            begin, rows, bench, end = match.groups()
+            about = self.results.get(bench, {}).get("about")
+            when = f"Measured {about['date']}, commit {about['commit']}, on {about['cores']} cores." if about else "Not measured yet."
+            head, lines = HEADS[rows], self.rows.get(rows, [])
+            if not lines:
+                self.missing.append(rows)
+            cells = "|" + "---|" * (head.count("|") - 1)
+            return begin + "\n".join([head, cells, *lines, "", when, end])
+
+        return TABLE.sub(table, text)
+
     def text(self):
         return re.sub(r"\[\[(.+?)\]\]", self.fill, TEMPLATE.read_text())
 
@@ -324,10 +408,13 @@ def main():
             # After each, so that what was measured is kept whatever happens next.
             RESULTS.write_text(json.dumps(results, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
     document = Document(results)
-    text = document.text()
+    texts = {DOCUMENT: document.text()}
+    texts.update((path, document.with_tables(path.read_text())) for path in WITH_TABLES)
     if args.check:
-        sys.exit(0 if DOCUMENT.read_text() == text else "docs/benchmarks.md is not what the template and the results give")
-    DOCUMENT.write_text(text)
+        wrong = [str(path.relative_to(ROOT)) for path, text in texts.items() if path.read_text() != text]
+        sys.exit(f"not what the template and the results give: {', '.join(wrong)}" if wrong else 0)
+    for path, text in texts.items():
+        path.write_text(text)
     if document.missing:
         print(f"{len(document.missing)} numbers are not measured yet: {', '.join(document.missing[:20])}")
 

@@ -5,11 +5,13 @@ use std::time::Instant;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::align::{AlignError, Moving, move_features, nearest_rotation};
+use super::likeness::{Likeness, Match};
 use super::locate::{Located, Locator};
 use super::overlay::{Origin, Overlay, OverlayError};
-use super::pose::{Start, by_shape};
+use super::pose::{Posed, Start, by_shape};
 use super::sphere::relaxation::{Effort, Relaxation};
 use super::sphere::{SphereError, SphereMap};
+use super::warp::{Wish, drawn};
 use crate::mesh::TriangleMesh;
 
 /// How surfaces are spread over the sphere.
@@ -32,6 +34,16 @@ pub enum Shared {
     First,
 }
 
+/// How maps are brought over each other where no pairs are given.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Alike {
+    /// The first is turned, and drawn to where like parts of the bodies are.
+    #[default]
+    Drawn,
+    /// The first is turned.
+    Turned,
+}
+
 /// What is asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settings {
@@ -39,6 +51,8 @@ pub struct Settings {
     pub method: Method,
     /// What shapes in between are made of.
     pub shared: Shared,
+    /// How maps are brought over each other without features.
+    pub alike: Alike,
     /// How features are moved.
     pub moving: Moving,
 }
@@ -104,6 +118,9 @@ pub struct Between {
     pub efforts: [Option<Effort>; 2],
     /// From what the first map was turned.
     pub start: Start,
+    /// How far the places of the first map were drawn after that, mean of its vertices by their areas on the surface; 0 with
+    /// pairs \[rad\].
+    pub drawn: f64,
     /// Triangles over the common vertices.
     pub triangles: Vec<[u32; 3]>,
     /// Places of the common vertices on either surface \[m\].
@@ -135,7 +152,7 @@ impl Between {
         let mut times = Times { maps: [first.2, second.2], ..Times::default() };
         let efforts = [first.1, second.1];
         goes_on()?;
-        let (maps, start) = aligned([first.0, second.0], meshes, pairs, settings)?;
+        let Aligned { maps, start, drawn } = aligned([first.0, second.0], meshes, pairs, settings)?;
         times.align = begun.elapsed().as_secs_f64();
         goes_on()?;
         let begun = Instant::now();
@@ -146,7 +163,7 @@ impl Between {
         times.merge = begun.elapsed().as_secs_f64();
         let Common { on, kinds, triangles, turned } = shared;
         let places = [0, 1].map(|side| on[side].iter().map(|at| at.place(&meshes[side].vertices)).collect());
-        Ok(Self { maps, efforts, start, triangles, places, kinds, turned, times, on })
+        Ok(Self { maps, efforts, start, drawn, triangles, places, kinds, turned, times, on })
     }
 
     /// Numbers at the vertices of surface `side`, `components` each, at the common vertices.
@@ -201,7 +218,12 @@ fn mapped(mesh: &TriangleMesh, side: usize, settings: &Settings) -> Result<Mappe
     Ok((map, effort, begun.elapsed().as_secs_f64()))
 }
 
-type Aligned = ([SphereMap; 2], Start);
+/// Maps that lie over each other, from what they were turned, and how far the first was drawn \[rad\].
+struct Aligned {
+    maps: [SphereMap; 2],
+    start: Start,
+    drawn: f64,
+}
 
 fn aligned(
     [first, second]: [SphereMap; 2],
@@ -222,23 +244,45 @@ fn aligned(
     };
     let (from, to) = (places(0, &first), places(1, &second));
     let (by, start) = match pairs.len() {
-        0 => by_shape([&first, &second], meshes),
+        0 => return by_likeness([first, second], meshes, settings.alike),
         1 => {
             // One pair leaves a turn about it open, which the shapes fill in.
-            let by = by_shape([&first, &second], meshes).0;
+            let by = by_shape([&first, &second], &Likeness::new(meshes)).turn;
             let rest = UnitQuaternion::rotation_between(&(by * from[0]).coords, &to[0].coords);
             (rest.unwrap_or_else(UnitQuaternion::identity) * by, Start::Features)
         }
         _ => (nearest_rotation(&from, &to)?, Start::Features),
     };
-    let maps = turned(first, second, &by)?;
-    if pairs.is_empty() {
-        return Ok((maps, start));
-    }
-    let [first, second] = maps;
+    let [first, second] = turned(first, second, &by)?;
     let features: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
     let moved = move_features(&first, &features, &places(1, &second), &settings.moving)?;
-    Ok(([moved, second], start))
+    Ok(Aligned { maps: [moved, second], start, drawn: 0.0 })
+}
+
+/// Turns the first map to where like parts of the bodies are, and draws it there if that brings them nearer to each other.
+fn by_likeness(
+    [first, second]: [SphereMap; 2],
+    meshes: [&TriangleMesh; 2],
+    alike: Alike,
+) -> Result<Aligned, BetweenError> {
+    let likeness = Likeness::new(meshes);
+    let Posed { turn, start, matches, pose } = by_shape([&first, &second], &likeness);
+    let [first, second] = turned(first, second, &turn)?;
+    if alike == Alike::Drawn {
+        let wish =
+            |m: &Match| Wish { vertex: m.vertices[0], to: second.points()[m.vertices[1] as usize], weight: m.weight };
+        let wishes: Vec<Wish> = matches.iter().map(wish).collect();
+        let found = drawn(&first, &wishes);
+        let nearer = |map: &SphereMap| likeness.apart([map, &second], &pose) < likeness.apart([&first, &second], &pose);
+        if let Some(map) = found.filter(nearer) {
+            let way = |(p, q): (&Point3<f64>, &Point3<f64>)| 2.0 * libm::asin(0.5 * (p - q).norm().min(2.0));
+            let ways = first.points().iter().zip(map.points()).map(way);
+            let areas = meshes[0].vertex_areas();
+            let drawn = ways.zip(&areas).map(|(way, area)| way * area).sum::<f64>() / areas.iter().sum::<f64>();
+            return Ok(Aligned { maps: [map, second], start, drawn });
+        }
+    }
+    Ok(Aligned { maps: [first, second], start, drawn: 0.0 })
 }
 
 /// Angles by which a turn is changed where rounding folds a thin triangle \[rad\].

@@ -184,6 +184,7 @@ pub struct Summary {
     topology: &'static str,
     pairs: usize,
     aligned_by: &'static str,
+    drawn_rad: f64,
     a: Side,
     b: Side,
     vertices: usize,
@@ -210,6 +211,11 @@ impl Summary {
         &self.verdicts
     }
 
+    /// How far the map of A was drawn to like places, where it was.
+    fn drawn(&self) -> String {
+        if self.drawn_rad > 0.0 { format!(", the map of A drawn by {:.2} rad", self.drawn_rad) } else { String::new() }
+    }
+
     /// A few lines for a terminal.
     pub fn to_text(&self) -> String {
         let side = |name: &str, s: &Side| {
@@ -224,7 +230,7 @@ impl Summary {
             )
         };
         format!(
-            "{}{}common: {} vertices, {} triangles, V - E + F = {}; aligned by {}\nvolume {} to {}, {} frames; ends are met to {:.1e} \
+            "{}{}common: {} vertices, {} triangles, V - E + F = {}; aligned by {}{}\nvolume {} to {}, {} frames; ends are met to {:.1e} \
              and {:.1e} of the size\n",
             side("A", &self.a),
             side("B", &self.b),
@@ -232,6 +238,7 @@ impl Summary {
             self.triangles,
             self.euler,
             self.aligned_by,
+            self.drawn(),
             number(self.volume_0),
             number(self.volume_1),
             self.frames,
@@ -276,6 +283,7 @@ impl Morph<'_> {
             topology: self.words[2],
             pairs: self.pairs.len(),
             aligned_by: between.start.name(),
+            drawn_rad: between.drawn,
             vertices: between.kinds.len(),
             triangles: between.triangles.len(),
             crossings: between.kinds.iter().filter(|k| **k == 2).count(),
@@ -462,7 +470,7 @@ fn tables(summary: &Summary) -> Vec<Table> {
     common.row(["triangles", &summary.triangles.to_string()]);
     common.row(["conformal distortion from A to B, median", &number(summary.between.conformal_median)]);
     common.row(["area distortion from A to B, median", &number(summary.between.area_median)]);
-    common.row(["aligned by", summary.aligned_by]);
+    common.row(["aligned by", &format!("{}{}", summary.aligned_by, summary.drawn())]);
     let mut data = Table::new("Point data", ["array", "components", "of"]);
     for array in &summary.arrays {
         let of = if array.of == "both" {

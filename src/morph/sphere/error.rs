@@ -141,7 +141,8 @@ pub enum SphereError {
     },
     /// No room for a vertex that doubles can tell from its neighbours.
     #[error(
-        "no room on the sphere for vertex {vertex} between its neighbours, with {placed} of {vertices} vertices placed"
+        "no room on the sphere for vertex {vertex} between its neighbours, with {placed} of {vertices} vertices placed; where \
+         a body has few vertices around and many along, give it more around or fewer along"
     )]
     Crowded {
         /// The vertex.

@@ -10,6 +10,7 @@ mod error;
 pub(super) mod kernel;
 mod progressive;
 pub mod relaxation;
+mod removal;
 pub(super) mod rings;
 mod stretch;
 mod surface;

@@ -6,28 +6,23 @@
 //! So every triangle is turned outward after every insertion, in exact arithmetic always \[praun2003\]; with doubles every
 //! place is tested by an exact predicate before it is taken, and where none is left, that is an error.
 //!
-//! In between all vertices move to where the surface is stretched least. With short edges contracted first every stage is a
-//! fair sample of the surface, and a long body does not crowd into two spots, as it does by relaxation (erratum M21).
-
-use std::cmp::{Ordering, Reverse};
-use std::collections::BinaryHeap;
+//! In between all vertices move to where the surface is stretched least. With a fair sample of the surface at every stage (see
+//! [`super::removal`]) a long body does not crowd into two spots, as it does by relaxation (erratum M21).
 
 use nalgebra::{Point3, Vector2, Vector3};
 
 use super::SphereError;
 use super::kernel::{kernel, middle, sees};
+use super::removal::{reduce, spots};
 use super::rings::{Removed, Rings};
 use super::stretch::{Patch, Stretch, energy, stretch};
 use crate::mesh::TriangleMesh;
 use crate::mesh::shapes::tetrahedron;
 
 /// All vertices are moved whenever there are so many times more of them.
-const GROWTH: f64 = 1.3;
+const GROWTH: f64 = 1.2;
 /// Passes over all vertices each time.
-const PASSES: usize = 6;
-/// While there are fewer vertices than this, all go to the middles of their stars first: slivers, in which the passes get
-/// stuck, open; with more vertices that would let the ends of long bodies shrink.
-const CALM: usize = 1000;
+const PASSES: usize = 4;
 /// Passes at the end.
 const LAST_PASSES: usize = 12;
 /// Part of the mean area of a triangle that is added to areas and squares of lengths.
@@ -44,7 +39,7 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
     let Some(rings) = Rings::new(mesh.vertices.len(), &mesh.triangles) else {
         return Err(SphereError::Vertex { vertex: 0 });
     };
-    let (rings, removed) = reduce(mesh, rings)?;
+    let (rings, removed) = reduce(&spots(mesh), rings)?;
     let base: Vec<u32> = (0..mesh.vertices.len() as u32).filter(|&v| !rings.of(v).is_empty()).collect();
     let points = vec![Point3::origin(); mesh.vertices.len()];
     let area = mesh.area();
@@ -60,95 +55,19 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
             return Err(SphereError::Crowded { vertex: last.vertex, placed, vertices });
         }
         placed.push(last.vertex);
+        working.open(last);
         working.settle(last.vertex);
         for &v in &last.ring {
             working.settle(v);
         }
         if placed.len() as f64 >= next {
             next *= GROWTH;
-            if placed.len() < CALM {
-                placed.iter().for_each(|&v| working.smooth(v));
-            }
+            placed.iter().for_each(|&v| working.smooth(v));
             (0..PASSES).for_each(|_| placed.iter().for_each(|&v| working.settle(v)));
         }
     }
     (0..LAST_PASSES).for_each(|_| placed.iter().for_each(|&v| working.settle(v)));
     Ok(working.points)
-}
-
-/// What it costs to draw a vertex into its best neighbour.
-#[derive(Clone, Copy, PartialEq)]
-struct Candidate {
-    cost: f64,
-    vertex: u32,
-    into: u32,
-    /// How often the vertex was looked at before; older ones are out of date.
-    stamp: u32,
-}
-
-impl Eq for Candidate {}
-
-impl Ord for Candidate {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.cost.total_cmp(&other.cost).then(self.vertex.cmp(&other.vertex)).then(self.stamp.cmp(&other.stamp))
-    }
-}
-
-impl PartialOrd for Candidate {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-/// Takes vertices out until four are left.
-fn reduce(mesh: &TriangleMesh, mut rings: Rings) -> Result<(Rings, Vec<Removed>), SphereError> {
-    let count = mesh.vertices.len();
-    let mut stamps = vec![0u32; count];
-    let mut open: BinaryHeap<Reverse<Candidate>> =
-        (0..count as u32).filter_map(|v| best(mesh, &rings, v, 0)).map(Reverse).collect();
-    let mut removed = Vec::with_capacity(count - 4);
-    while removed.len() + 4 < count {
-        let Some(Reverse(candidate)) = open.pop() else {
-            let left = (0..count as u32).filter(|&v| !rings.of(v).is_empty());
-            let again: Vec<_> = left.clone().filter_map(|v| best(mesh, &rings, v, stamps[v as usize])).collect();
-            if again.is_empty() {
-                return Err(SphereError::Stuck { vertex: left.min().unwrap_or(0), left: count - removed.len() });
-            }
-            open.extend(again.into_iter().map(Reverse));
-            continue;
-        };
-        let Candidate { vertex, into, stamp, .. } = candidate;
-        if rings.of(vertex).is_empty() || stamp != stamps[vertex as usize] {
-            continue;
-        }
-        let possible = rings.of(vertex).contains(&into) && rings.can_draw(vertex, into);
-        let touched = if possible {
-            let last = rings.draw(vertex, into);
-            let touched = last.ring.clone();
-            removed.push(last);
-            touched
-        } else {
-            vec![vertex]
-        };
-        for v in touched {
-            stamps[v as usize] += 1;
-            open.extend(best(mesh, &rings, v, stamps[v as usize]).map(Reverse));
-        }
-    }
-    Ok((rings, removed))
-}
-
-/// The cheapest neighbour to draw a vertex into: near, and without many neighbours afterwards.
-fn best(mesh: &TriangleMesh, rings: &Rings, vertex: u32, stamp: u32) -> Option<Candidate> {
-    let ours = rings.of(vertex);
-    let cost = |into: u32| {
-        let square = (mesh.vertices[vertex as usize] - mesh.vertices[into as usize]).norm_squared();
-        let degree = ours.len() + rings.of(into).len() - 4;
-        let many = degree.saturating_sub(6) as f64 + ours.len().saturating_sub(6) as f64;
-        square * (1.0 + many * many)
-    };
-    let possible = ours.iter().copied().filter(|&into| rings.can_draw(vertex, into));
-    possible.map(|into| Candidate { cost: cost(into), vertex, into, stamp }).min()
 }
 
 struct Working<'a> {
@@ -187,6 +106,7 @@ impl Working<'_> {
             }
             self.rings.draw(removed.vertex, removed.ring[0]);
             for &v in removed.ring[1..].iter().chain(&removed.ring[..1]) {
+                self.smooth(v);
                 self.settle(v);
             }
         }
@@ -205,6 +125,13 @@ impl Working<'_> {
             place = (place.coords + near.coords).try_normalize(0.0).map(Point3::from)?;
         }
         None
+    }
+
+    /// Moves a vertex that was put back and its ring to the middles of their stars. The place that was left between them may be
+    /// a sliver, and a sliver keeps itself: each of its corners alone finds less stretch only where it runs against the others.
+    fn open(&mut self, last: &Removed) {
+        last.ring.iter().for_each(|&v| self.smooth(v));
+        self.smooth(last.vertex);
     }
 
     /// Moves a vertex to where its triangles are stretched least, as far as it sees its ring on the way.

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::AlignError;
-use pliant::morph::between::{Between, BetweenError, Method, Settings, Shared};
+use pliant::morph::between::{Alike, Between, BetweenError, Method, Settings, Shared};
 use pliant::morph::blend::{Path, hermite, turning};
 use pliant::morph::pose::Start;
 use pliant::morph::sphere::relaxation::Relaxation;
@@ -162,4 +162,70 @@ fn tangents_of_a_turn_follow_its_arc() {
     let mut by_path = Path::Hermite(Box::new(tangents));
     assert_eq!(by_path.at(ends, 0.5).expect("shapes"), middle);
     assert_eq!(by_path.at(ends, 0.0).expect("shapes"), first.vertices);
+}
+
+/// A tube of radius `radius`, bent by `angle` \[rad\] from end to end.
+fn curved(segments: u32, rings: u32, length: f64, radius: f64, angle: f64) -> TriangleMesh {
+    let mut mesh = tube(segments, rings, length);
+    let about = length / angle;
+    for v in &mut mesh.vertices {
+        let (turn, r) = (v.x / about, about + radius * v.y);
+        *v = Point3::new(r * turn.sin(), r * turn.cos() - about, radius * v.z);
+    }
+    mesh
+}
+
+/// Volume and area halfway, over those of a body whose size is the mean of the sizes of both: what is matched with the other
+/// side of the body pinches it, and every fold of the match takes from its surface.
+fn halfway(first: &TriangleMesh, second: &TriangleMesh, alike: Alike) -> ([f64; 2], Between) {
+    let both = between(first, second, &[], &Settings { alike, ..Settings::default() });
+    assert!(both.maps.iter().all(|m| flipped(m.points(), m.triangles()).is_empty()));
+    let ends = [both.places[0].as_slice(), &both.places[1]];
+    let middle =
+        TriangleMesh { vertices: Path::Linear.at(ends, 0.5).expect("shapes"), triangles: both.triangles.clone() };
+    let volume = (0.5 * (first.volume().cbrt() + second.volume().cbrt())).powi(3);
+    let area = (0.5 * (first.area().sqrt() + second.area().sqrt())).powi(2);
+    ([middle.volume() / volume, middle.area() / area], both)
+}
+
+#[test]
+fn long_bodies_keep_their_volume_halfway_without_pairs() {
+    let straight = tube(16, 60, 20.0);
+    for (name, second) in [
+        ("another sample", tube(24, 80, 20.0)),
+        ("bent", curved(20, 50, 20.0, 1.0, 1.0)),
+        ("thinner, shorter and bent the other way", curved(14, 70, 16.0, 0.7, -0.8)),
+    ] {
+        let ([volume, area], both) = halfway(&straight, &second, Alike::Drawn);
+        let ([less, folded], turned) = halfway(&straight, &second, Alike::Turned);
+        println!("{name}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}");
+        assert!(both.start == Start::Placed && both.drawn > 0.05 && turned.drawn == 0.0, "{name}");
+        assert!((volume - 1.0).abs() < 0.03 && area > 0.96, "{name}: {volume} {area}");
+        // Control: a turn of the whole cannot do it.
+        assert!(less < 0.96 && folded < area, "{name}: {less} {folded}");
+    }
+}
+
+#[test]
+fn real_long_bodies_keep_their_volume_halfway_without_pairs() {
+    let data = std::env::var("PLIANT_DATA").unwrap_or_else(|_| "../shared/data".into());
+    let body = std::path::PathBuf::from(data).join("body");
+    let read = |name: &str| Some(pliant::io::read(&body.join(format!("{name}.obj"))).ok()?.mesh);
+    for (first, second, within) in [
+        ("bones/Femur.r", "bones/Tibia.r", 0.03),
+        ("bones/Tibia.r", "bones/Femur.r", 0.03),
+        ("bones/Radius.r", "bones/Ulna.r", 0.03),
+        // One has its belly where the other has its tendon.
+        ("muscles/Short_head_of_biceps_brachii.r", "muscles/Gracilis_muscle.r", 0.09),
+    ] {
+        let (Some(a), Some(b)) = (read(first), read(second)) else {
+            println!("skipped: no {first} or {second} in {}", body.display());
+            continue;
+        };
+        let ([volume, area], _) = halfway(&a, &b, Alike::Drawn);
+        let ([less, folded], _) = halfway(&a, &b, Alike::Turned);
+        println!("{first} to {second}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}");
+        assert!((volume - 1.0).abs() < within && area > 0.95, "{first} to {second}: {volume} {area}");
+        assert!(folded < area - 0.02 && less < volume, "{first} to {second}: {less} {folded}");
+    }
 }

@@ -1,0 +1,201 @@
+//! Which place of one body is most like which of another, where nothing is named.
+//!
+//! The first body is turned, and then laid over the second by the linear map that takes a normal distribution with its
+//! covariance to one with that of the second by the least work: A^-1/2 (A^1/2 B A^1/2)^1/2 A^-1/2 \[gelbrich1990\]. So a long body
+//! fills a longer and thicker one from end to end, and one that lies as it shall is not turned. Then each place is matched with
+//! the one that lies nearest and faces the same way, from both sides: from one side alone much of the other may be left out.
+
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::align::rotation_of;
+use super::locate::Locator;
+use super::pose::axes;
+use super::sphere::SphereMap;
+use super::sphere::centre::bounding_sphere;
+use super::spot::Spot;
+use crate::mesh::TriangleMesh;
+
+/// Vertices of each body that are asked.
+const ASKED: usize = 500;
+/// The radius of a body, where two unit vectors at a right angle are 1.4 apart. With less, normals alone match the ends of a long
+/// body with its middle; with more, the other side of a thin one is as near as this one.
+const EXTENT: f64 = 8.0;
+/// Turns about the longest axis that are tried.
+const AROUND: usize = 8;
+/// Least over greatest extent of a body: flat ones are given a thickness.
+const FLAT: f64 = 1e-3;
+
+/// A vertex of the first body and one of the second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    pub vertices: [u32; 2],
+    /// Share of the area of the body that asked.
+    pub weight: f64,
+}
+
+/// Two bodies.
+pub struct Likeness<'a> {
+    meshes: [&'a TriangleMesh; 2],
+    middles: [Point3<f64>; 2],
+    spreads: [Matrix3<f64>; 2],
+    normals: [Vec<Vector3<f64>>; 2],
+    /// Vertices that are asked, and their shares of the area of all of these.
+    asked: [Vec<(u32, f64)>; 2],
+    /// Over what places are told apart \[1/m\].
+    scale: f64,
+}
+
+impl<'a> Likeness<'a> {
+    pub fn new(meshes: [&'a TriangleMesh; 2]) -> Self {
+        let middles = meshes.map(|m| m.surface_centroid().unwrap_or_default());
+        let radius = bounding_sphere(&meshes[1].vertices).1;
+        Self {
+            meshes,
+            middles,
+            spreads: [0, 1].map(|k: usize| spread(meshes[k], &middles[k])),
+            normals: meshes.map(TriangleMesh::vertex_normals),
+            asked: meshes.map(asked),
+            scale: if radius > 0.0 { EXTENT / radius } else { 0.0 },
+        }
+    }
+
+    /// Turns of the first body that lay its principal axes on those of the second, either way round, and about the longest.
+    pub fn by_axes(&self) -> impl Iterator<Item = UnitQuaternion<f64>> {
+        let [from, to] = self.meshes.map(axes);
+        (0..2 * AROUND).map(move |k| {
+            let end = if k < AROUND { 1.0 } else { -1.0 };
+            let signs = Matrix3::from_diagonal(&Vector3::new(end, end, 1.0));
+            let angle = std::f64::consts::TAU * (k % AROUND) as f64 / AROUND as f64;
+            let about = UnitQuaternion::from_scaled_axis(to.column(0).into_owned() * angle);
+            about * rotation_of(&(to * signs * from.transpose()))
+        })
+    }
+
+    /// How the first body is laid over the second, after a turn; about their middles.
+    pub fn pose(&self, turn: &UnitQuaternion<f64>) -> Matrix3<f64> {
+        let turn = turn.to_rotation_matrix().into_inner();
+        let from = turn * self.spreads[0] * turn.transpose();
+        let (root, back) = (by_values(&from, f64::sqrt), by_values(&from, |l| 1.0 / l.sqrt()));
+        back * by_values(&(root * self.spreads[1] * root), f64::sqrt) * back * turn
+    }
+
+    /// Matches from both sides, and the mean square of how far apart they are.
+    pub fn matches(&self, pose: &Matrix3<f64>) -> (Vec<Match>, f64) {
+        let spots = self.spots(pose);
+        let (mut all, mut sum) = (Vec::new(), 0.0);
+        for side in 0..2 {
+            let nearest = |&(v, weight): &(u32, f64)| {
+                let own = spots[side][v as usize];
+                let (mut least, mut there) = (f64::INFINITY, 0);
+                for (w, spot) in (0..).zip(&spots[1 - side]) {
+                    let square = own.square(spot);
+                    if square < least {
+                        (least, there) = (square, w);
+                    }
+                }
+                (Match { vertices: if side == 0 { [v, there] } else { [there, v] }, weight }, least)
+            };
+            let found: Vec<(Match, f64)> = self.asked[side].par_iter().map(nearest).collect();
+            sum += found.iter().map(|(m, square)| m.weight * square).sum::<f64>();
+            all.extend(found.into_iter().map(|(m, _)| m));
+        }
+        (all, 0.5 * sum)
+    }
+
+    /// Mean square of the distances between places of the first body as it is laid and those of the second that lie over them
+    /// on the sphere \[m^2\].
+    pub fn apart(&self, maps: [&SphereMap; 2], pose: &Matrix3<f64>) -> f64 {
+        let locator = Locator::new(maps[1]);
+        let one = |&(v, weight): &(u32, f64)| {
+            let found = locator.locate(&maps[0].points()[v as usize].coords)?;
+            let there = found.of(maps[1].triangles(), &self.meshes[1].vertices);
+            Some(weight * (self.laid(&self.meshes[0].vertices[v as usize], pose) - there).norm_squared())
+        };
+        self.asked[0].iter().filter_map(one).sum()
+    }
+
+    fn laid(&self, p: &Point3<f64>, pose: &Matrix3<f64>) -> Point3<f64> {
+        self.middles[1] + pose * (p - self.middles[0])
+    }
+
+    fn spots(&self, pose: &Matrix3<f64>) -> [Vec<Spot>; 2] {
+        let of_normals = pose.try_inverse().unwrap_or_else(Matrix3::identity).transpose();
+        let place = |p: Point3<f64>| Point3::from((p - self.middles[1]) * self.scale);
+        let first = self.meshes[0].vertices.iter().zip(&self.normals[0]).map(|(p, n)| Spot {
+            place: place(self.laid(p, pose)),
+            normal: (of_normals * n).try_normalize(0.0).unwrap_or_default(),
+        });
+        let second = self.meshes[1].vertices.iter().zip(&self.normals[1]);
+        [first.collect(), second.map(|(p, n)| Spot { place: place(*p), normal: *n }).collect()]
+    }
+}
+
+/// Covariance of a surface about its middle \[m^2\].
+fn spread(mesh: &TriangleMesh, middle: &Point3<f64>) -> Matrix3<f64> {
+    let (mut sum, mut total) = (Matrix3::zeros(), 0.0);
+    for (p, area) in mesh.vertices.iter().zip(mesh.vertex_areas()) {
+        sum += (p - middle) * (p - middle).transpose() * area;
+        total += area;
+    }
+    if total > 0.0 { sum / total } else { Matrix3::identity() }
+}
+
+/// Every so many vertices, with their shares of the area of all of these.
+fn asked(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
+    let (count, areas) = (mesh.vertices.len(), mesh.vertex_areas());
+    let every = (count / ASKED).max(1);
+    let total: f64 = areas.iter().step_by(every).sum();
+    let share = |area: f64| if total > 0.0 { area / total } else { 0.0 };
+    (0..count as u32).zip(&areas).step_by(every).map(|(v, area)| (v, share(*area))).collect()
+}
+
+/// A function of the eigenvalues of a symmetric matrix, none of which is below [`FLAT`] squared of the greatest.
+fn by_values(matrix: &Matrix3<f64>, of: impl Fn(f64) -> f64) -> Matrix3<f64> {
+    let eigen = matrix.symmetric_eigen();
+    let most = eigen.eigenvalues.max();
+    if !(most > 0.0) {
+        return Matrix3::identity();
+    }
+    let values = eigen.eigenvalues.map(|l| of(l.max(FLAT * FLAT * most)));
+    eigen.eigenvectors * Matrix3::from_diagonal(&values) * eigen.eigenvectors.transpose()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    #[test]
+    fn a_body_is_laid_over_one_of_another_length_without_a_turn() {
+        let ball = icosphere(1.0, 3);
+        let long = |by: [f64; 3]| {
+            let by = Vector3::from(by);
+            let vertices = ball.vertices.iter().map(|p| Point3::from(p.coords.component_mul(&by))).collect();
+            TriangleMesh { vertices, ..ball.clone() }
+        };
+        let (first, second) = (long([6.0, 1.0, 0.7]), long([9.0, 0.5, 1.4]));
+        let likeness = Likeness::new([&first, &second]);
+        let pose = likeness.pose(&UnitQuaternion::identity());
+        let spread_after = pose * likeness.spreads[0] * pose.transpose();
+        assert!((spread_after - likeness.spreads[1]).norm() <= 1e-12 * likeness.spreads[1].norm(), "{spread_after}");
+        assert!((pose - pose.transpose()).norm() <= 1e-12 * pose.norm(), "no turn in it: {pose}");
+        // Turned before, it is laid the other way round.
+        let over = UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI);
+        assert!((likeness.pose(&over) + pose).column(0).norm() < 1e-9 * pose.norm());
+        let flat = TriangleMesh { vertices: vec![Point3::origin(); ball.vertices.len()], ..ball.clone() };
+        assert_eq!(Likeness::new([&flat, &ball]).matches(&Matrix3::identity()).0.len(), 2 * 642);
+    }
+
+    #[test]
+    fn a_vertex_is_most_like_itself() {
+        let ball = icosphere(1.0, 3);
+        let likeness = Likeness::new([&ball, &ball]);
+        let (found, square) = likeness.matches(&Matrix3::identity());
+        // Places are told from the middle, which rounds.
+        assert!(square <= 1e-28 && found.iter().all(|m| m.vertices[0] == m.vertices[1]));
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.4, 0.0));
+        let (found, square) = likeness.matches(&turn.to_rotation_matrix().into_inner());
+        assert!(square > 1e-3 && found.iter().any(|m| m.vertices[0] != m.vertices[1]));
+    }
+}

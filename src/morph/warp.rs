@@ -1,0 +1,156 @@
+//! A map drawn over another without a fold: each place of the sphere is turned as those around it ask, from afar first.
+//!
+//! A turn of the whole cannot lay maps of two bodies over each other: around a long body its map may be turned more at one
+//! station than at another, and thick ends take room from what is between. Here each place has a turn of its own, the one
+//! with the least sum of squares over the wishes nearby, with weights that end at a radius; and the radius shrinks.
+
+use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+use super::sphere::kernel::{kernel, middle, sees};
+use super::sphere::rings::Rings;
+use super::sphere::{SphereMap, flipped};
+use crate::mesh::measures::greatest;
+
+/// Radii of what is near, the first and the last, as chords of the unit sphere.
+const RADII: [f64; 2] = [2.0, 0.5];
+/// Steps from one to the other.
+const STEPS: usize = 6;
+/// A turn about an axis counts as far away as it would move all that is near, plus so many times that: what is near is moved
+/// more willingly than it is turned about itself.
+const HELD: f64 = 1.0;
+/// Wishes further away than this count ever less: bodies differ, and some of what is matched should not be \[rad\].
+const DOUBT: f64 = 0.3;
+/// Greatest way over the radius: twice of it, and places could overtake each other.
+const SHARE: f64 = 0.35;
+/// Halvings of a step that folds the map.
+const HALVINGS: usize = 6;
+/// Passes over what is folded.
+const MENDS: usize = 20;
+
+/// Where a vertex of the map shall be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wish {
+    pub vertex: u32,
+    pub to: Point3<f64>,
+    pub weight: f64,
+}
+
+/// Draws a map to where its vertices shall be; `None` if that is not possible without a fold.
+pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
+    let rings = Rings::new(map.points().len(), map.triangles())?;
+    let mut points = map.points().to_vec();
+    for step in 0..STEPS {
+        let radius = RADII[0] * libm::pow(RADII[1] / RADII[0], step as f64 / (STEPS - 1) as f64);
+        let turns = turns(&points, wishes, radius);
+        let mut share = (SHARE * radius / greatest(turns.iter().map(|t| t.norm()))).min(1.0);
+        for _ in 0..HALVINGS {
+            let turned = |(p, t): (&Point3<f64>, &Vector3<f64>)| {
+                Point3::from((UnitQuaternion::from_scaled_axis(t * share) * p.coords).normalize())
+            };
+            let mut next: Vec<Point3<f64>> = points.iter().zip(&turns).map(turned).collect();
+            if mended(&mut next, map.triangles(), &rings) {
+                points = next;
+                break;
+            }
+            share *= 0.5;
+        }
+    }
+    SphereMap::new(points, map.triangles().to_vec()).ok()
+}
+
+/// The turn that takes one unit vector to another, about the axis square to both \[rad\].
+fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
+    let axis = from.cross(to);
+    let sine = axis.norm();
+    if sine > 0.0 { axis * (libm::atan2(sine, from.dot(to)) / sine) } else { Vector3::zeros() }
+}
+
+/// The turn of each place: of w that with the least sum of k |w x q - r x q|^2 over the wishes nearby, which take q by r to its
+/// place, with weights k.
+fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f64>> {
+    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = wishes
+        .iter()
+        .map(|wish| {
+            let from = points[wish.vertex as usize].coords;
+            let by = between(&from, &wish.to.coords);
+            (from, by, wish.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)))
+        })
+        .collect();
+    let at = |p: &Point3<f64>| {
+        let (mut matrix, mut sum, mut total) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        for (q, by, weight) in &asked {
+            let near = 1.0 - (q - p.coords).norm_squared() / (radius * radius);
+            if near > 0.0 {
+                let k = near * near * weight;
+                total += k;
+                matrix -= q * q.transpose() * k;
+                sum += by * k;
+            }
+        }
+        matrix += Matrix3::identity() * (total * (1.0 + HELD));
+        // Where nobody asks there is no turn.
+        matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * sum)
+    };
+    points.par_iter().map(at).collect()
+}
+
+/// Puts vertices of triangles that were turned over where they see their rings; whether all are turned outward then.
+fn mended(points: &mut [Point3<f64>], triangles: &[[u32; 3]], rings: &Rings) -> bool {
+    let mut ring = Vec::new();
+    for _ in 0..MENDS {
+        let bad = flipped(points, triangles);
+        if bad.is_empty() {
+            return true;
+        }
+        for v in bad.iter().flat_map(|&t| triangles[t as usize]) {
+            ring.clear();
+            ring.extend(rings.of(v).iter().map(|&w| points[w as usize]));
+            if sees(&points[v as usize], &ring) {
+                continue;
+            }
+            let sum: Vector3<f64> = ring.iter().map(|p| p.coords).sum();
+            let Some(near) = sum.try_normalize(0.0).map(Point3::from) else { continue };
+            // Where the ring is folded itself, its middle opens it for the next pass.
+            points[v as usize] = middle(&kernel(&near, &ring)).unwrap_or(near);
+        }
+    }
+    false
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::icosphere;
+
+    /// Wishes of all vertices of a ball, and the root of the mean square of what is left of them.
+    fn drawn_by(by: impl Fn(&Point3<f64>) -> Point3<f64>) -> (f64, f64, SphereMap) {
+        let ball = icosphere(1.0, 4);
+        let map = SphereMap::new(ball.vertices.clone(), ball.triangles).expect("a map");
+        let wish = |(v, p): (u32, &Point3<f64>)| Wish { vertex: v, to: by(p), weight: 1.0 };
+        let wishes: Vec<Wish> = (0..).zip(map.points()).map(wish).collect();
+        let left = |map: &SphereMap| {
+            let square = |w: &Wish| (map.points()[w.vertex as usize] - w.to).norm_squared();
+            (wishes.iter().map(square).sum::<f64>() / wishes.len() as f64).sqrt()
+        };
+        let after = drawn(&map, &wishes).expect("drawn");
+        (left(&map), left(&after), after)
+    }
+
+    #[test]
+    fn a_twist_about_an_axis_is_undone() {
+        let twisted = |p: &Point3<f64>| UnitQuaternion::from_scaled_axis(Vector3::z() * (0.6 * p.z)) * p;
+        let (before, after, map) = drawn_by(twisted);
+        assert!(before > 0.2 && after < 0.15 * before, "{before} {after}");
+        assert!(flipped(map.points(), map.triangles()).is_empty());
+    }
+
+    #[test]
+    fn a_map_that_lies_well_stays_and_a_fold_is_not_made() {
+        let (before, after, _) = drawn_by(|p| *p);
+        assert!(before == 0.0 && after <= 1e-15, "{after}");
+        // All to one side of a mirror: half of the sphere would be folded.
+        let (before, after, map) = drawn_by(|p| Point3::new(p.x.abs(), p.y, p.z));
+        assert!(after < before && flipped(map.points(), map.triangles()).is_empty(), "{before} {after}");
+    }
+}
