@@ -97,7 +97,24 @@ pub enum DecompositionError {
     /// The field could not be solved for.
     #[error("the field could not be solved for: {0}")]
     Factor(#[from] FactorError),
+    /// It was told to.
+    #[error("stopped before all fibres were found")]
+    Stopped,
 }
+
+/// How far a decomposition is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reached {
+    /// What is counted.
+    pub what: &'static str,
+    /// So many are done.
+    pub done: usize,
+    /// Of so many.
+    pub of: usize,
+}
+
+/// Told how far a decomposition is, now and then; `false` stops it.
+pub type Going<'a> = &'a dyn Fn(Reached) -> bool;
 
 /// A muscle decomposed into fibres.
 #[derive(Clone, Debug)]
@@ -134,6 +151,20 @@ pub fn decompose_along(
     lines: &[Vec<Point3<f64>>],
     options: Options,
 ) -> Result<Decomposition, DecompositionError> {
+    decompose_while(muscle, attachment, lines, options, &|_| true)
+}
+
+/// As [`decompose_along`], as long as `going` says so.
+///
+/// # Errors
+/// As [`decompose`], or it was stopped.
+pub fn decompose_while(
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    lines: &[Vec<Point3<f64>>],
+    options: Options,
+    going: Going<'_>,
+) -> Result<Decomposition, DecompositionError> {
     let Options { count, points } = options;
     if count == 0 || points < 2 {
         return Err(DecompositionError::TooFew { count, points });
@@ -146,34 +177,55 @@ pub fn decompose_along(
         return Err(DecompositionError::NoInside { volume });
     }
     let solid = closed.solid();
-    let trial = |finer: f64, crowding: f64, last: bool| -> Result<Trial, DecompositionError> {
-        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
-        let cells = Cells::new(&solid, (volume / wanted).cbrt());
-        let field = Field::new(cells, &solid, muscle, attachment, lines, crowding)
-            .map_err(|e| no_field(e, muscle, attachment))?;
-        let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut ways, any) = ways(&tracer, count, last)?;
-        let hopeless = if last { 1.0 } else { HOPELESS };
-        let bare = exchange::exchange(&tracer, &mut ways, points, volume, hopeless);
-        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
-        let fibres = ways.par_iter().map(|w| fibre(w, points, &solid)).collect();
-        Ok(Trial { fibres, ways, field, disordered, bare })
-    };
-    let best = match trial(1.0, 0.0, false) {
+    let task = Task { muscle, attachment, lines, options, solid: &solid, volume, going };
+    let again = || task.trial(FINER, CROWDED, true);
+    let best = match task.trial(1.0, 0.0, false) {
         Ok(first) if first.disordered == 0 && first.bare <= BARE => first,
-        Ok(first) => match trial(FINER, CROWDED, true) {
+        Ok(first) => match again() {
             Ok(finer) if finer.rank() < first.rank() => finer,
+            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
             _ => first,
         },
-        Err(DecompositionError::Lost { .. }) => match trial(FINER, CROWDED, true) {
+        Err(DecompositionError::Lost { .. }) => match again() {
             Ok(finer) => finer,
+            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
             // What finer cells cannot do, coarse ones may.
-            Err(_) => trial(1.0, 0.0, true)?,
+            Err(_) => task.trial(1.0, 0.0, true)?,
         },
         Err(error) => return Err(error),
     };
     let Trial { fibres, ways, field, .. } = best;
     Ok(Decomposition { fibres, ways, field, closed })
+}
+
+/// What is to be decomposed, and how.
+struct Task<'a> {
+    muscle: &'a TriangleMesh,
+    attachment: &'a Attachment,
+    lines: &'a [Vec<Point3<f64>>],
+    options: Options,
+    solid: &'a Solid<'a>,
+    /// Of the muscle [m3].
+    volume: f64,
+    going: Going<'a>,
+}
+
+impl Task<'_> {
+    /// Decomposes with so many times the least number of cells; the `last` trial takes what it gets.
+    fn trial(&self, finer: f64, crowding: f64, last: bool) -> Result<Trial, DecompositionError> {
+        let &Self { muscle, attachment, lines, options, solid, volume, going } = self;
+        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
+        let cells = Cells::new(solid, (volume / wanted).cbrt());
+        let field = Field::new(cells, solid, muscle, attachment, lines, crowding)
+            .map_err(|e| no_field(e, muscle, attachment))?;
+        let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
+        let (mut ways, any) = ways(&tracer, options.count, last, going)?;
+        let hopeless = if last { 1.0 } else { HOPELESS };
+        let bare = exchange::exchange(&tracer, &mut ways, options.points, volume, hopeless, going)?;
+        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
+        let fibres = ways.par_iter().map(|w| fibre(w, options.points, solid)).collect();
+        Ok(Trial { fibres, ways, field, disordered, bare })
+    }
 }
 
 /// Fibres in cells of one size.
@@ -213,7 +265,12 @@ fn ordered(tracer: &Tracer<'_>, [back, on]: &[Way; 2]) -> bool {
 
 /// Fibres through points that are far from one another, and whether the order of some was not asked for: only if there are too
 /// few others, and this is the `last` trial.
-fn ways(tracer: &Tracer<'_>, count: usize, last: bool) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
+fn ways(
+    tracer: &Tracer<'_>,
+    count: usize,
+    last: bool,
+    going: Going<'_>,
+) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
     let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
     for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
         let mut seeds = Seeds::new(tracer.field);
@@ -221,6 +278,9 @@ fn ways(tracer: &Tracer<'_>, count: usize, last: bool) -> Result<(Vec<[Way; 2]>,
         for n in 0..TRIES * count {
             if !last && n >= count.max(SOONEST) && n > LOST * ways.len() {
                 break;
+            }
+            if !going(Reached { what: "fibres found", done: ways.len(), of: count }) {
+                return Err(DecompositionError::Stopped);
             }
             let Some(seed) = seeds.farthest() else { break };
             seeds.give_up(&seed);

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::cells::{Cells, NONE};
 use super::field::Field;
 use super::trace::{Tracer, Way};
-use super::{through, whole};
+use super::{DecompositionError, Going, Reached, through, whole};
 use crate::fibres::polyline::length;
 
 /// Below this uncovered share of the volume nothing is exchanged.
@@ -24,7 +24,17 @@ const ASKED: u8 = 0b0110_1001;
 
 /// Exchanges fibres of so many points while that covers more of the volume, unless more than the share `hopeless` of it is bare;
 /// the share that stays so.
-pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], points: usize, volume: f64, hopeless: f64) -> f64 {
+///
+/// # Errors
+/// It was stopped.
+pub fn exchange(
+    tracer: &Tracer<'_>,
+    ways: &mut [[Way; 2]],
+    points: usize,
+    volume: f64,
+    hopeless: f64,
+    going: Going<'_>,
+) -> Result<f64, DecompositionError> {
     let cells = &tracer.field.cells;
     let lines: Vec<Vec<Point3<f64>>> = ways.iter().map(|way| whole(way, points)).collect();
     let total: f64 = lines.iter().map(|line| length(line)).sum();
@@ -33,11 +43,14 @@ pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], points: usize, volum
     let all: Vec<Near> = lines.par_iter().map(|line| near(cells, line, radius)).collect();
     all.into_iter().enumerate().for_each(|(fibre, near)| cover.put(fibre as u32, near));
     if cover.bare_share() > hopeless {
-        return cover.bare_share();
+        return Ok(cover.bare_share());
     }
     let mut tried = vec![false; cells.count()];
     let (mut tries, mut in_vain) = (0, 0);
     while tries < TRIES * ways.len() && in_vain < IN_VAIN && cover.bare_share() > ENOUGH {
+        if !going(Reached { what: "others tried", done: tries, of: TRIES * ways.len() }) {
+            return Err(DecompositionError::Stopped);
+        }
         let seeds = cover.barest(&mut tried);
         if seeds.is_empty() {
             break;
@@ -57,7 +70,7 @@ pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], points: usize, volum
             }
         }
     }
-    cover.bare_share()
+    Ok(cover.bare_share())
 }
 
 /// Parts of cells that a line covers: a cell, and one bit for each of its eighths.
