@@ -1,19 +1,24 @@
 //! `pliant fibres`: a muscle decomposed into fibres.
 
+use std::cell::OnceCell;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 
 use super::areas::{Written, read_file, read_mesh};
 use super::failure::Failure;
+use super::morph::nothing_written;
+use super::progress::Rounds;
+use super::run::stop_on_interrupt;
 use super::{DONE, FAILED, length_unit, say, say_json, warn};
 use crate::contact::Surface;
 use crate::fibres::attachment::{Area, Attachment, AttachmentError};
 use crate::fibres::binding::BoundLines;
 use crate::fibres::each::{Tendon, each};
-use crate::fibres::harmonic::Options;
-use crate::fibres::method::{Method, MethodError, decompose};
+use crate::fibres::harmonic::{DecompositionError, Going, Options, Reached};
+use crate::fibres::method::{Method, MethodError, decompose_while};
 use crate::fibres::quality::{measure, tendons};
 use crate::fibres::slices::SlicesError;
 use crate::fibres::smooth::Smoothing;
@@ -28,6 +33,9 @@ use crate::report::frames::file_name;
 
 /// Muscles of animals are this long [m]; another length hints at a wrong unit.
 const LENGTHS: [f64; 2] = [0.001, 5.0];
+
+/// What is done sooner shows nothing on its way.
+const SILENT: Duration = Duration::from_millis(500);
 
 /// The methods by their names.
 const METHODS: [&str; 4] = ["harmonic", "springs", "slices", "superficial"];
@@ -143,9 +151,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let options = Options { count: arguments.count as usize, points: arguments.points as usize };
     let smoothing = Smoothing { steps: arguments.smooth_steps, factor: arguments.smooth_factor };
     let begun = Instant::now();
-    let made = decompose(muscle, attachment, method, options, smoothing).map_err(|error| undone(&error))?;
+    let stop = stop_on_interrupt("stopping");
+    let made =
+        match followed(begun, &stop, |going| decompose_while(muscle, attachment, method, options, smoothing, going)) {
+            Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
+            other => other.map_err(|error| undone(&error))?,
+        };
     let time_s = begun.elapsed().as_secs_f64();
     let quality = measure(muscle, &made.closed, attachment, &made.lines, made.jacobian(muscle, attachment));
+    if stop.load(Ordering::Relaxed) {
+        return Ok(nothing_written());
+    }
     let tendons = tendons_of(attachment, &made.lines);
     let each = each(&made.lines, &tendons);
     let volume = made.closed.mesh.volume().abs();
@@ -176,6 +192,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     bundle.write(&Folder::open(&out)?)?;
     tell(&bundle, arguments.json, &out);
     Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) { DONE } else { FAILED })
+}
+
+/// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
+fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -> T) -> T {
+    let shown: OnceCell<Rounds> = OnceCell::new();
+    let made = work(&|reached: Reached| {
+        if begun.elapsed() >= SILENT {
+            let Reached { what, done, of } = reached;
+            let rounds = shown.get_or_init(|| Rounds::new(of));
+            rounds.part(&format!("{done} of {of} {what}"));
+            rounds.reach(done, of);
+        }
+        !stop.load(Ordering::Relaxed)
+    });
+    if let Some(rounds) = shown.get() {
+        rounds.end();
+    }
+    made
 }
 
 /// The template of a method that has one; what goes with another method is refused.

@@ -156,7 +156,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(conclude(&summary, &summary.to_text(), summary.verdicts(), arguments.json, &out))
 }
 
-fn nothing_written() -> u8 {
+pub(super) fn nothing_written() -> u8 {
     warn("interrupted: nothing is written");
     INTERRUPTED
 }

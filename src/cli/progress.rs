@@ -118,6 +118,14 @@ impl Rounds {
         Self { bar, frames, said: Cell::new(Instant::now()) }
     }
 
+    /// On a bar, so many of so many are done.
+    pub(super) fn reach(&self, done: usize, of: usize) {
+        if let Some(bar) = &self.bar {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        }
+    }
+
     /// A frame is on its way.
     pub(super) fn part(&self, text: &str) {
         match &self.bar {

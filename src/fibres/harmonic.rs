@@ -14,10 +14,10 @@ pub mod spread;
 pub mod trace;
 
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::attachment::Attachment;
 use super::polyline::resample;
-use super::quality;
 use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
 use crate::solvers::sparse::FactorError;
@@ -29,13 +29,18 @@ use trace::{Tracer, Way};
 /// Cells whose volume together is that of a muscle: at least, and for each vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
-/// Where a larger share of the cells stays bare, or the order of fibres is uncertain, once more with so many times the
-/// least number of cells, and so many times the tries to cover more.
-const BARE: f64 = 0.01;
+/// Where a larger share stays bare, or the order of fibres is uncertain, once more with so many times the least number of cells,
+/// and more fibres that begin far from the other area ([`field`]).
+const BARE: f64 = 0.04;
 const FINER: f64 = 2.0;
-const MORE_TRIES: usize = 2;
+const CROWDED: f64 = 8.0;
+/// Where a larger share is bare at first, that is done at once.
+const HOPELESS: f64 = 0.12;
 /// Seeds that may fail, for each fibre.
 const TRIES: usize = 4;
+/// If only one seed of so many does not fail, of so many at least and as many as there are fibres, it is left to finer cells.
+const LOST: usize = 5;
+const SOONEST: usize = 50;
 
 /// How many fibres of how many points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,7 +97,24 @@ pub enum DecompositionError {
     /// The field could not be solved for.
     #[error("the field could not be solved for: {0}")]
     Factor(#[from] FactorError),
+    /// It was told to.
+    #[error("stopped before all fibres were found")]
+    Stopped,
 }
+
+/// How far a decomposition is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reached {
+    /// What is counted.
+    pub what: &'static str,
+    /// So many are done.
+    pub done: usize,
+    /// Of so many.
+    pub of: usize,
+}
+
+/// Told how far a decomposition is, now and then; `false` stops it.
+pub type Going<'a> = &'a dyn Fn(Reached) -> bool;
 
 /// A muscle decomposed into fibres.
 #[derive(Clone, Debug)]
@@ -129,6 +151,20 @@ pub fn decompose_along(
     lines: &[Vec<Point3<f64>>],
     options: Options,
 ) -> Result<Decomposition, DecompositionError> {
+    decompose_while(muscle, attachment, lines, options, &|_| true)
+}
+
+/// As [`decompose_along`], as long as `going` says so.
+///
+/// # Errors
+/// As [`decompose`], or it was stopped.
+pub fn decompose_while(
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    lines: &[Vec<Point3<f64>>],
+    options: Options,
+    going: Going<'_>,
+) -> Result<Decomposition, DecompositionError> {
     let Options { count, points } = options;
     if count == 0 || points < 2 {
         return Err(DecompositionError::TooFew { count, points });
@@ -141,30 +177,55 @@ pub fn decompose_along(
         return Err(DecompositionError::NoInside { volume });
     }
     let solid = closed.solid();
-    let trial = |finer: f64, tries: usize| -> Result<Trial, DecompositionError> {
-        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
-        let cells = Cells::new(&solid, (volume / wanted).cbrt());
-        let field = Field::new(cells, &solid, muscle, &attachment.origin, &attachment.insertion, lines)
-            .map_err(|e| no_field(e, muscle, attachment))?;
-        let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut ways, any) = ways(&tracer, count)?;
-        let bare = exchange::exchange(&tracer, &mut ways, volume, tries);
-        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
-        let fibres = ways.iter().map(|w| fibre(w, points, &solid)).collect();
-        Ok(Trial { fibres, ways, field, disordered, bare })
+    let task = Task { muscle, attachment, lines, options, solid: &solid, volume, going };
+    let again = || task.trial(FINER, CROWDED, true);
+    let best = match task.trial(1.0, 0.0, false) {
+        Ok(first) if first.disordered == 0 && first.bare <= BARE => first,
+        Ok(first) => match again() {
+            Ok(finer) if finer.rank() < first.rank() => finer,
+            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
+            _ => first,
+        },
+        Err(DecompositionError::Lost { .. }) => match again() {
+            Ok(finer) => finer,
+            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
+            // What finer cells cannot do, coarse ones may.
+            Err(_) => task.trial(1.0, 0.0, true)?,
+        },
+        Err(error) => return Err(error),
     };
-    let mut best = trial(1.0, 1)?;
-    if best.disordered > 0 || best.bare > BARE {
-        let covered = |trial: &Trial| quality::coverage(&closed, &trial.fibres);
-        // What finer cells cannot do, such as find enough ways, the first have done.
-        if let Ok(finer) = trial(FINER, MORE_TRIES) {
-            let better = finer.disordered < best.disordered
-                || (finer.disordered == best.disordered && covered(&finer) > covered(&best));
-            best = if better { finer } else { best };
-        }
-    }
     let Trial { fibres, ways, field, .. } = best;
     Ok(Decomposition { fibres, ways, field, closed })
+}
+
+/// What is to be decomposed, and how.
+struct Task<'a> {
+    muscle: &'a TriangleMesh,
+    attachment: &'a Attachment,
+    lines: &'a [Vec<Point3<f64>>],
+    options: Options,
+    solid: &'a Solid<'a>,
+    /// Of the muscle [m3].
+    volume: f64,
+    going: Going<'a>,
+}
+
+impl Task<'_> {
+    /// Decomposes with so many times the least number of cells; the `last` trial takes what it gets.
+    fn trial(&self, finer: f64, crowding: f64, last: bool) -> Result<Trial, DecompositionError> {
+        let &Self { muscle, attachment, lines, options, solid, volume, going } = self;
+        let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
+        let cells = Cells::new(solid, (volume / wanted).cbrt());
+        let field = Field::new(cells, solid, muscle, attachment, lines, crowding)
+            .map_err(|e| no_field(e, muscle, attachment))?;
+        let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
+        let (mut ways, any) = ways(&tracer, options.count, last, going)?;
+        let hopeless = if last { 1.0 } else { HOPELESS };
+        let bare = exchange::exchange(&tracer, &mut ways, options.points, volume, hopeless, going)?;
+        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
+        let fibres = ways.par_iter().map(|w| fibre(w, options.points, solid)).collect();
+        Ok(Trial { fibres, ways, field, disordered, bare })
+    }
 }
 
 /// Fibres in cells of one size.
@@ -176,6 +237,13 @@ struct Trial {
     disordered: usize,
     /// Share of the volume that no fibre covers, by cells.
     bare: f64,
+}
+
+impl Trial {
+    /// Less is better.
+    fn rank(&self) -> (usize, f64) {
+        (self.disordered, self.bare)
+    }
 }
 
 fn no_field(error: FieldError, muscle: &TriangleMesh, attachment: &Attachment) -> DecompositionError {
@@ -195,41 +263,65 @@ fn ordered(tracer: &Tracer<'_>, [back, on]: &[Way; 2]) -> bool {
     jacobian::keeps_order(tracer, back, -1.0) && jacobian::keeps_order(tracer, on, 1.0)
 }
 
-/// Fibres through points that are far from one another, and whether the order of some was not asked for.
-fn ways(tracer: &Tracer<'_>, count: usize) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
-    let mut seeds = Seeds::new(tracer.field);
+/// Fibres through points that are far from one another, and whether the order of some was not asked for: only if there are too
+/// few others, and this is the `last` trial.
+fn ways(
+    tracer: &Tracer<'_>,
+    count: usize,
+    last: bool,
+    going: Going<'_>,
+) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
     let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
-    for n in 0..2 * TRIES * count {
-        let Some((cell, seed, distance)) = seeds.farthest() else { break };
-        seeds.give_up(cell);
-        let any = n >= TRIES * count;
-        let Some(way) = through(tracer, &seed, any) else { continue };
-        seeds.note(&way[0].points, distance);
-        seeds.note(&way[1].points, distance);
-        ways.push(way);
-        if ways.len() == count {
-            return Ok((ways, any));
+    for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
+        let mut seeds = Seeds::new(tracer.field);
+        ways.iter().flatten().for_each(|half| seeds.note(&half.points));
+        for n in 0..TRIES * count {
+            if !last && n >= count.max(SOONEST) && n > LOST * ways.len() {
+                break;
+            }
+            if !going(Reached { what: "fibres found", done: ways.len(), of: count }) {
+                return Err(DecompositionError::Stopped);
+            }
+            let Some(seed) = seeds.farthest() else { break };
+            seeds.give_up(&seed);
+            match through(tracer, &seed.point, any) {
+                Ok(way) => {
+                    way.iter().for_each(|half| seeds.note(&half.points));
+                    ways.push(way);
+                }
+                Err(lost) => seeds.give_up_along(&lost),
+            }
+            if ways.len() == count {
+                return Ok((ways, any));
+            }
         }
     }
     Err(DecompositionError::Lost { found: ways.len(), count })
 }
 
-/// The streamline through a point, from it to the origin and to the insertion; `None` where it is lost, or where what is
-/// beside it comes to lie the other way round, unless `any` will do.
-fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Option<[Way; 2]> {
+/// The streamline through a point, from it to the origin and to the insertion.
+///
+/// # Errors
+/// It is lost, as far as it came; or what is beside it comes to lie the other way round, with no points, unless `any` will do.
+fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Result<[Way; 2], Vec<Point3<f64>>> {
     let half = |sign: f64| {
-        let way = tracer.half(seed, sign, any)?;
+        let way = tracer.half(seed, sign, any).map_err(|way| way.points)?;
         let kept = any || jacobian::keeps_order(tracer, &way, sign);
-        kept.then_some(way)
+        if kept { Ok(way) } else { Err(Vec::new()) }
     };
     let (back, on) = rayon::join(|| half(-1.0), || half(1.0));
-    Some([back?, on?])
+    Ok([back?, on?])
 }
 
-/// A streamline as a fibre: from origin to insertion, its points equally far apart, none outside.
-fn fibre([back, on]: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
+/// A streamline from origin to insertion by so many points, equally far apart.
+fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
     let whole: Vec<Point3<f64>> = back.points.iter().rev().chain(&on.points[1..]).copied().collect();
-    let mut line = resample(&whole, points);
+    resample(&whole, points)
+}
+
+/// The same as a fibre: none of its points is outside.
+fn fibre(way: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
+    let mut line = whole(way, points);
     // Between two points of a streamline a chord may cut through a hollow of the wall.
     for p in &mut line {
         if !solid.contains_as_given(p)

@@ -5,13 +5,16 @@ use std::sync::Arc;
 use nalgebra::Point3;
 
 use super::attachment::Attachment;
-use super::harmonic::{Decomposition, DecompositionError, Options, decompose_along};
+use super::harmonic::{self, Decomposition, DecompositionError, Going, Options, Reached};
 use super::slices::{self, SlicesError};
 use super::smooth::{Smoothing, smooth};
 use super::solid::Closed;
 use super::springs::{self, SpringsError};
 use super::template::{Grid, Template};
 use crate::mesh::TriangleMesh;
+
+/// Moves of points in smoothing from one question whether to go on to the next.
+const MOVES: usize = 200_000;
 
 /// A way to decompose a muscle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,10 +74,25 @@ pub fn decompose(
     options: Options,
     smoothing: Smoothing,
 ) -> Result<Fibres, MethodError> {
+    decompose_while(muscle, attachment, method, options, smoothing, &|_| true)
+}
+
+/// As [`decompose`], as long as `going` says so; springs and slices are not stopped on their way.
+///
+/// # Errors
+/// As [`decompose`], or [`DecompositionError::Stopped`].
+pub fn decompose_while(
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    method: Method<'_>,
+    options: Options,
+    smoothing: Smoothing,
+    going: Going<'_>,
+) -> Result<Fibres, MethodError> {
     let Options { count, points } = options;
     let mut made = match method {
-        Method::Harmonic => Fibres::of(decompose_along(muscle, attachment, &[], options)?),
-        Method::Superficial(lines) => Fibres::of(decompose_along(muscle, attachment, lines, options)?),
+        Method::Harmonic => Fibres::of(harmonic::decompose_while(muscle, attachment, &[], options, going)?),
+        Method::Superficial(lines) => Fibres::of(harmonic::decompose_while(muscle, attachment, lines, options, going)?),
         Method::Springs(template) => {
             let options = springs::Options { count, points, ..springs::Options::default() };
             Fibres::of_grid(muscle, springs::grid(muscle, attachment, template, options)?)
@@ -83,8 +101,15 @@ pub fn decompose(
             Fibres::of_grid(muscle, slices::grid(muscle, attachment, template, slices::Options { count, points })?)
         }
     };
-    if smoothing.steps > 0 {
-        smooth(&mut made.lines, smoothing, &made.closed.solid());
+    let mut done = 0;
+    while done < smoothing.steps {
+        let reached = Reached { what: "passes of smoothing", done: done as usize, of: smoothing.steps as usize };
+        if !going(reached) {
+            return Err(DecompositionError::Stopped.into());
+        }
+        let steps = (MOVES / count.saturating_mul(points).max(1)).clamp(1, (smoothing.steps - done) as usize) as u32;
+        smooth(&mut made.lines, Smoothing { steps, ..smoothing }, &made.closed.solid());
+        done += steps;
     }
     Ok(made)
 }

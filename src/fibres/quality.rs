@@ -1,6 +1,7 @@
 //! How good fibres are, whatever made them.
 
 use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::attachment::{Area, Attachment};
@@ -145,25 +146,15 @@ pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
 }
 
 fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
-    let mut all = Vec::new();
-    for (n, fibre) in fibres.iter().enumerate() {
-        for p in fibre.iter().skip(1).take(fibre.len().saturating_sub(2)) {
-            let mut nearest = f64::INFINITY;
-            for other in fibres.iter().enumerate().filter(|(m, _)| *m != n).flat_map(|(_, f)| f.windows(2)) {
-                nearest = least([nearest, to_segment(p, &other[0], &other[1])]);
-            }
-            all.push(nearest);
-        }
-    }
-    least(all).sqrt()
-}
-
-/// Square of the distance of a point to a segment [m2].
-fn to_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> f64 {
-    let (along, to) = (b - a, p - a);
-    let square = along.norm_squared();
-    let t = if square > 0.0 { (to.dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
-    (to - along * t).norm_squared()
+    let tree = segments(fibres);
+    let of = |(n, fibre): (usize, &Vec<Point3<f64>>)| std::iter::repeat_n(n, fibre.len().saturating_sub(1));
+    let fibre_of: Vec<usize> = fibres.iter().enumerate().flat_map(of).collect();
+    let nearest = |(n, fibre): (usize, &Vec<Point3<f64>>)| {
+        let inner = fibre.iter().skip(1).take(fibre.len().saturating_sub(2));
+        let to = |p| tree.closest_of(p, f64::INFINITY, |t| fibre_of[t as usize] != n);
+        least(inner.map(|p| to(p).map_or(f64::INFINITY, |found| found.distance)))
+    };
+    least(fibres.par_iter().enumerate().map(nearest).collect::<Vec<f64>>())
 }
 
 fn pennation(fibres: &[Vec<Point3<f64>>]) -> f64 {

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::closest::SurfaceTree;
-use crate::mesh::inside::Inside;
+use crate::mesh::inside::{Inside, Line};
 use crate::mesh::repair::{LONGEST_RIM, Options, repair};
 use crate::mesh::winding::WindingTree;
 use crate::mesh::{Topology, TriangleMesh};
@@ -74,6 +74,11 @@ impl Solid<'_> {
         }
     }
 
+    /// The line along x at `y`, `z` [m], for questions about many points of it.
+    pub fn row(&self, y: f64, z: f64) -> Row<'_> {
+        Row { solid: self, line: self.closed.open.is_none().then(|| self.inside.line(y, z)), y, z }
+    }
+
     /// As [`Solid::contains`], and for a surface given open or turned also by its own winding number, without its sign.
     pub fn contains_as_given(&self, p: &Point3<f64>) -> bool {
         self.contains(p) && self.closed.given.as_ref().is_none_or(|tree| tree.number(p).abs() >= HALF)
@@ -89,6 +94,25 @@ impl Solid<'_> {
     /// The surface that bounds the inside.
     pub fn mesh(&self) -> &TriangleMesh {
         &self.closed.mesh
+    }
+}
+
+/// Inside or outside along a line.
+#[derive(Debug)]
+pub struct Row<'a> {
+    solid: &'a Solid<'a>,
+    line: Option<Line<'a>>,
+    y: f64,
+    z: f64,
+}
+
+impl Row<'_> {
+    /// [`Solid::contains`] of the point of the line at `x` [m].
+    pub fn contains(&self, x: f64) -> bool {
+        match &self.line {
+            Some(line) => line.winding(x) > 0,
+            None => self.solid.contains(&Point3::new(x, self.y, self.z)),
+        }
     }
 }
 

@@ -115,6 +115,11 @@ impl SurfaceTree {
         self.search(p, within, |_| true, false)
     }
 
+    /// As [`SurfaceTree::closest`], among triangles that `admit` names.
+    pub fn closest_of(&self, p: &Point3<f64>, within: f64, admit: impl Fn(u32) -> bool) -> Option<Closest> {
+        self.search(p, within, |t| admit(self.names[t]), false)
+    }
+
     /// As [`SurfaceTree::closest`], among triangles whose unit normal has a product above `cosine` with `normal`.
     ///
     /// Triangles without area, which have no normal, count as well if `cosine` is negative.

@@ -99,24 +99,66 @@ impl<'a> Inside<'a> {
     }
 
     fn crossing(&self, p: &Point3<f64>, t: usize) -> i32 {
-        crossing(p, &self.triangles[t].map(|v| self.vertices[v as usize]))
+        crossing(p, &self.corners(t))
+    }
+
+    fn corners(&self, t: usize) -> [Point3<f64>; 3] {
+        self.triangles[t].map(|v| self.vertices[v as usize])
+    }
+
+    /// The line along x at `y`, `z` [m], for questions about many points of it.
+    pub fn line(&self, y: f64, z: f64) -> Line<'_> {
+        let at = Point3::new(self.bounds.min.x, y, z);
+        let covering = self.list(&at).iter().filter_map(|&t| {
+            let turns = turns(&at, &self.corners(t as usize));
+            (turns != 0).then_some((t, turns))
+        });
+        Line { inside: self, at, covering: covering.collect() }
+    }
+}
+
+/// A line along x, with the triangles that it passes.
+#[derive(Debug)]
+pub struct Line<'a> {
+    inside: &'a Inside<'a>,
+    at: Point3<f64>,
+    /// Each with its turns about the line.
+    covering: Vec<(u32, i32)>,
+}
+
+impl Line<'_> {
+    /// [`Inside::winding`] about the point of the line at `x` [m].
+    pub fn winding(&self, x: f64) -> i32 {
+        let p = Point3::new(x, self.at.y, self.at.z);
+        if !self.inside.bounds.contains(&p) {
+            return 0;
+        }
+        self.covering.iter().map(|&(t, turns)| ahead(&p, &self.inside.corners(t as usize), turns)).sum()
     }
 }
 
 /// How often the ray from `p` along +x crosses the triangle `c`, signed.
 pub(crate) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
-    // The ray misses the triangle's box; these comparisons are exact and settle nearly all.
+    // The ray misses the triangle's box; this comparison and those of `turns` are exact and settle nearly all.
+    if c.iter().all(|v| v.x < p.x) { 0 } else { ahead(p, c, turns(p, c)) }
+}
+
+/// How often the triangle turns about the line along x through `p`: 0 where it does not cover `p` in projection.
+fn turns(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     let above = |axis: usize| c.iter().all(|v| v[axis] > p[axis]);
     let below = |axis: usize| c.iter().all(|v| v[axis] < p[axis]);
-    if below(0) || above(1) || below(1) || above(2) || below(2) {
+    if above(1) || below(1) || above(2) || below(2) {
         return 0;
     }
-    let turns: i32 = (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum();
-    if turns == 0 {
+    (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum()
+}
+
+/// The turns of a triangle that covers `p` in projection, if it lies ahead of it, exactly; else 0.
+fn ahead(p: &Point3<f64>, c: &[Point3<f64>; 3], turns: i32) -> i32 {
+    if turns == 0 || c.iter().all(|v| v.x < p.x) {
         return 0;
     }
-    // The triangle covers p in projection; ahead of it or behind, exactly. `orient3d` is positive where p lies
-    // below the plane, seen with a, b, c counter-clockwise.
+    // `orient3d` is positive where p lies below the plane, seen with a, b, c counter-clockwise.
     let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
     let below = orient3d(at(&c[0]), at(&c[1]), at(&c[2]), at(p));
     let ahead = if turns > 0 { below > 0.0 } else { below < 0.0 };
@@ -178,5 +220,30 @@ mod tests {
                 assert_eq!(inside.winding(&within), 1);
             }
         }
+    }
+
+    #[test]
+    fn a_line_knows_what_its_points_know() {
+        let mut mesh = icosphere(1.0, 2);
+        let first = mesh.vertices.len() as u32;
+        let shifted: Vec<Point3<f64>> =
+            mesh.vertices.iter().map(|v| v + nalgebra::Vector3::new(0.7, 0.1, 0.0)).collect();
+        mesh.triangles.extend(mesh.triangles.clone().iter().map(|t| t.map(|v| v + first)));
+        mesh.vertices.extend(shifted);
+        let inside = Inside::new(&mesh.vertices, &mesh.triangles);
+        let mut draw = Draw::new(9);
+        let mut seen = [0; 3];
+        for n in 0..600 {
+            // Half of them exactly through a vertex.
+            let v = mesh.vertices[n % mesh.vertices.len()];
+            let (y, z) = if n % 2 == 0 { (v.y, v.z) } else { (draw.between(-1.2, 1.2), draw.between(-1.2, 1.2)) };
+            let line = inside.line(y, z);
+            for x in [-1.5, v.x, 0.35, draw.between(-1.1, 1.9), 2.5] {
+                let expected = inside.winding(&Point3::new(x, y, z));
+                assert_eq!(line.winding(x), expected, "at {x} {y} {z}");
+                seen[expected as usize] += 1;
+            }
+        }
+        assert!(seen.iter().all(|n| *n > 100), "{seen:?}");
     }
 }

@@ -11,7 +11,7 @@ use pliant::mesh::measures::greatest;
 use pliant::mesh::shapes::{box_surface, tube};
 use serde_json::Value;
 
-use super::{Scratch, json, names_in, run, shown, text};
+use super::{Scratch, json, names_in, pliant, run, shown, text};
 
 /// Radius and length of the muscle [m].
 const RADIUS: f64 = 0.02;
@@ -373,4 +373,31 @@ fn what_cannot_be_is_refused() {
     }
     let (done, _) = muscle.run("out", &[]);
     assert_eq!(done.status.code(), Some(0), "control: what is right is refused, too");
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_with_its_code_and_writes_nothing() {
+    use std::io::BufRead;
+    use std::process::{Command, Stdio};
+    let muscle = Cylinder::new("fibres-interrupt");
+    let out = muscle.scratch.join("out");
+    let [origin, insertion] = &muscle.ends;
+    let mut child = pliant()
+        .args(["fibres", shown(&muscle.file), "--unit", "m", "--origin", origin, "--insertion", insertion])
+        // Minutes of smoothing.
+        .args(["--count", "500", "--smooth-steps", "100000", "--out", shown(&out)])
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("a process");
+    let mut said = std::io::BufReader::new(child.stderr.take().expect("a pipe")).lines().map_while(Result::ok);
+    // What lasts longer is told on a pipe every few seconds.
+    let told = said.find(|line| line.contains(" of 100000 passes of smoothing"));
+    assert!(told.is_some());
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill").success());
+    let rest = said.collect::<Vec<_>>().join("\n");
+    assert_eq!(child.wait().expect("an end").code(), Some(130), "{rest}");
+    assert!(rest.contains("stopping; press Ctrl-C again to stop at once"), "{rest}");
+    assert!(rest.contains("interrupted: nothing is written") && !out.exists(), "{rest}");
 }

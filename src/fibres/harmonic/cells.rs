@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::super::attachment::over_triangle;
-use super::super::solid::Solid;
+use super::super::solid::{Row, Solid};
 use crate::mesh::TriangleMesh;
 
 /// No cell.
@@ -12,6 +12,11 @@ pub const NONE: u32 = u32::MAX;
 /// Share of a cell, or of a face between cells, that counts as open where the surface passes but no sample is inside:
 /// a thin sheet stays joined, and hardly any flux leaves the muscle.
 const LEAST: f64 = 0.02;
+
+/// Of the bits of a cube all eighths, the middle, and all of it.
+const EIGHTHS: u16 = 0xff;
+const MIDDLE: u16 = 0x100;
+const WHOLE: u16 = EIGHTHS | MIDDLE;
 
 /// Cubes that the muscle meets.
 #[derive(Clone, Debug)]
@@ -30,8 +35,14 @@ pub struct Cells {
     pub shares: Vec<f64>,
     /// A point inside the muscle, near the middle of what is inside of the cell [m].
     pub inner: Vec<Option<Point3<f64>>>,
+    /// One bit for each eighth of a cell whose middle is inside.
+    pub eighths: Vec<u8>,
+    /// Whether the middle of each cell is inside the muscle.
+    pub middle_inside: Vec<bool>,
+    /// Distance of the middle of each cube to a point of the surface in it [m], infinite where there is none.
+    surface: Vec<f64>,
     /// Whether the surface passes through a cube or one beside it, for each place of the box.
-    pub by_wall: Vec<bool>,
+    by_wall: Vec<bool>,
     /// Share of the face towards the next cell along x, y, z that is open; 0 where there is none.
     pub open: Vec<[f64; 3]>,
 }
@@ -52,13 +63,17 @@ impl Cells {
             places: Vec::new(),
             shares: Vec::new(),
             inner: Vec::new(),
+            eighths: Vec::new(),
+            middle_inside: Vec::new(),
+            surface: Vec::new(),
             by_wall: Vec::new(),
             open: Vec::new(),
         };
-        let touched = this.touched(solid.mesh());
-        let octants = this.classify(solid, &touched);
-        this.list(&touched, &octants);
-        this.join(&touched, &octants);
+        this.surface = this.surface(solid.mesh());
+        let touched: Vec<bool> = this.surface.iter().map(|d| d.is_finite()).collect();
+        let bits = this.classify(solid, &touched);
+        this.list(&touched, &bits);
+        this.join(&touched, &bits);
         this.by_wall = this.around(&touched, 1);
         this
     }
@@ -91,8 +106,12 @@ impl Cells {
 
     /// Index in the box of the cube that holds a point; points off the box go to its border.
     pub fn holding(&self, p: &Point3<f64>) -> usize {
-        let place = |k: usize| (((p[k] - self.low[k]) / self.side) as usize).min(self.dims[k] - 1);
-        self.index([place(0), place(1), place(2)])
+        self.index(self.place(p))
+    }
+
+    /// Its place.
+    pub fn place(&self, p: &Point3<f64>) -> [usize; 3] {
+        std::array::from_fn(|k| (((p[k] - self.low[k]) / self.side) as usize).min(self.dims[k] - 1))
     }
 
     /// The middle of a cube [m].
@@ -100,55 +119,75 @@ impl Cells {
         self.low + Vector3::from(place.map(|k| (k as f64 + 0.5) * self.side))
     }
 
-    /// Cubes that hold a part of the surface; sampled, so that a cube that a corner only grazes may be missed.
-    fn touched(&self, mesh: &TriangleMesh) -> Vec<bool> {
-        let mut touched = vec![false; self.at.len()];
+    /// Distance of the middle of each cube to a point of the surface in it [m], infinite where there is none; sampled, so that
+    /// a cube that a corner only grazes may be missed.
+    fn surface(&self, mesh: &TriangleMesh) -> Vec<f64> {
+        let mut squares = vec![f64::INFINITY; self.at.len()];
+        let mut note = |p: &Point3<f64>| {
+            let place = self.place(p);
+            let square = &mut squares[self.index(place)];
+            *square = square.min((p - self.middle(place)).norm_squared());
+        };
         for t in 0..mesh.triangles.len() {
             let corners = mesh.corners(t);
-            corners.iter().for_each(|p| touched[self.holding(p)] = true);
-            over_triangle(&corners, 0.5 * self.side).iter().for_each(|p| touched[self.holding(p)] = true);
+            corners.iter().for_each(&mut note);
+            over_triangle(&corners, 0.5 * self.side).iter().for_each(&mut note);
         }
-        touched
+        squares.into_iter().map(f64::sqrt).collect()
     }
 
-    /// One bit for each eighth of a cube whose middle is inside.
-    fn classify(&self, solid: &Solid<'_>, touched: &[bool]) -> Vec<u8> {
-        let mut octants = vec![0u8; self.at.len()];
-        octants.par_chunks_mut(self.dims[0]).enumerate().for_each(|(row, octants)| {
-            let (j, k) = (row % self.dims[1], row / self.dims[1]);
-            // Between two cubes that the surface does not meet nothing changes; the first is air.
-            let mut known = Some(false);
-            for (i, octants) in octants.iter_mut().enumerate() {
-                if touched[row * self.dims[0] + i] {
-                    *octants = self.octants_of(solid, [i, j, k]);
-                    known = None;
-                    continue;
-                }
-                let inside = known.unwrap_or_else(|| solid.contains(&self.middle([i, j, k])));
-                *octants = if inside { 0xff } else { 0 };
-                known = Some(inside);
+    /// How far from the middle of a cube to look for the surface [m], at most a cell; `None` where it is farther.
+    pub fn wall_within(&self, index: usize) -> Option<f64> {
+        // A little more than to a point of it, for rounding.
+        self.by_wall[index].then(|| (self.surface[index] * (1.0 + 1e-9)).min(self.side))
+    }
+
+    /// One bit for each eighth of a cube whose middle is inside, and one more for its own middle.
+    fn classify(&self, solid: &Solid<'_>, touched: &[bool]) -> Vec<u16> {
+        let mut bits = vec![0; self.at.len()];
+        bits.par_chunks_mut(self.dims[0]).enumerate().for_each(|(row, bits)| {
+            let touched = &touched[row * self.dims[0]..][..self.dims[0]];
+            if touched.iter().any(|t| *t) {
+                self.classify_row(solid, touched, [row % self.dims[1], row / self.dims[1]], bits);
             }
         });
-        octants
+        bits
     }
 
-    fn octants_of(&self, solid: &Solid<'_>, place: [usize; 3]) -> u8 {
-        let middle = self.middle(place);
-        let inside = |bit: &usize| solid.contains(&self.eighth(&middle, *bit));
-        (0..8).filter(inside).fold(0, |bits, bit| bits | 1 << bit)
+    fn classify_row(&self, solid: &Solid<'_>, touched: &[bool], [j, k]: [usize; 2], bits: &mut [u16]) {
+        let middle = self.middle([0, j, k]);
+        let through = |p: &Point3<f64>| solid.row(p.y, p.z);
+        let eighths: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.eighth(&middle, n << 1)));
+        let middles = through(&middle);
+        // Between two cubes that the surface does not meet nothing changes; the first is air.
+        let mut known = Some(false);
+        for (i, bits) in bits.iter_mut().enumerate() {
+            let middle = self.middle([i, j, k]);
+            if touched[i] {
+                let inside = |bit: &usize| eighths[bit >> 1].contains(self.eighth(&middle, *bit).x);
+                let eighths = (0..8).filter(inside).fold(0, |bits, bit| bits | 1 << bit);
+                *bits = eighths | if middles.contains(middle.x) { MIDDLE } else { 0 };
+                known = None;
+                continue;
+            }
+            let inside = known.unwrap_or_else(|| middles.contains(middle.x));
+            *bits = if inside { WHOLE } else { 0 };
+            known = Some(inside);
+        }
     }
 
-    fn eighth(&self, middle: &Point3<f64>, bit: usize) -> Point3<f64> {
+    /// The middle of an eighth of the cube of that middle [m]; bit k of `bit` tells on which side along axis k.
+    pub fn eighth(&self, middle: &Point3<f64>, bit: usize) -> Point3<f64> {
         let quarter = |axis: usize| if bit >> axis & 1 == 1 { 0.25 } else { -0.25 } * self.side;
         middle + Vector3::new(quarter(0), quarter(1), quarter(2))
     }
 
-    fn list(&mut self, touched: &[bool], octants: &[u8]) {
+    fn list(&mut self, touched: &[bool], all: &[u16]) {
         for k in 0..self.dims[2] {
             for j in 0..self.dims[1] {
                 for i in 0..self.dims[0] {
                     let index = self.index([i, j, k]);
-                    let bits = octants[index];
+                    let bits = all[index] & EIGHTHS;
                     if bits == 0 && !touched[index] {
                         continue;
                     }
@@ -156,15 +195,17 @@ impl Cells {
                     self.places.push([i as u32, j as u32, k as u32]);
                     self.shares.push((f64::from(bits.count_ones()) / 8.0).max(LEAST));
                     self.inner.push(self.inner_point([i, j, k], bits));
+                    self.eighths.push(bits as u8);
+                    self.middle_inside.push(all[index] & MIDDLE != 0);
                 }
             }
         }
     }
 
     /// Of the sampled points inside the one nearest to their mean; the middle of a full cube.
-    fn inner_point(&self, place: [usize; 3], bits: u8) -> Option<Point3<f64>> {
+    fn inner_point(&self, place: [usize; 3], bits: u16) -> Option<Point3<f64>> {
         let middle = self.middle(place);
-        if bits == 0xff {
+        if bits == EIGHTHS {
             return Some(middle);
         }
         let inside: Vec<Point3<f64>> =
@@ -173,7 +214,7 @@ impl Cells {
         inside.into_iter().min_by(|a, b| (a.coords - mean).norm().total_cmp(&(b.coords - mean).norm()))
     }
 
-    fn join(&mut self, touched: &[bool], octants: &[u8]) {
+    fn join(&mut self, touched: &[bool], bits: &[u16]) {
         self.open = vec![[0.0; 3]; self.places.len()];
         for c in 0..self.places.len() {
             let index = self.index(self.places[c].map(|k| k as usize));
@@ -182,7 +223,7 @@ impl Cells {
                 if next >= self.at.len() || self.at[next] == NONE {
                     continue;
                 }
-                let pair = |bit: &usize| octants[index] >> (bit | 1 << axis) & 1 == 1 && octants[next] >> bit & 1 == 1;
+                let pair = |bit: &usize| bits[index] >> (bit | 1 << axis) & 1 == 1 && bits[next] >> bit & 1 == 1;
                 let pairs = (0..8).filter(|bit| bit >> axis & 1 == 0).filter(pair).count();
                 let least = if touched[index] && touched[next] { LEAST } else { 0.0 };
                 self.open[c][axis] = (pairs as f64 / 4.0).max(least);

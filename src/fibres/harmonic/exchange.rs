@@ -1,146 +1,264 @@
 //! Fibres that cover little that no other covers give way to fibres through what none covers.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 use super::cells::{Cells, NONE};
 use super::field::Field;
 use super::trace::{Tracer, Way};
+use super::{DecompositionError, Going, Reached, through, whole};
 use crate::fibres::polyline::length;
 
 /// Below this uncovered share of the volume nothing is exchanged.
-const ENOUGH: f64 = 0.005;
+const ENOUGH: f64 = 0.0075;
 /// Cells around an uncovered one that are looked at, to begin where most is to be gained.
 const AROUND: usize = 2;
-
-struct Cover<'a> {
-    field: &'a Field,
-    /// How many fibres cover each cell.
-    counts: Vec<u32>,
-    /// How many bare cells are at most [`AROUND`] away from each, itself among them.
-    bare: Vec<u32>,
-    /// Cells covered by each fibre.
-    of: Vec<Vec<u32>>,
-    /// The last look for cells of a fibre that found each.
-    found: Vec<u32>,
-    looks: u32,
-    radius: f64,
-}
-
 /// Tries for each fibre.
 const TRIES: usize = 2;
+/// Streamlines that are followed at once: always as many, so that the result does not depend on the number of threads.
+const BATCH: usize = 8;
+/// So many batches in a row without a gain, and no more are tried.
+const IN_VAIN: usize = 3;
+/// Eighths of a cell that stand for it: those at the corners of a tetrahedron.
+const ASKED: u8 = 0b0110_1001;
 
-/// Exchanges fibres while that covers more of the volume, in at most `more` times [`TRIES`] tries a fibre; the share of the
-/// volume that stays bare.
-pub fn exchange(tracer: &Tracer<'_>, ways: &mut [[Way; 2]], volume: f64, more: usize) -> f64 {
-    let field = tracer.field;
-    let total: f64 = ways.iter().flatten().map(|w| length(&w.points)).sum();
-    let mut cover = Cover::new(field, (volume / total).sqrt());
-    for way in ways.iter() {
-        let cells = cover.cells_of(way);
-        cover.add(&cells);
-        cover.of.push(cells);
+/// Exchanges fibres of so many points while that covers more of the volume, unless more than the share `hopeless` of it is bare;
+/// the share that stays so.
+///
+/// # Errors
+/// It was stopped.
+pub fn exchange(
+    tracer: &Tracer<'_>,
+    ways: &mut [[Way; 2]],
+    points: usize,
+    volume: f64,
+    hopeless: f64,
+    going: Going<'_>,
+) -> Result<f64, DecompositionError> {
+    let cells = &tracer.field.cells;
+    let lines: Vec<Vec<Point3<f64>>> = ways.iter().map(|way| whole(way, points)).collect();
+    let total: f64 = lines.iter().map(|line| length(line)).sum();
+    let radius = (volume / total).sqrt();
+    let mut cover = Cover::new(tracer.field, ways.len());
+    let all: Vec<Near> = lines.par_iter().map(|line| near(cells, line, radius)).collect();
+    all.into_iter().enumerate().for_each(|(fibre, near)| cover.put(fibre as u32, near));
+    if cover.bare_share() > hopeless {
+        return Ok(cover.bare_share());
     }
-    let usable = |c: &u32| field.cells.inner[*c as usize].is_some() && !field.values[*c as usize].is_nan();
-    let cells: Vec<u32> = (0..field.cells.count() as u32).filter(usable).collect();
-    let whole: f64 = cells.iter().map(|&c| field.cells.shares[c as usize]).sum();
-    let mut tried = vec![false; field.cells.count()];
-    for _ in 0..TRIES * more * ways.len() {
-        let bare: Vec<u32> = cells.iter().copied().filter(|&c| cover.counts[c as usize] == 0).collect();
-        if cover.sum(bare.iter()) <= ENOUGH * whole {
+    let mut tried = vec![false; cells.count()];
+    let (mut tries, mut in_vain) = (0, 0);
+    while tries < TRIES * ways.len() && in_vain < IN_VAIN && cover.bare_share() > ENOUGH {
+        if !going(Reached { what: "others tried", done: tries, of: TRIES * ways.len() }) {
+            return Err(DecompositionError::Stopped);
+        }
+        let seeds = cover.barest(&mut tried);
+        if seeds.is_empty() {
             break;
         }
-        let seed = bare.iter().filter(|c| !tried[**c as usize]).max_by_key(|c| (cover.bare[**c as usize], !**c));
-        let Some(&seed) = seed else { break };
-        tried[seed as usize] = true;
-        let Some(point) = field.cells.inner[seed as usize] else { continue };
-        if let Some(way) = super::through(tracer, &point, false) {
-            cover.offer(way, ways);
+        tries += seeds.len();
+        let follow = |&cell: &u32| {
+            let way = through(tracer, &cells.inner[cell as usize]?, false).ok()?;
+            let near = near(cells, &whole(&way, points), radius);
+            Some((way, near))
+        };
+        let found: Vec<Option<([Way; 2], Near)>> = seeds.par_iter().map(follow).collect();
+        in_vain += 1;
+        for (way, near) in found.into_iter().flatten() {
+            if let Some(fibre) = cover.offer(near) {
+                ways[fibre as usize] = way;
+                in_vain = 0;
+            }
         }
     }
-    cover.sum(cells.iter().filter(|c| cover.counts[**c as usize] == 0)) / whole
+    Ok(cover.bare_share())
+}
+
+/// Parts of cells that a line covers: a cell, and one bit for each of its eighths.
+type Near = Vec<(u32, u8)>;
+
+/// The eighths whose middles are inside and at most `radius` [m] from a line.
+fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
+    let mut seen = vec![0u8; cells.count()];
+    let mut found = Vec::new();
+    let side = cells.side;
+    // From the middle of a cell to that of an eighth.
+    let reach = 0.25 * 3f64.sqrt() * side;
+    let [all, none] = [(radius - reach).max(0.0).powi(2), (radius + reach).powi(2)];
+    for s in line.windows(2) {
+        let pieces = ((s[1] - s[0]).norm() / side).ceil().max(1.0);
+        for n in 0..pieces as usize {
+            let [a, b] = [n as f64, n as f64 + 1.0].map(|n| s[0] + (s[1] - s[0]) * (n / pieces));
+            let (along, length) = (b - a, (b - a).norm_squared());
+            let square = |p: &Point3<f64>| {
+                let to = p - a;
+                let t = if length > 0.0 { (to.dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
+                (to - along * t).norm_squared()
+            };
+            around(cells, &a, &b, radius + 0.25 * side, |c, place| {
+                let left = cells.eighths[c as usize] & ASKED & !seen[c as usize];
+                if left == 0 {
+                    return;
+                }
+                let middle = cells.middle(place);
+                let far = square(&middle);
+                if far > none {
+                    return;
+                }
+                let mut bits = left;
+                if far > all {
+                    let is_near = |bit: &usize| square(&cells.eighth(&middle, *bit)) <= radius * radius;
+                    bits =
+                        (0..8).filter(|bit| left >> bit & 1 == 1).filter(is_near).fold(0, |bits, bit| bits | 1 << bit);
+                }
+                if bits != 0 && seen[c as usize] == 0 {
+                    found.push(c);
+                }
+                seen[c as usize] |= bits;
+            });
+        }
+    }
+    found.into_iter().map(|c| (c, seen[c as usize])).collect()
+}
+
+/// All cells whose middles may be at most `radius` [m] from a segment, along each axis.
+fn around(cells: &Cells, a: &Point3<f64>, b: &Point3<f64>, radius: f64, mut deed: impl FnMut(u32, [usize; 3])) {
+    let by = Vector3::repeat(radius - 0.5 * cells.side);
+    let [low, high] = [a.inf(b) - by, a.sup(b) + by].map(|p| cells.place(&p));
+    for k in low[2]..=high[2] {
+        for j in low[1]..=high[1] {
+            let row = cells.index([0, j, k]);
+            for i in low[0]..=high[0] {
+                let c = cells.at[row + i];
+                if c != NONE {
+                    deed(c, [i, j, k]);
+                }
+            }
+        }
+    }
+}
+
+/// Which fibres cover which eighths of cells.
+struct Cover<'a> {
+    cells: &'a Cells,
+    /// How many fibres cover each eighth, and the sum of their numbers: that of the fibre where it is one.
+    counts: Vec<[u32; 8]>,
+    sums: Vec<[u32; 8]>,
+    /// What each fibre covers.
+    of: Vec<Near>,
+    /// How many eighths each covers alone.
+    alone: Vec<usize>,
+    /// Bare eighths of each cell.
+    bare: Vec<u32>,
+    /// All bare eighths, and all eighths.
+    bare_count: usize,
+    count: usize,
 }
 
 impl<'a> Cover<'a> {
-    fn new(field: &'a Field, radius: f64) -> Self {
-        let count = field.cells.count();
-        let (counts, found) = (vec![0; count], vec![0; count]);
-        let mut this = Self { field, counts, bare: vec![0; count], of: Vec::new(), found, looks: 0, radius };
-        (0..count as u32).for_each(|c| this.around(c, |bare| *bare += 1));
-        this
-    }
-
-    /// Changes the numbers of bare cells around a cell.
-    fn around(&mut self, cell: u32, change: impl Fn(&mut u32)) {
-        let cells = &self.field.cells;
-        let index = cells.index(cells.places[cell as usize].map(|k| k as usize));
-        visit(cells, index, AROUND, |c| change(&mut self.bare[c as usize]));
-    }
-
-    fn add(&mut self, cells: &[u32]) {
-        for &c in cells {
-            self.counts[c as usize] += 1;
-            if self.counts[c as usize] == 1 {
-                self.around(c, |bare| *bare -= 1);
-            }
+    fn new(field: &'a Field, fibres: usize) -> Self {
+        let cells = &field.cells;
+        let eighths = |c: usize| if field.values[c].is_nan() { 0 } else { (cells.eighths[c] & ASKED).count_ones() };
+        let bare: Vec<u32> = (0..cells.count()).map(eighths).collect();
+        let count = bare.iter().map(|n| *n as usize).sum();
+        let (counts, sums) = (vec![[0; 8]; cells.count()], vec![[0; 8]; cells.count()]);
+        Self {
+            cells,
+            counts,
+            sums,
+            of: vec![Near::new(); fibres],
+            alone: vec![0; fibres],
+            bare,
+            bare_count: count,
+            count,
         }
     }
 
-    fn remove(&mut self, cells: &[u32]) {
-        for &c in cells {
-            self.counts[c as usize] -= 1;
-            if self.counts[c as usize] == 0 {
-                self.around(c, |bare| *bare += 1);
-            }
-        }
+    fn bare_share(&self) -> f64 {
+        self.bare_count as f64 / self.count.max(1) as f64
     }
 
-    fn sum<'c>(&self, cells: impl Iterator<Item = &'c u32>) -> f64 {
-        cells.map(|&c| self.field.cells.shares[c as usize]).sum()
-    }
-
-    /// Takes a fibre in for the one that then covers least alone, if that is a gain.
-    fn offer(&mut self, way: [Way; 2], ways: &mut [[Way; 2]]) {
-        let new = self.cells_of(&way);
-        let gain = self.sum(new.iter().filter(|c| self.counts[**c as usize] == 0));
-        self.add(&new);
-        let alone = |of: &Vec<u32>| self.sum(of.iter().filter(|c| self.counts[**c as usize] == 1));
-        let losses: Vec<f64> = self.of.iter().map(alone).collect();
-        let least = (0..losses.len()).min_by(|&a, &b| losses[a].total_cmp(&losses[b]));
-        match least {
-            Some(least) if losses[least] < gain => {
-                let old = std::mem::replace(&mut self.of[least], new);
-                self.remove(&old);
-                ways[least] = way;
-            }
-            _ => self.remove(&new),
-        }
-    }
-
-    fn cells_of(&mut self, way: &[Way; 2]) -> Vec<u32> {
-        let cells = &self.field.cells;
-        let reach = (self.radius / cells.side).ceil() as usize;
-        self.looks += 1;
-        let (seen, look, radius) = (&mut self.found, self.looks, self.radius);
-        let mut found = Vec::new();
-        for p in way.iter().flat_map(|w| &w.points) {
-            visit(cells, cells.holding(p), reach, |c| {
-                let near = |at: Point3<f64>| (at - p).norm() <= radius;
-                if seen[c as usize] != look && cells.inner[c as usize].is_some_and(near) {
-                    seen[c as usize] = look;
-                    found.push(c);
+    /// Puts a fibre in the place of the one of that number.
+    fn put(&mut self, fibre: u32, near: Near) {
+        for (c, n) in eighths(&std::mem::take(&mut self.of[fibre as usize])) {
+            self.counts[c][n] -= 1;
+            self.sums[c][n] -= fibre;
+            match self.counts[c][n] {
+                0 => {
+                    self.bare[c] += 1;
+                    self.bare_count += 1;
                 }
-            });
+                1 => self.alone[self.sums[c][n] as usize] += 1,
+                _ => (),
+            }
         }
-        found.sort_unstable();
-        found
+        self.alone[fibre as usize] = 0;
+        for (c, n) in eighths(&near) {
+            self.counts[c][n] += 1;
+            match self.counts[c][n] {
+                1 => {
+                    self.bare[c] -= 1;
+                    self.bare_count -= 1;
+                    self.alone[fibre as usize] += 1;
+                }
+                2 => self.alone[self.sums[c][n] as usize] -= 1,
+                _ => (),
+            }
+            self.sums[c][n] += fibre;
+        }
+        self.of[fibre as usize] = near;
+    }
+
+    /// Takes a fibre in for the one that then covers least alone, if that is a gain; which one.
+    fn offer(&mut self, near: Near) -> Option<u32> {
+        let mut gain = 0;
+        let mut alone = self.alone.clone();
+        for (c, n) in eighths(&near) {
+            match self.counts[c][n] {
+                0 => gain += 1,
+                1 => alone[self.sums[c][n] as usize] -= 1,
+                _ => (),
+            }
+        }
+        let least = (0..alone.len()).min_by_key(|&fibre| alone[fibre])?;
+        if alone[least] >= gain {
+            return None;
+        }
+        self.put(least as u32, near);
+        Some(least as u32)
+    }
+
+    /// Cells amid most that is bare, none near another; they are noted as tried.
+    fn barest(&self, tried: &mut [bool]) -> Vec<u32> {
+        let cells = self.cells;
+        let bare: Vec<u32> = (0..cells.count() as u32).filter(|c| self.bare[*c as usize] > 0).collect();
+        let mut amid = vec![0u32; cells.count()];
+        for &c in &bare {
+            visit(cells, c, |other| amid[other as usize] += self.bare[c as usize]);
+        }
+        let open = |c: &u32| !tried[*c as usize] && cells.inner[*c as usize].is_some();
+        let mut open: Vec<u32> = bare.into_iter().filter(open).collect();
+        let mut chosen = Vec::new();
+        while chosen.len() < BATCH
+            && let Some(&seed) = open.iter().max_by_key(|c| (amid[**c as usize], std::cmp::Reverse(**c)))
+        {
+            tried[seed as usize] = true;
+            chosen.push(seed);
+            let place = cells.places[seed as usize];
+            open.retain(|c| (0..3).any(|k| cells.places[*c as usize][k].abs_diff(place[k]) as usize > AROUND));
+        }
+        chosen
     }
 }
 
-/// All cells at most `reach` places from one of the box, along each axis.
-fn visit(cells: &Cells, index: usize, reach: usize, mut deed: impl FnMut(u32)) {
-    let [nx, ny, _] = cells.dims;
-    let place = [index % nx, index / nx % ny, index / nx / ny];
-    let range = |k: usize| place[k].saturating_sub(reach)..(place[k] + reach + 1).min(cells.dims[k]);
+/// Each eighth: its cell, and its number there.
+fn eighths(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
+    near.iter().flat_map(|&(c, bits)| (0..8).filter(move |n| bits >> n & 1 == 1).map(move |n| (c as usize, n)))
+}
+
+/// All cells at most [`AROUND`] places from one, along each axis.
+fn visit(cells: &Cells, cell: u32, mut deed: impl FnMut(u32)) {
+    let place = cells.places[cell as usize].map(|k| k as usize);
+    let range = |k: usize| place[k].saturating_sub(AROUND)..(place[k] + AROUND + 1).min(cells.dims[k]);
     for k in range(2) {
         for j in range(1) {
             for i in range(0) {
@@ -150,5 +268,79 @@ fn visit(cells: &Cells, index: usize, reach: usize, mut deed: impl FnMut(u32)) {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fibres::harmonic::seeds::tests::field;
+    use crate::testing::Draw;
+
+    /// Lines of three points in a box around a tube.
+    fn lines(draw: &mut Draw, count: usize) -> Vec<Vec<Point3<f64>>> {
+        let mut point =
+            || Point3::new(draw.between(-0.12, 0.12), draw.between(-0.025, 0.025), draw.between(-0.025, 0.025));
+        (0..count).map(|_| vec![point(), point(), point()]).collect()
+    }
+
+    #[test]
+    fn near_a_line_is_what_a_search_of_all_finds() {
+        let field = field();
+        let cells = &field.cells;
+        let mut most = 0;
+        for (n, line) in lines(&mut Draw::new(3), 40).iter().enumerate() {
+            let radius = cells.side * (0.2 + 0.1 * n as f64);
+            let to = |p: &Point3<f64>| {
+                let part = |s: &[Point3<f64>]| {
+                    let along = s[1] - s[0];
+                    let t = ((p - s[0]).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                    (p - s[0] - along * t).norm()
+                };
+                line.windows(2).map(part).fold(f64::INFINITY, f64::min)
+            };
+            let bits = |c: usize| {
+                let middle = cells.middle(cells.places[c].map(|k| k as usize));
+                let is_near = |n: &usize| to(&cells.eighth(&middle, *n)) <= radius;
+                (0..8).filter(|n| cells.eighths[c] & ASKED & 1 << n != 0).filter(is_near).fold(0, |b, n| b | 1 << n)
+            };
+            let expected: Near = (0..cells.count()).map(|c| (c as u32, bits(c))).filter(|(_, b)| *b != 0).collect();
+            let mut found = near(cells, line, radius);
+            found.sort_unstable();
+            assert_eq!(found, expected, "radius {radius}");
+            most = most.max(expected.len());
+        }
+        assert!(most > 100, "{most}");
+    }
+
+    #[test]
+    fn counts_are_those_of_what_is_there() {
+        let field = field();
+        let cells = &field.cells;
+        let mut cover = Cover::new(&field, 6);
+        let (mut taken, mut refused) = (0, 0);
+        for (n, line) in lines(&mut Draw::new(4), 60).iter().enumerate() {
+            let near = near(cells, line, 1.5 * cells.side);
+            let before = cover.bare_count;
+            if n < 6 {
+                cover.put(n as u32, near);
+            } else if cover.offer(near).is_some() {
+                taken += 1;
+                assert!(cover.bare_count < before, "a gain");
+            } else {
+                refused += 1;
+                assert_eq!(cover.bare_count, before);
+            }
+            let times = |c: usize, n: usize| cover.of.iter().flat_map(eighths).filter(|at| *at == (c, n)).count();
+            for c in (0..cells.count()).step_by(17) {
+                let asked: Vec<usize> = (0..8).filter(|n| cells.eighths[c] & ASKED & 1 << n != 0).collect();
+                assert!(asked.iter().all(|&n| cover.counts[c][n] as usize == times(c, n)));
+                assert_eq!(cover.bare[c] as usize, asked.iter().filter(|n| times(c, **n) == 0).count());
+            }
+            assert_eq!(cover.bare.iter().sum::<u32>() as usize, cover.bare_count);
+            let covered_once: usize = cover.counts.iter().flatten().filter(|n| **n == 1).count();
+            assert_eq!(cover.alone.iter().sum::<usize>(), covered_once);
+        }
+        assert!(taken > 3 && refused > 3, "{taken} {refused}");
     }
 }

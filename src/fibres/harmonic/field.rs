@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use rayon::prelude::*;
 
-use super::super::attachment::{Area, over_triangle};
+use super::super::attachment::{Area, Attachment, over_triangle};
 use super::super::solid::Solid;
 use super::cells::{Cells, NONE};
 use super::spread::spread;
@@ -17,8 +17,10 @@ use crate::mesh::closest::SurfaceTree;
 use crate::solvers::sparse::{Factor, FactorError};
 
 /// What passes through an area over what passes through the muscle, for the same difference of values. Small: the flux is
-/// spread evenly over each area, as \[choi2013\] prescribes it, and does not crowd at the rim that faces the other area.
+/// spread over each area as is prescribed, like that of \[choi2013\], and does not crowd at the rim that faces the other area.
 const PASSAGE: f64 = 0.1;
+/// Share of that at least, where most of it passes elsewhere.
+const LEAST_CONTACT: f64 = 1e-6;
 
 /// How strongly streamlines outside the wall are led back, and how far inside it [cells] that begins.
 const PUSH: f64 = 0.3;
@@ -40,18 +42,20 @@ pub struct Field {
     nodes: Vec<Node>,
 }
 
-/// What is interpolated of a cell, together in memory: streamlines ask for nothing else.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    gradient: Vector3<f64>,
-    push: Vector3<f64>,
-    value: f64,
-    /// Share of the cell inside; 0 where it has no value.
-    share: f64,
-}
+/// What is interpolated of a cell, together in memory: gradient, push, value, and 1, each times the share of the cell
+/// inside, for what is known of a cell is as good as that; 0 where it has no value.
+type Node = [f64; 8];
 
-/// Gradient along the wall, and push off it.
-type Led = (Vector3<f64>, Vector3<f64>);
+/// How a wall leads the flow in a cell.
+#[derive(Clone, Copy, Debug)]
+struct Lead {
+    /// Unit vector off the wall.
+    inwards: Vector3<f64>,
+    /// Share taken of what points across the wall.
+    turned: f64,
+    /// How strongly to lead back.
+    push: f64,
+}
 
 /// The field at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +78,8 @@ pub enum FieldError {
 }
 
 impl Field {
-    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface. If there are
+    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface; the greater
+    /// `crowding` is, the more of it enters each area far from the other. If there are
     /// `lines` on the surface [m], streamlines follow their directions, spread through the inside ([`super::spread`]).
     ///
     /// # Errors
@@ -83,25 +88,19 @@ impl Field {
         cells: Cells,
         solid: &Solid<'_>,
         muscle: &TriangleMesh,
-        origin: &Area,
-        insertion: &Area,
+        attachment: &Attachment,
         lines: &[Vec<Point3<f64>>],
+        crowding: f64,
     ) -> Result<Self, FieldError> {
-        let mut contacts = [contact(&cells, muscle, origin), contact(&cells, muscle, insertion)];
-        let by_area = [0, 1].map(|end: usize| {
+        let ends = [&attachment.origin, &attachment.insertion];
+        let contacts = contacts(&cells, muscle, attachment, crowding);
+        let by_area = contacts.each_ref().map(|contact| {
             let mut marked = vec![false; cells.at.len()];
-            for (_, place) in cells.places.iter().enumerate().filter(|(c, _)| contacts[end][*c] > 0.0) {
+            for (_, place) in cells.places.iter().enumerate().filter(|(c, _)| contact[*c] > 0.0) {
                 marked[cells.index(place.map(|k| k as usize))] = true;
             }
             cells.around(&marked, BY_AREA)
         });
-        // Of a bar of the same volume and length, in faces over cells.
-        let inside: f64 = cells.shares.iter().sum();
-        let through = inside * (cells.side / muscle.length()).powi(2);
-        for contact in &mut contacts {
-            let whole: f64 = contact.iter().sum();
-            contact.iter_mut().for_each(|c| *c *= PASSAGE * through / whole);
-        }
         let links: Vec<(u32, u32, usize)> = cells.links().collect();
         let wanted = joined(&cells, &links, &contacts);
         let count = wanted.iter().filter(|w| **w).count();
@@ -111,29 +110,18 @@ impl Field {
         let mut name = vec![NONE; cells.count()];
         (0..cells.count()).filter(|&c| wanted[c]).enumerate().for_each(|(n, c)| name[c] = n as u32);
         let kept: Vec<_> = links.into_iter().filter(|&(a, _, _)| wanted[a as usize]).collect();
-        let pairs: Vec<[u32; 2]> = kept.iter().map(|&(a, b, _)| [name[a as usize], name[b as usize]]).collect();
-        let mut factor = Factor::<1>::new(count, &pairs).map_err(FieldError::Factor)?;
-        for (&(a, _, axis), &[i, j]) in kept.iter().zip(&pairs) {
-            let conductance = cells.open[a as usize][axis];
-            factor.add(i.max(j), i.min(j), &[[-conductance]]);
-            factor.add_diagonal(i, conductance);
-            factor.add_diagonal(j, conductance);
-        }
-        let mut values = vec![0.0; count];
-        for c in (0..cells.count()).filter(|&c| wanted[c]) {
-            let n = name[c];
-            factor.add_diagonal(n, contacts[0][c] + contacts[1][c]);
-            values[n as usize] = contacts[1][c];
-        }
-        factor.factorise().map_err(FieldError::Factor)?;
-        factor.solve(&mut values, 1);
-        let values = name.iter().map(|&n| if n == NONE { f64::NAN } else { values[n as usize] }).collect();
+        // One thread factors, the others look for walls.
+        let (values, leads) = rayon::join(
+            || solved(&cells, &name, &kept, &contacts),
+            || leads(&cells, &by_area, solid, &ends.map(|area| area.tree(muscle))),
+        );
+        let values = values.map_err(FieldError::Factor)?;
         let mut this = Self { gradients: Vec::new(), nodes: Vec::new(), by_area, cells, values };
         this.gradients = this.gradients(&kept);
         if !lines.is_empty() {
             this.follow(lines, &name, &kept).map_err(FieldError::Factor)?;
         }
-        this.lead_along_walls(solid, &[origin, insertion].map(|area| area.tree(muscle)));
+        this.lead_along_walls(&leads);
         Ok(this)
     }
 
@@ -153,35 +141,17 @@ impl Field {
 
     /// Takes from the gradients near a wall what points across it, and notes where to lead back: once for each cell, and
     /// between cells as smooth as the gradient itself, so that no two streamlines are thrown together.
-    fn lead_along_walls(&mut self, solid: &Solid<'_>, areas: &[SurfaceTree; 2]) {
-        let (cells, by_area) = (&self.cells, &self.by_area);
-        let led = |c: usize| -> Option<Led> {
-            let place = cells.places[c].map(|k| k as usize);
-            let index = cells.index(place);
-            if !cells.by_wall[index] {
-                return None;
-            }
-            let middle = cells.middle(place);
-            let wall = solid.wall(&middle, 2.0 * cells.side)?;
-            let inside = solid.contains(&middle);
-            let inwards = if inside { wall.away } else { -wall.away };
-            let depth = if inside { wall.distance } else { -wall.distance } / cells.side;
-            // 0 where what is nearest of the surface is an area, 1 where both areas are twice as far.
-            let to = |k: usize| by_area[k][index].then(|| areas[k].closest(&middle, 2.0 * wall.distance)).flatten();
-            let nearest = (0..2).filter_map(to).map(|found| found.distance).fold(2.0 * wall.distance, f64::min);
-            let is_wall = if wall.distance > 0.0 { (nearest / wall.distance - 1.0).clamp(0.0, 1.0) } else { 1.0 };
+    fn lead_along_walls(&mut self, leads: &[Option<Lead>]) {
+        let node = |(c, lead): (usize, &Option<Lead>)| {
             let gradient = self.gradients[c];
-            let across = inwards * (gradient.dot(&inwards) * is_wall * (1.0 - depth).clamp(0.0, 1.0));
-            Some((gradient - across, inwards * (PUSH * is_wall * (PUSH_FROM - depth).clamp(0.0, 1.0))))
+            let along = |lead: &Lead| gradient - lead.inwards * (gradient.dot(&lead.inwards) * lead.turned);
+            let g = lead.as_ref().map_or(gradient, along);
+            let push = lead.as_ref().map_or_else(Vector3::zeros, |lead| lead.inwards * lead.push);
+            let (value, share) =
+                if self.values[c].is_nan() { (0.0, 0.0) } else { (self.values[c], self.cells.shares[c]) };
+            [g.x, g.y, g.z, push.x, push.y, push.z, value, 1.0].map(|n| n * share)
         };
-        let all: Vec<_> = (0..cells.count()).into_par_iter().map(led).collect();
-        let node = |(c, led): (usize, Option<Led>)| {
-            let (gradient, push) = led.unwrap_or((self.gradients[c], Vector3::zeros()));
-            let known = !self.values[c].is_nan();
-            let (value, share) = if known { (self.values[c], self.cells.shares[c]) } else { (0.0, 0.0) };
-            Node { gradient, push, value, share }
-        };
-        self.nodes = all.into_iter().enumerate().map(node).collect();
+        self.nodes = leads.iter().enumerate().map(node).collect();
         self.gradients = Vec::new();
     }
 
@@ -203,33 +173,51 @@ impl Field {
 
     /// The field at a point, between the middles of the cells around it; `None` where there is no cell.
     pub fn at(&self, p: &Point3<f64>) -> Option<Sample> {
-        let cells = &self.cells;
-        let local = (p - cells.low) / cells.side - Vector3::repeat(0.5);
-        let base = local.map(f64::floor);
-        let part = local - base;
-        let sides: [[f64; 2]; 3] = std::array::from_fn(|k| [1.0 - part[k], part[k]]);
-        let place: [isize; 3] = std::array::from_fn(|k| base[k] as isize);
-        let [nx, ny, nz] = cells.dims.map(|n| n as isize);
-        let (mut gradient, mut push, mut value, mut total) = (Vector3::zeros(), Vector3::zeros(), 0.0, 0.0);
-        for bit in 0..8usize {
-            let bits = [bit & 1, bit >> 1 & 1, bit >> 2 & 1];
-            let [i, j, k] = [0, 1, 2].map(|axis: usize| place[axis] + bits[axis] as isize);
-            if i < 0 || j < 0 || k < 0 || i >= nx || j >= ny || k >= nz {
-                continue;
-            }
-            let cell = cells.at[((k * ny + j) * nx + i) as usize];
-            if cell == NONE {
-                continue;
-            }
-            let node = &self.nodes[cell as usize];
-            // What is known of a cell is as good as its share inside.
-            let weight = sides[0][bits[0]] * sides[1][bits[1]] * sides[2][bits[2]] * node.share;
-            push += node.push * weight;
-            gradient += node.gradient * weight;
-            value += node.value * weight;
-            total += weight;
-        }
+        let [x, y, z, a, b, c, value, total] = self.between(p)?;
+        let (gradient, push) = (Vector3::new(x, y, z), Vector3::new(a, b, c));
         (total > 0.0).then(|| Sample { gradient: gradient / total, value: value / total, push: push / total })
+    }
+
+    /// Unit vector along the flow at a point, towards the insertion for `sign` 1, towards the origin for -1.
+    pub fn direction(&self, p: &Point3<f64>, sign: f64) -> Option<Vector3<f64>> {
+        let [x, y, z, a, b, c, _, total] = self.between(p)?;
+        let along = Vector3::new(x, y, z).try_normalize(0.0)? * sign;
+        let push = Vector3::new(a, b, c);
+        if push == Vector3::zeros() { Some(along) } else { (along + push / total).try_normalize(0.0) }
+    }
+
+    /// The nodes around a point, each by how near it is.
+    fn between(&self, p: &Point3<f64>) -> Option<Node> {
+        let cells = &self.cells;
+        let [nx, ny, nz] = cells.dims;
+        let local = (p - cells.low) / cells.side - Vector3::repeat(0.5);
+        // Around the box all is air.
+        if !(local >= Vector3::zeros()
+            && local.x < nx as f64 - 1.0
+            && local.y < ny as f64 - 1.0
+            && local.z < nz as f64 - 1.0)
+        {
+            return None;
+        }
+        let place = [local.x as usize, local.y as usize, local.z as usize];
+        let [x, y, z]: [[f64; 2]; 3] = std::array::from_fn(|k| {
+            let part = local[k] - place[k] as f64;
+            [1.0 - part, part]
+        });
+        let mut sum = [0.0; 8];
+        for (k, z) in z.iter().enumerate() {
+            for (j, y) in y.iter().enumerate() {
+                let first = ((place[2] + k) * ny + place[1] + j) * nx + place[0];
+                for (cell, x) in cells.at[first..first + 2].iter().zip(&x) {
+                    if *cell != NONE {
+                        let weight = x * y * z;
+                        let node = &self.nodes[*cell as usize];
+                        sum.iter_mut().zip(node).for_each(|(sum, n)| *sum += weight * n);
+                    }
+                }
+            }
+        }
+        Some(sum)
     }
 
     /// The neighbour of a cell with the greatest (`sign` = 1) or least value, if it is beyond that of the cell.
@@ -252,6 +240,84 @@ impl Field {
         }
         best.1
     }
+}
+
+/// Values of the cells with a name, NaN of the others.
+fn solved(
+    cells: &Cells,
+    name: &[u32],
+    links: &[(u32, u32, usize)],
+    contacts: &[Vec<f64>; 2],
+) -> Result<Vec<f64>, FactorError> {
+    let count = name.iter().filter(|n| **n != NONE).count();
+    let pairs: Vec<[u32; 2]> = links.iter().map(|&(a, b, _)| [name[a as usize], name[b as usize]]).collect();
+    let mut factor = Factor::<1>::new(count, &pairs)?;
+    for (&(a, _, axis), &[i, j]) in links.iter().zip(&pairs) {
+        let conductance = cells.open[a as usize][axis];
+        factor.add(i.max(j), i.min(j), &[[-conductance]]);
+        factor.add_diagonal(i, conductance);
+        factor.add_diagonal(j, conductance);
+    }
+    let mut values = vec![0.0; count];
+    for (c, &n) in name.iter().enumerate().filter(|(_, n)| **n != NONE) {
+        factor.add_diagonal(n, contacts[0][c] + contacts[1][c]);
+        values[n as usize] = contacts[1][c];
+    }
+    factor.factorise()?;
+    factor.solve(&mut values, 1);
+    Ok(name.iter().map(|&n| if n == NONE { f64::NAN } else { values[n as usize] }).collect())
+}
+
+/// How walls lead the flow in each cell.
+fn leads(cells: &Cells, by_area: &[Vec<bool>; 2], solid: &Solid<'_>, areas: &[SurfaceTree; 2]) -> Vec<Option<Lead>> {
+    let lead = |c: usize| -> Option<Lead> {
+        let place = cells.places[c].map(|k| k as usize);
+        let index = cells.index(place);
+        let middle = cells.middle(place);
+        // A wall farther away than a cell leads nothing.
+        let wall = solid.wall(&middle, cells.wall_within(index)?)?;
+        let inside = cells.middle_inside[c];
+        let inwards = if inside { wall.away } else { -wall.away };
+        let depth = if inside { wall.distance } else { -wall.distance } / cells.side;
+        // 0 where what is nearest of the surface is an area, 1 where both areas are twice as far.
+        let to = |k: usize| by_area[k][index].then(|| areas[k].closest(&middle, 2.0 * wall.distance)).flatten();
+        let nearest = (0..2).filter_map(to).map(|found| found.distance).fold(2.0 * wall.distance, f64::min);
+        let is_wall = if wall.distance > 0.0 { (nearest / wall.distance - 1.0).clamp(0.0, 1.0) } else { 1.0 };
+        let turned = is_wall * (1.0 - depth).clamp(0.0, 1.0);
+        Some(Lead { inwards, turned, push: PUSH * is_wall * (PUSH_FROM - depth).clamp(0.0, 1.0) })
+    };
+    (0..cells.count()).into_par_iter().map(lead).collect()
+}
+
+/// What passes through each cell's part of each area, over what passes through a face, for the same difference of values.
+///
+/// An area much larger than the cross-section cannot have fibres all over: those that begin near the other area would have to cover
+/// what lies above the rest of it as well, and a layer along the area would stay bare. The larger it is, the more of them begin far
+/// from the other area: as the distance to the power of the area over the mean cross-section, and of `crowding` more.
+fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, crowding: f64) -> [Vec<f64>; 2] {
+    let areas = [&attachment.origin, &attachment.insertion];
+    let middles = areas.map(|area| {
+        let sum: Vector3<f64> = area.vertices.iter().map(|&v| muscle.vertices[v as usize].coords).sum();
+        Point3::from(sum / area.vertices.len().max(1) as f64)
+    });
+    let inside: f64 = cells.shares.iter().sum();
+    let section = inside / ((middles[1] - middles[0]).norm() / cells.side);
+    // Of a bar of the same volume and length, in faces over cells.
+    let through = inside * (cells.side / muscle.length()).powi(2);
+    [0, 1].map(|end: usize| {
+        let mut contact = contact(cells, muscle, areas[end]);
+        let power = contact.iter().sum::<f64>() / section + crowding;
+        let distance = |c: usize| (cells.middle(cells.places[c].map(|k| k as usize)) - middles[1 - end]).norm();
+        let met = |c: &usize| contact[*c] > 0.0;
+        let farthest = (0..cells.count()).filter(met).map(distance).fold(0.0, f64::max);
+        for (c, contact) in contact.iter_mut().enumerate().filter(|(_, contact)| **contact > 0.0) {
+            let share = if farthest > 0.0 { distance(c) / farthest } else { 1.0 };
+            *contact *= libm::pow(share, power).max(LEAST_CONTACT);
+        }
+        let whole: f64 = contact.iter().sum();
+        contact.iter_mut().for_each(|c| *c *= PASSAGE * through / whole);
+        contact
+    })
 }
 
 /// The area in each cell, in faces.

@@ -1,6 +1,6 @@
 //! Streamlines of the field, from the origin to the insertion, along its walls.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use super::super::attachment::Area;
 use super::cells::NONE;
@@ -9,7 +9,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 
 /// Length of a step, in sides of a cell.
-const STEP: f64 = 0.3;
+const STEP: f64 = 0.4;
 /// Nearer to its area than this a streamline goes straight to it, in sides of a cell: the field knows
 /// no finer, and where an area is smaller than a cell streamlines would meet in the middle of that cell.
 const ARRIVED: f64 = 1.0;
@@ -58,17 +58,11 @@ impl<'a> Tracer<'a> {
         self.field.by_area[end][self.field.cells.holding(p)]
     }
 
-    /// Direction of the field at a point, towards the insertion for `sign` 1, towards the origin for -1.
-    fn direction(&self, p: &Point3<f64>, sign: f64) -> Option<Vector3<f64>> {
-        let sample = self.field.at(p)?;
-        (sample.gradient.try_normalize(0.0)? * sign + sample.push).try_normalize(0.0)
-    }
-
     /// One step of the midpoint rule.
     pub fn step(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
         let length = STEP * self.side();
-        let half = p + self.direction(p, sign)? * (0.5 * length);
-        Some(p + self.direction(&half, sign)? * length)
+        let half = p + self.field.direction(p, sign)? * (0.5 * length);
+        Some(p + self.field.direction(&half, sign)? * length)
     }
 
     /// Where a streamline that comes to `p` meets the area.
@@ -84,8 +78,11 @@ impl<'a> Tracer<'a> {
         self.areas[usize::from(sign > 0.0)].closest(p, within).map(|found| found.distance)
     }
 
-    /// Follows the field from a seed to the area; `None` where it is lost on the way and may not go on by cells (`hop`).
-    pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Option<Way> {
+    /// Follows the field from a seed to the area.
+    ///
+    /// # Errors
+    /// It is lost on the way, as far as it came, and may not go on by cells (`hop`).
+    pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Result<Way, Way> {
         let mut way = Way { points: vec![*seed], flows: Vec::new() };
         let mut p = *seed;
         let mut since = 0;
@@ -106,7 +103,7 @@ impl<'a> Tracer<'a> {
                 continue;
             }
             if !hop {
-                return None;
+                return Err(way);
             }
             since = way.points.len();
             let Some(next) = self.hop(&p, sign) else { return self.arrive(way, &p, sign) };
@@ -114,13 +111,14 @@ impl<'a> Tracer<'a> {
             way.points.push(next);
             p = next;
         }
-        None
+        Err(way)
     }
 
-    fn arrive(&self, mut way: Way, p: &Point3<f64>, sign: f64) -> Option<Way> {
-        way.points.push(self.landing(p, sign)?);
+    fn arrive(&self, mut way: Way, p: &Point3<f64>, sign: f64) -> Result<Way, Way> {
+        let Some(landing) = self.landing(p, sign) else { return Err(way) };
+        way.points.push(landing);
         way.flows.push(false);
-        Some(way)
+        Ok(way)
     }
 
     /// The next cell towards the area that has a point inside.

@@ -2,7 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::fibres::attachment::{AreaSource, Attachment, AttachmentError, End};
-use pliant::fibres::harmonic::{DecompositionError, Options, decompose};
+use pliant::fibres::harmonic::{DecompositionError, Options, decompose, decompose_while};
+use pliant::fibres::method::{self, Method, MethodError};
+use pliant::fibres::smooth::Smoothing;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere};
 
@@ -93,4 +95,34 @@ fn muscles() {
     let areas = Attachment::new(&two, AreaSource::Vertices(&low), AreaSource::Vertices(&other)).expect("areas");
     let error = decompose(&two, &areas, Options::default()).expect_err("refused");
     assert!(matches!(error, DecompositionError::NotJoined { .. }), "{error}");
+}
+
+#[test]
+fn what_is_stopped_says_so() {
+    let mesh = muscle();
+    let (low, high) = (beyond(-0.0999, &mesh), beyond(0.0999, &mesh));
+    let areas = Attachment::new(&mesh, AreaSource::Vertices(&low), AreaSource::Vertices(&high)).expect("areas");
+    let options = Options { count: 40, points: 15 };
+    let asked = std::cell::Cell::new(0);
+    let free = decompose_while(&mesh, &areas, &[], options, &|reached| {
+        asked.set(asked.get() + 1);
+        reached.done <= reached.of
+    });
+    assert_eq!(free.expect("fibres").fibres, decompose(&mesh, &areas, options).expect("fibres").fibres);
+    assert!(asked.get() >= 40, "asked {} times", asked.get());
+    // At any question, and never asked again.
+    for last in 0..asked.get() {
+        let left = std::cell::Cell::new(last);
+        let stopped = decompose_while(&mesh, &areas, &[], options, &|_| {
+            assert!(left.get() >= 0, "asked again");
+            left.set(left.get() - 1);
+            left.get() >= 0
+        });
+        assert_eq!(stopped.err(), Some(DecompositionError::Stopped), "at {last}");
+    }
+    let smoothing = Smoothing { steps: 1_000_000, factor: 0.5 };
+    let made = method::decompose_while(&mesh, &areas, Method::Harmonic, options, smoothing, &|reached| {
+        reached.what != "passes of smoothing" || reached.done < 600
+    });
+    assert!(matches!(made, Err(MethodError::Flow(DecompositionError::Stopped))));
 }
