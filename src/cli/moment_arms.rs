@@ -31,8 +31,8 @@ const MOST_POINTS: u64 = 20_000;
 #[command(after_help = "\
 Examples:
   pliant moment-arms hip --joint hip --from=-10deg --to 60deg
-  pliant moment-arms examples/right-hip.toml --joint hip --compare literature_Blemker2005_envelopes.csv
-  pliant moment-arms examples/right-hip.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
+  pliant moment-arms examples/right-hip-muscles.toml --joint hip --compare literature_Blemker2005_envelopes.csv
+  pliant moment-arms examples/right-hip-muscles.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
 
 A moment arm is -dL/dq, of a fibre's length L over the joint's angle q: positive where pulling turns the joint towards greater
 angles. Angle 0 is where the meshes are. A joint is a bone's motion with centre and axis; `joint = \"hip\"` there gives it a

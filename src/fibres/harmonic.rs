@@ -22,18 +22,18 @@ use super::solid::{Closed, Solid};
 use crate::mesh::{TriangleMesh, measures};
 use crate::solvers::sparse::FactorError;
 use cells::Cells;
-use field::{Field, FieldError};
+use field::{Field, FieldError, Flux};
 use seeds::Seeds;
 use trace::{Tracer, Way};
 
 /// Cells whose volume together is that of a muscle: at least, and for each vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
-/// Where a larger share stays bare, or the order of fibres is uncertain, once more with so many times the least number of cells,
-/// and more fibres that begin far from the other area ([`field`]).
-const BARE: f64 = 0.04;
-const FINER: f64 = 2.0;
-const CROWDED: f64 = 8.0;
+/// Where a larger share stays bare, or the order of fibres is uncertain, the next of [`TRIALS`] is made.
+const BARE: f64 = 0.03;
+/// First flux is even over each area, which is what is known of attachments; where that leaves much bare it crowds far from the
+/// other area, at last in so many times the least number of cells.
+const TRIALS: [(f64, Flux); 3] = [(1.0, Flux::Even), (1.0, Flux::Crowded(0.0)), (2.0, Flux::Crowded(8.0))];
 /// Where a larger share is bare at first, that is done at once.
 const HOPELESS: f64 = 0.12;
 /// Seeds that may fail, for each fibre.
@@ -178,22 +178,7 @@ pub fn decompose_while(
     }
     let solid = closed.solid();
     let task = Task { muscle, attachment, lines, options, solid: &solid, volume, going };
-    let again = || task.trial(FINER, CROWDED, true);
-    let best = match task.trial(1.0, 0.0, false) {
-        Ok(first) if first.disordered == 0 && first.bare <= BARE => first,
-        Ok(first) => match again() {
-            Ok(finer) if finer.rank() < first.rank() => finer,
-            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
-            _ => first,
-        },
-        Err(DecompositionError::Lost { .. }) => match again() {
-            Ok(finer) => finer,
-            Err(DecompositionError::Stopped) => return Err(DecompositionError::Stopped),
-            // What finer cells cannot do, coarse ones may.
-            Err(_) => task.trial(1.0, 0.0, true)?,
-        },
-        Err(error) => return Err(error),
-    };
+    let best = task.best()?;
     let Trial { fibres, ways, field, .. } = best;
     Ok(Decomposition { fibres, ways, field, closed })
 }
@@ -211,13 +196,28 @@ struct Task<'a> {
 }
 
 impl Task<'_> {
+    /// The first of [`TRIALS`] that leaves little bare, or the best of all.
+    fn best(&self) -> Result<Trial, DecompositionError> {
+        let mut best: Option<Trial> = None;
+        for (k, (finer, flux)) in TRIALS.into_iter().enumerate() {
+            match self.trial(finer, flux, k + 1 == TRIALS.len()) {
+                Ok(trial) if trial.disordered == 0 && trial.bare <= BARE => return Ok(trial),
+                Ok(trial) if best.as_ref().is_none_or(|best| trial.rank() < best.rank()) => best = Some(trial),
+                Ok(_) | Err(DecompositionError::Lost { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        // What finer cells cannot do, coarse ones may.
+        best.map_or_else(|| self.trial(1.0, Flux::Even, true), Ok)
+    }
+
     /// Decomposes with so many times the least number of cells; the `last` trial takes what it gets.
-    fn trial(&self, finer: f64, crowding: f64, last: bool) -> Result<Trial, DecompositionError> {
+    fn trial(&self, finer: f64, flux: Flux, last: bool) -> Result<Trial, DecompositionError> {
         let &Self { muscle, attachment, lines, options, solid, volume, going } = self;
         let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
         let cells = Cells::new(solid, (volume / wanted).cbrt());
-        let field = Field::new(cells, solid, muscle, attachment, lines, crowding)
-            .map_err(|e| no_field(e, muscle, attachment))?;
+        let field =
+            Field::new(cells, solid, muscle, attachment, lines, flux).map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
         let (mut ways, any) = ways(&tracer, options.count, last, going)?;
         let hopeless = if last { 1.0 } else { HOPELESS };

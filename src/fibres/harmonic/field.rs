@@ -68,6 +68,18 @@ pub struct Sample {
     pub push: Vector3<f64>,
 }
 
+/// How flux is spread over an area.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Flux {
+    /// Evenly.
+    Even,
+    /// An area much larger than the cross-section cannot have fibres all over: those that begin near the other area would
+    /// have to cover what lies above the rest of it as well, and a layer along the area would stay bare. The larger it is,
+    /// the more of them begin far from the other area: as the distance to the power of the area over the mean cross-section,
+    /// and of this more.
+    Crowded(f64),
+}
+
 /// Why there is no field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FieldError {
@@ -78,9 +90,8 @@ pub enum FieldError {
 }
 
 impl Field {
-    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface; the greater
-    /// `crowding` is, the more of it enters each area far from the other. If there are
-    /// `lines` on the surface [m], streamlines follow their directions, spread through the inside ([`super::spread`]).
+    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface. If there
+    /// are `lines` on the surface [m], streamlines follow their directions, spread through the inside ([`super::spread`]).
     ///
     /// # Errors
     /// The areas are not joined inside, no memory.
@@ -90,10 +101,10 @@ impl Field {
         muscle: &TriangleMesh,
         attachment: &Attachment,
         lines: &[Vec<Point3<f64>>],
-        crowding: f64,
+        flux: Flux,
     ) -> Result<Self, FieldError> {
         let ends = [&attachment.origin, &attachment.insertion];
-        let contacts = contacts(&cells, muscle, attachment, crowding);
+        let contacts = contacts(&cells, muscle, attachment, flux);
         let by_area = contacts.each_ref().map(|contact| {
             let mut marked = vec![false; cells.at.len()];
             for (_, place) in cells.places.iter().enumerate().filter(|(c, _)| contact[*c] > 0.0) {
@@ -290,11 +301,7 @@ fn leads(cells: &Cells, by_area: &[Vec<bool>; 2], solid: &Solid<'_>, areas: &[Su
 }
 
 /// What passes through each cell's part of each area, over what passes through a face, for the same difference of values.
-///
-/// An area much larger than the cross-section cannot have fibres all over: those that begin near the other area would have to cover
-/// what lies above the rest of it as well, and a layer along the area would stay bare. The larger it is, the more of them begin far
-/// from the other area: as the distance to the power of the area over the mean cross-section, and of `crowding` more.
-fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, crowding: f64) -> [Vec<f64>; 2] {
+fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, flux: Flux) -> [Vec<f64>; 2] {
     let areas = [&attachment.origin, &attachment.insertion];
     let middles = areas.map(|area| {
         let sum: Vector3<f64> = area.vertices.iter().map(|&v| muscle.vertices[v as usize].coords).sum();
@@ -306,7 +313,10 @@ fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, crowd
     let through = inside * (cells.side / muscle.length()).powi(2);
     [0, 1].map(|end: usize| {
         let mut contact = contact(cells, muscle, areas[end]);
-        let power = contact.iter().sum::<f64>() / section + crowding;
+        let power = match flux {
+            Flux::Even => 0.0,
+            Flux::Crowded(more) => contact.iter().sum::<f64>() / section + more,
+        };
         let distance = |c: usize| (cells.middle(cells.places[c].map(|k| k as usize)) - middles[1 - end]).norm();
         let met = |c: &usize| contact[*c] > 0.0;
         let farthest = (0..cells.count()).filter(met).map(distance).fold(0.0, f64::max);

@@ -179,6 +179,7 @@ pub(super) mod tests {
     use super::*;
     use crate::fibres::attachment::{AreaSource, Attachment};
     use crate::fibres::harmonic::cells::Cells;
+    use crate::fibres::harmonic::field::Flux;
     use crate::fibres::solid::Closed;
     use crate::mesh::shapes::tube;
     use crate::testing::Draw;
@@ -195,7 +196,7 @@ pub(super) mod tests {
         let closed = Closed::new(&mesh);
         let solid = closed.solid();
         let cells = Cells::new(&solid, 0.005);
-        Field::new(cells, &solid, &mesh, &areas, &[], 0.0).expect("a field")
+        Field::new(cells, &solid, &mesh, &areas, &[], Flux::Even).expect("a field")
     }
 
     /// Every cell on its own, without blocks.
