@@ -19,12 +19,17 @@ pub struct Arms {
     pub length: Vec<f64>,
     /// Mean over the fibres of their moment arms at each value [m]: the muscle's.
     pub mean: Vec<f64>,
+    /// Mean over the fibres of what straight lines between their ends would have at each value [m]: what is left of the
+    /// difference to it is how the muscle is curved.
+    pub straight: Vec<f64>,
     /// How rough the muscle's moment arm is without smoothing.
     pub roughness: Option<Roughness>,
     /// How rough the muscle's length is.
     pub length_roughness: Option<Roughness>,
     /// Tables that have the muscle, and how it compares; `None` where they have no angles in common.
     pub compared: Vec<(String, Reference, Option<Comparison>)>,
+    /// The share of the angles at which straight lines would lie in the envelope of the same tables.
+    pub straight_overlaps: Vec<Option<f64>>,
 }
 
 fn mean(of: &[Vec<f64>], k: usize) -> f64 {
@@ -45,6 +50,8 @@ impl Arms {
             angles: running.angles[..values].to_vec(),
             roughness: roughness(&moment_arms(&length, running.step, 0)),
             length_roughness: roughness(&length),
+            straight: moment_arms(&muscle.chords, running.step, around),
+            straight_overlaps: Vec::new(),
             lengths,
             fibres,
             length,
@@ -61,6 +68,8 @@ impl Arms {
         for table in tables {
             if let Some(reference) = table.of(&self.name, coordinate)? {
                 let compared = reference.compare(&self.angles, &self.mean);
+                let straight = reference.compare(&self.angles, &self.straight).and_then(|c| c.overlap);
+                self.straight_overlaps.push(straight);
                 self.compared.push((table.name(), reference, compared));
             }
         }

@@ -134,6 +134,8 @@ pub struct Crossing {
     pub physiological_area: f64,
     /// For each value of the angle the length of each fibre [m].
     pub lengths: Vec<Vec<f64>>,
+    /// For each value of the angle the mean over the fibres of the straight line between their ends [m].
+    pub chords: Vec<f64>,
     /// Points of fibres between their ends that were deeper than [`audit::DEPTH`] in a bone, over all values.
     pub points_in_bone: usize,
     /// Greatest depth of such a point [m].
@@ -293,6 +295,8 @@ impl Running {
             }
             muscle.now = muscle.bound.at(&body.system.particles.position);
             muscle.lengths.push(muscle.now.iter().map(|f| length(f)).collect());
+            let chords = muscle.now.iter().map(|f| (f[f.len() - 1] - f[0]).norm());
+            muscle.chords.push(chords.sum::<f64>() / muscle.now.len() as f64);
             let between = muscle.now.iter().flat_map(|f| &f[1..f.len() - 1]).copied();
             let inside = audit::examine(&between.collect::<Vec<_>>(), &[], &|_| true, &posed);
             muscle.points_in_bone += inside.vertices_inside;
@@ -443,6 +447,7 @@ fn cross(body: &Body, turning: &[bool], options: harmonic::Options) -> Result<Cr
         physiological_area: body.rest.volume() / quality.length_mean_m,
         quality,
         lengths: Vec::new(),
+        chords: Vec::new(),
         points_in_bone: 0,
         depth: 0.0,
         vertex_depth: 0.0,

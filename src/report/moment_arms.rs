@@ -137,8 +137,9 @@ pub fn to_json(asked: &Asked, running: &Running, arms: &[Arms]) -> Value {
 }
 
 fn of_muscle(arms: &Arms, muscle: &crate::moment_arms::sweep::Crossing) -> Value {
-    let compared = arms.compared.iter().map(|(file, reference, found)| {
+    let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(|((file, reference, found), straight)| {
         json!({
+            "straight_overlap": straight,
             "reference": file,
             "curves": reference.names,
             "overlap": found.as_ref().and_then(|f| f.overlap),
@@ -205,12 +206,15 @@ pub fn write(
 }
 
 fn write_means(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
-    writeln!(w, "muscle,angle_deg,length_mean_m,moment_arm_mean_m,moment_arm_least_m,moment_arm_greatest_m")?;
+    writeln!(
+        w,
+        "muscle,angle_deg,length_mean_m,moment_arm_mean_m,moment_arm_least_m,moment_arm_greatest_m,straight_m"
+    )?;
     for a in arms {
         for (k, angle) in a.angles.iter().enumerate() {
             let [least, most] = a.bounds(k);
             let (name, angle) = (quoted(&a.name), angle.to_degrees());
-            writeln!(w, "{name},{angle},{},{},{least},{most}", a.length[k], a.mean[k])?;
+            writeln!(w, "{name},{angle},{},{},{least},{most},{}", a.length[k], a.mean[k], a.straight[k])?;
         }
     }
     Ok(())
@@ -237,7 +241,8 @@ fn plot(a: &Arms) -> LinePlot {
     let mut plot = LinePlot::new(format!("{}: moment arm [mm]", a.name), "angle [degrees]")
         .with("mean of the fibres", over(&|k| a.mean[k]))
         .with("least fibre", over(&|k| a.bounds(k)[0]))
-        .with("greatest fibre", over(&|k| a.bounds(k)[1]));
+        .with("greatest fibre", over(&|k| a.bounds(k)[1]))
+        .with("straight lines", over(&|k| a.straight[k]));
     for (file, reference, compared) in &a.compared {
         let sign = if compared.as_ref().is_some_and(|c| c.turned) { -1.0 } else { 1.0 };
         for (side, name) in ["least", "greatest"].iter().enumerate().take(reference.count().min(2)) {
