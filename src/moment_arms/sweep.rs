@@ -14,7 +14,7 @@ use crate::fibres::quality::{self, Quality};
 use crate::mesh::Topology;
 use crate::mesh::measures::greatest;
 use crate::moment_arms::shares::{Distances, distances, shares};
-use crate::scene::{Joint, Key, Minimisation, Motion, Scene, Solver};
+use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
 use crate::simulation::tracked::{self, Parts, Tracked};
 use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
@@ -205,6 +205,7 @@ impl Running {
         if sweep.by == By::Spread {
             // One step a frame; the muscles that cross the joint have a solver of their own.
             scene.solver = Solver::QuasiStatic(CORRECTION);
+            hold_all(&mut scene);
         }
         let mut simulation = Simulation::new(scene)?;
         let names = |wanted: bool| {
@@ -390,6 +391,14 @@ fn prepare(scene: &mut Scene, turning: &[bool], joint: &Joint, angles: &[f64], s
     }
     scene.frames = frame;
     first
+}
+
+/// Holds muscles by the whole of the patches that a scene names: limits are there to leave enough that deforms, but here
+/// fibres begin where a muscle is held, and a part of the true origin has other moment arms.
+fn hold_all(scene: &mut Scene) {
+    scene.most_held = 1.0;
+    let all = scene.muscles.iter_mut().flat_map(|m| &mut m.attachments);
+    all.filter(|a| matches!(a.area, Area::Patch { .. })).for_each(|a| a.limit = 1.0);
 }
 
 /// How far all vertices of all muscles are from bones that rest and that turn, where the meshes are.

@@ -40,6 +40,9 @@ use std::path::PathBuf;
 use crate::mesh::repair;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+/// Share of a muscle's vertices that may be held in a scene that runs: of more, little is left that could deform.
+pub const MOST_HELD: f64 = 0.10;
+
 /// A checked scene of muscles and bones: SI units, every path resolved, every name found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scene {
@@ -55,6 +58,8 @@ pub struct Scene {
     pub capsules: Vec<Capsule>,
     /// Bodies that deform.
     pub muscles: Vec<Muscle>,
+    /// Share of a muscle's vertices that may be held; [`MOST_HELD`] in what is read.
+    pub most_held: f64,
     /// What acts. An effect that is `None` allocates nothing and runs nothing.
     pub effects: Effects,
     /// How the motion is computed.

@@ -180,6 +180,7 @@ fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
         return root.fail(no_muscle());
     }
     Ok(Scene {
+        most_held: super::MOST_HELD,
         name,
         frames: usize::try_from(frames).unwrap_or(usize::MAX),
         frame_rate,

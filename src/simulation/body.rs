@@ -29,9 +29,6 @@ const SPEED_LIMIT: f64 = 200.0;
 /// An edge so many times as long as its muscle at rest was torn.
 const TORN: f64 = 10.0;
 
-/// Share of a muscle's vertices that may be held.
-const MOST_HELD: f64 = 0.10;
-
 /// A muscle that runs.
 pub struct Body {
     /// Its name.
@@ -442,7 +439,7 @@ fn attach(
     let attached = attachments::join(&choices);
     let count = mesh.vertices.len();
     // A handful of points (the tetrahedron scenes) may be held by choice.
-    if attached.len() as f64 > MOST_HELD * count as f64 && count > 100 {
+    if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
         let fault = Fault::TooManyAttached { held: attached.len(), count };
         return Err(LoadError::new(
             scene,

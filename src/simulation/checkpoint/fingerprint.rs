@@ -26,6 +26,8 @@ impl Fingerprint {
             bones,
             capsules,
             muscles,
+            // It refuses, and changes nothing.
+            most_held: _,
             effects,
             solver,
             // Solver and settings are what came of it.
