@@ -62,8 +62,8 @@ pub struct Sweep {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum By {
     /// Every vertex turns about the joint by a share of its angle, which spreads over the muscle from 0 where it is held
-    /// by what rests to 1 where it is held by what turns; then by the least correction it leaves the bones and takes its
-    /// volume back. There is one such shape for every angle, and it moves smoothly.
+    /// by what rests to 1 where it is held by what turns ([`super::shares`]); from there tone, bones and volume bring it to
+    /// rest. There is one such shape for every angle, and it moves smoothly.
     #[default]
     Spread,
     /// The scene's solver.

@@ -362,9 +362,8 @@ fn page(
          inside the muscle, without tendons, which are as long at every angle."
             .to_owned(),
         match asked.by {
-            By::Spread => "Every vertex of a muscle turns about the joint by a share of its angle that spreads evenly from \
-                           where the muscle is held by resting bones to where it is held by turning ones; then the \
-                           least correction takes it out of the bones and gives it its volume back."
+            By::Spread => "Every vertex of a muscle turns about the joint by a share of its angle: what lies on a bone goes with it, \
+                           between bones the turn spreads evenly. From there tone, bones and volume bring the muscle to rest."
                 .to_owned(),
             By::Scene => "The scene's solver moves the muscles.".to_owned(),
         },

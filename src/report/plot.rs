@@ -18,7 +18,8 @@ const CHARACTER: f64 = 6.4;
 const LONE: f64 = 8.0;
 
 /// Colours that are told apart by all eyes, on white and on black.
-const COLOURS: [&str; 7] = ["#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63"];
+const COLOURS: [&str; 9] =
+    ["#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63", "#5c6670", "#c2185b"];
 
 /// A line of a plot.
 #[derive(Clone, Debug, Default, PartialEq)]
