@@ -151,3 +151,30 @@ fn what_cannot_be_swept_says_why() {
     let (_folder, taken) = scene("taken", same);
     assert!(Running::new(taken, &named("lower")).is_ok(), "control: a bone's name will do");
 }
+
+/// Four muscles of the right hip: every angle comes to rest, nothing is in a bone, and the gluteus extends where the psoas
+/// flexes.
+#[test]
+fn the_real_hip() {
+    let data = pliant::scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
+    if data.is_none() {
+        println!("skipped: 1 test, because there is no folder of measured data");
+        return;
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/right-hip-muscles.toml");
+    let scene = pliant::scene::builtin::load(path.to_str().expect("a plain name"), &[]).expect("a scene");
+    let fibres = pliant::fibres::harmonic::Options { count: 40, points: 15 };
+    let sweep = Sweep { joint: "hip".to_owned(), step: 0.1, fibres, ..sweep(-0.2, 1.0) };
+    let running = swept(scene, &sweep);
+    assert_eq!(running.muscles.len(), 4);
+    for muscle in &running.muscles {
+        assert_eq!((muscle.unconverged, muscle.points_in_bone), (0, 0), "{}", muscle.name);
+        assert!(muscle.vertex_depth <= 0.0, "{}: {}", muscle.name, muscle.vertex_depth);
+        assert!(muscle.volume_error <= T9, "{}: {}", muscle.name, muscle.volume_error);
+        let flexes = muscle.name == "iliacus" || muscle.name == "psoas";
+        let arms = Arms::new(muscle, &running, 0);
+        assert!(arms.mean.iter().all(|r| (*r > 0.0) == flexes), "{}: {:?}", muscle.name, arms.mean);
+        // The muscle of a subject is within a hand of the joint it moves.
+        assert!(arms.mean.iter().all(|r| r.abs() > 0.01 && r.abs() < 0.1), "{}: {:?}", muscle.name, arms.mean);
+    }
+}

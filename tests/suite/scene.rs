@@ -400,7 +400,7 @@ fn the_examples_are_scenes_where_the_data_are() {
     let data = scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
     let (mut read, mut skipped) = (0, 0);
-    for (name, muscles) in [("right-hip-gluteus-maximus", 1), ("right-hip", 3)] {
+    for (name, muscles) in [("right-hip-gluteus-maximus", 1), ("right-hip", 3), ("right-hip-muscles", 4)] {
         let path = examples.join(name).with_extension("toml");
         if data.is_none() {
             skipped += 1;
