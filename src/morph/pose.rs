@@ -49,7 +49,7 @@ pub struct Posed {
 /// The turn of the first map after which like parts of the bodies lie on like parts of the sphere.
 ///
 /// The bodies are laid over each other as they are placed, and by their principal axes, with turns about the longest, for the other
-/// two of a round shaft say nothing; like places are matched (see [`super::likeness`]), and those that are nearest to each other
+/// two of a round shaft say nothing; like places are matched (by what lies around them), and those that are nearest to each other
 /// win. Then the map is turned to the least sum of squares of the matches \[kabsch1976\].
 pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
     let mut start = Start::Placed;
