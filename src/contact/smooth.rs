@@ -12,8 +12,8 @@ use super::Obstacle;
 /// Samples along an edge of a block that is looked at as a whole.
 const BLOCK: usize = 4;
 
-/// Most samples of one obstacle.
-pub const MOST_SAMPLES: usize = 20_000_000;
+/// Most samples of one obstacle: 40 MB, twice that while they are taken.
+pub const MOST_SAMPLES: usize = 5_000_000;
 
 /// A smoothed signed distance in an obstacle's own frame.
 #[derive(Clone, Debug)]

@@ -37,6 +37,9 @@ const TRACKING: f64 = 1.0;
 /// and coarser its edges would be rounded by more than a tenth of a contact thickness.
 const FINENESS: f64 = 0.5;
 
+/// The same of a capsule, over its diameter: it departs from the distance by a thousandth of that.
+const ROUND: f64 = 0.04;
+
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
@@ -408,13 +411,14 @@ fn near_bones(simulation: &Simulation, turning: &[bool]) -> Vec<Vec<Distances>> 
     simulation.bodies.iter().map(|body| distances(&body.rest, &bones)).collect()
 }
 
-/// Smoothed distances to all obstacles, sampled at [`FINENESS`].
+/// Smoothed distances to all obstacles; none where a scene has no contact.
 fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
-    let thickness = simulation.scene.effects.contact.map_or(0.0, |c| c.thickness);
+    let Some(contact) = simulation.scene.effects.contact else { return Vec::new() };
     let of = |(o, placed): (usize, &Placed)| {
         let edge = simulation.bones.get(o).and_then(|mesh| mesh.median_edge_length(&Topology::new(mesh)));
-        let spacing = edge.map_or(thickness, |edge| FINENESS * edge);
-        Arc::new(SmoothDistance::new(&*placed.obstacle, spacing, tracked::REACH * thickness))
+        let thinnest = placed.obstacle.bounding_box().extents().amin();
+        let spacing = edge.map_or(ROUND * thinnest, |edge| FINENESS * edge);
+        Arc::new(SmoothDistance::new(&*placed.obstacle, spacing, tracked::REACH * contact.thickness))
     };
     simulation.placed().iter().enumerate().map(of).collect()
 }
