@@ -34,6 +34,7 @@ pub mod accuracy;
 pub mod render;
 pub mod report;
 pub mod study;
+pub mod viewer;
 pub mod cli;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

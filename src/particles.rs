@@ -114,6 +114,11 @@ impl Packed {
         Self { slots: Vec::new(), numbering }
     }
 
+    /// Place of particle `p` among the slots.
+    pub fn place(&self, p: u32) -> u32 {
+        self.numbering.place(p)
+    }
+
     /// Copies positions and inverse masses from `particles`.
     pub fn read(&mut self, particles: &Particles) {
         let (x, w) = (&particles.position, &particles.inverse_mass);

@@ -15,6 +15,7 @@ use crate::io::pvd::{Collection, Entry};
 use crate::io::vtp::{self, PolyData};
 use crate::mesh::TriangleMesh;
 use crate::simulation::Simulation;
+use crate::simulation::measures::strain_at_vertices;
 
 /// Frames that may wait for the writer; more would only cost memory.
 const WAITING: usize = 4;
@@ -131,16 +132,7 @@ impl Actor {
 
     /// Mean absolute strain of the edges at each vertex, at positions `x`.
     pub fn stretch(&self, x: &[Point3<f64>]) -> Vec<f64> {
-        let mut sums = vec![(0.0, 0u32); x.len()];
-        for edge in &self.edges {
-            let [a, b] = edge.points.map(|p| p as usize);
-            let strain = ((x[a] - x[b]).norm() / edge.rest - 1.0).abs();
-            for v in [a, b] {
-                sums[v].0 += strain;
-                sums[v].1 += 1;
-            }
-        }
-        sums.into_iter().map(|(sum, count)| if count == 0 { 0.0 } else { sum / f64::from(count) }).collect()
+        strain_at_vertices(&self.edges, x)
     }
 }
 

@@ -68,14 +68,14 @@ pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content,
 
 /// A scene's text, the name that messages give it, and the folder that its paths begin in.
 #[derive(Clone, Debug)]
-pub(super) struct Written {
-    pub(super) text: String,
-    pub(super) name: String,
-    pub(super) folder: PathBuf,
+pub(crate) struct Written {
+    pub(crate) text: String,
+    pub(crate) name: String,
+    pub(crate) folder: PathBuf,
 }
 
 /// The text of a file or of a built-in scene.
-pub(super) fn find(name_or_path: &str) -> Result<Written, SceneError> {
+pub(crate) fn find(name_or_path: &str) -> Result<Written, SceneError> {
     let path = Path::new(name_or_path);
     let here = Path::new(".");
     let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(here);

@@ -112,6 +112,22 @@ impl Assets {
         let patches = all.map(|m| load_patches(scene, m)).collect::<Result<_, _>>()?;
         Ok(Self { bones, bone_notes, muscles, patches })
     }
+
+    /// Whether these meshes also do for `scene`, which names the same ones and may call for other effects than the scene that
+    /// they were read for.
+    ///
+    /// # Errors
+    /// A volume is to be kept by a surface that encloses none.
+    pub fn suit(&self, scene: &Scene) -> Result<(), LoadError> {
+        for (m, (muscle, asset)) in scene.muscles.iter().zip(&self.muscles).enumerate() {
+            if scene.effects.volume.is_some() && asset.edges.is_empty() {
+                let key = named_at(&muscle.surface, &format!("muscle.{m}"), "mesh");
+                let unfit = |fault| LoadError::new(scene, &key, format!("muscle `{}`", muscle.name), fault);
+                check_closed(&asset.mesh).map_err(unfit)?;
+            }
+        }
+        Ok(())
+    }
 }
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {

@@ -88,6 +88,8 @@ impl Body {
         let topology = Topology::new(&mesh);
         let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, &mesh));
         attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
+        let count = mesh.vertices.len();
+        plan.fixed.iter().filter(|v| (**v as usize) < count).for_each(|&v| particles.inverse_mass[v as usize] = 0.0);
         displace(scene, m, &mut particles)?;
         let length = mesh.length();
         let numbering = numbering(&topology);
@@ -99,7 +101,6 @@ impl Body {
             BoundLines::new(&Surface::new(&mesh), &asset.fibres)
         };
         let loaded = loaded_vertices(muscle);
-        let count = mesh.vertices.len();
         let factors = if plan.stretch { factors(scene, plan, &mesh, &edges, &fibres) } else { Vec::new() };
         let hinges = if plan.bending {
             stiffness::hinges(&mesh, &topology, muscle.material.bending)

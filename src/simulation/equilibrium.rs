@@ -75,6 +75,11 @@ impl Equilibrium {
         Ok(Self { solver, outcome: Outcome::default(), iterations: 0, residual: 0.0, scratch: particles.clone() })
     }
 
+    /// Its energy, to be changed between steps.
+    pub(super) fn energy_mut(&mut self) -> &mut Energy {
+        &mut self.solver.problem.energy
+    }
+
     /// A new frame begins.
     pub(super) fn begin_frame(&mut self) {
         self.residual = 0.0;

@@ -1,11 +1,12 @@
 //! Numbers of one muscle in one frame.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3};
 use serde::Serialize;
 
 use super::audit::{self, Findings};
 use super::body::Body;
 use crate::constraints::Residual;
+use crate::constraints::distance::Distance;
 use crate::contact::Counts;
 use crate::scene::Scene;
 use crate::state::{Corrupt, Reader, Value, Writer};
@@ -154,6 +155,20 @@ impl Value for Measures {
             converged: from.take()?,
         })
     }
+}
+
+/// Mean absolute strain of the edges at each vertex, at positions `x` [m]; 0 where there is no edge.
+pub fn strain_at_vertices(edges: &[Distance], x: &[Point3<f64>]) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0u32); x.len()];
+    for edge in edges {
+        let [a, b] = edge.points.map(|p| p as usize);
+        let strain = ((x[a] - x[b]).norm() / edge.rest - 1.0).abs();
+        for v in [a, b] {
+            sums[v].0 += strain;
+            sums[v].1 += 1;
+        }
+    }
+    sums.into_iter().map(|(sum, count)| if count == 0 { 0.0 } else { sum / f64::from(count) }).collect()
 }
 
 fn stretch(body: &Body) -> (f64, f64) {

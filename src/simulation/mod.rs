@@ -11,6 +11,7 @@ pub mod lattice;
 pub mod measures;
 pub mod plan;
 pub mod skin;
+mod steer;
 
 use std::sync::Arc;
 

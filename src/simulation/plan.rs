@@ -50,6 +50,8 @@ pub struct MusclePlan {
     pub anisotropy: bool,
     /// Obstacles in reach: bones by index, then capsules.
     pub obstacles: Vec<usize>,
+    /// Vertices that somebody fixed in space, beside those that bones hold; none as planned.
+    pub fixed: Vec<u32>,
 }
 
 /// The plan of a run.

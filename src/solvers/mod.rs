@@ -11,6 +11,7 @@
 mod active;
 pub mod descent;
 pub mod energy;
+pub mod grip;
 mod history;
 pub mod newton;
 pub mod potential;

@@ -31,4 +31,5 @@ mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
+mod viewer;
 mod ways;

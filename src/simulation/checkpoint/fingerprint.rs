@@ -78,7 +78,8 @@ impl Fingerprint {
         self.add(format!("the fibres of muscle `{name}`"), &body.fibres.at(&body.rest.vertices));
         self.add(format!("the forces on muscle `{name}`"), forces);
         self.add(format!("the displacements of muscle `{name}`"), displacements);
-        let MusclePlan { stretch, bending, volume, anisotropy, obstacles } = plan;
+        // What is fixed shows as inverse masses.
+        let MusclePlan { stretch, bending, volume, anisotropy, obstacles, fixed: _ } = plan;
         self.add(format!("the effects that run on muscle `{name}`"), &[stretch, bending, volume, anisotropy]);
         self.add(format!("the bones in reach of muscle `{name}` over all frames that are wanted"), obstacles);
     }

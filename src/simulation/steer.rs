@@ -1,0 +1,90 @@
+//! A simulation that somebody steers while it runs: other numbers, a vertex dragged, a bone turned by hand.
+
+use nalgebra::{Isometry3, Point3};
+
+use super::{Body, Simulation};
+use crate::contact::{Contacts, Placed};
+use crate::scene::{ContactEffect, Key, Motion};
+use crate::solvers::System;
+use crate::solvers::grip::{DRAG, Grip};
+use crate::state::{Reader, Writer};
+
+impl Simulation {
+    /// Goes on from where `other` is, which was made from the same meshes with other numbers: frame, poses, positions and
+    /// velocities are taken over; what is near is looked up afresh. Muscles that were stopped go on.
+    ///
+    /// A muscle with another number of vertices stays at its start.
+    pub fn continue_from(&mut self, other: &Self) {
+        self.frame = other.frame;
+        self.notes.clone_from(&other.notes);
+        for (placed, there) in self.placed.iter_mut().zip(&other.placed) {
+            (placed.before, placed.now) = (there.before, there.now);
+        }
+        let contact = self.scene.effects.contact;
+        for (body, there) in self.bodies.iter_mut().zip(&other.bodies) {
+            if body.system.particles.len() == there.system.particles.len() {
+                body.continue_from(there, &self.placed, contact);
+            }
+        }
+    }
+
+    /// In the next frame a bone goes from where it is to `pose`, and stays there.
+    pub fn move_bone(&mut self, bone: usize, pose: Isometry3<f64>) {
+        let key = |frame: usize, pose| Key { frame: frame as f64, pose };
+        let keys = vec![key(self.frame, self.pose(bone, self.frame as f64)), key(self.frame + 1, pose)];
+        let joint = self.scene.bones[bone].motion.joint.take();
+        self.scene.bones[bone].motion = Motion { keys, joint };
+    }
+
+    /// A spring of `stiffness` [N/m] drags a vertex of a muscle to a place [m], in place of the one before; see [`Grip`].
+    pub fn drag(&mut self, muscle: usize, vertex: u32, to: Point3<f64>, stiffness: f64) {
+        self.let_go(muscle);
+        let (body, grip) = (&mut self.bodies[muscle], Grip::new(vertex, to, stiffness));
+        match &mut body.equilibrium {
+            Some(equilibrium) => equilibrium.energy_mut().elastic.push(Box::new(grip)),
+            None => body.system.elastic.push(Box::new(grip)),
+        }
+    }
+
+    /// No vertex of a muscle is dragged any more.
+    pub fn let_go(&mut self, muscle: usize) {
+        let body = &mut self.bodies[muscle];
+        body.system.elastic.retain(|part| part.name() != DRAG);
+        if let Some(equilibrium) = &mut body.equilibrium {
+            equilibrium.energy_mut().elastic.retain(|part| part.name() != DRAG);
+        }
+    }
+}
+
+impl Body {
+    fn continue_from(&mut self, other: &Self, placed: &[Placed], contact: Option<ContactEffect>) {
+        let (system, there) = (&mut self.system, &other.system);
+        system.particles.position.clone_from(&there.particles.position);
+        system.particles.velocity.clone_from(&there.particles.velocity);
+        system.speed_cuts = there.speed_cuts;
+        // Angles are known up to full turns only: what hinges remember goes on, where they are the same hinges.
+        for part in &mut system.elastic {
+            let (name, count) = (part.name(), part.len());
+            let Some(before) = there.elastic.iter().find(|p| p.name() == name && p.len() == count) else { continue };
+            let mut kept = Writer::default();
+            before.save(&mut kept);
+            // Of the same kind and number, so that it fits.
+            let _ = part.restore(&mut Reader::new(&kept.bytes));
+        }
+        if let Some(equilibrium) = &mut self.equilibrium {
+            equilibrium.energy_mut().remember(&system.particles.position);
+        }
+        if let (Some(contact), false) = (contact, self.rest.triangles.is_empty()) {
+            let near = |system: &System| system.contacts.as_ref().map(|c| c.obstacles().to_vec());
+            let mut obstacles = [near(system), near(there)].into_iter().flatten().flatten().collect::<Vec<_>>();
+            obstacles.sort_unstable();
+            obstacles.dedup();
+            if !obstacles.is_empty() {
+                let ContactEffect { thickness, friction } = contact;
+                let contacts = Contacts::new(&self.rest, &system.particles, placed, obstacles, thickness, friction);
+                system.contacts = Some(contacts);
+            }
+        }
+        self.good.clone_from(&self.system.particles);
+    }
+}

@@ -1,0 +1,192 @@
+//! A spring of no length from a vertex to a place in space: what a hand drags with.
+//!
+//! In a step it is a constraint of three components, x - p = 0, with compliance 1/k, so that it is stable for any stiffness;
+//! in an equilibrium its energy k |x - p|^2 / 2 is one part more.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::potential::Potential;
+use crate::constraints::lanes::Width;
+use crate::constraints::{Project, Residual};
+use crate::particles::{Packed, Particles};
+use crate::state::{Corrupt, Reader, State, Writer};
+
+/// A vertex that is dragged.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grip {
+    /// The vertex.
+    pub vertex: u32,
+    /// The place that it is dragged to [m].
+    pub to: Point3<f64>,
+    /// Stiffness of the spring [N/m].
+    pub stiffness: f64,
+    /// Force times the square of the step [N s^2], as multipliers of constraints are kept.
+    multiplier: Vector3<f64>,
+    calls: u64,
+}
+
+/// The name of what a grip does, as an effect.
+pub const DRAG: &str = "drag";
+
+impl Grip {
+    /// A spring of `stiffness` [N/m] from `vertex` to a place [m].
+    pub fn new(vertex: u32, to: Point3<f64>, stiffness: f64) -> Self {
+        Self { vertex, to, stiffness, multiplier: Vector3::zeros(), calls: 0 }
+    }
+
+    /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the update of \[macklin2016\] with the
+    /// unit matrix as gradient.
+    fn displacement(&mut self, x: &Point3<f64>, w: f64, dt: f64) -> Vector3<f64> {
+        self.calls += 1;
+        let compliance = 1.0 / (self.stiffness * dt * dt);
+        // Nothing moves a vertex that is held, and a spring without stiffness moves none.
+        if !(w > 0.0 && compliance.is_finite()) {
+            return Vector3::zeros();
+        }
+        let change = (self.to - x - self.multiplier * compliance) / (w + compliance);
+        self.multiplier += change;
+        change * w
+    }
+}
+
+impl State for Grip {
+    fn save(&self, _: &mut Writer) {}
+
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+        Ok(())
+    }
+}
+
+impl Project for Grip {
+    fn name(&self) -> &'static str {
+        DRAG
+    }
+
+    fn len(&self) -> usize {
+        1
+    }
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+    }
+
+    fn begin_step(&mut self) {
+        self.multiplier = Vector3::zeros();
+    }
+
+    fn project(&mut self, particles: &mut Particles, dt: f64) {
+        let v = self.vertex as usize;
+        let moved = self.displacement(&particles.position[v], particles.inverse_mass[v], dt);
+        particles.position[v] += moved;
+    }
+
+    fn project_packed(&mut self, packed: &mut Packed, dt: f64) {
+        let place = packed.place(self.vertex) as usize;
+        let [x, y, z, w] = packed.slots[place].0;
+        let moved = self.displacement(&Point3::new(x, y, z), w, dt);
+        packed.slots[place].0 = [x + moved.x, y + moved.y, z + moved.z, w];
+    }
+
+    /// None: a hand's spring is not meant to be satisfied.
+    fn residual(&self, _: &Particles, _: f64) -> Residual {
+        Residual::default()
+    }
+
+    fn calls(&self) -> u64 {
+        self.calls
+    }
+
+    fn set_width(&mut self, _: Width) {}
+
+    fn skipped(&self) -> u64 {
+        0
+    }
+}
+
+impl Potential for Grip {
+    fn name(&self) -> &'static str {
+        DRAG
+    }
+
+    fn energy(&self, x: &[Point3<f64>]) -> f64 {
+        0.5 * self.stiffness * (x[self.vertex as usize] - self.to).norm_squared()
+    }
+
+    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
+        gradient[self.vertex as usize] += (x[self.vertex as usize] - self.to) * self.stiffness;
+        self.energy(x)
+    }
+
+    fn pairs(&self, _: &mut dyn FnMut(u32, u32)) {}
+
+    fn hessian(&self, _: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+        add(self.vertex, self.vertex, &Matrix3::from_diagonal_element(self.stiffness));
+    }
+
+    fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
+        add(self.vertex, self.vertex, self.stiffness);
+    }
+
+    /// None: the muscle's own forces are the scale.
+    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
+        0.0
+    }
+
+    fn remember(&mut self, _: &[Point3<f64>]) {}
+
+    fn bytes(&self) -> usize {
+        size_of::<Self>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A particle of 2 kg on a spring of 8 N/m, 1 m from rest, after one step of half a second from rest, by `displacement`.
+    fn after(sweeps: usize, wrong: f64) -> f64 {
+        let mut grip = Grip::new(0, Point3::origin(), 8.0 * wrong);
+        let mut particles = Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![0.5]);
+        grip.begin_step();
+        (0..sweeps).for_each(|_| grip.project(&mut particles, 0.5));
+        particles.position[0].x
+    }
+
+    #[test]
+    fn a_step_is_that_of_implicit_euler_for_any_number_of_sweeps() {
+        // m (x - 1) / dt^2 = -k x.
+        let exact = 1.0 / (1.0 + 8.0 * 0.25 / 2.0);
+        for sweeps in [1, 2, 7] {
+            assert!((after(sweeps, 1.0) - exact).abs() < 4.0 * f64::EPSILON, "{}", after(sweeps, 1.0));
+        }
+        assert!((after(1, 2.0) - exact).abs() > 0.1, "twice the stiffness must not pass");
+    }
+
+    #[test]
+    fn what_is_held_stays_and_no_stiffness_moves_nothing() {
+        let mut grip = Grip::new(0, Point3::origin(), 8.0);
+        assert_eq!(grip.displacement(&Point3::new(1.0, 2.0, 3.0), 0.0, 0.5), Vector3::zeros());
+        let mut none = Grip::new(0, Point3::origin(), 0.0);
+        assert_eq!(none.displacement(&Point3::new(1.0, 2.0, 3.0), 1.0, 0.5), Vector3::zeros());
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_energy() {
+        let grip = Grip::new(1, Point3::new(0.3, -0.2, 0.1), 8.0);
+        let x = vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)];
+        let mut gradient = vec![Vector3::zeros(); 2];
+        grip.energy_and_gradient(&x, &mut gradient);
+        assert_eq!(gradient[0], Vector3::zeros());
+        for k in 0..3 {
+            let at = |h: f64| {
+                let mut moved = x.clone();
+                moved[1][k] += h;
+                grip.energy(&moved)
+            };
+            // Of a quadratic, central differences are exact but for rounding.
+            let difference = (at(0.5) - at(-0.5)) / 1.0;
+            assert!((gradient[1][k] - difference).abs() < 1e-13 * grip.energy(&x), "{k}");
+            assert!((2.0 * gradient[1][k] - difference).abs() > 1.0, "twice as much must not pass");
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! A running simulation that somebody looks at and steers: all of the interactive viewer but its window.
+//!
+//! A [`Recipe`] is a scene with the changes that were made to it, a [`Session`] runs it in a thread of its own and publishes
+//! [`Snapshot`]s, [`panel`] lists what a scene lets one change, [`colour`] colours a surface by a field.
+//!
+//! ```
+//! use pliant::viewer::{Command, Pace, Recipe, Session};
+//! use std::time::Duration;
+//!
+//! let session = Session::start(Recipe::find("distance", &[])?, Pace::paused())?;
+//! assert_eq!(session.latest().frame, 0);
+//! let ticket = session.send(Command::Step);
+//! let seen = session.wait(Duration::from_secs(60), |shot| shot.answered >= ticket);
+//! assert_eq!(seen.map(|shot| shot.frame), Some(1));
+//! # Ok::<(), pliant::viewer::StartError>(())
+//! ```
+//!
+//! *Limitations.* Scenes of muscles only. A session goes on beyond the last frame of its scene; bones then rest where their
+//! motion ends. An accuracy that the scene asks for chooses no solver here.
+
+pub mod colour;
+pub mod panel;
+mod recipe;
+mod session;
+mod snapshot;
+
+pub use recipe::{Recipe, Refused, StartError};
+pub use session::{Command, MOST_TURN, Pace, Session, Speed};
+pub use snapshot::{BoneShot, MuscleShot, Snapshot, Stage, StageMuscle, Steering};
