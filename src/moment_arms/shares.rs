@@ -16,9 +16,12 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
     let from = |v: &nalgebra::Point3<f64>| {
         let mut found = [f64::INFINITY; 2];
         for (bone, turns) in bones {
-            let distance = bone.closest(v).map_or(f64::INFINITY, |c| c.distance.max(0.0));
+            let Some(closest) = bone.closest(v) else { continue };
             let least = &mut found[usize::from(*turns)];
-            *least = least.min(distance);
+            // A NaN stays one, and is told by the factor; `f64::min` would hide it.
+            if !(closest.distance >= *least) {
+                *least = if closest.distance < 0.0 { 0.0 } else { closest.distance };
+            }
         }
         found
     };
@@ -74,7 +77,7 @@ pub fn shares(
                 rhs[v] = share;
             }
             None => {
-                let [resting, turning] = distances[v].map(|d| area / d.max(nearest));
+                let [resting, turning] = distances[v].map(|d| area / if d < nearest { nearest } else { d });
                 factor.add_diagonal(v as u32, resting + turning);
                 rhs[v] += turning;
             }
