@@ -9,6 +9,7 @@ use super::blocks::Block;
 use super::lanes::{self, Width};
 use super::order::{Order, Schedule, schedule};
 use super::projection::{Span, Sweep, Swept};
+use crate::mesh::measures::greatest;
 use crate::particles::{Numbering, Packed, Particles};
 use crate::state::{Corrupt, Reader, State, Writer};
 
@@ -47,6 +48,8 @@ pub trait Project: State + Send + Sync {
     fn project_packed(&mut self, packed: &mut Packed, dt: f64);
     /// Distance from satisfaction after the last sweep.
     fn residual(&self, particles: &Particles, dt: f64) -> Residual;
+    /// The greatest distance [m] from satisfaction among those that act on a particle; `None` where none does.
+    fn residual_at(&self, particles: &Particles, dt: f64, particle: u32) -> Option<f64>;
     /// Sweeps done so far.
     fn calls(&self) -> u64;
     /// Computes at most so many constraints at once; no bit of a result depends on it.
@@ -155,6 +158,19 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     pub fn with_width(mut self, width: Width) -> Self {
         self.width = width;
         self
+    }
+
+    /// |C + alpha lambda| / |grad C| of the `j`th [m]; `None` where it cannot act.
+    fn distance(&self, j: usize, particles: &Particles, dt: f64) -> Option<f64> {
+        let constraint = &self.constraints[j];
+        let points = constraint.points();
+        let x = points.map(|p| particles.position[p as usize]);
+        let (c, g) = constraint.value_and_gradient(&x)?;
+        let is_held = points.iter().all(|&p| particles.inverse_mass[p as usize] == 0.0);
+        let steepness = g.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+        let per_dt2 = 1.0 / (dt * dt);
+        let off = || (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
+        (!is_held && steepness != 0.0).then(off)
     }
 
     fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
@@ -329,20 +345,8 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
     }
 
     fn residual(&self, particles: &Particles, dt: f64) -> Residual {
-        let per_dt2 = 1.0 / (dt * dt);
         let (mut sum, mut max) = (0.0, 0.0_f64);
-        for (j, constraint) in self.constraints.iter().enumerate() {
-            let points = constraint.points();
-            let x = points.map(|p| particles.position[p as usize]);
-            let Some((c, g)) = constraint.value_and_gradient(&x) else { continue };
-            if points.iter().all(|&p| particles.inverse_mass[p as usize] == 0.0) {
-                continue;
-            }
-            let steepness = g.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
-            if steepness == 0.0 {
-                continue;
-            }
-            let distance = (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
+        for distance in (0..self.constraints.len()).filter_map(|j| self.distance(j, particles, dt)) {
             sum += distance * distance;
             // Not `f64::max`, which would hide a NaN; nor may a later number replace one.
             if !(distance <= max || max.is_nan()) {
@@ -351,6 +355,12 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         }
         let count = self.constraints.len();
         Residual { rms: (sum / count.max(1) as f64).sqrt(), max, count }
+    }
+
+    fn residual_at(&self, particles: &Particles, dt: f64, particle: u32) -> Option<f64> {
+        let acting = (0..self.constraints.len()).filter(|j| self.constraints[*j].points().contains(&particle));
+        let mut distances = acting.filter_map(|j| self.distance(j, particles, dt)).peekable();
+        distances.peek().is_some().then(|| greatest(distances))
     }
 
     fn calls(&self) -> u64 {

@@ -325,6 +325,16 @@ impl Contacts {
         (sum / count.max(1) as f64).sqrt()
     }
 
+    /// The vertices that touch an obstacle, in order.
+    pub fn touching(&self, x: &[Point3<f64>]) -> Vec<u32> {
+        let rows = self.vertices.iter().flat_map(|c| &c.rows);
+        let mut all: Vec<u32> =
+            rows.filter(|row| row.height(x) <= 1.5 * self.thickness).map(|row| row.vertex).collect();
+        all.sort_unstable();
+        all.dedup();
+        all
+    }
+
     /// Numbers of the last step.
     pub fn counts(&self, x: &[Point3<f64>]) -> Counts {
         let mut heights = std::collections::BTreeMap::<u32, Vec<f64>>::new();

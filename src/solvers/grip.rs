@@ -92,6 +92,11 @@ impl Project for Grip {
         Residual::default()
     }
 
+    /// None, as of [`Self::residual`].
+    fn residual_at(&self, _: &Particles, _: f64, _: u32) -> Option<f64> {
+        None
+    }
+
     fn calls(&self) -> u64 {
         self.calls
     }

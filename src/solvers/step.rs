@@ -314,6 +314,14 @@ impl System {
         }
         all
     }
+
+    /// How far [m] the constraints of each kind that act on a particle are from satisfaction after the last step, at most;
+    /// nothing before the first.
+    pub fn residuals_at(&self, particle: u32) -> Vec<(&'static str, f64)> {
+        let dt = self.last_dt;
+        let each = |b: &Box<dyn Project>| Some((b.name(), b.residual_at(&self.particles, dt, particle)?));
+        if dt > 0.0 { self.elastic.iter().filter_map(each).collect() } else { Vec::new() }
+    }
 }
 
 /// But for contact, of which the whole simulation knows the obstacles.

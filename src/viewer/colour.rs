@@ -1,6 +1,6 @@
 //! Which numbers colour a surface, over which range, with which legend.
 
-use super::snapshot::MuscleShot;
+use super::snapshot::BodyShot;
 use crate::render::{ColourMap, Legend, Rgb, Ticks, number};
 
 /// What a surface is coloured by.
@@ -53,12 +53,12 @@ impl Field {
         }
     }
 
-    /// The values of a muscle, in the unit of the field, one a vertex.
-    pub fn values(self, muscle: &MuscleShot) -> Vec<f64> {
+    /// The values of a body, in the unit of the field, one a vertex.
+    pub fn values(self, body: &BodyShot) -> Vec<f64> {
         let values = match self {
-            Self::Stretch => &muscle.stretch,
-            Self::Depth => &muscle.depth,
-            Self::Speed => &muscle.speed,
+            Self::Stretch => &body.stretch,
+            Self::Depth => &body.depth,
+            Self::Speed => &body.speed,
         };
         values.iter().map(|value| value * self.factor()).collect()
     }

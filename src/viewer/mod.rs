@@ -15,15 +15,25 @@
 //! # Ok::<(), pliant::viewer::StartError>(())
 //! ```
 //!
-//! *Limitations.* Scenes of muscles only. A session goes on beyond the last frame of its scene; bones then rest where their
-//! motion ends. An accuracy that the scene asks for chooses no solver here.
+//! *Limitations.* A session goes on beyond the last frame of its scene; bones then rest where their motion ends. An accuracy
+//! that the scene asks for chooses no solver here.
 
+pub mod camera;
 pub mod colour;
+pub mod history;
+mod muscles;
 pub mod panel;
+pub mod pick;
 mod recipe;
 mod session;
 mod snapshot;
+mod subject;
 
+pub use muscles::MOST_TURN;
 pub use recipe::{Recipe, Refused, StartError};
-pub use session::{Command, MOST_TURN, Pace, Session, Speed};
-pub use snapshot::{BoneShot, MuscleShot, Snapshot, Stage, StageMuscle, Steering};
+pub use session::{Command, Pace, Session, Speed};
+pub use snapshot::{BodyShot, BoneShot, Handle, Probe, Reading, Shot, Snapshot, Stage, StageBody, Steering, Tissue};
+pub use subject::{Advanced, Subject, Watch};
+
+/// What scenes that are computed answer to commands for frames that are.
+const ONLY_REPLAYED: &str = "only a finished run has frames to go to; see `pliant view --replay`";

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 
 use crate::scene::builtin::{self, Written};
-use crate::scene::{Area, Scene, SceneError, Source, Surroundings, environment, parse_with};
-use crate::simulation::{Assets, LoadError};
+use crate::scene::{Area, Content, Scene, SceneError, Source, Surroundings, environment, parse_content, parse_with};
+use crate::simulation::{Assets, LoadError, Simulation};
+use crate::viewer::muscles::Muscles;
+use crate::viewer::subject::Subject;
 
 /// Why a scene cannot be shown.
 #[derive(Debug, thiserror::Error)]
@@ -15,6 +17,9 @@ pub enum StartError {
     /// Its meshes are.
     #[error("{0}")]
     Load(#[from] LoadError),
+    /// It is of a kind that is not shown.
+    #[error("skin and lattices are not shown yet; use `pliant run`")]
+    Staged,
     /// The system gives no thread.
     #[error("the simulation cannot have a thread of its own: {0}; end other programs and try again")]
     Thread(#[from] std::io::Error),
@@ -69,7 +74,10 @@ pub enum Refused {
         /// Whether it must be positive.
         positive: bool,
     },
-    /// The simulation cannot go on.
+    /// It has no such thing.
+    #[error("{0}")]
+    NotHere(&'static str),
+    /// It cannot go on.
     #[error("{0}; reset it first")]
     Failed(String),
     /// The making of it panicked.
@@ -106,6 +114,25 @@ impl Recipe {
         overrides.extend(self.changes());
         let surroundings = Surroundings { folder: &self.folder, variable: &environment, overrides: &overrides };
         parse_with(&self.text, &self.name, &surroundings)
+    }
+
+    /// What the scene is of, ready to run.
+    ///
+    /// # Errors
+    /// Whatever is wrong with the scene or its meshes.
+    pub fn subject(self) -> Result<Box<dyn Subject>, StartError> {
+        Ok(match self.content()? {
+            Content::Muscles(scene) => Box::new(Muscles::new(self, *scene, Simulation::step_frame)?),
+            Content::Staged(_) => return Err(StartError::Staged),
+        })
+    }
+
+    /// The scene with all changes, of any kind.
+    pub(super) fn content(&self) -> Result<Content, SceneError> {
+        let mut overrides = self.given.clone();
+        overrides.extend(self.changes());
+        let surroundings = Surroundings { folder: &self.folder, variable: &environment, overrides: &overrides };
+        parse_content(&self.text, &self.name, &surroundings)
     }
 
     /// The changes so far, each as `--set` takes it.
@@ -171,4 +198,21 @@ fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
         (patches(a) != patches(b), "the areas of attachment"),
     ];
     differences.into_iter().find_map(|(differs, what)| differs.then_some(what))
+}
+
+/// An index that counts something there is.
+pub(super) fn check_index(what: &'static str, index: usize, count: usize) -> Result<(), Refused> {
+    if index < count { Ok(()) } else { Err(Refused::Nothing { what, index, count }) }
+}
+
+/// A number that is finite, and positive where it must be.
+pub(super) fn check_number(what: &'static str, value: f64, positive: bool) -> Result<(), Refused> {
+    let does = value.is_finite() && (value > 0.0 || !positive);
+    if does { Ok(()) } else { Err(Refused::Number { what, value, positive }) }
+}
+
+/// What a panic says.
+pub(super) fn words(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    text.unwrap_or("it gave no reason").to_owned()
 }

@@ -1,8 +1,8 @@
-//! A simulation that runs in a thread of its own, at its own rate; whoever looks at it never waits for it.
+//! A subject that runs in a thread of its own, at its own rate; whoever looks at it never waits for it.
 
 mod worker;
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -11,11 +11,9 @@ use std::time::{Duration, Instant};
 use nalgebra::Point3;
 
 use super::recipe::{Recipe, StartError};
-use super::snapshot::{Snapshot, Stage};
-use crate::simulation::Simulation;
+use super::snapshot::Snapshot;
+use super::subject::Subject;
 use worker::Worker;
-
-pub use worker::MOST_TURN;
 
 /// How fast frames follow one another.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,8 +94,8 @@ pub enum Command {
     },
     /// Drags a vertex by a spring, in place of the one that was dragged before.
     Drag {
-        /// Which muscle.
-        muscle: usize,
+        /// Which body.
+        body: usize,
         /// Which vertex of it.
         vertex: usize,
         /// Where to [m].
@@ -107,23 +105,39 @@ pub enum Command {
     },
     /// Lets go of what is dragged.
     LetGo {
-        /// Which muscle.
-        muscle: usize,
+        /// Which body.
+        body: usize,
     },
     /// Fixes a vertex where it is.
     Fix {
-        /// Which muscle.
-        muscle: usize,
+        /// Which body.
+        body: usize,
         /// Which vertex of it.
         vertex: usize,
     },
     /// Frees a vertex that was fixed.
     Free {
-        /// Which muscle.
-        muscle: usize,
+        /// Which body.
+        body: usize,
         /// Which vertex of it.
         vertex: usize,
     },
+    /// Moves a handle.
+    Move {
+        /// Which handle.
+        handle: usize,
+        /// Where to [m].
+        to: Point3<f64>,
+    },
+    /// Tells the numbers of a vertex of a body from now on; `None` of none.
+    Probe(Option<(usize, usize)>),
+    /// Goes to a frame of a finished run.
+    Seek {
+        /// Which.
+        frame: usize,
+    },
+    /// Whether the frames of a finished run follow backwards.
+    Backwards(bool),
 }
 
 /// Where snapshots are published.
@@ -147,13 +161,12 @@ impl Board {
     }
 }
 
-/// A running simulation. Dropping it ends its thread after the frame that is being computed, and waits for that.
+/// A running subject. Dropping it ends its thread after the frame that is being computed, and waits for that.
 #[derive(Debug)]
 pub struct Session {
-    /// What stays the same.
-    pub stage: Arc<Stage>,
     commands: Option<Sender<(u64, Command)>>,
-    sent: AtomicU64,
+    sent: Arc<AtomicU64>,
+    ended: Arc<AtomicBool>,
     board: Arc<Board>,
     thread: Option<JoinHandle<()>>,
 }
@@ -164,19 +177,23 @@ impl Session {
     /// # Errors
     /// A scene or a mesh that is wrong; no thread.
     pub fn start(recipe: Recipe, pace: Pace) -> Result<Self, StartError> {
-        Self::start_with(recipe, pace, Simulation::step_frame)
+        Self::of(recipe.subject()?, pace)
     }
 
-    fn start_with(recipe: Recipe, pace: Pace, step: fn(&mut Simulation)) -> Result<Self, StartError> {
-        let mut worker = Worker::new(recipe, pace, step)?;
-        let stage = Arc::new(worker.stage());
+    /// Lets a subject run.
+    ///
+    /// # Errors
+    /// No thread.
+    pub fn of(subject: Box<dyn Subject>, pace: Pace) -> Result<Self, StartError> {
+        let (sent, ended) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+        let mut worker = Worker::new(subject, pace, (sent.clone(), ended.clone()));
         let board = Arc::new(Board { latest: Mutex::new(Arc::new(worker.snapshot())), news: Condvar::new() });
         let (commands, received) = channel();
         let shown = board.clone();
         let thread = std::thread::Builder::new()
             .name("simulation".to_owned())
             .spawn(move || worker.run(&received, |snapshot| shown.publish(snapshot)))?;
-        Ok(Self { stage, commands: Some(commands), sent: AtomicU64::new(0), board, thread: Some(thread) })
+        Ok(Self { commands: Some(commands), sent, ended, board, thread: Some(thread) })
     }
 
     /// Sends a command and returns its number, which [`Snapshot::answered`] reaches when it was done or refused.
@@ -210,6 +227,7 @@ impl Session {
 
 impl Drop for Session {
     fn drop(&mut self) {
+        self.ended.store(true, Ordering::Relaxed);
         // Without a sender the thread ends.
         self.commands = None;
         if let Some(thread) = self.thread.take() {

@@ -1,50 +1,51 @@
-//! What a window shows of a running simulation: a frame of it, made by its thread and never changed again.
+//! What a window shows of whatever runs: a frame of it, made by its thread and never changed again.
 
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3};
 
+use super::panel::Control;
+use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
 use crate::scene::Scene;
-use crate::simulation::measures::strain_at_vertices;
-use crate::simulation::{Body, Simulation};
 
-/// What stays the same through a session.
-#[derive(Clone, Debug)]
+/// What a body is made of: how it is drawn where no field colours it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tissue {
+    /// A muscle.
+    Muscle,
+    /// Skin.
+    Skin,
+    /// An implant.
+    Implant,
+    /// A body of no tissue in particular.
+    Plain,
+}
+
+/// What stays the same as long as surfaces keep their triangles.
+#[derive(Clone, Debug, Default)]
 pub struct Stage {
-    /// Muscles, in the scene's order.
-    pub muscles: Vec<StageMuscle>,
+    /// What deforms.
+    pub bodies: Vec<StageBody>,
     /// Name and surface of each bone, in its own frame [m].
     pub bones: Vec<(String, TriangleMesh)>,
 }
 
-/// What stays the same of a muscle.
+/// What stays the same of a body.
 #[derive(Clone, Debug)]
-pub struct StageMuscle {
+pub struct StageBody {
     /// Its name.
     pub name: String,
+    /// What it is made of.
+    pub tissue: Tissue,
     /// Its triangles; none for a body of edges alone.
     pub triangles: Vec<[u32; 3]>,
     /// Its edges.
     pub edges: Vec<[u32; 2]>,
-    /// The vertices that a bone holds, and which.
-    pub held: Vec<(u32, usize)>,
-}
-
-impl Stage {
-    pub(super) fn of(simulation: &Simulation) -> Self {
-        let muscle = |body: &Body| StageMuscle {
-            name: body.name.clone(),
-            triangles: body.rest.triangles.clone(),
-            edges: body.edges.iter().map(|e| e.points).collect(),
-            held: body.attached.clone(),
-        };
-        let names = simulation.scene.bones.iter().map(|b| b.name.clone());
-        Self {
-            muscles: simulation.bodies.iter().map(muscle).collect(),
-            bones: names.zip(simulation.bones.iter().cloned()).collect(),
-        }
-    }
+    /// The vertices that something holds.
+    pub held: Vec<u32>,
+    /// Fibres that follow it.
+    pub fibres: BoundLines,
 }
 
 /// One moment of a session.
@@ -54,33 +55,62 @@ pub struct Snapshot {
     pub serial: u64,
     /// Commands that were answered so far: the number that [`super::Session::send`] gave to the last of them.
     pub answered: u64,
-    /// The last frame that was computed; 0 is the start.
-    pub frame: usize,
     /// Whether frames follow by themselves.
     pub running: bool,
+    /// How fast they follow.
+    pub speed: super::Speed,
     /// Why the last command that was refused was, with its number.
     pub refused: Option<(u64, String)>,
-    /// Why the simulation as a whole cannot go on, until it is reset.
+    /// Why it cannot go on, until it is reset.
     pub failed: Option<String>,
-    /// The scene with the changes so far.
-    pub scene: Arc<Scene>,
-    /// Muscles, in the scene's order.
-    pub muscles: Vec<MuscleShot>,
-    /// Bones, in the scene's order.
-    pub bones: Vec<BoneShot>,
-    /// Time of each effect in the last frame, over all muscles [ms].
-    pub effects: Vec<(&'static str, f64)>,
     /// Time of the last frame [ms].
     pub frame_ms: f64,
     /// Frames a second, over those of the last moments; 0 before two frames.
     pub frames_per_second: f64,
+    /// What is seen.
+    pub view: Shot,
+}
+
+impl std::ops::Deref for Snapshot {
+    type Target = Shot;
+
+    fn deref(&self) -> &Shot {
+        &self.view
+    }
+}
+
+/// What is seen of a subject at one moment.
+#[derive(Clone, Debug)]
+pub struct Shot {
+    /// The last frame that was computed; 0 is the start.
+    pub frame: usize,
+    /// The frame at which the scene ends; a session may go beyond it.
+    pub last_frame: usize,
+    /// What belongs to the numbers below: another one when surfaces get other triangles.
+    pub stage: Arc<Stage>,
+    /// The scene of muscles with the changes so far; `None` of anything else.
+    pub scene: Option<Arc<Scene>>,
+    /// What can be changed.
+    pub controls: Arc<Vec<Control>>,
+    /// What deforms, as on the stage.
+    pub bodies: Vec<BodyShot>,
+    /// Bones, as on the stage.
+    pub bones: Vec<BoneShot>,
+    /// Points that can be moved.
+    pub handles: Vec<Handle>,
+    /// Numbers worth a plot.
+    pub readings: Vec<Reading>,
+    /// The vertex that was asked for.
+    pub probe: Option<Probe>,
+    /// Time of each effect in the last frame [ms].
+    pub effects: Vec<(&'static str, f64)>,
     /// Notes of reading and of running, for people.
     pub notes: Vec<String>,
 }
 
-/// A muscle at one moment; lists have an entry for each vertex.
-#[derive(Clone, Debug)]
-pub struct MuscleShot {
+/// A body at one moment. Lists have an entry for each vertex, or none where the body has no such field.
+#[derive(Clone, Debug, Default)]
+pub struct BodyShot {
     /// Positions [m].
     pub positions: Vec<Point3<f64>>,
     /// Mean absolute strain of the edges that meet there.
@@ -91,6 +121,8 @@ pub struct MuscleShot {
     pub speed: Vec<f64>,
     /// Volume over its target, less 1; 0 where no volume is kept.
     pub volume_error: f64,
+    /// Vertices that touch an obstacle.
+    pub touching: Vec<u32>,
     /// Vertices that somebody fixed.
     pub fixed: Vec<u32>,
     /// The vertex that is dragged, and where to [m].
@@ -122,45 +154,35 @@ pub enum Steering {
     Return,
 }
 
-impl MuscleShot {
-    pub(super) fn of(simulation: &Simulation, m: usize) -> Self {
-        let body = &simulation.bodies[m];
-        let particles = &body.system.particles;
-        let x = &particles.position;
-        let volume_error = match body.target_volume {
-            target if target > 0.0 => crate::mesh::measures::volume(x, &body.rest.triangles) / target - 1.0,
-            _ => 0.0,
-        };
-        Self {
-            stretch: strain_at_vertices(&body.edges, x),
-            depth: depths(simulation, body),
-            speed: particles.velocity.iter().map(|v| v.norm()).collect(),
-            positions: x.clone(),
-            volume_error,
-            fixed: simulation.plan.muscles[m].fixed.clone(),
-            dragged: None,
-            stopped: body.stopped.as_ref().map(|(frame, broken)| (*frame, broken.to_string())),
-        }
-    }
+/// A point that can be moved: an implant, a node.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Handle {
+    /// What it moves.
+    pub name: String,
+    /// Where it is [m].
+    pub at: Point3<f64>,
 }
 
-/// Depth of each free vertex in the obstacles that its muscle is kept out of [m].
-fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
-    let x = &body.system.particles.position;
-    let mut depths = vec![0.0; x.len()];
-    let obstacles = body.system.contacts.as_ref().map_or(&[][..], |contacts| contacts.obstacles());
-    for placed in obstacles.iter().filter_map(|&o| simulation.placed().get(o)) {
-        let (bounds, back) = (placed.obstacle.bounding_box(), placed.now.inverse());
-        for (v, x) in x.iter().enumerate().filter(|(v, _)| body.is_free(*v)) {
-            let local = back * x;
-            // What is outside of the box is outside of the bone.
-            if !(0..3).all(|k| bounds.min[k] <= local[k] && local[k] <= bounds.max[k]) {
-                continue;
-            }
-            if let Some(found) = placed.obstacle.closest(&local).filter(|found| -found.distance > depths[v]) {
-                depths[v] = -found.distance;
-            }
-        }
-    }
-    depths
+/// A number of one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reading {
+    /// What it is: those of one name share a plot.
+    pub name: &'static str,
+    /// Of which body; empty where there is but one.
+    pub of: String,
+    /// Its unit; empty for none.
+    pub unit: &'static str,
+    /// The number, in that unit.
+    pub value: f64,
+}
+
+/// What is known of one vertex.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Probe {
+    /// Which body.
+    pub body: usize,
+    /// Which vertex.
+    pub vertex: usize,
+    /// Name, value and unit of each number.
+    pub values: Vec<(&'static str, f64, &'static str)>,
 }

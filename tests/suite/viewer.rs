@@ -58,9 +58,14 @@ fn bits(positions: &[Point3<f64>]) -> Vec<u64> {
     positions.iter().flat_map(|p| p.coords.iter().map(|c| c.to_bits()).collect::<Vec<_>>()).collect()
 }
 
+/// The scene with its changes.
+fn scene_of(shot: &Snapshot) -> &pliant::scene::Scene {
+    shot.scene.as_deref().expect("a scene of muscles")
+}
+
 /// Bits of all positions of a snapshot.
 fn shown(shot: &Snapshot) -> Vec<Vec<u64>> {
-    shot.muscles.iter().map(|muscle| bits(&muscle.positions)).collect()
+    shot.bodies.iter().map(|muscle| bits(&muscle.positions)).collect()
 }
 
 /// Bits of all positions of a simulation.
@@ -73,13 +78,13 @@ fn the_start_is_there_at_once_and_frames_follow() {
     for (name, overrides) in [("hip", &HIP[..]), ("distance", &[])] {
         let session = session(name, overrides, Pace::free());
         let first = session.latest();
-        assert_eq!(first.muscles.len(), session.stage.muscles.len());
-        assert_eq!(first.bones.len(), session.stage.bones.len());
+        assert_eq!(first.bodies.len(), session.latest().stage.bodies.len());
+        assert_eq!(first.bones.len(), session.latest().stage.bones.len());
         let shot = session.wait(LONG, |shot| shot.frame >= 3).expect("frames");
         assert!(shot.running && shot.serial > first.serial);
         assert!(shot.frame_ms > 0.0 && shot.frames_per_second > 0.0 && !shot.effects.is_empty());
         assert!(shot.effects.iter().all(|(_, ms)| *ms >= 0.0), "{:?}", shot.effects);
-        let muscle = &shot.muscles[0];
+        let muscle = &shot.bodies[0];
         let counts = [muscle.stretch.len(), muscle.depth.len(), muscle.speed.len()];
         assert_eq!(counts, [muscle.positions.len(); 3]);
         assert!(muscle.speed.iter().any(|s| *s > 0.0) && muscle.stopped.is_none());
@@ -132,9 +137,9 @@ fn a_reset_is_a_fresh_start_with_the_changes() {
     let free = free_vertex(&session);
     done(&session, Command::Step);
     done(&session, set("muscle.0.material.stretch", "150 N/m"));
-    done(&session, Command::Fix { muscle: 0, vertex: free });
-    let to = session.latest().muscles[0].positions[free] + Vector3::new(0.0, 0.0, 0.02);
-    done(&session, Command::Drag { muscle: 0, vertex: free, to, stiffness: None });
+    done(&session, Command::Fix { body: 0, vertex: free });
+    let to = session.latest().bodies[0].positions[free] + Vector3::new(0.0, 0.0, 0.02);
+    done(&session, Command::Drag { body: 0, vertex: free, to, stiffness: None });
     done(&session, Command::Turn { bone: 1, angle: 0.5 });
     (0..3).for_each(|_| drop(done(&session, Command::Step)));
     let steered = session.latest();
@@ -147,7 +152,7 @@ fn a_reset_is_a_fresh_start_with_the_changes() {
     }
     let shot = session.latest();
     assert_eq!(shown(&shot), computed(&fresh));
-    assert!(shot.muscles[0].fixed.is_empty() && shot.muscles[0].dragged.is_none());
+    assert!(shot.bodies[0].fixed.is_empty() && shot.bodies[0].dragged.is_none());
     assert_eq!(shot.bones[1].steering, Steering::Motion);
     assert_ne!(shown(&steered), shown(&shot), "what was reset had done nothing");
 }
@@ -155,9 +160,9 @@ fn a_reset_is_a_fresh_start_with_the_changes() {
 /// The vertex of the first muscle that is farthest from those that bones hold.
 fn free_vertex(session: &Session) -> usize {
     let shot = session.latest();
-    let x = &shot.muscles[0].positions;
-    let held = &session.stage.muscles[0].held;
-    let away = |v: usize| held.iter().map(|&(h, _)| (x[v] - x[h as usize]).norm()).fold(f64::INFINITY, f64::min);
+    let x = &shot.bodies[0].positions;
+    let held = &shot.stage.bodies[0].held;
+    let away = |v: usize| held.iter().map(|&h| (x[v] - x[h as usize]).norm()).fold(f64::INFINITY, f64::min);
     (0..x.len()).max_by(|&a, &b| away(a).total_cmp(&away(b))).unwrap_or(0)
 }
 
@@ -168,14 +173,14 @@ fn other_numbers_go_on_from_where_it_is() {
     let before = session.latest();
     let after = done(&session, set("muscle.gluteus.material.stretch", "100 N/m"));
     assert_eq!((after.frame, shown(&after)), (4, shown(&before)), "a change alone moves nothing");
-    assert_eq!(after.scene.muscles[0].material.stretch, 100.0);
+    assert_eq!(scene_of(&after).muscles[0].material.stretch, 100.0);
     let softer = done(&session, Command::Step);
     let mut straight = simulation("hip", &HIP);
     (0..5).for_each(|_| straight.step_frame());
     assert_ne!(shown(&softer), computed(&straight), "softer, it moves otherwise");
     // The same number again: nothing but what is looked up afresh, so that it moves as before, to a part of a frame's way.
     let restored = Command::Restore { path: "muscle.gluteus.material.stretch".to_owned() };
-    assert_eq!(done(&session, restored).scene.muscles[0].material.stretch, 300.0);
+    assert_eq!(scene_of(&done(&session, restored)).muscles[0].material.stretch, 300.0);
     for solver in ["quasi_static", "pbd", "implicit_euler", "xpbd"] {
         let changed = done(&session, set("solver", solver));
         assert_eq!(shown(&changed), shown(&softer), "{solver}");
@@ -193,7 +198,7 @@ fn a_change_of_nothing_changes_next_to_nothing() {
         let mut straight = simulation("hip", &HIP);
         (0..5).for_each(|_| straight.step_frame());
         let x = &straight.bodies[0].system.particles.position;
-        x.iter().zip(&shot.muscles[0].positions).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
+        x.iter().zip(&shot.bodies[0].positions).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max)
     };
     assert_eq!(apart(None), 0.0);
     let (same, other) = (apart(Some("300 N/m")), apart(Some("30 N/m")));
@@ -205,9 +210,9 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
     let session = session("hip", &HIP, Pace::paused());
     done(&session, Command::Step);
     let before = session.latest();
-    let held = session.stage.muscles[0].held[0].0 as usize;
+    let held = session.latest().stage.bodies[0].held[0] as usize;
     let to = Point3::origin();
-    let drag = |muscle, vertex, stiffness| Command::Drag { muscle, vertex, to, stiffness };
+    let drag = |body, vertex, stiffness| Command::Drag { body, vertex, to, stiffness };
     for (command, says) in [
         (set("effects.contact.friction", "-1"), "at least zero"),
         (set("effects.volume.pressure", "3"), "from 0.5 to 2"),
@@ -218,8 +223,8 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
         (Command::Turn { bone: 0, angle: 0.1 }, "bone `socket` has no joint"),
         (Command::Turn { bone: 1, angle: f64::NAN }, "an angle cannot be NaN"),
         (Command::Turn { bone: 7, angle: 0.1 }, "there is no bone 7; the scene has 2"),
-        (Command::Fix { muscle: 0, vertex: held }, "held by a bone"),
-        (Command::Fix { muscle: 0, vertex: 1_000_000 }, "there is no vertex 1000000"),
+        (Command::Fix { body: 0, vertex: held }, "held by a bone"),
+        (Command::Fix { body: 0, vertex: 1_000_000 }, "there is no vertex 1000000"),
         (drag(0, held, None), "held by a bone"),
         (drag(3, 0, None), "there is no muscle 3; the scene has 1"),
         (drag(0, free_vertex(&session), Some(-1.0)), "the stiffness of the spring cannot be -1"),
@@ -240,23 +245,23 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
 fn dragged(name: &str, overrides: &[&str], frames: usize, drags: bool) -> [f64; 3] {
     let session = session(name, overrides, Pace::paused());
     let free = free_vertex(&session);
-    let start = session.latest().muscles[0].positions.clone();
+    let start = session.latest().bodies[0].positions.clone();
     let size = start.iter().map(|p| (p - start[0]).norm()).fold(0.0, f64::max);
     let outward =
         (start[free].coords - start.iter().map(|p| p.coords).sum::<Vector3<f64>>() / start.len() as f64).normalize();
     let to = start[free] + outward * (0.2 * size);
-    let away = |shot: &Snapshot| (shot.muscles[0].positions[free] - to).norm();
+    let away = |shot: &Snapshot| (shot.bodies[0].positions[free] - to).norm();
     if drags {
-        let shot = done(&session, Command::Drag { muscle: 0, vertex: free, to, stiffness: None });
-        assert_eq!(shot.muscles[0].dragged, Some((free as u32, to)));
+        let shot = done(&session, Command::Drag { body: 0, vertex: free, to, stiffness: None });
+        assert_eq!(shot.bodies[0].dragged, Some((free as u32, to)));
     }
     let before = away(&session.latest());
     (0..frames).for_each(|_| drop(done(&session, Command::Step)));
     let pulled = away(&session.latest());
-    assert_eq!(done(&session, Command::LetGo { muscle: 0 }).muscles[0].dragged, None);
+    assert_eq!(done(&session, Command::LetGo { body: 0 }).bodies[0].dragged, None);
     (0..frames).for_each(|_| drop(done(&session, Command::Step)));
     let end = session.latest();
-    assert!(end.failed.is_none() && end.muscles[0].stopped.is_none());
+    assert!(end.failed.is_none() && end.bodies[0].stopped.is_none());
     [before, pulled, away(&end)]
 }
 
@@ -282,15 +287,15 @@ fn a_fixed_vertex_stays_until_it_is_freed() {
         let session = session("hip", &["muscle.0.edge_length=9 mm", solver], Pace::paused());
         let free = free_vertex(&session);
         done(&session, Command::Step);
-        let fixed = done(&session, Command::Fix { muscle: 0, vertex: free });
-        assert_eq!(fixed.muscles[0].fixed, [free as u32]);
+        let fixed = done(&session, Command::Fix { body: 0, vertex: free });
+        assert_eq!(fixed.bodies[0].fixed, [free as u32]);
         (0..10).for_each(|_| drop(done(&session, Command::Step)));
         let held = session.latest();
-        assert_eq!(held.muscles[0].positions[free], fixed.muscles[0].positions[free], "{solver}");
-        done(&session, Command::Free { muscle: 0, vertex: free });
+        assert_eq!(held.bodies[0].positions[free], fixed.bodies[0].positions[free], "{solver}");
+        done(&session, Command::Free { body: 0, vertex: free });
         (0..10).for_each(|_| drop(done(&session, Command::Step)));
         let freed = session.latest();
-        assert_ne!(freed.muscles[0].positions[free], held.muscles[0].positions[free], "{solver}");
+        assert_ne!(freed.bodies[0].positions[free], held.bodies[0].positions[free], "{solver}");
     }
 }
 
@@ -318,7 +323,7 @@ fn a_bone_turns_by_hand_no_faster_than_it_may_and_goes_back_to_its_motion() {
     let back = (0..20).map(|_| done(&session, Command::Step)).last().expect("frames");
     assert_eq!(back.bones[1].steering, Steering::Motion);
     assert_eq!(back.bones[1].pose, simulation("hip", &HIP).pose(1, back.frame as f64));
-    assert!(back.muscles[0].stopped.is_none());
+    assert!(back.bodies[0].stopped.is_none());
 }
 
 #[test]
@@ -331,7 +336,7 @@ fn a_reader_does_not_wait_for_a_slow_frame_and_dropping_ends_the_thread() {
     let latest = slow.latest();
     assert!(latest.frame == 0 && serials.iter().all(|serial| *serial == serials[0]), "20,000 steps took no time");
     // The thread has it as long as it is there.
-    let scene = Arc::downgrade(&latest.scene);
+    let scene = Arc::downgrade(latest.scene.as_ref().expect("a scene"));
     drop(latest);
     assert!(scene.upgrade().is_some(), "nobody has it: the test would show nothing");
     drop(slow);

@@ -1,13 +1,17 @@
 //! What only a simulation that misbehaves shows.
 
 use super::super::Recipe;
+use super::super::muscles::Muscles;
 use super::*;
+use crate::simulation::Simulation;
 
 const LONG: Duration = Duration::from_secs(120);
 
 fn started(step: fn(&mut Simulation)) -> Session {
     let recipe = Recipe::find("distance", &[]).unwrap_or_else(|e| panic!("{}", e.terse()));
-    Session::start_with(recipe, Pace::paused(), step).unwrap_or_else(|e| panic!("{e}"))
+    let scene = recipe.scene().unwrap_or_else(|e| panic!("{}", e.terse()));
+    let muscles = Muscles::new(recipe, scene, step).unwrap_or_else(|e| panic!("{e}"));
+    Session::of(Box::new(muscles), Pace::paused()).unwrap_or_else(|e| panic!("{e}"))
 }
 
 fn fails_at_two(simulation: &mut Simulation) {
@@ -44,9 +48,9 @@ fn a_muscle_that_is_stopped_is_told() {
         simulation.step_frame();
     });
     session.send(Command::Run);
-    let shot = session.wait(LONG, |s| s.muscles[0].stopped.is_some()).expect("to be told");
-    let (frame, why) = shot.muscles[0].stopped.clone().expect("why");
+    let shot = session.wait(LONG, |s| s.bodies[0].stopped.is_some()).expect("to be told");
+    let (frame, why) = shot.bodies[0].stopped.clone().expect("why");
     assert!(frame == 3 && why.contains("not finite"), "{frame} {why}");
     assert!(!shot.running && shot.failed.is_none());
-    assert!(shot.muscles[0].positions.iter().all(|x| x.coords.iter().all(|c| c.is_finite())));
+    assert!(shot.bodies[0].positions.iter().all(|x| x.coords.iter().all(|c| c.is_finite())));
 }

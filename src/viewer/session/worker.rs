@@ -1,57 +1,32 @@
 //! The thread of a session: obeys commands between frames, computes frames, publishes.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use nalgebra::{Isometry3, Point3};
-
-use super::super::recipe::{Recipe, Refused, StartError};
-use super::super::snapshot::{BoneShot, MuscleShot, Snapshot, Stage, Steering};
+use super::super::recipe::{Refused, check_number, words};
+use super::super::snapshot::Snapshot;
+use super::super::subject::{Advanced, Subject, Watch};
 use super::{Command, Pace, Speed};
-use crate::scene::{Joint, Key, Motion, Scene};
-use crate::simulation::{Assets, Plan, Simulation};
-
-/// A hand turns a bone by at most this a frame [rad]: about as fast as the built-in hip turns, times three. Bones that jump
-/// tear muscles.
-pub const MOST_TURN: f64 = 0.03;
-
-/// The hand's spring, over the stiffness of the muscle's surface.
-const DRAG: f64 = 3.0;
 
 /// Frames over which their rate is taken.
 const RATED: usize = 30;
 
-/// A bone that is turned by hand.
-#[derive(Clone, Copy, Debug)]
-struct Hand {
-    /// The angle [rad], and the one that is wanted.
-    angle: f64,
-    wanted: f64,
-    /// What its motion did beside turning: pose = turn(angle) offset.
-    offset: Isometry3<f64>,
-}
+/// A frame is waited for at most so long [s].
+const LONGEST_WAIT: Duration = Duration::from_secs(3600);
 
 pub(super) struct Worker {
-    recipe: Recipe,
-    scene: Arc<Scene>,
-    assets: Assets,
-    simulation: Simulation,
-    step: fn(&mut Simulation),
-    steering: Vec<Steering>,
-    hands: Vec<Option<Hand>>,
-    fixed: Vec<Vec<u32>>,
-    drags: Vec<Option<(u32, Point3<f64>, f64)>>,
+    subject: Box<dyn Subject>,
     pace: Pace,
+    sent: Arc<AtomicU64>,
+    ended: Arc<AtomicBool>,
     serial: u64,
     answered: u64,
     refused: Option<(u64, String)>,
     failed: Option<String>,
-    /// Seconds of each effect up to the last frame, and in it.
-    clock: BTreeMap<&'static str, f64>,
-    effects: Vec<(&'static str, f64)>,
     frame_ms: f64,
     ends: VecDeque<Instant>,
     /// When the next frame is due.
@@ -59,36 +34,20 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(recipe: Recipe, pace: Pace, step: fn(&mut Simulation)) -> Result<Self, StartError> {
-        let scene = recipe.scene()?;
-        let assets = Assets::load(&scene)?;
-        let plan = Plan::new(&scene, &assets);
-        let simulation = Simulation::with(scene.clone(), assets.clone(), plan)?;
-        Ok(Self {
-            steering: vec![Steering::Motion; scene.bones.len()],
-            hands: vec![None; scene.bones.len()],
-            fixed: vec![Vec::new(); scene.muscles.len()],
-            drags: vec![None; scene.muscles.len()],
-            scene: Arc::new(scene),
-            recipe,
-            assets,
-            simulation,
-            step,
+    pub(super) fn new(subject: Box<dyn Subject>, pace: Pace, (sent, ended): (Arc<AtomicU64>, Arc<AtomicBool>)) -> Self {
+        Self {
+            subject,
             pace,
+            sent,
+            ended,
             serial: 0,
             answered: 0,
             refused: None,
             failed: None,
-            clock: BTreeMap::new(),
-            effects: Vec::new(),
             frame_ms: 0.0,
             ends: VecDeque::new(),
             due: Instant::now(),
-        })
-    }
-
-    pub(super) fn stage(&self) -> Stage {
-        Stage::of(&self.simulation)
+        }
     }
 
     /// Until nobody can send commands any more.
@@ -146,201 +105,34 @@ impl Worker {
                 self.pace.running = false;
                 self.advance();
             }
-            Command::Reset => return self.reset(),
             Command::Speed(speed) => {
                 if let Speed::Share(share) = *speed {
                     check_number("the speed", share, true)?;
                 }
                 (self.pace.speed, self.due) = (*speed, Instant::now());
             }
-            Command::Set { path, value } => return self.change(path, self.recipe.with(path, value)),
-            Command::Restore { path } => return self.change(path, self.recipe.without(path)),
-            Command::Turn { bone, angle } => return self.turn(*bone, *angle),
-            Command::Hold { bone } => {
-                check_index("bone", *bone, self.hands.len())?;
-                let pose = self.simulation.pose(*bone, self.simulation.frame() as f64);
-                let now = self.scene.bones[*bone].motion.joint.as_ref().map_or(0.0, |joint| angle(joint, &pose));
-                return self.turn(*bone, now);
+            Command::Reset => {
+                self.pass_on(command)?;
+                self.failed = None;
+                (self.frame_ms, self.due) = (0.0, Instant::now());
+                self.ends.clear();
             }
-            Command::ByMotion { bone } => {
-                check_index("bone", *bone, self.hands.len())?;
-                if self.hands[*bone].take().is_some() {
-                    self.steering[*bone] = Steering::Return;
-                }
-            }
-            Command::Drag { muscle, vertex, to, stiffness } => return self.drag(*muscle, *vertex, *to, *stiffness),
-            Command::LetGo { muscle } => {
-                check_index("muscle", *muscle, self.drags.len())?;
-                self.drags[*muscle] = None;
-                self.simulation.let_go(*muscle);
-            }
-            Command::Fix { muscle, vertex } => return self.fix(*muscle, *vertex),
-            Command::Free { muscle, vertex } => {
-                self.vertex(*muscle, *vertex)?;
-                let mut fixed = self.fixed.clone();
-                fixed[*muscle].retain(|v| *v as usize != *vertex);
-                return self.hold(fixed);
+            other => {
+                self.check_sound()?;
+                return self.pass_on(other);
             }
         }
         Ok(())
+    }
+
+    fn pass_on(&mut self, command: &Command) -> Result<(), Refused> {
+        let subject = &mut self.subject;
+        catch_unwind(AssertUnwindSafe(|| subject.obey(command)))
+            .unwrap_or_else(|panic| Err(Refused::Panicked(words(&*panic))))
     }
 
     fn check_sound(&self) -> Result<(), Refused> {
         self.failed.clone().map_or(Ok(()), |why| Err(Refused::Failed(why)))
-    }
-
-    fn vertex(&self, muscle: usize, vertex: usize) -> Result<u32, Refused> {
-        check_index("muscle", muscle, self.simulation.bodies.len())?;
-        check_index("vertex", vertex, self.simulation.bodies[muscle].system.particles.len())?;
-        Ok(vertex as u32)
-    }
-
-    fn reset(&mut self) -> Result<(), Refused> {
-        let none = vec![Vec::new(); self.fixed.len()];
-        self.simulation = self.made(&self.scene, &none)?;
-        self.fixed = none;
-        self.drags.fill(None);
-        self.hands.fill(None);
-        self.steering.fill(Steering::Motion);
-        self.failed = None;
-        self.forget_times();
-        self.effects.clear();
-        (self.frame_ms, self.due) = (0.0, Instant::now());
-        self.ends.clear();
-        Ok(())
-    }
-
-    fn forget_times(&mut self) {
-        self.clock = seconds(&self.simulation);
-    }
-
-    /// A simulation of a scene with the meshes at hand, at its start.
-    fn made(&self, scene: &Scene, fixed: &[Vec<u32>]) -> Result<Simulation, Refused> {
-        let make = || {
-            let mut plan = Plan::new(scene, &self.assets);
-            plan.muscles.iter_mut().zip(fixed).for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
-            Simulation::with(scene.clone(), self.assets.clone(), plan)
-        };
-        catch_unwind(AssertUnwindSafe(make)).map_err(|panic| Refused::Panicked(words(&*panic)))?.map_err(Refused::Load)
-    }
-
-    /// Goes on with other numbers.
-    fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
-        self.check_sound()?;
-        let scene = recipe.checked(path, &self.scene, &self.assets)?;
-        self.go_on_as(&scene, self.fixed.clone())?;
-        (self.recipe, self.scene) = (recipe, Arc::new(scene));
-        Ok(())
-    }
-
-    /// Goes on with other vertices fixed.
-    fn hold(&mut self, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
-        self.check_sound()?;
-        let scene = self.scene.clone();
-        self.go_on_as(&scene, fixed)
-    }
-
-    fn go_on_as(&mut self, scene: &Scene, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
-        let mut simulation = self.made(scene, &fixed)?;
-        simulation.continue_from(&self.simulation);
-        for (bone, steering) in self.steering.iter().enumerate() {
-            if *steering != Steering::Motion {
-                let pose = self.simulation.pose(bone, self.simulation.frame() as f64);
-                let joint = simulation.scene.bones[bone].motion.joint.take();
-                let key = Key { frame: self.simulation.frame() as f64, pose };
-                simulation.scene.bones[bone].motion = Motion { keys: vec![key], joint };
-            }
-        }
-        for (muscle, drag) in self.drags.iter().enumerate() {
-            if let Some((vertex, to, stiffness)) = *drag {
-                simulation.drag(muscle, vertex, to, stiffness);
-            }
-        }
-        self.simulation = simulation;
-        self.fixed = fixed;
-        self.forget_times();
-        Ok(())
-    }
-
-    fn drag(&mut self, muscle: usize, vertex: usize, to: Point3<f64>, stiffness: Option<f64>) -> Result<(), Refused> {
-        let v = self.vertex(muscle, vertex)?;
-        let body = &self.simulation.bodies[muscle];
-        if body.attached.iter().any(|(held, _)| *held == v) {
-            return Err(Refused::Held { vertex });
-        }
-        to.iter().try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
-        // A surface without stiffness of its own is dragged by its weight in a second.
-        let surface = match self.scene.muscles[muscle].material.stretch {
-            stretch if stretch > 0.0 => DRAG * stretch,
-            _ => DRAG / body.system.particles.inverse_mass[vertex].max(f64::MIN_POSITIVE),
-        };
-        let stiffness = stiffness.unwrap_or(surface);
-        check_number("the stiffness of the spring", stiffness, true)?;
-        self.drags[muscle] = Some((v, to, stiffness));
-        self.simulation.drag(muscle, v, to, stiffness);
-        Ok(())
-    }
-
-    fn fix(&mut self, muscle: usize, vertex: usize) -> Result<(), Refused> {
-        let v = self.vertex(muscle, vertex)?;
-        if self.simulation.bodies[muscle].attached.iter().any(|(held, _)| *held == v) {
-            return Err(Refused::Held { vertex });
-        }
-        let mut fixed = self.fixed.clone();
-        if !fixed[muscle].contains(&v) {
-            fixed[muscle].push(v);
-        }
-        self.hold(fixed)
-    }
-
-    fn turn(&mut self, bone: usize, wanted: f64) -> Result<(), Refused> {
-        check_index("bone", bone, self.hands.len())?;
-        check_number("an angle", wanted, false)?;
-        let frame = self.simulation.frame() as f64;
-        let pose = self.simulation.pose(bone, frame);
-        let scene = &self.scene.bones[bone];
-        let Some(joint) = &scene.motion.joint else {
-            return Err(Refused::NoJoint { bone: scene.name.clone() });
-        };
-        match &mut self.hands[bone] {
-            Some(hand) => hand.wanted = wanted,
-            none => {
-                let angle = angle(joint, &pose);
-                *none = Some(Hand { angle, wanted, offset: joint.pose(angle).inverse() * pose });
-                self.steering[bone] = Steering::Hand;
-                self.simulation.move_bone(bone, pose);
-            }
-        }
-        Ok(())
-    }
-
-    /// Moves what the hand moves; what it does not touch keeps its motion to the bit.
-    fn steer_bones(&mut self) {
-        let frame = self.simulation.frame() as f64;
-        for bone in 0..self.steering.len() {
-            let motion = &self.scene.bones[bone].motion;
-            match (self.steering[bone], &mut self.hands[bone], &motion.joint) {
-                (Steering::Hand, Some(hand), Some(joint)) if hand.angle != hand.wanted => {
-                    let left = hand.wanted - hand.angle;
-                    hand.angle =
-                        if left.abs() <= MOST_TURN { hand.wanted } else { hand.angle + MOST_TURN.copysign(left) };
-                    self.simulation.move_bone(bone, joint.pose(hand.angle) * hand.offset);
-                }
-                (Steering::Return, ..) => {
-                    let (now, there) = (self.simulation.pose(bone, frame), motion.pose(frame + 1.0));
-                    if now == motion.pose(frame) {
-                        self.steering[bone] = Steering::Motion;
-                        self.simulation.scene.bones[bone].motion = motion.clone();
-                        continue;
-                    }
-                    let turn = (now.inverse() * there).rotation.angle();
-                    let keys = vec![Key { frame: 0.0, pose: now }, Key { frame: 1.0, pose: there }];
-                    let share = if turn > MOST_TURN { MOST_TURN / turn } else { 1.0 };
-                    self.simulation.move_bone(bone, Motion { keys, joint: None }.pose(share));
-                }
-                _ => {}
-            }
-        }
     }
 
     fn advance(&mut self) {
@@ -348,49 +140,37 @@ impl Worker {
             return;
         }
         let begun = Instant::now();
-        self.steer_bones();
-        let (step, simulation) = (self.step, &mut self.simulation);
-        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| step(simulation))) {
-            let why = format!("frame {}: the simulation panicked: {}", self.simulation.frame() + 1, words(&*panic));
-            self.failed = Some(why);
-            self.pace.running = false;
-            return;
+        let watch = Watch { ended: &self.ended, sent: &self.sent, answered: self.answered };
+        let subject = &mut self.subject;
+        let advanced = catch_unwind(AssertUnwindSafe(|| subject.advance(watch)))
+            .unwrap_or_else(|panic| Advanced::Failed(format!("it panicked: {}", words(&*panic))));
+        match advanced {
+            Advanced::Failed(why) => {
+                self.failed = Some(why);
+                self.pace.running = false;
+                return;
+            }
+            // It is begun again once the command is obeyed.
+            Advanced::GivenUp => return,
+            Advanced::Rests => self.pace.running = false,
+            Advanced::On => {}
         }
         let ended = Instant::now();
         self.frame_ms = (ended - begun).as_secs_f64() * 1e3;
-        let now = seconds(&self.simulation);
-        let spent = |(name, s): (&&'static str, &f64)| (*name, (s - self.clock.get(name).unwrap_or(&0.0)) * 1e3);
-        self.effects = now.iter().map(spent).collect();
-        self.clock = now;
         self.ends.push_back(ended);
         if self.ends.len() > RATED {
             self.ends.pop_front();
         }
         let period = match self.pace.speed {
-            Speed::Share(share) => Duration::try_from_secs_f64(1.0 / (self.scene.frame_rate * share)),
+            Speed::Share(share) => Duration::try_from_secs_f64(1.0 / (self.subject.frame_rate() * share)),
             Speed::Free => Ok(Duration::ZERO),
         };
         // What is late is not made up for.
-        self.due = (self.due + period.unwrap_or(Duration::from_secs(3600)).min(Duration::from_secs(3600))).max(ended);
-        if self.simulation.bodies.iter().all(|body| body.stopped.is_some()) {
-            self.pace.running = false;
-        }
+        self.due = (self.due + period.unwrap_or(LONGEST_WAIT).min(LONGEST_WAIT)).max(ended);
     }
 
     pub(super) fn snapshot(&mut self) -> Snapshot {
         self.serial += 1;
-        let simulation = &self.simulation;
-        let mut muscles: Vec<MuscleShot> =
-            (0..simulation.bodies.len()).map(|m| MuscleShot::of(simulation, m)).collect();
-        for (shot, drag) in muscles.iter_mut().zip(&self.drags) {
-            shot.dragged = drag.map(|(vertex, to, _)| (vertex, to));
-        }
-        let frame = simulation.frame();
-        let bone = |b: usize| {
-            let pose = simulation.pose(b, frame as f64);
-            let angle = self.scene.bones[b].motion.joint.as_ref().map(|joint| angle(joint, &pose));
-            BoneShot { pose, angle, steering: self.steering[b] }
-        };
         let rate = match (self.ends.front(), self.ends.back()) {
             (Some(first), Some(last)) if last > first => (self.ends.len() - 1) as f64 / (*last - *first).as_secs_f64(),
             _ => 0.0,
@@ -398,49 +178,13 @@ impl Worker {
         Snapshot {
             serial: self.serial,
             answered: self.answered,
-            frame,
             running: self.pace.running,
+            speed: self.pace.speed,
             refused: self.refused.clone(),
             failed: self.failed.clone(),
-            scene: self.scene.clone(),
-            muscles,
-            bones: (0..self.scene.bones.len()).map(bone).collect(),
-            effects: self.effects.clone(),
             frame_ms: self.frame_ms,
             frames_per_second: rate,
-            notes: simulation.notes.clone(),
+            view: self.subject.shot(),
         }
     }
-}
-
-/// Seconds of each effect so far, over all muscles.
-fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
-    let mut all = BTreeMap::new();
-    for (name, (s, _)) in simulation.bodies.iter().flat_map(|body| &body.system.clock.effects) {
-        *all.entry(*name).or_insert(0.0) += s;
-    }
-    all
-}
-
-/// The angle [rad] of a pose about the axis of a joint, in -pi..pi.
-fn angle(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
-    let q = pose.rotation.quaternion();
-    // Of the two quaternions of a rotation, the one of the shorter way.
-    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
-}
-
-fn check_index(what: &'static str, index: usize, count: usize) -> Result<(), Refused> {
-    if index < count { Ok(()) } else { Err(Refused::Nothing { what, index, count }) }
-}
-
-fn check_number(what: &'static str, value: f64, positive: bool) -> Result<(), Refused> {
-    let does = value.is_finite() && (value > 0.0 || !positive);
-    if does { Ok(()) } else { Err(Refused::Number { what, value, positive }) }
-}
-
-/// What a panic says.
-fn words(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("it gave no reason").to_owned()
 }

@@ -7,7 +7,7 @@ use super::{HIP, done, session, set, told, why_refused};
 
 fn of(session: &Session, name: &str, overrides: &[&str]) -> Vec<Control> {
     let start = super::recipe(name, overrides).scene().unwrap_or_else(|e| panic!("{}", e.terse()));
-    controls(&start, &session.latest().scene)
+    controls(&start, super::scene_of(&session.latest()))
 }
 
 fn names(all: &[Control]) -> Vec<String> {
@@ -41,7 +41,7 @@ fn a_panel_has_what_its_scene_has_and_nothing_else() {
     let weight = all.iter().find(|c| c.label == "acceleration").expect("gravity");
     assert_eq!(weight.value, Value::Number(5.0));
     done(&heavy, weight.command(Value::Number(10.0)).expect("in its range"));
-    assert_eq!(heavy.latest().scene.effects.gravity, Some(nalgebra::Vector3::new(0.0, -6.0, -8.0)));
+    assert_eq!(super::scene_of(&heavy.latest()).effects.gravity, Some(nalgebra::Vector3::new(0.0, -6.0, -8.0)));
 }
 
 /// Moves every control to both ends and back. Returns what was refused.
