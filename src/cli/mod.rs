@@ -22,6 +22,7 @@ mod run;
 mod scenes;
 mod springs;
 mod study;
+mod view;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -61,6 +62,8 @@ struct Arguments {
 enum Command {
     /// Run a scene and write frames, measures, a summary and a report
     Run(Box<run::Arguments>),
+    /// Open a window on a running scene, and steer it
+    View(view::Arguments),
     /// Tell which effects a scene will run, on how much, and what is left out and why
     Plan(plan::Arguments),
     /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
@@ -102,6 +105,7 @@ pub fn main() -> ExitCode {
     let done = match arguments.command {
         None => run::run(&run::Arguments::default()),
         Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::View(arguments)) => view::run(&arguments),
         Some(Command::Plan(arguments)) => plan::run(&arguments),
         Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
         Some(Command::Study(arguments)) => study::run(&arguments),

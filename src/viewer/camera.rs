@@ -46,6 +46,13 @@ impl Camera {
         Self { home: Some(Box::new(camera.clone())), ..camera }
     }
 
+    /// The same distance and target from another direction.
+    #[must_use]
+    pub fn seen_from(&self, from: Vector3<f64>, up: Vector3<f64>) -> Self {
+        let nothing = Aabb { min: self.target, max: self.target };
+        Self { rotation: Self::fit(&nothing, from, up).rotation, ..self.clone() }
+    }
+
     /// Back to how it was fitted.
     pub fn reset(&mut self) {
         if let Some(home) = self.home.clone() {

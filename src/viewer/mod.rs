@@ -28,6 +28,8 @@ mod recipe;
 mod session;
 mod snapshot;
 mod subject;
+#[cfg(feature = "viewer")]
+pub mod window;
 
 pub use muscles::MOST_TURN;
 pub use recipe::{Recipe, Refused, StartError};

@@ -3,6 +3,7 @@
 use nalgebra::{Unit, Vector3};
 
 use super::session::Command;
+use super::snapshot::{Shot, Steering};
 use crate::constraints::Order;
 use crate::scene::{Bone, Mass, Minimisation, Pbd, Scene, Solver, Xpbd};
 
@@ -115,6 +116,21 @@ impl Control {
         match &self.target {
             Target::Path(path) | Target::Vector(path, _) | Target::Section(path) => Some(path),
             Target::Angle(_) | Target::Motion(_) => None,
+        }
+    }
+
+    /// What it is set to at a moment: the angle of a bone changes without being set.
+    pub fn now(&self, shot: &Shot) -> Value {
+        match (&self.target, self.value) {
+            (Target::Angle(bone), Value::Number(_)) => {
+                let angle = shot.bones.get(*bone).and_then(|bone| bone.angle).unwrap_or(0.0).to_degrees();
+                let Kind::Slider { range: (low, high), .. } = self.kind else { return self.value };
+                Value::Number(angle.clamp(low, high))
+            }
+            (Target::Motion(bone), _) => {
+                Value::On(shot.bones.get(*bone).is_none_or(|bone| bone.steering != Steering::Hand))
+            }
+            (_, value) => value,
         }
     }
 

@@ -82,10 +82,7 @@ impl Worker {
         for (k, (number, command)) in batch.iter().enumerate() {
             // Of a slider that moved while a frame was computed only the last place counts.
             let next = batch.get(k + 1).map(|(_, next)| next);
-            let is_overtaken = match (command, next) {
-                (Command::Set { path, .. }, Some(Command::Set { path: later, .. })) => path == later,
-                _ => false,
-            };
+            let is_overtaken = next.is_some_and(|next| overtakes(next, command));
             if !is_overtaken && let Err(refused) = self.obey(command) {
                 self.refused = Some((*number, refused.to_string()));
             }
@@ -186,5 +183,19 @@ impl Worker {
             frames_per_second: rate,
             view: self.subject.shot(),
         }
+    }
+}
+
+/// Whether a command leaves nothing of the one before it.
+fn overtakes(next: &Command, before: &Command) -> bool {
+    match (before, next) {
+        (Command::Set { path, .. }, Command::Set { path: later, .. }) => path == later,
+        (Command::Turn { bone, .. }, Command::Turn { bone: later, .. }) => bone == later,
+        (Command::Drag { body, vertex, .. }, Command::Drag { body: b, vertex: v, .. }) => (body, vertex) == (b, v),
+        (Command::Move { handle, .. }, Command::Move { handle: later, .. }) => handle == later,
+        (Command::Seek { .. }, Command::Seek { .. })
+        | (Command::Speed(_), Command::Speed(_))
+        | (Command::Probe(_), Command::Probe(_)) => true,
+        _ => false,
     }
 }

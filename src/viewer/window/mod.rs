@@ -1,0 +1,413 @@
+//! The window of the viewer: what a session shows, seen and steered by hand.
+
+mod drawn;
+mod hand;
+mod lens;
+mod panel;
+mod plots;
+mod trace;
+
+use std::path::PathBuf;
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use kiss3d::egui;
+use kiss3d::post_processing::Tonemap;
+use kiss3d::prelude::Window;
+use nalgebra::{Point3, Vector3};
+
+use super::camera::Camera;
+use super::colour::{Colouring, Field};
+use super::history::History;
+use super::recipe::StartError;
+use super::snapshot::{Shot, Snapshot};
+use super::Session;
+use crate::mesh::measures::Aabb;
+use drawn::{Drawn, Look};
+use hand::{Hand, Wish};
+use lens::Lens;
+use panel::{Asked, Panel};
+use trace::{Trace, Widgets};
+
+/// Width of the panel, in points of the screen.
+const PANEL: f32 = 340.0;
+
+/// What is behind everything.
+const BACKGROUND: crate::render::colour::Rgb = [0.16, 0.17, 0.2];
+
+/// Pictures over which their rate is taken.
+const RATED: usize = 30;
+
+/// What a window is opened with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of what is shown.
+    pub name: String,
+    /// Width and height [px].
+    pub size: (u32, u32),
+    /// Whether a finished run is played.
+    pub replayed: bool,
+    /// Where pictures and recordings go.
+    pub folder: PathBuf,
+    /// A file that gets a line of JSON a picture, for tests.
+    pub trace: Option<PathBuf>,
+}
+
+/// Why no window was shown, or why it closed.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// There is no screen to open it on.
+    #[error("no display to open a window on ({0})")]
+    NoDisplay(String),
+    /// There is no graphics card, nor a driver that stands in for one.
+    #[error("no graphics card or driver that can draw ({0})")]
+    NoGraphics(String),
+    /// The subject cannot be shown.
+    #[error("{0}")]
+    Start(#[from] StartError),
+    /// The trace cannot be written.
+    #[error("{0}: {1}")]
+    Trace(PathBuf, std::io::Error),
+}
+
+impl WindowError {
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match self {
+            Self::NoDisplay(_) => {
+                "run it on a desktop, or under `xvfb-run`; without a display use `pliant run`, which writes pictures"
+            }
+            Self::NoGraphics(_) => {
+                "install a Vulkan driver (Debian: mesa-vulkan-drivers, which also draws without a graphics card), or use \
+                 `pliant run`, which writes pictures"
+            }
+            Self::Start(_) => "see the message",
+            Self::Trace(..) => "name a file that can be written",
+        }
+    }
+}
+
+/// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed.
+///
+/// # Errors
+/// No display, no graphics card, or nothing to be shown.
+pub fn show(
+    start: impl FnOnce() -> Result<Session, StartError> + Send + 'static,
+    options: &Options,
+) -> Result<(), WindowError> {
+    let starting = std::thread::Builder::new()
+        .name("start".to_owned())
+        .spawn(start)
+        .map_err(|error| WindowError::Start(StartError::Thread(error)))?;
+    let trace = match &options.trace {
+        Some(path) => Some(Trace::create(path).map_err(|error| WindowError::Trace(path.clone(), error))?),
+        None => None,
+    };
+    let opened = open(options);
+    let window = match opened {
+        Ok(window) => window,
+        // A scene that is wrong is told before a screen that is missing.
+        Err(error) => {
+            begun(starting)?;
+            return Err(error);
+        }
+    };
+    kiss3d::pollster::block_on(shown(window, starting, options, trace))
+}
+
+/// The session of a thread that began it.
+fn begun(starting: JoinHandle<Result<Session, StartError>>) -> Result<Session, WindowError> {
+    match starting.join() {
+        Ok(session) => Ok(session?),
+        Err(panic) => std::panic::resume_unwind(panic),
+    }
+}
+
+/// A window, or why there is none: the library that makes it panics.
+fn open(options: &Options) -> Result<Window, WindowError> {
+    if cfg!(target_os = "linux") {
+        let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+        if !is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY") && !is_set("WAYLAND_SOCKET") {
+            return Err(WindowError::NoDisplay("neither DISPLAY nor WAYLAND_DISPLAY is set".to_owned()));
+        }
+    }
+    let title = format!("Pliant: {}", options.name);
+    let (width, height) = options.size;
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let made = std::panic::catch_unwind(|| kiss3d::pollster::block_on(Window::new_with_size(&title, width, height)));
+    std::panic::set_hook(hook);
+    made.map_err(|panic| {
+        let why = super::recipe::words(&*panic);
+        let first = why.lines().next().unwrap_or_default().to_owned();
+        let of_screen = ["event loop", "create window"].iter().any(|words| why.contains(words));
+        if of_screen { WindowError::NoDisplay(first) } else { WindowError::NoGraphics(first) }
+    })
+}
+
+/// Shows an empty window until the session is there, then the session, until the window is closed.
+async fn shown(
+    mut window: Window,
+    starting: JoinHandle<Result<Session, StartError>>,
+    options: &Options,
+    trace: Option<Trace>,
+) -> Result<(), WindowError> {
+    window.set_background_color(drawn::ink(BACKGROUND, 1.0));
+    window.set_ambient(0.45);
+    window.set_tonemap(Tonemap::None);
+    let nothing = Aabb { min: Point3::origin(), max: Point3::origin() };
+    let size = window.size();
+    let mut lens = Lens {
+        camera: Camera::fit(&nothing, Vector3::z(), Vector3::y()),
+        window: (f64::from(size.x), f64::from(size.y)),
+        panel: 0.0,
+    };
+    let mut drawn = Drawn::new();
+    while !starting.is_finished() {
+        window.draw_ui(|ctx| reading(ctx, &options.name));
+        if !window.render_3d(drawn.root(), &mut lens).await {
+            // Closed before anything was shown: the thread is left to end with the process.
+            return Ok(());
+        }
+    }
+    let session = begun(starting)?;
+    let first = session.latest();
+    lens.camera = fitted(&first);
+    let mut viewer = Viewer {
+        options,
+        session,
+        lens,
+        drawn,
+        look: Look::default(),
+        colouring: Colouring::new(Field::Stretch),
+        history: History::default(),
+        hand: Hand::default(),
+        state: panel::State::default(),
+        has_panel: true,
+        picked: None,
+        closes: false,
+        fitted_to: first.stage.bodies.len(),
+        pictures: std::collections::VecDeque::new(),
+        trace,
+    };
+    while viewer.picture(&mut window).await && !viewer.closes {}
+    Ok(())
+}
+
+/// A word while meshes are read.
+fn reading(ctx: &egui::Context, name: &str) {
+    egui::Area::new(egui::Id::new("reading")).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO).show(ctx, |ui| {
+        ui.label(format!("reading {name} …"));
+    });
+}
+
+/// A camera that shows all bodies, from outside.
+fn fitted(shot: &Shot) -> Camera {
+    let boxes = shot.bodies.iter().filter(|b| !b.positions.is_empty()).map(|b| Aabb::of_points(&b.positions));
+    let bounds = boxes.reduce(|a, b| a.union(&b)).unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
+    Camera::fit(&bounds, outward(shot), Vector3::y())
+}
+
+/// From the bones to the bodies, and a little from above.
+fn outward(shot: &Shot) -> Vector3<f64> {
+    let mean = |points: &mut dyn Iterator<Item = Point3<f64>>| {
+        let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), p| (sum + p.coords, count + 1.0));
+        (count > 0.0).then(|| sum / count)
+    };
+    let bodies = mean(&mut shot.bodies.iter().flat_map(|body| body.positions.iter().copied()));
+    let bones = shot.bones.iter().zip(&shot.stage.bones);
+    let bones = mean(&mut bones.flat_map(|(bone, (_, mesh))| mesh.vertices.iter().map(|v| bone.pose * v)));
+    let away = bodies.zip(bones).map(|(a, b)| a - b).and_then(|away| away.try_normalize(0.0));
+    away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + Vector3::y() * 0.15
+}
+
+/// Everything behind a window.
+struct Viewer<'a> {
+    options: &'a Options,
+    session: Session,
+    lens: Lens,
+    drawn: Drawn,
+    look: Look,
+    colouring: Colouring,
+    history: History,
+    hand: Hand,
+    state: panel::State,
+    has_panel: bool,
+    picked: Option<(usize, usize)>,
+    closes: bool,
+    fitted_to: usize,
+    pictures: std::collections::VecDeque<Instant>,
+    trace: Option<Trace>,
+}
+
+impl Viewer<'_> {
+    /// One picture; whether the window is still open.
+    async fn picture(&mut self, window: &mut Window) -> bool {
+        let shot = self.session.latest();
+        self.history.see(&shot);
+        if self.fitted_to != shot.stage.bodies.len() {
+            self.fitted_to = shot.stage.bodies.len();
+            self.lens.camera = fitted(&shot);
+        }
+        for body in &shot.bodies {
+            let values = self.colouring.field.values(body);
+            self.colouring.see(&values);
+        }
+        let scale = window.scale_factor();
+        let size = window.size();
+        self.lens.window = (f64::from(size.x), f64::from(size.y));
+        self.lens.panel = if self.has_panel { f64::from(PANEL) * scale } else { 0.0 };
+        self.hear(window, &shot);
+        let before = self.colouring.clone();
+        let mut widgets = Widgets::new(self.trace.is_some());
+        let asked = self.interface(window, &shot, &mut widgets);
+        let afresh = before != self.colouring;
+        self.drawn.update(&shot, shot.serial, &self.colouring, afresh);
+        self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
+        self.drawn.overlay(window, &shot, &self.look, self.picked);
+        let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
+        asked.into_iter().for_each(|asked| self.answer(asked, window, &shot));
+        if let Some(trace) = &mut self.trace {
+            trace.picture(&shot, widgets, &places(&shot, &self.lens));
+        }
+        self.pictures.push_back(Instant::now());
+        if self.pictures.len() > RATED {
+            self.pictures.pop_front();
+        }
+        open
+    }
+
+    /// Pictures a second.
+    fn rate(&self) -> f64 {
+        match (self.pictures.front(), self.pictures.back()) {
+            (Some(first), Some(last)) if last > first => {
+                (self.pictures.len() - 1) as f64 / (*last - *first).as_secs_f64()
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Takes what mouse and keys did.
+    fn hear(&mut self, window: &mut Window, shot: &Snapshot) {
+        let (over_panel, typing) = (window.is_egui_capturing_mouse(), window.is_egui_capturing_keyboard());
+        let field = hand::Field { width: self.lens.window.0 - self.lens.panel, height: self.lens.window.1 };
+        let mut wishes = Vec::new();
+        for event in window.events().iter() {
+            if typing && event.value.is_keyboard_event() {
+                continue;
+            }
+            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, over_panel);
+            if let Some(command) = command {
+                self.session.send(command);
+            }
+            wishes.extend(wish);
+        }
+        if let Some(command) = self.hand.moved() {
+            self.session.send(command);
+        }
+        wishes.into_iter().for_each(|wish| self.grant(wish, shot));
+    }
+
+    fn grant(&mut self, wish: Wish, shot: &Shot) {
+        let turn = |on: &mut bool| *on = !*on;
+        match wish {
+            Wish::NextField => {
+                let there = |field: &Field| shot.bodies.iter().any(|body| !field.values(body).is_empty());
+                let at = Field::ALL.iter().position(|field| *field == self.colouring.field).unwrap_or(0);
+                let next = Field::ALL.iter().cycle().skip(at + 1).take(Field::ALL.len()).find(|field| there(field));
+                self.colouring = Colouring::new(next.copied().unwrap_or(self.colouring.field));
+            }
+            Wish::Wireframe => turn(&mut self.look.wireframe),
+            Wish::Fibres => turn(&mut self.look.fibres),
+            Wish::Attachments => turn(&mut self.look.attachments),
+            Wish::Contacts => turn(&mut self.look.contacts),
+            Wish::Panel => turn(&mut self.has_panel),
+            Wish::Help => turn(&mut self.state.help),
+            Wish::Picture => self.state.asked.push(Asked::Picture),
+            Wish::Record => self.state.asked.push(Asked::Record),
+            Wish::Close => self.closes = true,
+            Wish::Pick(picked) => self.picked = picked,
+        }
+    }
+
+    /// The panel, the legend and the list of keys; returns what was asked for.
+    fn interface(&mut self, window: &mut Window, shot: &Snapshot, widgets: &mut Widgets) -> Vec<Asked> {
+        let mut asked = std::mem::take(&mut self.state.asked);
+        let pictures = self.rate();
+        let session = &self.session;
+        let mut send = |command| session.send(command);
+        let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
+        let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
+        window.draw_ui(|ctx| {
+            let screen = ctx.content_rect();
+            if has_panel {
+                let corner = egui::pos2(screen.right() - PANEL, screen.top());
+                let frame = egui::Frame::window(&ctx.global_style()).corner_radius(0.0);
+                egui::Window::new("Panel")
+                    .title_bar(false)
+                    .resizable(false)
+                    .movable(false)
+                    .frame(frame)
+                    .fixed_pos(corner)
+                    .fixed_size(egui::vec2(PANEL - 14.0, screen.height()))
+                    .show(ctx, |ui| {
+                        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
+                            let asked = &mut asked;
+                            let send = &mut send;
+                            Panel { shot, state, look, colouring, history, pictures, replayed, widgets, send, asked }
+                                .show(ui);
+                        });
+                    });
+            }
+            let painter = ctx.layer_painter(egui::LayerId::background());
+            if shot.bodies.iter().any(|body| !colouring.field.values(body).is_empty()) {
+                plots::legend(&painter, egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0), colouring);
+            }
+            if state.help {
+                keys(ctx);
+            }
+        });
+        asked
+    }
+
+    fn answer(&mut self, asked: Asked, _window: &Window, _shot: &Shot) {
+        match asked {
+            Asked::FirstView => self.lens.camera.reset(),
+            Asked::View(from) => {
+                let from = Vector3::from(from.map(f64::from));
+                let up = if from.y == 0.0 { Vector3::y() } else { -Vector3::z() };
+                self.lens.camera = self.lens.camera.seen_from(from, up);
+            }
+            Asked::Picture | Asked::Record => {}
+        }
+    }
+}
+
+/// The list of keys.
+fn keys(ctx: &egui::Context) {
+    egui::Area::new(egui::Id::new("keys")).fixed_pos(egui::pos2(16.0, 16.0)).show(ctx, |ui| {
+        egui::Frame::popup(ui.style()).show(ui, |ui| {
+            egui::Grid::new("keys").show(ui, |ui| {
+                for (keys, what) in hand::HELP {
+                    ui.strong(keys);
+                    ui.label(what);
+                    ui.end_row();
+                }
+            });
+        });
+    });
+}
+
+/// Where in the window [px] handles are, then of each body the vertex nearest to the eye.
+fn places(shot: &Shot, lens: &Lens) -> Vec<[f64; 2]> {
+    let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
+    let eye = lens.camera.eye();
+    let nearest = |x: &Vec<Point3<f64>>| x.iter().copied().min_by(|a, b| (a - eye).norm().total_cmp(&(b - eye).norm()));
+    let points =
+        shot.handles.iter().map(|handle| Some(handle.at)).chain(shot.bodies.iter().map(|b| nearest(&b.positions)));
+    let pixel = |p: Option<Point3<f64>>| {
+        let seen = lens.camera.project(&p?)?;
+        Some([0.5 * width + seen.x * height, 0.5 * height - seen.y * height])
+    };
+    points.map(|p| pixel(p).unwrap_or([-1.0, -1.0])).collect()
+}
