@@ -9,19 +9,19 @@ mod trace;
 
 use std::path::PathBuf;
 use std::thread::JoinHandle;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use kiss3d::egui;
 use kiss3d::post_processing::Tonemap;
 use kiss3d::prelude::Window;
 use nalgebra::{Point3, Vector3};
 
+use super::Session;
 use super::camera::Camera;
 use super::colour::{Colouring, Field};
 use super::history::History;
 use super::recipe::StartError;
 use super::snapshot::{Shot, Snapshot};
-use super::Session;
 use crate::mesh::measures::Aabb;
 use drawn::{Drawn, Look};
 use hand::{Hand, Wish};
@@ -31,6 +31,16 @@ use trace::{Trace, Widgets};
 
 /// Width of the panel, in points of the screen.
 const PANEL: f32 = 340.0;
+
+/// Time between two pictures while meshes are read.
+const READING: Duration = Duration::from_millis(50);
+
+/// A picture that takes longer than this is drawn by the processor, or by a card that is busy: half of the time is then left
+/// to the simulation.
+const SLOW: Duration = Duration::from_millis(25);
+
+/// As long as the hand moved so lately, nothing is left.
+const LATELY: Duration = Duration::from_millis(500);
 
 /// What is behind everything.
 const BACKGROUND: crate::render::colour::Rgb = [0.16, 0.17, 0.2];
@@ -154,7 +164,9 @@ async fn shown(
 ) -> Result<(), WindowError> {
     window.set_background_color(drawn::ink(BACKGROUND, 1.0));
     window.set_ambient(0.45);
+    // Colours mean numbers: nothing may shift or darken them but the shape itself.
     window.set_tonemap(Tonemap::None);
+    window.set_shadows_enabled(false);
     let nothing = Aabb { min: Point3::origin(), max: Point3::origin() };
     let size = window.size();
     let mut lens = Lens {
@@ -169,6 +181,8 @@ async fn shown(
             // Closed before anything was shown: the thread is left to end with the process.
             return Ok(());
         }
+        // A word needs no sixty pictures a second, and reading needs the processor.
+        std::thread::sleep(READING);
     }
     let session = begun(starting)?;
     let first = session.latest();
@@ -189,9 +203,18 @@ async fn shown(
         fitted_to: first.stage.bodies.len(),
         pictures: std::collections::VecDeque::new(),
         trace,
+        heard: Instant::now(),
     };
-    while viewer.picture(&mut window).await && !viewer.closes {}
-    Ok(())
+    loop {
+        let begun = Instant::now();
+        if !viewer.picture(&mut window).await || viewer.closes {
+            return Ok(());
+        }
+        let took = begun.elapsed();
+        if took > SLOW && viewer.heard.elapsed() > LATELY {
+            std::thread::sleep(took.min(4 * SLOW));
+        }
+    }
 }
 
 /// A word while meshes are read.
@@ -238,6 +261,8 @@ struct Viewer<'a> {
     fitted_to: usize,
     pictures: std::collections::VecDeque<Instant>,
     trace: Option<Trace>,
+    /// When the hand last moved or a key was pressed.
+    heard: Instant,
 }
 
 impl Viewer<'_> {
@@ -293,6 +318,7 @@ impl Viewer<'_> {
         let field = hand::Field { width: self.lens.window.0 - self.lens.panel, height: self.lens.window.1 };
         let mut wishes = Vec::new();
         for event in window.events().iter() {
+            self.heard = Instant::now();
             if typing && event.value.is_keyboard_event() {
                 continue;
             }

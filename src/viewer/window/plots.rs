@@ -116,8 +116,8 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<((f64, f64
         return None;
     }
     let from = if y.0 > 0.0 && y.0 < 0.5 * y.1 { 0.0 } else { y.0 };
-    let ticks = Ticks::linear((from, if y.1 > from { y.1 } else { from + from.abs().max(f64::MIN_POSITIVE) }), 2);
-    let ends = ticks.values.iter().copied().fold((from, y.1), around);
+    let ends = Ticks::linear((from, y.1), 2).values.into_iter().fold((from, y.1), around);
     let wide = |(low, high): (f64, f64), least: f64| if high > low { (low, high) } else { (low, low + least) };
-    Some((wide(x, 1.0), wide(ends, ends.0.abs().max(1e-300))))
+    // A line that is level is at the bottom of a range of one unit.
+    Some((wide(x, 1.0), wide(ends, 1.0)))
 }
