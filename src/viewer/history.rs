@@ -66,3 +66,67 @@ impl History {
         plots
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    fn shot(frame: usize, values: &[(&'static str, &str, f64)]) -> Shot {
+        let reading = |(name, of, value): &(&'static str, &str, f64)| Reading {
+            name,
+            of: (*of).to_owned(),
+            unit: "mm",
+            value: *value,
+        };
+        Shot {
+            frame,
+            last_frame: 10,
+            stage: Arc::default(),
+            scene: None,
+            controls: Arc::default(),
+            bodies: Vec::new(),
+            bones: Vec::new(),
+            handles: Vec::new(),
+            readings: values.iter().map(reading).collect(),
+            probe: None,
+            effects: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    fn points(history: &History, line: usize) -> Vec<(f64, f64)> {
+        history.lines[line].points.iter().copied().collect()
+    }
+
+    #[test]
+    fn frames_follow_and_a_frame_that_changed_counts_once() {
+        let mut history = History::default();
+        for (frame, value) in [(0, 1.0), (1, 2.0), (1, 2.5), (2, 3.0)] {
+            history.see(&shot(frame, &[("depth", "a", value), ("depth", "b", -value), ("stretch", "a", 0.0)]));
+        }
+        assert_eq!(points(&history, 0), [(0.0, 1.0), (1.0, 2.5), (2.0, 3.0)]);
+        assert_eq!(points(&history, 1)[1], (1.0, -2.5));
+        let plots = history.plots();
+        assert_eq!(
+            plots.iter().map(|(name, lines)| (*name, lines.len())).collect::<Vec<_>>(),
+            [("depth", 2), ("stretch", 1)]
+        );
+    }
+
+    #[test]
+    fn a_reset_and_other_readings_begin_anew_and_length_is_bounded() {
+        let mut history = History::default();
+        (0..KEPT + 20).for_each(|k| history.see(&shot(k, &[("depth", "", k as f64)])));
+        assert_eq!(points(&history, 0).len(), KEPT);
+        assert_eq!(points(&history, 0)[0].0, 20.0);
+        history.see(&shot(0, &[("depth", "", 7.0)]));
+        assert_eq!(points(&history, 0), [(0.0, 7.0)]);
+        history.see(&shot(1, &[("speed", "", 1.0)]));
+        assert_eq!(history.plots().len(), 1);
+        assert_eq!(points(&history, 0), [(1.0, 1.0)]);
+        // A finished run that goes back keeps what was seen.
+        history.see(&shot(0, &[("speed", "", 2.0)]));
+        assert_eq!(history.plots()[0].0, "speed");
+    }
+}

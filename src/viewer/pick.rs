@@ -66,3 +66,80 @@ fn hit(eye: &Point3<f64>, along: &Unit<Vector3<f64>>, [a, b, c]: &[Point3<f64>; 
     let distance = v.dot(&over) / volume;
     (s >= 0.0 && t >= 0.0 && s + t <= 1.0 && distance > 0.0).then_some(distance)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::measures::Aabb;
+    use crate::viewer::snapshot::{BodyShot, Handle, Stage, StageBody, Tissue};
+    use std::sync::Arc;
+
+    /// Two triangles one behind the other, and a bare edge beside them.
+    fn shot() -> Shot {
+        let at = |z: f64| [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| Point3::new(x, y, z)).to_vec();
+        let bodies = [at(0.0), at(1.0), vec![Point3::new(2.0, 0.0, 0.0), Point3::new(2.0, 1.0, 0.0)]];
+        let stage = |triangles: Vec<[u32; 3]>| StageBody {
+            name: String::new(),
+            tissue: Tissue::Plain,
+            triangles,
+            edges: vec![[0, 1]],
+            held: Vec::new(),
+            fibres: crate::fibres::binding::BoundLines::default(),
+        };
+        let stages = vec![stage(vec![[0, 1, 2]]), stage(vec![[0, 2, 1]]), stage(Vec::new())];
+        Shot {
+            frame: 0,
+            last_frame: 0,
+            stage: Arc::new(Stage { bodies: stages, bones: Vec::new() }),
+            scene: None,
+            controls: Arc::default(),
+            bodies: bodies.map(|positions| BodyShot { positions, ..BodyShot::default() }).into(),
+            bones: Vec::new(),
+            handles: vec![Handle { name: "node".to_owned(), at: Point3::new(-1.0, 0.5, 0.0) }],
+            readings: Vec::new(),
+            probe: None,
+            effects: Vec::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    fn from(direction: Vector3<f64>) -> Camera {
+        let bounds = Aabb { min: Point3::new(-1.0, 0.0, 0.0), max: Point3::new(2.0, 1.0, 1.0) };
+        Camera::fit(&bounds, direction, Vector3::y())
+    }
+
+    #[test]
+    fn what_is_in_front_is_picked_at_its_nearest_corner() {
+        let shot = shot();
+        for (camera, front, back) in [(from(Vector3::z()), 1, 0), (from(-Vector3::z()), 0, 1)] {
+            for (vertex, place) in shot.bodies[front].positions.iter().enumerate() {
+                let inside = place + (Point3::new(1.0 / 3.0, 1.0 / 3.0, place.z) - place) * 0.2;
+                let at = camera.project(&inside).expect("seen");
+                assert_eq!(pick(&shot, &camera, at, |_| true), Some(Picked::Vertex(front, vertex)));
+                let hidden = pick(&shot, &camera, at, |b| b != front);
+                assert!(hidden.is_none() || matches!(hidden, Some(Picked::Vertex(b, _)) if b == back), "{hidden:?}");
+            }
+            let aside = camera.project(&Point3::new(0.9, 0.9, 0.5)).expect("seen");
+            assert_eq!(pick(&shot, &camera, aside, |_| true), None);
+        }
+    }
+
+    #[test]
+    fn handles_come_first_and_bare_edges_are_picked_at_their_ends() {
+        let (shot, camera) = (shot(), from(Vector3::new(0.2, 0.1, 1.0)));
+        let near = |p: Point3<f64>| camera.project(&p).expect("seen") + nalgebra::Vector2::new(0.004, -0.003);
+        assert_eq!(pick(&shot, &camera, near(shot.handles[0].at), |_| true), Some(Picked::Handle(0)));
+        assert_eq!(pick(&shot, &camera, near(Point3::new(2.0, 1.0, 0.0)), |_| true), Some(Picked::Vertex(2, 1)));
+        assert_eq!(pick(&shot, &camera, near(Point3::new(2.0, 0.5, 0.0)), |_| true), None);
+    }
+
+    #[test]
+    fn what_is_no_number_is_met_nowhere() {
+        let (mut shot, camera) = (shot(), from(Vector3::z()));
+        shot.handles.clear();
+        for body in &mut shot.bodies {
+            body.positions.iter_mut().for_each(|p| p.x = f64::NAN);
+        }
+        assert_eq!(pick(&shot, &camera, Point2::new(0.0, 0.0), |_| true), None);
+    }
+}
