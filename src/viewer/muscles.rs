@@ -1,10 +1,12 @@
 //! Muscles among bones as a subject: what a hand does to a simulation between its frames.
 
 mod shots;
+mod wish;
 
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::time::Duration;
 
 use nalgebra::{Isometry3, Point3};
 
@@ -13,9 +15,11 @@ use super::recipe::{Recipe, Refused, StartError, check_index, check_number, word
 use super::session::Command;
 use super::snapshot::{Shot, Stage, Steering};
 use super::subject::{Advanced, Subject, Watch};
+use crate::accuracy::Chosen;
 use crate::scene::{Key, Motion, Scene};
 use crate::simulation::{Assets, Plan, Simulation};
 use shots::{angle, seconds};
+use wish::Wish;
 
 /// A hand turns a bone by at most this a frame [rad]: about as fast as the built-in hip turns, times three. Bones that jump
 /// tear muscles.
@@ -23,6 +27,9 @@ pub const MOST_TURN: f64 = 0.03;
 
 /// The hand's spring, over the stiffness of the muscle's surface.
 const DRAG: f64 = 3.0;
+
+/// A choice of solver and settings is asked for its result for so long at a time.
+const PATIENCE: Duration = Duration::from_millis(50);
 
 /// A bone that is turned by hand.
 #[derive(Clone, Copy, Debug)]
@@ -33,6 +40,12 @@ struct Hand {
     /// What its motion did beside turning: pose = turn(angle) offset.
     offset: Isometry3<f64>,
 }
+
+/// The path of the scene that tells the accuracy wished.
+const ACCURACY: &str = "accuracy";
+
+/// Why no choice begins.
+const NO_THREAD: &str = "the system gives no thread to choose settings in; end other programs and try again";
 
 /// A scene of muscles that runs.
 pub(super) struct Muscles {
@@ -50,6 +63,9 @@ pub(super) struct Muscles {
     fixed: Vec<Vec<u32>>,
     drags: Vec<Option<(u32, Point3<f64>, f64)>>,
     probe: Option<(usize, usize)>,
+    /// A choice of solver and settings that is under way, and what came of the last one.
+    wish: Option<Wish>,
+    came_of_it: String,
     /// Seconds of each effect up to the last frame, and milliseconds in it.
     clock: BTreeMap<&'static str, f64>,
     effects: Vec<(&'static str, f64)>,
@@ -67,6 +83,8 @@ impl Muscles {
             fixed: vec![Vec::new(); scene.muscles.len()],
             drags: vec![None; scene.muscles.len()],
             probe: None,
+            wish: None,
+            came_of_it: String::new(),
             stage: Arc::new(shots::stage(&simulation)),
             controls: Arc::new(panel::controls(&scene, &scene)),
             start: scene.clone(),
@@ -109,13 +127,38 @@ impl Muscles {
         Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
     }
 
-    /// Goes on with other numbers.
+    /// Goes on with other numbers; a wish for an accuracy begins a choice.
     fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
         let scene = recipe.checked(path, &self.scene, &self.assets)?;
+        let wish = match (path, scene.accuracy) {
+            (ACCURACY, Some(accuracy)) => {
+                Some(Wish::new(&scene, &self.assets, accuracy).map_err(|_| Refused::NotHere(NO_THREAD))?)
+            }
+            _ => None,
+        };
         self.go_on_as(&scene, self.fixed.clone())?;
+        if path == ACCURACY {
+            (self.wish, self.came_of_it) = (wish, String::new());
+        }
         self.controls = Arc::new(panel::controls(&self.start, &scene));
         (self.recipe, self.scene) = (recipe, Arc::new(scene));
         Ok(())
+    }
+
+    /// Takes what was chosen for the accuracy that was wished.
+    fn grant(&mut self, found: Result<Chosen, String>) {
+        self.wish = None;
+        self.came_of_it = match found {
+            Err(why) => format!("no setting was chosen: {why}"),
+            Ok(chosen) => {
+                let with = |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
+                let recipe = wish::changes(&chosen).iter().fold(self.recipe.clone(), with);
+                match self.change("solver", recipe) {
+                    Ok(()) => chosen.why,
+                    Err(refused) => format!("{}; not taken: {refused}", chosen.why),
+                }
+            }
+        };
     }
 
     /// Goes on with other vertices fixed.
@@ -237,7 +280,18 @@ impl Subject for Muscles {
         self.seen()
     }
 
+    fn wants_frames(&self) -> bool {
+        self.wish.is_some()
+    }
+
     fn advance(&mut self, _: Watch<'_>) -> Advanced {
+        // Times are measured meanwhile: nothing else runs.
+        if let Some(wish) = &self.wish {
+            if let Some(found) = wish.wait(PATIENCE) {
+                self.grant(found);
+            }
+            return Advanced::GivenUp;
+        }
         self.steer_bones();
         let (step, frame, simulation) = (self.step, self.simulation.frame() + 1, &mut self.simulation);
         if let Err(panic) = catch_unwind(AssertUnwindSafe(|| step(simulation))) {

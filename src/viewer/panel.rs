@@ -5,7 +5,7 @@ use nalgebra::{Unit, Vector3};
 use super::session::Command;
 use super::snapshot::{Shot, Steering};
 use crate::constraints::Order;
-use crate::scene::{Bone, Mass, Minimisation, Pbd, Scene, Solver, Xpbd};
+use crate::scene::{Accuracy, Bone, Mass, Minimisation, Pbd, Scene, Solver, Xpbd};
 
 /// How a control's range is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -394,6 +394,16 @@ impl List {
     }
 
     fn solver(&mut self, scene: &Scene) {
+        // Classic PBD minimises nothing that an error could be measured against.
+        if !matches!(scene.solver, Solver::Pbd(_)) {
+            let wished = match scene.accuracy {
+                Some(Accuracy::Share(share)) => 100.0 * share,
+                // One per cent where none is wished, or one in millimetres.
+                _ => 1.0,
+            };
+            let shown = Shown { unit: "%", range: (0.01, 10.0), scale: Scale::Logarithmic };
+            self.slider("solver", "accuracy wished", Target::Path("accuracy".to_owned()), wished, shown);
+        }
         let names = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
         let chosen = match scene.solver {
             Solver::Xpbd(_) => 0,

@@ -53,7 +53,7 @@ impl Muscles {
             bones: (0..self.scene.bones.len()).map(bone).collect(),
             handles: Vec::new(),
             effects: self.effects.clone(),
-            notes: simulation.notes.clone(),
+            notes: simulation.notes.iter().cloned().chain(self.said()).collect(),
         }
     }
 
@@ -74,6 +74,14 @@ impl Muscles {
             }
         }
         all
+    }
+
+    /// What is to be told of the accuracy that was wished.
+    fn said(&self) -> Option<String> {
+        match &self.wish {
+            Some(wish) => Some(format!("choosing solver and settings, {}", wish.part())),
+            None => (!self.came_of_it.is_empty()).then(|| self.came_of_it.clone()),
+        }
     }
 
     /// What is known of a vertex.

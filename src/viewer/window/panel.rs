@@ -163,6 +163,12 @@ impl Panel<'_> {
         if let Some((_, why)) = &self.shot.refused {
             wrapped(ui, format!("not done: {why}"), Color32::YELLOW);
         }
+        let shot = self.shot;
+        if !shot.notes.is_empty() {
+            egui::CollapsingHeader::new("Notes").default_open(true).show(ui, |ui| {
+                shot.notes.iter().for_each(|note| wrapped(ui, note.clone(), Color32::GRAY));
+            });
+        }
         if !self.state.message.is_empty() {
             wrapped(ui, self.state.message.clone(), Color32::LIGHT_GREEN);
         }

@@ -19,8 +19,8 @@ fn a_panel_has_what_its_scene_has_and_nothing_else() {
     let hip = session("hip", &HIP, Pace::paused());
     let expected = "stretch/stretch bending/bending volume/volume volume/pressure anisotropy/anisotropy \
         anisotropy/strength anisotropy/power contact/contact contact/thickness contact/friction damping/damping damping/rate \
-        muscle gluteus/stretch,muscle gluteus/bending,muscle gluteus/density solver/solver solver/substeps solver/iterations \
-        solver/tolerance,solver/order of a sweep,bone femur/by its motion,bone femur/angle";
+        muscle gluteus/stretch,muscle gluteus/bending,muscle gluteus/density solver/accuracy wished solver/solver solver/substeps \
+        solver/iterations solver/tolerance,solver/order of a sweep,bone femur/by its motion,bone femur/angle";
     let shown = names(&of(&hip, "hip", &HIP)).join(",");
     let plain = |text: &str| text.replace([' ', ','], "");
     assert_eq!(plain(&shown), plain(expected));
