@@ -91,6 +91,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let options = window::Options {
         folder: out.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))),
         name: name.clone(),
+        stem,
         size: arguments.size,
         replayed: arguments.replay.is_some(),
         trace: arguments.trace.clone(),
@@ -98,7 +99,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let recipe = Recipe::find(&name, &arguments.set)?;
     let shown = window::show(move || Session::start(recipe, pace), &options);
     match shown {
-        Ok(()) => Ok(super::DONE),
+        Ok(said) => {
+            said.into_iter().for_each(|said| super::warn(&said));
+            Ok(super::DONE)
+        }
         Err(window::WindowError::Start(StartError::Scene(error))) => Err(error.into()),
         Err(window::WindowError::Start(StartError::Load(error))) => Err(error.into()),
         Err(error) => {

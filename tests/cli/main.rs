@@ -11,6 +11,7 @@ mod resume;
 mod springs;
 mod staged;
 mod study;
+mod view;
 
 use std::fs;
 use std::path::{Path, PathBuf};

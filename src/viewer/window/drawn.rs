@@ -182,7 +182,7 @@ impl Drawn {
             let has_fibres = look.fibres && !stage.fibres.is_empty();
             let opacity = match stage.tissue {
                 Tissue::Skin => look.skin,
-                _ if has_fibres => 0.6,
+                _ if has_fibres => 0.75,
                 _ => 1.0,
             };
             let has_field = !colouring.field.values(body).is_empty();
@@ -220,7 +220,7 @@ impl Drawn {
             if look.fibres {
                 for line in stage.fibres.at(&body.positions) {
                     let line = Polyline3d::new(line.iter().map(vec3).collect());
-                    window.draw_polyline(&line.with_color(ink(colour::FIBRE, 1.0)).with_width(1.5));
+                    window.draw_polyline(&line.with_color(ink(colour::FIBRE, 1.0)).with_width(1.0));
                 }
             }
             if stage.triangles.is_empty() {

@@ -1,5 +1,6 @@
 //! The window of the viewer: what a session shows, seen and steered by hand.
 
+mod capture;
 mod drawn;
 mod hand;
 mod lens;
@@ -23,6 +24,7 @@ use super::history::History;
 use super::recipe::StartError;
 use super::snapshot::{Shot, Snapshot};
 use crate::mesh::measures::Aabb;
+use capture::Capture;
 use drawn::{Drawn, Look};
 use hand::{Hand, Wish};
 use lens::Lens;
@@ -42,6 +44,9 @@ const SLOW: Duration = Duration::from_millis(25);
 /// As long as the hand moved so lately, nothing is left.
 const LATELY: Duration = Duration::from_millis(500);
 
+/// Share of the vertices that the range of colours holds.
+const COVERED: f64 = 0.98;
+
 /// What is behind everything.
 const BACKGROUND: crate::render::colour::Rgb = [0.16, 0.17, 0.2];
 
@@ -53,6 +58,8 @@ const RATED: usize = 30;
 pub struct Options {
     /// Name of what is shown.
     pub name: String,
+    /// What its pictures are called after.
+    pub stem: String,
     /// Width and height [px].
     pub size: (u32, u32),
     /// Whether a finished run is played.
@@ -97,14 +104,14 @@ impl WindowError {
     }
 }
 
-/// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed.
+/// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed, with what there is to be said.
 ///
 /// # Errors
 /// No display, no graphics card, or nothing to be shown.
 pub fn show(
     start: impl FnOnce() -> Result<Session, StartError> + Send + 'static,
     options: &Options,
-) -> Result<(), WindowError> {
+) -> Result<Option<String>, WindowError> {
     let starting = std::thread::Builder::new()
         .name("start".to_owned())
         .spawn(start)
@@ -161,7 +168,7 @@ async fn shown(
     starting: JoinHandle<Result<Session, StartError>>,
     options: &Options,
     trace: Option<Trace>,
-) -> Result<(), WindowError> {
+) -> Result<Option<String>, WindowError> {
     window.set_background_color(drawn::ink(BACKGROUND, 1.0));
     window.set_ambient(0.45);
     // Colours mean numbers: nothing may shift or darken them but the shape itself.
@@ -179,7 +186,7 @@ async fn shown(
         window.draw_ui(|ctx| reading(ctx, &options.name));
         if !window.render_3d(drawn.root(), &mut lens).await {
             // Closed before anything was shown: the thread is left to end with the process.
-            return Ok(());
+            return Ok(None);
         }
         // A word needs no sixty pictures a second, and reading needs the processor.
         std::thread::sleep(READING);
@@ -203,12 +210,14 @@ async fn shown(
         fitted_to: first.stage.bodies.len(),
         pictures: std::collections::VecDeque::new(),
         trace,
+        capture: Capture::new(&options.folder, &options.stem),
         heard: Instant::now(),
     };
     loop {
         let begun = Instant::now();
         if !viewer.picture(&mut window).await || viewer.closes {
-            return Ok(());
+            // A film that was not stopped is written.
+            return Ok(viewer.capture.close());
         }
         let took = begun.elapsed();
         if took > SLOW && viewer.heard.elapsed() > LATELY {
@@ -261,6 +270,7 @@ struct Viewer<'a> {
     fitted_to: usize,
     pictures: std::collections::VecDeque<Instant>,
     trace: Option<Trace>,
+    capture: Capture,
     /// When the hand last moved or a key was pressed.
     heard: Instant,
 }
@@ -275,8 +285,11 @@ impl Viewer<'_> {
             self.lens.camera = fitted(&shot);
         }
         for body in &shot.bodies {
-            let values = self.colouring.field.values(body);
-            self.colouring.see(&values);
+            let mut values = self.colouring.field.values(body);
+            values.sort_unstable_by(f64::total_cmp);
+            // A few wild vertices do not pale the rest.
+            let covered = (COVERED * values.len() as f64) as usize;
+            self.colouring.see(&values[..covered]);
         }
         let scale = window.scale_factor();
         let size = window.size();
@@ -291,7 +304,12 @@ impl Viewer<'_> {
         self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
         self.drawn.overlay(window, &shot, &self.look, self.picked);
         let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
-        asked.into_iter().for_each(|asked| self.answer(asked, window, &shot));
+        asked.into_iter().for_each(|asked| self.answer(asked));
+        let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
+        if let Some(said) = self.capture.rendered(window, seen) {
+            self.state.message = said;
+        }
+        self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
             trace.picture(&shot, widgets, &places(&shot, &self.lens));
         }
@@ -396,7 +414,7 @@ impl Viewer<'_> {
         asked
     }
 
-    fn answer(&mut self, asked: Asked, _window: &Window, _shot: &Shot) {
+    fn answer(&mut self, asked: Asked) {
         match asked {
             Asked::FirstView => self.lens.camera.reset(),
             Asked::View(from) => {
@@ -404,7 +422,8 @@ impl Viewer<'_> {
                 let up = if from.y == 0.0 { Vector3::y() } else { -Vector3::z() };
                 self.lens.camera = self.lens.camera.seen_from(from, up);
             }
-            Asked::Picture | Asked::Record => {}
+            Asked::Picture => self.capture.picture(),
+            Asked::Record => self.state.message = self.capture.record(),
         }
     }
 }

@@ -195,6 +195,11 @@ impl Panel<'_> {
             }
         }
         for (name, members) in groups {
+            // One switch needs no heading.
+            if let [control] = members[..] {
+                self.control(ui, control);
+                continue;
+            }
             egui::CollapsingHeader::new(capital(name)).id_salt(("group", name)).default_open(true).show(ui, |ui| {
                 members.iter().for_each(|control| self.control(ui, control));
             });
