@@ -29,6 +29,7 @@ pub mod colour;
 mod frame;
 mod legend;
 mod lighting;
+mod overlay;
 mod palette;
 mod raster;
 mod screen;
@@ -41,6 +42,7 @@ pub use colour::{ColourMap, Rgb};
 pub use frame::{Frame, PictureError};
 pub use legend::Legend;
 pub use lighting::{Light, Lighting, vertex_normals};
+pub use overlay::to_overlays;
 pub use text::TextStyle;
 pub use ticks::{Ticks, number};
 

@@ -1,6 +1,4 @@
-//! The few colours of an animation, chosen by cutting the cloud of its colours at medians.
-
-use std::collections::BTreeMap;
+//! The few colours of several pictures, chosen by cutting the cloud of its colours at medians.
 
 use super::frame::Frame;
 
@@ -24,31 +22,27 @@ struct Count {
 impl Palette {
     /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps its colour exactly.
     pub fn of(frames: &[Frame], most: usize) -> Self {
-        let mut counts: BTreeMap<usize, Count> = BTreeMap::new();
+        let mut counts = vec![Count::default(); 1 << (3 * BITS)];
         for pixel in frames.iter().flat_map(Frame::pixels) {
-            let count = counts.entry(key(*pixel)).or_default();
+            let count = &mut counts[key(*pixel)];
             count.pixels += 1;
             (0..3).for_each(|k| count.sum[k] += u64::from(pixel[k]));
         }
         let background = frames.first().and_then(|frame| frame.pixel(0, 0)).unwrap_or([255; 3]);
-        let mut boxes = vec![counts.into_values().collect::<Vec<_>>()];
+        counts.retain(|count| count.pixels > 0);
+        let mut boxes = vec![(weight(&counts), counts)];
         while boxes.len() + 1 < most {
-            let weighty = |counts: &Vec<Count>| {
-                let (_, extent) = longest(counts);
-                extent * extent * counts.iter().map(|c| c.pixels).sum::<u64>().isqrt()
-            };
             // The first of equals, so that the palette is always the same.
-            let Some(chosen) = (0..boxes.len()).max_by_key(|i| (weighty(&boxes[*i]), std::cmp::Reverse(*i))) else {
+            let heaviest = (0..boxes.len()).max_by_key(|i| (boxes[*i].0, std::cmp::Reverse(*i)));
+            let Some((was, whole)) = heaviest.and_then(|i| boxes.get_mut(i)).filter(|(weight, _)| *weight > 0) else {
                 break;
             };
-            if weighty(&boxes[chosen]) == 0 {
-                break;
-            }
-            let half = split(&mut boxes[chosen]);
-            boxes.push(half);
+            let half = split(whole);
+            *was = weight(whole);
+            boxes.push((weight(&half), half));
         }
         let mut colours = vec![background];
-        colours.extend(boxes.iter().filter(|counts| !counts.is_empty()).map(|counts| mean(counts)));
+        colours.extend(boxes.iter().filter(|(_, counts)| !counts.is_empty()).map(|(_, counts)| mean(counts)));
         let mut nearest = vec![None; 1 << (3 * BITS)];
         nearest[key(background)] = Some(0);
         Self { colours, nearest }
@@ -88,6 +82,12 @@ fn channel(count: &Count, k: usize) -> u64 {
 fn mean(counts: &[Count]) -> [u8; 3] {
     let pixels: u64 = counts.iter().map(|c| c.pixels).sum();
     std::array::from_fn(|k| (counts.iter().map(|c| c.sum[k]).sum::<u64>() / pixels.max(1)).min(255) as u8)
+}
+
+/// How much is gained by cutting a box; 0 where there is nothing to cut.
+fn weight(counts: &[Count]) -> u64 {
+    let (_, extent) = longest(counts);
+    extent * extent * counts.iter().map(|c| c.pixels).sum::<u64>().isqrt()
 }
 
 /// The channel along which the colours are spread most, and by how much.

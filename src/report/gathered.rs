@@ -81,9 +81,9 @@ impl Gathered {
         simulation: &Simulation,
         root: &Path,
         first: Snapshot,
-        step: usize,
+        animate: bool,
     ) -> Result<Shots, FolderError> {
-        let mut shots = Shots { step, ..Shots::default() };
+        let mut shots = Shots::new(animate);
         let count = simulation.bodies.len().max(1);
         for frame in 0..=simulation.frame() {
             let measures = &self.measures[(frame * count).min(self.measures.len())..];
@@ -93,19 +93,16 @@ impl Gathered {
         let mut known: HashMap<usize, Arc<Snapshot>> = HashMap::new();
         known.insert(simulation.frame(), Arc::new(Snapshot::of(simulation)));
         known.insert(0, Arc::new(first));
-        let wanted = shots.worst.iter().map(|(_, shot)| shot).chain(&shots.animation);
-        for frame in wanted.map(|shot| shot.frame).collect::<HashSet<_>>() {
+        for frame in shots.all().map(|shot| shot.frame).collect::<HashSet<_>>() {
             if let std::collections::hash_map::Entry::Vacant(place) = known.entry(frame) {
                 place.insert(Arc::new(read(cast, simulation, root, frame)?));
             }
         }
-        let of = |shot: &mut Arc<Snapshot>| {
+        for shot in shots.all_mut() {
             if let Some(whole) = known.get(&shot.frame) {
                 *shot = whole.clone();
             }
-        };
-        shots.first.iter_mut().chain(&mut shots.last).chain(&mut shots.animation).for_each(of);
-        shots.worst.iter_mut().for_each(|(_, shot)| of(shot));
+        }
         Ok(shots)
     }
 }

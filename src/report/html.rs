@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 
 use super::plot::LinePlot;
 use super::table::Table;
+use super::turntable::{self, Turntable};
 
 /// Everything that a report shows.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -20,6 +21,8 @@ pub struct Report {
     pub pictures: Vec<(String, Vec<u8>)>,
     /// Caption and bytes of each picture that needs the whole width, one below the other.
     pub sheets: Vec<(String, Vec<u8>)>,
+    /// Pictures behind a slider.
+    pub turntable: Option<Turntable>,
     /// Heading over the plots; "Over the run" where it is empty.
     pub plots_title: String,
     /// Plots, two in a row.
@@ -70,17 +73,21 @@ th{color:var(--soft);font-weight:600;font-size:13px}
 ";
 
 impl Report {
-    /// The report as one self-contained HTML file: no script, nothing loaded from elsewhere, every text escaped, light
-    /// or dark as the reader's system is. The same bytes for the same report.
+    /// The report as one self-contained HTML file: nothing loaded from elsewhere, no script but that of the turn-table, every
+    /// text escaped, light or dark as the reader's system is. The same bytes for the same report.
     pub fn to_html(&self) -> String {
         let title = escape(&self.title);
-        // Should an escape ever fail, the browser still runs and loads nothing.
-        let policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'";
+        // Should an escape ever fail, the browser still runs nothing else and loads nothing.
+        let (script, style) = match self.turntable {
+            Some(_) => (turntable::POLICY, turntable::STYLE),
+            None => ("", ""),
+        };
+        let policy = format!("default-src 'none'; img-src data:; style-src 'unsafe-inline'{script}");
         let mut html = format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
+             <title>{title}</title>\n<style>\n{STYLE}{style}</style>\n</head>\n<body>\n<main>\n<h1>{title}</h1>\n"
         );
         if !self.subtitle.is_empty() {
             let _ = writeln!(html, "<p class=\"subtitle\">{}</p>", escape(&self.subtitle));
@@ -88,6 +95,7 @@ impl Report {
         self.write_verdict(&mut html);
         write_pictures(&mut html, "pictures", &self.pictures);
         write_pictures(&mut html, "sheets", &self.sheets);
+        self.turntable.iter().for_each(|table| table.write(&mut html));
         if !self.plots.is_empty() {
             let heading = if self.plots_title.is_empty() { "Over the run" } else { &self.plots_title };
             let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"grid plots\">", escape(heading));
@@ -191,7 +199,7 @@ pub(super) fn escape(text: &str) -> String {
 }
 
 /// Bytes as base64 (RFC 4648, with padding).
-fn base64(bytes: &[u8]) -> String {
+pub(super) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {
@@ -229,6 +237,7 @@ mod tests {
             findings: Vec::new(),
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
+            turntable: None,
             plots_title: evil(),
             plots: vec![LinePlot::new(evil(), evil()).with(evil(), [(0.0, 0.0), (1.0, 1.0)]).with_limit(evil(), 1.0)],
             tables: vec![table],

@@ -2,7 +2,7 @@
 //! files of a run.
 //!
 //! Plain data in, text out: a [`Report`] knows nothing of simulations. Every string is escaped; the HTML runs no script
-//! and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
+//! but that of a turn-table and loads nothing from elsewhere. What turns a run into files and into a report is in the public modules.
 
 pub mod biceps;
 pub mod fibres;
@@ -26,9 +26,11 @@ mod skin_accuracy;
 pub mod summary;
 pub mod work_precision;
 mod table;
+mod turntable;
 
 pub use html::Report;
 pub use plot::{LinePlot, Series};
 pub use table::Table;
+pub use turntable::{Side, Turntable};
 
 pub use crate::render::number;

@@ -7,7 +7,7 @@ use super::pictures::Painter;
 use super::record::Record;
 use super::results::Shots;
 use super::summary::{MuscleSummary, Summary};
-use super::{LinePlot, Report, Table};
+use super::{LinePlot, Report, Table, Turntable};
 use crate::render::PictureError;
 use crate::simulation::Measures;
 use crate::simulation::plan::{LeftOut, Planned};
@@ -34,6 +34,7 @@ pub fn report(
         verdict: summary.verdicts.iter().map(verdict).collect(),
         pictures: pictures(cast, shots)?,
         sheets: Vec::new(),
+        turntable: turntable(cast, shots)?,
         plots_title: String::new(),
         plots: plots(summary, record),
         tables: tables(summary, settings),
@@ -50,6 +51,11 @@ fn subtitle(summary: &Summary) -> String {
         summary.time.frame_ms_median,
         if summary.interrupted { "; interrupted" } else { "" }
     )
+}
+
+/// The turn-table of a run; none of a single frame.
+pub(super) fn turntable(cast: &Cast, shots: &Shots) -> Result<Option<Turntable>, PictureError> {
+    Painter::new(cast, shots).map_or(Ok(None), |painter| painter.turntable(shots))
 }
 
 pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, PictureError> {

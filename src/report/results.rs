@@ -24,8 +24,40 @@ const ANIMATION_STEP: usize = 4;
 /// Pictures of an animation at most; a longer run shows every second, and so on.
 const MOST_PICTURES: usize = 500;
 
+/// Frames of the turn-table at most, besides the last.
+const MOST_TURNED: usize = 23;
+
+/// Frames that are evenly apart, so few that a run of any length keeps no more.
+#[derive(Clone, Debug)]
+pub struct Evenly {
+    /// The frames so far.
+    pub shots: Vec<Arc<Snapshot>>,
+    /// Frames from one to the next; 0 for none at all.
+    step: usize,
+    /// This many at most; of a longer run every second, and so on.
+    most: usize,
+}
+
+impl Evenly {
+    /// None yet; every `step`-th of a run as long as they are `most`.
+    fn new(step: usize, most: usize) -> Self {
+        Self { shots: Vec::new(), step, most }
+    }
+
+    fn add(&mut self, snapshot: &Arc<Snapshot>) {
+        if self.step > 0 && snapshot.frame.is_multiple_of(self.step) {
+            self.shots.push(snapshot.clone());
+            if self.shots.len() > self.most {
+                self.step = self.step.saturating_mul(2);
+                let step = self.step;
+                self.shots.retain(|s| s.frame.is_multiple_of(step));
+            }
+        }
+    }
+}
+
 /// The frames that pictures are made of.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Shots {
     /// The start.
     pub first: Option<Arc<Snapshot>>,
@@ -34,15 +66,43 @@ pub struct Shots {
     /// The last frame.
     pub last: Option<Arc<Snapshot>>,
     /// Frames of the animation; none unless one is wanted.
-    pub animation: Vec<Arc<Snapshot>>,
-    /// An animation shows every so many frames; 0 for no animation.
-    pub step: usize,
+    pub animation: Evenly,
+    /// Frames of the turn-table, but for the last.
+    pub turned: Evenly,
 }
 
 impl Shots {
     /// None yet; an animation if one is wanted.
     pub(super) fn new(animate: bool) -> Self {
-        Self { step: if animate { ANIMATION_STEP } else { 0 }, ..Self::default() }
+        Self {
+            first: None,
+            worst: None,
+            last: None,
+            animation: Evenly::new(if animate { ANIMATION_STEP } else { 0 }, MOST_PICTURES),
+            turned: Evenly::new(1, MOST_TURNED),
+        }
+    }
+
+    /// The frames that a turn-table shows, the first and the last among them.
+    pub fn of_turntable(&self) -> Vec<Arc<Snapshot>> {
+        let mut all = self.turned.shots.clone();
+        if let Some(last) = self.last.iter().find(|last| all.last().is_none_or(|shown| shown.frame != last.frame)) {
+            all.push(last.clone());
+        }
+        all
+    }
+
+    /// All frames that are kept; one that is kept for several pictures comes as often.
+    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<Snapshot>> {
+        let Self { first, worst, last, animation, turned } = self;
+        let single = first.iter_mut().chain(worst.iter_mut().map(|(_, shot)| shot)).chain(last);
+        single.chain(&mut animation.shots).chain(&mut turned.shots)
+    }
+
+    /// As [`Self::all_mut`].
+    pub(super) fn all(&self) -> impl Iterator<Item = &Arc<Snapshot>> {
+        let single = self.first.iter().chain(self.worst.iter().map(|(_, shot)| shot)).chain(&self.last);
+        single.chain(&self.animation.shots).chain(&self.turned.shots)
     }
 
     /// Adds a frame of muscles.
@@ -57,14 +117,8 @@ impl Shots {
             self.worst = Some((stretch, snapshot.clone()));
         }
         self.last = Some(snapshot.clone());
-        if self.step > 0 && snapshot.frame.is_multiple_of(self.step) {
-            self.animation.push(snapshot.clone());
-            if self.animation.len() > MOST_PICTURES {
-                self.step = self.step.saturating_mul(2);
-                let step = self.step;
-                self.animation.retain(|s| s.frame.is_multiple_of(step));
-            }
-        }
+        self.animation.add(snapshot);
+        self.turned.add(snapshot);
     }
 }
 
@@ -117,8 +171,8 @@ impl Results {
     }
 
     /// Goes on with the results in the folder `root`, of which `gathered` is what they held when `simulation` was where it
-    /// is now; `first` is its start. Later frames in the folder go. What an animation shows of earlier frames is read from
-    /// their files; without one, an animation of the earlier run goes.
+    /// is now; `first` is its start. Later frames in the folder go. What pictures show of earlier frames is read from
+    /// their files; without an animation wanted, an animation of the earlier run goes.
     ///
     /// # Errors
     /// A file of an earlier frame is missing or changed, and then nothing was touched; or the folder cannot be used.
@@ -131,8 +185,7 @@ impl Results {
         begun: Instant,
     ) -> Result<Self, FolderError> {
         let cast = Arc::new(Cast::of(simulation));
-        let step = if animate { ANIMATION_STEP } else { 0 };
-        let shots = gathered.shots(&cast, simulation, root, first, step)?;
+        let shots = gathered.shots(&cast, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&cast, simulation);
         let folder = Arc::new(Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?);
         let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), listing));
@@ -236,7 +289,8 @@ impl Results {
 
     /// Writes the animation, if one is wanted; gives its name.
     fn write_animation(&self) -> Result<Option<String>, FolderError> {
-        let Some(painter) = Painter::new(&self.cast, &self.shots).filter(|_| self.shots.step > 0) else {
+        let Some(painter) = Painter::new(&self.cast, &self.shots).filter(|_| !self.shots.animation.shots.is_empty())
+        else {
             return Ok(None);
         };
         let name = format!("{}.gif", file_name(&self.name));
@@ -266,4 +320,34 @@ impl Results {
 /// A time that was kept; one that makes no sense is none.
 fn seconds(kept: f64) -> Duration {
     Duration::try_from_secs_f64(kept).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(shots: &[Arc<Snapshot>]) -> Vec<usize> {
+        shots.iter().map(|s| s.frame).collect()
+    }
+
+    #[test]
+    fn a_run_of_any_length_keeps_few_frames_evenly_apart() {
+        let mut shots = Shots::new(true);
+        let mut most = 0;
+        for frame in 0..=100_000 {
+            let snapshot = Snapshot { frame, time: frame as f64, muscles: Vec::new(), bones: Vec::new() };
+            shots.add_stretched(&Arc::new(snapshot), 0.0);
+            let turned = frames(&shots.of_turntable());
+            most = most.max(turned.len());
+            assert!(turned.first() == Some(&0) && turned.last() == Some(&frame), "{turned:?}");
+            assert!(shots.turned.shots.len() <= MOST_TURNED && turned.len() >= (frame + 1).min(MOST_TURNED / 2));
+            // All but the last are as far apart as the first two.
+            let even = |pair: &[usize]| pair[1] - pair[0] == turned[1];
+            assert!(turned.split_last().is_some_and(|(_, all)| all.windows(2).all(even)), "{turned:?}");
+        }
+        assert_eq!(most, MOST_TURNED + 1);
+        assert!(shots.animation.shots.len() <= MOST_PICTURES);
+        assert_eq!(frames(&shots.animation.shots)[..3], [0, 256, 512]);
+        assert!(Shots::new(false).animation.shots.is_empty() && Shots::new(false).of_turntable().is_empty());
+    }
 }

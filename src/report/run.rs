@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use super::folder::{Folder, FolderError};
 use super::frames::{Cast, FrameWriter, Listing, Snapshot, file_name};
-use super::page::{of_effects, pictures};
+use super::page::{of_effects, pictures, turntable};
 use super::pictures::Painter;
 use super::results::Shots;
 use super::summary::Verdict;
@@ -220,6 +220,7 @@ impl Told {
             subtitle: format!("{} of {} frames in {seconds:.1} s", run.frame(), run.frames()),
             verdict: account.verdicts.iter().chain(&failed(self.failed.as_deref())).map(verdict).collect(),
             pictures: shown,
+            turntable: turntable(cast, &self.shots)?,
             plots: account.plots.clone(),
             tables: tables.into_iter().filter(|t| !t.rows.is_empty()).collect(),
             notes: account.notes.clone(),

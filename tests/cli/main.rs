@@ -71,6 +71,13 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
+/// The turn-table of a page with its script, and the page without it.
+fn turntable(page: &str) -> (String, String) {
+    let at = page.find("<h2>Frame by frame</h2>").expect("a turn-table");
+    let end = at + page[at..].find("</script>").expect("its script");
+    (page[at..end].to_owned(), format!("{}{}", &page[..at], &page[end..]))
+}
+
 /// The files that a collection refers to; each must be there.
 fn referenced(folder: &Path, pvd: &str) -> Vec<String> {
     let text = fs::read_to_string(folder.join(pvd)).unwrap();
@@ -180,8 +187,11 @@ fn small_scenes_leave_whole_files() {
             let columns = table.lines().next().unwrap().split(',').count();
             assert!(table.lines().all(|l| l.split(',').count() == columns));
         }
-        let page = fs::read_to_string(out.join("report.html")).unwrap();
+        let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
         assert_eq!(page.matches("data:image/png;base64,").count(), 3, "{scene}");
+        assert_eq!(table.matches("src=\"data:image/png;base64,").count(), 1, "{scene}");
+        assert!(table.contains("data-frames=\"0 1 2 3 4 5\""), "{scene}");
+        assert_eq!(table.matches("type=\"radio\"").count(), 3, "{scene}");
         assert!(page.contains("Effects left out") && page.ends_with("</html>\n"));
     }
 }
@@ -535,6 +545,8 @@ fn meshes_without_a_scene_give_the_same_bytes_for_any_number_of_threads() {
         let [one, two] = outs.each_ref().map(|out| fs::read(out.join("frames").join(name)).unwrap());
         assert!(one == two, "{name} depends on the number of threads");
     }
+    let [one, two] = outs.each_ref().map(|out| turntable(&fs::read_to_string(out.join("report.html")).unwrap()).0);
+    assert!(one == two, "the turn-table depends on the number of threads");
     let summary = json(&outs[0].join("summary.json"));
     let muscle = &summary["muscles"][0];
     assert!(muscle["vertices_attached"].as_u64().unwrap() > 0, "held by the box that is 2 mm away");

@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use super::{Scratch, json, names_in, pliant, referenced, run, run_into, shown, text};
+use super::{Scratch, json, names_in, pliant, referenced, run, run_into, shown, text, turntable};
 
 /// The flat implant on a mesh that takes a second.
 const SMALL: [&str; 6] = ["flat-implant", "--set", "sheet.cells=32", "--set", "skin.edge_length=6.25 mm", "--set"];
@@ -55,8 +55,9 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
     assert_eq!(referenced(&out, "flat-implant.pvd").len(), 4);
     assert_eq!(names_in(&out.join("frames")).len(), 4);
     assert_eq!(fs::read_to_string(out.join("measures.csv")).unwrap().lines().count(), 3);
-    let page = fs::read_to_string(out.join("report.html")).unwrap();
+    let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
     assert_eq!(page.matches("data:image/png;base64,").count(), 6);
+    assert!(table.contains("data-frames=\"0 1\"") && table.matches("data-pictures").count() == 3);
     assert!(page.contains("area retracted [cm2]") && page.contains("Effects left out"));
     let skin = pliant::io::read(&out.join("frames/skin_0001.vtp")).unwrap().mesh;
     let highest = skin.vertices.iter().map(|p| p.z).fold(0.0, f64::max);
