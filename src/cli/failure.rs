@@ -24,6 +24,9 @@ pub(super) enum Failure {
     },
     /// The results cannot be written.
     Folder(FolderError),
+    /// Wrong input whose message says what to do.
+    #[cfg(feature = "viewer")]
+    Told(String),
     /// Anything else that is wrong with what was asked.
     Usage {
         /// What is wrong.
@@ -80,6 +83,8 @@ impl Failure {
                 (LoadError::Unfit(unfit), true) => say_with_source(unfit.diagnostic(), &self.terse()),
                 (LoadError::Unfit(_), false) => warn(&self.terse()),
             },
+            #[cfg(feature = "viewer")]
+            Self::Told(_) => warn(&self.terse()),
             Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
         }
     }
@@ -93,6 +98,8 @@ impl Failure {
                 _ => error.terse(),
             },
             Self::Folder(error) => format!("error: {error}"),
+            #[cfg(feature = "viewer")]
+            Self::Told(message) => format!("error: {message}"),
             Self::Usage { message, hint } => format!("error: {message}; {hint}"),
         }
     }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::failure::Failure;
 #[cfg(feature = "viewer")]
-use crate::viewer::{Pace, Recipe, Session, StartError, window};
+use crate::viewer::{Pace, Recipe, Replay, Session, StartError, window};
 
 /// What is shown when nothing is named.
 #[cfg(feature = "viewer")]
@@ -96,8 +96,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         replayed: arguments.replay.is_some(),
         trace: arguments.trace.clone(),
     };
-    let recipe = Recipe::find(&name, &arguments.set)?;
-    let shown = window::show(move || Session::start(recipe, pace), &options);
+    let shown = match &arguments.replay {
+        Some(folder) => {
+            let replay = Replay::open(folder).map_err(|error| Failure::Told(error.to_string()))?;
+            window::show(move || Session::of(Box::new(replay), pace), &options)
+        }
+        None => {
+            let recipe = Recipe::find(&name, &arguments.set)?;
+            window::show(move || Session::start(recipe, pace), &options)
+        }
+    };
     match shown {
         Ok(said) => {
             said.into_iter().for_each(|said| super::warn(&said));

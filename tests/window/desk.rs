@@ -206,11 +206,11 @@ impl Viewer<'_> {
         self.drag("1", at(0.5), at(share), |_| {});
     }
 
-    /// The pictures that it saved, in the order of their names.
+    /// The pictures and recordings that it saved, in the order of their names.
     pub fn pictures(&self) -> Vec<PathBuf> {
         let entries = fs::read_dir(self.folder.0.join("pictures")).into_iter().flatten().flatten();
         let mut all: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
-        all.retain(|path| path.extension().is_some_and(|e| e == "png"));
+        all.retain(|path| path.extension().is_some_and(|e| e == "png" || e == "gif"));
         all.sort();
         all
     }
@@ -230,11 +230,6 @@ impl Viewer<'_> {
             assert!(begun.elapsed() < LONG, "waiting for {what}: {}", self.errors());
             std::thread::sleep(Duration::from_millis(20));
         }
-    }
-
-    /// Where its pictures and recordings go.
-    pub fn folder(&self) -> PathBuf {
-        self.folder.0.join("pictures")
     }
 
     /// Presses Q and returns the exit code.

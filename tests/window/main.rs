@@ -37,10 +37,14 @@ fn it_opens_runs_pauses_resets_and_closes() {
     assert_eq!(first.blank(), None);
     assert!(first.share(is_bone) > 0.02, "bone: {}", first.share(is_bone));
     assert!(first.share(is_violet) > 0.01, "muscle without stretch: {}", first.share(is_violet));
+    viewer.press("Record");
     viewer.press("Run");
     viewer.wait("frames", |seen| frame(seen) > 20.0);
     viewer.key("space");
     let paused = viewer.wait("a pause", |seen| seen["running"] == false);
+    viewer.press("Stop recording");
+    viewer
+        .wait_for_file("a film", |viewer| viewer.pictures().iter().any(|p| p.extension().is_some_and(|e| e == "gif")));
     viewer.press("Step");
     viewer.wait("a step", |seen| frame(seen) == frame(&paused) + 1.0);
     let later = viewer.picture();

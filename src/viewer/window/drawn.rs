@@ -182,12 +182,14 @@ impl Drawn {
             let has_fibres = look.fibres && !stage.fibres.is_empty();
             let opacity = match stage.tissue {
                 Tissue::Skin => look.skin,
+                Tissue::Bone => look.bones,
                 _ if has_fibres => 0.75,
                 _ => 1.0,
             };
-            let has_field = !colouring.field.values(body).is_empty();
+            let has_field = stage.tissue != Tissue::Bone && !colouring.field.values(body).is_empty();
             let plain = match stage.tissue {
                 Tissue::Muscle => colour::MUSCLE,
+                Tissue::Bone => colour::BONE,
                 Tissue::Skin => [0.93, 0.76, 0.66],
                 Tissue::Implant => [0.55, 0.75, 0.95],
                 Tissue::Plain => [0.7, 0.7, 0.75],
