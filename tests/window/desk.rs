@@ -182,7 +182,9 @@ impl Viewer<'_> {
     }
 
     pub fn click(&mut self, at: [f64; 2]) {
-        self.drag("1", at, at, |_| {});
+        self.go(at);
+        self.desk.hand(&["click", "1"]);
+        self.next();
     }
 
     /// Where a widget is.

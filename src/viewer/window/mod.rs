@@ -174,6 +174,8 @@ async fn shown(
     // Colours mean numbers: nothing may shift or darken them but the shape itself.
     window.set_tonemap(Tonemap::None);
     window.set_shadows_enabled(false);
+    // Where pictures are slow a click takes longer than the library expects.
+    window.egui_context().options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
     let nothing = Aabb { min: Point3::origin(), max: Point3::origin() };
     let size = window.size();
     let mut lens = Lens {
