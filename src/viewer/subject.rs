@@ -15,6 +15,8 @@ pub enum Advanced {
     Rests,
     /// It was given up for a command that waits; what is seen is as it was.
     GivenUp,
+    /// What was asked for before cannot be, and why; what is seen is as it was.
+    Refused(String),
     /// There is none, and why; nothing but a reset helps.
     Failed(String),
 }
@@ -50,6 +52,11 @@ pub trait Subject: Send {
 
     /// Computes the next frame; where that is long, it is given up when the session ends.
     fn advance(&mut self, watch: Watch<'_>) -> Advanced;
+
+    /// Whether frames are wanted also while it is paused, for what was asked for shows only in them.
+    fn wants_frames(&self) -> bool {
+        false
+    }
 
     /// Does what it is told; a session itself does [`Command::Pause`], [`Command::Run`], [`Command::Step`] and
     /// [`Command::Speed`], and passes nothing but [`Command::Reset`] on after a failure.

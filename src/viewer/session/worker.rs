@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -53,7 +53,9 @@ impl Worker {
     /// Until nobody can send commands any more.
     pub(super) fn run(mut self, commands: &Receiver<(u64, Command)>, publish: impl Fn(Snapshot)) {
         loop {
-            let first = if self.pace.running {
+            let first = if self.wants_frames() {
+                commands.try_recv().ok()
+            } else if self.pace.running {
                 match commands.recv_timeout(self.due.saturating_duration_since(Instant::now())) {
                     Ok(command) => Some(command),
                     Err(RecvTimeoutError::Timeout) => None,
@@ -71,25 +73,32 @@ impl Worker {
                 publish(self.snapshot());
             }
             // Also after commands, so that a hand that never rests does not hold up the frames.
-            if self.pace.running && Instant::now() >= self.due {
+            if self.wants_frames() || self.pace.running && Instant::now() >= self.due {
                 self.advance();
                 publish(self.snapshot());
             }
         }
     }
 
+    fn wants_frames(&self) -> bool {
+        let is_wanted = self.failed.is_none() && !self.ended.load(Ordering::Relaxed);
+        is_wanted && self.subject.wants_frames()
+    }
+
     fn obey_all(&mut self, batch: &[(u64, Command)]) {
         for (k, (number, command)) in batch.iter().enumerate() {
-            // Of a slider that moved while a frame was computed only the last place counts.
+            // Of a slider or handle that moved while a frame was computed only the last place counts.
             let next = batch.get(k + 1).map(|(_, next)| next);
             let is_overtaken = match (command, next) {
                 (Command::Set { path, .. }, Some(Command::Set { path: later, .. })) => path == later,
+                (Command::Move { handle, .. }, Some(Command::Move { handle: later, .. })) => handle == later,
                 _ => false,
             };
+            // Before: a step must not take the command that asks for it for another one.
+            self.answered = *number;
             if !is_overtaken && let Err(refused) = self.obey(command) {
                 self.refused = Some((*number, refused.to_string()));
             }
-            self.answered = *number;
         }
     }
 
@@ -152,6 +161,10 @@ impl Worker {
             }
             // It is begun again once the command is obeyed.
             Advanced::GivenUp => return,
+            Advanced::Refused(why) => {
+                self.refused = Some((self.answered, why));
+                return;
+            }
             Advanced::Rests => self.pace.running = false,
             Advanced::On => {}
         }
