@@ -61,13 +61,17 @@ impl Pose {
     }
 }
 
-/// Poses from rest to the longest, to the shortest and back.
-fn cycle(muscle: &Muscle, count: u32) -> Vec<Pose> {
+/// The length at picture `k` of a cycle of `count`: from rest to the longest, to the shortest and back [m].
+pub fn length_at(muscle: &Muscle, k: u32, count: u32) -> f64 {
     let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
-    let swing = |k: u32| libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
-    let lengths =
-        (0..count).map(swing).map(|s| if s >= 0.0 { rest + s * (most - rest) } else { rest + s * (rest - least) });
-    at(muscle, lengths)
+    let s = libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
+    let length = if s >= 0.0 { rest + s * (most - rest) } else { rest + s * (rest - least) };
+    length.clamp(least, most)
+}
+
+/// Poses from rest to the longest, to the shortest and back.
+pub fn cycle(muscle: &Muscle, count: u32) -> Vec<Pose> {
+    at(muscle, (0..count).map(|k| length_at(muscle, k, count)))
 }
 
 fn at(muscle: &Muscle, lengths: impl Iterator<Item = f64>) -> Vec<Pose> {

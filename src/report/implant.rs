@@ -522,7 +522,7 @@ fn at_vertices(ready: &Ready, done: &Inserted) -> Vec<f64> {
     sums.iter().map(|(sum, count)| sum / count.max(1.0)).collect()
 }
 
-pub(super) fn notes() -> Vec<String> {
+pub(crate) fn notes() -> Vec<String> {
     [
         "The deformed area is elastic and an upper bound: in pigs about a third of the gain remained when the expander was taken out.",
         "The intervals are published ratios of a few animals, applied to the area found here; they are not predictions for a patient.",

@@ -133,6 +133,23 @@ impl LatticeRun {
         }
     }
 
+    /// Goes on from where another run with as many points is, as fast as it is, with what it holds and does not.
+    pub fn continue_from(&mut self, before: &Self) {
+        let (from, to) = (&before.lattice, &mut self.lattice);
+        for point in from.shape().each() {
+            let [x, last] = [from.position(point), from.previous_position(point)].map(Vector3::from);
+            to.launch(point, x.into(), ((x - last) / from.time_step()).into());
+            if from.is_pinned(point) { to.pin(point) } else { to.release(point) }
+        }
+        self.now.clone_from(&before.now);
+        self.frames.clone_from(&before.frames);
+    }
+
+    /// The point of the lattice that a vertex of the surface is.
+    pub fn point_of(&self, vertex: usize) -> [usize; 3] {
+        self.points[vertex]
+    }
+
     /// The surface in the last frame [m].
     pub fn surface_at(&self) -> Vec<Point3<f64>> {
         self.points.iter().map(|&p| Point3::from(self.lattice.position(p))).collect()

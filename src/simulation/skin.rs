@@ -126,6 +126,14 @@ impl SkinRun {
     /// # Errors
     /// A mesh that cannot be read or used; an implant that does not go where it is asked for.
     pub fn new(scene: SkinScene) -> Result<Self, LoadError> {
+        Self::new_while(scene, &|| true)
+    }
+
+    /// The same, as long as `go_on` says so: it is asked while skin is refined.
+    ///
+    /// # Errors
+    /// As of [`Self::new`]; also where it is given up.
+    pub fn new_while(scene: SkinScene, go_on: &dyn Fn() -> bool) -> Result<Self, LoadError> {
         let mut notes = Vec::new();
         let skin = read_skin(&scene, &mut notes)?;
         let obstacles: Vec<TriangleMesh> =
@@ -136,7 +144,7 @@ impl SkinRun {
             }
             Under::Ball(_) => skin,
         };
-        let (parts, whole) = Making { scene: &scene, skin: &skin, obstacles: &obstacles }.parts()?;
+        let (parts, whole) = Making { scene: &scene, skin: &skin, obstacles: &obstacles, go_on }.parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
         Ok(Self { scene, skin, obstacles, plan, parts, whole, notes, frame: 0 })
     }
@@ -267,6 +275,7 @@ struct Making<'a> {
     scene: &'a SkinScene,
     skin: &'a TriangleMesh,
     obstacles: &'a [TriangleMesh],
+    go_on: &'a dyn Fn() -> bool,
 }
 
 impl Making<'_> {
@@ -299,7 +308,7 @@ impl Making<'_> {
         };
         let met = |members: &[usize]| near(members).into_iter().map(|o| self.obstacles[o].clone()).collect();
         let mut parts = Vec::new();
-        for (mut ready, members) in grouped(self.skin, &orders, met, &|| true).map_err(refused)? {
+        for (mut ready, members) in grouped(self.skin, &orders, met, self.go_on).map_err(refused)? {
             ready.method = self.scene.skin.method;
             let most = |k: &usize| {
                 let reached = all[*k].fill.iter().filter(|(at, _)| *at <= self.scene.frames).map(|(_, volume)| *volume);

@@ -73,7 +73,15 @@ impl Ready {
     /// See [`Ready::insert`].
     pub fn pockets(&self) -> Result<Vec<TriangleMesh>, SkinError> {
         let empty: Vec<f64> = self.sites().map(|(order, _)| EMPTY * order.implant.base.powi(3)).collect();
-        Ok(self.model(&empty)?.0.implants.into_iter().map(|implant| implant.mesh).collect())
+        self.domes(&empty)
+    }
+
+    /// The shells of implants of these volumes [m^3] before anything gives way [m].
+    ///
+    /// # Errors
+    /// See [`Ready::insert`].
+    pub fn domes(&self, volumes: &[f64]) -> Result<Vec<TriangleMesh>, SkinError> {
+        Ok(self.model(volumes)?.0.implants.into_iter().map(|implant| implant.mesh).collect())
     }
 
     /// Skin over the implant after each filling.

@@ -263,6 +263,14 @@ impl<F: Number> Lattice<F> {
         }
     }
 
+    /// Puts a point somewhere, with a velocity \[m/s\].
+    pub fn launch(&mut self, point: [usize; 3], position: [f64; 3], velocity: [f64; 3]) {
+        for ((at, x), v) in self.index(point).into_iter().zip(position).zip(velocity) {
+            self.current[at] = F::from_f64(x);
+            self.previous[at] = F::from_f64(x - v * self.time_step);
+        }
+    }
+
     /// Holds a point where it is.
     pub fn pin(&mut self, point: [usize; 3]) {
         self.place(point, self.position(point));

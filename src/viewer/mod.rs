@@ -15,12 +15,22 @@
 //! # Ok::<(), pliant::viewer::StartError>(())
 //! ```
 //!
+//! What runs is muscles among bones, skin over implants or over a ball, a lattice of springs, or a geometric muscle, whose file
+//! is told from a scene by its key `radii`.
+//!
 //! *Limitations.* A session goes on beyond the last frame of its scene; bones then rest where their motion ends. An accuracy
-//! that the scene asks for chooses no solver here.
+//! that the scene asks for chooses no solver here. Skin ends at its last frame, and any change takes it back to the start: it is
+//! made ready anew, meshes read again, and the frames up to the one that it was at are computed whether it runs or not. Where
+//! an implant that is dragged does not fit, that is told only when the skin was made ready, not with the answer to the move. A
+//! lattice with another number of points begins anew; with other springs it goes on, velocities rounded once. A geometric
+//! muscle whose nodes, growth or inserted nodes are edited keeps from then on the volume that it has at rest with that; its
+//! length is the animation's until it is set, and again when `animation` is set to `on`.
 
+mod biceps;
 pub mod camera;
 pub mod colour;
 pub mod history;
+mod lattice;
 mod muscles;
 pub mod panel;
 pub mod pick;
@@ -28,6 +38,7 @@ mod recipe;
 pub mod recording;
 mod replay;
 mod session;
+mod skin;
 mod snapshot;
 mod subject;
 #[cfg(feature = "viewer")]

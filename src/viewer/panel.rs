@@ -54,7 +54,7 @@ pub enum Value {
 
 /// What a control changes.
 #[derive(Clone, Debug, PartialEq)]
-enum Target {
+pub(super) enum Target {
     /// The value at a path of the scene.
     Path(String),
     /// The length of a vector at a path, along a direction.
@@ -247,23 +247,24 @@ pub fn controls(start: &Scene, now: &Scene) -> Vec<Control> {
     list.0
 }
 
+/// Controls in the making.
 #[derive(Default)]
-struct List(Vec<Control>);
+pub(super) struct List(pub(super) Vec<Control>);
 
 /// A number that is shown: its unit and range.
-struct Shown {
-    unit: &'static str,
-    range: (f64, f64),
-    scale: Scale,
+pub(super) struct Shown {
+    pub(super) unit: &'static str,
+    pub(super) range: (f64, f64),
+    pub(super) scale: Scale,
 }
 
 impl Shown {
-    fn even(unit: &'static str, low: f64, high: f64) -> Self {
+    pub(super) fn even(unit: &'static str, low: f64, high: f64) -> Self {
         Self { unit, range: (low, high), scale: Scale::Linear }
     }
 
     /// From a `span`th to `span` times what it was at the start; from 0 where that is no positive number.
-    fn about(unit: &'static str, start: f64, span: f64, otherwise: f64) -> Self {
+    pub(super) fn about(unit: &'static str, start: f64, span: f64, otherwise: f64) -> Self {
         match start > 0.0 {
             true => Self { unit, range: (start / span, start * span), scale: Scale::Logarithmic },
             false => Self::even(unit, 0.0, otherwise),
@@ -281,14 +282,14 @@ impl Shown {
 }
 
 impl List {
-    fn slider(&mut self, group: &str, label: &str, target: Target, value: f64, shown: Shown) {
+    pub(super) fn slider(&mut self, group: &str, label: &str, target: Target, value: f64, shown: Shown) {
         let Shown { unit, range, scale } = shown.holding(value);
         let (group, label) = (group.to_owned(), label.to_owned());
         let kind = Kind::Slider { range, scale };
         self.0.push(Control { group, label, unit, kind, value: Value::Number(value), target });
     }
 
-    fn other(&mut self, group: &str, label: &str, target: Target, kind: Kind, value: Value) {
+    pub(super) fn other(&mut self, group: &str, label: &str, target: Target, kind: Kind, value: Value) {
         let (group, label) = (group.to_owned(), label.to_owned());
         self.0.push(Control { group, label, unit: "", kind, value, target });
     }

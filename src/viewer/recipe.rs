@@ -2,10 +2,17 @@
 
 use std::path::PathBuf;
 
+use crate::geometric::file::FileError;
+use crate::render::number;
 use crate::scene::builtin::{self, Written};
+use crate::scene::content::Staged;
+use crate::scene::units::UnitError;
 use crate::scene::{Area, Content, Scene, SceneError, Source, Surroundings, environment, parse_content, parse_with};
 use crate::simulation::{Assets, LoadError, Simulation};
+use crate::viewer::biceps::{Biceps, is_biceps};
+use crate::viewer::lattice::Lattice;
 use crate::viewer::muscles::Muscles;
+use crate::viewer::skin::Skin;
 use crate::viewer::subject::Subject;
 
 /// Why a scene cannot be shown.
@@ -17,9 +24,14 @@ pub enum StartError {
     /// Its meshes are.
     #[error("{0}")]
     Load(#[from] LoadError),
-    /// It is of a kind that is not shown.
-    #[error("skin and lattices are not shown yet; use `pliant run`")]
-    Staged,
+    /// The file of a geometric muscle is.
+    #[error("{name}: {why}; `pliant biceps --help` tells the keys")]
+    Muscle {
+        /// The file.
+        name: String,
+        /// What is wrong with it or with a change.
+        why: Box<Refused>,
+    },
     /// The system gives no thread.
     #[error("the simulation cannot have a thread of its own: {0}; end other programs and try again")]
     Thread(#[from] std::io::Error),
@@ -34,6 +46,47 @@ pub enum Refused {
     /// Its meshes do not do for it.
     #[error("{}", .0.terse())]
     Load(LoadError),
+    /// The geometric muscle would be wrong.
+    #[error("{0}")]
+    Geometric(FileError),
+    /// No quantity of the wanted kind.
+    #[error("{0}; {help}", help = .0.help())]
+    Unit(UnitError),
+    /// A value of another kind.
+    #[error("`{path}` cannot be `{value}`; give {wanted}")]
+    Value {
+        /// The path of the change.
+        path: String,
+        /// The value.
+        value: String,
+        /// What is wanted.
+        wanted: &'static str,
+    },
+    /// A number that is finite, but out of what can be.
+    #[error(
+        "{what} cannot be {} {unit}; it can be from {} to {} {unit}",
+        number(*value), number(*low), number(*high)
+    )]
+    Outside {
+        /// What it is.
+        what: String,
+        /// The number.
+        value: f64,
+        /// Lower end.
+        low: f64,
+        /// Upper end.
+        high: f64,
+        /// The unit of all three.
+        unit: &'static str,
+    },
+    /// A path that leads nowhere.
+    #[error("there is no `{path}` to be changed; there are {known}")]
+    NoPath {
+        /// The path.
+        path: String,
+        /// Those that there are.
+        known: &'static str,
+    },
     /// It asks for other meshes.
     #[error("`{path}` changes {what}, which is made before the start; start again with --set {path}=VALUE")]
     Meshes {
@@ -129,10 +182,34 @@ impl Recipe {
     /// # Errors
     /// Whatever is wrong with the scene or its meshes.
     pub fn subject(self) -> Result<Box<dyn Subject>, StartError> {
+        if is_biceps(&self.text) {
+            return Ok(Box::new(Biceps::new(self)?));
+        }
         Ok(match self.content()? {
             Content::Muscles(scene) => Box::new(Muscles::new(self, *scene, Simulation::step_frame)?),
-            Content::Staged(_) => return Err(StartError::Staged),
+            Content::Staged(Staged::Skin(scene)) => Box::new(Skin::new(self, *scene)?),
+            Content::Staged(Staged::Lattice(scene)) => Box::new(Lattice::new(self, *scene)?),
         })
+    }
+
+    /// What was written.
+    pub(super) fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// What it is called.
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Path and value of each override from the command line.
+    pub(super) fn given(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.given.iter().map(|given| given.split_once('=').unwrap_or((given, "")))
+    }
+
+    /// Path and value of each change so far.
+    pub(super) fn changed(&self) -> impl Iterator<Item = (&str, &str)> {
+        self.changes.iter().map(|(path, value)| (path.as_str(), value.as_str()))
     }
 
     /// The scene with all changes, of any kind.

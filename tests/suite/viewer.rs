@@ -1,7 +1,11 @@
 //! A session shows what its simulation computes, obeys, and ends when it is told to; no window is needed.
 
+mod biceps;
+mod ends;
+mod lattice;
 mod panel;
 mod replay;
+mod skin;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

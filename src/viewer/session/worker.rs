@@ -87,7 +87,7 @@ impl Worker {
 
     fn obey_all(&mut self, batch: &[(u64, Command)]) {
         for (k, (number, command)) in batch.iter().enumerate() {
-            // Of a slider that moved while a frame was computed only the last place counts.
+            // Of a slider or handle that moved while a frame was computed only the last place counts.
             let next = batch.get(k + 1).map(|(_, next)| next);
             let is_overtaken = next.is_some_and(|next| overtakes(next, command));
             // Before: a step must not take the command that asks for it for another one.
