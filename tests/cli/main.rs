@@ -6,6 +6,8 @@ mod fibres;
 mod implant;
 mod moment_arms;
 mod morph;
+#[cfg(unix)]
+mod page;
 mod register;
 mod resume;
 mod springs;
