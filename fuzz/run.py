@@ -20,7 +20,10 @@ import subprocess
 import sys
 
 HERE = pathlib.Path(__file__).resolve().parent
-TARGETS = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "blocks", "write", "repair", "state", "springs", "scene", "any"]
+TARGETS = [
+    "obj", "ply", "stl", "off", "vtk", "vtp", "directx", "blocks", "write", "repair", "state", "springs", "pvd", "scene",
+    "any",
+]
 COLUMNS = ["target", "start", "stop", "executions", "added", "covered", "peak_mb", "findings", "commit"]
 # The code is safe Rust: a sanitizer would find nothing more and take half of the speed.
 BUILD = ["cargo", "+nightly", "fuzz", "build", "--sanitizer", "none"]

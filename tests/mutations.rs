@@ -121,6 +121,11 @@ fn changed_spring_systems() {
     changed_files("springs", 4);
 }
 
+#[test]
+fn changed_collections() {
+    changed_files("pvd", 1);
+}
+
 /// Files are written here, which takes longer than reading them.
 #[test]
 fn meshes_of_any_bytes_come_back_from_every_writer() {

@@ -9,7 +9,7 @@ use pliant::testing::{check_target, seeds};
 static ALLOCATOR: PeakAlloc = PeakAlloc;
 
 /// Targets whose files are not made larger by decompression, so that the promise about memory is one about their size.
-const PLAIN: [&str; 7] = ["obj", "ply", "stl", "off", "vtk", "directx", "springs"];
+const PLAIN: [&str; 8] = ["obj", "ply", "stl", "off", "vtk", "directx", "springs", "pvd"];
 
 /// Writes the small files of a target into the folder that `PLIANT_SEEDS` names, which is then its corpus.
 ///

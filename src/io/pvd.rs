@@ -1,10 +1,17 @@
 //! The ParaView collection (`.pvd`): which file shows which part at which time.
 
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Component, Path};
 
+use super::cursor::{count, number};
+use super::error::{Problem, ReadError};
 use super::part::{invalid, write_whole};
 use super::vtp::escape;
+use super::xml::{Tag, Xml, unescaped};
+use super::{MAX_FILE_BYTES, bytes_of};
+
+/// What a reader looks for at the beginning.
+const ROOT: &str = "a collection of ParaView, VTKFile of type Collection";
 
 /// One file of a collection.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,19 +56,97 @@ impl Collection {
         if let Some(entry) = self.entries.iter().find(|e| !e.time.is_finite()) {
             return Err(invalid(format!("the time of {} is {}, which is not finite", entry.file, entry.time)));
         }
-        write_whole(path, |w| {
-            writeln!(w, "<?xml version=\"1.0\"?>")?;
-            writeln!(w, "<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>")?;
-            for Entry { time, part, name, file } in &self.entries {
-                let (name, file) = (escape(name), escape(file));
-                writeln!(
-                    w,
-                    "    <DataSet timestep=\"{time:?}\" group=\"\" part=\"{part}\" name=\"{name}\" file=\"{file}\"/>"
-                )?;
-            }
-            writeln!(w, "  </Collection>\n</VTKFile>")
-        })
+        write_whole(path, |w| self.write_to(w))
     }
+
+    /// Writes all entries; their times must be finite.
+    pub(crate) fn write_to(&self, w: &mut impl Write) -> io::Result<()> {
+        writeln!(w, "<?xml version=\"1.0\"?>")?;
+        writeln!(w, "<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>")?;
+        for Entry { time, part, name, file } in &self.entries {
+            let (name, file) = (escape(name), escape(file));
+            writeln!(
+                w,
+                "    <DataSet timestep=\"{time:?}\" group=\"\" part=\"{part}\" name=\"{name}\" file=\"{file}\"/>"
+            )?;
+        }
+        writeln!(w, "  </Collection>\n</VTKFile>")
+    }
+}
+
+/// Reads a collection; its files are not looked at.
+///
+/// # Errors
+/// A file that cannot be read or is no collection, a time that is not finite, a file that does not lie below the folder of
+/// the collection.
+pub fn read(path: &Path) -> Result<Collection, ReadError> {
+    read_bytes(&bytes_of(path, MAX_FILE_BYTES)?, &path.display().to_string())
+}
+
+/// Reads a collection from the bytes of a file; `name` stands in errors.
+///
+/// # Errors
+/// As [`read`], but for those of the file system.
+pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
+    let mut xml = Xml::new(name, bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes));
+    let mut collection = Collection::new();
+    let (mut begun, mut ended) = (false, false);
+    while let Some(tag) = xml.tag()? {
+        if !begun {
+            let kind = tag.attribute("type").unwrap_or_default();
+            if tag.name != b"VTKFile" || kind != b"Collection" {
+                let found = if kind.is_empty() { tag.name } else { kind };
+                return Err(xml.fail(Problem::Expected { what: ROOT }, found));
+            }
+            begun = true;
+        }
+        match tag.name {
+            b"DataSet" if !tag.closes => collection.push(entry(&xml, &tag)?),
+            b"Collection" if tag.closes || tag.empty => ended = true,
+            _ => {}
+        }
+    }
+    match (begun, ended) {
+        (true, true) => Ok(collection),
+        (true, false) => Err(xml.fail(Problem::Truncated { what: "the element Collection" }, b"")),
+        (false, _) if xml.bytes.is_empty() => Err(xml.fail(Problem::Empty, b"")),
+        (false, _) => Err(xml.fail(Problem::Expected { what: ROOT }, b"")),
+    }
+}
+
+fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
+    let expected = |what, found: &[u8]| xml.fail(Problem::Expected { what }, found);
+    let (Some(time_word), Some(file_word)) = (tag.attribute("timestep"), tag.attribute("file")) else {
+        return Err(expected("a DataSet with the attributes timestep and file", tag.name));
+    };
+    let time_word = time_word.trim_ascii();
+    let time = number(time_word).map_err(|problem| xml.fail(problem, time_word))?;
+    if !time.is_finite() {
+        return Err(expected("a time that is finite", time_word));
+    }
+    let part = match tag.attribute("part").map(<[u8]>::trim_ascii) {
+        None | Some(b"") => 0,
+        Some(word) => {
+            let part = count(word, "the number of a part").map_err(|problem| xml.fail(problem, word))?;
+            usize::try_from(part).map_err(|_| xml.fail(Problem::IntegerTooLarge, word))?
+        }
+    };
+    let file = unescaped(file_word);
+    if !is_below(&file) {
+        return Err(expected("a file below the folder of the collection", file_word));
+    }
+    // As XML has it, and as it is written.
+    let name = unescaped(tag.attribute("name").unwrap_or_default()).replace(char::is_control, " ");
+    Ok(Entry { time, part, name, file })
+}
+
+/// Whether a path leads to a file in the folder or in one below it: a collection must not make a program read elsewhere.
+pub(crate) fn is_below(file: &str) -> bool {
+    let plain = !file.chars().any(char::is_control);
+    let mut parts = Path::new(file).components();
+    plain
+        && parts.all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
+        && Path::new(file).file_name().is_some()
 }
 
 #[cfg(test)]
@@ -92,5 +177,65 @@ mod tests {
         let mut collection = Collection::new();
         collection.push(Entry { time: f64::NAN, part: 0, name: String::new(), file: "a.vtp".into() });
         assert!(collection.write(&scratch("nan.pvd")).is_err());
+    }
+
+    /// A collection of one tag within the others.
+    fn with(tag: &str) -> String {
+        format!("<?xml version='1.0'?><!-- c --><VTKFile type=\"Collection\"><Collection>{tag}</Collection></VTKFile>")
+    }
+
+    #[test]
+    fn what_was_written_is_read() {
+        let path = scratch("read.pvd");
+        let mut collection = Collection::new();
+        for (time, part, name) in
+            [(-0.0, 0, "a<b & \"c\" &lt;"), (1.0 / 3.0, 7, ""), (1e300, usize::MAX / 2, "\u{e9}'")]
+        {
+            let file = format!("frames/{}.vtp", name.replace('/', "_"));
+            collection.push(Entry { time, part, name: name.into(), file });
+        }
+        collection.write(&path).unwrap();
+        let found = read(&path).unwrap();
+        assert_eq!(found, collection);
+        let bits = |c: &Collection| c.entries().iter().map(|e| e.time.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&found), bits(&collection));
+        let short = read_bytes(with("<DataSet timestep='2' file='a.vtp'/>").as_bytes(), "a").unwrap();
+        assert_eq!(short.entries(), [Entry { time: 2.0, part: 0, name: String::new(), file: "a.vtp".into() }]);
+        assert!(read_bytes(with("").as_bytes(), "a").unwrap().entries().is_empty());
+    }
+
+    #[test]
+    fn what_is_no_collection_is_told_with_its_place() {
+        let error = |text: &str| read_bytes(text.as_bytes(), "a.pvd").unwrap_err().terse();
+        for (tag, says) in [
+            (
+                "<DataSet file='a.vtp'/>",
+                "a.pvd:1:72: error[E042]: expected a DataSet with the attributes timestep and file",
+            ),
+            ("<DataSet timestep='1'/>", "expected a DataSet with the attributes timestep and file"),
+            ("<DataSet timestep='1,5' file='a.vtp'/>", "decimal comma"),
+            ("<DataSet timestep='nan' file='a.vtp'/>", "expected a time that is finite (found 'nan')"),
+            ("<DataSet timestep='1e999' file='a.vtp'/>", "expected a time that is finite"),
+            ("<DataSet timestep='1' part='-1' file='a.vtp'/>", "expected the number of a part (found '-1')"),
+            ("<DataSet timestep='1' part='99999999999999999999' file='a.vtp'/>", "more than 63 bits"),
+            ("<DataSet timestep='1' file=''/>", "expected a file below the folder"),
+            (
+                "<DataSet timestep='1' file='../a.vtp'/>",
+                "expected a file below the folder of the collection (found '../a.vtp')",
+            ),
+            ("<DataSet timestep='1' file='/etc/passwd'/>", "expected a file below the folder"),
+            ("<DataSet timestep='1' file='a\nb.vtp'/>", "expected a file below the folder"),
+        ] {
+            let text = error(&with(tag));
+            assert!(text.contains(says), "{tag}: {text}");
+        }
+        assert!(error("").contains("the file is empty"));
+        for other in ["v 1 2 3", "<svg/>", "<VTKFile type='PolyData'><PolyData/></VTKFile>"] {
+            assert!(error(other).contains("expected a collection of ParaView"), "{other}");
+        }
+        let whole = with("<DataSet timestep='1' file='a.vtp'/>");
+        for end in 0..whole.find("</Collection>").unwrap() {
+            assert!(read_bytes(&whole.as_bytes()[..end], "a.pvd").is_err(), "{end}");
+        }
     }
 }

@@ -107,6 +107,15 @@ impl<'a> Xml<'a> {
     }
 }
 
+/// The text of an attribute without the escapes of XML.
+pub(super) fn unescaped(value: &[u8]) -> String {
+    let mut text = String::from_utf8_lossy(value).into_owned();
+    for (escape, character) in [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")] {
+        text = text.replace(escape, character);
+    }
+    text
+}
+
 /// The offset behind the first occurrence of `end`.
 fn find(bytes: &[u8], end: &[u8]) -> Option<usize> {
     bytes.windows(end.len()).position(|w| w == end).map(|n| n + end.len())

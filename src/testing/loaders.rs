@@ -86,8 +86,8 @@ pub enum Outcome {
     Refused,
 }
 
-/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `springs`, `write`, `repair` or
-/// `state`.
+/// Checks what a target of a name checks: a reader of [`LOADERS`], `blocks`, `scene`, `springs`, `pvd`, `write`, `repair`
+/// or `state`.
 ///
 /// # Errors
 /// The first promise that is broken.
@@ -99,6 +99,7 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "repair" => super::mending::check_repair(bytes),
         "state" => super::restoring::check_state(bytes),
         "springs" => super::spring_files::check_spring_file(bytes),
+        "pvd" => super::collections::check_collection(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
             None => Err(Breach::Unknown { name: name.to_owned() }),

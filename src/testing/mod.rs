@@ -3,6 +3,7 @@
 //! Available to this crate's tests, and to others with the feature `testing`.
 
 mod blocks;
+mod collections;
 mod conformance;
 mod controls;
 mod draw;
@@ -17,6 +18,7 @@ mod spring_files;
 mod subject;
 
 pub use blocks::block_file;
+pub use collections::check_collection;
 pub use conformance::{Failure, check, check_constraint};
 pub use controls::{Broken, CONTROLS};
 pub use draw::Draw;

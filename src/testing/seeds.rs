@@ -30,6 +30,7 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "repair" => repair(),
         "state" => super::restoring::states(),
         "springs" => springs(),
+        "pvd" => collections(),
         _ => Vec::new(),
     }
 }
@@ -38,6 +39,18 @@ fn springs() -> Vec<Vec<u8>> {
     texts([
         "3 2\n0 0 0 m\n1 0 0 m\n0 1 .5 i\n1\n0 1 2\n2\n0 1 1.5\n1 2 2\n1\n0 1\n1\n0\n1\n2\n".to_owned(),
         "2 2\r\n\r\n1e3 0 0 m\r\n0 -1 0\tm\r\n0\r\n1\r\n1 0 4\r\n0\r\n0\r\n0".to_owned(),
+    ])
+}
+
+fn collections() -> Vec<Vec<u8>> {
+    texts([
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>\n    \
+         <DataSet timestep=\"0.0\" group=\"\" part=\"0\" name=\"a &amp; b\" file=\"frames/a_b_0000.vtp\"/>\n    \
+         <DataSet timestep=\"0.04\" group=\"\" part=\"1\" name=\"bone_c\" file=\"frames/bone_c_0001.vtp\"/>\n  \
+         </Collection>\n</VTKFile>\n"
+            .to_owned(),
+        "<VTKFile type='Collection'><!-- c --><Collection><DataSet timestep='-1e-3' file='./a.vtp'></DataSet></Collection></VTKFile>"
+            .to_owned(),
     ])
 }
 

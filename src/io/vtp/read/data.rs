@@ -2,6 +2,7 @@
 
 use super::{Array, Reader, Slot};
 use crate::io::error::{Problem, ReadError};
+use crate::io::xml::unescaped;
 use crate::io::{PointData, cursor};
 
 /// An array of a piece before it is read.
@@ -84,15 +85,6 @@ fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> 
         }
     }
     Ok(pieces.into_iter().map(|(_, arrays)| arrays).collect())
-}
-
-/// A name without the escapes of XML.
-fn unescaped(name: &[u8]) -> String {
-    let mut text = String::from_utf8_lossy(name).into_owned();
-    for (escape, character) in [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")] {
-        text = text.replace(escape, character);
-    }
-    text
 }
 
 #[cfg(test)]

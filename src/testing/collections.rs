@@ -1,0 +1,28 @@
+//! What the reader of collections promises of any bytes: a collection that is read again as it was, or an error that helps
+//! (P45).
+
+use super::loaders::{Breach, Outcome, caught, check_error};
+use crate::io::pvd::{is_below, read_bytes};
+
+/// Checks the reader and the writer of collections on bytes.
+///
+/// # Errors
+/// The first promise that is broken.
+pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
+    let collection = match caught(|| read_bytes(bytes, "a.pvd"))? {
+        Err(error) => return check_error(&error, bytes),
+        Ok(collection) => collection,
+    };
+    if let Some(entry) = collection.entries().iter().find(|e| !e.time.is_finite() || !is_below(&e.file)) {
+        return Err(Breach::Invalid { detail: format!("{entry:?}") });
+    }
+    let mut text = Vec::new();
+    // A vector takes all that is written.
+    let _ = collection.write_to(&mut text);
+    let changed = |detail| Err(Breach::Changed { writer: "pvd", detail });
+    match read_bytes(&text, "a.pvd") {
+        Ok(again) if again == collection => Ok(Outcome::Accepted),
+        Ok(_) => changed("something else is read".to_owned()),
+        Err(error) => changed(error.terse()),
+    }
+}
