@@ -35,8 +35,8 @@ pub enum PictureError {
         /// Width and height of the first frame \[px\].
         expected: [usize; 2],
     },
-    /// A GIF holds at most 65,535 pixels a side and at least one frame.
-    #[error("a GIF of {frames} frames of {size:?} pixels cannot be")]
+    /// A GIF holds at most 65,535 pixels a side, and any animation at least one frame.
+    #[error("an animation of {frames} frames of {size:?} pixels cannot be")]
     Shape {
         /// Number of frames.
         frames: usize,
@@ -59,6 +59,16 @@ impl Frame {
     pub fn plain(width: u32, height: u32, colour: Rgb) -> Self {
         let [width, height] = [width, height].map(|side| side.clamp(1, MAX_SIDE) as usize);
         Self::from_pixels(width, height, vec![quantise(colour); width * height], 0)
+    }
+
+    /// A picture of bytes, red, green and blue a pixel, rows from the top; `None` where their number does not fit its size, or
+    /// a side is not of 1..=[`MAX_SIDE`].
+    pub fn from_rgb(width: usize, height: usize, rgb: &[u8]) -> Option<Self> {
+        let (pixels, rest) = rgb.as_chunks::<3>();
+        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE as usize).contains(side))
+            && rest.is_empty()
+            && pixels.len() == width * height;
+        fits.then(|| Self::from_pixels(width, height, pixels.to_vec(), 0))
     }
 
     pub(super) fn from_pixels(width: usize, height: usize, pixels: Vec<[u8; 3]>, dropped: usize) -> Self {
@@ -184,6 +194,15 @@ mod tests {
         assert_eq!(pixels, frame.pixels().as_flattened());
         assert_eq!(frame.pixel(6, 2), Some([0, 0, 255]));
         assert_eq!(frame.pixel(7, 0), None);
+    }
+
+    #[test]
+    fn bytes_make_a_picture_if_they_fit() {
+        let frame = Frame::from_rgb(2, 1, &[1, 2, 3, 4, 5, 6]).expect("six bytes");
+        assert_eq!((frame.pixel(0, 0), frame.pixel(1, 0)), (Some([1, 2, 3]), Some([4, 5, 6])));
+        for (width, height, bytes) in [(2, 1, 5), (2, 1, 7), (1, 1, 6), (0, 0, 0), (0, 2, 0), (usize::MAX, 2, 6)] {
+            assert_eq!(Frame::from_rgb(width, height, &vec![0; bytes]), None, "{width} x {height}, {bytes} bytes");
+        }
     }
 
     #[test]

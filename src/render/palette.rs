@@ -1,7 +1,5 @@
 //! The few colours of an animation, chosen by cutting the cloud of its colours at medians.
 
-use std::collections::BTreeMap;
-
 use super::frame::Frame;
 
 /// Bits of each channel that tell colours apart when they are counted.
@@ -21,17 +19,42 @@ struct Count {
     sum: [u64; 3],
 }
 
-impl Palette {
-    /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps its colour exactly.
-    pub fn of(frames: &[Frame], most: usize) -> Self {
-        let mut counts: BTreeMap<usize, Count> = BTreeMap::new();
-        for pixel in frames.iter().flat_map(Frame::pixels) {
-            let count = counts.entry(key(*pixel)).or_default();
+/// The colours of frames that were seen one after the other.
+pub(super) struct Colours {
+    counts: Vec<Count>,
+    background: Option<[u8; 3]>,
+}
+
+impl Colours {
+    /// Of no frame yet.
+    pub fn new() -> Self {
+        Self { counts: vec![Count::default(); 1 << (3 * BITS)], background: None }
+    }
+
+    /// Counts those of a frame; its first pixel is the background, if it is the first frame.
+    pub fn see(&mut self, frame: &Frame) {
+        self.background = self.background.or_else(|| frame.pixel(0, 0));
+        for pixel in frame.pixels() {
+            let count = &mut self.counts[key(*pixel)];
             count.pixels += 1;
             (0..3).for_each(|k| count.sum[k] += u64::from(pixel[k]));
         }
-        let background = frames.first().and_then(|frame| frame.pixel(0, 0)).unwrap_or([255; 3]);
-        let mut boxes = vec![counts.into_values().collect::<Vec<_>>()];
+    }
+}
+
+impl Palette {
+    /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps its colour exactly.
+    #[cfg(test)]
+    fn of(frames: &[Frame], most: usize) -> Self {
+        let mut colours = Colours::new();
+        frames.iter().for_each(|frame| colours.see(frame));
+        Self::new(colours, most)
+    }
+
+    /// At most `most` (at least 2) colours for those that were seen. The background keeps its colour exactly.
+    pub fn new(seen: Colours, most: usize) -> Self {
+        let background = seen.background.unwrap_or([255; 3]);
+        let mut boxes = vec![seen.counts.into_iter().filter(|count| count.pixels > 0).collect::<Vec<_>>()];
         while boxes.len() + 1 < most {
             let weighty = |counts: &Vec<Count>| {
                 let (_, extent) = longest(counts);

@@ -25,6 +25,7 @@ mod muscles;
 pub mod panel;
 pub mod pick;
 mod recipe;
+pub mod recording;
 mod session;
 mod snapshot;
 mod subject;
