@@ -2,7 +2,7 @@
 //!
 //! [`read`] takes OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text, and finds the format in the content.
 //! [`write`] writes a mesh in the format of its ending; frames for ParaView are written by [`vtp::write`()] and collected by
-//! [`pvd::Collection`].
+//! [`pvd::Collection`], which [`pvd::read`] reads.
 //! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
 
 pub(crate) mod cursor;
@@ -145,6 +145,23 @@ pub fn read_point_data(path: &Path) -> Result<Vec<PointData>, ReadError> {
         Ok(Format::Vtp) => vtp::point_data(text, &name, MAX_FILE_BYTES),
         _ => Ok(Vec::new()),
     }
+}
+
+/// Reads a mesh and the numbers at its vertices, of which only a `.vtp` file has any that are read.
+///
+/// # Errors
+/// As [`read`] and [`read_point_data`].
+pub(crate) fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), ReadError> {
+    let bytes = bytes_of(path, MAX_FILE_BYTES)?;
+    let name = path.display().to_string();
+    let file = read_bytes(&bytes, &name)?;
+    let data = match file.format {
+        Some(Format::Vtp) => {
+            vtp::point_data(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), &name, MAX_FILE_BYTES)?
+        }
+        _ => Vec::new(),
+    };
+    Ok((file, data))
 }
 
 /// The bytes of a file of at most `limit` bytes.

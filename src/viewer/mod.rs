@@ -26,12 +26,14 @@ pub mod panel;
 pub mod pick;
 mod recipe;
 pub mod recording;
+mod replay;
 mod session;
 mod snapshot;
 mod subject;
 
 pub use muscles::MOST_TURN;
 pub use recipe::{Recipe, Refused, StartError};
+pub use replay::{Replay, ReplayError};
 pub use session::{Command, Pace, Session, Speed};
 pub use snapshot::{BodyShot, BoneShot, Handle, Probe, Reading, Shot, Snapshot, Stage, StageBody, Steering, Tissue};
 pub use subject::{Advanced, Subject, Watch};

@@ -77,6 +77,14 @@ pub enum Refused {
     /// It has no such thing.
     #[error("{0}")]
     NotHere(&'static str),
+    /// A frame of a finished run cannot be read.
+    #[error("frame {frame} cannot be shown: {why}")]
+    Damaged {
+        /// Its number.
+        frame: usize,
+        /// What is wrong with its file, and what to do about it.
+        why: String,
+    },
     /// It cannot go on.
     #[error("{0}; reset it first")]
     Failed(String),

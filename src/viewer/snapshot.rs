@@ -18,6 +18,8 @@ pub enum Tissue {
     Skin,
     /// An implant.
     Implant,
+    /// A bone or another obstacle that is not at a pose.
+    Bone,
     /// A body of no tissue in particular.
     Plain,
 }

@@ -1,0 +1,211 @@
+//! What a run says of itself beside its frames: `measures.csv` and `summary.json`.
+
+use std::collections::{HashMap, HashSet};
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use serde_json::Value;
+
+/// The largest table or summary that is read [bytes].
+const MOST_BYTES: u64 = 1 << 28;
+
+/// Notes of the run that are passed on.
+const MOST_NOTES: usize = 50;
+
+/// What kind of scene was run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// Muscles, or nothing that is known.
+    #[default]
+    Muscles,
+    /// Skin of a name over implants.
+    Skin(String),
+    /// A lattice.
+    Lattice,
+}
+
+/// Measures of one body in one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Measured {
+    /// Which body, as an index into [`Told::bodies`].
+    pub body: usize,
+    /// Volume over its target, less 1.
+    pub volume_error: Option<f64>,
+    /// Greatest depth [m].
+    pub depth: Option<f64>,
+}
+
+/// All that is told.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Told {
+    pub kind: Kind,
+    /// Names of what the table measures.
+    pub bodies: Vec<String>,
+    /// Measures by frame.
+    pub frames: HashMap<usize, Vec<Measured>>,
+    /// For people.
+    pub notes: Vec<String>,
+    /// Muscles and the effects that they did without.
+    left_out: HashSet<(String, String)>,
+}
+
+impl Told {
+    /// Reads what there is in a folder; what cannot be read is a note.
+    pub fn read(folder: &Path) -> Self {
+        let mut told = Self::default();
+        match contents(&folder.join("summary.json")) {
+            Ok(Some(bytes)) => match serde_json::from_slice::<Value>(&bytes) {
+                Ok(summary) => told.take(&summary),
+                Err(error) => told.notes.push(format!("summary.json: {error}; its notes are left out")),
+            },
+            Ok(None) => {}
+            Err(error) => told.notes.push(format!("summary.json cannot be read: {error}; its notes are left out")),
+        }
+        match contents(&folder.join("measures.csv")) {
+            Ok(Some(bytes)) => {
+                if let Err(error) = told.take_measures(&bytes) {
+                    (told.bodies, told.frames) = Default::default();
+                    told.notes.push(format!("measures.csv: {error}; its numbers are left out"));
+                }
+            }
+            Ok(None) => {}
+            Err(error) => told.notes.push(format!("measures.csv cannot be read: {error}; its numbers are left out")),
+        }
+        told
+    }
+
+    fn take(&mut self, summary: &Value) {
+        if let Some(name) = summary["skin"].as_str() {
+            self.kind = Kind::Skin(name.to_owned());
+        } else if !summary["lattice"].is_null() {
+            self.kind = Kind::Lattice;
+        }
+        if summary["interrupted"] == true {
+            let of = |key: &str| summary[key].as_u64().map_or("?".to_owned(), |n| n.to_string());
+            self.notes.push(format!("the run was interrupted at frame {} of {}", of("frames"), of("frames_wanted")));
+        }
+        for row in summary["effects"]["left_out"].as_array().into_iter().flatten() {
+            if let (Some(muscle), Some(effect)) = (row["muscle"].as_str(), row["effect"].as_str()) {
+                self.left_out.insert((muscle.to_owned(), effect.to_owned()));
+            }
+        }
+        let notes = summary["notes"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        self.notes.extend(notes.take(MOST_NOTES).map(str::to_owned));
+    }
+
+    /// Takes the columns that are known; a table without frames has none.
+    fn take_measures(&mut self, bytes: &[u8]) -> Result<(), String> {
+        let mut table = csv::Reader::from_reader(bytes);
+        let heads = table.headers().map_err(|e| e.to_string())?.clone();
+        let column = |name: &str| heads.iter().position(|head| head == name);
+        let Some(frame) = column("frame") else { return Ok(()) };
+        let body = column("muscle").or_else(|| column("part"));
+        let numbers = [column("volume_error"), column("penetration_m")];
+        if numbers.iter().all(Option::is_none) {
+            return Ok(());
+        }
+        for row in table.records() {
+            let row = row.map_err(|e| e.to_string())?;
+            let line = row.position().map_or(0, csv::Position::line);
+            let word = |column: usize| row.get(column).unwrap_or_default();
+            let wrong = |column: usize| format!("line {line}: `{}` is no {}", word(column), &heads[column]);
+            let number = word(frame).parse::<usize>().map_err(|_| wrong(frame))?;
+            let mut read = [None; 2];
+            for (value, column) in read.iter_mut().zip(numbers) {
+                if let Some(column) = column {
+                    *value = Some(word(column).parse::<f64>().map_err(|_| wrong(column))?);
+                }
+            }
+            let name = body.map_or("", word);
+            // The table has zeros where nobody looked.
+            let [volume_error, depth] = [("volume", read[0]), ("contact", read[1])]
+                .map(|(effect, value)| value.filter(|_| !self.does_without(name, effect)));
+            let body = self.body(name);
+            self.frames.entry(number).or_default().push(Measured { body, volume_error, depth });
+        }
+        Ok(())
+    }
+
+    fn does_without(&self, muscle: &str, effect: &str) -> bool {
+        // What concerns all has no name.
+        ["", muscle].iter().any(|name| self.left_out.contains(&((*name).to_owned(), effect.to_owned())))
+    }
+
+    fn body(&mut self, name: &str) -> usize {
+        self.bodies.iter().position(|known| known == name).unwrap_or_else(|| {
+            self.bodies.push(name.to_owned());
+            self.bodies.len() - 1
+        })
+    }
+}
+
+/// The bytes of a file; `None` where there is none.
+fn contents(path: &Path) -> Result<Option<Vec<u8>>, String> {
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error.to_string()),
+    };
+    let mut bytes = Vec::new();
+    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > MOST_BYTES { Err(format!("more than {MOST_BYTES} bytes")) } else { Ok(Some(bytes)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn measures(text: &str) -> (Told, Result<(), String>) {
+        let mut told = Told::default();
+        let effects = r#"{"effects": {"left_out": [{"muscle": "a,b", "effect": "volume"}, {"muscle": "c"}, 3]}}"#;
+        told.take(&serde_json::from_str(effects).unwrap_or_default());
+        let result = told.take_measures(text.as_bytes());
+        (told, result)
+    }
+
+    #[test]
+    fn measures_are_found_by_frame_and_body() {
+        let table =
+            "frame,time_s,muscle,volume_error,penetration_m\n0,0,\"a,b\",0.0,1e-3\n0,0,c,1e-7,0\n7,1,c,-2e-7,0.5\n";
+        let (told, result) = measures(table);
+        assert_eq!((result, told.bodies.as_slice()), (Ok(()), &["a,b".to_owned(), "c".to_owned()][..]));
+        assert_eq!(told.frames[&7], [Measured { body: 1, volume_error: Some(-2e-7), depth: Some(0.5) }]);
+        assert_eq!(told.frames[&0][0], Measured { body: 0, volume_error: None, depth: Some(1e-3) }, "none was kept");
+        // Other commands write tables of other things.
+        for other in ["step,time_s\n1,2\n", "frame,moved_m\n1,2\n", ""] {
+            let (told, result) = measures(other);
+            assert_eq!((told.frames.len(), told.bodies.len(), result), (0, 0, Ok(())), "{other}");
+        }
+        let (skin, _) = measures("frame,part,penetration_m\n1,left,2\n");
+        assert_eq!(skin.frames[&1], [Measured { body: 0, volume_error: None, depth: Some(2.0) }]);
+    }
+
+    #[test]
+    fn a_damaged_table_is_told_with_its_line() {
+        let head = "frame,muscle,volume_error\n";
+        for (row, says) in [
+            ("0,a,0.5\nx,a,1\n", "line 3: `x` is no frame"),
+            ("0,a,0.5\n1,a,one\n", "line 3: `one` is no volume_error"),
+            ("0,a\n", "found record with 2 fields"),
+            ("-1,a,1\n", "line 2: `-1` is no frame"),
+        ] {
+            let error = measures(&format!("{head}{row}")).1.expect_err(row);
+            assert!(error.contains(says), "{error}");
+        }
+    }
+
+    #[test]
+    fn summaries_tell_what_was_run() {
+        let of = |text: &str| {
+            let mut told = Told::default();
+            told.take(&serde_json::from_str(text).unwrap_or_default());
+            told
+        };
+        assert_eq!(of(r#"{"skin": "sheet"}"#).kind, Kind::Skin("sheet".to_owned()));
+        assert_eq!(of(r#"{"lattice": {"points": 8}}"#).kind, Kind::Lattice);
+        let interrupted = of(r#"{"interrupted": true, "frames": 3, "frames_wanted": 9, "notes": ["n", 5]}"#);
+        assert_eq!(interrupted.notes, ["the run was interrupted at frame 3 of 9", "n"]);
+        assert_eq!(of("[]"), Told::default());
+    }
+}
