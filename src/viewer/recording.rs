@@ -20,8 +20,6 @@
 //! of the first, with bars.
 
 mod film;
-#[cfg(test)]
-mod measured;
 
 use std::fs::{self, File};
 use std::io;

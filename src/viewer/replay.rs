@@ -7,8 +7,6 @@
 //! that the files have: no file of `pliant run` has the depth of a vertex.
 
 mod files;
-#[cfg(test)]
-mod measured;
 mod told;
 mod timeline;
 
