@@ -1,4 +1,4 @@
-//! The few colours of an animation, chosen by cutting the cloud of its colours at medians.
+//! The few colours of several pictures, chosen by cutting the cloud of its colours at medians.
 
 use super::frame::Frame;
 
@@ -44,8 +44,7 @@ impl Colours {
 
 impl Palette {
     /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps its colour exactly.
-    #[cfg(test)]
-    fn of(frames: &[Frame], most: usize) -> Self {
+    pub fn of(frames: &[Frame], most: usize) -> Self {
         let mut colours = Colours::new();
         frames.iter().for_each(|frame| colours.see(frame));
         Self::new(colours, most)
@@ -54,7 +53,8 @@ impl Palette {
     /// At most `most` (at least 2) colours for those that were seen. The background keeps its colour exactly.
     pub fn new(seen: Colours, most: usize) -> Self {
         let background = seen.background.unwrap_or([255; 3]);
-        let mut boxes = vec![seen.counts.into_iter().filter(|count| count.pixels > 0).collect::<Vec<_>>()];
+        let counts: Vec<Count> = seen.counts.into_iter().filter(|count| count.pixels > 0).collect();
+        let mut boxes = vec![(weight(&counts), counts)];
         while boxes.len() + 1 < most {
             // The first of equals, so that the palette is always the same.
             let heaviest = (0..boxes.len()).max_by_key(|i| (boxes[*i].0, std::cmp::Reverse(*i)));

@@ -46,6 +46,17 @@ impl Camera {
         Self { home: Some(Box::new(camera.clone())), ..camera }
     }
 
+    /// As fitted, in a window of this width over height: in a narrow one from further away.
+    #[must_use]
+    pub fn in_window(mut self, aspect: f64) -> Self {
+        if aspect > 0.0 && aspect < 1.0 {
+            self.home = None;
+            self.zoom(1.0 / aspect);
+            self.home = Some(Box::new(self.clone()));
+        }
+        self
+    }
+
     /// The same distance and target from another direction.
     #[must_use]
     pub fn seen_from(&self, from: Vector3<f64>, up: Vector3<f64>) -> Self {
@@ -227,6 +238,19 @@ mod tests {
         camera.orbit(Vector2::new(0.1, 0.1));
         camera.reset();
         assert_eq!(camera, start, "as often as one likes");
+    }
+
+    #[test]
+    fn a_narrow_window_shows_all_as_well() {
+        for aspect in [0.3, 0.8, 2.0] {
+            let mut camera = camera().in_window(aspect);
+            let seen: Vec<_> = corners().iter().filter_map(|p| camera.project(p)).collect();
+            assert!(seen.iter().all(|p| p.x.abs() <= 0.5 * aspect.min(1.0) && p.y.abs() <= 0.5), "{aspect}: {seen:?}");
+            let fitted = camera.clone();
+            camera.zoom(0.5);
+            camera.reset();
+            assert_eq!(camera, fitted);
+        }
     }
 
     #[test]

@@ -5,6 +5,7 @@ mod ends;
 mod lattice;
 mod panel;
 mod replay;
+mod skin;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

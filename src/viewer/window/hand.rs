@@ -54,7 +54,7 @@ pub struct Field {
 
 impl Field {
     /// A place of the window [px] as one of the camera's screen.
-    pub fn place(&self, x: f64, y: f64) -> Point2<f64> {
+    fn place(&self, x: f64, y: f64) -> Point2<f64> {
         Point2::new((x - 0.5 * self.width) / self.height, (0.5 * self.height - y) / self.height)
     }
 }
@@ -77,8 +77,10 @@ impl Hand {
         field: Field,
         camera: &mut Camera,
         shot: &Snapshot,
-        over_panel: bool,
+        on_widgets: bool,
     ) -> (Option<Command>, Option<Wish>) {
+        // Widgets know of the hand only where it was at the last picture.
+        let over_panel = on_widgets || self.at.x > 0.5 * field.width / field.height;
         match *event {
             WindowEvent::CursorPos(x, y, _) => self.moves(field.place(x, y), camera),
             WindowEvent::MouseButton(button, Action::Press, modifiers) if !over_panel => {

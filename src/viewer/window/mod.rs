@@ -195,7 +195,8 @@ async fn shown(
     }
     let session = begun(starting)?;
     let first = session.latest();
-    lens.camera = fitted(&first);
+    let panel = f64::from(PANEL) * window.scale_factor();
+    lens.camera = fitted(&first, (lens.window.0 - panel) / lens.window.1.max(1.0));
     let mut viewer = Viewer {
         options,
         session,
@@ -236,10 +237,10 @@ fn reading(ctx: &egui::Context, name: &str) {
 }
 
 /// A camera that shows all bodies, from outside.
-fn fitted(shot: &Shot) -> Camera {
+fn fitted(shot: &Shot, aspect: f64) -> Camera {
     let boxes = shot.bodies.iter().filter(|b| !b.positions.is_empty()).map(|b| Aabb::of_points(&b.positions));
     let bounds = boxes.reduce(|a, b| a.union(&b)).unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
-    Camera::fit(&bounds, outward(shot), Vector3::y())
+    Camera::fit(&bounds, outward(shot), Vector3::y()).in_window(aspect)
 }
 
 /// From the bones to the bodies, and a little from above.
@@ -284,7 +285,8 @@ impl Viewer<'_> {
         self.history.see(&shot);
         if self.fitted_to != shot.stage.bodies.len() {
             self.fitted_to = shot.stage.bodies.len();
-            self.lens.camera = fitted(&shot);
+            let seen = self.lens.window.0 - self.lens.panel;
+            self.lens.camera = fitted(&shot, seen / self.lens.window.1.max(1.0));
         }
         for body in &shot.bodies {
             let mut values = self.colouring.field.values(body);
@@ -334,7 +336,7 @@ impl Viewer<'_> {
 
     /// Takes what mouse and keys did.
     fn hear(&mut self, window: &mut Window, shot: &Snapshot) {
-        let (over_panel, typing) = (window.is_egui_capturing_mouse(), window.is_egui_capturing_keyboard());
+        let (on_widgets, typing) = (window.is_egui_capturing_mouse(), window.is_egui_capturing_keyboard());
         let field = hand::Field { width: self.lens.window.0 - self.lens.panel, height: self.lens.window.1 };
         let mut wishes = Vec::new();
         for event in window.events().iter() {
@@ -342,7 +344,7 @@ impl Viewer<'_> {
             if typing && event.value.is_keyboard_event() {
                 continue;
             }
-            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, over_panel);
+            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, on_widgets);
             if let Some(command) = command {
                 self.session.send(command);
             }

@@ -60,13 +60,14 @@ impl Panel<'_> {
     pub fn show(&mut self, ui: &mut Ui) {
         self.head(ui);
         self.run(ui);
-        self.messages(ui);
-        self.times(ui);
+        self.save(ui);
         self.controls(ui);
         self.view(ui);
-        self.picked(ui);
+        self.times(ui);
         self.plots(ui);
-        self.save(ui);
+        // What comes and goes is below what the hand goes to.
+        self.picked(ui);
+        self.messages(ui);
     }
 
     fn button(&mut self, ui: &mut Ui, name: &'static str, hint: &str) -> bool {
