@@ -36,7 +36,8 @@ fn it_opens_runs_pauses_resets_and_closes() {
     let first = viewer.picture();
     assert_eq!(first.blank(), None);
     assert!(first.share(is_bone) > 0.02, "bone: {}", first.share(is_bone));
-    assert!(first.share(is_violet) > 0.01, "muscle without stretch: {}", first.share(is_violet));
+    // A tenth of the width by a fiftieth of the height, less what fibres cover.
+    assert!(first.share(is_violet) > 0.001, "muscle without stretch: {}", first.share(is_violet));
     viewer.press("Record");
     viewer.press("Run");
     viewer.wait("frames", |seen| frame(seen) > 20.0);
@@ -159,9 +160,14 @@ fn a_finished_run_is_played_forward_and_back() {
     assert!(last.differs(&first) > 0.01, "{}", last.differs(&first));
     viewer.press("Backward");
     viewer.wait("the first frame", |seen| frame(seen) == 0.0 && seen["running"] == false);
-    assert!(viewer.picture().differs(&first) < 1e-3, "back where it began");
+    // Not as at first: the legend has seen more since.
+    let back = viewer.picture();
     viewer.press("Forward");
     viewer.wait("the last frame again", |seen| frame(seen) == 30.0 && seen["running"] == false);
+    assert!(viewer.picture().differs(&back) > 0.01, "it moved again");
+    viewer.press("Reset");
+    viewer.wait("the start", |seen| frame(seen) == 0.0);
+    assert!(viewer.picture().differs(&back) < 1e-3, "back where it was");
     assert_eq!(viewer.close(), Some(0));
 }
 

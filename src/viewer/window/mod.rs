@@ -388,30 +388,20 @@ impl Viewer<'_> {
         let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
         window.draw_ui(|ctx| {
             let screen = ctx.content_rect();
+            let (asked, send) = (&mut asked, &mut send);
+            let mut panel = Panel { shot, state, look, colouring, history, pictures, replayed, widgets, send, asked };
             if has_panel {
-                let corner = egui::pos2(screen.right() - PANEL, screen.top());
-                let frame = egui::Frame::window(&ctx.global_style()).corner_radius(0.0);
-                egui::Window::new("Panel")
-                    .title_bar(false)
-                    .resizable(false)
-                    .movable(false)
-                    .frame(frame)
-                    .fixed_pos(corner)
-                    .fixed_size(egui::vec2(PANEL - 14.0, screen.height()))
-                    .show(ctx, |ui| {
-                        egui::ScrollArea::vertical().auto_shrink(false).show(ui, |ui| {
-                            let asked = &mut asked;
-                            let send = &mut send;
-                            Panel { shot, state, look, colouring, history, pictures, replayed, widgets, send, asked }
-                                .show(ui);
-                        });
-                    });
+                beside(ctx, |ui| panel.show(ui));
             }
+            if panel.tells() {
+                over(ctx, 0.4 * screen.width(), |ui| panel.told(ui));
+            }
+            let (colouring, has_help) = (&*panel.colouring, panel.state.help);
             let painter = ctx.layer_painter(egui::LayerId::background());
             if shot.bodies.iter().any(|body| !colouring.field.values(body).is_empty()) {
                 plots::legend(&painter, egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0), colouring);
             }
-            if state.help {
+            if has_help {
                 keys(ctx);
             }
         });
@@ -432,9 +422,34 @@ impl Viewer<'_> {
     }
 }
 
+/// A panel at the right of the window, as high as it is.
+fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) {
+    let screen = ctx.content_rect();
+    egui::Window::new("Panel")
+        .title_bar(false)
+        .resizable(false)
+        .movable(false)
+        .frame(egui::Frame::window(&ctx.global_style()).corner_radius(0.0))
+        .fixed_pos(egui::pos2(screen.right() - PANEL, screen.top()))
+        .fixed_size(egui::vec2(PANEL - 14.0, screen.height()))
+        .show(ctx, |ui| {
+            egui::ScrollArea::vertical().auto_shrink(false).show(ui, contents);
+        });
+}
+
+/// A sheet over the upper left of the scene.
+fn over(ctx: &egui::Context, width: f32, contents: impl FnOnce(&mut egui::Ui)) {
+    egui::Area::new(egui::Id::new("told")).fixed_pos(egui::pos2(12.0, 12.0)).show(ctx, |ui| {
+        egui::Frame::popup(ui.style()).show(ui, |ui| {
+            ui.set_max_width(width.min(PANEL));
+            contents(ui);
+        });
+    });
+}
+
 /// The list of keys.
 fn keys(ctx: &egui::Context) {
-    egui::Area::new(egui::Id::new("keys")).fixed_pos(egui::pos2(16.0, 16.0)).show(ctx, |ui| {
+    egui::Area::new(egui::Id::new("keys")).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO).show(ctx, |ui| {
         egui::Frame::popup(ui.style()).show(ui, |ui| {
             egui::Grid::new("keys").show(ui, |ui| {
                 for (keys, what) in hand::HELP {

@@ -65,9 +65,21 @@ impl Panel<'_> {
         self.view(ui);
         self.times(ui);
         self.plots(ui);
-        // What comes and goes is below what the hand goes to.
+    }
+
+    /// What comes and goes, which lies over the scene so that nothing in the panel moves: the vertex that is looked at, notes
+    /// and messages.
+    pub fn told(&mut self, ui: &mut Ui) {
         self.picked(ui);
         self.messages(ui);
+    }
+
+    /// Whether there is anything to be told.
+    pub fn tells(&self) -> bool {
+        let shot = self.shot;
+        let stopped = shot.bodies.iter().any(|body| body.stopped.is_some());
+        let asked = !self.state.message.is_empty() || shot.refused.is_some() || shot.failed.is_some();
+        asked || stopped || shot.probe.is_some() || !shot.notes.is_empty()
     }
 
     fn button(&mut self, ui: &mut Ui, name: &'static str, hint: &str) -> bool {
@@ -278,10 +290,7 @@ impl Panel<'_> {
     }
 
     fn picked(&mut self, ui: &mut Ui) {
-        let Some(probe) = &self.shot.probe else {
-            ui.label("click on a vertex to look at it; right drag pulls it");
-            return;
-        };
+        let Some(probe) = &self.shot.probe else { return };
         let (Some(body), Some(stage)) = (self.shot.bodies.get(probe.body), self.shot.stage.bodies.get(probe.body))
         else {
             return;
