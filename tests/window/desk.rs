@@ -134,7 +134,12 @@ impl Viewer<'_> {
             if let Some(status) = self.child.try_wait().expect("a child") {
                 panic!("waiting for {what}: the viewer ended, {status}: {}", self.errors());
             }
-            assert!(begun.elapsed() < LONG, "waiting for {what}: {}", self.last().unwrap_or_default());
+            if begun.elapsed() > LONG {
+                let mut seen = self.last().unwrap_or_default();
+                let widget = find(&seen, what).cloned();
+                seen["widgets"] = Value::from(widget);
+                panic!("waiting for {what}: {seen}");
+            }
             std::thread::sleep(Duration::from_millis(20));
         }
     }

@@ -30,6 +30,11 @@ impl Capture {
         self.film.is_some()
     }
 
+    /// Whether what lies over the scene is to be left out of what is rendered next.
+    pub fn is_taking(&self) -> bool {
+        self.is_wanted || self.film.is_some()
+    }
+
     /// A picture of what is rendered next.
     pub fn picture(&mut self) {
         self.is_wanted = true;

@@ -210,6 +210,7 @@ async fn shown(
         has_panel: true,
         picked: None,
         closes: false,
+        frame: first.frame,
         fitted_to: first.stage.bodies.len(),
         pictures: std::collections::VecDeque::new(),
         trace,
@@ -270,6 +271,8 @@ struct Viewer<'a> {
     has_panel: bool,
     picked: Option<(usize, usize)>,
     closes: bool,
+    /// The frame of the last picture.
+    frame: usize,
     fitted_to: usize,
     pictures: std::collections::VecDeque<Instant>,
     trace: Option<Trace>,
@@ -283,6 +286,11 @@ impl Viewer<'_> {
     async fn picture(&mut self, window: &mut Window) -> bool {
         let shot = self.session.latest();
         self.history.see(&shot);
+        if shot.frame == 0 && self.frame > 0 && !self.options.replayed {
+            // A new start has its own range.
+            self.colouring = Colouring::new(self.colouring.field);
+        }
+        self.frame = shot.frame;
         if self.fitted_to != shot.stage.bodies.len() {
             self.fitted_to = shot.stage.bodies.len();
             let seen = self.lens.window.0 - self.lens.panel;
@@ -308,11 +316,11 @@ impl Viewer<'_> {
         self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
         self.drawn.overlay(window, &shot, &self.look, self.picked);
         let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
-        asked.into_iter().for_each(|asked| self.answer(asked));
         let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
         if let Some(said) = self.capture.rendered(window, seen) {
             self.state.message = said;
         }
+        asked.into_iter().for_each(|asked| self.answer(asked));
         self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
             trace.picture(&shot, widgets, &places(&shot, &self.lens));
@@ -382,6 +390,7 @@ impl Viewer<'_> {
     fn interface(&mut self, window: &mut Window, shot: &Snapshot, widgets: &mut Widgets) -> Vec<Asked> {
         let mut asked = std::mem::take(&mut self.state.asked);
         let pictures = self.rate();
+        let is_taking = self.capture.is_taking();
         let session = &self.session;
         let mut send = |command| session.send(command);
         let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
@@ -393,7 +402,7 @@ impl Viewer<'_> {
             if has_panel {
                 beside(ctx, |ui| panel.show(ui));
             }
-            if panel.tells() {
+            if panel.tells() && !is_taking {
                 over(ctx, 0.4 * screen.width(), |ui| panel.told(ui));
             }
             let (colouring, has_help) = (&*panel.colouring, panel.state.help);
