@@ -319,8 +319,11 @@ impl System {
     /// nothing before the first.
     pub fn residuals_at(&self, particle: u32) -> Vec<(&'static str, f64)> {
         let dt = self.last_dt;
-        let each = |b: &Box<dyn Project>| Some((b.name(), b.residual_at(&self.particles, dt, particle)?));
-        if dt > 0.0 { self.elastic.iter().filter_map(each).collect() } else { Vec::new() }
+        if !(dt > 0.0) {
+            return Vec::new();
+        }
+        let each = self.elastic.iter().map(|b| (b.name(), b.residual_at(&self.particles, dt, particle)));
+        each.filter_map(|(name, off)| Some((name, off?))).collect()
     }
 }
 
