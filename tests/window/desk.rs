@@ -273,11 +273,6 @@ fn rect(widget: &Value) -> [f64; 4] {
     std::array::from_fn(|k| number(&widget["rect"][k]))
 }
 
-/// The share of its way at which a control's slider is.
-pub fn share(seen: &Value, name: &str) -> f64 {
-    find(seen, name).map_or(f64::NAN, |widget| number(&widget["value"]["share"]))
-}
-
 /// A picture that was saved.
 pub struct Picture {
     pub size: (u32, u32),
