@@ -152,7 +152,8 @@ impl Viewer<'_> {
 
     /// Gives it the keys.
     pub fn focus(&mut self) {
-        self.wait("the first picture", |_| true);
+        // In the first pictures widgets are still being laid out.
+        self.wait("the first pictures", |seen| number(&seen["picture"]) >= 4.0);
         let found = self.desk.hand(&["search", "--sync", "--name", "Pliant"]);
         let text = String::from_utf8_lossy(&found.stdout).into_owned();
         let window = text.lines().last().expect("a window").to_owned();
@@ -271,6 +272,11 @@ pub fn find<'a>(seen: &'a Value, name: &str) -> Option<&'a Value> {
 
 fn rect(widget: &Value) -> [f64; 4] {
     std::array::from_fn(|k| number(&widget["rect"][k]))
+}
+
+/// The share of its way at which a control's slider is.
+pub fn share(seen: &Value, name: &str) -> f64 {
+    find(seen, name).map_or(f64::NAN, |widget| number(&widget["value"]["share"]))
 }
 
 /// A picture that was saved.
