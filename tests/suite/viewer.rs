@@ -1,6 +1,7 @@
 //! A session shows what its simulation computes, obeys, and ends when it is told to; no window is needed.
 
 mod panel;
+mod retune;
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
