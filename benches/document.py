@@ -71,6 +71,7 @@ COMMANDS = {
     "pose": PEERS + ["--bin", "pose"],
     "peers-read": PEERS + ["--bin", "read"],
     "readers": None,
+    "viewer": bench("viewer"),
 }
 
 

@@ -41,6 +41,7 @@ fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
 }
 
 /// A triangle mesh with its topology, its guards and the sign of its sides.
+#[derive(Clone)]
 pub(super) struct Faces {
     /// Positions [m] and triangles.
     pub mesh: TriangleMesh,

@@ -6,7 +6,7 @@ use super::row::Row;
 use super::surface::Surface;
 use super::triangles::{TriangleContacts, plane_row};
 use super::vertices::{self, VertexContacts};
-use super::{Obstacle, Placed};
+use super::{Closest, Obstacle, Placed};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
@@ -61,6 +61,7 @@ pub struct Counts {
 }
 
 /// One muscle's contact with every obstacle in its reach.
+#[derive(Clone)]
 pub struct Contacts {
     /// Indices into the scene's obstacles.
     obstacles: Vec<usize>,
@@ -88,14 +89,25 @@ impl Contacts {
         thickness: f64,
         friction: f64,
     ) -> Self {
-        let free: Vec<u32> =
-            (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0).collect();
-        let vertices =
-            obstacles.iter().map(|&o| VertexContacts::new(&placed[o], &free, &particles.position, thickness)).collect();
+        Self::known(Surface::new(mesh), particles, placed, obstacles, (thickness, friction), |_| None)
+    }
+
+    /// As [`Self::new`], with the muscle's surface at hand, and, where it is known, what of obstacle `o` is nearest to each
+    /// vertex.
+    pub(crate) fn known<'a>(
+        mut surface: Surface,
+        particles: &Particles,
+        placed: &[Placed],
+        obstacles: Vec<usize>,
+        (thickness, friction): (f64, f64),
+        near: impl Fn(usize) -> Option<&'a [Option<Closest>]>,
+    ) -> Self {
+        let (free, x) = (free(particles).collect::<Vec<u32>>(), &particles.position);
+        let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, thickness, near(o));
+        let vertices = obstacles.iter().map(vertices).collect();
         let triangles =
             obstacles.iter().map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX)).collect();
-        let mut surface = Surface::new(mesh);
-        surface.refit(&particles.position);
+        surface.refit(x);
         Self {
             travel: vec![0.0; obstacles.len()],
             obstacles,
@@ -109,6 +121,28 @@ impl Contacts {
             pinched: Vec::new(),
             calls: 0,
         }
+    }
+
+    /// The same between two steps with other numbers, and for other free vertices of the same muscle, where it is; only what
+    /// is not known well enough for that is looked up.
+    #[must_use]
+    pub(crate) fn with(&self, particles: &Particles, placed: &[Placed], (thickness, friction): (f64, f64)) -> Self {
+        let free: Vec<u32> = free(particles).collect();
+        let mut next = Self { thickness, friction, ..self.clone() };
+        for (k, &o) in self.obstacles.iter().enumerate() {
+            next.vertices[k].change(&placed[o], &free, &particles.position, thickness, self.travel[k]);
+            if thickness != self.thickness {
+                next.triangles[k] = TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX);
+                next.triangles[k].lookups = self.triangles[k].lookups;
+            }
+        }
+        next
+    }
+
+    /// The free vertices that may be in obstacle `o` or near it, as of the last push: nothing that is left out can be.
+    pub fn near(&self, o: usize) -> impl Iterator<Item = u32> {
+        let of = self.vertices.iter().zip(&self.obstacles).filter(move |(_, known)| **known == o);
+        of.flat_map(|(contacts, _)| contacts.near())
     }
 
     /// Indices of the obstacles.
@@ -411,6 +445,11 @@ impl Barred {
             }
         }
     }
+}
+
+/// The vertices that nothing holds.
+fn free(particles: &Particles) -> impl Iterator<Item = u32> {
+    (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0)
 }
 
 /// Greatest distance between points of the same index [m]; not a number where one of them is not.

@@ -16,6 +16,7 @@ use crate::mesh::measures::Aabb;
 use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A triangle surface in a bounding volume hierarchy.
+#[derive(Clone)]
 pub struct Surface {
     faces: Faces,
     bvh: Bvh,

@@ -1,7 +1,9 @@
 //! Overlap of muscle and bone at the start, removed gently before the motion begins.
 
+use nalgebra::Isometry3;
+
 use super::response::Contacts;
-use super::{Placed, surface::Surface};
+use super::{Closest, Obstacle, Placed, surface::Surface};
 use crate::constraints::{Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{greatest, median};
@@ -27,19 +29,40 @@ pub struct Untangled {
 /// Moves the vertices of `mesh` out of the obstacles to `thickness` [m], its edges and angles relaxing with it, so
 /// that the start is free of overlap; returns what it did. A mesh that is clear is not touched.
 pub fn untangle(mesh: &mut TriangleMesh, placed: &[Placed], obstacles: &[usize], thickness: f64) -> Untangled {
+    let closest: Vec<Option<Closest>> = obstacles
+        .iter()
+        .flat_map(|&o| {
+            let inverse = placed[o].now.inverse();
+            mesh.vertices.iter().map(move |v| placed[o].obstacle.closest(&(inverse * v)))
+        })
+        .collect();
+    let found = overlap(&closest, thickness);
+    let inside =
+        |surface: &Surface| obstacles.iter().any(|&o| is_guard_inside(surface, &*placed[o].obstacle, &placed[o].now));
+    if found.vertices == 0 && !inside(&Surface::new(mesh)) {
+        return found;
+    }
+    push_out(mesh, found, placed, obstacles, thickness)
+}
+
+/// How deep vertices are in obstacles, and how many are nearer than `thickness` [m], by what is nearest to them.
+pub(crate) fn overlap<'a>(closest: impl IntoIterator<Item = &'a Option<Closest>>, thickness: f64) -> Untangled {
     let mut report = Untangled::default();
-    for &o in obstacles {
-        let inverse = placed[o].now.inverse();
-        for v in &mesh.vertices {
-            if let Some(c) = placed[o].obstacle.closest(&(inverse * v)) {
-                report.overlap = report.overlap.max(-c.distance);
-                report.vertices += usize::from(c.distance < thickness);
-            }
-        }
+    for c in closest.into_iter().flatten() {
+        report.overlap = report.overlap.max(-c.distance);
+        report.vertices += usize::from(c.distance < thickness);
     }
-    if report.vertices == 0 && !bone_inside(mesh, placed, obstacles) {
-        return report;
-    }
+    report
+}
+
+/// As [`untangle`], of a mesh that is not clear: `report` says how much it overlaps.
+pub(crate) fn push_out(
+    mesh: &mut TriangleMesh,
+    mut report: Untangled,
+    placed: &[Placed],
+    obstacles: &[usize],
+    thickness: f64,
+) -> Untangled {
     let before = mesh.clone();
     let mut particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0; mesh.vertices.len()]);
     let mut contacts = Contacts::new(mesh, &particles, placed, obstacles.to_vec(), thickness, 0.0);
@@ -63,15 +86,13 @@ pub fn untangle(mesh: &mut TriangleMesh, placed: &[Placed], obstacles: &[usize],
     report
 }
 
-fn bone_inside(mesh: &TriangleMesh, placed: &[Placed], obstacles: &[usize]) -> bool {
-    let surface = Surface::new(mesh);
-    let bounds = mesh.bounding_box();
-    obstacles.iter().any(|&o| {
-        let points = placed[o].obstacle.guards().iter().map(|p| placed[o].now * p);
-        points
-            .filter(|p| bounds.contains(p))
-            .any(|p| surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0))
-    })
+/// Whether a guard of an obstacle at `pose` is inside a muscle's surface.
+pub(crate) fn is_guard_inside(surface: &Surface, obstacle: &dyn Obstacle, pose: &Isometry3<f64>) -> bool {
+    let bounds = surface.bounding_box();
+    let points = obstacle.guards().iter().map(|p| pose * p);
+    points
+        .filter(|p| bounds.contains(p))
+        .any(|p| surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0))
 }
 
 /// The constraints that keep the shape while vertices are pushed out.

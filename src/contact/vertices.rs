@@ -72,14 +72,21 @@ pub(super) struct VertexContacts {
 }
 
 impl VertexContacts {
-    /// Looks every vertex of `vertices` up once.
-    pub fn new(placed: &Placed, vertices: &[u32], x: &[Point3<f64>], thickness: f64) -> Self {
+    /// Looks every vertex of `vertices` up once, unless what is `near` to every vertex of the muscle is known.
+    pub fn new(
+        placed: &Placed,
+        vertices: &[u32],
+        x: &[Point3<f64>],
+        thickness: f64,
+        near: Option<&[Option<Closest>]>,
+    ) -> Self {
         let inverse = placed.now.inverse();
         let known = vertices
             .par_iter()
             .map(|&v| {
                 let at = inverse * x[v as usize];
-                Known::new(placed.obstacle.closest(&at), at, 0.0, thickness)
+                let found = near.map_or_else(|| placed.obstacle.closest(&at), |near| near[v as usize]);
+                Known::new(found, at, 0.0, thickness)
             })
             .collect();
         Self {
@@ -191,6 +198,43 @@ impl VertexContacts {
                 self.rows.push(Row { vertex, origin, normal, push: 0.0 });
             }
         }
+    }
+
+    /// Goes on, at the end of a step and after a travel of `travel` [m], with the vertices `free` at `x` and another
+    /// thickness [m]. Only what is not known well enough for that is looked up.
+    pub fn change(&mut self, placed: &Placed, free: &[u32], x: &[Point3<f64>], thickness: f64, travel: f64) {
+        if self.vertices == free && self.thickness == thickness {
+            return;
+        }
+        let inverse = placed.now.inverse();
+        let again = |&v: &u32| {
+            let at = inverse * x[v as usize];
+            let known = self.vertices.binary_search(&v).ok().map(|k| &self.known[k]);
+            // Of a far one no more than a bound is known.
+            let is_known = |known: &&Known| {
+                let distance = known.closest.distance;
+                distance <= NEAR * self.thickness || distance > NEAR * thickness
+            };
+            match known.filter(is_known) {
+                Some(known) if self.thickness == thickness => (*known, false),
+                Some(Known { from, closest, .. }) => {
+                    let since = (at - from).norm();
+                    (Known::new(Some(*closest), *from, travel - since, thickness), false)
+                }
+                None => (Known::new(placed.obstacle.closest(&at), at, travel, thickness), true),
+            }
+        };
+        let (known, looked): (Vec<Known>, Vec<bool>) = free.par_iter().map(again).unzip();
+        self.lookups += looked.iter().filter(|looked| **looked).count() as u64;
+        self.rows.retain(|row| free.binary_search(&row.vertex).is_ok());
+        (self.known, self.vertices, self.thickness) = (known, free.to_vec(), thickness);
+        self.looked.clear();
+    }
+
+    /// The vertices that may be in the obstacle or near it: nothing that is left out can be.
+    pub fn near(&self) -> impl Iterator<Item = u32> {
+        let near = |known: &Known| known.closest.distance <= NEAR * self.thickness;
+        self.known.iter().zip(&self.vertices).filter(move |(known, _)| near(known)).map(|(_, v)| *v)
     }
 
     /// Whether no vertex is deeper than `depth` [m] under the surface as known now.

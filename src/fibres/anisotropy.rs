@@ -3,46 +3,80 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use crate::mesh::measures::{Aabb, greatest};
+
 /// Factor 0..1 for each edge: 1 - A |u.v|^power with unit vectors u along the edge and v along the nearest fibre
 /// segment (erratum A12: without the absolute value half of all edges would get more than 1). Edges without length
 /// and muscles without fibres keep 1.
-pub fn factors(
-    vertices: &[Point3<f64>],
-    edges: &[[u32; 2]],
-    fibres: &[Vec<Point3<f64>>],
-    strength: f64,
-    power: f64,
-) -> Vec<f64> {
-    let segments: Vec<[Point3<f64>; 2]> =
-        fibres.iter().flat_map(|line| line.windows(2).map(|s| [s[0], s[1]])).filter(|[a, b]| a != b).collect();
+pub fn factors(cosines: &[Option<f64>], strength: f64, power: f64) -> Vec<f64> {
+    let factor = |cosine: &Option<f64>| cosine.map_or(1.0, |cosine| factor(cosine, strength, power));
+    cosines.iter().map(factor).collect()
+}
+
+/// |u.v| of [`factors`] for each edge, at most 1; `None` for an edge without length and without fibres.
+pub fn cosines(vertices: &[Point3<f64>], edges: &[[u32; 2]], fibres: &[Vec<Point3<f64>>]) -> Vec<Option<f64>> {
+    let segments = Segments::new(fibres);
     edges
         .par_iter()
         .map(|&[a, b]| {
             let (a, b) = (vertices[a as usize], vertices[b as usize]);
-            let middle = nalgebra::center(&a, &b);
-            let Some(v) = nearest_direction(&middle, &segments) else { return 1.0 };
-            let Some(u) = (b - a).try_normalize(0.0) else { return 1.0 };
-            factor(&u, &v, strength, power)
+            let v = segments.nearest_direction(&nalgebra::center(&a, &b))?;
+            let u = (b - a).try_normalize(0.0)?;
+            Some(u.dot(&v).abs().min(1.0))
         })
         .collect()
 }
 
-/// The factor for unit directions `u` and `v`.
-pub fn factor(u: &Vector3<f64>, v: &Vector3<f64>, strength: f64, power: f64) -> f64 {
-    (1.0 - strength * u.dot(v).abs().min(1.0).powf(power)).clamp(0.0, 1.0)
+/// The factor for the cosine |u.v| of an angle.
+pub fn factor(cosine: f64, strength: f64, power: f64) -> f64 {
+    (1.0 - strength * cosine.powf(power)).clamp(0.0, 1.0)
 }
 
-fn nearest_direction(p: &Point3<f64>, segments: &[[Point3<f64>; 2]]) -> Option<Vector3<f64>> {
-    let mut best: Option<(f64, Vector3<f64>)> = None;
-    for [a, b] in segments {
-        let along = b - a;
-        let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-        let squared = (a + along * t - p).norm_squared();
-        if best.is_none_or(|(d, _)| squared < d) {
-            best = Some((squared, along));
-        }
+/// Segments of fibres of which a box is looked at together.
+const TOGETHER: usize = 8;
+
+/// Rounding of a difference of coordinates, over the coordinates.
+const ROUNDED: f64 = 16.0 * f64::EPSILON;
+
+/// The segments of all fibres that have a length, in boxes.
+struct Segments {
+    all: Vec<[Point3<f64>; 2]>,
+    /// Of each [`TOGETHER`] segments.
+    boxes: Vec<Aabb>,
+    /// Greatest coordinate [m].
+    size: f64,
+}
+
+impl Segments {
+    fn new(fibres: &[Vec<Point3<f64>>]) -> Self {
+        let segments = fibres.iter().flat_map(|line| line.windows(2).map(|s| [s[0], s[1]]));
+        let all: Vec<[Point3<f64>; 2]> = segments.filter(|[a, b]| a != b).collect();
+        let boxes = all.chunks(TOGETHER).map(|some| Aabb::of_points(some.iter().flatten())).collect();
+        let size = greatest(all.iter().flatten().map(|p| p.coords.amax()));
+        Self { all, boxes, size }
     }
-    best.and_then(|(_, along)| along.try_normalize(0.0))
+
+    /// Of several equally near the first.
+    fn nearest_direction(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
+        let mut best: Option<(f64, Vector3<f64>)> = None;
+        // A box that is further by rounding alone may hold what is nearest.
+        let slack = ROUNDED * (self.size + p.coords.amax());
+        for (some, bounds) in self.all.chunks(TOGETHER).zip(&self.boxes) {
+            let away = (p - bounds.min.sup(&bounds.max.inf(p))).norm();
+            if best.is_some_and(|(d, _)| away > d.sqrt() + slack) {
+                continue;
+            }
+            for [a, b] in some {
+                let along = b - a;
+                let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                let squared = (a + along * t - p).norm_squared();
+                if best.is_none_or(|(d, _)| squared < d) {
+                    best = Some((squared, along));
+                }
+            }
+        }
+        best.and_then(|(_, along)| along.try_normalize(0.0))
+    }
 }
 
 #[cfg(test)]
@@ -58,7 +92,7 @@ mod tests {
         let mut printed_form_exceeds = 0;
         for _ in 0..100_000 {
             let u = draw.direction();
-            let k = factor(&u, &v, 1.0, 1.0);
+            let k = factor(u.dot(&v).abs(), 1.0, 1.0);
             assert!((0.0..=1.0).contains(&k));
             sum += k;
             printed_form_exceeds += usize::from(1.0 - u.dot(&v) > 1.0);
@@ -73,7 +107,31 @@ mod tests {
         let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
         let fibres = vec![vec![p(0.0, 0.0), p(1.0, 0.0)], vec![p(0.0, 5.0), p(0.0, 6.0)]];
         let vertices = [p(0.0, 0.1), p(1.0, 0.1), p(0.1, 5.0), p(1.1, 5.0)];
-        let k = factors(&vertices, &[[0, 1], [2, 3]], &fibres, 0.5, 1.0);
+        let k = factors(&cosines(&vertices, &[[0, 1], [2, 3]], &fibres), 0.5, 1.0);
         assert!((k[0] - 0.5).abs() <= 1e-12 && (k[1] - 1.0).abs() <= 1e-12);
+    }
+
+    #[test]
+    fn boxes_leave_out_nothing_that_is_nearest() {
+        let mut draw = Draw::new(11);
+        let mut line = || {
+            let start = Point3::from(draw.direction());
+            (0..12).map(|_| start + draw.direction() * 0.05).collect()
+        };
+        let fibres: Vec<Vec<Point3<f64>>> = (0..40).map(|_| line()).collect();
+        let boxed = |bounds: Option<Aabb>| {
+            let mut segments = Segments::new(&fibres);
+            bounds.iter().for_each(|bounds| segments.boxes.fill(*bounds));
+            segments
+        };
+        let [tight, none, wrong] = [
+            None,
+            Some(Aabb::of_points(fibres.iter().flatten())),
+            Some(Aabb::of_points(&[Point3::new(9.0, 9.0, 9.0)])),
+        ]
+        .map(boxed);
+        let points: Vec<Point3<f64>> = (0..2000).map(|_| Point3::from(draw.direction() * 0.9)).collect();
+        assert!(points.iter().all(|p| tight.nearest_direction(p) == none.nearest_direction(p)));
+        assert!(points.iter().any(|p| wrong.nearest_direction(p) != none.nearest_direction(p)), "no box counts");
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::contact::{Obstacle, Surface};
+use crate::contact::{Closest, Obstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
 
@@ -29,17 +29,23 @@ pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<Triangle
 
 /// Vertices at most `within` [m] from a surface (inside counts as 0), nearest first, at most the share `limit` of all.
 pub fn nearest(x: &[Point3<f64>], surface: &Surface, solid: bool, within: f64, limit: f64) -> Vec<u32> {
-    let mut found: Vec<(f64, u32)> = x
+    let closest: Vec<Option<Closest>> = x.iter().map(|p| surface.closest(p)).collect();
+    among(&closest, solid, within, limit)
+}
+
+/// As [`nearest`], by what of the surface is closest to each vertex.
+pub fn among(closest: &[Option<Closest>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
+    let mut found: Vec<(f64, u32)> = closest
         .iter()
         .enumerate()
-        .filter_map(|(v, p)| {
-            let distance = surface.closest(p)?.distance;
+        .filter_map(|(v, closest)| {
+            let distance = closest.as_ref()?.distance;
             let distance = if solid { distance.max(0.0) } else { distance.abs() };
             (distance <= within).then_some((distance, v as u32))
         })
         .collect();
     found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    found.truncate((limit * x.len() as f64) as usize);
+    found.truncate((limit * closest.len() as f64) as usize);
     found.into_iter().map(|(_, v)| v).collect()
 }
 

@@ -1,8 +1,12 @@
 //! The meshes that a scene names, read, scaled, refined.
 
+use std::sync::Arc;
+
 use nalgebra::Point3;
+use rayon::prelude::*;
 
 use super::fault::{Fault, LoadError};
+use super::ready::Ready;
 use crate::io::{self, MeshFile};
 use crate::mesh::topology::Topology;
 use crate::mesh::{TriangleMesh, refine, repair, shapes};
@@ -32,6 +36,8 @@ pub struct Assets {
     pub muscles: Vec<MuscleAsset>,
     /// Attachment patches, for each muscle and each attachment; `None` where the area is no patch.
     pub patches: Vec<Vec<Option<TriangleMesh>>>,
+    /// What simulations made of them, shared by all copies.
+    pub(super) ready: Arc<Ready>,
 }
 
 pub(super) fn name_of(source: &Source) -> String {
@@ -100,17 +106,25 @@ impl Assets {
     /// # Errors
     /// A file that cannot be read, or that does not hold what the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
-        let (mut bones, mut bone_notes) = (Vec::new(), Vec::new());
-        for (b, bone) in scene.bones.iter().enumerate() {
-            let mesh = surface(scene, &bone.surface, &format!("bone.{b}"), "mesh", format!("bone `{}`", bone.name))?;
-            let mut notes = Vec::new();
-            bones.push(mended(mesh, bone.repair.as_ref(), &mut notes));
-            bone_notes.push(notes);
-        }
-        let all = 0..scene.muscles.len();
-        let muscles = all.clone().map(|m| load_muscle(scene, m)).collect::<Result<_, _>>()?;
-        let patches = all.map(|m| load_patches(scene, m)).collect::<Result<_, _>>()?;
-        Ok(Self { bones, bone_notes, muscles, patches })
+        let all = |count: usize| (0..count).into_par_iter();
+        let bones = || all(scene.bones.len()).map(|b| load_bone(scene, b)).collect::<Vec<_>>();
+        let muscles = || all(scene.muscles.len()).map(|m| load_muscle(scene, m)).collect::<Vec<_>>();
+        let (muscles, bones) = rayon::join(muscles, bones);
+        // Of several errors always the same one is told, whichever was met first.
+        let bones: Vec<(TriangleMesh, Vec<String>)> = bones.into_iter().collect::<Result<_, _>>()?;
+        let muscles = muscles.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let patches = (0..scene.muscles.len()).map(|m| load_patches(scene, m));
+        let patches: Vec<Vec<Option<TriangleMesh>>> = patches.collect::<Result<_, _>>()?;
+        let (bones, bone_notes): (Vec<_>, Vec<_>) = bones.into_iter().unzip();
+        let surfaces = bones.len() + patches.iter().flatten().flatten().count();
+        let ready = Arc::new(Ready::new(muscles.len(), scene.capsules.len(), surfaces));
+        Ok(Self { bones, bone_notes, muscles, patches, ready })
+    }
+
+    /// The same meshes, of which nothing has been made yet.
+    #[must_use]
+    pub fn unprepared(&self) -> Self {
+        Self { ready: Arc::new(self.ready.emptied()), ..self.clone() }
     }
 
     /// Whether these meshes also do for `scene`, which names the same ones and may call for other effects than the scene that
@@ -123,11 +137,18 @@ impl Assets {
             if scene.effects.volume.is_some() && asset.edges.is_empty() {
                 let key = named_at(&muscle.surface, &format!("muscle.{m}"), "mesh");
                 let unfit = |fault| LoadError::new(scene, &key, format!("muscle `{}`", muscle.name), fault);
-                check_closed(&asset.mesh).map_err(unfit)?;
+                check_closed(&asset.mesh, &self.ready.rest(&asset.mesh).topology()).map_err(unfit)?;
             }
         }
         Ok(())
     }
+}
+
+fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), LoadError> {
+    let bone = &scene.bones[b];
+    let mesh = surface(scene, &bone.surface, &format!("bone.{b}"), "mesh", format!("bone `{}`", bone.name))?;
+    let mut notes = Vec::new();
+    Ok((mended(mesh, bone.repair.as_ref(), &mut notes), notes))
 }
 
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
@@ -152,9 +173,11 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
     let unfit = |key: &str, fault| LoadError::new(scene, key, part.clone(), fault);
     let mesh_key = named_at(&muscle.surface, &key, "mesh");
     let mut notes = Vec::new();
+    let mut own_fibres = None;
     let (mut mesh, edges) = match &muscle.surface {
         Source::Shape(name) => {
             let shape = shapes::make(name).unwrap_or_default();
+            own_fibres = Some(shape.fibres);
             (shape.mesh, shape.edges)
         }
         file => {
@@ -180,11 +203,14 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
         mesh = refined.mesh;
     }
     if scene.effects.volume.is_some() && edges.is_empty() {
-        check_closed(&mesh).map_err(|fault| unfit(&mesh_key, fault))?;
+        check_closed(&mesh, &Topology::new(&mesh)).map_err(|fault| unfit(&mesh_key, fault))?;
     }
     let fibres = match &muscle.fibres {
         None => Vec::new(),
-        Some(Source::Shape(name)) => shapes::make(name).map(|s| s.fibres).unwrap_or_default(),
+        Some(source @ Source::Shape(name)) => match own_fibres {
+            Some(fibres) if *source == muscle.surface => fibres,
+            _ => shapes::make(name).map(|s| s.fibres).unwrap_or_default(),
+        },
         Some(file) => {
             let read = read_scaled(file)?;
             if read.lines.is_empty() {
@@ -199,8 +225,7 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
 }
 
 /// What keeps a surface from enclosing a volume.
-fn check_closed(mesh: &TriangleMesh) -> Result<(), Fault> {
-    let topology = Topology::new(mesh);
+fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
     if let edges @ [first, ..] = topology.boundary_edges().as_slice() {
         return Err(Fault::OpenBoundary { count: edges.len(), edge: topology.edges[*first as usize] });
     }

@@ -1,21 +1,24 @@
 //! A muscle made ready to run: only what its plan names is built.
 
-use nalgebra::{Point3, Vector3};
+use std::sync::Arc;
+
+use nalgebra::Vector3;
 
 use super::assets::Assets;
 use super::equilibrium::{Equilibrium, Parts};
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
+use super::ready::{Fibres, Rest};
 use super::tracked::Tracked;
 use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Order, Project};
-use crate::contact::untangle::{Untangled, untangle};
+use crate::contact::untangle::Untangled;
 use crate::contact::{Contacts, Obstacle, Placed, Surface};
 use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
+use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
-use crate::mesh::{TriangleMesh, order};
 use crate::muscles::attachments::{self, Attached};
 use crate::particles::{Numbering, Particles};
 use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene, Solver};
@@ -66,7 +69,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// Builds a muscle; `surfaces` are those of the bones, `placed` all obstacles at frame 0.
+    /// Builds a muscle; `placed` are all obstacles at frame 0.
     ///
     /// # Errors
     /// An attachment that takes nothing, too much, or vertices that do not exist.
@@ -75,45 +78,41 @@ impl Body {
         assets: &Assets,
         m: usize,
         plan: &MusclePlan,
-        surfaces: &[std::sync::Arc<Surface>],
         placed: &[Placed],
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
-        let mut mesh = asset.mesh.clone();
-        let attached = attach(scene, m, &mesh, &assets.patches[m], surfaces, placed)?;
+        let mut rest = assets.ready.rest(&asset.mesh);
+        let attached = attach(scene, m, &rest, assets, placed)?;
         let mut untangled = Untangled::default();
-        if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            untangled = untangle(&mut mesh, placed, &plan.obstacles, contact.thickness);
+        if let Some(mesh) = &plan.rest {
+            rest = assets.ready.rest(mesh);
+        } else if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
+            let clear = assets.ready.clear(&rest, placed, &plan.obstacles, contact.thickness);
+            (rest, untangled) = (clear.rest.clone(), clear.done);
         }
-        let topology = Topology::new(&mesh);
-        let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, &mesh));
+        let (mesh, topology) = (&rest.mesh, &*rest.topology());
+        let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, mesh));
         attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
         let count = mesh.vertices.len();
         plan.fixed.iter().filter(|v| (**v as usize) < count).for_each(|&v| particles.inverse_mass[v as usize] = 0.0);
         displace(scene, m, &mut particles)?;
         let length = mesh.length();
-        let numbering = numbering(&topology);
+        let numbering = &*rest.numbering();
         let mut system = System::new(particles, settings(scene, length)).with_numbering(numbering.clone());
-        let (edges, edge_stiffness) = edges_of(&mesh, &topology, &asset.edges, muscle.material.stretch);
-        let fibres = if asset.fibres.is_empty() || mesh.triangles.is_empty() {
-            BoundLines::default()
-        } else {
-            BoundLines::new(&Surface::new(&mesh), &asset.fibres)
-        };
+        let (edges, edge_stiffness) = edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
+        let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
+        let fibres = rest.fibres(&asset.fibres, &points);
         let loaded = loaded_vertices(muscle);
-        let factors = if plan.stretch { factors(scene, plan, &mesh, &edges, &fibres) } else { Vec::new() };
-        let hinges = if plan.bending {
-            stiffness::hinges(&mesh, &topology, muscle.material.bending)
-        } else {
-            Default::default()
-        };
+        let factors = if plan.stretch { factors(scene, plan, &rest, &fibres) } else { Vec::new() };
+        let hinges =
+            if plan.bending { stiffness::hinges(mesh, topology, muscle.material.bending) } else { Default::default() };
         let rest_volume = if topology.is_closed() { mesh.volume() } else { 0.0 };
         let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
         let target_volume = if plan.volume { pressure * rest_volume } else { 0.0 };
         if plan.volume {
-            system.volume = Some(volume(scene, muscle, &mesh, target_volume, rest_volume));
+            system.volume = Some(volume(scene, muscle, mesh, target_volume, rest_volume));
         }
-        system.held = hold(&attached, &mesh, placed);
+        system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, count)?;
         let mut equilibrium = None;
         if let Solver::QuasiStatic(settings) | Solver::ImplicitEuler(settings) = scene.solver {
@@ -126,7 +125,7 @@ impl Body {
             });
             equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
         } else {
-            let over = || Over { order: scene.solver.order(), numbering: &numbering, count, loaded: &loaded };
+            let over = || Over { order: scene.solver.order(), numbering, count, loaded: &loaded };
             if plan.stretch {
                 system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, over()));
             }
@@ -135,10 +134,7 @@ impl Body {
             }
         }
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            let obstacles = plan.obstacles.clone();
-            let contacts =
-                Contacts::new(&mesh, &system.particles, placed, obstacles, contact.thickness, contact.friction);
-            system.contacts = Some(contacts);
+            system.contacts = Some(contacts(&rest, &system.particles, placed, &plan.obstacles, contact));
         }
         let lengths = edges.iter().map(|e| e.rest).collect();
         Ok(Self {
@@ -151,12 +147,12 @@ impl Body {
             equilibrium,
             tracked: None,
             attached,
-            fibres,
+            fibres: fibres.bound.clone(),
             untangled,
             target_volume,
             rest_volume,
             length,
-            rest: mesh,
+            rest: mesh.clone(),
             stopped: None,
         })
     }
@@ -286,14 +282,30 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
 }
 
 /// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.
-fn factors(scene: &Scene, plan: &MusclePlan, mesh: &TriangleMesh, edges: &[Distance], fibres: &BoundLines) -> Vec<f64> {
+fn factors(scene: &Scene, plan: &MusclePlan, rest: &Rest, fibres: &Fibres) -> Vec<f64> {
     match scene.effects.anisotropy.filter(|_| plan.anisotropy) {
-        Some(a) => {
-            let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
-            anisotropy::factors(&mesh.vertices, &points, &fibres.at(&mesh.vertices), a.strength, a.power)
-        }
-        None => vec![1.0; edges.len()],
+        Some(a) => anisotropy::factors(&fibres.cosines(rest), a.strength, a.power),
+        None => vec![1.0; fibres.points.len()],
     }
+}
+
+/// Contact at the start; what is near is known already, unless vertices are displaced.
+fn contacts(
+    rest: &Rest,
+    particles: &Particles,
+    placed: &[Placed],
+    obstacles: &[usize],
+    contact: ContactEffect,
+) -> Contacts {
+    let is_at_rest = particles.position == rest.mesh.vertices;
+    let near: Vec<_> = match is_at_rest {
+        true => obstacles.iter().map(|&o| (o, rest.near(&placed[o].obstacle, &placed[o].now))).collect(),
+        false => Vec::new(),
+    };
+    let of = |o: usize| near.iter().find(|(known, _)| *known == o).map(|(_, near)| near.closest.as_slice());
+    let ContactEffect { thickness, friction } = contact;
+    let surface = Surface::clone(&rest.surface());
+    Contacts::known(surface, particles, placed, obstacles.to_vec(), (thickness, friction), of)
 }
 
 /// Why a muscle has no equilibrium that could be computed.
@@ -350,14 +362,6 @@ impl Over<'_> {
     }
 }
 
-/// Neighbours beside each other in memory, where the mesh does not number them so.
-fn numbering(topology: &Topology) -> Numbering {
-    let better = Numbering::new(order::permutation(topology));
-    let reach = |&[a, b]: &[u32; 2]| better.place(a).abs_diff(better.place(b));
-    let bandwidth = topology.edges.iter().map(reach).max().unwrap_or(0);
-    if bandwidth < order::bandwidth(topology) { better } else { Numbering::default() }
-}
-
 fn stretch(scene: &Scene, edges: &[Distance], k: &[f64], factors: &[f64], over: Over) -> Box<dyn Project> {
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
@@ -399,37 +403,36 @@ fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest
 fn attach(
     scene: &Scene,
     m: usize,
-    mesh: &TriangleMesh,
-    patches: &[Option<TriangleMesh>],
-    surfaces: &[std::sync::Arc<Surface>],
+    rest: &Rest,
+    assets: &Assets,
     placed: &[Placed],
 ) -> Result<Vec<Attached>, LoadError> {
-    let muscle = &scene.muscles[m];
+    let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
     let mut choices = Vec::new();
-    for (a, (attachment, patch)) in muscle.attachments.iter().zip(patches).enumerate() {
+    for (a, (attachment, patch)) in muscle.attachments.iter().zip(&assets.patches[m]).enumerate() {
         let bone = attachment.bone;
         let part = || format!("attachment of muscle `{}` to `{}`", muscle.name, placed[bone].name);
         let key = format!("muscle.{m}.attachment.{a}");
-        let back = placed[bone].now.inverse();
-        let local: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| back * v).collect();
+        let obstacle = match patch {
+            Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
+            None => placed[bone].obstacle.clone(),
+        };
+        let near = || rest.near(&obstacle, &placed[bone].now);
         let found = match (&attachment.area, patch) {
             (Area::Vertices(list), _) => {
                 check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some())
                     .map_err(|(at, fault)| LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault))?;
                 list.clone()
             }
-            (Area::Near(within), _) => attachments::nearest(&local, &surfaces[bone], true, *within, attachment.limit),
-            (Area::Patch { within, .. }, Some(patch)) => {
-                attachments::nearest(&local, &Surface::new(patch), false, *within, attachment.limit)
+            (Area::Near(within), _) => attachments::among(&near().closest, true, *within, attachment.limit),
+            (Area::Patch { within, .. }, Some(_)) => {
+                attachments::among(&near().closest, false, *within, attachment.limit)
             }
             (Area::Patch { .. }, None) => Vec::new(),
         };
         if found.is_empty() {
-            let surface = match patch {
-                Some(patch) => &Surface::new(patch),
-                None => &*surfaces[bone],
-            };
-            let distances = local.iter().filter_map(|p| surface.closest(p)).map(|c| c.distance.abs());
+            let near = near();
+            let distances = near.closest.iter().flatten().map(|c| c.distance.abs());
             let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
             let area = if patch.is_some() { "within" } else { "near" };
             let fault = Fault::NothingAttached { nearest_mm };

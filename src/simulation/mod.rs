@@ -7,6 +7,7 @@ pub mod checkpoint;
 pub mod equilibrium;
 pub mod tracked;
 mod fault;
+mod ready;
 pub mod lattice;
 pub mod measures;
 pub mod plan;
@@ -70,10 +71,13 @@ impl Simulation {
     /// # Errors
     /// An attachment that cannot be made.
     pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
-        let surfaces: Vec<Arc<Surface>> = assets.bones.iter().map(|mesh| Arc::new(Surface::new(mesh))).collect();
-        let placed = place(&scene, &surfaces);
+        let surfaces: Vec<Arc<Surface>> = assets.bones.par_iter().map(|mesh| assets.ready.surface(mesh)).collect();
+        let mut placed = place(&scene, &surfaces);
+        for (placed, capsule) in placed[scene.bones.len()..].iter_mut().zip(&scene.capsules) {
+            placed.obstacle = assets.ready.capsule(capsule.segment, capsule.radius);
+        }
         let bodies = (0..scene.muscles.len())
-            .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &surfaces, &placed))
+            .map(|m| Body::new(&scene, &assets, m, &plan.muscles[m], &placed))
             .collect::<Result<Vec<_>, _>>()?;
         let mut notes = Vec::new();
         for (bone, found) in scene.bones.iter().zip(&assets.bone_notes) {

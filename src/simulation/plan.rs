@@ -2,13 +2,14 @@
 
 mod staged;
 
+use std::sync::Arc;
+
 use nalgebra::Isometry3;
 use serde::Serialize;
 
 use super::assets::Assets;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
-use crate::mesh::topology::Topology;
 use crate::scene::{Scene, Solver};
 
 /// An effect that will run.
@@ -52,6 +53,9 @@ pub struct MusclePlan {
     pub obstacles: Vec<usize>,
     /// Vertices that somebody fixed in space, beside those that bones hold; none as planned.
     pub fixed: Vec<u32>,
+    /// The shape at rest of a muscle that goes on, see [`super::Simulation::continue_from`], in place of that as read without
+    /// its overlap; none as planned.
+    pub rest: Option<Arc<TriangleMesh>>,
 }
 
 /// The plan of a run.
@@ -104,7 +108,8 @@ impl Plan {
     fn add_muscle(&mut self, scene: &Scene, assets: &Assets, m: usize) {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
         let name = muscle.name.as_str();
-        let topology = Topology::new(&asset.mesh);
+        let rest = assets.ready.rest(&asset.mesh);
+        let topology = rest.topology();
         let edges = topology.edges.len() + asset.edges.len();
         let hinges = topology.hinges.len();
         let mut decided = MusclePlan::default();

@@ -2,6 +2,7 @@
 
 use nalgebra::{Isometry3, Point3};
 
+use super::ready::same_pose;
 use super::{Body, Simulation};
 use crate::contact::{Contacts, Placed};
 use crate::scene::{ContactEffect, Key, Motion};
@@ -11,7 +12,8 @@ use crate::state::{Reader, Writer};
 
 impl Simulation {
     /// Goes on from where `other` is, which was made from the same meshes with other numbers: frame, poses, positions and
-    /// velocities are taken over; what is near is looked up afresh. Muscles that were stopped go on.
+    /// velocities are taken over, and what is known of contact where that is still so; else what is near is looked up afresh.
+    /// Muscles that were stopped go on.
     ///
     /// A muscle with another number of vertices stays at its start.
     pub fn continue_from(&mut self, other: &Self) {
@@ -20,12 +22,22 @@ impl Simulation {
         for (placed, there) in self.placed.iter_mut().zip(&other.placed) {
             (placed.before, placed.now) = (there.before, there.now);
         }
-        let contact = self.scene.effects.contact;
+        let (contact, same) = (self.scene.effects.contact, self.has_obstacles_of(other));
         for (body, there) in self.bodies.iter_mut().zip(&other.bodies) {
             if body.system.particles.len() == there.system.particles.len() {
-                body.continue_from(there, &self.placed, contact);
+                body.continue_from(there, &self.placed, contact, same);
             }
         }
+    }
+
+    /// Whether its obstacles are those of `other`, and where that has left them.
+    fn has_obstacles_of(&self, other: &Self) -> bool {
+        let shape = |capsule: &crate::scene::Capsule| (capsule.bone, capsule.segment, capsule.radius);
+        let capsules = self.scene.capsules.iter().map(shape).eq(other.scene.capsules.iter().map(shape));
+        let same = |(a, b): (&Placed, &Placed)| a.obstacle.guards() == b.obstacle.guards();
+        let stays = |(b, placed): (usize, &Placed)| same_pose(&self.pose(b, self.frame as f64), &placed.now);
+        let bones = self.placed.len() == other.placed.len() && self.placed.iter().zip(&other.placed).all(same);
+        capsules && bones && other.placed.iter().take(self.scene.bones.len()).enumerate().all(stays)
     }
 
     /// In the next frame a bone goes from where it is to `pose`, and stays there.
@@ -57,7 +69,8 @@ impl Simulation {
 }
 
 impl Body {
-    fn continue_from(&mut self, other: &Self, placed: &[Placed], contact: Option<ContactEffect>) {
+    /// `same` says whether the obstacles are the same.
+    fn continue_from(&mut self, other: &Self, placed: &[Placed], contact: Option<ContactEffect>, same: bool) {
         let (system, there) = (&mut self.system, &other.system);
         system.particles.position.clone_from(&there.particles.position);
         system.particles.velocity.clone_from(&there.particles.velocity);
@@ -81,10 +94,16 @@ impl Body {
             obstacles.dedup();
             if !obstacles.is_empty() {
                 let ContactEffect { thickness, friction } = contact;
-                let contacts = Contacts::new(&self.rest, &system.particles, placed, obstacles, thickness, friction);
+                // What a step that broke off has left behind is of no use.
+                let is_known = |known: &&Contacts| same && other.stopped.is_none() && known.obstacles() == obstacles;
+                let contacts = match there.contacts.as_ref().filter(is_known) {
+                    Some(known) => known.with(&system.particles, placed, (thickness, friction)),
+                    None => Contacts::new(&self.rest, &system.particles, placed, obstacles, thickness, friction),
+                };
                 system.contacts = Some(contacts);
             }
         }
+        self.untangled = other.untangled;
         self.good.clone_from(&self.system.particles);
     }
 }

@@ -16,8 +16,10 @@ pub struct Line {
     pub of: String,
     /// The unit of its numbers; empty for none.
     pub unit: &'static str,
-    /// Frame and number, in the order in which they came.
+    /// Frame and number, by frame.
     pub points: VecDeque<(f64, f64)>,
+    /// Which point is of the frame that was seen last.
+    pub now: usize,
 }
 
 /// Lines of readings over frames.
@@ -25,32 +27,50 @@ pub struct Line {
 pub struct History {
     lines: Vec<Line>,
     last: Option<usize>,
+    /// Whether a frame before the last one is no new start.
+    is_finished: bool,
+}
+
+impl Line {
+    /// Puts a number in its place; of too many those furthest from it go.
+    fn see(&mut self, frame: usize, value: f64) {
+        let frame = frame as f64;
+        self.now = self.points.partition_point(|(known, _)| *known < frame);
+        match self.points.get_mut(self.now) {
+            Some(point) if point.0 == frame => point.1 = value,
+            _ => self.points.insert(self.now, (frame, value)),
+        }
+        if self.points.len() > KEPT {
+            if 2 * self.now < self.points.len() {
+                self.points.pop_back();
+            } else {
+                self.points.pop_front();
+                self.now -= 1;
+            }
+        }
+    }
 }
 
 impl History {
-    /// Remembers the readings of a shot whose frame was not the last; what came before a reset is forgotten.
+    /// Of a run whose frames come in any order.
+    #[must_use]
+    pub fn of_finished_run() -> Self {
+        Self { is_finished: true, ..Self::default() }
+    }
+
+    /// Remembers the readings of a shot; what came before a new start is forgotten.
     pub fn see(&mut self, shot: &Shot) {
-        if self.last == Some(shot.frame) {
-            self.lines.iter_mut().zip(&shot.readings).for_each(|(line, reading)| {
-                if let Some(point) = line.points.back_mut() {
-                    point.1 = reading.value;
-                }
-            });
-            return;
-        }
         let same = |(line, reading): (&Line, &Reading)| line.name == reading.name && line.of == reading.of;
         let fits = self.lines.len() == shot.readings.len() && self.lines.iter().zip(&shot.readings).all(same);
-        let is_reset = shot.frame == 0;
+        let is_reset = !self.is_finished && self.last.is_some_and(|last| shot.frame < last);
         if !fits || is_reset {
-            let line = |r: &Reading| Line { name: r.name, of: r.of.clone(), unit: r.unit, points: VecDeque::new() };
+            let points = VecDeque::new;
+            let line = |r: &Reading| Line { name: r.name, of: r.of.clone(), unit: r.unit, points: points(), now: 0 };
             self.lines = shot.readings.iter().map(line).collect();
         }
         self.last = Some(shot.frame);
         for (line, reading) in self.lines.iter_mut().zip(&shot.readings) {
-            line.points.push_back((shot.frame as f64, reading.value));
-            if line.points.len() > KEPT {
-                line.points.pop_front();
-            }
+            line.see(shot.frame, reading.value);
         }
     }
 
@@ -125,8 +145,21 @@ mod tests {
         history.see(&shot(1, &[("speed", "", 1.0)]));
         assert_eq!(history.plots().len(), 1);
         assert_eq!(points(&history, 0), [(1.0, 1.0)]);
-        // A finished run that goes back keeps what was seen.
         history.see(&shot(0, &[("speed", "", 2.0)]));
-        assert_eq!(history.plots()[0].0, "speed");
+        assert_eq!(points(&history, 0), [(0.0, 2.0)]);
+    }
+
+    #[test]
+    fn a_finished_run_keeps_what_was_seen_in_the_order_of_its_frames() {
+        let mut history = History::of_finished_run();
+        for frame in [4, 5, 6, 5, 4, 0, 2] {
+            history.see(&shot(frame, &[("depth", "", frame as f64)]));
+        }
+        assert_eq!(points(&history, 0), [0.0, 2.0, 4.0, 5.0, 6.0].map(|k| (k, k)));
+        assert_eq!(history.lines[0].now, 1, "where it is");
+        // Backwards from far away: what is furthest goes, and never what was just seen.
+        (0..2 * KEPT).rev().for_each(|k| history.see(&shot(k, &[("depth", "", 1.0)])));
+        assert_eq!(points(&history, 0).len(), KEPT);
+        assert_eq!((history.lines[0].now, points(&history, 0)[KEPT - 1].0), (0, (KEPT - 1) as f64));
     }
 }

@@ -106,7 +106,7 @@ impl Muscles {
 
     fn reset(&mut self) -> Result<(), Refused> {
         let none = vec![Vec::new(); self.fixed.len()];
-        self.simulation = self.made(&self.scene, &none)?;
+        self.simulation = self.made(&self.scene, &none, false)?;
         self.fixed = none;
         self.drags.fill(None);
         self.hands.fill(None);
@@ -120,10 +120,14 @@ impl Muscles {
         self.clock = seconds(&self.simulation);
     }
 
-    /// A simulation of a scene with the meshes at hand, at its start.
-    fn made(&self, scene: &Scene, fixed: &[Vec<u32>]) -> Result<Simulation, Refused> {
+    /// A simulation of a scene with the meshes at hand, at its start; one that `goes_on` keeps the muscles' shapes at rest.
+    fn made(&self, scene: &Scene, fixed: &[Vec<u32>], goes_on: bool) -> Result<Simulation, Refused> {
         let mut plan = Plan::new(scene, &self.assets);
         plan.muscles.iter_mut().zip(fixed).for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
+        if goes_on {
+            let rests = self.simulation.bodies.iter().map(|body| Some(Arc::new(body.rest.clone())));
+            plan.muscles.iter_mut().zip(rests).for_each(|(plan, rest)| plan.rest = rest);
+        }
         Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
     }
 
@@ -168,8 +172,7 @@ impl Muscles {
     }
 
     fn go_on_as(&mut self, scene: &Scene, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
-        let mut simulation = self.made(scene, &fixed)?;
-        simulation.continue_from(&self.simulation);
+        let mut simulation = self.made(scene, &fixed, true)?;
         for (bone, steering) in self.steering.iter().enumerate() {
             if *steering != Steering::Motion {
                 let pose = self.simulation.pose(bone, self.simulation.frame() as f64);
@@ -178,6 +181,8 @@ impl Muscles {
                 simulation.scene.bones[bone].motion = Motion { keys: vec![key], joint };
             }
         }
+        // After the bones: what is known of contact holds only where they are.
+        simulation.continue_from(&self.simulation);
         for (muscle, drag) in self.drags.iter().enumerate() {
             if let Some((vertex, to, stiffness)) = *drag {
                 simulation.drag(muscle, vertex, to, stiffness);

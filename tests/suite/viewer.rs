@@ -5,6 +5,7 @@ mod ends;
 mod lattice;
 mod panel;
 mod replay;
+mod retune;
 mod skin;
 
 use std::sync::Arc;

@@ -199,10 +199,16 @@ impl Viewer<'_> {
         rect(find(&seen, name).expect("it was found"))
     }
 
-    /// Clicks on a widget.
+    /// Clicks on a widget, and waits until that is done: what is answered moves what is below it in the panel.
     pub fn press(&mut self, name: &str) {
         let [left, top, _, bottom] = self.widget(name);
         self.click([left + 8.0, 0.5 * (top + bottom)]);
+        self.settle();
+    }
+
+    /// Waits until all controls are answered.
+    fn settle(&mut self) {
+        self.wait("answers", |seen| number(&seen["waiting"]) == 0.0);
     }
 
     /// Moves a slider to a share of its way.
@@ -212,6 +218,7 @@ impl Viewer<'_> {
         // The rail is 100 points wide, less the handle.
         let at = |share: f64| [left + 8.0 + 84.0 * share, y];
         self.drag("1", at(0.5), at(share), |_| {});
+        self.settle();
     }
 
     /// The pictures and recordings that it saved, in the order of their names.

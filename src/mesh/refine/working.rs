@@ -1,5 +1,7 @@
 //! A mesh under change: split, collapse, flip and move, each refused where it would harm the surface.
 
+use std::cell::Cell;
+
 use nalgebra::{Point3, Vector3};
 
 use super::ASKED;
@@ -38,6 +40,8 @@ pub(super) struct Working<'a> {
     pub rings: Vec<Vec<u32>>,
     pub boundary: Vec<bool>,
     original: &'a SurfaceTree,
+    /// The part of the original that was near to the last new triangle: it is tried first.
+    likely: Cell<u32>,
     /// Points of the original that must stay near.
     samples: Vec<Point3<f64>>,
     /// For each triangle the samples that it has to stay near to.
@@ -85,6 +89,7 @@ impl<'a> Working<'a> {
             rings,
             boundary,
             original,
+            likely: Cell::new(u32::MAX),
             samples: Vec::new(),
             carried: vec![Vec::new(); mesh.triangles.len()],
             reach: edge_length,
@@ -225,7 +230,8 @@ impl<'a> Working<'a> {
             let [a, b, c] = corners;
             let Some(normal) = cross(corners).try_normalize(0.0) else { return false };
             let third = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-            let near = |p: &Point3<f64>| self.original.is_near_facing(p, &normal, FACING, limits.deviation);
+            let near =
+                |p: &Point3<f64>| self.original.is_near_facing_from(&self.likely, p, &normal, FACING, limits.deviation);
             if !near(&third) || ![0.5, 0.25, 0.75].iter().all(|&s| near(&(a + (b - a) * s))) {
                 return false;
             }

@@ -78,8 +78,8 @@ impl Fingerprint {
         self.add(format!("the fibres of muscle `{name}`"), &body.fibres.at(&body.rest.vertices));
         self.add(format!("the forces on muscle `{name}`"), forces);
         self.add(format!("the displacements of muscle `{name}`"), displacements);
-        // What is fixed shows as inverse masses.
-        let MusclePlan { stretch, bending, volume, anisotropy, obstacles, fixed: _ } = plan;
+        // What is fixed shows as inverse masses, a shape at rest as itself.
+        let MusclePlan { stretch, bending, volume, anisotropy, obstacles, fixed: _, rest: _ } = plan;
         self.add(format!("the effects that run on muscle `{name}`"), &[stretch, bending, volume, anisotropy]);
         self.add(format!("the bones in reach of muscle `{name}` over all frames that are wanted"), obstacles);
     }

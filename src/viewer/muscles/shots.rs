@@ -126,11 +126,12 @@ fn body_shot(simulation: &Simulation, m: usize) -> BodyShot {
 fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
     let x = &body.system.particles.position;
     let mut depths = vec![0.0; x.len()];
-    let obstacles = body.system.contacts.as_ref().map_or(&[][..], |contacts| contacts.obstacles());
-    for placed in obstacles.iter().filter_map(|&o| simulation.placed().get(o)) {
+    let Some(contacts) = &body.system.contacts else { return depths };
+    for &o in contacts.obstacles() {
+        let Some(placed) = simulation.placed().get(o) else { continue };
         let (bounds, back) = (placed.obstacle.bounding_box(), placed.now.inverse());
-        for (v, x) in x.iter().enumerate().filter(|(v, _)| body.is_free(*v)) {
-            let local = back * x;
+        for v in contacts.near(o).map(|v| v as usize) {
+            let local = back * x[v];
             // What is outside of the box is outside of the bone.
             if !(0..3).all(|k| bounds.min[k] <= local[k] && local[k] <= bounds.max[k]) {
                 continue;

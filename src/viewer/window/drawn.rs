@@ -17,13 +17,12 @@ use crate::viewer::snapshot::{BodyShot, Shot, Stage, Tissue};
 /// Steps of a colour map in its texture.
 const STEPS: usize = 256;
 
-/// Colours of points: where bones hold, where something touches, what was fixed, what is dragged, what was picked, handles.
+/// Colours of points: where bones hold, where something touches, what was fixed, what is dragged, what was picked.
 const HELD: Rgb = [0.25, 0.55, 0.95];
 const TOUCHING: Rgb = [1.0, 0.55, 0.1];
 const FIXED: Rgb = [0.95, 0.2, 0.9];
 const DRAGGED: Rgb = [1.0, 1.0, 0.2];
 const PICKED: Rgb = [0.95, 0.1, 0.1];
-const HANDLE: Rgb = [0.2, 0.9, 0.9];
 
 /// What is shown and how.
 #[derive(Clone, Debug, PartialEq)]
@@ -216,7 +215,7 @@ impl Drawn {
     }
 
     /// Lines and points, which are drawn anew for each picture.
-    pub fn overlay(&self, window: &mut Window, shot: &Shot, look: &Look, picked: Option<(usize, usize)>) {
+    pub fn overlay(&self, window: &mut Window, shot: &Shot, look: &Look) {
         for (body, stage) in shot.bodies.iter().zip(&shot.stage.bodies) {
             let x = |v: &u32| body.positions.get(*v as usize).map(vec3);
             if look.fibres {
@@ -247,12 +246,11 @@ impl Drawn {
                 window.draw_point(vec3(to), ink(DRAGGED, 1.0), 8.0);
             }
         }
-        if let Some((body, vertex)) = picked
-            && let Some(p) = shot.bodies.get(body).and_then(|b| b.positions.get(vertex))
+        if let Some(probe) = &shot.probe
+            && let Some(p) = shot.bodies.get(probe.body).and_then(|b| b.positions.get(probe.vertex))
         {
             window.draw_point(vec3(p), ink(PICKED, 1.0), 10.0);
         }
-        shot.handles.iter().for_each(|handle| window.draw_point(vec3(&handle.at), ink(HANDLE, 1.0), 11.0));
     }
 }
 

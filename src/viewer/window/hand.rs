@@ -41,8 +41,6 @@ pub enum Wish {
     Panel,
     Help,
     Close,
-    /// Another vertex is looked at, or none.
-    Pick(Option<(usize, usize)>),
 }
 
 /// The part of the window in which the scene is seen [px].
@@ -149,7 +147,7 @@ impl Hand {
                     Some(Picked::Vertex(body, vertex)) => Some((body, vertex)),
                     _ => None,
                 };
-                (Some(Command::Probe(picked)), Some(Wish::Pick(picked)))
+                (Some(Command::Probe(picked)), None)
             }
             _ => (self.moved.take(), None),
         }
@@ -226,7 +224,7 @@ fn keyed(key: Key, modifiers: Modifiers, camera: &mut Camera, shot: &Snapshot) -
         Key::Tab => wishes(Wish::Panel),
         Key::F1 => wishes(Wish::Help),
         Key::Q => wishes(Wish::Close),
-        Key::Escape => (Some(Command::Probe(None)), Some(Wish::Pick(None))),
+        Key::Escape => tells(Command::Probe(None)),
         _ => (None, None),
     }
 }

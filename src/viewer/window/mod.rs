@@ -204,11 +204,10 @@ async fn shown(
         drawn,
         look: Look::default(),
         colouring: Colouring::new(Field::Stretch),
-        history: History::default(),
+        history: if options.replayed { History::of_finished_run() } else { History::default() },
         hand: Hand::default(),
         state: panel::State::default(),
         has_panel: true,
-        picked: None,
         closes: false,
         frame: first.frame,
         fitted_to: first.stage.bodies.len(),
@@ -269,7 +268,6 @@ struct Viewer<'a> {
     hand: Hand,
     state: panel::State,
     has_panel: bool,
-    picked: Option<(usize, usize)>,
     closes: bool,
     /// The frame of the last picture.
     frame: usize,
@@ -286,7 +284,7 @@ impl Viewer<'_> {
     async fn picture(&mut self, window: &mut Window) -> bool {
         let shot = self.session.latest();
         self.history.see(&shot);
-        if shot.frame == 0 && self.frame > 0 && !self.options.replayed {
+        if shot.frame < self.frame && !self.options.replayed {
             // A new start has its own range.
             self.colouring = Colouring::new(self.colouring.field);
         }
@@ -314,7 +312,7 @@ impl Viewer<'_> {
         let afresh = before != self.colouring;
         self.drawn.update(&shot, shot.serial, &self.colouring, afresh);
         self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
-        self.drawn.overlay(window, &shot, &self.look, self.picked);
+        self.drawn.overlay(window, &shot, &self.look);
         let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
         let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
         if let Some(said) = self.capture.rendered(window, seen) {
@@ -323,7 +321,8 @@ impl Viewer<'_> {
         asked.into_iter().for_each(|asked| self.answer(asked));
         self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
-            trace.picture(&shot, widgets, &places(&shot, &self.lens));
+            let waiting = self.state.waiting(shot.answered);
+            trace.picture(&shot, widgets, waiting, &places(grips(&shot, &self.lens), &self.lens));
         }
         self.pictures.push_back(Instant::now());
         if self.pictures.len() > RATED {
@@ -382,7 +381,6 @@ impl Viewer<'_> {
             Wish::Picture => self.state.asked.push(Asked::Picture),
             Wish::Record => self.state.asked.push(Asked::Record),
             Wish::Close => self.closes = true,
-            Wish::Pick(picked) => self.picked = picked,
         }
     }
 
@@ -391,6 +389,7 @@ impl Viewer<'_> {
         let mut asked = std::mem::take(&mut self.state.asked);
         let pictures = self.rate();
         let is_taking = self.capture.is_taking();
+        let handles = places(shot.handles.iter().map(|handle| Some(handle.at)), &self.lens);
         let session = &self.session;
         let mut send = |command| session.send(command);
         let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
@@ -410,6 +409,9 @@ impl Viewer<'_> {
             if shot.bodies.iter().any(|body| !colouring.field.values(body).is_empty()) {
                 plots::legend(&painter, egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0), colouring);
             }
+            // Over what hides them: an implant is under skin.
+            let points = handles.iter().map(|[x, y]| egui::pos2(*x as f32, *y as f32) / ctx.pixels_per_point());
+            plots::handles(&painter, points);
             if has_help {
                 keys(ctx);
             }
@@ -471,16 +473,20 @@ fn keys(ctx: &egui::Context) {
     });
 }
 
-/// Where in the window [px] handles are, then of each body the vertex nearest to the eye.
-fn places(shot: &Shot, lens: &Lens) -> Vec<[f64; 2]> {
-    let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
+/// Points that can be taken: handles, then of each body the vertex nearest to the eye.
+fn grips(shot: &Shot, lens: &Lens) -> Vec<Option<Point3<f64>>> {
     let eye = lens.camera.eye();
     let nearest = |x: &Vec<Point3<f64>>| x.iter().copied().min_by(|a, b| (a - eye).norm().total_cmp(&(b - eye).norm()));
-    let points =
-        shot.handles.iter().map(|handle| Some(handle.at)).chain(shot.bodies.iter().map(|b| nearest(&b.positions)));
+    let handles = shot.handles.iter().map(|handle| Some(handle.at));
+    handles.chain(shot.bodies.iter().map(|body| nearest(&body.positions))).collect()
+}
+
+/// Where in the window [px] points are; (-1, -1) for none and for what is behind the eye.
+fn places(points: impl IntoIterator<Item = Option<Point3<f64>>>, lens: &Lens) -> Vec<[f64; 2]> {
+    let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
     let pixel = |p: Option<Point3<f64>>| {
         let seen = lens.camera.project(&p?)?;
         Some([0.5 * width + seen.x * height, 0.5 * height - seen.y * height])
     };
-    points.map(|p| pixel(p).unwrap_or([-1.0, -1.0])).collect()
+    points.into_iter().map(|p| pixel(p).unwrap_or([-1.0, -1.0])).collect()
 }

@@ -26,6 +26,13 @@ pub struct State {
     pub asked: Vec<Asked>,
 }
 
+impl State {
+    /// How many controls were moved whose commands are not answered yet.
+    pub fn waiting(&self, answered: u64) -> usize {
+        self.waiting.iter().filter(|(_, number, _)| *number > answered).count()
+    }
+}
+
 /// What the panel wants of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Asked {

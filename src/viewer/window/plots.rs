@@ -16,6 +16,7 @@ const INKS: [Color32; 6] = [
     Color32::from_rgb(0xb0, 0xa0, 0x50),
 ];
 
+const HANDLE: Color32 = Color32::from_rgb(0x33, 0xe6, 0xe6);
 const FAINT: Color32 = Color32::from_gray(90);
 const TEXT: Color32 = Color32::from_gray(220);
 
@@ -38,6 +39,13 @@ pub fn legend(painter: &Painter, corner: Pos2, colouring: &Colouring) {
     }
     let title = format!("{} [{}]", colouring.field.name(), colouring.field.unit());
     painter.text(pos2(corner.x, top - 8.0), Align2::LEFT_BOTTOM, title, font, TEXT);
+}
+
+/// Points of the screen that can be taken.
+pub fn handles(painter: &Painter, points: impl Iterator<Item = Pos2>) {
+    for point in points.filter(|p| p.x >= 0.0) {
+        painter.circle(point, 6.0, HANDLE, Stroke::new(1.5, Color32::from_gray(20)));
+    }
 }
 
 /// Bars of milliseconds, one an effect.
@@ -79,14 +87,13 @@ pub fn plot(ui: &mut Ui, name: &str, lines: &[&Line]) {
         };
         let points: Vec<Pos2> = line.points.iter().filter(|(_, y)| y.is_finite()).map(at).collect();
         painter.add(Shape::line(points, Stroke::new(1.5, ink)));
-        if let (Some((_, value)), false) = (line.points.back(), line.of.is_empty()) {
-            let place = rect.right_top() + Vec2::new(0.0, 13.0 * k as f32);
-            painter.text(place, Align2::RIGHT_TOP, format!("{} {}", line.of, short(*value)), font.clone(), ink);
+        let Some(now) = line.points.get(line.now) else { continue };
+        if now.1.is_finite() {
+            painter.circle_filled(at(now), 2.5, ink);
         }
-    }
-    if let ([line], Some((_, value))) = (lines, lines.first().and_then(|line| line.points.back())) {
-        let _ = line;
-        painter.text(rect.right_top(), Align2::RIGHT_TOP, short(*value), font.clone(), INKS[0]);
+        let place = rect.right_top() + Vec2::new(0.0, 13.0 * k as f32);
+        let text = format!("{} {}", line.of, short(now.1));
+        painter.text(place, Align2::RIGHT_TOP, text.trim(), font.clone(), ink);
     }
     for (value, place, align) in [(y.1, field.top(), Align2::RIGHT_TOP), (y.0, field.bottom(), Align2::RIGHT_BOTTOM)] {
         painter.text(pos2(field.left() - 4.0, place), align, short(value), font.clone(), TEXT);
@@ -115,9 +122,11 @@ fn ranges<'a>(points: impl Iterator<Item = &'a (f64, f64)>) -> Option<((f64, f64
     if !(x.0.is_finite() && y.0.is_finite()) {
         return None;
     }
-    let from = if y.0 > 0.0 && y.0 < 0.5 * y.1 { 0.0 } else { y.0 };
-    let ends = Ticks::linear((from, y.1), 2).values.into_iter().fold((from, y.1), around);
+    let is_level = y.0 == y.1;
+    let from = if y.0 > 0.0 && (y.0 < 0.5 * y.1 || is_level) { 0.0 } else { y.0 };
+    let until = if y.1 < 0.0 && is_level { 0.0 } else { y.1 };
+    let ends = Ticks::linear((from, until), 2).values.into_iter().fold((from, until), around);
     let wide = |(low, high): (f64, f64), least: f64| if high > low { (low, high) } else { (low, low + least) };
-    // A line that is level is at the bottom of a range of one unit.
+    // Only a line of zeros is left without width.
     Some((wide(x, 1.0), wide(ends, 1.0)))
 }

@@ -60,7 +60,7 @@ impl Trace {
     }
 
     /// A line for a picture that is there; a file that cannot be written to any more is left.
-    pub fn picture(&mut self, shot: &Snapshot, widgets: Widgets, vertices: &[[f64; 2]]) {
+    pub fn picture(&mut self, shot: &Snapshot, widgets: Widgets, waiting: usize, vertices: &[[f64; 2]]) {
         self.pictures += 1;
         let handles: Vec<&str> = shot.handles.iter().map(|handle| handle.name.as_str()).collect();
         let line = json!({
@@ -68,6 +68,7 @@ impl Trace {
             "frame": shot.frame,
             "running": shot.running,
             "answered": shot.answered,
+            "waiting": waiting,
             "refused": shot.refused.as_ref().map(|(_, why)| why),
             "failed": shot.failed,
             "frame_ms": shot.frame_ms,

@@ -1,0 +1,315 @@
+//! What is made of a scene's meshes and does not depend on its numbers: made once, and shared by all simulations that are
+//! made of the same [`super::Assets`].
+//!
+//! Each part is a function of what it is asked with, and there is no other way to it: that a simulation is not the first
+//! one of its meshes changes no bit of it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use nalgebra::{Isometry3, Point3};
+use rayon::prelude::*;
+
+use crate::contact::capsule::Capsule;
+use crate::contact::untangle::{self, Untangled};
+use crate::contact::{Closest, Obstacle, Placed, Surface};
+use crate::fibres::anisotropy;
+use crate::fibres::binding::BoundLines;
+use crate::mesh::topology::Topology;
+use crate::mesh::{TriangleMesh, order};
+use crate::particles::Numbering;
+
+/// Shapes at rest that are kept of a muscle: one as read, others without overlap at other contact thicknesses.
+const SHAPES: usize = 4;
+
+/// The values of a function that were wanted last, each with what it was made of.
+struct Kept<T> {
+    all: Mutex<Vec<Arc<T>>>,
+    most: usize,
+}
+
+impl<T> Kept<T> {
+    fn new(most: usize) -> Self {
+        Self { all: Mutex::default(), most }
+    }
+
+    /// The one that was made of what `is` recognises, or else what `make` makes of it.
+    fn get(&self, is: impl Fn(&T) -> bool, make: impl FnOnce() -> T) -> Arc<T> {
+        if let Some(found) = self.find(&is) {
+            return found;
+        }
+        // Without the lock: what is made may want another.
+        let made = Arc::new(make());
+        if let Some(found) = self.find(&is) {
+            return found;
+        }
+        let mut all = self.lock();
+        if all.len() >= self.most.max(1) {
+            all.remove(0);
+        }
+        all.push(made.clone());
+        made
+    }
+
+    fn find(&self, is: impl Fn(&T) -> bool) -> Option<Arc<T>> {
+        let mut all = self.lock();
+        let at = all.iter().position(|kept| is(kept))?;
+        let found = all.remove(at);
+        all.push(found.clone());
+        Some(found)
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Arc<T>>> {
+        // A list is whole whatever thread panicked.
+        self.all.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A value that is made when it is first wanted.
+///
+/// No `OnceLock`: a thread that makes it and waits in it for others may take up another simulation that wants the same.
+struct Once<T>(Mutex<Option<Arc<T>>>);
+
+impl<T> Default for Once<T> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
+}
+
+impl<T> Once<T> {
+    fn get(&self, make: impl FnOnce() -> T) -> Arc<T> {
+        let lock = || self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = lock().clone();
+        // Without the lock, and whoever else was faster made the same.
+        found.unwrap_or_else(|| {
+            let made = Arc::new(make());
+            lock().get_or_insert(made).clone()
+        })
+    }
+}
+
+/// All that was made so far of the meshes of a scene.
+pub(super) struct Ready {
+    surfaces: Kept<Surface>,
+    capsules: Kept<Capsule>,
+    rests: Kept<Rest>,
+    clear: Kept<Clear>,
+    obstacles: usize,
+}
+
+impl std::fmt::Debug for Ready {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Ready").finish_non_exhaustive()
+    }
+}
+
+impl Ready {
+    /// Room for the parts of so many muscles, so many capsules, and so many surfaces of bones and areas of attachment.
+    pub fn new(muscles: usize, capsules: usize, surfaces: usize) -> Self {
+        Self {
+            surfaces: Kept::new(surfaces),
+            capsules: Kept::new(capsules),
+            rests: Kept::new(SHAPES * muscles),
+            clear: Kept::new(SHAPES * muscles),
+            obstacles: surfaces + capsules,
+        }
+    }
+
+    /// The same room, with nothing in it.
+    pub fn emptied(&self) -> Self {
+        Self {
+            surfaces: Kept::new(self.surfaces.most),
+            capsules: Kept::new(self.capsules.most),
+            rests: Kept::new(self.rests.most),
+            clear: Kept::new(self.clear.most),
+            obstacles: self.obstacles,
+        }
+    }
+
+    /// A mesh that answers what is nearest.
+    pub fn surface(&self, mesh: &TriangleMesh) -> Arc<Surface> {
+        let is = |s: &Surface| s.triangles() == mesh.triangles && s.positions() == mesh.vertices;
+        self.surfaces.get(is, || Surface::new(mesh))
+    }
+
+    /// A capsule of the given ends and radius [m].
+    pub fn capsule(&self, ends: [Point3<f64>; 2], radius: f64) -> Arc<Capsule> {
+        self.capsules.get(|c| c.ends == ends && c.radius == radius, || Capsule { ends, radius })
+    }
+
+    /// A muscle's shape.
+    pub fn rest(&self, mesh: &TriangleMesh) -> Arc<Rest> {
+        self.rests.get(|rest| rest.mesh == *mesh, || Rest::new(mesh.clone(), self.obstacles))
+    }
+
+    /// A muscle's shape moved out of the obstacles to `thickness` [m], and what that did: see [`untangle::untangle`].
+    pub fn clear(&self, of: &Arc<Rest>, placed: &[Placed], obstacles: &[usize], thickness: f64) -> Arc<Clear> {
+        let near: Vec<Arc<Near>> = obstacles.iter().map(|&o| of.near(&placed[o].obstacle, &placed[o].now)).collect();
+        let same =
+            |kept: &[Arc<Near>]| kept.len() == near.len() && kept.iter().zip(&near).all(|(a, b)| Arc::ptr_eq(a, b));
+        let is = |kept: &Clear| Arc::ptr_eq(&kept.of, of) && kept.thickness == thickness && same(&kept.near);
+        self.clear.get(is, || {
+            let closest = near.iter().flat_map(|near| &near.closest);
+            let mut done = untangle::overlap(closest, thickness);
+            let mut rest = of.clone();
+            // A mesh that is clear is not touched.
+            if done.vertices > 0 || near.iter().any(|near| near.is_guard_inside(of)) {
+                let mut mesh = of.mesh.clone();
+                done = untangle::push_out(&mut mesh, done, placed, obstacles, thickness);
+                rest = self.rest(&mesh);
+            }
+            Clear { of: of.clone(), near: near.clone(), thickness, rest, done }
+        })
+    }
+}
+
+/// A muscle's shape without overlap.
+pub(super) struct Clear {
+    of: Arc<Rest>,
+    near: Vec<Arc<Near>>,
+    thickness: f64,
+    /// The shape.
+    pub rest: Arc<Rest>,
+    /// What untangling did.
+    pub done: Untangled,
+}
+
+/// A muscle's shape at rest and what was made of it so far.
+pub(super) struct Rest {
+    /// The shape.
+    pub mesh: TriangleMesh,
+    topology: Once<Topology>,
+    numbering: Once<Numbering>,
+    surface: Once<Surface>,
+    near: Kept<Near>,
+    fibres: Kept<Fibres>,
+}
+
+impl Rest {
+    fn new(mesh: TriangleMesh, obstacles: usize) -> Self {
+        Self {
+            mesh,
+            topology: Once::default(),
+            numbering: Once::default(),
+            surface: Once::default(),
+            near: Kept::new(obstacles),
+            fibres: Kept::new(1),
+        }
+    }
+
+    /// Its edges and hinges.
+    pub fn topology(&self) -> Arc<Topology> {
+        self.topology.get(|| Topology::new(&self.mesh))
+    }
+
+    /// Neighbours beside each other in memory, where the mesh does not number them so.
+    pub fn numbering(&self) -> Arc<Numbering> {
+        self.numbering.get(|| {
+            let topology = self.topology();
+            let better = Numbering::new(order::permutation(&topology));
+            let reach = |&[a, b]: &[u32; 2]| better.place(a).abs_diff(better.place(b));
+            let bandwidth = topology.edges.iter().map(reach).max().unwrap_or(0);
+            if bandwidth < order::bandwidth(&topology) { better } else { Numbering::default() }
+        })
+    }
+
+    /// It as a mesh that answers what is nearest.
+    pub fn surface(&self) -> Arc<Surface> {
+        self.surface.get(|| Surface::new(&self.mesh))
+    }
+
+    /// What of an obstacle in a pose is nearest to each vertex.
+    pub fn near(&self, obstacle: &Arc<dyn Obstacle>, pose: &Isometry3<f64>) -> Arc<Near> {
+        let is = |near: &Near| Arc::ptr_eq(&near.obstacle, obstacle) && same_pose(&near.pose, pose);
+        self.near.get(is, || {
+            let back = pose.inverse();
+            let closest = self.mesh.vertices.par_iter().map(|v| obstacle.closest(&(back * v))).collect();
+            Near { obstacle: obstacle.clone(), pose: *pose, closest, is_guard_inside: Once::default() }
+        })
+    }
+
+    /// Polylines bound to it; and the edges `points`, and how far they go along them.
+    pub fn fibres(&self, lines: &[Vec<Point3<f64>>], points: &[[u32; 2]]) -> Arc<Fibres> {
+        self.fibres.get(
+            |fibres| fibres.lines == lines && fibres.points == points,
+            || {
+                let empty = lines.is_empty() || self.mesh.triangles.is_empty();
+                let bound = if empty { BoundLines::default() } else { BoundLines::new(&self.surface(), lines) };
+                Fibres { lines: lines.to_vec(), points: points.to_vec(), bound, cosines: Once::default() }
+            },
+        )
+    }
+}
+
+/// What is nearest to each vertex of a shape.
+pub(super) struct Near {
+    obstacle: Arc<dyn Obstacle>,
+    pose: Isometry3<f64>,
+    /// In the obstacle's frame.
+    pub closest: Vec<Option<Closest>>,
+    is_guard_inside: Once<bool>,
+}
+
+impl Near {
+    /// Whether a point of the obstacle that is kept out of muscles is in the shape that this belongs to.
+    fn is_guard_inside(&self, of: &Rest) -> bool {
+        *self.is_guard_inside.get(|| untangle::is_guard_inside(&of.surface(), &*self.obstacle, &self.pose))
+    }
+}
+
+/// A muscle's fibres.
+pub(super) struct Fibres {
+    lines: Vec<Vec<Point3<f64>>>,
+    /// Of the edges.
+    pub points: Vec<[u32; 2]>,
+    /// Bound to the shape.
+    pub bound: BoundLines,
+    cosines: Once<Vec<Option<f64>>>,
+}
+
+impl Fibres {
+    /// For each edge the cosine of its angle to the nearest fibre: see [`anisotropy::cosines`].
+    pub fn cosines(&self, of: &Rest) -> Arc<Vec<Option<f64>>> {
+        let x = &of.mesh.vertices;
+        self.cosines.get(|| anisotropy::cosines(x, &self.points, &self.bound.at(x)))
+    }
+}
+
+/// Whether two poses have the same numbers; a rotation has two quaternions.
+pub(super) fn same_pose(a: &Isometry3<f64>, b: &Isometry3<f64>) -> bool {
+    a.translation.vector == b.translation.vector && a.rotation.coords == b.rotation.coords
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wanted_again_is_not_made_again_and_what_is_not_goes_first() {
+        let kept = Kept::new(2);
+        let made = std::cell::Cell::new(0);
+        let square = |n: i32| {
+            let make = || {
+                made.set(made.get() + 1);
+                (n, n * n)
+            };
+            kept.get(|kept: &(i32, i32)| kept.0 == n, make).1
+        };
+        assert_eq!([2, 3, 2, 4, 2].map(square), [4, 9, 4, 16, 4]);
+        assert_eq!(made.get(), 3);
+        // 3 was wanted longest ago, so that 4 took its place.
+        assert_eq!((square(3), made.get()), (9, 4));
+    }
+
+    #[test]
+    fn a_shape_is_known_by_its_every_vertex() {
+        let ready = Ready::new(1, 0, 1);
+        let mesh = crate::mesh::shapes::icosphere(0.1, 1);
+        let rest = ready.rest(&mesh);
+        assert!(Arc::ptr_eq(&rest, &ready.rest(&mesh.clone())));
+        let mut other = mesh.clone();
+        other.vertices[7].x = other.vertices[7].x.next_up();
+        assert!(!Arc::ptr_eq(&rest, &ready.rest(&other)));
+        assert!(Arc::ptr_eq(&ready.surface(&mesh), &ready.surface(&mesh)));
+        assert!(!Arc::ptr_eq(&ready.surface(&mesh), &ready.surface(&other)));
+    }
+}
