@@ -222,16 +222,15 @@ fn hexadecimal(path: &Path, offset: u64) -> io::Result<String> {
 mod tests {
     use super::*;
     use crate::cli::failure::graphical;
-    use std::path::PathBuf;
+    use crate::testing::Scratch;
 
     /// What is shown of the error of a file of these bytes, with the folder left out.
     fn shown(name: &str, bytes: &[u8]) -> String {
-        let path: PathBuf = std::env::temp_dir().join(format!("pliant-excerpt-{}-{name}", std::process::id()));
+        let path = Scratch::file(name);
         std::fs::write(&path, bytes).unwrap();
         let error = crate::io::read(&path).unwrap_err();
         let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::none()).with_width(200);
         let text = graphical(&Excerpt::of(&error), &handler).unwrap();
-        std::fs::remove_file(&path).unwrap();
         text.replace(&path.display().to_string(), name)
     }
 

@@ -330,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_limit_of_ones_own() {
-        let path = part::tests::scratch("limit.obj");
+        let path = crate::testing::Scratch::file("limit.obj");
         std::fs::write(&*path, OBJ).unwrap();
         assert!(read_within(&path, OBJ.len() as u64).is_ok());
         let text = read_within(&path, 10).unwrap_err().to_string();

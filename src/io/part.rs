@@ -58,38 +58,13 @@ pub(super) fn check_mesh(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
-    use std::ops::Deref;
-    use std::path::PathBuf;
-
-    /// A file name of its own for one test, in the folder for temporary files; the file goes with it.
-    pub(in crate::io) struct Scratch(PathBuf);
-
-    pub(in crate::io) fn scratch(name: &str) -> Scratch {
-        let path = std::env::temp_dir().join(format!("pliant-io-{}-{name}", std::process::id()));
-        let _ = fs::remove_file(&path);
-        Scratch(path)
-    }
-
-    impl Deref for Scratch {
-        type Target = Path;
-
-        fn deref(&self) -> &Path {
-            &self.0
-        }
-    }
-
-    impl Drop for Scratch {
-        fn drop(&mut self) {
-            // Not every test creates its file.
-            let _ = fs::remove_file(&self.0);
-        }
-    }
+    use crate::testing::Scratch;
 
     #[test]
     fn a_failed_write_leaves_the_old_file() {
-        let path = scratch("old.txt");
+        let path = Scratch::file("old.txt");
         write_whole(&path, |w| w.write_all(b"old")).unwrap();
         let failed = write_whole(&path, |w| {
             w.write_all(b"ne")?;

@@ -152,11 +152,11 @@ pub(crate) fn is_below(file: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::part::tests::scratch;
+    use crate::testing::Scratch;
 
     #[test]
     fn the_text_is_complete_after_each_write() {
-        let path = scratch("run.pvd");
+        let path = Scratch::file("run.pvd");
         let mut collection = Collection::new();
         for frame in 0..3 {
             let file = format!("a/b_{frame:04}.vtp");
@@ -176,7 +176,7 @@ mod tests {
     fn a_time_that_is_not_finite_is_refused() {
         let mut collection = Collection::new();
         collection.push(Entry { time: f64::NAN, part: 0, name: String::new(), file: "a.vtp".into() });
-        assert!(collection.write(&scratch("nan.pvd")).is_err());
+        assert!(collection.write(&Scratch::file("nan.pvd")).is_err());
     }
 
     /// A collection of one tag within the others.
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn what_was_written_is_read() {
-        let path = scratch("read.pvd");
+        let path = Scratch::file("read.pvd");
         let mut collection = Collection::new();
         for (time, part, name) in
             [(-0.0, 0, "a<b & \"c\" &lt;"), (1.0 / 3.0, 7, ""), (1e300, usize::MAX / 2, "\u{e9}'")]

@@ -83,7 +83,7 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::io::part::tests::scratch;
+    use crate::testing::Scratch;
     use crate::io::read_bytes;
 
     pub(super) fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
@@ -94,7 +94,7 @@ mod tests {
 
     pub(super) fn written(encoding: Encoding, name: &str) -> Vec<u8> {
         let (mesh, lines) = sample();
-        let path = scratch(name);
+        let path = Scratch::file(name);
         write(&path, &mesh, &lines, encoding).unwrap();
         std::fs::read(&*path).unwrap()
     }
@@ -112,7 +112,7 @@ mod tests {
             assert_eq!(file.lines, lines);
         }
         let only_lines = TriangleMesh { triangles: Vec::new(), ..mesh };
-        let path = scratch("lines.vtk");
+        let path = Scratch::file("lines.vtk");
         write(&path, &only_lines, &lines, Encoding::Ascii).unwrap();
         assert_eq!(crate::io::read(&path).unwrap().lines, lines);
     }
@@ -120,7 +120,7 @@ mod tests {
     #[test]
     fn wrong_meshes_are_not_written() {
         let (mesh, _) = sample();
-        let path = scratch("never.vtk");
+        let path = Scratch::file("never.vtk");
         assert!(write(&path, &mesh, &[vec![0]], Encoding::Ascii).is_err());
         assert!(write(&path, &mesh, &[vec![0, 4]], Encoding::Ascii).is_err());
         let mut nan = mesh;

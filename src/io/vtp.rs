@@ -193,7 +193,7 @@ pub(super) fn escape(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::part::tests::scratch;
+    use crate::testing::Scratch;
 
     /// The value of an attribute of the first array of a name at or behind `from`.
     fn offset_of(text: &str, from: &str, name: &str) -> usize {
@@ -210,7 +210,7 @@ mod tests {
 
     #[test]
     fn the_blocks_stand_where_the_header_says() {
-        let path = scratch("two.vtp");
+        let path = Scratch::file("two.vtp");
         let points = [[0.1, -0.0, 1e-300], [1., 0., 0.], [0., 1., 0.], [1., 1., 5.]].map(Point3::from);
         let lines = [vec![0, 1, 3], vec![3, 2]];
         let point_data = vec![("strain <1>", vec![1., 2., 3., f64::NAN]), ("force", vec![0.5; 12])];
@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn cell_data_stand_behind_the_cells() {
-        let path = scratch("cells.vtp");
+        let path = Scratch::file("cells.vtp");
         let points = [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]].map(Point3::from);
         let data = PolyData {
             points: &points,
@@ -261,7 +261,7 @@ mod tests {
 
     #[test]
     fn wrong_data_are_refused() {
-        let path = scratch("bad.vtp");
+        let path = Scratch::file("bad.vtp");
         let points = [Point3::origin(); 3];
         let base = PolyData { points: &points, triangles: &[[0, 1, 3]], ..Default::default() };
         assert!(write(&path, &base).is_err());
@@ -270,7 +270,7 @@ mod tests {
         let none = PolyData { points: &points, point_data: vec![("a", Vec::new())], ..Default::default() };
         assert!(write(&path, &none).is_err());
         assert!(!path.exists());
-        let path = scratch("empty.vtp");
+        let path = Scratch::file("empty.vtp");
         write(&path, &PolyData { point_data: vec![("a", Vec::new())], ..Default::default() }).unwrap();
         let text = std::fs::read_to_string(&*path).unwrap();
         assert!(text.contains("Name=\"a\" NumberOfComponents=\"1\""), "{text}");

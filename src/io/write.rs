@@ -73,7 +73,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Enc
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::part::tests::scratch;
+    use crate::testing::Scratch;
     use crate::mesh::shapes::tetrahedron;
 
     #[test]
@@ -87,7 +87,7 @@ mod tests {
             ("vtk", Format::Vtk, 0),
             ("vtp", Format::Vtp, 0),
         ] {
-            let path = scratch(&format!("write.{ending}"));
+            let path = Scratch::file(&format!("write.{ending}"));
             for encoding in [Encoding::Binary, Encoding::Text] {
                 assert_eq!(write(&path, &mesh, &line, encoding).unwrap(), lost, "{ending}");
                 let read = crate::io::read(&path).unwrap();
@@ -96,7 +96,7 @@ mod tests {
                 assert_eq!(read.lines.len(), parts, "{ending}");
             }
         }
-        let path = scratch("write.ply");
+        let path = Scratch::file("write.ply");
         write(&path, &mesh, &[], Encoding::Text).unwrap();
         assert!(!std::fs::read_to_string(&*path).unwrap().contains("edge"), "no element without its records");
         let error = write(Path::new("a.off"), &mesh, &[], Encoding::Text).unwrap_err().to_string();

@@ -269,12 +269,12 @@ fn value(curve: &[(f64, f64)], angle: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::Scratch;
 
     fn table(name: &str, text: &str) -> Table {
-        let path = std::env::temp_dir().join(format!("pliant-{}-{name}.csv", std::process::id()));
+        let path = Scratch::file(&format!("{name}.csv"));
         std::fs::write(&path, text).expect("a file");
         let table = Table::read(&path).expect("a table");
-        std::fs::remove_file(&path).expect("removed");
         table
     }
 
@@ -317,7 +317,7 @@ mod tests {
         let of = |text: &str| table("bad", text).of("psoas", "hip_flexion").expect_err("an error").to_string();
         assert!(of("angle_deg,psoas\n0,1\n").contains("does not tell the unit of column `psoas`"));
         assert!(of("angle_deg,psoas_m\n0,1\n5,x\n").contains("line 3: `x` in column `psoas_m` is no number"));
-        let path = std::env::temp_dir().join(format!("pliant-{}-ragged.csv", std::process::id()));
+        let path = Scratch::file("ragged.csv");
         for (text, wanted) in [("angle_deg,psoas_m\n0,1\n5\n", "line: 3"), ("a,b\n0,1\n", "no column for the angle")] {
             std::fs::write(&path, text).expect("a file");
             let error = Table::read(&path).expect_err("refused").to_string();

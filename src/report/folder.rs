@@ -286,12 +286,7 @@ fn is_own(path: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn scratch(name: &str) -> PathBuf {
-        let path = std::env::temp_dir().join(format!("pliant-folder-{}-{name}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        path
-    }
+    use crate::testing::Scratch;
 
     fn text(words: &'static str) -> impl FnOnce(&mut BufWriter<File>) -> io::Result<()> {
         move |w| w.write_all(words.as_bytes())
@@ -299,7 +294,7 @@ mod tests {
 
     #[test]
     fn a_second_run_removes_what_the_first_wrote_and_nothing_else() {
-        let root = scratch("second");
+        let root = Scratch::folder();
         let folder = Folder::open(&root).unwrap();
         folder.write("frames/a_0001.vtp", text("old")).unwrap();
         folder.write("summary.json", text("{}")).unwrap();
@@ -310,12 +305,11 @@ mod tests {
         assert_eq!(fs::read(root.join("frames/mine.vtp")).unwrap(), b"mine");
         assert!(matches!(folder.write("frames/mine.vtp", text("x")), Err(FolderError::Foreign(_))));
         assert_eq!(fs::read(root.join("frames/mine.vtp")).unwrap(), b"mine");
-        fs::remove_dir_all(&root).unwrap();
     }
 
     #[test]
     fn what_is_to_be_kept_stays_and_stays_our_own() {
-        let root = scratch("kept");
+        let root = Scratch::folder();
         let folder = Folder::open(&root).unwrap();
         folder.write("runs/a.json", text("a")).unwrap();
         folder.write("runs/b.json", text("b")).unwrap();
@@ -336,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_run_that_goes_on_keeps_its_frames_and_no_later_ones() {
-        let root = scratch("resume");
+        let root = Scratch::folder();
         let frames: HashSet<String> = ["frames/a_0000.vtp", "frames/a_0001.vtp"].map(str::to_owned).into();
         assert!(matches!(Folder::resume(&root, &frames, |_| false), Err(FolderError::Missing(_))));
         let folder = Folder::open(&root).unwrap();
@@ -358,12 +352,11 @@ mod tests {
         let list = fs::read_to_string(root.join(LIST)).unwrap();
         let rest = "frames/a_0000.vtp\nframes/a_0001.vtp\nframes/a_0002.vtp\nsummary.json\nb.gif\n";
         assert_eq!(list, format!("{HEADER}\n{rest}"));
-        fs::remove_dir_all(&root).unwrap();
     }
 
     #[test]
     fn a_look_at_a_folder_leaves_nothing_behind() {
-        let root = scratch("look");
+        let root = Scratch::folder();
         let files = ["summary.json".to_owned(), "skin.vtp".to_owned()];
         Folder::check(&root.join("deep/er"), &files).unwrap();
         assert!(!root.exists(), "it was made");
@@ -381,7 +374,6 @@ mod tests {
         Folder::open(&root).unwrap().write("skin.vtp", text("old")).unwrap();
         Folder::check(&root, &files).unwrap();
         assert!(root.join("skin.vtp").exists());
-        fs::remove_dir_all(&root).unwrap();
     }
 
     #[cfg(target_os = "linux")]
@@ -397,7 +389,7 @@ mod tests {
         for path in ["../a.vtp", "/etc/a.json", "a.rs", "frames", ""] {
             assert!(!is_own(Path::new(path)), "{path}");
         }
-        let root = scratch("file");
+        let root = Scratch::folder();
         fs::write(&root, "a file").unwrap();
         for path in [root.clone(), root.join("below/it")] {
             assert!(matches!(Folder::open(&path), Err(FolderError::NotAFolder(taken)) if taken == root));
@@ -406,6 +398,5 @@ mod tests {
         fs::create_dir_all(&root).unwrap();
         fs::write(root.join(LIST), "something else").unwrap();
         assert!(matches!(Folder::open(&root), Err(FolderError::Foreign(_))));
-        fs::remove_dir_all(&root).unwrap();
     }
 }

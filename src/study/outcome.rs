@@ -138,6 +138,7 @@ fn unpacked(text: &str) -> Option<Vec<Point3<f64>>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::Scratch;
 
     fn outcome() -> Outcome {
         let x = vec![vec![Point3::new(0.1 + 0.2, -0.0, 5e-324), Point3::new(f64::MAX, 1.0 / 3.0, -1e-9)], Vec::new()];
@@ -155,7 +156,7 @@ mod tests {
 
     #[test]
     fn every_bit_comes_back_and_only_to_its_own_key() {
-        let path = std::env::temp_dir().join(format!("pliant-outcome-{}.json", std::process::id()));
+        let path = Scratch::file("outcome.json");
         let mut bytes = Vec::new();
         outcome().write("the key\n", &mut bytes).unwrap();
         std::fs::write(&path, &bytes).unwrap();
@@ -174,6 +175,5 @@ mod tests {
             std::fs::write(&path, text.replace(from, to)).unwrap();
             assert_eq!(Outcome::read(&path, "the key\n"), None, "{to}");
         }
-        std::fs::remove_file(&path).unwrap();
     }
 }

@@ -199,6 +199,12 @@ impl Replay {
         })
     }
 
+    /// Bodies whose edges can be stretched: those of an implant have no rest lengths, and zeros in its files.
+    fn stretched(&self) -> impl Iterator<Item = (&str, &Deformed)> {
+        let is_implant = |name: &str, body: &Deformed| self.tissue(name, body.shape.origin) == Tissue::Implant;
+        self.bodies().filter(move |(name, body)| !body.stretch.is_empty() && !is_implant(name, body))
+    }
+
     /// The stage of what is shown now.
     fn set(&self) -> Stage {
         let body = |(name, body): (&str, &Deformed)| StageBody {
@@ -241,7 +247,7 @@ impl Replay {
             if let Some(error) = m.volume_error {
                 add("Volume error", of, "", error.abs());
             }
-            for (_, body) in self.bodies().filter(|(name, body)| *name == file_name(of) && !body.stretch.is_empty()) {
+            for (_, body) in self.stretched().filter(|(name, _)| *name == file_name(of)) {
                 add("Greatest stretch", of, "%", stretch(body));
             }
             if let Some(depth) = m.depth {
@@ -249,7 +255,7 @@ impl Replay {
             }
         }
         let is_told = |name: &str| measured.iter().any(|m| file_name(&self.told.bodies[m.body]) == name);
-        for (name, body) in self.bodies().filter(|(name, body)| !body.stretch.is_empty() && !is_told(name)) {
+        for (name, body) in self.stretched().filter(|(name, _)| !is_told(name)) {
             add("Greatest stretch", name, "%", stretch(body));
         }
         // Where there is but one it needs no name.

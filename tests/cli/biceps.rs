@@ -8,8 +8,8 @@ const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml
 
 #[test]
 fn a_length_and_an_animation() {
-    let scratch = Scratch::new("biceps");
-    let out = scratch.0.join("out");
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
     let done = run(&["biceps", EXAMPLE, "--length", "21 cm", "--json", "--out", shown(&out)]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let summary = json(&out.join("summary.json"));
@@ -27,9 +27,9 @@ fn a_length_and_an_animation() {
 
 #[test]
 fn what_cannot_be_is_refused() {
-    let scratch = Scratch::new("biceps-refused");
-    let out = scratch.0.join("out");
-    let wrong = scratch.0.join("wrong.toml");
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let wrong = scratch.join("wrong.toml");
     fs::write(&wrong, "radii = [1.0, 2.0]\ngrow_mults = [1.0]\nlength = 3\n").expect("written");
     let wrong = wrong.to_str().expect("a path");
     for (arguments, told) in [

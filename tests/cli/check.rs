@@ -23,7 +23,7 @@ fn code(done: &Output) -> Option<i32> {
 
 #[test]
 fn check_says_what_is_wrong_and_whether_it_will_do() {
-    let scratch = Scratch::new("check");
+    let scratch = Scratch::folder();
     let (good, bad) = (scratch.join("good.ply"), scratch.join("bad.obj"));
     write(&good, &shapes::icosphere(0.05, 2));
     write(&bad, &sick());
@@ -49,7 +49,7 @@ fn check_says_what_is_wrong_and_whether_it_will_do() {
 
 #[test]
 fn an_unreadable_file_does_not_hide_the_others() {
-    let scratch = Scratch::new("check-unreadable");
+    let scratch = Scratch::folder();
     let (good, bad) = (scratch.join("good.ply"), scratch.join("bad.obj"));
     write(&good, &shapes::icosphere(0.05, 2));
     fs::write(&bad, "v 1 2\n").unwrap();
@@ -72,7 +72,7 @@ fn an_unreadable_file_does_not_hide_the_others() {
 
 #[test]
 fn a_repair_tells_what_it_changed() {
-    let scratch = Scratch::new("check-repair");
+    let scratch = Scratch::folder();
     let bad = scratch.join("bad.obj");
     write(&bad, &sick());
     let before = fs::read(&bad).unwrap();
@@ -102,10 +102,10 @@ fn a_repair_tells_what_it_changed() {
 
 #[test]
 fn wrong_uses_of_check_and_convert_are_refused() {
-    let scratch = Scratch::new("check-wrong");
+    let scratch = Scratch::folder();
     let mesh = scratch.join("a.obj");
     write(&mesh, &shapes::icosphere(0.05, 1));
-    let here = shown(&scratch.0).to_owned();
+    let here = shown(&scratch).to_owned();
     let cases: [(&[&str], &str); 10] = [
         (&["convert", shown(&mesh), shown(&mesh)], "is there already; name another file, or add --force"),
         (&["check"], "MESH"),
@@ -123,12 +123,12 @@ fn wrong_uses_of_check_and_convert_are_refused() {
         let said = text(&done.stderr);
         assert!(code(&done) == Some(2) && said.contains(wanted), "{arguments:?}: {said}");
     }
-    assert_eq!(names_in(&scratch.0), ["a.obj"]);
+    assert_eq!(names_in(&scratch), ["a.obj"]);
 }
 
 #[test]
 fn convert_changes_format_and_unit_and_nothing_else() {
-    let scratch = Scratch::new("convert");
+    let scratch = Scratch::folder();
     let sphere = shapes::icosphere(50.0, 2);
     let first = scratch.join("a.obj");
     io::write(&first, &sphere, &[vec![0, 1, 2]], Encoding::Text).unwrap();
@@ -151,7 +151,7 @@ fn convert_changes_format_and_unit_and_nothing_else() {
 
 #[test]
 fn a_scene_may_ask_for_a_repair() {
-    let scratch = Scratch::new("scene-repair");
+    let scratch = Scratch::folder();
     write(&scratch.join("sick.obj"), &sick());
     let scene = scratch.join("sick.toml");
     let toml = |more: &str| {

@@ -41,7 +41,7 @@ struct Cylinder {
 
 impl Cylinder {
     fn new(name: &str) -> Self {
-        let scratch = Scratch::new(name);
+        let scratch = Scratch::folder();
         let mesh = tube(RADIUS, LENGTH, 24);
         let file = scratch.join("cylinder.obj");
         put(&file, &mesh, &[]);

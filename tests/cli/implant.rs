@@ -28,7 +28,7 @@ fn sheet(n: u32) -> String {
 
 #[test]
 fn an_implant_gives_areas_with_their_sources_and_files() {
-    let scratch = Scratch::new("implant");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(40)).unwrap();
     let middle = (41 * 20 + 20).to_string();
@@ -65,7 +65,7 @@ fn an_implant_gives_areas_with_their_sources_and_files() {
 
 #[test]
 fn volumes_give_a_curve_and_a_wanted_area_its_volume() {
-    let scratch = Scratch::new("implant-curve");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
     let middle = (33 * 16 + 16).to_string();
@@ -106,7 +106,7 @@ fn volumes_give_a_curve_and_a_wanted_area_its_volume() {
 
 #[test]
 fn an_implant_is_filled_over_days() {
-    let scratch = Scratch::new("implant-fill");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
     let common = ["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "6mm", "--out", shown(&out)];
@@ -136,7 +136,7 @@ fn obj(mesh: &TriangleMesh) -> String {
 
 #[test]
 fn a_closed_skin_stays_closed_and_each_implant_is_shown() {
-    let scratch = Scratch::new("implant-closed");
+    let scratch = Scratch::folder();
     let (file, out, old) = (scratch.join("ball.obj"), scratch.join("out"), scratch.join("old.obj"));
     let ball = icosphere(0.1, 3);
     fs::write(&file, obj(&ball)).unwrap();
@@ -166,7 +166,7 @@ fn a_closed_skin_stays_closed_and_each_implant_is_shown() {
 
 #[test]
 fn a_base_that_goes_round_the_body_is_told_from_a_border() {
-    let scratch = Scratch::new("implant-round");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("ball.obj"), scratch.join("out"));
     fs::write(&file, obj(&icosphere(0.1, 3))).unwrap();
     let with = |base: &str| {
@@ -187,7 +187,7 @@ fn a_base_that_goes_round_the_body_is_told_from_a_border() {
 
 #[test]
 fn one_volume_is_told_in_the_table_and_not_plotted() {
-    let scratch = Scratch::new("implant-one");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
     let common = ["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "8mm", "--out", shown(&out)];
@@ -201,7 +201,7 @@ fn one_volume_is_told_in_the_table_and_not_plotted() {
 
 #[test]
 fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_before() {
-    let scratch = Scratch::new("implant-shared");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(32)).unwrap();
     let common = ["implant", shown(&file), "--unit", "cm", "--base", "3cm", "--edge", "4mm", "--out", shown(&out)];
@@ -242,7 +242,7 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
 
 #[test]
 fn bad_orders_say_what_to_change() {
-    let scratch = Scratch::new("implant-bad");
+    let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     fs::write(&file, sheet(16)).unwrap();
     let refused = |more: &[&str], wanted: &str| {
@@ -295,7 +295,7 @@ fn box_of_twelve() -> String {
 
 #[test]
 fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only() {
-    let scratch = Scratch::new("implant-box");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("box.obj"), scratch.join("out"));
     fs::write(&file, box_of_twelve()).unwrap();
     let at = ["implant", shown(&file), "--unit", "cm", "--at", "3.1,1.7,20", "--base", "1cm", "--depth", "2mm"];
@@ -317,7 +317,7 @@ fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only()
 #[test]
 fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
     // A bellows of 4000 folds, 3 cm high each, of a sheet of 20 cm: coarse, and most of it near the implant.
-    let scratch = Scratch::new("implant-bellows");
+    let scratch = Scratch::folder();
     let file = scratch.join("bellows.obj");
     let mut obj = String::new();
     let folds = 4000;
@@ -341,7 +341,7 @@ fn a_crumpled_place_is_refused_by_a_count_before_it_is_refined() {
 
 #[test]
 fn a_place_for_results_is_looked_at_before_anything_is_computed() {
-    let scratch = Scratch::new("implant-out");
+    let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     fs::write(&file, sheet(16)).unwrap();
     let into = |out: &str| {
@@ -367,7 +367,7 @@ fn a_place_for_results_is_looked_at_before_anything_is_computed() {
 
 #[test]
 fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
-    let scratch = Scratch::new("implant-verdicts");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(24)).unwrap();
     let common = ["implant", shown(&file), "--unit", "cm", "--at", "0,0,0", "--edge", "8mm", "--out", shown(&out)];
@@ -393,7 +393,7 @@ fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
 
 #[test]
 fn any_number_of_threads_gives_the_same() {
-    let scratch = Scratch::new("implant-threads");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(24)).unwrap();
     let of = |threads: &str| {
@@ -415,7 +415,7 @@ fn any_number_of_threads_gives_the_same() {
 fn ctrl_c_keeps_the_volumes_that_are_done() {
     use std::io::BufRead;
     use std::process::{Command, Stdio};
-    let scratch = Scratch::new("implant-interrupt");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("sheet.obj"), scratch.join("out"));
     fs::write(&file, sheet(40)).unwrap();
     let interrupted = |volumes: &str, after: &str| {
@@ -452,7 +452,7 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
 
 #[test]
 fn senseless_orders_are_refused_in_the_words_of_the_user() {
-    let scratch = Scratch::new("implant-senseless");
+    let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     fs::write(&file, sheet(16)).unwrap();
     let out = scratch.join("out");
@@ -502,7 +502,7 @@ fn senseless_orders_are_refused_in_the_words_of_the_user() {
 
 #[test]
 fn surfaces_that_touch_are_told_by_what_touches() {
-    let scratch = Scratch::new("implant-touching");
+    let scratch = Scratch::folder();
     let file = scratch.join("sheet.obj");
     // A second sheet that has one vertex in common with the first.
     let mut obj = sheet(16);

@@ -22,29 +22,8 @@ use std::process::{Command, Output, Stdio};
 use pliant::io::vtk;
 use pliant::mesh::measures::greatest;
 use pliant::mesh::shapes;
+use pliant::testing::Scratch;
 use serde_json::Value;
-
-/// A folder of its own for one test, which goes with it.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("pliant-cli-{}-{name}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    fn join(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 fn pliant() -> Command {
     Command::new(env!("CARGO_BIN_EXE_pliant"))
@@ -102,14 +81,14 @@ fn names_in(folder: &Path) -> Vec<String> {
 
 #[test]
 fn wrong_input_is_refused_with_code_2_and_a_way_out() {
-    let scratch = Scratch::new("wrong");
+    let scratch = Scratch::folder();
     let garbage = scratch.join("garbage.obj");
     fs::write(&garbage, "v 1 2\nf 1 2 9\n").unwrap();
     let scene = scratch.join("scene.toml");
     fs::write(&scene, "frames = 3\nfarme_rate = \"60 Hz\"\n").unwrap();
     let (garbage, scene) = (shown(&garbage), shown(&scene));
     let below = scratch.join("scene.toml/below");
-    let here = shown(&scratch.0);
+    let here = shown(&scratch);
     let cases: [(&[&str], &[&str]); 19] = [
         (&["run", here], &["is a folder", "E060", "pliant scenes"]),
         (&["run", "distance", "--out", shown(&below)], &["scene.toml` is not a folder", "--out"]),
@@ -169,7 +148,7 @@ fn every_command_has_help_with_an_example() {
 #[test]
 fn small_scenes_leave_whole_files() {
     for scene in ["distance", "shape", "volume", "chain"] {
-        let scratch = Scratch::new(scene);
+        let scratch = Scratch::folder();
         let out = scratch.join("out");
         let done = run_into(&out, &[scene, "--frames", "5", "--json"]);
         let summary = json(&out.join("summary.json"));
@@ -235,7 +214,7 @@ fn check_keys(summary: &Value) {
 
 #[test]
 fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched() {
-    let scratch = Scratch::new("again");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     run_into(&out, &["distance", "--frames", "9"]);
     fs::write(out.join("mine.txt"), "mine").unwrap();
@@ -255,7 +234,7 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
 
 #[test]
 fn strict_fails_a_run_that_is_not_converged() {
-    let scratch = Scratch::new("strict");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let done = run(&["run", "chain", "--frames", "1", "--strict", "--out", shown(&out)]);
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stdout));
@@ -290,7 +269,7 @@ fn a_reader_who_leaves_early_is_no_error() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_the_run_with_readable_files() {
-    let scratch = Scratch::new("interrupt");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = pliant()
         .args(["run", "distance", "--frames", "10000000", "--out", shown(&out)])
@@ -316,7 +295,7 @@ fn ctrl_c_ends_the_run_with_readable_files() {
 
 #[test]
 fn a_mesh_that_cannot_be_used_says_what_to_do() {
-    let scratch = Scratch::new("meshes");
+    let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let whole = scratch.join("whole.vtk");
     let mesh = shapes::make("icosphere").unwrap().mesh;
@@ -374,7 +353,7 @@ fn on_a_terminal(arguments: &[&str]) -> Option<(String, Option<i32>)> {
 #[cfg(unix)]
 #[test]
 fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
-    let scratch = Scratch::new("terminal");
+    let scratch = Scratch::folder();
     let [line, bytes] = ["line.obj", "bytes.stl"].map(|name| scratch.join(name));
     fs::write(&line, "v 0 0 0\nv 1 0 0\nv 0 1 zero\nf 1 2 3\n").unwrap();
     fs::write(&bytes, [0xab; 134]).unwrap();
@@ -411,7 +390,7 @@ fn text_of_refusal(done: &Output) -> String {
 
 #[test]
 fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
-    let scratch = Scratch::new("stopped");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let run_with = |force: &str| {
         // 1e308 N at 1 g is an infinite velocity in the first step.
@@ -436,7 +415,7 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
 
 #[test]
 fn velocities_that_were_cut_are_told_of() {
-    let scratch = Scratch::new("cut");
+    let scratch = Scratch::folder();
     let fly = |force: &str| {
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
         // With no edges nothing brings the vertex back.
@@ -461,7 +440,7 @@ fn points_of(path: &Path) -> Vec<[f64; 3]> {
 
 #[test]
 fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
-    let scratch = Scratch::new("fibres");
+    let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let lines = scratch.join("fibres.vtk");
     let text_of_lines = "# vtk DataFile Version 4.2\ntwo fibres\nASCII\nDATASET POLYDATA\nPOINTS 6 double\n\
@@ -505,7 +484,7 @@ fn check_animation(path: &Path, pictures: usize) {
 
 #[test]
 fn json_is_one_object_with_nothing_beside_it() {
-    let scratch = Scratch::new("json");
+    let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let out = scratch.join("out");
     let named = ["--muscles", &ball, "--bones", &plate, "--unit", "cm", "--frames", "2", "--json"];
@@ -532,7 +511,7 @@ fn ball_and_box(scratch: &Scratch) -> [String; 2] {
 
 #[test]
 fn meshes_without_a_scene_give_the_same_bytes_for_any_number_of_threads() {
-    let scratch = Scratch::new("threads");
+    let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let outs = ["1", "2"].map(|threads| {
         let out = scratch.join(threads);

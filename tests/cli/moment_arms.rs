@@ -21,9 +21,9 @@ const SMALL: [&str; 12] = [
 
 #[test]
 fn the_built_in_hip() {
-    let scratch = Scratch::new("moment-arms");
-    let out = scratch.0.join("out");
-    let table = scratch.0.join("others.csv");
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let table = scratch.join("others.csv");
     fs::write(&table, "# mm moment arm\nangle_deg,gluteus1_mm,gluteus2_mm\n-10,-100,0\n60,-100,0\n").expect("written");
     let done = run(&[&SMALL[..], &["--json", "--compare", shown(&table), "--out", shown(&out)]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
@@ -50,9 +50,9 @@ fn the_built_in_hip() {
 
 #[test]
 fn what_cannot_be_is_refused() {
-    let scratch = Scratch::new("moment-arms-refused");
-    let out = scratch.0.join("out");
-    let no_unit = scratch.0.join("no-unit.csv");
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let no_unit = scratch.join("no-unit.csv");
     fs::write(&no_unit, "angle_deg,gluteus\n0,1\n").expect("written");
     for (arguments, told) in [
         (&["hip", "--joint", "knee"][..], "no joint `knee`; known: hip"),

@@ -43,7 +43,7 @@ fn number(value: &Value) -> f64 {
 
 #[test]
 fn a_morph_writes_all_its_files_and_meets_both_ends() {
-    let scratch = Scratch::new("morph");
+    let scratch = Scratch::folder();
     let (ball, long) = (stretched([1.0; 3]), shapes::box_surface([3.0, 1.0, 1.5], 0.5));
     let heat: Vec<f64> = ball.vertices.iter().map(|p| p.x).collect();
     let other: Vec<f64> = long.vertices.iter().map(|p| 10.0 + p.y).collect();
@@ -133,7 +133,7 @@ fn assert_frames(out: &Path, frames: &[String], meshes: [&TriangleMesh; 2], heat
 
 #[test]
 fn pairs_meet_and_the_first_topology_is_kept() {
-    let scratch = Scratch::new("morph-pairs");
+    let scratch = Scratch::folder();
     let (ball, long) = (stretched([1.0; 3]), stretched([1.0, 2.0, 1.0]));
     let (a, b) = (put(&scratch, "a.obj", &ball), put(&scratch, "b.obj", &long));
     let pairs = scratch.join("pairs.txt");
@@ -182,7 +182,7 @@ fn pairs_meet_and_the_first_topology_is_kept() {
 
 #[test]
 fn relaxation_tells_its_sweeps() {
-    let scratch = Scratch::new("morph-relaxation");
+    let scratch = Scratch::folder();
     let a = put(&scratch, "a.obj", &stretched([1.0; 3]));
     let b = put(&scratch, "b.obj", &stretched([3.0, 1.0, 1.0]));
     let out = scratch.join("out");
@@ -195,7 +195,7 @@ fn relaxation_tells_its_sweeps() {
 
 #[test]
 fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
-    let scratch = Scratch::new("morph-refused");
+    let scratch = Scratch::folder();
     let ball = stretched([1.0; 3]);
     let good = put(&scratch, "good.obj", &ball);
     let out = scratch.join("out");
@@ -255,7 +255,7 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
 
 #[test]
 fn files_of_pairs_that_are_wrong_are_refused_with_their_line() {
-    let scratch = Scratch::new("morph-pairs-refused");
+    let scratch = Scratch::folder();
     let a = put(&scratch, "a.obj", &stretched([1.0; 3]));
     let b = put(&scratch, "b.obj", &stretched([1.0, 2.0, 1.0]));
     let pairs = scratch.join("p.txt");

@@ -196,7 +196,7 @@ fn the_report_works_in_a_browser() {
         println!("skipped: 1 test, because there is no chromium");
         return;
     };
-    let scratch = Scratch::new("page");
+    let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let out = scratch.join("out");
     let gravity = "effects.gravity.acceleration=['0 m/s2', '-9.81 m/s2', '0 m/s2']";

@@ -43,7 +43,7 @@ fn number(value: &Value) -> f64 {
 
 #[test]
 fn a_known_similarity_is_found_and_told_as_a_matrix() {
-    let scratch = Scratch::new("register");
+    let scratch = Scratch::folder();
     let fixed = body(Vector3::zeros());
     let known = Similarity3::new(Vector3::new(4.0, -2.0, 1.0), Vector3::new(1.0, 2.0, -0.7), 1.7);
     // Other vertices of the same shape.
@@ -93,7 +93,7 @@ fn a_known_similarity_is_found_and_told_as_a_matrix() {
 
 #[test]
 fn bending_comes_nearer_than_any_motion() {
-    let scratch = Scratch::new("register-bent");
+    let scratch = Scratch::folder();
     let fixed = body(Vector3::zeros());
     let mut bent = body(Vector3::new(0.3, 0.2, 0.5));
     for v in &mut bent.vertices {
@@ -121,7 +121,7 @@ fn bending_comes_nearer_than_any_motion() {
 
 #[test]
 fn what_cannot_be_registered_is_refused() {
-    let scratch = Scratch::new("register-refused");
+    let scratch = Scratch::folder();
     let good = put(&scratch, "good.obj", &body(Vector3::zeros()));
     let out = scratch.join("out");
     let few = scratch.join("few.obj");

@@ -44,7 +44,7 @@ fn same(a: &Path, b: &Path) -> bool {
 
 #[test]
 fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
-    let scratch = Scratch::new("resume");
+    let scratch = Scratch::folder();
     let [whole, again, earlier] = ["whole", "again", "earlier"].map(|name| scratch.join(name));
     // Two bones that move, so that some of their files are named by several frames; fibres have files of their own.
     let joint = ["bone.0.motion.centre=['0 m','0 m','0 m']", "bone.0.motion.axis=[-1,0,0]"];
@@ -87,7 +87,7 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
 
 #[test]
 fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
-    let scratch = Scratch::new("refused");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let refuse = |arguments: &[&str], wanted: &[&str]| {
         let before = out.exists().then(|| files(&out));
@@ -148,7 +148,7 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_a_checkpoint_of_the_last_frame() {
-    let scratch = Scratch::new("interrupt-checkpoint");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = pliant()
         .args(["run", "distance", "--frames", "10000000", "--checkpoint-every", "10000000", "--out", shown(&out)])

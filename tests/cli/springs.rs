@@ -11,7 +11,7 @@ const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/lattice-5x5x5.
 
 #[test]
 fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
-    let scratch = Scratch::new("springs-file");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let arguments = ["springs", FILE, "--mass", "1", "--dt", "0.05", "--every", "100", "--out", shown(&out), "--json"];
     let done = run(&arguments);
@@ -44,7 +44,7 @@ fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
 
 #[test]
 fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
-    let scratch = Scratch::new("springs-lattice");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let of = |more: &[&str]| {
         let fixed = ["springs", "--lattice", "4x4x5", "--out", shown(&out), "--json"];
@@ -71,7 +71,7 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_ends_a_long_run_with_what_there_is() {
-    let scratch = Scratch::new("springs-interrupt");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     // A step that is far too short to get anywhere.
     let mut child = pliant()
@@ -100,7 +100,7 @@ fn ctrl_c_ends_a_long_run_with_what_there_is() {
 
 #[test]
 fn what_cannot_be_run_is_refused_before_anything_is_written() {
-    let scratch = Scratch::new("springs-wrong");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let file = scratch.join("bad.springs");
     fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
@@ -135,7 +135,7 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
 
 #[test]
 fn steps_that_are_not_enough_are_told_how_many_would_be() {
-    let scratch = Scratch::new("springs-hint");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let of = |more: &[&str]| {
         let done = pliant().args(["springs", "--out", shown(&out), "--json"]).args(more).output().unwrap();

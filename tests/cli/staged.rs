@@ -15,7 +15,7 @@ fn number(value: &Value, path: &str) -> f64 {
 
 /// The summary of a run, printed and kept alike.
 fn summary(name: &str, arguments: &[&str]) -> (Scratch, Value) {
-    let scratch = Scratch::new(&format!("staged-{name}"));
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let done = run_into(&out, &[arguments, &["--json"]].concat());
     let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
@@ -101,7 +101,7 @@ fn a_ball_lifts_a_sheet() {
 
 #[test]
 fn a_soft_cube_keeps_its_volume_under_a_ball() {
-    let scratch = Scratch::new("staged-cube");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     run_into(&out, &["cube", "--frames", "60"]);
     let cube = &json(&out.join("summary.json"))["muscles"][0];
@@ -145,7 +145,7 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
     let layers = sheet["run"].as_array().unwrap().iter().find(|row| row["effect"] == "two layers of skin").unwrap();
     assert_eq!(layers["elements"], 22176);
     // An obstacle out of reach is left out.
-    let scratch = Scratch::new("staged-plan");
+    let scratch = Scratch::folder();
     let scene = scratch.join("far.toml");
     let far = FLAT.to_owned() + "[[obstacle]]\nname = 'far'\nmesh = 'far.obj'\nunit = 'm'\n";
     fs::write(&scene, far).unwrap();
@@ -158,7 +158,7 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
 
 #[test]
 fn a_study_compares_volumes() {
-    let scratch = Scratch::new("staged-study");
+    let scratch = Scratch::folder();
     let (file, out) = (scratch.join("volumes.toml"), scratch.join("out"));
     let study = "scene = 'flat-implant'\nmeasures = ['area_gain_m2', 'stretch_max']\n[set]\n\
                  'sheet.cells' = 32\n'skin.edge_length' = '6.25 mm'\n[vary]\n'implant.volume' = ['40 cc', '60cc', '80 cc']\n";
@@ -182,7 +182,7 @@ fn a_study_compares_volumes() {
 
 #[test]
 fn accuracy_compares_meshes_and_methods() {
-    let scratch = Scratch::new("staged-accuracy");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let set = ["--set", "sheet.cells=20", "--set", "skin.edge_length=10 mm", "--budget", "4s"];
     let done = run(&[&["accuracy", "flat-implant", "--json", "--out", shown(&out)], &set[..]].concat());
@@ -208,7 +208,7 @@ const FLAT: &str = "[[skin]]\nshape = 'sheet'\n[sheet]\nside = '20 cm'\ncells = 
 
 #[test]
 fn wrong_scenes_say_where_and_what_to_change() {
-    let scratch = Scratch::new("staged-wrong");
+    let scratch = Scratch::folder();
     let scene = scratch.join("s.toml");
     let refused = |text_of: &str, wanted: &[&str]| {
         fs::write(&scene, text_of).unwrap();
@@ -255,7 +255,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
         (&["run", "sheet", "--set", "implant.volume=1cc"], "the scene has no `implant`"),
         (&["run", "sheet", "--set", "skin.depth=1mm"], "unknown key `depth`"),
     ] {
-        let done = pliant().args(arguments).current_dir(&scratch.0).output().unwrap();
+        let done = pliant().args(arguments).current_dir(&scratch).output().unwrap();
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");
         assert!(text(&done.stderr).contains(wanted), "{arguments:?}: {}", text(&done.stderr));
     }
@@ -264,7 +264,7 @@ fn wrong_scenes_say_where_and_what_to_change() {
 #[cfg(unix)]
 #[test]
 fn what_was_interrupted_has_not_converged() {
-    let scratch = Scratch::new("staged-interrupt");
+    let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = super::pliant()
         .args(["run", "expander", "--frames", "500", "--set", "skin.edge_length=6 mm", "--out", shown(&out)])

@@ -66,7 +66,7 @@ fn results(out: &Path) -> BTreeMap<String, Vec<u8>> {
 
 #[test]
 fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
-    let scratch = Scratch::new("study");
+    let scratch = Scratch::folder();
     let file = written(&scratch, STUDY);
     let out = scratch.join("out");
     let printed = study(&file, &out, &["--json", "--threads", "1"]);
@@ -109,7 +109,7 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
 
 #[test]
 fn nothing_that_has_changed_is_taken_from_an_old_result() {
-    let scratch = Scratch::new("study-stale");
+    let scratch = Scratch::folder();
     let file = written(&scratch, STUDY);
     let out = scratch.join("out");
     study(&file, &out, &[]);
@@ -135,7 +135,7 @@ fn nothing_that_has_changed_is_taken_from_an_old_result() {
 
 #[test]
 fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
-    let scratch = Scratch::new("study-stopped");
+    let scratch = Scratch::folder();
     // 1e308 N is an infinite velocity at 1 g in the first step; at 1 kg it is cut, and the edges are torn.
     let vary = "[vary]\n\"muscle.0.material.vertex_mass\" = [\"1 g\", \"1 kg\"]\n\"muscle.0.force.0.force\" =";
     let forces = "[[\"0 N\", \"-10 N\", \"0 N\"], [\"0 N\", \"-1e308 N\", \"1e308 N\"]]";
@@ -158,7 +158,7 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
 #[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_what_is_finished() {
-    let scratch = Scratch::new("study-interrupt");
+    let scratch = Scratch::folder();
     let file = written(&scratch, "scene = \"scene.toml\"\nframes = [1]\n[vary]\n\"frames\" = [5, 10000000]\n");
     let out = scratch.join("out");
     let mut child = pliant()
@@ -187,7 +187,7 @@ fn ctrl_c_keeps_what_is_finished() {
 
 #[test]
 fn wrong_studies_are_refused_before_anything_runs() {
-    let scratch = Scratch::new("study-wrong");
+    let scratch = Scratch::folder();
     let good = written(&scratch, STUDY);
     let out = scratch.join("out");
     let cases: [(&str, &[&str]); 8] = [
@@ -216,7 +216,7 @@ fn wrong_studies_are_refused_before_anything_runs() {
         }
         assert!(done.stdout.is_empty() && !message.contains("panicked"), "{message}");
     }
-    for arguments in [&["study", "nowhere.toml"][..], &["study", shown(&scratch.0)]] {
+    for arguments in [&["study", "nowhere.toml"][..], &["study", shown(&scratch)]] {
         let done = run(arguments);
         assert_eq!(done.status.code(), Some(2));
         assert!(text(&done.stderr).contains("E060"), "{}", text(&done.stderr));

@@ -11,26 +11,8 @@ use serde_json::Value;
 /// A guard against a hang, and nothing that is measured: drawing without a graphics card is slow.
 const LONG: Duration = Duration::from_secs(180);
 
-/// Folders and screens of this process.
+/// Screens of this process.
 static USED: AtomicU32 = AtomicU32::new(0);
-
-/// A folder that goes with its owner.
-pub struct Scratch(pub PathBuf);
-
-impl Scratch {
-    pub fn new() -> Self {
-        let name = format!("pliant-window-{}-{}", std::process::id(), USED.fetch_add(1, Ordering::Relaxed));
-        let path = std::env::temp_dir().join(name);
-        fs::create_dir_all(&path).expect("a folder for results");
-        Self(path)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 fn is_there(program: &str) -> bool {
     let found = Command::new("sh").args(["-c", &format!("command -v {program}")]).stdout(Stdio::null()).status();
@@ -71,15 +53,15 @@ impl Desk {
 
     /// Opens the viewer.
     pub fn view(&self, arguments: &[&str]) -> Viewer<'_> {
-        let folder = Scratch::new();
-        let log = fs::File::create(folder.0.join("errors")).expect("a file");
+        let folder = Scratch::folder();
+        let log = fs::File::create(folder.join("errors")).expect("a file");
         let child = Command::new(env!("CARGO_BIN_EXE_pliant"))
             .arg("view")
             .args(arguments)
             .args(["--size", "800x1400", "--trace"])
-            .arg(folder.0.join("trace"))
+            .arg(folder.join("trace"))
             .arg("--out")
-            .arg(folder.0.join("pictures"))
+            .arg(folder.join("pictures"))
             .env("DISPLAY", &self.display)
             .env_remove("WAYLAND_DISPLAY")
             .stdout(Stdio::null())
@@ -114,14 +96,14 @@ pub struct Viewer<'a> {
 impl Viewer<'_> {
     /// What it showed last.
     pub fn last(&self) -> Option<Value> {
-        let text = fs::read_to_string(self.folder.0.join("trace")).ok()?;
+        let text = fs::read_to_string(self.folder.join("trace")).ok()?;
         let whole = &text[..=text.rfind('\n')?];
         serde_json::from_str(whole.lines().last()?).ok()
     }
 
     /// What its standard error says.
     pub fn errors(&self) -> String {
-        fs::read_to_string(self.folder.0.join("errors")).unwrap_or_default()
+        fs::read_to_string(self.folder.join("errors")).unwrap_or_default()
     }
 
     /// The first picture from now on for which something holds.
@@ -223,7 +205,7 @@ impl Viewer<'_> {
 
     /// The pictures and recordings that it saved, in the order of their names.
     pub fn pictures(&self) -> Vec<PathBuf> {
-        let entries = fs::read_dir(self.folder.0.join("pictures")).into_iter().flatten().flatten();
+        let entries = fs::read_dir(self.folder.join("pictures")).into_iter().flatten().flatten();
         let mut all: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
         all.retain(|path| path.extension().is_some_and(|e| e == "png" || e == "gif"));
         all.sort();

@@ -6,7 +6,7 @@ mod desk;
 
 use std::process::Command;
 
-use desk::{Desk, Picture, Scratch, find, number, share};
+use desk::{Desk, Picture, find, number, share};
 use serde_json::Value;
 
 /// The hip, coarse, and slow enough to be steered.
@@ -145,8 +145,8 @@ fn the_mouse_turns_moves_picks_pulls_and_fixes() {
 #[test]
 fn a_finished_run_is_played_forward_and_back() {
     let Some(desk) = Desk::new() else { return };
-    let scratch = Scratch::new();
-    let out = scratch.0.join("run");
+    let scratch = Scratch::folder();
+    let out = scratch.join("run");
     let run = Command::new(env!("CARGO_BIN_EXE_pliant"))
         .args(["run", "hip", "--set", "muscle.0.edge_length=14 mm", "--set", "substeps=4", "--frames", "30", "--out"])
         .arg(&out)

@@ -1,32 +1,7 @@
 //! Films and pictures come back as they were given; what cannot be written is told.
 
-use std::ops::Deref;
-
 use super::*;
-
-/// A folder that goes with its test.
-struct Scratch(PathBuf);
-
-fn scratch(name: &str) -> Scratch {
-    let path = std::env::temp_dir().join(format!("pliant-recording-{}-{name}", std::process::id()));
-    let _ = fs::remove_dir_all(&path);
-    fs::create_dir_all(&path).expect("a folder");
-    Scratch(path)
-}
-
-impl Deref for Scratch {
-    type Target = Path;
-
-    fn deref(&self) -> &Path {
-        &self.0
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
+use crate::testing::Scratch;
 
 /// A picture with a bar that is at `k`.
 fn picture(width: usize, height: usize, k: usize) -> Vec<u8> {
@@ -68,7 +43,7 @@ fn pngs(path: &Path) -> Vec<(Vec<u8>, u16)> {
 
 #[test]
 fn an_animated_png_has_the_pictures_and_their_times() {
-    let folder = scratch("apng");
+    let folder = Scratch::folder();
     let path = folder.join("a.apng");
     let mut recorder = Recorder::start(&path).expect("starts");
     let pictures: Vec<_> =
@@ -86,7 +61,7 @@ fn an_animated_png_has_the_pictures_and_their_times() {
 
 #[test]
 fn a_gif_has_the_pictures_and_their_times() {
-    let folder = scratch("gif");
+    let folder = Scratch::folder();
     let path = folder.join("a.gif");
     let mut recorder = Recorder::start(&path).expect("starts");
     let pictures: Vec<_> = [0, 100, 300].into_iter().enumerate().map(|(k, ms)| (picture(40, 20, k), ms)).collect();
@@ -113,7 +88,7 @@ fn a_gif_has_the_pictures_and_their_times() {
 
 #[test]
 fn pictures_come_twelve_and_a_half_times_a_second() {
-    let folder = scratch("thin");
+    let folder = Scratch::folder();
     let mut recorder = Recorder::start(&folder.join("a.gif")).expect("starts");
     let small = picture(4, 4, 0);
     let mut taken = Vec::new();
@@ -137,7 +112,7 @@ fn pictures_come_twelve_and_a_half_times_a_second() {
 
 #[test]
 fn wide_pictures_are_made_smaller_and_other_sizes_fit() {
-    let folder = scratch("wide");
+    let folder = Scratch::folder();
     let path = folder.join("a.png");
     let mut recorder = Recorder::start(&path).expect("starts");
     push_all(&mut recorder, &[(vec![90; 3 * 1440 * 900], 0)], [1440, 900]);
@@ -153,7 +128,7 @@ fn wide_pictures_are_made_smaller_and_other_sizes_fit() {
 
 #[test]
 fn it_ends_by_itself_and_says_so() {
-    let folder = scratch("full");
+    let folder = Scratch::folder();
     let path = folder.join("a.png");
     let mut recorder = Recorder::start_with(&path, 3).expect("starts");
     let pictures: Vec<_> = (0..3).map(|k| (picture(16, 4, k), 80 * k as u64)).collect();
@@ -181,7 +156,7 @@ fn push_all_from(recorder: &mut Recorder, (rgb, ms): &(Vec<u8>, u64)) {
 
 #[test]
 fn a_window_never_waits_and_what_is_dropped_is_counted() {
-    let folder = scratch("dropped");
+    let folder = Scratch::folder();
     let mut recorder = Recorder::start(&folder.join("a.png")).expect("starts");
     // Each takes the thread longer than it takes to hand it over.
     let large: Vec<u8> = (0..3 * 1600 * 1200u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
@@ -195,7 +170,7 @@ fn a_window_never_waits_and_what_is_dropped_is_counted() {
 
 #[test]
 fn what_cannot_be_recorded_is_told() {
-    let folder = scratch("wrong");
+    let folder = Scratch::folder();
     let start = |name: &str| Recorder::start(&folder.join(name)).map(|_| ()).map_err(|e| e.to_string());
     for name in ["a.mp4", "a", "gif"] {
         assert!(start(name).is_err_and(|e| e.contains("name it .gif, .png or .apng")), "{name}");
@@ -229,7 +204,7 @@ fn what_cannot_be_recorded_is_told() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_told() {
-    let folder = scratch("disk");
+    let folder = Scratch::folder();
     let path = folder.join("a.gif");
     let mut recorder = Recorder::start(&path).expect("starts");
     push_all(&mut recorder, &[(picture(16, 4, 0), 0)], [16, 4]);
@@ -242,7 +217,7 @@ fn a_full_disk_is_told() {
 
 #[test]
 fn a_picture_is_saved_whole_under_the_next_free_name() {
-    let folder = scratch("picture");
+    let folder = Scratch::folder();
     let next = |ending: &str| free_name(&folder, "hip: a", ending).expect("a name");
     let path = next("png");
     assert_eq!(path, folder.join("hip__a-0001.png"));

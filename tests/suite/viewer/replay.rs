@@ -1,7 +1,6 @@
 //! A finished run is played as it was computed, to the bits of its files; what is missing or damaged is told.
 
 use std::fs;
-use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -12,36 +11,11 @@ use pliant::report::results::Results;
 use pliant::report::run::{Listener, Wanted, perform, ready};
 use pliant::scene::{Content, builtin};
 use pliant::simulation::Simulation;
+use pliant::testing::Scratch;
 use pliant::viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissue};
 
 use super::{HIP, LONG, bits, done, simulation, told, why_refused};
 use crate::tolerances::T18;
-
-/// A folder that goes with its test.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("pliant-replay-{}-{name}", std::process::id()));
-        let _ = fs::remove_dir_all(&path);
-        fs::create_dir_all(&path).expect("a folder");
-        Self(path)
-    }
-}
-
-impl Deref for Scratch {
-    type Target = Path;
-
-    fn deref(&self) -> &Path {
-        &self.0
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
 
 /// Where everything was in a frame: vertices of muscles and points of their fibres, poses of bones, readings.
 struct Was {
@@ -123,7 +97,7 @@ fn difference(simulation: &Simulation, was: &Was, shot: &Snapshot) -> Option<Str
 
 #[test]
 fn every_frame_of_a_run_is_played_as_it_was() {
-    let out = Scratch::new("hip");
+    let out = Scratch::folder();
     let (simulation, all) = run_into(&out, "hip", &HIP, 8);
     let session = opened(&out, Pace::paused());
     let stage = session.latest().stage.clone();
@@ -160,7 +134,7 @@ fn every_frame_of_a_run_is_played_as_it_was() {
 
 #[test]
 fn fields_are_those_of_the_session_that_runs() {
-    let out = Scratch::new("fields");
+    let out = Scratch::folder();
     run_into(&out, "hip", &HIP, 4);
     let session = opened(&out, Pace::paused());
     let running = super::session("hip", &HIP, Pace::paused());
@@ -192,7 +166,7 @@ fn session_at(session: &Session, frame: usize) -> Arc<Snapshot> {
 
 #[test]
 fn it_runs_forwards_and_backwards_and_rests_at_the_ends() {
-    let out = Scratch::new("ends");
+    let out = Scratch::folder();
     run_into(&out, "distance", &[], 12);
     let session = opened(&out, Pace::free());
     let end = session.wait(LONG, |shot| !shot.running).expect("an end");
@@ -223,7 +197,7 @@ fn it_runs_forwards_and_backwards_and_rests_at_the_ends() {
 
 #[test]
 fn missing_and_damaged_frames_are_told_and_passed_over() {
-    let out = Scratch::new("damaged");
+    let out = Scratch::folder();
     let (simulation, all) = run_into(&out, "distance", &[], 8);
     let file = |frame: usize| out.join(format!("frames/muscle_{frame:04}.vtp"));
     let whole = fs::read(file(5)).expect("a frame");
@@ -270,7 +244,7 @@ fn missing_and_damaged_frames_are_told_and_passed_over() {
 
 #[test]
 fn damaged_tables_cost_their_numbers_alone() {
-    let out = Scratch::new("tables");
+    let out = Scratch::folder();
     run_into(&out, "hip", &HIP, 1);
     let names =
         |out: &Path| -> Vec<_> { opened(out, Pace::paused()).latest().readings.iter().map(|r| r.name).collect() };
@@ -289,7 +263,7 @@ fn damaged_tables_cost_their_numbers_alone() {
 
 #[test]
 fn what_is_no_run_is_refused_with_what_to_do() {
-    let out = Scratch::new("refused");
+    let out = Scratch::folder();
     let error = refused(&out.join("nowhere"));
     assert!(error.contains("there is no folder") && error.contains("nowhere"), "{error}");
     assert!(refused(&out).contains("has no .pvd, so there are no frames"), "{}", refused(&out));
@@ -353,7 +327,7 @@ fn file_of(out: &Path, file: &str) -> Vec<Point3<f64>> {
 
 #[test]
 fn skin_over_a_ball_is_played() {
-    let out = Scratch::new("sheet");
+    let out = Scratch::folder();
     run_staged(&out, "sheet", &["sheet.cells=24", "skin.edge_length=0.5 mm", "frames=2"]);
     let session = opened(&out, Pace::paused());
     let stage = session.latest().stage.clone();
@@ -375,8 +349,23 @@ fn skin_over_a_ball_is_played() {
 }
 
 #[test]
+fn an_implant_under_skin_is_played() {
+    let out = Scratch::folder();
+    run_staged(&out, "flat-implant", &["sheet.cells=32", "skin.edge_length=6.25 mm", "implant.volume=50cc"]);
+    let session = opened(&out, Pace::paused());
+    let parts: Vec<_> = session.latest().stage.bodies.iter().map(|b| (b.name.clone(), b.tissue)).collect();
+    assert_eq!(parts.iter().map(|(_, tissue)| *tissue).collect::<Vec<_>>(), [Tissue::Skin, Tissue::Implant]);
+    let end = done(&session, Command::Step);
+    for (shot, (name, _)) in end.bodies.iter().zip(&parts) {
+        assert_eq!(bits(&shot.positions), bits(&file_of(&out, &format!("{name}_0001.vtp"))));
+    }
+    let stretched: Vec<_> = end.readings.iter().filter(|r| r.name == "Greatest stretch").collect();
+    assert!(stretched.len() == 1 && stretched[0].value > 1.0, "only skin has lengths at rest: {stretched:?}");
+}
+
+#[test]
 fn a_lattice_is_played() {
-    let out = Scratch::new("lattice");
+    let out = Scratch::folder();
     run_staged(&out, "lattice", &["lattice.points=[4,5,6]", "lattice.release=10", "frames=20"]);
     let session = opened(&out, Pace::free());
     let end = session.wait(LONG, |shot| !shot.running).expect("an end");

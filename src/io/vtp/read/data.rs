@@ -90,6 +90,7 @@ fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::Scratch;
     use crate::io::vtp::{PolyData, write};
     use crate::mesh::shapes::tetrahedron;
 
@@ -108,7 +109,7 @@ mod tests {
         let mesh = tetrahedron();
         let values = vec![1.5, f64::NAN, -0.0, 4e300];
         let flow: Vec<f64> = (0..12).map(f64::from).collect();
-        let path = std::env::temp_dir().join(format!("pliant-point-data-{}.vtp", std::process::id()));
+        let path = Scratch::file("point-data.vtp");
         let data = PolyData {
             points: &mesh.vertices,
             triangles: &mesh.triangles,
@@ -117,7 +118,6 @@ mod tests {
         };
         write(&path, &data).unwrap();
         let found = crate::io::read_point_data(&path).unwrap();
-        std::fs::remove_file(&path).unwrap();
         let bits = |v: &[f64]| v.iter().map(|x| x.to_bits()).collect::<Vec<u64>>();
         assert_eq!((found[0].name.as_str(), found[0].components), ("a \"<&>\"", 1));
         assert_eq!(bits(&found[0].values), bits(&values));
