@@ -83,8 +83,8 @@ mod tests {
     use nalgebra::Point3;
 
     use super::*;
-    use crate::testing::Scratch;
     use crate::io::read_bytes;
+    use crate::testing::Scratch;
 
     pub(super) fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
         let vertices = [[0.1, -0.0, 5e-324], [1.0 / 3.0, -1e300, 0.0], [0.0, 1.0, 1e-7], [1.0, 1e16, 123.456]];

@@ -73,8 +73,8 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Enc
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::Scratch;
     use crate::mesh::shapes::tetrahedron;
+    use crate::testing::Scratch;
 
     #[test]
     fn the_ending_decides() {

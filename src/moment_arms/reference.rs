@@ -274,8 +274,7 @@ mod tests {
     fn table(name: &str, text: &str) -> Table {
         let path = Scratch::file(&format!("{name}.csv"));
         std::fs::write(&path, text).expect("a file");
-        let table = Table::read(&path).expect("a table");
-        table
+        Table::read(&path).expect("a table")
     }
 
     const WIDE: &str = "angle_deg,glut_max1_r_moment_arm_m,glut_max1_r_path_length_m,glut_max2_r_moment_arm_m\n\

@@ -356,7 +356,7 @@ mod tests {
 
     #[test]
     fn a_look_at_a_folder_leaves_nothing_behind() {
-        let root = Scratch::folder();
+        let root = Scratch::file("out");
         let files = ["summary.json".to_owned(), "skin.vtp".to_owned()];
         Folder::check(&root.join("deep/er"), &files).unwrap();
         assert!(!root.exists(), "it was made");
@@ -389,10 +389,10 @@ mod tests {
         for path in ["../a.vtp", "/etc/a.json", "a.rs", "frames", ""] {
             assert!(!is_own(Path::new(path)), "{path}");
         }
-        let root = Scratch::folder();
+        let root = Scratch::file("out");
         fs::write(&root, "a file").unwrap();
-        for path in [root.clone(), root.join("below/it")] {
-            assert!(matches!(Folder::open(&path), Err(FolderError::NotAFolder(taken)) if taken == root));
+        for path in [root.to_path_buf(), root.join("below/it")] {
+            assert!(matches!(Folder::open(&path), Err(FolderError::NotAFolder(taken)) if taken == *root));
         }
         fs::remove_file(&root).unwrap();
         fs::create_dir_all(&root).unwrap();

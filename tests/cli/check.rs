@@ -134,7 +134,7 @@ fn convert_changes_format_and_unit_and_nothing_else() {
     io::write(&first, &sphere, &[vec![0, 1, 2]], Encoding::Text).unwrap();
     for ending in ["ply", "vtk", "vtp", "obj"] {
         for ascii in [false, true] {
-            let second = scratch.join(&format!("b.{ending}"));
+            let second = scratch.join(format!("b.{ending}"));
             let mut arguments = vec!["convert", shown(&first), shown(&second), "--force"];
             arguments.extend(ascii.then_some("--ascii"));
             let done = run(&arguments);

@@ -40,7 +40,7 @@ struct Cylinder {
 }
 
 impl Cylinder {
-    fn new(name: &str) -> Self {
+    fn new() -> Self {
         let scratch = Scratch::folder();
         let mesh = tube(RADIUS, LENGTH, 24);
         let file = scratch.join("cylinder.obj");
@@ -77,7 +77,7 @@ fn points(out: &Path) -> Vec<Vec<Point3<f64>>> {
 
 #[test]
 fn a_cylinder_is_filled() {
-    let muscle = Cylinder::new("fibres-of-a-cylinder");
+    let muscle = Cylinder::new();
     let (done, out) = muscle.run("out", &["--json"]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
@@ -132,7 +132,7 @@ fn a_cylinder_is_filled() {
 
 #[test]
 fn areas_in_all_their_forms() {
-    let muscle = Cylinder::new("fibres-areas");
+    let muscle = Cylinder::new();
     let join = |name: &str| muscle.scratch.join(name);
     // Two squares, the larger at the insertion; a bone off the origin; a list in a file.
     let mut patches = box_surface([0.0002, 0.03, 0.03], 0.01);
@@ -174,7 +174,7 @@ fn areas_in_all_their_forms() {
 
 #[test]
 fn smoothing_shortens_and_keeps_ends() {
-    let muscle = Cylinder::new("fibres-smooth");
+    let muscle = Cylinder::new();
     let (_, rough) = muscle.run("rough", &["--count", "20"]);
     let (done, smooth) = muscle.run("smooth", &["--count", "20", "--smooth-steps", "200", "--smooth-factor", "1"]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
@@ -188,7 +188,7 @@ fn smoothing_shortens_and_keeps_ends() {
 
 #[test]
 fn springs_and_slices_fill_a_cylinder_by_a_template() {
-    let muscle = Cylinder::new("fibres-templates");
+    let muscle = Cylinder::new();
     let told = |name: &str, more: &[&str]| {
         let (done, out) = muscle.run(name, &[more, &["--json"]].concat());
         let told: Value = serde_json::from_slice(&done.stdout).expect("JSON");
@@ -262,7 +262,7 @@ fn mean_turn(fibres: &[Vec<Point3<f64>>]) -> f64 {
 
 #[test]
 fn lines_on_the_surface_are_followed_at_any_frame() {
-    let muscle = Cylinder::new("fibres-lines");
+    let muscle = Cylinder::new();
     let file = muscle.scratch.join("lines.vtp");
     // Every second line runs from the insertion to the origin, and all are a little off the surface.
     let lines: Vec<Vec<Point3<f64>>> = (0..12)
@@ -309,7 +309,7 @@ fn lines_on_the_surface_are_followed_at_any_frame() {
 
 #[test]
 fn what_cannot_be_is_refused() {
-    let muscle = Cylinder::new("fibres-refused");
+    let muscle = Cylinder::new();
     let join = |name: &str| muscle.scratch.join(name);
     let (file, out) = (shown(&muscle.file), join("out"));
     let mut away = box_surface([0.01, 0.01, 0.01], 0.005);
@@ -380,7 +380,7 @@ fn what_cannot_be_is_refused() {
 fn ctrl_c_ends_with_its_code_and_writes_nothing() {
     use std::io::BufRead;
     use std::process::{Command, Stdio};
-    let muscle = Cylinder::new("fibres-interrupt");
+    let muscle = Cylinder::new();
     let out = muscle.scratch.join("out");
     let [origin, insertion] = &muscle.ends;
     let mut child = pliant()

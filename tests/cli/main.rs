@@ -16,7 +16,7 @@ mod study;
 mod view;
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use pliant::io::vtk;

@@ -14,7 +14,7 @@ fn number(value: &Value, path: &str) -> f64 {
 }
 
 /// The summary of a run, printed and kept alike.
-fn summary(name: &str, arguments: &[&str]) -> (Scratch, Value) {
+fn summary(arguments: &[&str]) -> (Scratch, Value) {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let done = run_into(&out, &[arguments, &["--json"]].concat());
@@ -33,7 +33,7 @@ fn summary(name: &str, arguments: &[&str]) -> (Scratch, Value) {
 #[test]
 fn a_flat_implant_has_areas_frames_and_pictures() {
     let arguments = [&SMALL[..], &["implant.volume=50cc"]].concat();
-    let (scratch, found) = summary("flat", &arguments);
+    let (scratch, found) = summary(&arguments);
     let implants = found["implants"].as_array().unwrap();
     assert_eq!((implants.len(), found["frames"].as_u64()), (1, Some(1)));
     let of = |path: &str| number(&implants[0], path);
@@ -67,7 +67,7 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
 #[test]
 fn an_expander_is_filled_step_by_step_over_its_skull() {
     let arguments = ["expander", "--frames", "2", "--set", "skin.edge_length=6 mm", "--animate", "gif"];
-    let (scratch, found) = summary("expander", &arguments);
+    let (scratch, found) = summary(&arguments);
     let frames = found["implants"][0]["frames"].as_array().unwrap();
     let volumes: Vec<f64> = frames.iter().map(|f| number(f, "/implant_volume_m3") * 1e6).collect();
     assert!(
@@ -88,7 +88,7 @@ fn an_expander_is_filled_step_by_step_over_its_skull() {
 #[test]
 fn a_ball_lifts_a_sheet() {
     let arguments = ["sheet", "--frames", "3", "--set", "sheet.cells=24", "--set", "skin.edge_length=0.5 mm"];
-    let (scratch, found) = summary("sheet", &arguments);
+    let (scratch, found) = summary(&arguments);
     let of = |path: &str| number(&found, &format!("/ball{path}"));
     // A cone from the rim to the ball, and a cap of it, have 1.29 times the area of the rim's circle where that is 3.82 mm
     // wide; the coarse region is wider, and chords are shorter.
@@ -114,7 +114,7 @@ fn a_soft_cube_keeps_its_volume_under_a_ball() {
 #[test]
 fn a_lattice_that_was_dragged_comes_back() {
     let set = ["--set", "lattice.points=[4,5,6]", "--set", "lattice.release=10", "--frames", "60"];
-    let (scratch, found) = summary("lattice", &[&["lattice"][..], &set].concat());
+    let (scratch, found) = summary(&[&["lattice"][..], &set].concat());
     let of = |path: &str| number(&found, &format!("/lattice/{path}"));
     assert_eq!((of("points"), of("neighbours")), (120.0, 26.0));
     assert!(of("distance_from_start_max_m") > 0.03 && of("distance_from_start_end_m") < 1e-3);

@@ -6,6 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
+use pliant::testing::Scratch;
 use serde_json::Value;
 
 /// A guard against a hang, and nothing that is measured: drawing without a graphics card is slow.

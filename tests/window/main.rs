@@ -7,6 +7,7 @@ mod desk;
 use std::process::Command;
 
 use desk::{Desk, Picture, find, number, share};
+use pliant::testing::Scratch;
 use serde_json::Value;
 
 /// The hip, coarse, and slow enough to be steered.

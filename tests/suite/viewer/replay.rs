@@ -1,7 +1,7 @@
 //! A finished run is played as it was computed, to the bits of its files; what is missing or damaged is told.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 

@@ -90,9 +90,9 @@ fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::Scratch;
     use crate::io::vtp::{PolyData, write};
     use crate::mesh::shapes::tetrahedron;
+    use crate::testing::Scratch;
 
     fn file(data: &str, pieces: usize) -> String {
         let piece = format!(
