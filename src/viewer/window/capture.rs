@@ -35,6 +35,11 @@ impl Capture {
         self.is_wanted || self.film.is_some()
     }
 
+    /// Whether what is rendered next is kept as a picture.
+    pub fn is_picture_wanted(&self) -> bool {
+        self.is_wanted
+    }
+
     /// A picture of what is rendered next.
     pub fn picture(&mut self) {
         self.is_wanted = true;

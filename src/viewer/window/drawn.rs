@@ -9,6 +9,8 @@ use kiss3d::prelude::{
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::mesh::TriangleMesh;
+use crate::mesh::measures::volume;
+use crate::mesh::topology::Topology;
 use crate::render::colour::{self, Rgb};
 use crate::render::{ColourMap, Frame};
 use crate::viewer::colour::Colouring;
@@ -95,6 +97,27 @@ impl Drawn {
         Self { root, light, bodies: Vec::new(), bones: Vec::new(), stage: Arc::default(), map: map(), serial: None }
     }
 
+    /// Puts up what cannot be seen, of each kind that will be drawn: drivers make ready for a kind when they first meet it.
+    pub fn rehearse(&mut self) {
+        let point = vec![Vec3::ZERO; 3];
+        for opacity in [1.0, 0.5] {
+            let uvs = Some(vec![Vec2::ZERO; 3]);
+            let mut node = self.add(point.clone(), vec![[0, 1, 2]], Some(vec![Vec3::Z; 3]), uvs);
+            node.set_texture(self.map.clone());
+            node.set_color(ink(colour::BONE, opacity));
+            node.set_alpha_mode(if opacity < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque });
+            // They go with the first stage.
+            self.bodies.push(node);
+        }
+    }
+
+    /// As [`Self::rehearse`], of lines and points.
+    pub fn rehearse_lines(window: &mut Window) {
+        let nothing = ink(colour::BONE, 0.0);
+        window.draw_polyline(&Polyline3d::new(vec![Vec3::ZERO; 2]).with_color(nothing).with_width(1.0));
+        window.draw_point(Vec3::ZERO, nothing, 0.0);
+    }
+
     /// What is to be rendered.
     pub fn root(&mut self) -> &mut SceneNode3d {
         &mut self.root
@@ -118,6 +141,8 @@ impl Drawn {
             let vertices = mesh.vertices.iter().map(vec3).collect();
             let mut node = self.add(vertices, mesh.triangles.clone(), Some(normals(mesh)), None);
             node.set_color(ink(colour::BONE, 1.0));
+            // Of what is translucent the far side would be seen as well, at twice the cost.
+            node.enable_backface_culling(is_solid(mesh));
             self.bones.push(node);
         }
         self.stage = stage.clone();
@@ -285,6 +310,12 @@ fn map() -> Arc<Texture> {
             Err(_) => manager.get_default(),
         }
     })
+}
+
+/// Whether a surface has an inside and shows its front to the outside.
+fn is_solid(mesh: &TriangleMesh) -> bool {
+    let topology = Topology::new(mesh);
+    topology.is_closed() && topology.is_oriented() && volume(&mesh.vertices, &mesh.triangles) > 0.0
 }
 
 /// Normals of a mesh at rest.

@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use kiss3d::egui;
 use kiss3d::post_processing::Tonemap;
-use kiss3d::prelude::Window;
+use kiss3d::prelude::{Context, NumSamples, Window};
 use nalgebra::{Point3, Vector3};
 
 use super::Session;
@@ -184,7 +184,11 @@ async fn shown(
         panel: 0.0,
     };
     let mut drawn = Drawn::new();
+    drawn.rehearse();
+    let by_processor = is_drawn_by_processor();
+    window.set_samples(if by_processor { NumSamples::One } else { NumSamples::Four });
     while !starting.is_finished() {
+        Drawn::rehearse_lines(&mut window);
         window.draw_ui(|ctx| reading(ctx, &options.name));
         if !window.render_3d(drawn.root(), &mut lens).await {
             // Closed before anything was shown: the thread is left to end with the process.
@@ -209,6 +213,7 @@ async fn shown(
         state: panel::State::default(),
         has_panel: true,
         closes: false,
+        by_processor,
         frame: first.frame,
         fitted_to: first.stage.bodies.len(),
         pictures: std::collections::VecDeque::new(),
@@ -227,6 +232,11 @@ async fn shown(
             std::thread::sleep(took.min(4 * SLOW));
         }
     }
+}
+
+/// Whether a driver stands in for a graphics card. The type's name alone can be had from here.
+fn is_drawn_by_processor() -> bool {
+    format!("{:?}", Context::get().adapter.get_info().device_type) == "Cpu"
 }
 
 /// A word while meshes are read.
@@ -269,6 +279,8 @@ struct Viewer<'a> {
     state: panel::State,
     has_panel: bool,
     closes: bool,
+    /// Whether there is no graphics card.
+    by_processor: bool,
     /// The frame of the last picture.
     frame: usize,
     fitted_to: usize,
@@ -310,6 +322,9 @@ impl Viewer<'_> {
         let mut widgets = Widgets::new(self.trace.is_some());
         let asked = self.interface(window, &shot, &mut widgets);
         let afresh = before != self.colouring;
+        // Smooth edges cost a processor as much as all the rest; a picture that is kept has them.
+        let is_fine = !self.by_processor || self.capture.is_picture_wanted();
+        window.set_samples(if is_fine { NumSamples::Four } else { NumSamples::One });
         self.drawn.update(&shot, shot.serial, &self.colouring, afresh);
         self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
         self.drawn.overlay(window, &shot, &self.look);
