@@ -17,6 +17,9 @@ const KEY: f64 = 0.02;
 /// A notch of the wheel comes nearer by this factor.
 const NOTCH: f64 = 0.9;
 
+/// The library tells this for a notch of a wheel, and pixels of a touch pad.
+const TOLD: f64 = 10.0;
+
 /// What the hand is at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Grip {
@@ -61,6 +64,8 @@ impl Field {
 #[derive(Clone, Debug, Default)]
 pub struct Hand {
     at: Point2<f64>,
+    /// The same, in the window [px].
+    pixel: Option<[f64; 2]>,
     pressed: Option<(MouseButton, Point2<f64>)>,
     grip: Option<Grip>,
     /// What a motion of the hand tells: only the last of a picture.
@@ -68,24 +73,28 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// Takes an event; returns what it tells the session, and what it wishes of the window.
+    /// Takes an event; returns what it tells the session, and what it wishes of the window. `is_covered` says whether a widget is
+    /// at a place of the window [px].
     pub fn take(
         &mut self,
         event: &WindowEvent,
         field: Field,
         camera: &mut Camera,
         shot: &Snapshot,
-        on_widgets: bool,
+        is_covered: impl Fn(f64, f64) -> bool,
     ) -> (Option<Command>, Option<Wish>) {
-        // Widgets know of the hand only where it was at the last picture.
-        let over_panel = on_widgets || self.at.x > 0.5 * field.width / field.height;
+        // Not where widgets last knew the hand: between two slow pictures it comes and clicks.
+        let is_over_scene = self.pixel.is_some_and(|[x, y]| !is_covered(x, y));
         match *event {
-            WindowEvent::CursorPos(x, y, _) => self.moves(field.place(x, y), camera),
-            WindowEvent::MouseButton(button, Action::Press, modifiers) if !over_panel => {
+            WindowEvent::CursorPos(x, y, _) => {
+                self.pixel = Some([x, y]);
+                self.moves(field.place(x, y), camera);
+            }
+            WindowEvent::MouseButton(button, Action::Press, modifiers) if is_over_scene => {
                 self.presses(button, modifiers, camera, shot);
             }
             WindowEvent::MouseButton(button, Action::Release, _) => return self.lets_go(button, camera, shot),
-            WindowEvent::Scroll(_, notches, modifiers) if !over_panel => scroll(notches, modifiers, camera),
+            WindowEvent::Scroll(_, notches, modifiers) if is_over_scene => scroll(notches, modifiers, camera),
             WindowEvent::Key(key, Action::Press, modifiers) => return keyed(key, modifiers, camera, shot),
             _ => {}
         }
@@ -167,9 +176,8 @@ fn angle(from: &Point2<f64>, to: &Point2<f64>) -> f64 {
     turn - 2.0 * std::f64::consts::PI * (turn / (2.0 * std::f64::consts::PI)).round()
 }
 
-fn scroll(notches: f64, modifiers: Modifiers, camera: &mut Camera) {
-    // Wheels tell notches, touch pads pixels.
-    let notches = if notches.abs() > 5.0 { notches / 40.0 } else { notches };
+fn scroll(told: f64, modifiers: Modifiers, camera: &mut Camera) {
+    let notches = told / TOLD;
     if modifiers.contains(Modifiers::Control) {
         camera.pan(Vector2::new(KEY * notches, 0.0));
     } else if modifiers.contains(Modifiers::Shift) {

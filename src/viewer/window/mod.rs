@@ -358,7 +358,12 @@ impl Viewer<'_> {
 
     /// Takes what mouse and keys did.
     fn hear(&mut self, window: &mut Window, shot: &Snapshot) {
-        let (on_widgets, typing) = (window.is_egui_capturing_mouse(), window.is_egui_capturing_keyboard());
+        let typing = window.is_egui_capturing_keyboard();
+        let (widgets, scale) = (window.egui_context().clone(), window.scale_factor());
+        let is_covered = |x: f64, y: f64| {
+            let layer = widgets.layer_id_at(egui::pos2((x / scale) as f32, (y / scale) as f32));
+            layer.is_some_and(|layer| layer.order != egui::Order::Background)
+        };
         let field = hand::Field { width: self.lens.window.0 - self.lens.panel, height: self.lens.window.1 };
         let mut wishes = Vec::new();
         for event in window.events().iter() {
@@ -366,7 +371,7 @@ impl Viewer<'_> {
             if typing && event.value.is_keyboard_event() {
                 continue;
             }
-            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, on_widgets);
+            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, is_covered);
             if let Some(command) = command {
                 self.session.send(command);
             }
