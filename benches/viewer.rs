@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use measured::{compare, in_turn, quartiles, quick, result, seconds};
+use nalgebra::Vector3;
 use pliant::simulation::Simulation;
 use pliant::viewer::{Command, Pace, Recipe, Session, Snapshot};
 
@@ -85,6 +86,25 @@ fn changes(_: &mut Criterion) {
     time("snapshot", rounds(20), |_| drop(done(&session, Command::Pause)));
 }
 
+/// From a move of a handle to the snapshot that shows it there: of an implant that is a dome over skin at rest.
+fn handles(_: &mut Criterion) {
+    for (name, scene) in [("node", "examples/biceps.toml"), ("implant", "flat-implant")] {
+        let recipe = Recipe::find(scene, &[]).unwrap_or_else(|e| panic!("{}", e.terse()));
+        let session = Session::start(recipe, Pace::paused()).expect("a session");
+        let handle = session.latest().handles.len() / 2;
+        let from = session.latest().handles[handle].at;
+        time(name, rounds(20), |k| {
+            // Further from the axis, over the sheet; each time elsewhere.
+            let to = from + Vector3::new(0.0, 1e-4 * (k + 1) as f64, 0.0);
+            let before = session.latest().handles[handle].at;
+            let number = session.send(Command::Move { handle, to });
+            let there = |shot: &Snapshot| shot.answered >= number && shot.handles[handle].at != before;
+            let shot = session.wait(LONG, there).expect("it comes");
+            assert_eq!(shot.refused, None);
+        });
+    }
+}
+
 /// Frames of a simulation whose snapshots are published against frames of one that nobody looks at.
 fn shown(_: &mut Criterion) {
     let session = Session::start(recipe(), Pace::paused()).expect("a session");
@@ -97,5 +117,5 @@ fn shown(_: &mut Criterion) {
     compare("viewer.frame", ["shown", "alone"], &times);
 }
 
-criterion_group!(benches, start, changes, shown);
+criterion_group!(benches, start, changes, handles, shown);
 criterion_main!(benches);
