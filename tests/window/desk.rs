@@ -231,8 +231,13 @@ impl Viewer<'_> {
     }
 
     /// Presses Q and returns the exit code.
-    pub fn close(mut self) -> Option<i32> {
+    pub fn close(self) -> Option<i32> {
         self.desk.hand(&["key", "q"]);
+        self.ended()
+    }
+
+    /// Waits until it ends and returns the exit code.
+    pub fn ended(mut self) -> Option<i32> {
         let begun = Instant::now();
         loop {
             if let Some(status) = self.child.try_wait().expect("a child") {

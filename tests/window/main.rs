@@ -36,6 +36,10 @@ fn it_opens_runs_pauses_resets_and_closes() {
     assert_eq!((frame(&seen), &seen["running"]), (0.0, &Value::Bool(false)));
     let first = viewer.picture();
     assert_eq!(first.blank(), None);
+    // A picture is of the scene alone: what is in the panel is beside it.
+    let left = |widget: &Value| number(&widget["rect"][0]);
+    let panel = seen["widgets"].as_array().expect("widgets").iter().map(left).fold(f64::INFINITY, f64::min);
+    assert!(f64::from(first.size.0) <= panel, "{} columns, the panel from {panel}", first.size.0);
     assert!(first.share(is_bone) > 0.02, "bone: {}", first.share(is_bone));
     // A tenth of the width by a fiftieth of the height, less what fibres cover.
     assert!(first.share(is_violet) > 0.001, "muscle without stretch: {}", first.share(is_violet));
@@ -201,6 +205,15 @@ fn a_missing_screen_or_scene_is_said_in_one_line() {
         let (code, said) = without(arguments);
         assert!(code == Some(2) && said.contains(says), "{arguments:?}: {code:?} {said}");
     }
+}
+
+#[test]
+fn a_scene_that_is_wrong_closes_the_window_with_its_message() {
+    let Some(desk) = Desk::new() else { return };
+    let mut viewer = desk.view(&["hip", "--set", "muscle.0.material.stretch=-1 N/m"]);
+    viewer.wait_for_file("a message", |viewer| viewer.errors().contains("cannot be -1"));
+    assert!(!viewer.errors().contains("panicked"), "{}", viewer.errors());
+    assert_eq!(viewer.ended(), Some(2));
 }
 
 #[test]

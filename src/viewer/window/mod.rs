@@ -31,8 +31,8 @@ use lens::Lens;
 use panel::{Asked, Panel};
 use trace::{Trace, Widgets};
 
-/// Width of the panel, in points of the screen.
-const PANEL: f32 = 340.0;
+/// Least width of the panel, in points of the screen.
+const PANEL: f32 = 370.0;
 
 /// Time between two pictures while meshes are read.
 const READING: Duration = Duration::from_millis(50);
@@ -197,7 +197,14 @@ async fn shown(
         // A word needs no sixty pictures a second, and reading needs the processor.
         std::thread::sleep(READING);
     }
-    let session = begun(starting)?;
+    let session = match begun(starting) {
+        Ok(session) => session,
+        Err(error) => {
+            // Where nothing was rendered yet the library panics when its window goes; the command ends now.
+            std::mem::forget(window);
+            return Err(error);
+        }
+    };
     let first = session.latest();
     let panel = f64::from(PANEL) * window.scale_factor();
     lens.camera = fitted(&first, (lens.window.0 - panel) / lens.window.1.max(1.0));
@@ -212,6 +219,7 @@ async fn shown(
         hand: Hand::default(),
         state: panel::State::default(),
         has_panel: true,
+        panel_width: PANEL,
         closes: false,
         by_processor,
         frame: first.frame,
@@ -278,6 +286,8 @@ struct Viewer<'a> {
     hand: Hand,
     state: panel::State,
     has_panel: bool,
+    /// As its widgets need it, in points of the screen.
+    panel_width: f32,
     closes: bool,
     /// Whether there is no graphics card.
     by_processor: bool,
@@ -316,7 +326,7 @@ impl Viewer<'_> {
         let scale = window.scale_factor();
         let size = window.size();
         self.lens.window = (f64::from(size.x), f64::from(size.y));
-        self.lens.panel = if self.has_panel { f64::from(PANEL) * scale } else { 0.0 };
+        self.lens.panel = if self.has_panel { f64::from(self.panel_width) * scale } else { 0.0 };
         self.hear(window, &shot);
         let before = self.colouring.clone();
         let mut widgets = Widgets::new(self.trace.is_some());
@@ -414,12 +424,13 @@ impl Viewer<'_> {
         let mut send = |command| session.send(command);
         let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
         let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
+        let panel_width = &mut self.panel_width;
         window.draw_ui(|ctx| {
             let screen = ctx.content_rect();
             let (asked, send) = (&mut asked, &mut send);
             let mut panel = Panel { shot, state, look, colouring, history, pictures, replayed, widgets, send, asked };
             if has_panel {
-                beside(ctx, |ui| panel.show(ui));
+                *panel_width = beside(ctx, |ui| panel.show(ui));
             }
             if panel.tells() && !is_taking {
                 over(ctx, 0.4 * screen.width(), |ui| panel.told(ui));
@@ -453,10 +464,10 @@ impl Viewer<'_> {
     }
 }
 
-/// A panel at the right of the window, as high as it is.
-fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) {
+/// A panel at the right of the window, as high as it is; returns its width, which is more than wished where a row needs it.
+fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
     let screen = ctx.content_rect();
-    egui::Window::new("Panel")
+    let shown = egui::Window::new("Panel")
         .title_bar(false)
         .resizable(false)
         .movable(false)
@@ -466,6 +477,7 @@ fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) {
         .show(ctx, |ui| {
             egui::ScrollArea::vertical().auto_shrink(false).show(ui, contents);
         });
+    shown.map_or(PANEL, |shown| screen.right() - shown.response.rect.left())
 }
 
 /// A sheet over the upper left of the scene.

@@ -8,7 +8,7 @@ use super::trace::Widgets;
 use crate::viewer::colour::{Colouring, Field};
 use crate::viewer::history::History;
 use crate::viewer::panel::{Control, Kind, Scale, Value};
-use crate::viewer::{Command, Snapshot, Speed};
+use crate::viewer::{Command, Snapshot, Speed, Tissue};
 
 /// Slowest and fastest share of real time.
 const SPEEDS: (f64, f64) = (0.05, 20.0);
@@ -108,7 +108,9 @@ impl Panel<'_> {
             (None, false) => RichText::new("paused"),
         };
         ui.horizontal(|ui| {
-            ui.strong(format!("frame {} of {}", shot.frame, shot.last_frame));
+            // What has no end of its own goes on after the last frame of its scene.
+            let end = if shot.frame > shot.last_frame { String::new() } else { format!(" of {}", shot.last_frame) };
+            ui.strong(format!("frame {}{end}", shot.frame));
             ui.label(state);
         });
         let rate = format!(
@@ -263,7 +265,9 @@ impl Panel<'_> {
                 .filter(|field| self.shot.bodies.iter().any(|body| !field.values(body).is_empty()))
                 .collect();
             ui.horizontal(|ui| {
-                ui.label("colours");
+                if !there.is_empty() {
+                    ui.label("colours");
+                }
                 for field in there {
                     let response = ui.selectable_label(self.colouring.field == field, field.name());
                     self.widgets.seen(field.name(), &response);
@@ -273,19 +277,30 @@ impl Panel<'_> {
                 }
             });
             let mut look = self.look.clone();
-            let response = ui.add(Slider::new(&mut look.bones, 0.0..=1.0).text("bones"));
-            self.widgets.seen("bones", &response);
-            if self.shot.stage.bodies.iter().any(|body| body.tissue == crate::viewer::Tissue::Skin) {
+            let stage = self.shot.stage.clone();
+            let has_bones = !stage.bones.is_empty() || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
+            if has_bones {
+                let response = ui.add(Slider::new(&mut look.bones, 0.0..=1.0).text("bones"));
+                self.widgets.seen("bones", &response);
+            }
+            if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
                 let response = ui.add(Slider::new(&mut look.skin, 0.0..=1.0).text("skin"));
                 self.widgets.seen("skin", &response);
             }
             ui.horizontal(|ui| {
                 self.check(ui, "wire frame", &mut look.wireframe);
-                self.check(ui, "fibres", &mut look.fibres);
+                if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
+                    self.check(ui, "fibres", &mut look.fibres);
+                }
             });
             ui.horizontal(|ui| {
-                self.check(ui, "attachments", &mut look.attachments);
-                self.check(ui, "contacts", &mut look.contacts);
+                if stage.bodies.iter().any(|body| !body.held.is_empty()) {
+                    self.check(ui, "attachments", &mut look.attachments);
+                }
+                // Only scenes of muscles tell where something touches.
+                if self.shot.scene.as_ref().is_some_and(|scene| scene.effects.contact.is_some()) {
+                    self.check(ui, "contacts", &mut look.contacts);
+                }
             });
             let pi = std::f64::consts::PI;
             let response = ui.add(Slider::new(&mut look.light.0, -pi..=pi).text("light from the right"));
