@@ -200,8 +200,8 @@ async fn shown(
     let session = match begun(starting) {
         Ok(session) => session,
         Err(error) => {
-            // Where nothing was rendered yet the library panics when its window goes; the command ends now.
-            std::mem::forget(window);
+            // Where nothing was rendered yet the library panics when its window goes.
+            window.render_3d(drawn.root(), &mut lens).await;
             return Err(error);
         }
     };
