@@ -6,7 +6,9 @@
 
 use std::time::Duration;
 
-use pliant::accuracy::{self, Candidate, Distance, Options, Question, Reference, Row, Study, Trajectory, Watch};
+use pliant::accuracy::{
+    self, Candidate, Distance, Options, Question, Reference, Row, Study, Trajectory, Watch,
+};
 use pliant::scene::{Accuracy, Scene, builtin};
 use pliant::simulation::Assets;
 
@@ -34,7 +36,15 @@ const SCENES: [(&str, &[&str]); 4] = [
     ("examples/right-hip-gluteus-maximus.toml", &["frames=6"]),
     ("examples/right-hip.toml", &["frames=5"]),
     ("press", &PRESSED),
-    ("hip", &["frames=8", "solver=quasi_static", "muscle.0.edge_length=5.5mm", "muscle.0.material.stretch=600 N/m"]),
+    (
+        "hip",
+        &[
+            "frames=8",
+            "solver=quasi_static",
+            "muscle.0.edge_length=5.5mm",
+            "muscle.0.material.stretch=600 N/m",
+        ],
+    ),
 ];
 
 fn load(name: &str, changes: &[&str]) -> Option<(Scene, Assets)> {
@@ -53,18 +63,30 @@ const REPEATS: usize = 3;
 
 /// Least times [s] of two settings over all frames, and how far the first is from the reference of its question, with
 /// what that leaves out and may be off [m].
-fn compared(scene: &Scene, assets: &Assets, study: &Study, pair: [&Candidate; 2]) -> ([f64; 2], f64) {
+fn compared(
+    scene: &Scene,
+    assets: &Assets,
+    study: &Study,
+    pair: [&Candidate; 2],
+) -> ([f64; 2], f64) {
     let mut least = [f64::INFINITY; 2];
     let mut error = f64::NAN;
     for _ in 0..REPEATS {
         for (k, candidate) in pair.into_iter().enumerate() {
-            let run = Trajectory::of(scene, assets, candidate, scene.frames, &mut |_, _| true).expect("it ran before");
+            let run = Trajectory::of(scene, assets, candidate, scene.frames, &mut |_, _| true)
+                .expect("it ran before");
             least[k] = least[k].min(run.time_s);
             if k == 0 {
                 let own = Question::of(&candidate.solver) == Some(study.question);
-                let reference = if own { Some(&study.reference) } else { study.other.as_ref() };
+                let reference = if own {
+                    Some(&study.reference)
+                } else {
+                    study.other.as_ref()
+                };
                 let left_out = if own { 0.0 } else { study.model_distance_m };
-                let off = |r: &Reference| Distance::between(r.frames(), &run.frames).rms + r.uncertainty.rms;
+                let off = |r: &Reference| {
+                    Distance::between(r.frames(), &run.frames).rms + r.uncertainty.rms
+                };
                 error = reference.map_or(f64::NAN, off) + left_out;
             }
         }
@@ -73,20 +95,40 @@ fn compared(scene: &Scene, assets: &Assets, study: &Study, pair: [&Candidate; 2]
 }
 
 fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads: usize) {
-    let options = Options { budget: 4 * budget, frames: Some(scene.frames), threads };
+    let options = Options {
+        budget: 4 * budget,
+        frames: Some(scene.frames),
+        threads,
+    };
     let study = accuracy::measure(scene, assets, options, &mut Silent).expect("a reference");
-    assert!(study.rows.len() > 3, "{name}: only {} settings measured", study.rows.len());
+    assert!(
+        study.rows.len() > 3,
+        "{name}: only {} settings measured",
+        study.rows.len()
+    );
     for target in [0.1, 0.01, 0.001] {
         let target_m = target * study.length;
-        let able = study.rows.iter().filter(|row| row.candidate.way.is_none() && total(row) <= target_m);
+        let able = study
+            .rows
+            .iter()
+            .filter(|row| row.candidate.way.is_none() && total(row) <= target_m);
         let Some(fastest) = able.min_by(|a, b| a.time_s.total_cmp(&b.time_s)) else {
-            println!("ROW choice | {name} | {} % | – | – | – | none keeps it | – |", target * 100.0);
+            println!(
+                "ROW choice | {name} | {} % | – | – | – | none keeps it | – |",
+                target * 100.0
+            );
             continue;
         };
         let wished = Accuracy::Share(target);
-        let chosen = accuracy::choose(scene, assets, wished, budget, threads, &mut Silent).expect("a choice");
+        let chosen = accuracy::choose(scene, assets, wished, budget, threads, &mut Silent)
+            .expect("a choice");
         let words = |c: &Candidate| format!("{}, {}", c.name(), c.in_words());
-        let ([own, least], error) = compared(scene, assets, &study, [&chosen.candidate, &fastest.candidate]);
+        let ([own, least], error) = compared(
+            scene,
+            assets,
+            &study,
+            [&chosen.candidate, &fastest.candidate],
+        );
         println!(
             "ROW choice | {name} | {} % | {} | {:.3} % | {own:.3} | {} | {least:.3} | {:.2} |",
             target * 100.0,
@@ -95,7 +137,12 @@ fn compare(name: &str, scene: &Scene, assets: &Assets, budget: Duration, threads
             words(&fastest.candidate),
             own / least
         );
-        println!("RESULT choice.{}.{} {:.3} ratio", name.replace(' ', "-"), target, own / least);
+        println!(
+            "RESULT choice.{}.{} {:.3} ratio",
+            name.replace(' ', "-"),
+            target,
+            own / least
+        );
     }
 }
 
@@ -103,13 +150,20 @@ fn main() {
     let quick = std::env::args().any(|a| a == "--test");
     let threads = std::thread::available_parallelism().map_or(1, Into::into);
     if quick {
-        let (scene, assets) = load("hip", &["frames=3", "muscle.0.edge_length=12mm"]).expect("the built-in hip");
+        let (scene, assets) =
+            load("hip", &["frames=3", "muscle.0.edge_length=12mm"]).expect("the built-in hip");
         compare("hip", &scene, &assets, Duration::from_secs(3), threads);
         return;
     }
     for (name, changes) in SCENES {
         match load(name, changes) {
-            Some((scene, assets)) => compare(&scene.name.clone(), &scene, &assets, Duration::from_secs(25), threads),
+            Some((scene, assets)) => compare(
+                &scene.name.clone(),
+                &scene,
+                &assets,
+                Duration::from_secs(25),
+                threads,
+            ),
             None => println!("skipped: {name}, its data are absent"),
         }
     }

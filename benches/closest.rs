@@ -56,25 +56,48 @@ impl Frames {
     fn new() -> Self {
         let bone = tube(0.02, 0.4, 81);
         let triangles = bone.triangles.len();
-        assert!((41_000..43_500).contains(&triangles), "{triangles} triangles");
+        assert!(
+            (41_000..43_500).contains(&triangles),
+            "{triangles} triangles"
+        );
         let mut mesh = tube(0.03, 0.24, 88);
         mesh.vertices.iter_mut().for_each(|p| p.y += 0.051);
         let count = mesh.vertices.len();
         assert!((9_500..10_500).contains(&count), "{count} vertices");
         let start = Particles::at_rest(mesh.vertices.clone(), vec![1.0; count]);
-        Self { bone: Arc::new(Surface::new(&bone)), mesh, start }
+        Self {
+            bone: Arc::new(Surface::new(&bone)),
+            mesh,
+            start,
+        }
     }
 
     /// The bone during frame `k`: it goes by 1 mm along the muscle and back.
     fn placed(&self, k: usize, guarded: bool) -> [Placed; 1] {
-        let at = |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
-        let obstacle: Arc<dyn Obstacle> =
-            if guarded { self.bone.clone() } else { Arc::new(Unguarded(self.bone.clone())) };
-        [Placed { name: "shaft".into(), obstacle, before: at(k), now: at(k + 1) }]
+        let at =
+            |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
+        let obstacle: Arc<dyn Obstacle> = if guarded {
+            self.bone.clone()
+        } else {
+            Arc::new(Unguarded(self.bone.clone()))
+        };
+        [Placed {
+            name: "shaft".into(),
+            obstacle,
+            before: at(k),
+            now: at(k + 1),
+        }]
     }
 
     fn contacts(&self, guarded: bool) -> Contacts {
-        Contacts::new(&self.mesh, &self.start, &self.placed(0, guarded), vec![0], 0.2 * MILLIMETRE, 0.0)
+        Contacts::new(
+            &self.mesh,
+            &self.start,
+            &self.placed(0, guarded),
+            vec![0],
+            0.2 * MILLIMETRE,
+            0.0,
+        )
     }
 }
 
@@ -94,9 +117,15 @@ fn closest(c: &mut Criterion) {
     let frames = Frames::new();
     check(&frames);
     let mut group = c.benchmark_group("closest points");
-    group.sample_size(15).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_millis(1500));
+    group
+        .sample_size(15)
+        .warm_up_time(Duration::from_millis(500))
+        .measurement_time(Duration::from_millis(1500));
     let pool = measured::pool(1);
-    for (guarded, name) in [(false, "muscle vertices"), (true, "muscle vertices and bone points")] {
+    for (guarded, name) in [
+        (false, "muscle vertices"),
+        (true, "muscle vertices and bone points"),
+    ] {
         let mut contacts = frames.contacts(guarded);
         let placed = [frames.placed(0, guarded), frames.placed(1, guarded)];
         let mut particles = frames.start.clone();
@@ -110,16 +139,31 @@ fn closest(c: &mut Criterion) {
         };
         // The first frames look all bone points up once.
         pool.install(|| (0..4).for_each(|_| step()));
-        group.bench_function(format!("a frame of 1 mm, {name}, 1 thread"), |b| pool.install(|| b.iter(&mut step)));
+        group.bench_function(format!("a frame of 1 mm, {name}, 1 thread"), |b| {
+            pool.install(|| b.iter(&mut step))
+        });
         let lookups = contacts.counts(&particles.position).lookups;
-        measured::result(&format!("closest.lookups.{}", measured::key(name)), (lookups / frame) as f64, "1");
+        measured::result(
+            &format!("closest.lookups.{}", measured::key(name)),
+            (lookups / frame) as f64,
+            "1",
+        );
         // Nothing was near enough to be pushed: the muscle is where it was.
-        assert!(particles.position == frames.start.position, "a vertex 1 mm away was moved");
+        assert!(
+            particles.position == frames.start.position,
+            "a vertex 1 mm away was moved"
+        );
     }
     group.bench_function("all vertices looked up, 1 thread", |b| {
         pool.install(|| {
             b.iter(|| {
-                frames.start.position.iter().filter_map(|p| frames.bone.closest(p)).map(|c| c.distance).sum::<f64>()
+                frames
+                    .start
+                    .position
+                    .iter()
+                    .filter_map(|p| frames.bone.closest(p))
+                    .map(|c| c.distance)
+                    .sum::<f64>()
             });
         });
     });

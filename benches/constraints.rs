@@ -6,7 +6,9 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use measured::{Body, DT, batch, exponent, pool, quick, result, seconds, volume_error, with_threads};
+use measured::{
+    Body, DT, batch, exponent, pool, quick, result, seconds, volume_error, with_threads,
+};
 use pliant::constraints::{Order, Project, Width};
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, order};
@@ -18,7 +20,10 @@ const LEVELS: [u32; 4] = [4, 5, 6, 7];
 /// A sphere in cache-friendly numbering.
 fn sphere(level: u32) -> Body {
     let sphere = icosphere(1.0, level);
-    Body::of(order::apply(&sphere, &order::permutation(&Topology::new(&sphere))))
+    Body::of(order::apply(
+        &sphere,
+        &order::permutation(&Topology::new(&sphere)),
+    ))
 }
 
 /// All widths and one or two threads leave the same bits, and the sweeps bring edges and volume nearer to rest.
@@ -34,7 +39,9 @@ fn check(body: &Body) {
             for _ in 0..5 {
                 edges.project(&mut particles, DT);
                 hinges.project(&mut particles, DT);
-                volume.project(&mut particles, DT).expect("a sphere can be inflated");
+                volume
+                    .project(&mut particles, DT)
+                    .expect("a sphere can be inflated");
             }
             assert!(edges.residual(&particles, DT).rms < 0.5 * before);
             assert!(volume_error(&body.mesh, &particles.position).abs() < 1e-9);
@@ -49,9 +56,19 @@ fn check(body: &Body) {
 }
 
 /// One sweep of a batch, by name.
-fn bench(c: &mut Criterion, name: &str, what: String, body: &Body, mut batch: impl Project, threads: usize) {
+fn bench(
+    c: &mut Criterion,
+    name: &str,
+    what: String,
+    body: &Body,
+    mut batch: impl Project,
+    threads: usize,
+) {
     let mut group = c.benchmark_group(name);
-    group.sample_size(10).warm_up_time(Duration::from_millis(100)).measurement_time(Duration::from_millis(300));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(100))
+        .measurement_time(Duration::from_millis(300));
     group.throughput(Throughput::Elements(batch.len() as u64));
     let start = body.packed();
     let pool = pool(threads);
@@ -76,23 +93,70 @@ fn kinds(c: &mut Criterion) {
     let count = body.start.len();
     for &width in Width::available() {
         let what = format!("coloured, {width}");
-        bench(c, "edges", what.clone(), &body, batch(&body.edges, Order::Coloured, width, count), 1);
-        bench(c, "hinges", what, &body, batch(&body.hinges, Order::Coloured, width, count), 1);
+        bench(
+            c,
+            "edges",
+            what.clone(),
+            &body,
+            batch(&body.edges, Order::Coloured, width, count),
+            1,
+        );
+        bench(
+            c,
+            "hinges",
+            what,
+            &body,
+            batch(&body.hinges, Order::Coloured, width, count),
+            1,
+        );
         let mut group = c.benchmark_group("volume");
-        group.sample_size(10).warm_up_time(Duration::from_millis(100)).measurement_time(Duration::from_millis(300));
+        group
+            .sample_size(10)
+            .warm_up_time(Duration::from_millis(100))
+            .measurement_time(Duration::from_millis(300));
         let mut volume = body.volume(width);
         group.bench_function(width.to_string(), |b| {
-            let project = |x: &mut Particles| volume.project(black_box(x), DT).expect("a sphere can be inflated");
+            let project = |x: &mut Particles| {
+                volume
+                    .project(black_box(x), DT)
+                    .expect("a sphere can be inflated")
+            };
             b.iter_batched_ref(|| body.start.clone(), project, BatchSize::LargeInput);
         });
         group.finish();
     }
-    bench(c, "edges", "stored order".into(), &body, batch(&body.edges, Order::Stored, Width::One, count), 1);
-    bench(c, "hinges", "stored order".into(), &body, batch(&body.hinges, Order::Stored, Width::One, count), 1);
+    bench(
+        c,
+        "edges",
+        "stored order".into(),
+        &body,
+        batch(&body.edges, Order::Stored, Width::One, count),
+        1,
+    );
+    bench(
+        c,
+        "hinges",
+        "stored order".into(),
+        &body,
+        batch(&body.hinges, Order::Stored, Width::One, count),
+        1,
+    );
     let large = sphere(7);
     for threads in [1, 2] {
-        let sweep = batch(&large.hinges, Order::Coloured, Width::One, large.start.len());
-        bench(c, "hinges of 163,842 vertices", format!("1 lane, threads: {threads}"), &large, sweep, threads);
+        let sweep = batch(
+            &large.hinges,
+            Order::Coloured,
+            Width::One,
+            large.start.len(),
+        );
+        bench(
+            c,
+            "hinges of 163,842 vertices",
+            format!("1 lane, threads: {threads}"),
+            &large,
+            sweep,
+            threads,
+        );
     }
 }
 
@@ -117,7 +181,11 @@ fn least_of_volume(body: &Body, width: Width) -> f64 {
     let mut particles = body.start.clone();
     let mut once = || {
         particles.position.copy_from_slice(&body.start.position);
-        seconds(|| volume.project(black_box(&mut particles), DT).expect("a sphere can be inflated"))
+        seconds(|| {
+            volume
+                .project(black_box(&mut particles), DT)
+                .expect("a sphere can be inflated")
+        })
     };
     (0..200).map(|_| once()).fold(f64::INFINITY, f64::min)
 }
@@ -131,9 +199,17 @@ fn growth(_: &mut Criterion) {
     let sizes = bodies.each_ref().map(|b| b.start.len() as f64);
     for &width in Width::available() {
         let name = measured::key(&width.to_string());
-        result(&format!("constraints.volume.{name}.{}", sizes[1]), least_of_volume(&bodies[1], width) * 1e3, "ms");
-        let edges = bodies.each_ref().map(|b| least(b, batch(&b.edges, Order::Coloured, width, b.start.len())));
-        let hinges = bodies.each_ref().map(|b| least(b, batch(&b.hinges, Order::Coloured, width, b.start.len())));
+        result(
+            &format!("constraints.volume.{name}.{}", sizes[1]),
+            least_of_volume(&bodies[1], width) * 1e3,
+            "ms",
+        );
+        let edges = bodies
+            .each_ref()
+            .map(|b| least(b, batch(&b.edges, Order::Coloured, width, b.start.len())));
+        let hinges = bodies
+            .each_ref()
+            .map(|b| least(b, batch(&b.hinges, Order::Coloured, width, b.start.len())));
         for (kind, times) in [("edge", edges), ("hinge", hinges)] {
             let name = format!("constraints.{kind}.{name}");
             for (size, time) in sizes.iter().zip(times) {

@@ -34,7 +34,10 @@ const ROUNDING: f64 = 1e-13;
 
 /// Vertices `around` times `rings` and two poles, as by VTK's source of spheres.
 fn sphere(around: u32, rings: u32, radius: f64) -> TriangleMesh {
-    let mut vertices = vec![Point3::new(0.0, 0.0, radius), Point3::new(0.0, 0.0, -radius)];
+    let mut vertices = vec![
+        Point3::new(0.0, 0.0, radius),
+        Point3::new(0.0, 0.0, -radius),
+    ];
     for ring in 1..=rings {
         let polar = std::f64::consts::PI * f64::from(ring) / f64::from(rings + 1);
         for k in 0..around {
@@ -46,13 +49,24 @@ fn sphere(around: u32, rings: u32, radius: f64) -> TriangleMesh {
     let at = |ring: u32, k: u32| 2 + ring * around + k % around;
     let mut triangles = Vec::new();
     for k in 0..around {
-        triangles.extend([[0, at(0, k), at(0, k + 1)], [1, at(rings - 1, k + 1), at(rings - 1, k)]]);
+        triangles.extend([
+            [0, at(0, k), at(0, k + 1)],
+            [1, at(rings - 1, k + 1), at(rings - 1, k)],
+        ]);
         for ring in 0..rings - 1 {
-            let [a, b, c, d] = [at(ring, k), at(ring + 1, k), at(ring + 1, k + 1), at(ring, k + 1)];
+            let [a, b, c, d] = [
+                at(ring, k),
+                at(ring + 1, k),
+                at(ring + 1, k + 1),
+                at(ring, k + 1),
+            ];
             triangles.extend([[a, b, c], [a, c, d]]);
         }
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// Each triangle cut in four: as many more vertices, the same surface.
@@ -63,13 +77,19 @@ fn quartered(mesh: &TriangleMesh) -> TriangleMesh {
     for &[a, b, c] in &mesh.triangles {
         let [ab, bc, ca] = [(a, b), (b, c), (c, a)].map(|(u, v)| {
             *middles.entry((u.min(v), u.max(v))).or_insert_with(|| {
-                vertices.push(nalgebra::center(&vertices[u as usize], &vertices[v as usize]));
+                vertices.push(nalgebra::center(
+                    &vertices[u as usize],
+                    &vertices[v as usize],
+                ));
                 vertices.len() as u32 - 1
             })
         });
         triangles.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A vertex in the box of a bone, in some frame.
@@ -94,31 +114,66 @@ struct Task {
 
 impl Task {
     /// The muscle moves by `path` [m] in `FRAMES` frames.
-    fn new(name: &'static str, bones: Vec<TriangleMesh>, muscle: TriangleMesh, path: [Vector3<f64>; 2]) -> Self {
+    fn new(
+        name: &'static str,
+        bones: Vec<TriangleMesh>,
+        muscle: TriangleMesh,
+        path: [Vector3<f64>; 2],
+    ) -> Self {
         let step = (path[1] - path[0]) / (FRAMES - 1) as f64;
         let mut questions = Vec::new();
         let mut size = 0.0_f64;
         for (bone, mesh) in bones.iter().enumerate() {
             let topology = Topology::new(mesh);
-            assert!(topology.is_closed() && topology.is_oriented(), "{name}: bone {bone} is not closed and oriented");
-            let (own, inside) = (Surface::new(mesh), Inside::new(&mesh.vertices, &mesh.triangles));
+            assert!(
+                topology.is_closed() && topology.is_oriented(),
+                "{name}: bone {bone} is not closed and oriented"
+            );
+            let (own, inside) = (
+                Surface::new(mesh),
+                Inside::new(&mesh.vertices, &mesh.triangles),
+            );
             let bounds = mesh.bounding_box();
-            size = size.max(bounds.min.coords.amax()).max(bounds.max.coords.amax());
+            size = size
+                .max(bounds.min.coords.amax())
+                .max(bounds.max.coords.amax());
             for frame in 0..FRAMES {
                 let by = path[0] + step * frame as f64;
-                for point in muscle.vertices.iter().map(|v| v + by).filter(|p| bounds.contains(p)) {
+                for point in muscle
+                    .vertices
+                    .iter()
+                    .map(|v| v + by)
+                    .filter(|p| bounds.contains(p))
+                {
                     let distance = own.closest(&point).expect("triangles").distance;
                     let inside = inside.winding(&point) != 0;
-                    questions.push(Question { bone, point, before: point - step, inside, distance });
+                    questions.push(Question {
+                        bone,
+                        point,
+                        before: point - step,
+                        inside,
+                        distance,
+                    });
                 }
             }
         }
         // In an order in which any part of them is like the whole.
         let count = questions.len();
-        let stride = (0..).map(|k| (count * 618 / 1000).max(1) + k).find(|s| gcd(*s, count) == 1).expect("a stride");
+        let stride = (0..)
+            .map(|k| (count * 618 / 1000).max(1) + k)
+            .find(|s| gcd(*s, count) == 1)
+            .expect("a stride");
         let mut questions: Vec<Option<Question>> = questions.into_iter().map(Some).collect();
-        let questions = (0..count).filter_map(|k| questions[k * stride % count].take()).collect();
-        Self { name, bones, muscle, questions, size }
+        let questions = (0..count)
+            .filter_map(|k| questions[k * stride % count].take())
+            .collect();
+        Self {
+            name,
+            bones,
+            muscle,
+            questions,
+            size,
+        }
     }
 
     fn describe(&self) {
@@ -132,13 +187,19 @@ impl Task {
         let (asked, inside) = (self.questions.len() / FRAMES, inside / FRAMES);
         note(
             &format!("contact.{}.asked", key(self.name)),
-            format!("a frame has {asked} vertices in a bone's box and {inside} in a bone, on average of {FRAMES}"),
+            format!(
+                "a frame has {asked} vertices in a bone's box and {inside} in a bone, on average of {FRAMES}"
+            ),
         );
     }
 }
 
 fn counts(mesh: &TriangleMesh) -> String {
-    format!("{} vertices and {} triangles", mesh.vertices.len(), mesh.triangles.len())
+    format!(
+        "{} vertices and {} triangles",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    )
 }
 
 fn gcd(a: usize, b: usize) -> usize {
@@ -174,16 +235,36 @@ impl Sorted {
 type Sort = Box<dyn Fn(&TriangleMesh) -> Sorted>;
 
 fn rows(largest: usize) -> Vec<(String, Sort)> {
-    let mut rows: Vec<(String, Sort)> = vec![("ours".into(), Box::new(|m| Sorted::Own(Box::new(Surface::new(m)))))];
+    let mut rows: Vec<(String, Sort)> = vec![(
+        "ours".into(),
+        Box::new(|m| Sorted::Own(Box::new(Surface::new(m)))),
+    )];
     for kind in WAYS {
-        let more = if kind.name == "voxels" { vec![largest] } else { Vec::new() };
+        let more = if kind.name == "voxels" {
+            vec![largest]
+        } else {
+            Vec::new()
+        };
         for size in kind.sizes.iter().copied().chain(more) {
-            let name = if size == 0 { kind.name.into() } else { format!("{} {size}", kind.name) };
-            rows.push((name, Box::new(move |m| Sorted::Way(Box::new(Searched::new(m, (kind.sort)(m, size)))))));
+            let name = if size == 0 {
+                kind.name.into()
+            } else {
+                format!("{} {size}", kind.name)
+            };
+            rows.push((
+                name,
+                Box::new(move |m| Sorted::Way(Box::new(Searched::new(m, (kind.sort)(m, size))))),
+            ));
         }
     }
-    for (name, fill) in [("bits 64, middles", Fill::Centre), ("bits 64, touched", Fill::Touch)] {
-        rows.push((name.into(), Box::new(move |m| Sorted::Bits(BitGrid::new(m, 64, fill)))));
+    for (name, fill) in [
+        ("bits 64, middles", Fill::Centre),
+        ("bits 64, touched", Fill::Touch),
+    ] {
+        rows.push((
+            name.into(),
+            Box::new(move |m| Sorted::Bits(BitGrid::new(m, 64, fill))),
+        ));
     }
     rows
 }
@@ -200,7 +281,10 @@ fn timed(task: &Task, budget: Duration, mut ask: impl FnMut(&Question)) -> (f64,
         }
     }
     let each = begin.elapsed().as_secs_f64() / asked.max(1) as f64;
-    (each * 1e3 * task.questions.len() as f64 / FRAMES as f64, asked)
+    (
+        each * 1e3 * task.questions.len() as f64 / FRAMES as f64,
+        asked,
+    )
 }
 
 /// What is wrong with the answers of a way.
@@ -218,7 +302,11 @@ impl Errors {
     fn add(&mut self, q: &Question, found: f64) {
         self.kept += usize::from(found < 0.0 && !q.inside);
         self.lost += usize::from((found >= 0.0 || found.is_nan()) && q.inside);
-        let worst = if q.inside { &mut self.depth } else { &mut self.outside };
+        let worst = if q.inside {
+            &mut self.depth
+        } else {
+            &mut self.outside
+        };
         *worst = worst.max((found - q.distance).abs());
     }
 }
@@ -227,28 +315,60 @@ fn measure(task: &Task, name: &str, sort: &Sort, base: usize, budget: Duration) 
     let (before, begin) = (ALLOCATOR.current_usage(), Instant::now());
     let sorted: Vec<Sorted> = task.bones.iter().map(sort).collect();
     let built = begin.elapsed();
-    let held = ALLOCATOR.current_usage() - before - sorted.capacity() * std::mem::size_of::<Sorted>();
+    let held =
+        ALLOCATOR.current_usage() - before - sorted.capacity() * std::mem::size_of::<Sorted>();
     let bytes: usize = sorted.iter().map(|s| s.obstacle().bytes()).sum();
-    assert!(bytes.abs_diff(held) as f64 <= 0.02 * held as f64 + 4096.0, "{name} says {bytes} bytes and holds {held}");
+    assert!(
+        bytes.abs_diff(held) as f64 <= 0.02 * held as f64 + 4096.0,
+        "{name} says {bytes} bytes and holds {held}"
+    );
     let mut errors = Errors::default();
     let (distance, asked) = timed(task, budget, |q| {
-        errors.add(q, sorted[q.bone].obstacle().closest(&q.point).map_or(f64::INFINITY, |c| c.distance));
+        errors.add(
+            q,
+            sorted[q.bone]
+                .obstacle()
+                .closest(&q.point)
+                .map_or(f64::INFINITY, |c| c.distance),
+        );
     });
     let mut near = 0;
-    let (within, _) = timed(task, budget, |q| near += usize::from(sorted[q.bone].is_near(q)));
+    let (within, _) = timed(task, budget, |q| {
+        near += usize::from(sorted[q.bone].is_near(q))
+    });
     assert!(near > 0, "{name} finds nothing near");
-    let diagonal = |s: &Sorted| if let Sorted::Bits(bits) = s { bits.diagonal() } else { 0.0 };
+    let diagonal = |s: &Sorted| {
+        if let Sorted::Bits(bits) = s {
+            bits.diagonal()
+        } else {
+            0.0
+        }
+    };
     let diagonal = sorted.iter().map(diagonal).fold(0.0, f64::max);
     let mut name = name.to_owned();
     if diagonal > 0.0 {
-        assert!(errors.outside > 0.0 && errors.depth > 0.0, "{name} has no error");
+        assert!(
+            errors.outside > 0.0 && errors.depth > 0.0,
+            "{name} has no error"
+        );
         name += &format!(", {:.1} mm from corner to corner", diagonal / MILLIMETRE);
     } else {
         let worst = errors.outside.max(errors.depth);
-        assert!(worst <= ROUNDING * task.size.max(1.0), "{name} is off by {worst:e} m");
-        assert_eq!((errors.kept, errors.lost), (0, 0), "{name} judges vertices wrongly");
+        assert!(
+            worst <= ROUNDING * task.size.max(1.0),
+            "{name} is off by {worst:e} m"
+        );
+        assert_eq!(
+            (errors.kept, errors.lost),
+            (0, 0),
+            "{name} judges vertices wrongly"
+        );
     }
-    let index = if matches!(sorted[0], Sorted::Bits(_)) { bytes } else { bytes - base };
+    let index = if matches!(sorted[0], Sorted::Bits(_)) {
+        bytes
+    } else {
+        bytes - base
+    };
     println!(
         "ROW contact.{}.ways | {name} | {:.0} | {distance:.2} | {within:.2} | {:.3} | {:.3} | {asked} | {}, {} | {:.3}, {:.3} |",
         key(task.name),
@@ -268,19 +388,38 @@ fn compare(task: &Task, largest: usize, budget: Duration) {
     let rows = rows(largest);
     let brute = &rows[1].1;
     let base = task.bones.iter().map(|b| brute(b).obstacle().bytes()).sum();
-    rows.iter().for_each(|(name, sort)| measure(task, name, sort, base, budget));
+    rows.iter()
+        .for_each(|(name, sort)| measure(task, name, sort, base, budget));
 }
 
 /// What a remedy leaves of the vertices in a bone.
 fn remedy(task: &Task, own: &[Surface], inside: &[&Question], name: &str, remedy: Remedy) {
-    let ends: Vec<Point3<f64>> = inside.iter().map(|q| remedy.place(&own[q.bone], &q.point)).collect();
-    let depths: Vec<f64> =
-        inside.iter().zip(&ends).map(|(q, e)| -own[q.bone].closest(e).expect("triangles").distance).collect();
+    let ends: Vec<Point3<f64>> = inside
+        .iter()
+        .map(|q| remedy.place(&own[q.bone], &q.point))
+        .collect();
+    let depths: Vec<f64> = inside
+        .iter()
+        .zip(&ends)
+        .map(|(q, e)| -own[q.bone].closest(e).expect("triangles").distance)
+        .collect();
     let rounding = ROUNDING * task.size.max(1.0);
     let still = depths.iter().filter(|d| **d > rounding).count();
-    let deeper = depths.iter().zip(inside).filter(|(d, q)| **d > -q.distance + rounding).count();
-    let places: BTreeSet<_> = ends.iter().map(|p| [p.x, p.y, p.z].map(f64::to_bits)).collect();
-    let moved = inside.iter().zip(&ends).map(|(q, e)| (e - q.point).norm()).sum::<f64>() / inside.len() as f64;
+    let deeper = depths
+        .iter()
+        .zip(inside)
+        .filter(|(d, q)| **d > -q.distance + rounding)
+        .count();
+    let places: BTreeSet<_> = ends
+        .iter()
+        .map(|p| [p.x, p.y, p.z].map(f64::to_bits))
+        .collect();
+    let moved = inside
+        .iter()
+        .zip(&ends)
+        .map(|(q, e)| (e - q.point).norm())
+        .sum::<f64>()
+        / inside.len() as f64;
     if remedy == Remedy::NearestPoint {
         assert!(still == 0 && deeper == 0, "the nearest point is inside");
     }
@@ -300,7 +439,11 @@ fn remedies(task: &Task) {
     let deepest = inside.iter().map(|q| -q.distance).fold(0.0, f64::max);
     note(
         &format!("contact.{}.deep", key(task.name)),
-        format!("{} vertices in a bone, of all frames, up to {:.1} mm deep", inside.len(), deepest / MILLIMETRE),
+        format!(
+            "{} vertices in a bone, of all frames, up to {:.1} mm deep",
+            inside.len(),
+            deepest / MILLIMETRE
+        ),
     );
     let constant = Length::Constant(MILLIMETRE);
     for (name, how) in [
@@ -308,9 +451,15 @@ fn remedies(task: &Task) {
         ("mean of three vertices", Remedy::MeanOfVertices(3)),
         ("nearest point", Remedy::NearestPoint),
         ("normal of a triangle, 1 mm", Remedy::FaceNormal(constant)),
-        ("normal of a triangle, all of the depth", Remedy::FaceNormal(Length::Share(1.0))),
+        (
+            "normal of a triangle, all of the depth",
+            Remedy::FaceNormal(Length::Share(1.0)),
+        ),
         ("mean normal, 1 mm", Remedy::MeanNormal(constant)),
-        ("mean normal, all of the depth", Remedy::MeanNormal(Length::Share(1.0))),
+        (
+            "mean normal, all of the depth",
+            Remedy::MeanNormal(Length::Share(1.0)),
+        ),
     ] {
         remedy(task, &own, inside, name, how);
     }
@@ -318,7 +467,8 @@ fn remedies(task: &Task) {
 
 /// Two spheres, of which the smaller moves through the other, a little off its middle.
 fn artificial(muscle: [u32; 2], bone: [u32; 2]) -> Task {
-    let [muscle, bone] = [(muscle, 0.04), (bone, 0.05)].map(|([around, rings], radius)| sphere(around, rings, radius));
+    let [muscle, bone] = [(muscle, 0.04), (bone, 0.05)]
+        .map(|([around, rings], radius)| sphere(around, rings, radius));
     let path = [-1.0, 1.0].map(|side| Vector3::new(side * 0.085, 3.1e-3, 1.7e-3));
     Task::new("spheres", vec![bone], muscle, path)
 }
@@ -326,12 +476,19 @@ fn artificial(muscle: [u32; 2], bone: [u32; 2]) -> Task {
 /// The gluteus maximus moves 60 mm towards the middle of the bones.
 fn measured(data: &std::path::Path) -> Task {
     let read = |name: &str| pliant::io::read(&data.join(name)).expect("a mesh").mesh;
-    let muscle = quartered(&quartered(&read("body/muscles/Gluteus_maximus_muscle.r.obj")));
+    let muscle = quartered(&quartered(&read(
+        "body/muscles/Gluteus_maximus_muscle.r.obj",
+    )));
     let hip = quartered(&quartered(&read("body/bones/Hip_bone.r.obj")));
     let femur = quartered(&read("body/bones/Femur.r.obj"));
     let middle = hip.bounding_box().union(&femur.bounding_box()).center();
     let towards = (middle - muscle.bounding_box().center()).normalize();
-    Task::new("gluteus maximus", vec![hip, femur], muscle, [Vector3::zeros(), towards * 0.06])
+    Task::new(
+        "gluteus maximus",
+        vec![hip, femur],
+        muscle,
+        [Vector3::zeros(), towards * 0.06],
+    )
 }
 
 fn main() {
@@ -341,8 +498,10 @@ fn main() {
         remedies(&task);
         return;
     }
-    let tasks =
-        [Some(artificial([48, 46], [300, 298])), std::env::var_os("PLIANT_DATA").map(|d| measured(&PathBuf::from(d)))];
+    let tasks = [
+        Some(artificial([48, 46], [300, 298])),
+        std::env::var_os("PLIANT_DATA").map(|d| measured(&PathBuf::from(d))),
+    ];
     if tasks[1].is_none() {
         println!("skipped the gluteus maximus: PLIANT_DATA is not set");
     }

@@ -49,11 +49,20 @@ impl Task {
         let is_held = |s: &f64| *s < HELD || *s > 1.0 - HELD;
         Self {
             name,
-            inverse_mass: at.iter().map(|s| if is_held(s) { 0.0 } else { 1.0 }).collect(),
-            held: (0..at.len() as u32).filter(|v| is_held(&at[*v as usize])).collect(),
+            inverse_mass: at
+                .iter()
+                .map(|s| if is_held(s) { 0.0 } else { 1.0 })
+                .collect(),
+            held: (0..at.len() as u32)
+                .filter(|v| is_held(&at[*v as usize]))
+                .collect(),
             turned: at.iter().map(|s| *s > 1.0 - HELD).collect(),
             pivot: bounds.center(),
-            axis: if along == 1 { Vector3::x_axis() } else { Vector3::y_axis() },
+            axis: if along == 1 {
+                Vector3::x_axis()
+            } else {
+                Vector3::y_axis()
+            },
             mesh,
         }
     }
@@ -63,7 +72,14 @@ impl Task {
         let turn = Rotation3::from_axis_angle(&self.axis, angle);
         let place = |v: u32| {
             let p = self.mesh.vertices[v as usize];
-            (v, if self.turned[v as usize] { self.pivot + turn * (p - self.pivot) } else { p })
+            (
+                v,
+                if self.turned[v as usize] {
+                    self.pivot + turn * (p - self.pivot)
+                } else {
+                    p
+                },
+            )
         };
         self.held.iter().map(|&v| place(v)).collect()
     }
@@ -74,20 +90,36 @@ impl Task {
         let (hinges, b) = stiffness::hinges(&self.mesh, &topology, MATERIAL.1);
         let count = self.mesh.vertices.len();
         Energy {
-            elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volumes: vec![EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), 0.0)],
+            elastic: vec![
+                Box::new(Quadratic::<_, 2>::new(edges, k)),
+                Box::new(Quadratic::<_, 4>::new(hinges, b)),
+            ],
+            volumes: vec![EnclosedVolume::new(
+                &self.mesh.triangles,
+                count,
+                self.mesh.volume(),
+                0.0,
+            )],
             ..Energy::default()
         }
     }
 
     fn solver(&self, energy: Energy, tolerance: f64, iterations: u32) -> QuasiStatic {
-        let settings = Settings { tolerance, iterations };
-        QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("both ends are held")
+        let settings = Settings {
+            tolerance,
+            iterations,
+        };
+        QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings)
+            .expect("both ends are held")
     }
 
     /// Root mean square distance as a share of the length.
     fn error(&self, x: &[Point3<f64>], reference: &[Point3<f64>]) -> f64 {
-        let sum: f64 = x.iter().zip(reference).map(|(a, b)| (a - b).norm_squared()).sum();
+        let sum: f64 = x
+            .iter()
+            .zip(reference)
+            .map(|(a, b)| (a - b).norm_squared())
+            .sum();
         (sum / x.len() as f64).sqrt() / self.mesh.length()
     }
 
@@ -96,10 +128,20 @@ impl Task {
         let mut start = self.solver(self.energy(), 1e-5, 2000);
         start.follow(&mut x, &self.pose(angle), &mut Unguarded);
         start.solve(&mut x, &mut Unguarded, |_, _| true);
-        let settings = Settings { tolerance: 1e-10, iterations: 50 };
-        let mut newton = Newton::new(self.energy(), &self.mesh.vertices, &self.inverse_mass, settings)
-            .expect("memory for the factor");
-        let outcome = newton.solve(&mut x, |_, _| true).expect("both ends are held");
+        let settings = Settings {
+            tolerance: 1e-10,
+            iterations: 50,
+        };
+        let mut newton = Newton::new(
+            self.energy(),
+            &self.mesh.vertices,
+            &self.inverse_mass,
+            settings,
+        )
+        .expect("memory for the factor");
+        let outcome = newton
+            .solve(&mut x, |_, _| true)
+            .expect("both ends are held");
         assert!(outcome.converged, "the reference is not: {outcome:?}");
         x
     }
@@ -122,7 +164,10 @@ fn from_rest(task: &Task, reference: &[Point3<f64>]) -> (Duration, Vec<(Duration
         off_the_clock += pause.elapsed();
         true
     });
-    assert!(outcome.converged && task.error(&x, reference) <= 1e-3, "{outcome:?}");
+    assert!(
+        outcome.converged && task.error(&x, reference) <= 1e-3,
+        "{outcome:?}"
+    );
     (prepared, rows)
 }
 
@@ -133,7 +178,11 @@ fn tracked(task: &Task, iterations: u32, reference: &[Point3<f64>]) -> (Duration
     let mut slowest = Duration::ZERO;
     for frame in 1..=FRAMES {
         let begin = Instant::now();
-        solver.follow(&mut x, &task.pose(25_f64.to_radians() * f64::from(frame) / f64::from(FRAMES)), &mut Unguarded);
+        solver.follow(
+            &mut x,
+            &task.pose(25_f64.to_radians() * f64::from(frame) / f64::from(FRAMES)),
+            &mut Unguarded,
+        );
         solver.solve(&mut x, &mut Unguarded, |_, _| true);
         slowest = slowest.max(begin.elapsed());
     }
@@ -145,19 +194,45 @@ fn report(task: &Task, rounds: usize) {
     let reference = task.reference(25_f64.to_radians());
     let runs: Vec<_> = (0..rounds).map(|_| from_rest(task, &reference)).collect();
     let prepared = runs.iter().map(|r| r.0).min().unwrap_or_default();
-    result(&format!("{name}.vertices"), task.mesh.vertices.len() as f64, "1");
-    result(&format!("{name}.factored"), prepared.as_secs_f64() * 1e3, "ms");
+    result(
+        &format!("{name}.vertices"),
+        task.mesh.vertices.len() as f64,
+        "1",
+    );
+    result(
+        &format!("{name}.factored"),
+        prepared.as_secs_f64() * 1e3,
+        "ms",
+    );
     for wanted in [0.02, 0.01, 0.004, 0.001] {
         // The same iterations in every round: the least time of them is that of the least disturbed.
-        let Some(at) = runs[0].1.iter().position(|(_, error)| *error <= wanted) else { continue };
+        let Some(at) = runs[0].1.iter().position(|(_, error)| *error <= wanted) else {
+            continue;
+        };
         let time = runs.iter().map(|r| r.1[at].0).min().unwrap_or_default();
-        result(&format!("{name}.within-{}%.iterations", wanted * 100.0), at as f64, "1");
-        result(&format!("{name}.within-{}%.time", wanted * 100.0), time.as_secs_f64() * 1e3, "ms");
+        result(
+            &format!("{name}.within-{}%.iterations", wanted * 100.0),
+            at as f64,
+            "1",
+        );
+        result(
+            &format!("{name}.within-{}%.time", wanted * 100.0),
+            time.as_secs_f64() * 1e3,
+            "ms",
+        );
     }
     for iterations in [1, 2, 4, 8] {
         let (slowest, error) = tracked(task, iterations, &reference);
-        result(&format!("{name}.tracked-{iterations}.slowest"), slowest.as_secs_f64() * 1e3, "ms");
-        result(&format!("{name}.tracked-{iterations}.error"), error * 100.0, "%");
+        result(
+            &format!("{name}.tracked-{iterations}.slowest"),
+            slowest.as_secs_f64() * 1e3,
+            "ms",
+        );
+        result(
+            &format!("{name}.tracked-{iterations}.error"),
+            error * 100.0,
+            "%",
+        );
     }
 }
 
@@ -176,6 +251,8 @@ fn main() {
         println!("skipped the real gluteus maximus: PLIANT_DATA is not set");
         return;
     };
-    let read = pliant::io::read(&data.join("body/muscles/Gluteus_maximus_muscle.r.obj")).expect("a mesh").mesh;
+    let read = pliant::io::read(&data.join("body/muscles/Gluteus_maximus_muscle.r.obj"))
+        .expect("a mesh")
+        .mesh;
     report(&Task::new("gluteus maximus", refined(&read, 0.0028)), 5);
 }

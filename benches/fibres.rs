@@ -22,29 +22,97 @@ use pliant::muscles::attachments::component;
 
 /// Muscles, their origins and insertions: a file of patches, with `#` a part of it, or a bone and a distance [m].
 const MUSCLES: &[[&str; 3]] = &[
-    ["muscles/Adductor_magnus.r", "adductor_magnus#1", "adductor_magnus#0"],
-    ["muscles/Gluteus_maximus_muscle.r", "gluteus_maximus#1", "gluteus_maximus#0"],
-    ["muscles-fine/gluteus_maximus", "gluteus_maximus#1", "gluteus_maximus#0"],
-    ["muscles/Gluteus_medius_muscle.r", "gluteus_medius#0", "gluteus_medius#1"],
-    ["muscles-fine/gluteus_medius", "gluteus_medius#0", "gluteus_medius#1"],
+    [
+        "muscles/Adductor_magnus.r",
+        "adductor_magnus#1",
+        "adductor_magnus#0",
+    ],
+    [
+        "muscles/Gluteus_maximus_muscle.r",
+        "gluteus_maximus#1",
+        "gluteus_maximus#0",
+    ],
+    [
+        "muscles-fine/gluteus_maximus",
+        "gluteus_maximus#1",
+        "gluteus_maximus#0",
+    ],
+    [
+        "muscles/Gluteus_medius_muscle.r",
+        "gluteus_medius#0",
+        "gluteus_medius#1",
+    ],
+    [
+        "muscles-fine/gluteus_medius",
+        "gluteus_medius#0",
+        "gluteus_medius#1",
+    ],
     ["muscles/Iliacus_muscle.r", "iliacus", "Femur.r,0.005"],
     ["muscles-fine/iliacus", "iliacus", "Femur.r,0.005"],
     ["muscles/Pectineus_muscle.r", "pectineus#0", "pectineus#1"],
-    ["muscles/Rectus_femoris.r", "rectus_femoris#0", "Patella.r,0.03"],
-    ["muscles-fine/rectus_femoris", "rectus_femoris#0", "Patella.r,0.005"],
-    ["muscles/Semimembranosus_muscle.r", "semimembranosus#0", "semimembranosus#1"],
-    ["muscles-fine/semimembranosus", "semimembranosus#0", "semimembranosus#1"],
-    ["muscles/Short_head_of_biceps_brachii.r", "short_head_of_biceps_brachii", "biceps_brachii"],
-    ["muscles/Vastus_lateralis_muscle.r", "vastus_lateralis", "Patella.r,0.04"],
-    ["muscles/Brachialis_muscle.r", "Humerus.r,0.002", "Ulna.r,0.005"],
-    ["muscles/Infraspinatus_muscle.r", "Scapula.r,0.001", "Humerus.r,0.001"],
-    ["muscles/Subscapularis_muscle.r", "Scapula.r,0.001", "Humerus.r,0.001"],
-    ["muscles/Medial_head_of_gastrocnemius.r", "Femur.r,0.01", "Fibula.r,0.035"],
+    [
+        "muscles/Rectus_femoris.r",
+        "rectus_femoris#0",
+        "Patella.r,0.03",
+    ],
+    [
+        "muscles-fine/rectus_femoris",
+        "rectus_femoris#0",
+        "Patella.r,0.005",
+    ],
+    [
+        "muscles/Semimembranosus_muscle.r",
+        "semimembranosus#0",
+        "semimembranosus#1",
+    ],
+    [
+        "muscles-fine/semimembranosus",
+        "semimembranosus#0",
+        "semimembranosus#1",
+    ],
+    [
+        "muscles/Short_head_of_biceps_brachii.r",
+        "short_head_of_biceps_brachii",
+        "biceps_brachii",
+    ],
+    [
+        "muscles/Vastus_lateralis_muscle.r",
+        "vastus_lateralis",
+        "Patella.r,0.04",
+    ],
+    [
+        "muscles/Brachialis_muscle.r",
+        "Humerus.r,0.002",
+        "Ulna.r,0.005",
+    ],
+    [
+        "muscles/Infraspinatus_muscle.r",
+        "Scapula.r,0.001",
+        "Humerus.r,0.001",
+    ],
+    [
+        "muscles/Subscapularis_muscle.r",
+        "Scapula.r,0.001",
+        "Humerus.r,0.001",
+    ],
+    [
+        "muscles/Medial_head_of_gastrocnemius.r",
+        "Femur.r,0.01",
+        "Fibula.r,0.035",
+    ],
     ["muscles/Soleus_muscle.r", "Fibula.r,0.005", "Tibia.r,0.002"],
     ["muscles/Gracilis_muscle.r", "gracilis#1", "gracilis#0"],
-    ["muscles/Long_head_of_biceps_femoris.r", "long_head_of_biceps_femoris", "Fibula.r,0.02"],
+    [
+        "muscles/Long_head_of_biceps_femoris.r",
+        "long_head_of_biceps_femoris",
+        "Fibula.r,0.02",
+    ],
     ["muscles-fine/psoas_major", "Sacrum,0.03", "Femur.r,0.01"],
-    ["muscles/Long_head_of_biceps_brachii.r", "long_head_of_biceps_brachii", "biceps_brachii"],
+    [
+        "muscles/Long_head_of_biceps_brachii.r",
+        "long_head_of_biceps_brachii",
+        "biceps_brachii",
+    ],
     ["muscles/Psoas_major.r", "Sacrum,0.03", "Femur.r,0.01"],
 ];
 
@@ -60,8 +128,17 @@ fn spindle() -> (TriangleMesh, Attachment) {
         let width = 0.3 + 0.7 * libm::cos(std::f64::consts::PI * p.x / 0.2);
         *p = Point3::new(p.x, p.y * width, p.z * width);
     }
-    assert!((800..1200).contains(&mesh.vertices.len()), "{} vertices", mesh.vertices.len());
-    let areas = Attachment::new(&mesh, AreaSource::Vertices(&low), AreaSource::Vertices(&high)).expect("two ends");
+    assert!(
+        (800..1200).contains(&mesh.vertices.len()),
+        "{} vertices",
+        mesh.vertices.len()
+    );
+    let areas = Attachment::new(
+        &mesh,
+        AreaSource::Vertices(&low),
+        AreaSource::Vertices(&high),
+    )
+    .expect("two ends");
     (mesh, areas)
 }
 
@@ -71,26 +148,57 @@ const METHODS: [&str; 3] = ["harmonic", "springs", "slices"];
 type Made = (Vec<Vec<Point3<f64>>>, Vec<f64>);
 
 /// 100 fibres of 15 points by a method, with the Jacobians where they are asked for, or why there are none.
-fn decompose(method: &str, muscle: &TriangleMesh, areas: &Attachment, jacobian: bool) -> Result<Made, String> {
+fn decompose(
+    method: &str,
+    muscle: &TriangleMesh,
+    areas: &Attachment,
+    jacobian: bool,
+) -> Result<Made, String> {
     let grid = match method {
-        "springs" => {
-            springs::grid(muscle, areas, Template::Parallel, springs::Options::default()).map_err(|e| e.to_string())
-        }
-        "slices" => {
-            slices::grid(muscle, areas, Template::Parallel, slices::Options::default()).map_err(|e| e.to_string())
-        }
+        "springs" => springs::grid(
+            muscle,
+            areas,
+            Template::Parallel,
+            springs::Options::default(),
+        )
+        .map_err(|e| e.to_string()),
+        "slices" => slices::grid(
+            muscle,
+            areas,
+            Template::Parallel,
+            slices::Options::default(),
+        )
+        .map_err(|e| e.to_string()),
         _ => {
-            let made = harmonic::decompose(muscle, areas, harmonic::Options::default()).map_err(|e| e.to_string())?;
-            let numbers = if jacobian { made.jacobian(muscle, areas) } else { Vec::new() };
+            let made = harmonic::decompose(muscle, areas, harmonic::Options::default())
+                .map_err(|e| e.to_string())?;
+            let numbers = if jacobian {
+                made.jacobian(muscle, areas)
+            } else {
+                Vec::new()
+            };
             return Ok((made.fibres, numbers));
         }
     }?;
-    Ok((grid.fibres(), if jacobian { grid.jacobian() } else { Vec::new() }))
+    Ok((
+        grid.fibres(),
+        if jacobian {
+            grid.jacobian()
+        } else {
+            Vec::new()
+        },
+    ))
 }
 
 fn quality(method: &str, muscle: &TriangleMesh, areas: &Attachment) -> Result<Quality, String> {
     let (fibres, jacobian) = decompose(method, muscle, areas, true)?;
-    Ok(measure(muscle, &Closed::new(muscle), areas, &fibres, jacobian))
+    Ok(measure(
+        muscle,
+        &Closed::new(muscle),
+        areas,
+        &fibres,
+        jacobian,
+    ))
 }
 
 /// A row of the table of `docs/benchmarks.md`.
@@ -102,7 +210,11 @@ fn row(name: &str, muscle: &TriangleMesh, areas: &Attachment) {
         match made.and_then(|_| quality(method, muscle, areas)) {
             Err(why) => {
                 // What is in the way, without what comes before and after it in the message.
-                let short = why.split(" sphere: ").last().and_then(|s| s.split([';', ',']).next()).unwrap_or("");
+                let short = why
+                    .split(" sphere: ")
+                    .last()
+                    .and_then(|s| s.split([';', ',']).next())
+                    .unwrap_or("");
                 println!("ROW fibres | {name} | {method} | – | refused: {short} | | | | | | |");
             }
             Ok(q) => println!(
@@ -120,25 +232,42 @@ fn row(name: &str, muscle: &TriangleMesh, areas: &Attachment) {
 }
 
 fn folder() -> Option<PathBuf> {
-    let root = std::env::var_os("PLIANT_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let root = std::env::var_os("PLIANT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
     Some(root.join("body")).filter(|body| body.is_dir())
 }
 
 /// All muscles of the table; the number of those that are there.
 fn muscles() -> usize {
     let Some(body) = folder() else {
-        println!("skipped: {} real muscles, because there is no measured data", MUSCLES.len());
+        println!(
+            "skipped: {} real muscles, because there is no measured data",
+            MUSCLES.len()
+        );
         return 0;
     };
-    let read = |file: String| pliant::io::read(&body.join(&file)).unwrap_or_else(|e| panic!("{file}: {e}")).mesh;
+    let read = |file: String| {
+        pliant::io::read(&body.join(&file))
+            .unwrap_or_else(|e| panic!("{file}: {e}"))
+            .mesh
+    };
     for [name, origin, insertion] in MUSCLES {
         let muscle = read(format!("{name}.obj"));
         let given = [origin, insertion].map(|given| match given.split_once(',') {
-            Some((bone, within)) => (read(format!("bones/{bone}.obj")), within.parse::<f64>().ok()),
+            Some((bone, within)) => (
+                read(format!("bones/{bone}.obj")),
+                within.parse::<f64>().ok(),
+            ),
             None => {
-                let (file, part) = given.split_once('#').map_or((*given, None), |(f, p)| (f, p.parse().ok()));
-                (component(&read(format!("attachments/{file}.obj")), part).expect("a part"), None)
+                let (file, part) = given
+                    .split_once('#')
+                    .map_or((*given, None), |(f, p)| (f, p.parse().ok()));
+                (
+                    component(&read(format!("attachments/{file}.obj")), part).expect("a part"),
+                    None,
+                )
             }
         });
         let [o, i] = [0, 1].map(|k| match given[k].1 {
@@ -154,12 +283,25 @@ fn muscles() -> usize {
 fn fibres(c: &mut Criterion) {
     let (muscle, areas) = spindle();
     let mut group = c.benchmark_group("fibres");
-    group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(1));
     for method in METHODS {
         let q = quality(method, &muscle, &areas).expect("fibres");
-        assert_eq!((q.fibres, q.points, q.outside), (100, 1500, 0), "{method}: {q:?}");
-        assert!(q.end_distance_max_m <= 1e-5 && q.coverage >= 0.95, "{method}: {q:?}");
-        assert!((q.length_mean_m / 0.2 - 1.0).abs() <= 0.05, "{method}: {q:?}");
+        assert_eq!(
+            (q.fibres, q.points, q.outside),
+            (100, 1500, 0),
+            "{method}: {q:?}"
+        );
+        assert!(
+            q.end_distance_max_m <= 1e-5 && q.coverage >= 0.95,
+            "{method}: {q:?}"
+        );
+        assert!(
+            (q.length_mean_m / 0.2 - 1.0).abs() <= 0.05,
+            "{method}: {q:?}"
+        );
         group.bench_function(format!("{method}, 1000 vertices"), |b| {
             b.iter(|| decompose(method, black_box(&muscle), &areas, false).expect("fibres"));
         });
@@ -180,9 +322,16 @@ fn geometric(c: &mut Criterion) {
         caps: Caps::Out,
     };
     let mut group = c.benchmark_group("geometric muscle");
-    group.sample_size(20).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    group
+        .sample_size(20)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(1));
     for (name, caps) in [("frusta", Caps::Out), ("frusta and round ends", Caps::In)] {
-        let mut chain = Chain::new(Shape { caps, ..shape.clone() }).expect("a chain");
+        let mut chain = Chain::new(Shape {
+            caps,
+            ..shape.clone()
+        })
+        .expect("a chain");
         let volume = chain.volume();
         let mut step = 0_u64;
         group.bench_function(format!("50 nodes, a change of length, {name}"), |b| {
@@ -193,7 +342,10 @@ fn geometric(c: &mut Criterion) {
                 chain.set_length(black_box(length)).expect("a length");
             });
         });
-        assert!((chain.volume_now() / volume - 1.0).abs() <= 1e-12, "the volume is not kept");
+        assert!(
+            (chain.volume_now() / volume - 1.0).abs() <= 1e-12,
+            "the volume is not kept"
+        );
     }
     group.finish();
 }

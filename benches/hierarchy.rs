@@ -21,17 +21,25 @@ use pliant::springs::contact::Hierarchy;
 /// The source's sheet: an n by n grid of side 1, of which the triangles with a vertex within 0.375 of the middle are kept.
 fn region(n: u32) -> TriangleMesh {
     let at = |i: u32| f64::from(i) / f64::from(n) - 0.5;
-    let vertices: Vec<_> = (0..=n).flat_map(|i| (0..=n).map(move |j| Point3::new(at(i), at(j), 0.0))).collect();
+    let vertices: Vec<_> = (0..=n)
+        .flat_map(|i| (0..=n).map(move |j| Point3::new(at(i), at(j), 0.0)))
+        .collect();
     let square = |a: u32| [[a, a + n + 1, a + n + 2], [a, a + n + 2, a + 1]];
     let triangles = (0..n).flat_map(|i| (0..n).flat_map(move |j| square(i * (n + 1) + j)));
     let near = |v: &u32| vertices[*v as usize].coords.norm_squared() <= 0.375 * 0.375;
-    TriangleMesh { triangles: triangles.filter(|t| t.iter().any(near)).collect(), vertices }
+    TriangleMesh {
+        triangles: triangles.filter(|t| t.iter().any(near)).collect(),
+        vertices,
+    }
 }
 
 fn bounds(mesh: &TriangleMesh, t: usize) -> ParryAabb {
     let [a, b, c] = mesh.corners(t);
     let (low, high) = (a.inf(&b).inf(&c), a.sup(&b).sup(&c));
-    ParryAabb::new(Glam::new(low.x, low.y, low.z), Glam::new(high.x, high.y, high.z))
+    ParryAabb::new(
+        Glam::new(low.x, low.y, low.z),
+        Glam::new(high.x, high.y, high.z),
+    )
 }
 
 /// parry's hierarchy as [`pliant::contact::Surface`] uses it.
@@ -43,12 +51,16 @@ struct Peer {
 impl Peer {
     fn new(mesh: &TriangleMesh) -> Self {
         let leaves: Vec<ParryAabb> = (0..mesh.triangles.len()).map(|t| bounds(mesh, t)).collect();
-        Self { bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves), workspace: BvhWorkspace::default() }
+        Self {
+            bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves),
+            workspace: BvhWorkspace::default(),
+        }
     }
 
     fn update(&mut self, mesh: &TriangleMesh) {
         for t in 0..mesh.triangles.len() {
-            self.bvh.insert_or_update_partially(bounds(mesh, t), t as u32, 0.0);
+            self.bvh
+                .insert_or_update_partially(bounds(mesh, t), t as u32, 0.0);
         }
     }
 
@@ -65,7 +77,10 @@ impl Peer {
     }
 
     fn pairs(&self, other: &Self) -> Vec<[u32; 2]> {
-        self.bvh.leaf_pairs(&other.bvh, |a, b| a.intersects(b)).map(|(s, t)| [s, t]).collect()
+        self.bvh
+            .leaf_pairs(&other.bvh, |a, b| a.intersects(b))
+            .map(|(s, t)| [s, t])
+            .collect()
     }
 }
 
@@ -87,18 +102,31 @@ impl Task {
         let frame = |k: u32| {
             let phase = f64::from(k) * 0.7;
             let by = |p: &Point3<f64>| {
-                Vector3::new(0.0, 0.2, 1.0) * (wave * libm::sin(9.0 * p.x + phase) * libm::cos(7.0 * p.y - phase))
+                Vector3::new(0.0, 0.2, 1.0)
+                    * (wave * libm::sin(9.0 * p.x + phase) * libm::cos(7.0 * p.y - phase))
             };
-            TriangleMesh { vertices: mesh.vertices.iter().map(|p| p + by(p)).collect(), ..mesh.clone() }
+            TriangleMesh {
+                vertices: mesh.vertices.iter().map(|p| p + by(p)).collect(),
+                ..mesh.clone()
+            }
         };
-        Self { name, frames: (0..4).map(frame).collect(), other }
+        Self {
+            name,
+            frames: (0..4).map(frame).collect(),
+            other,
+        }
     }
 
     /// A row of the table and its numbers: ours beside parry's.
     fn report(&self, what: &str, times: &[Vec<f64>; 2]) {
-        compare(&format!("hierarchy.{}.{}", key(self.name), key(what)), ["ours", "parry"], times);
+        compare(
+            &format!("hierarchy.{}.{}", key(self.name), key(what)),
+            ["ours", "parry"],
+            times,
+        );
         let [ours, peer] = times.clone().map(|all| quartiles(all)[1] * 1e3);
-        let [low, ratio, high] = quartiles(times[0].iter().zip(&times[1]).map(|(a, b)| a / b).collect());
+        let [low, ratio, high] =
+            quartiles(times[0].iter().zip(&times[1]).map(|(a, b)| a / b).collect());
         let (own, other) = (self.frames[0].triangles.len(), self.other.triangles.len());
         println!(
             "ROW hierarchy | {}, {own} and {other} triangles | {what} | {ours:.4} | {peer:.4} | {ratio:.2}, {low:.2} to {high:.2} |",
@@ -108,8 +136,14 @@ impl Task {
 
     fn measure(&self, rounds: usize) {
         let first = &self.frames[0];
-        let (mut ours, mut peer) = (Hierarchy::new(&first.vertices, &first.triangles), Peer::new(first));
-        let (other, peer_other) = (Hierarchy::new(&self.other.vertices, &self.other.triangles), Peer::new(&self.other));
+        let (mut ours, mut peer) = (
+            Hierarchy::new(&first.vertices, &first.triangles),
+            Peer::new(first),
+        );
+        let (other, peer_other) = (
+            Hierarchy::new(&self.other.vertices, &self.other.triangles),
+            Peer::new(&self.other),
+        );
         let name = |what: &str| format!("hierarchy.{}.{what}", key(self.name));
         result(&name("triangles"), first.triangles.len() as f64, "1");
         result(&name("others"), self.other.triangles.len() as f64, "1");
@@ -119,7 +153,12 @@ impl Task {
             peer.refit_in_place(frame);
             let mut both = [pairs(&ours, &other), peer.pairs(&peer_other)];
             both.iter_mut().for_each(|p| p.sort_unstable());
-            assert!(both[0] == both[1], "{} and {} pairs", both[0].len(), both[1].len());
+            assert!(
+                both[0] == both[1],
+                "{} and {} pairs",
+                both[0].len(),
+                both[1].len()
+            );
             peer.refit(frame);
             let mut ordered = peer.pairs(&peer_other);
             ordered.sort_unstable();
@@ -161,18 +200,28 @@ impl Task {
         let last = &self.frames[3];
         ours.refit(&last.vertices, &last.triangles);
         peer.refit(last);
-        let query =
-            in_turn(rounds, || drop(black_box(pairs(&ours, &other))), || drop(black_box(peer.pairs(&peer_other))));
+        let query = in_turn(
+            rounds,
+            || drop(black_box(pairs(&ours, &other))),
+            || drop(black_box(peer.pairs(&peer_other))),
+        );
         self.report("pairs", &query);
     }
 }
 
 fn moved(mesh: &TriangleMesh, by: Vector3<f64>) -> TriangleMesh {
-    TriangleMesh { vertices: mesh.vertices.iter().map(|p| p + by).collect(), triangles: mesh.triangles.clone() }
+    TriangleMesh {
+        vertices: mesh.vertices.iter().map(|p| p + by).collect(),
+        triangles: mesh.triangles.clone(),
+    }
 }
 
 fn tasks() -> Vec<Task> {
-    let (grids, balls) = if quick() { ([16, 32], [2, 3]) } else { ([64, 256], [3, 5]) };
+    let (grids, balls) = if quick() {
+        ([16, 32], [2, 3])
+    } else {
+        ([64, 256], [3, 5])
+    };
     let dent = |n: u32| moved(&icosphere(0.25, n), Vector3::new(0.01, 0.02, -0.22));
     let ball = |n: u32| moved(&icosphere(0.5, n), Vector3::new(0.81, 0.13, 0.07));
     vec![
@@ -189,18 +238,31 @@ fn beside(_: &mut Criterion) {
         // As many rounds as a second or two allows.
         let frame = &task.frames[0];
         let once = seconds(|| drop(black_box(Peer::new(frame))));
-        task.measure(if quick() { 3 } else { ((0.5 / once) as usize).clamp(16, 400) });
+        task.measure(if quick() {
+            3
+        } else {
+            ((0.5 / once) as usize).clamp(16, 400)
+        });
     }
 }
 
 /// A step of the coarse sheet as criterion sees it: boxes follow, pairs are found.
 fn follow(c: &mut Criterion) {
     let mut group = c.benchmark_group("hierarchy");
-    group.sample_size(20).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(1));
+    group
+        .sample_size(20)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(1));
     let task = tasks().swap_remove(0);
     let frame = &task.frames[1];
-    let (mut ours, mut peer) = (Hierarchy::new(&frame.vertices, &frame.triangles), Peer::new(frame));
-    let (other, peer_other) = (Hierarchy::new(&task.other.vertices, &task.other.triangles), Peer::new(&task.other));
+    let (mut ours, mut peer) = (
+        Hierarchy::new(&frame.vertices, &frame.triangles),
+        Peer::new(frame),
+    );
+    let (other, peer_other) = (
+        Hierarchy::new(&task.other.vertices, &task.other.triangles),
+        Peer::new(&task.other),
+    );
     let expected = pairs(&ours, &other).len();
     group.bench_function("follow and meet, ours", |b| {
         b.iter(|| {

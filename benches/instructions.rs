@@ -44,7 +44,12 @@ fn contact(_: Width) {
     let (bone, muscle) = (Surface::new(&tube(0.02, 0.4, 40)), tube(0.03, 0.24, 30));
     let mut sum = 0.0;
     counted(&mut || {
-        sum = muscle.vertices.iter().filter_map(|p| bone.closest(black_box(p))).map(|c| c.distance.abs()).sum();
+        sum = muscle
+            .vertices
+            .iter()
+            .filter_map(|p| bone.closest(black_box(p)))
+            .map(|c| c.distance.abs())
+            .sum();
     });
     assert!(sum > 0.0);
 }
@@ -77,12 +82,26 @@ const TASKS: [Task; 5] = [
 ];
 
 fn main() {
-    let words: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
-    let lanes = |width: &Width| words.get(1).is_none_or(|w| width.to_string().starts_with(w.as_str()));
+    let words: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with("--"))
+        .collect();
+    let lanes = |width: &Width| {
+        words
+            .get(1)
+            .is_none_or(|w| width.to_string().starts_with(w.as_str()))
+    };
     let mut done = 0;
-    for (name, task, in_lanes) in TASKS.into_iter().filter(|(name, ..)| words.first().is_none_or(|w| w == name)) {
+    for (name, task, in_lanes) in TASKS
+        .into_iter()
+        .filter(|(name, ..)| words.first().is_none_or(|w| w == name))
+    {
         let widths: Vec<Width> = Width::available().iter().copied().filter(lanes).collect();
-        for width in if in_lanes { widths } else { vec![Width::best()] } {
+        for width in if in_lanes {
+            widths
+        } else {
+            vec![Width::best()]
+        } {
             pool(1).install(|| task(width));
             println!("done: {name}, {width}");
             done += 1;

@@ -25,9 +25,16 @@ fn belly(around: u32) -> TriangleMesh {
     for p in &mut mesh.vertices {
         let width = 0.35 + 0.65 * libm::cos(std::f64::consts::PI * p.x / 0.3);
         // Thicker towards one end and on one side, so that nothing is symmetric.
-        let (y, z) = (p.y * width * (1.0 + 1.5 * p.x), 0.6 * p.z * width * (1.0 + 8.0 * p.y));
+        let (y, z) = (
+            p.y * width * (1.0 + 1.5 * p.x),
+            0.6 * p.z * width * (1.0 + 8.0 * p.y),
+        );
         let angle = p.x / radius;
-        *p = Point3::new((radius + y) * libm::sin(angle), (radius + y) * libm::cos(angle) - radius, z);
+        *p = Point3::new(
+            (radius + y) * libm::sin(angle),
+            (radius + y) * libm::cos(angle) - radius,
+            z,
+        );
     }
     mesh
 }
@@ -60,8 +67,10 @@ fn row(name: &str, mesh: &TriangleMesh) {
 }
 
 fn folder() -> Option<PathBuf> {
-    let root = std::env::var_os("PLIANT_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let root = std::env::var_os("PLIANT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
     Some(root.join("body")).filter(|body| body.is_dir())
 }
 
@@ -73,12 +82,22 @@ fn bodies() -> [usize; 2] {
         return found;
     };
     for part in ["muscles", "muscles-fine", "bones"] {
-        let entries = std::fs::read_dir(body.join(part)).into_iter().flatten().filter_map(|e| Some(e.ok()?.path()));
-        let mut files: Vec<PathBuf> = entries.filter(|p| p.extension().is_some_and(|e| e == "obj")).collect();
+        let entries = std::fs::read_dir(body.join(part))
+            .into_iter()
+            .flatten()
+            .filter_map(|e| Some(e.ok()?.path()));
+        let mut files: Vec<PathBuf> = entries
+            .filter(|p| p.extension().is_some_and(|e| e == "obj"))
+            .collect();
         files.sort();
         for file in files {
-            let name = format!("{part}/{}", file.file_stem().unwrap_or_default().to_string_lossy());
-            let mesh = pliant::io::read(&file).unwrap_or_else(|e| panic!("{name}: {e}")).mesh;
+            let name = format!(
+                "{part}/{}",
+                file.file_stem().unwrap_or_default().to_string_lossy()
+            );
+            let mesh = pliant::io::read(&file)
+                .unwrap_or_else(|e| panic!("{name}: {e}"))
+                .mesh;
             if let Err(why) = check(&mesh) {
                 println!("skipped: {name}: {why}");
                 found[1] += 1;
@@ -93,24 +112,43 @@ fn bodies() -> [usize; 2] {
 
 fn maps(c: &mut Criterion) {
     let body = belly(AROUND);
-    assert!((7_200..7_800).contains(&body.vertices.len()), "{} vertices", body.vertices.len());
+    assert!(
+        (7_200..7_800).contains(&body.vertices.len()),
+        "{} vertices",
+        body.vertices.len()
+    );
     let map = SphereMap::robust(&body).expect("a map");
-    assert!(flipped(map.points(), map.triangles()).is_empty(), "no triangle is turned over");
+    assert!(
+        flipped(map.points(), map.triangles()).is_empty(),
+        "no triangle is turned over"
+    );
     let mut group = c.benchmark_group("morph");
-    group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2));
-    group.bench_function("map of 7500 vertices", |b| b.iter(|| SphereMap::robust(black_box(&body)).expect("a map")));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(2));
+    group.bench_function("map of 7500 vertices", |b| {
+        b.iter(|| SphereMap::robust(black_box(&body)).expect("a map"))
+    });
 
     let mut other = belly(24);
     other.vertices.iter_mut().for_each(|p| p.y *= 1.3);
-    let both = Between::new([&body, &other], &[], &Settings::default(), &|| true).expect("two spheres");
+    let both =
+        Between::new([&body, &other], &[], &Settings::default(), &|| true).expect("two spheres");
     let ends = [both.places[0].as_slice(), &both.places[1]];
     let mut way = Way::Linear;
     for (t, end) in [(0.0, ends[0]), (1.0, ends[1])] {
         let shape = way.at(ends, t).expect("a shape");
-        let off = shape.iter().zip(end).map(|(p, q)| (p - q).norm()).fold(0.0, f64::max);
+        let off = shape
+            .iter()
+            .zip(end)
+            .map(|(p, q)| (p - q).norm())
+            .fold(0.0, f64::max);
         assert!(off <= 1e-12 * body.length(), "an end is missed by {off} m");
     }
-    group.bench_function("a shape of all vertices", |b| b.iter(|| way.at(ends, black_box(0.4)).expect("a shape")));
+    group.bench_function("a shape of all vertices", |b| {
+        b.iter(|| way.at(ends, black_box(0.4)).expect("a shape"))
+    });
     group.finish();
     measured::result("morph.common", both.kinds.len() as f64, "1");
     measured::result("morph.vertices", body.vertices.len() as f64, "1");
@@ -124,18 +162,38 @@ fn maps(c: &mut Criterion) {
 
 fn registration(c: &mut Criterion) {
     let (fixed, mut moving) = (belly(40), belly(24));
-    let known = Similarity3::new(Vector3::new(0.2, -0.1, 0.3), Vector3::new(0.4, 1.1, -0.7), 1.25);
-    moving.vertices.iter_mut().for_each(|p| *p = known.inverse() * *p);
+    let known = Similarity3::new(
+        Vector3::new(0.2, -0.1, 0.3),
+        Vector3::new(0.4, 1.1, -0.7),
+        1.25,
+    );
+    moving
+        .vertices
+        .iter_mut()
+        .for_each(|p| *p = known.inverse() * *p);
     let [from, to] = [&moving, &fixed].map(|m| Surface::new(m).expect("a surface"));
-    let how = register::Settings { motion: Motion::Similarity, ..register::Settings::default() };
+    let how = register::Settings {
+        motion: Motion::Similarity,
+        ..register::Settings::default()
+    };
     let laid = lay(&from, &to, &how, &|| true).expect("a motion");
-    let off = laid.points.iter().zip(&moving.vertices).map(|(p, q)| (p - known * q).norm()).fold(0.0, f64::max);
+    let off = laid
+        .points
+        .iter()
+        .zip(&moving.vertices)
+        .map(|(p, q)| (p - known * q).norm())
+        .fold(0.0, f64::max);
     // As the issue asks of partial surfaces; here the whole is there.
     assert!(off <= 1e-3 * fixed.length(), "{off} m from where it was");
     measured::result("morph.registered", off / fixed.length(), "1");
     let mut group = c.benchmark_group("morph");
-    group.sample_size(10).warm_up_time(Duration::from_millis(300)).measurement_time(Duration::from_secs(2));
-    group.bench_function("registration", |b| b.iter(|| lay(&from, &to, &how, &|| true).expect("a motion")));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(300))
+        .measurement_time(Duration::from_secs(2));
+    group.bench_function("registration", |b| {
+        b.iter(|| lay(&from, &to, &how, &|| true).expect("a motion"))
+    });
     group.finish();
 }
 

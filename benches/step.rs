@@ -10,7 +10,9 @@ use std::time::Duration;
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use measured::scene::{PRESSED, Scene};
 use measured::turned::Turned;
-use measured::{Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads};
+use measured::{
+    Body, compare, exponent, in_turn, pool, quick, result, seconds, volume_error, with_threads,
+};
 use pliant::constraints::{Order, Width};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::tube;
@@ -21,9 +23,16 @@ const SWEEPS: usize = 100;
 
 /// A frame with contact, with and without what settles it, and what share each effect has of the one without.
 fn frame(c: &mut Criterion) {
-    let mut scene = if quick() { Scene::new(24, 24) } else { Scene::new(88, 81) };
+    let mut scene = if quick() {
+        Scene::new(24, 24)
+    } else {
+        Scene::new(88, 81)
+    };
     let count = scene.mesh.vertices.len();
-    assert!(quick() || (9_800..10_000).contains(&count), "{count} vertices");
+    assert!(
+        quick() || (9_800..10_000).contains(&count),
+        "{count} vertices"
+    );
     let pool = pool(1);
     let whole = |scene: &mut Scene| {
         scene.step();
@@ -32,7 +41,10 @@ fn frame(c: &mut Criterion) {
     pool.install(|| (0..PRESSED + if quick() { 4 } else { 32 }).for_each(|_| whole(&mut scene)));
     scene.check();
     let mut group = c.benchmark_group("step");
-    group.sample_size(20).warm_up_time(Duration::from_millis(500)).measurement_time(Duration::from_secs(2));
+    group
+        .sample_size(20)
+        .warm_up_time(Duration::from_millis(500))
+        .measurement_time(Duration::from_secs(2));
     scene.system.clock.effects.clear();
     let (mut frames, mut time) = (0, 0.0);
     group.bench_function("a frame of three sweeps with contact, 1 thread", |b| {
@@ -53,7 +65,11 @@ fn frame(c: &mut Criterion) {
     scene.check();
     let mut rest = time;
     for (effect, (time, _)) in &effects {
-        result(&format!("step.frame.{effect}"), time / frames as f64 * 1e3, "ms");
+        result(
+            &format!("step.frame.{effect}"),
+            time / frames as f64 * 1e3,
+            "ms",
+        );
         rest -= time;
     }
     result("step.frame.rest", rest / frames as f64 * 1e3, "ms");
@@ -75,11 +91,17 @@ fn check(body: &Body) {
     let (stored, _) = solved(Order::Stored, Width::One, 1);
     let (coloured, one) = solved(Order::Coloured, Width::One, 1);
     for (c, s) in coloured.iter().zip(&stored) {
-        assert!(*s > 0.0 && *c <= 1.1 * s, "residuals [m]: coloured {coloured:?}, stored {stored:?}");
+        assert!(
+            *s > 0.0 && *c <= 1.1 * s,
+            "residuals [m]: coloured {coloured:?}, stored {stored:?}"
+        );
     }
     for &width in Width::available() {
         for threads in [1, 2] {
-            assert!(solved(Order::Coloured, width, threads).1 == one, "other bits: {width}, {threads} threads");
+            assert!(
+                solved(Order::Coloured, width, threads).1 == one,
+                "other bits: {width}, {threads} threads"
+            );
         }
     }
 }
@@ -88,24 +110,40 @@ fn check(body: &Body) {
 fn sweeps(c: &mut Criterion) {
     let body = Body::of(tube(0.25, 2.0, if quick() { 24 } else { 88 }));
     assert_eq!(body.edges.0.len(), body.hinges.0.len());
-    assert!(quick() || body.edges.0.len() == 29_832, "{} edges", body.edges.0.len());
+    assert!(
+        quick() || body.edges.0.len() == 29_832,
+        "{} edges",
+        body.edges.0.len()
+    );
     check(&body);
     let mut group = c.benchmark_group("sweep");
-    group.sample_size(15).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(800));
+    group
+        .sample_size(15)
+        .warm_up_time(Duration::from_millis(200))
+        .measurement_time(Duration::from_millis(800));
     let pool = pool(1);
-    for (name, order, widths) in
-        [("coloured", Order::Coloured, Width::available()), ("stored order", Order::Stored, &Width::available()[..1])]
-    {
+    for (name, order, widths) in [
+        ("coloured", Order::Coloured, Width::available()),
+        ("stored order", Order::Stored, &Width::available()[..1]),
+    ] {
         for &width in widths {
             let mut all = body.sweep(order, width);
-            group.bench_function(format!("edges, hinges and volume, {name}, {width}, 1 thread"), |b| {
-                let sweep = |particles: &mut Particles| all.sweep(particles);
-                pool.install(|| b.iter_batched_ref(|| body.start.clone(), sweep, BatchSize::LargeInput));
-            });
+            group.bench_function(
+                format!("edges, hinges and volume, {name}, {width}, 1 thread"),
+                |b| {
+                    let sweep = |particles: &mut Particles| all.sweep(particles);
+                    pool.install(|| {
+                        b.iter_batched_ref(|| body.start.clone(), sweep, BatchSize::LargeInput)
+                    });
+                },
+            );
         }
     }
     group.finish();
-    let (mut scalar, mut lanes) = (body.sweep(Order::Coloured, Width::One), body.sweep(Order::Coloured, Width::best()));
+    let (mut scalar, mut lanes) = (
+        body.sweep(Order::Coloured, Width::One),
+        body.sweep(Order::Coloured, Width::best()),
+    );
     let (mut a, mut b) = (body.start.clone(), body.start.clone());
     let times = pool.install(|| {
         in_turn(
@@ -130,10 +168,20 @@ fn restarted(body: &Body, particles: &mut Particles, all: &mut measured::Swept) 
 /// Two threads against one in turn, on 50,000 vertices.
 fn threads(_: &mut Criterion) {
     let body = Body::of(tube(0.25, 2.0, if quick() { 24 } else { 198 }));
-    assert!(quick() || (49_000..51_000).contains(&body.start.len()), "{} vertices", body.start.len());
+    assert!(
+        quick() || (49_000..51_000).contains(&body.start.len()),
+        "{} vertices",
+        body.start.len()
+    );
     let (one, two) = (pool(1), pool(2));
-    for (name, width) in [("step.threads.lanes", Width::best()), ("step.threads.scalar", Width::One)] {
-        let mut sets = [body.sweep(Order::Coloured, width), body.sweep(Order::Coloured, width)];
+    for (name, width) in [
+        ("step.threads.lanes", Width::best()),
+        ("step.threads.scalar", Width::One),
+    ] {
+        let mut sets = [
+            body.sweep(Order::Coloured, width),
+            body.sweep(Order::Coloured, width),
+        ];
         let [first, second] = &mut sets;
         let (mut a, mut b) = (body.start.clone(), body.start.clone());
         let times = in_turn(
@@ -148,31 +196,73 @@ fn threads(_: &mut Criterion) {
 
 /// The least time of a sweep, and of the factor and four iterations of the equilibrium, for meshes of ever more vertices.
 fn growth(_: &mut Criterion) {
-    let all: &[u32] = if quick() { &[12, 24] } else { &[28, 62, 125, 198, 396] };
-    let (mut sizes, mut sweeps, mut factors, mut solves) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let all: &[u32] = if quick() {
+        &[12, 24]
+    } else {
+        &[28, 62, 125, 198, 396]
+    };
+    let (mut sizes, mut sweeps, mut factors, mut solves) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let pool = pool(1);
     for &size in all {
         let body = Body::of(tube(0.25, 2.0, size));
         let count = body.start.len();
         let mut lanes = body.sweep(Order::Coloured, Width::best());
         let mut particles = body.start.clone();
-        let rounds = if quick() { 1 } else { (2_000_000 / count).clamp(8, 300) };
-        let least = |deed: &mut dyn FnMut() -> f64| (0..rounds).map(|_| deed()).fold(f64::INFINITY, f64::min);
-        sweeps.push(pool.install(|| least(&mut || seconds(|| restarted(&body, &mut particles, &mut lanes)))));
+        let rounds = if quick() {
+            1
+        } else {
+            (2_000_000 / count).clamp(8, 300)
+        };
+        let least = |deed: &mut dyn FnMut() -> f64| {
+            (0..rounds).map(|_| deed()).fold(f64::INFINITY, f64::min)
+        };
+        sweeps.push(
+            pool.install(|| {
+                least(&mut || seconds(|| restarted(&body, &mut particles, &mut lanes)))
+            }),
+        );
         let [factor, solve] = pool.install(|| equilibrium(&body.mesh));
         factors.push(factor);
         solves.push(solve);
         sizes.push(count as f64);
-        result(&format!("step.growth.sweep.{count}"), sweeps[sweeps.len() - 1] * 1e3, "ms");
-        result(&format!("step.growth.factor.{count}"), factors[factors.len() - 1] * 1e3, "ms");
-        result(&format!("step.growth.solve.{count}"), solves[solves.len() - 1] * 1e3, "ms");
+        result(
+            &format!("step.growth.sweep.{count}"),
+            sweeps[sweeps.len() - 1] * 1e3,
+            "ms",
+        );
+        result(
+            &format!("step.growth.factor.{count}"),
+            factors[factors.len() - 1] * 1e3,
+            "ms",
+        );
+        result(
+            &format!("step.growth.solve.{count}"),
+            solves[solves.len() - 1] * 1e3,
+            "ms",
+        );
     }
     let both: Vec<f64> = factors.iter().zip(&solves).map(|(a, b)| a + b).collect();
-    for (name, times) in [("sweep", &sweeps), ("factor", &factors), ("factor-and-solve", &both)] {
-        result(&format!("step.exponent.{name}"), exponent(&sizes, times), "1");
+    for (name, times) in [
+        ("sweep", &sweeps),
+        ("factor", &factors),
+        ("factor-and-solve", &both),
+    ] {
+        result(
+            &format!("step.exponent.{name}"),
+            exponent(&sizes, times),
+            "1",
+        );
     }
     // The slope of a known power, so that the exponent cannot be of something else.
-    assert!((exponent(&sizes, &sizes.iter().map(|n| n.powf(1.25)).collect::<Vec<_>>()) - 1.25).abs() <= 1e-12);
+    assert!(
+        (exponent(
+            &sizes,
+            &sizes.iter().map(|n| n.powf(1.25)).collect::<Vec<_>>()
+        ) - 1.25)
+            .abs()
+            <= 1e-12
+    );
 }
 
 /// Least seconds, of two rounds, of the factor and of a solve.

@@ -34,7 +34,12 @@ fn scene(solver: &str) -> (Scene, Assets) {
     let muscle = tube(0.012, 0.1, 24);
     pliant::io::write(&folder.join("tube.obj"), &muscle, &[], Encoding::Text).expect("written");
     let ends = |wanted: fn(&Point3<f64>) -> bool| {
-        let all = muscle.vertices.iter().enumerate().filter(|(_, p)| wanted(p)).map(|(v, _)| v.to_string());
+        let all = muscle
+            .vertices
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| wanted(p))
+            .map(|(v, _)| v.to_string());
         all.collect::<Vec<_>>().join(", ")
     };
     let (low, high) = (ends(|p| p.x < -0.049), ends(|p| p.x > 0.049));
@@ -57,14 +62,20 @@ fn scene(solver: &str) -> (Scene, Assets) {
 }
 
 fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
-    study.rows.iter().filter(move |row| row.candidate.name() == solver)
+    study
+        .rows
+        .iter()
+        .filter(move |row| row.candidate.name() == solver)
 }
 
 /// Errors [m] of rows with ever more work.
 fn falling(study: &Study) -> Vec<f64> {
     let mut rows: Vec<(f64, f64)> = match study.question {
         Question::Motion => of(study, "xpbd")
-            .filter(|r| r.candidate.solver.iterations() == 1 && [4, 16, 64].contains(&r.candidate.solver.substeps()))
+            .filter(|r| {
+                r.candidate.solver.iterations() == 1
+                    && [4, 16, 64].contains(&r.candidate.solver.substeps())
+            })
             .map(|r| (f64::from(r.candidate.solver.substeps()), r.error.rms))
             .collect(),
         Question::Equilibrium => of(study, "quasi_static")
@@ -80,12 +91,26 @@ fn falling(study: &Study) -> Vec<f64> {
 
 fn check(study: &Study) {
     let certain = study.reference.uncertainty.rms;
-    assert!(certain <= CERTAIN[usize::from(quick())] * study.length, "{certain:e} m: {:?}", study.reference.steps);
+    assert!(
+        certain <= CERTAIN[usize::from(quick())] * study.length,
+        "{certain:e} m: {:?}",
+        study.reference.steps
+    );
     let errors = falling(study);
     let (first, last) = (errors[0], errors[errors.len() - 1]);
-    assert!(errors.len() >= 3 && last <= 0.5 * first, "errors do not fall with work: {errors:?}");
-    let own = |r: &&Row| Question::of(&r.candidate.solver) == Some(study.question) && r.status != Status::Diverged;
-    let least = study.rows.iter().filter(own).map(|r| r.error.rms).fold(f64::INFINITY, f64::min);
+    assert!(
+        errors.len() >= 3 && last <= 0.5 * first,
+        "errors do not fall with work: {errors:?}"
+    );
+    let own = |r: &&Row| {
+        Question::of(&r.candidate.solver) == Some(study.question) && r.status != Status::Diverged
+    };
+    let least = study
+        .rows
+        .iter()
+        .filter(own)
+        .map(|r| r.error.rms)
+        .fold(f64::INFINITY, f64::min);
     // What is left is no more than what the reference does not know, or a part of the first.
     // In a trial there is no time for the finest.
     let part = if quick() { 0.25 } else { 0.1 };
@@ -94,15 +119,30 @@ fn check(study: &Study) {
         "errors do not fall to the reference: {least:e} of {first:e}, {certain:e}"
     );
     for row in &study.rows {
-        assert!(row.status == Status::Diverged || row.volume_error <= 1e-6, "{row:?}");
+        assert!(
+            row.status == Status::Diverged || row.volume_error <= 1e-6,
+            "{row:?}"
+        );
     }
 }
 
 fn report(name: &str, study: &Study) {
     let percent = |length: f64| length / study.length * 100.0;
-    result(&format!("work_precision.{name}.uncertainty"), percent(study.reference.uncertainty.rms), "%");
-    result(&format!("work_precision.{name}.vertices"), study.vertices as f64, "1");
-    result(&format!("work_precision.{name}.frames"), study.frames as f64, "1");
+    result(
+        &format!("work_precision.{name}.uncertainty"),
+        percent(study.reference.uncertainty.rms),
+        "%",
+    );
+    result(
+        &format!("work_precision.{name}.vertices"),
+        study.vertices as f64,
+        "1",
+    );
+    result(
+        &format!("work_precision.{name}.frames"),
+        study.frames as f64,
+        "1",
+    );
     let mut front: Vec<&Row> = study.front.iter().map(|&r| &study.rows[r]).collect();
     front.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     for row in front {
@@ -118,16 +158,27 @@ fn report(name: &str, study: &Study) {
     for recommended in &study.recommended {
         if let Some(row) = recommended.row {
             let a_frame = study.rows[row].time_s / study.frames as f64 * 1e3;
-            result(&format!("work_precision.{name}.within-{:e}", recommended.target), a_frame, "ms");
+            result(
+                &format!("work_precision.{name}.within-{:e}", recommended.target),
+                a_frame,
+                "ms",
+            );
         }
     }
 }
 
 fn main() {
     let budget = Duration::from_secs(if quick() { 6 } else { 25 });
-    for (name, solver) in [("motion", "[solver.xpbd]\nsubsteps = 20\n"), ("equilibrium", "[solver.quasi_static]\n")] {
+    for (name, solver) in [
+        ("motion", "[solver.xpbd]\nsubsteps = 20\n"),
+        ("equilibrium", "[solver.quasi_static]\n"),
+    ] {
         let (scene, assets) = scene(solver);
-        let options = Options { budget, frames: Some(if quick() { 2 } else { 4 }), threads: 1 };
+        let options = Options {
+            budget,
+            frames: Some(if quick() { 2 } else { 4 }),
+            threads: 1,
+        };
         let study = measure(&scene, &assets, options, &mut Quiet).expect("a study");
         check(&study);
         report(name, &study);

@@ -21,8 +21,16 @@ pub struct Particles {
 impl Particles {
     /// Particles at rest.
     pub fn at_rest(position: Vec<Point3<f64>>, inverse_mass: Vec<f64>) -> Self {
-        assert_eq!(position.len(), inverse_mass.len(), "one inverse mass for each position");
-        Self { velocity: vec![Vector3::zeros(); position.len()], position, inverse_mass }
+        assert_eq!(
+            position.len(),
+            inverse_mass.len(),
+            "one inverse mass for each position"
+        );
+        Self {
+            velocity: vec![Vector3::zeros(); position.len()],
+            position,
+            inverse_mass,
+        }
     }
 
     /// Number of particles.
@@ -38,20 +46,31 @@ impl Particles {
     /// The first particle with a position or velocity that is not finite.
     pub fn first_non_finite(&self) -> Option<usize> {
         let finite = |v: &Vector3<f64>| v.iter().all(|c| c.is_finite());
-        self.position.iter().zip(&self.velocity).position(|(x, v)| !(finite(&x.coords) && finite(v)))
+        self.position
+            .iter()
+            .zip(&self.velocity)
+            .position(|(x, v)| !(finite(&x.coords) && finite(v)))
     }
 }
 
 impl State for Particles {
     fn save(&self, to: &mut Writer) {
         // Which particles are held, and how heavy the others are, their making fixes.
-        let Self { position, velocity, inverse_mass: _ } = self;
+        let Self {
+            position,
+            velocity,
+            inverse_mass: _,
+        } = self;
         to.list(position);
         to.list(velocity);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        let Self { position, velocity, inverse_mass: _ } = self;
+        let Self {
+            position,
+            velocity,
+            inverse_mass: _,
+        } = self;
         from.fill(position)?;
         from.fill(velocity)
     }
@@ -80,7 +99,9 @@ impl Numbering {
             assert_eq!(places[p as usize], u32::MAX, "particle {p} has two places");
             places[p as usize] = place as u32;
         }
-        Self { both: Some(Arc::new((particles, places))) }
+        Self {
+            both: Some(Arc::new((particles, places))),
+        }
     }
 
     /// Place of particle `p`.
@@ -111,7 +132,10 @@ pub struct Packed {
 impl Packed {
     /// A copy to be, in the order of `numbering`.
     pub fn new(numbering: Numbering) -> Self {
-        Self { slots: Vec::new(), numbering }
+        Self {
+            slots: Vec::new(),
+            numbering,
+        }
     }
 
     /// Place of particle `p` among the slots.
@@ -124,13 +148,22 @@ impl Packed {
         let (x, w) = (&particles.position, &particles.inverse_mass);
         let copy = |p: usize| Slot([x[p].x, x[p].y, x[p].z, w[p]]);
         let fill = |(first, slots): (usize, &mut [Slot])| match &self.numbering.both {
-            None => slots.iter_mut().enumerate().for_each(|(k, slot)| *slot = copy(first + k)),
-            Some(both) => slots.iter_mut().zip(&both.0[first..]).for_each(|(slot, &p)| *slot = copy(p as usize)),
+            None => slots
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, slot)| *slot = copy(first + k)),
+            Some(both) => slots
+                .iter_mut()
+                .zip(&both.0[first..])
+                .for_each(|(slot, &p)| *slot = copy(p as usize)),
         };
         self.slots.resize(x.len(), Slot::default());
         let pieces = |(k, slots)| fill((k * SHARE, slots));
         if is_shared(x.len()) {
-            self.slots.par_chunks_mut(SHARE).enumerate().for_each(pieces);
+            self.slots
+                .par_chunks_mut(SHARE)
+                .enumerate()
+                .for_each(pieces);
         } else {
             fill((0, &mut self.slots));
         }
@@ -143,12 +176,20 @@ impl Packed {
             Point3::new(x, y, z)
         };
         let fill = |(first, to): (usize, &mut [Point3<f64>])| match &self.numbering.both {
-            None => to.iter_mut().enumerate().for_each(|(k, x)| *x = point(first + k)),
-            Some(both) => to.iter_mut().zip(&both.1[first..]).for_each(|(x, &place)| *x = point(place as usize)),
+            None => to
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, x)| *x = point(first + k)),
+            Some(both) => to
+                .iter_mut()
+                .zip(&both.1[first..])
+                .for_each(|(x, &place)| *x = point(place as usize)),
         };
         let x = &mut particles.position;
         if is_shared(x.len()) {
-            x.par_chunks_mut(SHARE).enumerate().for_each(|(k, x)| fill((k * SHARE, x)));
+            x.par_chunks_mut(SHARE)
+                .enumerate()
+                .for_each(|(k, x)| fill((k * SHARE, x)));
         } else {
             fill((0, x));
         }

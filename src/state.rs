@@ -84,7 +84,11 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// It does not hold.
     pub fn check(&self, holds: bool, what: &'static str) -> Result<(), Corrupt> {
-        if holds { Ok(()) } else { Err(self.corrupt(what)) }
+        if holds {
+            Ok(())
+        } else {
+            Err(self.corrupt(what))
+        }
     }
 
     /// The next `count` bytes.
@@ -92,7 +96,10 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// There are fewer.
     pub fn slice(&mut self, count: usize) -> Result<&'a [u8], Corrupt> {
-        let (head, rest) = self.rest.split_at_checked(count).ok_or(self.corrupt("the bytes end here"))?;
+        let (head, rest) = self
+            .rest
+            .split_at_checked(count)
+            .ok_or(self.corrupt("the bytes end here"))?;
         self.rest = rest;
         self.at += count;
         Ok(head)
@@ -200,7 +207,9 @@ impl<T: Value, const N: usize> Value for [T; N] {
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
         // As many were taken as are wanted.
-        values.try_into().map_err(|_| from.corrupt("the bytes end here"))
+        values
+            .try_into()
+            .map_err(|_| from.corrupt("the bytes end here"))
     }
 }
 
@@ -244,7 +253,11 @@ impl<T: Value> Value for Option<T> {
         }
     }
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        Ok(if from.take()? { Some(from.take()?) } else { None })
+        Ok(if from.take()? {
+            Some(from.take()?)
+        } else {
+            None
+        })
     }
 }
 
@@ -272,7 +285,9 @@ impl Value for String {
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let count = from.length(1)?;
         let bytes = from.slice(count)?;
-        std::str::from_utf8(bytes).map(str::to_owned).map_err(|_| from.corrupt("a text that is not UTF-8"))
+        std::str::from_utf8(bytes)
+            .map(str::to_owned)
+            .map_err(|_| from.corrupt("a text that is not UTF-8"))
     }
 }
 
@@ -297,7 +312,9 @@ impl Hash {
     /// Goes on with bytes.
     pub fn add(&mut self, bytes: &[u8]) {
         // The prime is 2^88 + 0x13b.
-        bytes.iter().for_each(|b| self.0 = (self.0 ^ u128::from(*b)).wrapping_mul((1 << 88) + 0x13b));
+        bytes
+            .iter()
+            .for_each(|b| self.0 = (self.0 ^ u128::from(*b)).wrapping_mul((1 << 88) + 0x13b));
     }
 
     /// The hash so far.
@@ -317,11 +334,20 @@ impl std::fmt::Write for Hash {
 mod tests {
     use super::*;
 
-    type All = (Vec<(u32, f64)>, (Option<[Point3<f64>; 2]>, (String, (bool, Vec<Vec<usize>>))));
+    type All = (
+        Vec<(u32, f64)>,
+        (Option<[Point3<f64>; 2]>, (String, (bool, Vec<Vec<usize>>))),
+    );
 
     fn example() -> All {
         let point = Point3::new(-0.0, f64::MIN_POSITIVE / 8.0, f64::INFINITY);
-        (vec![(7, 0.1), (u32::MAX, -1e300)], (Some([point; 2]), ("fémur".into(), (true, vec![vec![], vec![1, 2]]))))
+        (
+            vec![(7, 0.1), (u32::MAX, -1e300)],
+            (
+                Some([point; 2]),
+                ("fémur".into(), (true, vec![vec![], vec![1, 2]])),
+            ),
+        )
     }
 
     #[test]
@@ -339,7 +365,10 @@ mod tests {
         let odd = f64::from_bits(0x7ff8_0000_dead_beef);
         let mut writer = Writer::default();
         writer.put(&odd);
-        assert_eq!(Reader::new(&writer.bytes).take::<f64>().unwrap().to_bits(), odd.to_bits());
+        assert_eq!(
+            Reader::new(&writer.bytes).take::<f64>().unwrap().to_bits(),
+            odd.to_bits()
+        );
     }
 
     #[test]
@@ -347,7 +376,10 @@ mod tests {
         let mut writer = Writer::default();
         writer.put(&example());
         for end in 0..writer.bytes.len() {
-            assert!(Reader::new(&writer.bytes[..end]).take::<All>().is_err(), "{end} bytes");
+            assert!(
+                Reader::new(&writer.bytes[..end]).take::<All>().is_err(),
+                "{end} bytes"
+            );
         }
         writer.put(&0u8);
         let mut reader = Reader::new(&writer.bytes);
@@ -358,13 +390,28 @@ mod tests {
     #[test]
     fn counts_are_checked_before_memory_is_taken() {
         let many = [u64::MAX.to_le_bytes(), [0; 8]].concat();
-        assert_eq!(Reader::new(&many).take::<Vec<f64>>().unwrap_err().what, "more entries than bytes");
-        assert_eq!(Reader::new(&many).take::<String>().unwrap_err().what, "more entries than bytes");
+        assert_eq!(
+            Reader::new(&many).take::<Vec<f64>>().unwrap_err().what,
+            "more entries than bytes"
+        );
+        assert_eq!(
+            Reader::new(&many).take::<String>().unwrap_err().what,
+            "more entries than bytes"
+        );
         let two = [2u64.to_le_bytes(), [0; 8], [0; 8]].concat();
-        assert_eq!(Reader::new(&two).fill(&mut [0.0; 3]).unwrap_err().what, "a list of another length");
-        assert_eq!(Reader::new(&two).exactly::<f64>(3).unwrap_err().what, "a list of another length");
+        assert_eq!(
+            Reader::new(&two).fill(&mut [0.0; 3]).unwrap_err().what,
+            "a list of another length"
+        );
+        assert_eq!(
+            Reader::new(&two).exactly::<f64>(3).unwrap_err().what,
+            "a list of another length"
+        );
         assert_eq!(Reader::new(&two).exactly::<f64>(2).unwrap(), [0.0; 2]);
-        assert_eq!(Reader::new(&[2]).take::<bool>().unwrap_err().what, "neither yes nor no");
+        assert_eq!(
+            Reader::new(&[2]).take::<bool>().unwrap_err().what,
+            "neither yes nor no"
+        );
     }
 
     #[test]
@@ -372,6 +419,9 @@ mod tests {
         // Their test vectors.
         assert_eq!(Hash::of(b""), 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d);
         assert_eq!(Hash::of(b"a"), 0xd228_cb69_6f1a_8caf_7891_2b70_4e4a_8964);
-        assert_eq!(Hash::of(b"foobar"), 0x343e_1662_793c_64bf_6f0d_3597_ba44_6f18);
+        assert_eq!(
+            Hash::of(b"foobar"),
+            0x343e_1662_793c_64bf_6f0d_3597_ba44_6f18
+        );
     }
 }

@@ -10,7 +10,10 @@ fn root() -> &'static Path {
 
 fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for entry in fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path()) {
+    for entry in fs::read_dir(folder)
+        .expect("a folder")
+        .map(|e| e.expect("an entry").path())
+    {
         if entry.is_dir() {
             found.extend(files(&entry, ending));
         } else if entry.extension().is_some_and(|e| e == ending) {
@@ -27,8 +30,12 @@ fn documents() -> Vec<PathBuf> {
 }
 
 /// Made by a command, only an example, or beside the repository.
-const NOT_KEPT: &[&str] =
-    &["pliant-out/hip/report.html", "pliant-out/hip/hip.pvd", "src/constraints/NAME.rs", "../shared/data"];
+const NOT_KEPT: &[&str] = &[
+    "pliant-out/hip/report.html",
+    "pliant-out/hip/hip.pvd",
+    "src/constraints/NAME.rs",
+    "../shared/data",
+];
 
 /// Paths in backticks.
 fn paths(text: &str) -> BTreeSet<String> {
@@ -48,7 +55,11 @@ fn keys(text: &str) -> BTreeSet<String> {
             && (year.starts_with("19") || year.starts_with("20"))
             && year.chars().all(|c| c.is_ascii_digit())
     };
-    words.filter(|w| w.is_ascii()).filter(is_key).map(String::from).collect()
+    words
+        .filter(|w| w.is_ascii())
+        .filter(is_key)
+        .map(String::from)
+        .collect()
 }
 
 #[test]
@@ -61,12 +72,20 @@ fn every_path_exists() {
                 excused.insert(path);
                 continue;
             }
-            assert!(root().join(&path).exists(), "{} names {path}", document.display());
+            assert!(
+                root().join(&path).exists(),
+                "{} names {path}",
+                document.display()
+            );
             seen += 1;
         }
     }
     assert!(seen > 20, "only {seen} paths seen");
-    assert_eq!(excused.len(), NOT_KEPT.len(), "an excuse that no document needs: {excused:?} are needed");
+    assert_eq!(
+        excused.len(),
+        NOT_KEPT.len(),
+        "an excuse that no document needs: {excused:?} are needed"
+    );
     assert!(paths("`a/b.rs` and `c d/e`").contains("a/b.rs"));
 }
 
@@ -74,24 +93,43 @@ fn every_path_exists() {
 fn every_reference_is_listed() {
     let listed = keys(&fs::read_to_string(root().join("docs/references.bib")).expect("references"));
     let mut used = BTreeSet::new();
-    for file in files(&root().join("src"), "rs").into_iter().chain(documents()) {
+    for file in files(&root().join("src"), "rs")
+        .into_iter()
+        .chain(documents())
+    {
         used.extend(keys(&fs::read_to_string(&file).expect("a file")));
     }
     let missing: Vec<_> = used.difference(&listed).collect();
-    assert!(missing.is_empty(), "not in docs/references.bib: {missing:?}");
+    assert!(
+        missing.is_empty(),
+        "not in docs/references.bib: {missing:?}"
+    );
     assert!(used.len() >= 10, "only {} keys seen", used.len());
-    assert!(keys("as [nobody1999] says, in 2007").contains("nobody1999"), "control: a key is not seen");
+    assert!(
+        keys("as [nobody1999] says, in 2007").contains("nobody1999"),
+        "control: a key is not seen"
+    );
     assert!(!listed.contains("nobody1999"));
 }
 
 /// Numbers such as A05 at the start of names of tests.
 fn errata_of_tests() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
-    for file in files(&root().join("tests"), "rs").into_iter().chain(files(&root().join("src"), "rs")) {
-        for name in fs::read_to_string(&file).expect("a file").split("#[test]").skip(1) {
+    for file in files(&root().join("tests"), "rs")
+        .into_iter()
+        .chain(files(&root().join("src"), "rs"))
+    {
+        for name in fs::read_to_string(&file)
+            .expect("a file")
+            .split("#[test]")
+            .skip(1)
+        {
             let name = name.split("fn ").nth(1).unwrap_or_default();
             let number = name.split('_').next().unwrap_or_default();
-            if number.len() == 3 && number.starts_with('a') && number[1..].chars().all(|c| c.is_ascii_digit()) {
+            if number.len() == 3
+                && number.starts_with('a')
+                && number[1..].chars().all(|c| c.is_ascii_digit())
+            {
                 found.insert(number.to_uppercase());
             }
         }
@@ -107,11 +145,19 @@ fn every_erratum_is_shown_where_its_row_says() {
     let mut rows = 0;
     for line in text.lines().filter(|l| l.starts_with("| A")) {
         let cells: Vec<&str> = line.split(" | ").collect();
-        let file = paths(line).into_iter().next_back().unwrap_or_else(|| panic!("no file in: {line}"));
-        let shown = fs::read_to_string(root().join(&file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+        let file = paths(line)
+            .into_iter()
+            .next_back()
+            .unwrap_or_else(|| panic!("no file in: {line}"));
+        let shown =
+            fs::read_to_string(root().join(&file)).unwrap_or_else(|e| panic!("{file}: {e}"));
         for number in cells[0].trim_start_matches("| ").split(", ") {
-            let test = tests.contains(number) && shown.contains(&format!("fn {}_", number.to_lowercase()));
-            assert!(test || (shown.contains(number) && shown.contains("#[test]")), "{file} does not show {number}");
+            let test =
+                tests.contains(number) && shown.contains(&format!("fn {}_", number.to_lowercase()));
+            assert!(
+                test || (shown.contains(number) && shown.contains("#[test]")),
+                "{file} does not show {number}"
+            );
             rows += 1;
         }
     }

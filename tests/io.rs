@@ -9,14 +9,20 @@ use pliant::mesh::TriangleMesh;
 
 /// All files under folders of the data set; says that the test is skipped where there are none.
 fn data(folders: &[&str]) -> Vec<PathBuf> {
-    let root = std::env::var_os("PLIANT_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let root = std::env::var_os("PLIANT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
     let mut files = Vec::new();
     let mut todo: Vec<PathBuf> = folders.iter().map(|folder| root.join(folder)).collect();
     while let Some(folder) = todo.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
             let path = entry.path();
-            if path.is_dir() { todo.push(path) } else { files.push(path) }
+            if path.is_dir() {
+                todo.push(path)
+            } else {
+                files.push(path)
+            }
         }
     }
     files.sort();
@@ -27,17 +33,29 @@ fn data(folders: &[&str]) -> Vec<PathBuf> {
 }
 
 fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    path.file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned()
 }
 
 /// What each reader promises: a mesh that the mesh type accepts, and lines within it.
 fn assert_valid(file: &MeshFile, path: &Path) {
     let mesh = file.mesh.clone();
     let count = mesh.vertices.len();
-    assert!(count > 0 && mesh.triangles.len() + file.lines.len() > 0, "{}", path.display());
-    TriangleMesh::new(mesh.vertices, mesh.triangles).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    assert!(
+        count > 0 && mesh.triangles.len() + file.lines.len() > 0,
+        "{}",
+        path.display()
+    );
+    TriangleMesh::new(mesh.vertices, mesh.triangles)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     for line in &file.lines {
-        assert!(line.len() >= 2 && line.iter().all(|&i| (i as usize) < count), "{}", path.display());
+        assert!(
+            line.len() >= 2 && line.iter().all(|&i| (i as usize) < count),
+            "{}",
+            path.display()
+        );
     }
 }
 
@@ -45,13 +63,20 @@ fn assert_valid(file: &MeshFile, path: &Path) {
 fn every_file_gives_a_valid_mesh_or_one_line_of_error() {
     let mut outcomes: BTreeMap<String, [usize; 2]> = BTreeMap::new();
     for path in data(&["body", "skin", "hard", "vtk"]) {
-        let extension = path.extension().unwrap_or_default().to_ascii_lowercase().to_string_lossy().into_owned();
+        let extension = path
+            .extension()
+            .unwrap_or_default()
+            .to_ascii_lowercase()
+            .to_string_lossy()
+            .into_owned();
         let outcome = outcomes.entry(extension).or_default();
         match read(&path) {
             Ok(file) => {
                 assert_valid(&file, &path);
                 outcome[0] += 1;
-                file.warnings.iter().for_each(|warned| println!("{}", warned.terse(&path.display().to_string())));
+                file.warnings
+                    .iter()
+                    .for_each(|warned| println!("{}", warned.terse(&path.display().to_string())));
             }
             Err(error) => {
                 let text = error.to_string();
@@ -67,12 +92,18 @@ fn every_file_gives_a_valid_mesh_or_one_line_of_error() {
 
 #[test]
 fn the_counts_of_the_body_are_those_of_the_text() {
-    let paths = data(&["body", "skin"]).into_iter().filter(|p| p.extension().is_some_and(|e| e == "obj"));
+    let paths = data(&["body", "skin"])
+        .into_iter()
+        .filter(|p| p.extension().is_some_and(|e| e == "obj"));
     for path in paths {
         let text = std::fs::read_to_string(&path).unwrap();
         let lines = |start: &str| text.lines().filter(|line| line.starts_with(start)).count();
         let corners = |line: &str| line.split_whitespace().count() - 1;
-        let triangles: usize = text.lines().filter(|l| l.starts_with("f ")).map(|l| corners(l) - 2).sum();
+        let triangles: usize = text
+            .lines()
+            .filter(|l| l.starts_with("f "))
+            .map(|l| corners(l) - 2)
+            .sum();
         let file = read(&path).unwrap();
         assert_eq!(file.mesh.vertices.len(), lines("v "), "{}", path.display());
         assert_eq!(
@@ -105,16 +136,25 @@ fn as_positions(mesh: &TriangleMesh) -> Vec<[[i64; 3]; 3]> {
 #[test]
 fn one_mesh_in_many_encodings_is_one_surface() {
     let paths = data(&["vtk/one-mesh-many-encodings"]);
-    let Some(reference) = paths.iter().find(|p| file_name(p) == "gmed.obj") else { return };
+    let Some(reference) = paths.iter().find(|p| file_name(p) == "gmed.obj") else {
+        return;
+    };
     let reference = read(reference).unwrap().mesh;
-    assert_eq!((reference.vertices.len(), reference.triangles.len()), (327, 650));
+    assert_eq!(
+        (reference.vertices.len(), reference.triangles.len()),
+        (327, 650)
+    );
     let expected = as_positions(&reference);
     for path in &paths {
         let name = file_name(path);
         let file = read(path).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(file.mesh.vertices.len(), 327, "{name}");
         assert_eq!(as_positions(&file.mesh), expected, "{name}");
-        assert!(file.lines.is_empty() && file.warnings.is_empty(), "{name}: {:?}", file.warnings);
+        assert!(
+            file.lines.is_empty() && file.warnings.is_empty(),
+            "{name}: {:?}",
+            file.warnings
+        );
     }
     println!("{} files are the same surface", paths.len());
     assert!(paths.len() >= 40);
@@ -122,19 +162,32 @@ fn one_mesh_in_many_encodings_is_one_surface() {
 
 /// A mesh with numbers that are hard to write.
 fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
-    let vertices = [[0.1, -0.0, 5e-324], [1.0 / 3.0, -1e300, 0.0], [0.0, 1.0, 1e-7], [1.0, 1e16, 123.456]];
-    let mesh = TriangleMesh { vertices: vertices.map(Point3::from).to_vec(), triangles: vec![[0, 1, 2], [1, 3, 2]] };
+    let vertices = [
+        [0.1, -0.0, 5e-324],
+        [1.0 / 3.0, -1e300, 0.0],
+        [0.0, 1.0, 1e-7],
+        [1.0, 1e16, 123.456],
+    ];
+    let mesh = TriangleMesh {
+        vertices: vertices.map(Point3::from).to_vec(),
+        triangles: vec![[0, 1, 2], [1, 3, 2]],
+    };
     (mesh, vec![vec![0, 1, 3], vec![2, 0]])
 }
 
 fn bits(mesh: &TriangleMesh) -> Vec<[u64; 3]> {
-    mesh.vertices.iter().map(|v| [v.x, v.y, v.z].map(f64::to_bits)).collect()
+    mesh.vertices
+        .iter()
+        .map(|v| [v.x, v.y, v.z].map(f64::to_bits))
+        .collect()
 }
 
 /// What each writer makes of a mesh and lines: a name, the bytes, and what a reader finds in them.
 fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8>, MeshFile)> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR"));
-    let names = ["a.obj", "a.vtk", "b.vtk", "a.vtp", "a.ply", "l.ply", "b.ply", "a.stl", "b.stl"];
+    let names = [
+        "a.obj", "a.vtk", "b.vtk", "a.vtp", "a.ply", "l.ply", "b.ply", "a.stl", "b.stl",
+    ];
     let mut all = Vec::new();
     for name in names {
         // A file of its own for each thread: tests run side by side.
@@ -150,7 +203,15 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
             "b.stl" => stl::write(&path, mesh, stl::Encoding::Binary),
             _ => {
                 let (points, triangles) = (&mesh.vertices, &mesh.triangles);
-                vtp::write(&path, &vtp::PolyData { points, triangles, lines, point_data: Vec::new() })
+                vtp::write(
+                    &path,
+                    &vtp::PolyData {
+                        points,
+                        triangles,
+                        lines,
+                        point_data: Vec::new(),
+                    },
+                )
             }
         }
         .unwrap_or_else(|e| panic!("{name}: {e}"));
@@ -165,15 +226,24 @@ fn written(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<(&'static str, Vec<u8
 fn what_is_written_is_read_with_the_same_bits() {
     let (mut mesh, lines) = sample();
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("too-large.stl");
-    let error = stl::write(&path, &mesh, stl::Encoding::Binary).unwrap_err().to_string();
-    assert!(error.contains("vertex 1 has a coordinate that is too large for binary STL"), "{error}");
+    let error = stl::write(&path, &mesh, stl::Encoding::Binary)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("vertex 1 has a coordinate that is too large for binary STL"),
+        "{error}"
+    );
     mesh.vertices[1].y = -1e30;
     for (name, _, file) in written(&mesh, &lines) {
         assert_eq!(file.mesh.triangles, mesh.triangles, "{name}");
         match name {
             "b.stl" => {
                 let near = file.mesh.vertices.iter().zip(&mesh.vertices);
-                assert!(near.into_iter().all(|(a, b)| (0..3).all(|k| a[k] == f64::from(b[k] as f32))), "{name}");
+                assert!(
+                    near.into_iter()
+                        .all(|(a, b)| (0..3).all(|k| a[k] == f64::from(b[k] as f32))),
+                    "{name}"
+                );
             }
             "a.stl" => assert_eq!(file.mesh.vertices, mesh.vertices, "{name}"),
             _ => assert_eq!(bits(&file.mesh), bits(&mesh), "{name}"),
@@ -185,7 +255,10 @@ fn what_is_written_is_read_with_the_same_bits() {
         }
     }
     mesh.vertices[0].z = f64::NAN;
-    assert!(obj::write(&path, &mesh, &[]).is_err() && ply::write(&path, &mesh, &[], ply::Encoding::Text).is_err());
+    assert!(
+        obj::write(&path, &mesh, &[]).is_err()
+            && ply::write(&path, &mesh, &[], ply::Encoding::Text).is_err()
+    );
     assert!(stl::write(&path, &mesh, stl::Encoding::Text).is_err() && !path.exists());
 }
 
@@ -193,7 +266,10 @@ fn what_is_written_is_read_with_the_same_bits() {
 fn small_files() -> Vec<(&'static str, Vec<u8>)> {
     let (mut mesh, lines) = sample();
     mesh.vertices[1].y = 0.5;
-    let mut all: Vec<_> = written(&mesh, &lines).into_iter().map(|(name, bytes, _)| (name, bytes)).collect();
+    let mut all: Vec<_> = written(&mesh, &lines)
+        .into_iter()
+        .map(|(name, bytes, _)| (name, bytes))
+        .collect();
     let points = "0 0 0\n1 0 0\n0 1 0\n";
     let texts = [
         ("a.off", format!("COFF # colours\n3 1 0\n{points}3 0 1 2 255 0 0\n")),
@@ -234,12 +310,16 @@ fn every_prefix_and_every_flipped_bit_gives_a_mesh_or_an_error() {
         }
         Err(error) => {
             let text = error.terse();
-            assert!(text.contains("error[E") && !text.chars().any(char::is_control), "{text:?}");
+            assert!(
+                text.contains("error[E") && !text.chars().any(char::is_control),
+                "{text:?}"
+            );
             errors += 1;
         }
     };
-    let encoded =
-        data(&["vtk/one-mesh-many-encodings"]).into_iter().filter(|p| p.extension().is_some_and(|e| e == "vtp"));
+    let encoded = data(&["vtk/one-mesh-many-encodings"])
+        .into_iter()
+        .filter(|p| p.extension().is_some_and(|e| e == "vtp"));
     for (name, bytes) in small_files() {
         assert!(read_bytes(&bytes, name).is_ok(), "{name}");
         (0..bytes.len()).for_each(|length| check(&bytes[..length], name));
@@ -271,7 +351,10 @@ struct Changes(u64);
 
 impl Changes {
     fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % n.max(1)
     }
 }

@@ -17,9 +17,16 @@ fn check(bytes: &[u8], name: &str) -> bool {
     let used = ALLOCATOR.peak_usage().saturating_sub(before);
     let allowed = 64 * bytes.len() + (1 << 20);
     if bytes.len() > 500_000 {
-        println!("{name}: {:.1} bytes a byte", used as f64 / bytes.len() as f64);
+        println!(
+            "{name}: {:.1} bytes a byte",
+            used as f64 / bytes.len() as f64
+        );
     }
-    assert!(used <= allowed, "{name}: {used} bytes were used for a file of {}", bytes.len());
+    assert!(
+        used <= allowed,
+        "{name}: {used} bytes were used for a file of {}",
+        bytes.len()
+    );
     is_mesh
 }
 
@@ -48,18 +55,38 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
     strip.extend([0, count as i32].iter().flat_map(|i| i.to_be_bytes()));
     strip.extend(b"\nCONNECTIVITY unsigned_char\n");
     strip.extend((0..count).map(|i| (i % 3) as u8));
-    let pieces = format!("<VTKFile type='PolyData'><PolyData>{}</PolyData></VTKFile>", "<Piece>".repeat(100_000));
+    let pieces = format!(
+        "<VTKFile type='PolyData'><PolyData>{}</PolyData></VTKFile>",
+        "<Piece>".repeat(100_000)
+    );
     vec![
         ("list.ply", ply),
         ("edges.ply", edges),
         ("strip.vtk", strip),
-        ("polygon.obj", format!("{points}{}", format!("f {}\n", "1 2 3 ".repeat(33_333)).repeat(6)).into_bytes()),
-        ("lines.obj", format!("{points}{}", "l 1 2\n".repeat(count / 6)).into_bytes()),
+        (
+            "polygon.obj",
+            format!(
+                "{points}{}",
+                format!("f {}\n", "1 2 3 ".repeat(33_333)).repeat(6)
+            )
+            .into_bytes(),
+        ),
+        (
+            "lines.obj",
+            format!("{points}{}", "l 1 2\n".repeat(count / 6)).into_bytes(),
+        ),
         (
             "forward.obj",
-            format!("f {}\n{points}", (4..99_999).map(|i| format!("{i} ")).collect::<String>()).into_bytes(),
+            format!(
+                "f {}\n{points}",
+                (4..99_999).map(|i| format!("{i} ")).collect::<String>()
+            )
+            .into_bytes(),
         ),
-        ("points.off", format!("OFF\n{0} 0 0\n{1}", count / 6, "0 0 0\n".repeat(count / 6)).into_bytes()),
+        (
+            "points.off",
+            format!("OFF\n{0} 0 0\n{1}", count / 6, "0 0 0\n".repeat(count / 6)).into_bytes(),
+        ),
         (
             "facets.stl",
             format!(
@@ -74,13 +101,19 @@ fn dense() -> Vec<(&'static str, Vec<u8>)> {
 
 /// Headers that declare what is not there.
 const LIARS: [(&str, &str); 7] = [
-    ("a.ply", "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n"),
+    (
+        "a.ply",
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nend_header\n",
+    ),
     (
         "b.ply",
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
         element face 1\nproperty list uint int vertex_index\nend_header\n0 0 0\n4000000000 1 2\n",
     ),
-    ("a.vtk", "# vtk DataFile Version 3.0\nt\nBINARY\nDATASET POLYDATA\nPOINTS 4000000000 double\n"),
+    (
+        "a.vtk",
+        "# vtk DataFile Version 3.0\nt\nBINARY\nDATASET POLYDATA\nPOINTS 4000000000 double\n",
+    ),
     (
         "b.vtk",
         "# vtk DataFile Version 3.0\nt\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 1 float\n0 0 0\nCELLS 4000000000 4\n3 0 0 0\n",
@@ -122,7 +155,9 @@ fn check_bombs() {
     let used = |bytes: &[u8], limit: usize| {
         let before = ALLOCATOR.current_usage();
         ALLOCATOR.reset_peak_usage();
-        let code = read_bytes_within(bytes, "a.vtp", limit as u64).err().map(|error| error.code());
+        let code = read_bytes_within(bytes, "a.vtp", limit as u64)
+            .err()
+            .map(|error| error.code());
         (code, ALLOCATOR.peak_usage().saturating_sub(before))
     };
     let mut noise = 1u32;
@@ -134,18 +169,34 @@ fn check_bombs() {
     .collect();
     for (choice, packed) in (0u8..).zip(&packed) {
         let file = block_file(choice, COUNT as u64, packed);
-        assert!(200 * file.len() < COUNT, "control: {} bytes are no bomb", file.len());
+        assert!(
+            200 * file.len() < COUNT,
+            "control: {} bytes are no bomb",
+            file.len()
+        );
         let (code, most) = used(&file, COUNT);
-        assert!(code.is_none() && most <= 64 * COUNT + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        assert!(
+            code.is_none() && most <= 64 * COUNT + (1 << 20),
+            "{choice}: {code:?}, {most} bytes"
+        );
         let (code, most) = used(&file, COUNT - 1);
-        assert!(code == Some("E044") && most <= 64 * file.len() + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        assert!(
+            code == Some("E044") && most <= 64 * file.len() + (1 << 20),
+            "{choice}: {code:?}, {most} bytes"
+        );
         // It gives more than it declares: reading ends there.
         let (code, most) = used(&block_file(choice, 3 << 14, packed), COUNT);
-        assert!(code == Some("E042") && most <= 64 * (3 << 14) + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        assert!(
+            code == Some("E042") && most <= 64 * (3 << 14) + (1 << 20),
+            "{choice}: {code:?}, {most} bytes"
+        );
         // It declares as much as its format can give, and gives nothing of it.
         let file = block_file(choice, 255 * garbage.len() as u64, &garbage);
         let (code, most) = used(&file, usize::MAX);
-        assert!(code == Some("E042") && most <= 64 * file.len() + (1 << 20), "{choice}: {code:?}, {most} bytes");
+        assert!(
+            code == Some("E042") && most <= 64 * file.len() + (1 << 20),
+            "{choice}: {code:?}, {most} bytes"
+        );
     }
 }
 
@@ -154,7 +205,10 @@ fn memory_is_bounded_by_the_size_of_the_file() {
     ALLOCATOR.reset_peak_usage();
     let before = ALLOCATOR.current_usage();
     drop(std::hint::black_box(Vec::<u8>::with_capacity(2 << 20)));
-    assert!(ALLOCATOR.peak_usage() >= before + (2 << 20), "control: the allocator does not count");
+    assert!(
+        ALLOCATOR.peak_usage() >= before + (2 << 20),
+        "control: the allocator does not count"
+    );
     let mut meshes = 0;
     for (name, bytes) in dense() {
         meshes += usize::from(check(&bytes, name));
@@ -173,7 +227,10 @@ fn memory_is_bounded_by_the_size_of_the_file() {
     let bytes = large_dictionary();
     check(&bytes, "dictionary.vtp");
     let text = read_bytes(&bytes, "a").unwrap_err().to_string();
-    assert_eq!(text, "a: the file has 80 vertices, but no faces and no lines", "control: the stream is not read");
+    assert_eq!(
+        text, "a: the file has 80 vertices, but no faces and no lines",
+        "control: the stream is not read"
+    );
     let root = std::env::var_os("PLIANT_DATA").unwrap_or_else(|| "../shared/data".into());
     let folder = std::path::Path::new(&root).join("vtk/one-mesh-many-encodings");
     match std::fs::read_dir(folder) {

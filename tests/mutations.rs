@@ -22,12 +22,16 @@ fn fuzz() -> PathBuf {
 /// The words that libFuzzer puts in; blocks and meshes of bytes have none.
 fn words(target: &str) -> Vec<Vec<u8>> {
     let path = fuzz().join(format!("dictionaries/{target}.dict"));
-    std::fs::read_to_string(path).map(|text| dictionary(&text)).unwrap_or_default()
+    std::fs::read_to_string(path)
+        .map(|text| dictionary(&text))
+        .unwrap_or_default()
 }
 
 /// Checks changed files, on a thread whose stack is small.
 fn changed_files(target: &'static str, share: usize) {
-    let asked = std::env::var("PLIANT_MUTATIONS").ok().and_then(|n| n.parse().ok());
+    let asked = std::env::var("PLIANT_MUTATIONS")
+        .ok()
+        .and_then(|n| n.parse().ok());
     let count = asked.unwrap_or(COUNT) / share;
     let deed = move || {
         let seed = 20_261_124;
@@ -38,18 +42,32 @@ fn changed_files(target: &'static str, share: usize) {
             match check_target(target, &bytes) {
                 Ok(outcome) => accepted += usize::from(outcome == Outcome::Accepted),
                 Err(breach) => {
-                    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{target}-{i}.bin"));
+                    let path =
+                        Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{target}-{i}.bin"));
                     std::fs::write(&path, &bytes).expect("the folder of tests can be written");
-                    panic!("{target}, seed {seed}, file {i}, kept as {}: {breach}", path.display());
+                    panic!(
+                        "{target}, seed {seed}, file {i}, kept as {}: {breach}",
+                        path.display()
+                    );
                 }
             }
         }
         println!("{target}: {count} changed files, {accepted} of them accepted");
         // Were all of them refused at their first byte, or none changed, this would show nothing. Any mesh can be repaired.
-        let most = if target == "repair" { count } else { count - count / 10 };
-        assert!(accepted > count / 100 && accepted <= most, "{accepted} of {count}");
+        let most = if target == "repair" {
+            count
+        } else {
+            count - count / 10
+        };
+        assert!(
+            accepted > count / 100 && accepted <= most,
+            "{accepted} of {count}"
+        );
     };
-    let thread = std::thread::Builder::new().stack_size(STACK).spawn(deed).expect("a thread");
+    let thread = std::thread::Builder::new()
+        .stack_size(STACK)
+        .spawn(deed)
+        .expect("a thread");
     if let Err(panic) = thread.join() {
         std::panic::resume_unwind(panic);
     }
@@ -139,7 +157,10 @@ fn trusting(bytes: &[u8]) -> Result<MeshFile, ReadError> {
         let mut words = line.split_whitespace();
         match words.next() {
             Some("v") => vertices.push(Point3::from(std::array::from_fn(|_| {
-                words.next().and_then(|word| word.parse().ok()).unwrap_or(f64::NAN)
+                words
+                    .next()
+                    .and_then(|word| word.parse().ok())
+                    .unwrap_or(f64::NAN)
             }))),
             Some("f") => triangles.push(std::array::from_fn(|_| {
                 let index: u32 = words.next().and_then(|word| word.parse().ok()).unwrap_or(1);
@@ -148,30 +169,56 @@ fn trusting(bytes: &[u8]) -> Result<MeshFile, ReadError> {
             _ => {}
         }
     }
-    let mesh = TriangleMesh { vertices, triangles };
-    Ok(MeshFile { mesh, ..MeshFile::default() })
+    let mesh = TriangleMesh {
+        vertices,
+        triangles,
+    };
+    Ok(MeshFile {
+        mesh,
+        ..MeshFile::default()
+    })
 }
 
 /// The same, which cannot take a word that is no number.
 fn panicking(bytes: &[u8]) -> Result<MeshFile, ReadError> {
     let text = String::from_utf8_lossy(bytes);
-    text.split_whitespace().for_each(|word| assert!(word.len() < 9, "a word of {} bytes", word.len()));
-    let vertices = vec![Point3::origin(), Point3::new(1., 0., 0.), Point3::new(0., 1., 0.)];
-    Ok(MeshFile { mesh: TriangleMesh { vertices, triangles: vec![[0, 1, 2]] }, ..MeshFile::default() })
+    text.split_whitespace()
+        .for_each(|word| assert!(word.len() < 9, "a word of {} bytes", word.len()));
+    let vertices = vec![
+        Point3::origin(),
+        Point3::new(1., 0., 0.),
+        Point3::new(0., 1., 0.),
+    ];
+    Ok(MeshFile {
+        mesh: TriangleMesh {
+            vertices,
+            triangles: vec![[0, 1, 2]],
+        },
+        ..MeshFile::default()
+    })
 }
 
 /// The first breach among changed files of a reader.
 fn first_breach(reader: fn(&[u8]) -> Result<MeshFile, ReadError>) -> Option<Breach> {
     let files = vec![b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec()];
-    assert_eq!(check_reader(&files[0], reader), Ok(Outcome::Accepted), "the file that was not changed");
+    assert_eq!(
+        check_reader(&files[0], reader),
+        Ok(Outcome::Accepted),
+        "the file that was not changed"
+    );
     let mut mutator = Mutator::new(1, words("obj"));
     (0..2000).find_map(|_| check_reader(&mutator.mutate(&files), reader).err())
 }
 
 #[test]
 fn control_readers_that_trust_their_file_are_found() {
-    assert!(matches!(first_breach(trusting), Some(Breach::Invalid { .. })));
-    assert!(matches!(first_breach(panicking), Some(Breach::Panicked { message }) if message.contains("a word of")));
+    assert!(matches!(
+        first_breach(trusting),
+        Some(Breach::Invalid { .. })
+    ));
+    assert!(
+        matches!(first_breach(panicking), Some(Breach::Panicked { message }) if message.contains("a word of"))
+    );
 }
 
 #[test]
@@ -187,7 +234,10 @@ fn control_errors_that_do_not_help_are_found() {
     };
     let check = |error| check_reader(b"f 0\nf 1", |_| Err(error));
     assert_eq!(check(good("0", Place::Line(2))), Ok(Outcome::Refused));
-    let missing = ReadError::Io { file: "a".into(), source: std::io::Error::other("no") };
+    let missing = ReadError::Io {
+        file: "a".into(),
+        source: std::io::Error::other("no"),
+    };
     let wrong = [
         good("a\nb", Place::Line(1)),
         good(&"x".repeat(65), Place::Line(1)),
@@ -198,21 +248,36 @@ fn control_errors_that_do_not_help_are_found() {
     ];
     for error in wrong {
         let text = error.terse();
-        assert!(matches!(check(error), Err(Breach::Unhelpful { .. })), "{text}");
+        assert!(
+            matches!(check(error), Err(Breach::Unhelpful { .. })),
+            "{text}"
+        );
     }
 }
 
 /// Replays each `TARGET/NAME.bin` of a folder, which needs its story in `NAME.txt`; returns how many there are.
 fn replay(folder: &Path) -> Result<usize, String> {
     let entries = |folder: &Path| -> Vec<PathBuf> {
-        let mut paths: Vec<_> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|e| e.path()).collect();
+        let mut paths: Vec<_> = std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .map(|e| e.path())
+            .collect();
         paths.sort();
         paths
     };
     let mut count = 0;
     for target in entries(folder).into_iter().filter(|path| path.is_dir()) {
-        let name = target.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        for path in entries(&target).into_iter().filter(|path| path.extension().is_some_and(|e| e == "bin")) {
+        let name = target
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        for path in entries(&target)
+            .into_iter()
+            .filter(|path| path.extension().is_some_and(|e| e == "bin"))
+        {
             let shown = path.display();
             let story = std::fs::read_to_string(path.with_extension("txt")).unwrap_or_default();
             if story.trim().is_empty() {
@@ -234,10 +299,15 @@ fn what_fuzzing_found_stays_found() {
     }
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("crashes");
     std::fs::create_dir_all(folder.join("obj")).expect("the folder of tests can be written");
-    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).expect("a file can be written");
+    let write = |name: &str, text: &str| {
+        std::fs::write(folder.join(name), text).expect("a file can be written")
+    };
     write("obj/a.txt", " ");
     write("obj/a.bin", "f");
-    assert!(replay(&folder).is_err_and(|m| m.contains("has no story")), "control: a file without a story");
+    assert!(
+        replay(&folder).is_err_and(|m| m.contains("has no story")),
+        "control: a file without a story"
+    );
     write("obj/a.txt", "A face without corners.");
     assert_eq!(replay(&folder), Ok(1));
 }

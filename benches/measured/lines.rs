@@ -21,9 +21,19 @@ pub fn note(key: &str, value: impl Display) {
 
 /// Small letters, digits and minus signs.
 pub fn key(name: &str) -> String {
-    let plain = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    let plain = |c: char| {
+        if c.is_ascii_alphanumeric() {
+            c.to_ascii_lowercase()
+        } else {
+            '-'
+        }
+    };
     let words: String = name.chars().map(plain).collect();
-    words.split('-').filter(|w| !w.is_empty()).collect::<Vec<_>>().join("-")
+    words
+        .split('-')
+        .filter(|w| !w.is_empty())
+        .collect::<Vec<_>>()
+        .join("-")
 }
 
 /// Lower quartile, median and upper quartile of at least one number.
@@ -37,7 +47,11 @@ pub fn compare(name: &str, [one, other]: [&str; 2], [a, b]: &[Vec<f64>; 2]) {
     for (who, times) in [(one, a), (other, b)] {
         let least = times.iter().copied().fold(f64::INFINITY, f64::min);
         result(&format!("{name}.{who}.least"), least * 1e3, "ms");
-        result(&format!("{name}.{who}.median"), quartiles(times.clone())[1] * 1e3, "ms");
+        result(
+            &format!("{name}.{who}.median"),
+            quartiles(times.clone())[1] * 1e3,
+            "ms",
+        );
     }
     let [low, median, high] = quartiles(a.iter().zip(b).map(|(a, b)| a / b).collect());
     result(&format!("{name}.ratio"), median, "1");

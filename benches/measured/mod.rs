@@ -11,7 +11,9 @@ use std::time::Instant;
 
 pub use lines::{compare, key, note, quartiles, quick, result};
 use nalgebra::{Point3, Vector3};
-use pliant::constraints::{Batch, Bending, Constraint, Distance, EnclosedVolume, Order, Project, Width};
+use pliant::constraints::{
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Order, Project, Width,
+};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::{Packed, Particles};
 use pliant::solvers::stiffness;
@@ -20,7 +22,10 @@ use pliant::solvers::stiffness;
 pub const DT: f64 = 1e-3;
 
 pub fn pool(threads: usize) -> rayon::ThreadPool {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool of threads")
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("a pool of threads")
 }
 
 pub fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
@@ -41,7 +46,10 @@ pub fn in_turn(rounds: usize, mut one: impl FnMut(), mut other: impl FnMut()) ->
     for round in 0..rounds + 2 {
         let both = [seconds(&mut one), seconds(&mut other)];
         if round >= 2 {
-            times.iter_mut().zip(both).for_each(|(all, time)| all.push(time));
+            times
+                .iter_mut()
+                .zip(both)
+                .for_each(|(all, time)| all.push(time));
         }
     }
     times
@@ -54,7 +62,11 @@ pub fn exponent(sizes: &[f64], times: &[f64]) -> f64 {
     let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len() as f64;
     let (mx, my) = (mean(&x), mean(&y));
     let along: f64 = x.iter().map(|x| (x - mx).powi(2)).sum();
-    x.iter().zip(&y).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>() / along
+    x.iter()
+        .zip(&y)
+        .map(|(x, y)| (x - mx) * (y - my))
+        .sum::<f64>()
+        / along
 }
 
 /// A closed surface with its edges, hinges and volume, held at one end, bent and stretched by up to a twentieth.
@@ -69,9 +81,15 @@ impl Body {
     /// Of a mesh that is about 2 m long, from -1 m on.
     pub fn of(mesh: TriangleMesh) -> Self {
         let topology = Topology::new(&mesh);
-        let bent = |p: &Point3<f64>| p + Vector3::new(0.05 * p.x, 0.05 * p.x * p.x, 0.01 * (9.0 * p.x).sin());
+        let bent = |p: &Point3<f64>| {
+            p + Vector3::new(0.05 * p.x, 0.05 * p.x * p.x, 0.01 * (9.0 * p.x).sin())
+        };
         let position = mesh.vertices.iter().map(bent).collect();
-        let inverse_mass = mesh.vertices.iter().map(|p| if p.x < -0.98 { 0.0 } else { 1e3 }).collect();
+        let inverse_mass = mesh
+            .vertices
+            .iter()
+            .map(|p| if p.x < -0.98 { 0.0 } else { 1e3 })
+            .collect();
         let (edges, edge_stiffness) = stiffness::edges(&mesh, &topology, 1e3);
         let (hinges, hinge_stiffness) = stiffness::hinges(&mesh, &topology, 1e-3);
         Self {
@@ -83,7 +101,13 @@ impl Body {
     }
 
     pub fn volume(&self, width: Width) -> EnclosedVolume {
-        EnclosedVolume::new(&self.mesh.triangles, self.mesh.vertices.len(), self.mesh.volume(), 0.0).with_width(width)
+        EnclosedVolume::new(
+            &self.mesh.triangles,
+            self.mesh.vertices.len(),
+            self.mesh.volume(),
+            0.0,
+        )
+        .with_width(width)
     }
 
     pub fn packed(&self) -> Packed {
@@ -135,12 +159,17 @@ impl Swept {
         self.edges.project_packed(&mut self.packed, DT);
         self.hinges.project_packed(&mut self.packed, DT);
         self.packed.write(particles);
-        self.volume.project(black_box(particles), DT).expect("a body that can be inflated");
+        self.volume
+            .project(black_box(particles), DT)
+            .expect("a body that can be inflated");
     }
 
     /// Root mean square residuals of edges and hinges [m].
     pub fn residuals(&self, particles: &Particles) -> [f64; 2] {
-        [self.edges.residual(particles, DT).rms, self.hinges.residual(particles, DT).rms]
+        [
+            self.edges.residual(particles, DT).rms,
+            self.hinges.residual(particles, DT).rms,
+        ]
     }
 }
 

@@ -35,7 +35,10 @@ impl Scene {
     pub fn new(muscle: u32, bone: u32) -> Self {
         let surface = tube(0.02, 0.4, bone);
         let triangles = surface.triangles.len();
-        assert!(bone != 81 || (41_000..43_500).contains(&triangles), "{triangles} triangles");
+        assert!(
+            bone != 81 || (41_000..43_500).contains(&triangles),
+            "{triangles} triangles"
+        );
         let mut mesh = tube(0.03, 0.24, muscle);
         // A tube of so many corners is a little inside its radius.
         mesh.vertices.iter_mut().for_each(|p| p.y += 0.05);
@@ -43,7 +46,11 @@ impl Scene {
         let end = mesh.vertices.iter().map(|p| p.x).fold(0.0, f64::max);
         // The upper half of both ends.
         let held = |p: &Point3<f64>| p.x.abs() > 0.95 * end && p.y > 0.05;
-        let inverse_mass = mesh.vertices.iter().map(|p| if held(p) { 0.0 } else { count as f64 / 0.7 }).collect();
+        let inverse_mass = mesh
+            .vertices
+            .iter()
+            .map(|p| if held(p) { 0.0 } else { count as f64 / 0.7 })
+            .collect();
         let settings = Settings {
             iterations: 3,
             // As the bone, which leads it, the muscle goes a millimetre a frame: nothing swings on.
@@ -58,31 +65,81 @@ impl Scene {
         let (edges, k) = stiffness::edges(&mesh, &topology, 300.0);
         let (hinges, b) = stiffness::hinges(&mesh, &topology, 2e-4);
         let coloured = Order::Coloured;
-        system.elastic.push(Box::new(Batch::new(edges, stiffness::compliance(&k), coloured, count, &[])));
-        system.elastic.push(Box::new(Batch::new(hinges, stiffness::compliance(&b), coloured, count, &[])));
-        system.volume = Some(EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0));
+        system.elastic.push(Box::new(Batch::new(
+            edges,
+            stiffness::compliance(&k),
+            coloured,
+            count,
+            &[],
+        )));
+        system.elastic.push(Box::new(Batch::new(
+            hinges,
+            stiffness::compliance(&b),
+            coloured,
+            count,
+            &[],
+        )));
+        system.volume = Some(EnclosedVolume::new(
+            &mesh.triangles,
+            count,
+            mesh.volume(),
+            0.0,
+        ));
         let obstacle: Arc<dyn Obstacle> = Arc::new(Surface::new(&surface));
-        let at = |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
-        let placed =
-            |k: usize| [Placed { name: "bone".into(), obstacle: obstacle.clone(), before: at(k), now: at(k + 1) }];
+        let at =
+            |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
+        let placed = |k: usize| {
+            [Placed {
+                name: "bone".into(),
+                obstacle: obstacle.clone(),
+                before: at(k),
+                now: at(k + 1),
+            }]
+        };
         let frames = [placed(0), placed(1)];
-        system.contacts = Some(Contacts::new(&mesh, &system.particles, &frames[0], vec![0], THICKNESS, 0.0));
-        Self { system, mesh, frames, frame: 0 }
+        system.contacts = Some(Contacts::new(
+            &mesh,
+            &system.particles,
+            &frames[0],
+            vec![0],
+            THICKNESS,
+            0.0,
+        ));
+        Self {
+            system,
+            mesh,
+            frames,
+            frame: 0,
+        }
     }
 
     /// With as many lanes as `width` says.
     #[must_use]
     pub fn with_width(mut self, width: Width) -> Self {
-        self.system.elastic.iter_mut().for_each(|batch| batch.set_width(width));
-        self.system.volume = self.system.volume.take().map(|volume| volume.with_width(width));
+        self.system
+            .elastic
+            .iter_mut()
+            .for_each(|batch| batch.set_width(width));
+        self.system.volume = self
+            .system
+            .volume
+            .take()
+            .map(|volume| volume.with_width(width));
         self
     }
 
     /// A step of three sweeps, in which the bone moves by 1 mm.
     pub fn step(&mut self) {
         if self.frame < PRESSED {
-            let Particles { position, inverse_mass, .. } = &mut self.system.particles;
-            let held = position.iter_mut().zip(inverse_mass).filter(|(_, w)| **w == 0.0);
+            let Particles {
+                position,
+                inverse_mass,
+                ..
+            } = &mut self.system.particles;
+            let held = position
+                .iter_mut()
+                .zip(inverse_mass)
+                .filter(|(_, w)| **w == 0.0);
             held.for_each(|(p, _)| p.y -= 0.1 * MILLIMETRE);
         }
         let placed = &self.frames[self.frame % 2];
@@ -92,7 +149,8 @@ impl Scene {
 
     /// What a run does at the end of a frame: contact and volume until both hold.
     pub fn settle(&mut self) {
-        self.system.settle(&self.frames[(self.frame + 1) % 2], SETTLED);
+        self.system
+            .settle(&self.frames[(self.frame + 1) % 2], SETTLED);
     }
 
     /// No vertex is in the bone, some touch it, and the volume is kept.
@@ -100,14 +158,26 @@ impl Scene {
         let [placed] = &self.frames[(self.frame + 1) % 2];
         let x = &self.system.particles.position;
         assert!(self.system.particles.first_non_finite().is_none());
-        let free = x.iter().zip(&self.system.particles.inverse_mass).filter(|(_, w)| **w > 0.0);
+        let free = x
+            .iter()
+            .zip(&self.system.particles.inverse_mass)
+            .filter(|(_, w)| **w > 0.0);
         let distances: Vec<f64> = free
-            .map(|(p, _)| placed.obstacle.closest(&placed.now.inverse_transform_point(p)).expect("a surface").distance)
+            .map(|(p, _)| {
+                placed
+                    .obstacle
+                    .closest(&placed.now.inverse_transform_point(p))
+                    .expect("a surface")
+                    .distance
+            })
             .collect();
         let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
         let touching = distances.iter().filter(|d| **d <= 1.1 * THICKNESS).count();
         assert!(least >= 0.0, "a vertex is {least:e} m in the bone");
-        assert!(touching > 0, "nothing touches: the nearest is {least:e} m away");
+        assert!(
+            touching > 0,
+            "nothing touches: the nearest is {least:e} m away"
+        );
         let off = volume_error(&self.mesh, x);
         assert!(off.abs() <= 1e-9, "the volume is off by {off:e}");
         println!("{touching} of {} vertices touch the bone", x.len());

@@ -24,14 +24,22 @@ pub struct Turned<'a> {
 impl<'a> Turned<'a> {
     /// One end is turned by 10 degrees.
     pub fn new(mesh: &'a TriangleMesh) -> Self {
-        let held: Vec<u32> =
-            (0..mesh.vertices.len() as u32).filter(|&v| mesh.vertices[v as usize].x.abs() > 0.9).collect();
+        let held: Vec<u32> = (0..mesh.vertices.len() as u32)
+            .filter(|&v| mesh.vertices[v as usize].x.abs() > 0.9)
+            .collect();
         let mut inverse_mass = vec![1.0; mesh.vertices.len()];
         held.iter().for_each(|&v| inverse_mass[v as usize] = 0.0);
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 10_f64.to_radians());
         let place = |p: Point3<f64>| if p.x > 0.0 { turn * p } else { p };
-        let pose = held.iter().map(|&v| (v, place(mesh.vertices[v as usize]))).collect();
-        Self { mesh, inverse_mass, pose }
+        let pose = held
+            .iter()
+            .map(|&v| (v, place(mesh.vertices[v as usize])))
+            .collect();
+        Self {
+            mesh,
+            inverse_mass,
+            pose,
+        }
     }
 
     /// What is minimised; any solver needs it.
@@ -41,16 +49,28 @@ impl<'a> Turned<'a> {
         let (hinges, b) = stiffness::hinges(mesh, &topology, 2e-4);
         let count = mesh.vertices.len();
         Energy {
-            elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volumes: vec![EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), 0.0)],
+            elastic: vec![
+                Box::new(Quadratic::<_, 2>::new(edges, k)),
+                Box::new(Quadratic::<_, 4>::new(hinges, b)),
+            ],
+            volumes: vec![EnclosedVolume::new(
+                &mesh.triangles,
+                count,
+                mesh.volume(),
+                0.0,
+            )],
             ..Energy::default()
         }
     }
 
     /// Factors the constant matrix.
     pub fn factored(&self, energy: Energy) -> QuasiStatic {
-        let settings = Settings { tolerance: 0.0, iterations: ITERATIONS };
-        QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("both ends are held")
+        let settings = Settings {
+            tolerance: 0.0,
+            iterations: ITERATIONS,
+        };
+        QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings)
+            .expect("both ends are held")
     }
 
     /// The first guess and some iterations, after which the energy is lower and the volume kept.

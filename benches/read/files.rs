@@ -29,13 +29,24 @@ impl Torus {
         let at = |i: usize, j: usize| (i % n * n + j % n) as u32;
         let quad = |k: usize| {
             let (i, j) = (k / n, k % n);
-            [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]]
+            [
+                [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
+                [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
+            ]
         };
-        Self { points: (0..n * n).map(point).collect(), triangles: (0..n * n).flat_map(quad).collect() }
+        Self {
+            points: (0..n * n).map(point).collect(),
+            triangles: (0..n * n).flat_map(quad).collect(),
+        }
     }
 
     fn file(&self, name: &'static str, bytes: Vec<u8>) -> File {
-        File { name, bytes, vertices: self.points.len(), triangles: self.triangles.len() }
+        File {
+            name,
+            bytes,
+            vertices: self.points.len(),
+            triangles: self.triangles.len(),
+        }
     }
 
     /// The points, one a line, `begin` before each.
@@ -56,8 +67,18 @@ impl Torus {
         text
     }
 
-    fn numbers<const N: usize>(&self, point: fn(f32) -> [u8; 4], index: fn(u32) -> [u8; 4], count: [u8; N]) -> Vec<u8> {
-        let mut bytes: Vec<u8> = self.points.iter().flatten().flat_map(|&c| point(c)).collect();
+    fn numbers<const N: usize>(
+        &self,
+        point: fn(f32) -> [u8; 4],
+        index: fn(u32) -> [u8; 4],
+        count: [u8; N],
+    ) -> Vec<u8> {
+        let mut bytes: Vec<u8> = self
+            .points
+            .iter()
+            .flatten()
+            .flat_map(|&c| point(c))
+            .collect();
         for triangle in &self.triangles {
             bytes.extend(count);
             bytes.extend(triangle.iter().flat_map(|&i| index(i)));
@@ -66,7 +87,10 @@ impl Torus {
     }
 
     pub fn obj(&self) -> File {
-        self.file("OBJ", (self.points_text("v ") + &self.triangles_text("f ", 1)).into_bytes())
+        self.file(
+            "OBJ",
+            (self.points_text("v ") + &self.triangles_text("f ", 1)).into_bytes(),
+        )
     }
 
     /// As most programs write it: texture coordinates, normals, and both at each corner.
@@ -87,7 +111,10 @@ impl Torus {
             let [x, y, z] = p.map(|c| f64::from(c) / 3.0);
             writeln!(text, "v {x} {y} {z}").expect("memory");
         }
-        self.file("OBJ, 17 digits", (text + &self.triangles_text("f ", 1)).into_bytes())
+        self.file(
+            "OBJ, 17 digits",
+            (text + &self.triangles_text("f ", 1)).into_bytes(),
+        )
     }
 
     fn ply_head(&self, encoding: &str) -> String {
@@ -106,12 +133,18 @@ impl Torus {
 
     pub fn ply_little(&self) -> File {
         let body = self.numbers(f32::to_le_bytes, u32::to_le_bytes, [3]);
-        self.file("PLY little-endian", [self.ply_head("binary_little_endian").into_bytes(), body].concat())
+        self.file(
+            "PLY little-endian",
+            [self.ply_head("binary_little_endian").into_bytes(), body].concat(),
+        )
     }
 
     pub fn ply_big(&self) -> File {
         let body = self.numbers(f32::to_be_bytes, u32::to_be_bytes, [3]);
-        self.file("PLY big-endian", [self.ply_head("binary_big_endian").into_bytes(), body].concat())
+        self.file(
+            "PLY big-endian",
+            [self.ply_head("binary_big_endian").into_bytes(), body].concat(),
+        )
     }
 
     pub fn stl_text(&self) -> File {
@@ -131,7 +164,12 @@ impl Torus {
         bytes.extend((self.triangles.len() as u32).to_le_bytes());
         for triangle in &self.triangles {
             bytes.extend([0; 12]);
-            bytes.extend(triangle.iter().flat_map(|&i| self.points[i as usize]).flat_map(f32::to_le_bytes));
+            bytes.extend(
+                triangle
+                    .iter()
+                    .flat_map(|&i| self.points[i as usize])
+                    .flat_map(f32::to_le_bytes),
+            );
             bytes.extend([0; 2]);
         }
         self.file("STL binary", bytes)
@@ -139,24 +177,48 @@ impl Torus {
 
     pub fn off(&self) -> File {
         let text = format!("OFF\n{} {} 0\n", self.points.len(), self.triangles.len());
-        self.file("OFF", (text + &self.points_text("") + &self.triangles_text("3 ", 0)).into_bytes())
+        self.file(
+            "OFF",
+            (text + &self.points_text("") + &self.triangles_text("3 ", 0)).into_bytes(),
+        )
     }
 
     fn vtk_head(&self, encoding: &str) -> String {
-        format!("# vtk DataFile Version 4.2\nt\n{encoding}\nDATASET POLYDATA\nPOINTS {} float\n", self.points.len())
+        format!(
+            "# vtk DataFile Version 4.2\nt\n{encoding}\nDATASET POLYDATA\nPOINTS {} float\n",
+            self.points.len()
+        )
     }
 
     pub fn vtk_text(&self) -> File {
         let count = self.triangles.len();
-        let text = self.vtk_head("ASCII") + &self.points_text("") + &format!("POLYGONS {count} {}\n", 4 * count);
-        self.file("VTK text", (text + &self.triangles_text("3 ", 0)).into_bytes())
+        let text = self.vtk_head("ASCII")
+            + &self.points_text("")
+            + &format!("POLYGONS {count} {}\n", 4 * count);
+        self.file(
+            "VTK text",
+            (text + &self.triangles_text("3 ", 0)).into_bytes(),
+        )
     }
 
     pub fn vtk_binary(&self) -> File {
         let body = self.numbers(f32::to_be_bytes, u32::to_be_bytes, [0, 0, 0, 3]);
         let (points, cells) = body.split_at(12 * self.points.len());
-        let head = format!("\nPOLYGONS {} {}\n", self.triangles.len(), 4 * self.triangles.len());
-        self.file("VTK binary", [self.vtk_head("BINARY").as_bytes(), points, head.as_bytes(), cells].concat())
+        let head = format!(
+            "\nPOLYGONS {} {}\n",
+            self.triangles.len(),
+            4 * self.triangles.len()
+        );
+        self.file(
+            "VTK binary",
+            [
+                self.vtk_head("BINARY").as_bytes(),
+                points,
+                head.as_bytes(),
+                cells,
+            ]
+            .concat(),
+        )
     }
 
     pub fn directx(&self) -> File {
@@ -189,9 +251,21 @@ impl Torus {
             Arrays::Lz4 => "vtkLZ4DataCompressor",
             _ => "",
         };
-        let points: Vec<u8> = self.points.iter().flatten().flat_map(|c| c.to_le_bytes()).collect();
-        let corners: Vec<u8> = self.triangles.iter().flatten().flat_map(|&i| i64::from(i).to_le_bytes()).collect();
-        let ends: Vec<u8> = (1..=self.triangles.len()).flat_map(|i| (3 * i as i64).to_le_bytes()).collect();
+        let points: Vec<u8> = self
+            .points
+            .iter()
+            .flatten()
+            .flat_map(|c| c.to_le_bytes())
+            .collect();
+        let corners: Vec<u8> = self
+            .triangles
+            .iter()
+            .flatten()
+            .flat_map(|&i| i64::from(i).to_le_bytes())
+            .collect();
+        let ends: Vec<u8> = (1..=self.triangles.len())
+            .flat_map(|i| (3 * i as i64).to_le_bytes())
+            .collect();
         let texts = [
             self.points_text(""),
             self.triangles_text("", 0),
@@ -199,13 +273,26 @@ impl Torus {
         ];
         let mut data = Vec::new();
         let mut array = |i: usize, bytes: &[u8], attributes: &str| match how {
-            Arrays::Text => format!("<DataArray {attributes} format=\"ascii\">\n{}</DataArray>\n", texts[i]),
+            Arrays::Text => format!(
+                "<DataArray {attributes} format=\"ascii\">\n{}</DataArray>\n",
+                texts[i]
+            ),
             Arrays::Base64 => {
-                format!("<DataArray {attributes} format=\"binary\">{}</DataArray>\n", base64(&stored(bytes)))
+                format!(
+                    "<DataArray {attributes} format=\"binary\">{}</DataArray>\n",
+                    base64(&stored(bytes))
+                )
             }
             _ => {
-                let tag = format!("<DataArray {attributes} format=\"appended\" offset=\"{}\"/>\n", data.len());
-                data.extend(if how == Arrays::Raw { stored(bytes) } else { blocks(bytes, how) });
+                let tag = format!(
+                    "<DataArray {attributes} format=\"appended\" offset=\"{}\"/>\n",
+                    data.len()
+                );
+                data.extend(if how == Arrays::Raw {
+                    stored(bytes)
+                } else {
+                    blocks(bytes, how)
+                });
                 tag
             }
         };
@@ -230,13 +317,21 @@ impl Torus {
             tags[1],
             tags[2]
         );
-        let end = if tail.is_empty() { "</VTKFile>" } else { "</AppendedData></VTKFile>" };
+        let end = if tail.is_empty() {
+            "</VTKFile>"
+        } else {
+            "</AppendedData></VTKFile>"
+        };
         self.file(name, [head.as_bytes(), &data, end.as_bytes()].concat())
     }
 
     /// The torus in every format and encoding.
     pub fn files(&self) -> Vec<File> {
-        let mut all = vec![self.obj(), self.obj_with_normals(), self.obj_with_all_digits()];
+        let mut all = vec![
+            self.obj(),
+            self.obj_with_normals(),
+            self.obj_with_all_digits(),
+        ];
         all.extend([
             self.ply_text(),
             self.ply_little(),
@@ -246,7 +341,16 @@ impl Torus {
             self.off(),
         ]);
         all.extend([self.vtk_text(), self.vtk_binary(), self.directx()]);
-        all.extend([Arrays::Text, Arrays::Base64, Arrays::Raw, Arrays::Zlib, Arrays::Lz4].map(|how| self.vtp(how)));
+        all.extend(
+            [
+                Arrays::Text,
+                Arrays::Base64,
+                Arrays::Raw,
+                Arrays::Zlib,
+                Arrays::Lz4,
+            ]
+            .map(|how| self.vtp(how)),
+        );
         all
     }
 }
@@ -264,7 +368,9 @@ fn blocks(bytes: &[u8], how: Arrays) -> Vec<u8> {
         _ => lz4_flex::compress(block),
     };
     let packed: Vec<Vec<u8>> = bytes.chunks(SIZE).map(pack).collect();
-    let words = [packed.len(), SIZE, bytes.len() % SIZE].into_iter().chain(packed.iter().map(Vec::len));
+    let words = [packed.len(), SIZE, bytes.len() % SIZE]
+        .into_iter()
+        .chain(packed.iter().map(Vec::len));
     let mut whole: Vec<u8> = words.flat_map(|n| (n as u32).to_le_bytes()).collect();
     packed.iter().for_each(|block| whole.extend(block));
     whole
@@ -274,7 +380,11 @@ fn base64(bytes: &[u8]) -> String {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::new();
     for group in bytes.chunks(3) {
-        let word = group.iter().chain(&[0, 0]).take(3).fold(0u32, |word, &b| word << 8 | u32::from(b));
+        let word = group
+            .iter()
+            .chain(&[0, 0])
+            .take(3)
+            .fold(0u32, |word, &b| word << 8 | u32::from(b));
         let letter = |k: usize| char::from(LETTERS[(word >> (18 - 6 * k)) as usize & 63]);
         text.extend((0..4).map(|k| if k <= group.len() { letter(k) } else { '=' }));
     }

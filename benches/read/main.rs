@@ -34,11 +34,16 @@ fn seconds(file: &File) -> f64 {
 
 fn read(c: &mut Criterion) {
     let mut group = c.benchmark_group("read");
-    group.sample_size(10).warm_up_time(Duration::from_millis(200)).measurement_time(Duration::from_millis(1000));
+    group
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(200))
+        .measurement_time(Duration::from_millis(1000));
     for file in Torus::new(SIDES[2]).files() {
         group.throughput(Throughput::Bytes(file.bytes.len() as u64));
         seconds(&file);
-        group.bench_function(file.name, |b| b.iter(|| read_bytes(black_box(&file.bytes), "").expect("a mesh")));
+        group.bench_function(file.name, |b| {
+            b.iter(|| read_bytes(black_box(&file.bytes), "").expect("a mesh"))
+        });
     }
     group.finish();
 }
@@ -50,14 +55,19 @@ fn linear(_: &mut Criterion) {
     for (i, file) in sizes[0].iter().enumerate() {
         let times = [0, 1, 2].map(|k| {
             let file = &sizes[k][i];
-            let best = (0..rounds).map(|_| seconds(file)).fold(f64::INFINITY, f64::min);
+            let best = (0..rounds)
+                .map(|_| seconds(file))
+                .fold(f64::INFINITY, f64::min);
             best / file.bytes.len() as f64 * 1e9
         });
         let ratio = times[2] / times[0];
         let [a, b, c] = times;
         let verdict = if ratio <= LINEAR { "" } else { " NOT LINEAR" };
         let speed = 1e3 / c;
-        println!("ROW read.files | {} | {speed:.0} | {a:.2}, {b:.2}, {c:.2} | {ratio:.2}{verdict} |", file.name);
+        println!(
+            "ROW read.files | {} | {speed:.0} | {a:.2}, {b:.2}, {c:.2} | {ratio:.2}{verdict} |",
+            file.name
+        );
     }
 }
 

@@ -49,7 +49,12 @@ const SUBSTEPS: [u32; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 impl Candidate {
     /// With as many lanes as there are, on `threads` threads.
     pub fn new(solver: Solver, threads: usize) -> Self {
-        Self { solver, width: Width::best(), threads, way: None }
+        Self {
+            solver,
+            width: Width::best(),
+            threads,
+            way: None,
+        }
     }
 
     /// The solver's name as scenes give it.
@@ -70,7 +75,9 @@ impl Candidate {
         note("iterations", json!(self.solver.iterations()));
         match self.solver {
             Solver::Xpbd(_) | Solver::Pbd(_) => note("order", json!(self.solver.order().name())),
-            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => note("tolerance", json!(s.tolerance)),
+            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
+                note("tolerance", json!(s.tolerance))
+            }
         };
         note("contact", json!(self.way.unwrap_or(HIERARCHY)));
         note("lanes", json!(self.width.lanes()));
@@ -83,13 +90,20 @@ impl Candidate {
         let steps = self.solver.substeps();
         match self.solver {
             Solver::Xpbd(_) | Solver::Pbd(_) => {
-                format!("substeps {steps}, sweeps {}, {}", self.solver.iterations(), self.solver.order().name())
+                format!(
+                    "substeps {steps}, sweeps {}, {}",
+                    self.solver.iterations(),
+                    self.solver.order().name()
+                )
             }
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) if s.iterations < MOST => {
                 format!("substeps {steps}, iterations at most {}", s.iterations)
             }
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
-                format!("substeps {steps}, tolerance {}", crate::render::number(s.tolerance))
+                format!(
+                    "substeps {steps}, tolerance {}",
+                    crate::render::number(s.tolerance)
+                )
             }
         }
     }
@@ -102,10 +116,14 @@ impl Candidate {
     /// Sweeps or, where an energy is minimised, steps of a frame: what its time goes with.
     pub fn work(&self) -> f64 {
         match self.solver {
-            Solver::Xpbd(_) | Solver::Pbd(_) => f64::from(self.solver.substeps()) * f64::from(self.solver.iterations()),
+            Solver::Xpbd(_) | Solver::Pbd(_) => {
+                f64::from(self.solver.substeps()) * f64::from(self.solver.iterations())
+            }
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
                 // Tighter tolerances take more iterations.
-                f64::from(s.substeps) * (1.0 - libm::log10(s.tolerance.min(0.1))) * f64::from(s.iterations.min(20))
+                f64::from(s.substeps)
+                    * (1.0 - libm::log10(s.tolerance.min(0.1)))
+                    * f64::from(s.iterations.min(20))
                     / 20.0
             }
         }
@@ -114,9 +132,19 @@ impl Candidate {
 
 /// The same sweeps in the other orders; none where nothing is swept.
 pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
-    let Solver::Xpbd(settings) = candidate.solver else { return Vec::new() };
-    let orders = Order::NAMES.iter().map(|(_, order)| *order).filter(|order| *order != settings.order);
-    orders.map(|order| Candidate { solver: Solver::Xpbd(Xpbd { order, ..settings }), ..*candidate }).collect()
+    let Solver::Xpbd(settings) = candidate.solver else {
+        return Vec::new();
+    };
+    let orders = Order::NAMES
+        .iter()
+        .map(|(_, order)| *order)
+        .filter(|order| *order != settings.order);
+    orders
+        .map(|order| Candidate {
+            solver: Solver::Xpbd(Xpbd { order, ..settings }),
+            ..*candidate
+        })
+        .collect()
 }
 
 /// Iterations that are enough for any tolerance.
@@ -126,36 +154,60 @@ pub(super) const MOST: u32 = 500;
 const TIGHT: f64 = 2e-4;
 
 fn xpbd(scene: &Scene, substeps: u32, iterations: u32, order: Order) -> Solver {
-    Solver::Xpbd(Xpbd { substeps, iterations, order, tolerance: converged_at(scene) })
+    Solver::Xpbd(Xpbd {
+        substeps,
+        iterations,
+        order,
+        tolerance: converged_at(scene),
+    })
 }
 
 /// Residual at which a frame of XPBD counts as converged, the scene's where it says so.
 fn converged_at(scene: &Scene) -> f64 {
-    if let Solver::Xpbd(s) = scene.solver { s.tolerance } else { 0.01 }
+    if let Solver::Xpbd(s) = scene.solver {
+        s.tolerance
+    } else {
+        0.01
+    }
 }
 
 /// Equilibrium to a tolerance.
 pub fn quasi_static(substeps: u32, tolerance: f64) -> Solver {
-    Solver::QuasiStatic(Minimisation { substeps, iterations: MOST, tolerance })
+    Solver::QuasiStatic(Minimisation {
+        substeps,
+        iterations: MOST,
+        tolerance,
+    })
 }
 
 /// Implicit Euler to a tolerance.
 pub fn implicit_euler(substeps: u32, tolerance: f64) -> Solver {
-    Solver::ImplicitEuler(Minimisation { substeps, iterations: MOST, tolerance })
+    Solver::ImplicitEuler(Minimisation {
+        substeps,
+        iterations: MOST,
+        tolerance,
+    })
 }
 
 /// All that is tried for a scene on `threads` threads, the cheap ones of each solver first.
 pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
-    let mut solvers: Vec<Solver> = SUBSTEPS.iter().map(|n| xpbd(scene, *n, 1, Order::Coloured)).collect();
+    let mut solvers: Vec<Solver> = SUBSTEPS
+        .iter()
+        .map(|n| xpbd(scene, *n, 1, Order::Coloured))
+        .collect();
     solvers.extend([(8, 4), (16, 4), (32, 4)].map(|(n, k)| xpbd(scene, n, k, Order::Coloured)));
     solvers.push(xpbd(scene, 32, 1, Order::Stored));
     if let Solver::Xpbd(_) = scene.solver {
         solvers.push(scene.solver);
     }
     // Limited iterations follow a moving bone at a fixed price; a tolerance, at a fixed accuracy.
-    solvers.extend(
-        [1, 2, 4, 8].map(|n| Solver::QuasiStatic(Minimisation { substeps: 1, iterations: n, tolerance: TIGHT })),
-    );
+    solvers.extend([1, 2, 4, 8].map(|n| {
+        Solver::QuasiStatic(Minimisation {
+            substeps: 1,
+            iterations: n,
+            tolerance: TIGHT,
+        })
+    }));
     solvers.extend([1e-2, 3e-3, 1e-3, 3e-4, 1e-4].map(|t| quasi_static(1, t)));
     for n in [1, 2, 4] {
         solvers.extend([1e-2, 1e-3, 1e-4].map(|t| implicit_euler(n, t)));

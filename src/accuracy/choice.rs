@@ -17,7 +17,9 @@ pub struct Recommended {
 /// Whether a row reaches an error [m], what its solver leaves out included. An error below the reference's own
 /// uncertainty shows nothing: none is granted that is less than that.
 pub fn reaches(row: &Row, error: f64) -> bool {
-    row.status != Status::Diverged && row.uncertainty_m <= error && row.error.rms + row.model_error_m <= error
+    row.status != Status::Diverged
+        && row.uncertainty_m <= error
+        && row.error.rms + row.model_error_m <= error
 }
 
 /// Whether a scene can be run with these settings: another way to look for contact is there to be compared with.
@@ -29,9 +31,15 @@ fn can_be_run(row: &Row) -> bool {
 pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
     let best = |target: f64| {
         let error = target * length;
-        let able = rows.iter().enumerate().filter(|(_, row)| reaches(row, error) && can_be_run(row));
+        let able = rows
+            .iter()
+            .enumerate()
+            .filter(|(_, row)| reaches(row, error) && can_be_run(row));
         let fastest = able.min_by(|(_, a), (_, b)| a.time_s.total_cmp(&b.time_s));
-        Recommended { target, row: fastest.map(|(index, _)| index) }
+        Recommended {
+            target,
+            row: fastest.map(|(index, _)| index),
+        }
     };
     TARGETS.iter().map(|target| best(*target)).collect()
 }
@@ -39,8 +47,15 @@ pub fn recommend(rows: &[Row], length: f64) -> Vec<Recommended> {
 /// The rows that no other beats in both time and error, by rising time.
 pub fn pareto(rows: &[Row]) -> Vec<usize> {
     let total = |i: usize| rows[i].error.rms + rows[i].model_error_m;
-    let mut order: Vec<usize> = (0..rows.len()).filter(|i| rows[*i].status != Status::Diverged).collect();
-    order.sort_by(|a, b| rows[*a].time_s.total_cmp(&rows[*b].time_s).then(total(*a).total_cmp(&total(*b))));
+    let mut order: Vec<usize> = (0..rows.len())
+        .filter(|i| rows[*i].status != Status::Diverged)
+        .collect();
+    order.sort_by(|a, b| {
+        rows[*a]
+            .time_s
+            .total_cmp(&rows[*b].time_s)
+            .then(total(*a).total_cmp(&total(*b)))
+    });
     let mut least = f64::INFINITY;
     order.retain(|i| {
         let better = total(*i) < least;
@@ -58,9 +73,19 @@ mod tests {
     use crate::accuracy::{Candidate, Distance, candidates};
 
     fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> Row {
-        let error = Distance { rms, max: rms, frame: 1 };
+        let error = Distance {
+            rms,
+            max: rms,
+            frame: 1,
+        };
         let candidate = Candidate::new(candidates::implicit_euler(1, 1e-3), 1);
-        Row { error, uncertainty_m: 1e-4, model_error_m, time_s, ..Row::new(candidate, status) }
+        Row {
+            error,
+            uncertainty_m: 1e-4,
+            model_error_m,
+            time_s,
+            ..Row::new(candidate, status)
+        }
     }
 
     #[test]
@@ -73,10 +98,22 @@ mod tests {
             row(9.0, 0.0005, 0.0, Status::Converged),
             row(0.1, f64::NAN, 0.0, Status::NotConverged),
         ];
-        let chosen = |rows: &[Row]| recommend(rows, 1.0).iter().map(|r| r.row).collect::<Vec<_>>();
+        let chosen = |rows: &[Row]| {
+            recommend(rows, 1.0)
+                .iter()
+                .map(|r| r.row)
+                .collect::<Vec<_>>()
+        };
         assert_eq!(chosen(&rows), [Some(0), Some(2), Some(4)]);
-        let doubtful = rows.map(|row| Row { uncertainty_m: 0.002, ..row });
-        assert_eq!(chosen(&doubtful), [Some(0), Some(2), None], "the reference is not certain enough");
+        let doubtful = rows.map(|row| Row {
+            uncertainty_m: 0.002,
+            ..row
+        });
+        assert_eq!(
+            chosen(&doubtful),
+            [Some(0), Some(2), None],
+            "the reference is not certain enough"
+        );
     }
 
     #[test]

@@ -49,7 +49,9 @@ mod tests {
     use super::*;
 
     fn motion(x: &[f64]) -> Vec<Vec<Point3<f64>>> {
-        x.iter().map(|x| vec![Point3::new(*x, 0.0, 0.0), Point3::origin()]).collect()
+        x.iter()
+            .map(|x| vec![Point3::new(*x, 0.0, 0.0), Point3::origin()])
+            .collect()
     }
 
     #[test]

@@ -25,7 +25,12 @@ enum Family {
     ImplicitEuler,
 }
 
-const FAMILIES: [Family; 4] = [Family::Sweeps, Family::Limited, Family::Equilibrium, Family::ImplicitEuler];
+const FAMILIES: [Family; 4] = [
+    Family::Sweeps,
+    Family::Limited,
+    Family::Equilibrium,
+    Family::ImplicitEuler,
+];
 
 /// Steps a frame, and the setting that is varied.
 type Features = [f64; 2];
@@ -96,10 +101,21 @@ impl Model {
     }
 
     fn fitted(known: &[Known], study: &Study) -> Self {
-        let lines = FAMILIES.iter().map(|f| (*f, line_of(known, *f, &EXTRA, time), line_of(known, *f, &[0.0], error)));
+        let lines = FAMILIES.iter().map(|f| {
+            (
+                *f,
+                line_of(known, *f, &EXTRA, time),
+                line_of(known, *f, &[0.0], error),
+            )
+        });
         let lines = lines.collect();
         let work = study.vertices as f64 * study.frames as f64;
-        Self { lines, vertices: work, moved_m: study.moved_m, learned: Vec::new() }
+        Self {
+            lines,
+            vertices: work,
+            moved_m: study.moved_m,
+            learned: Vec::new(),
+        }
     }
 
     /// Time and error to expect; `None` for settings that belong to no family.
@@ -107,12 +123,17 @@ impl Model {
         let (family, features) = family(candidate)?;
         let (_, time, error) = self.lines.iter().find(|(f, ..)| *f == family)?;
         let own = self.learned.iter().filter(|k| k.family == family);
-        let nearest = own.min_by(|a, b| apart(&a.features, &features).total_cmp(&apart(&b.features, &features)));
+        let nearest = own
+            .min_by(|a, b| apart(&a.features, &features).total_cmp(&apart(&b.features, &features)));
         // A machine is faster or slower in all families alike, as far as is known.
-        let speed = nearest.map(|k| k.time - time.at(&k.features)).unwrap_or_else(|| self.speed());
+        let speed = nearest
+            .map(|k| k.time - time.at(&k.features))
+            .unwrap_or_else(|| self.speed());
         let found = nearest.filter(|k| k.error.is_finite());
         let off = found.map_or(0.0, |k| k.error - error.at(&k.features));
-        let doubt = found.map_or(error.spread, |k| NEAR * (1.0 + apart(&k.features, &features)).min(FURTHEST));
+        let doubt = found.map_or(error.spread, |k| {
+            NEAR * (1.0 + apart(&k.features, &features)).min(FURTHEST)
+        });
         Some(Expected {
             time_s: libm::exp(time.at(&features) + speed) * self.vertices,
             error_m: libm::exp(error.at(&features) + off) * self.moved_m,
@@ -123,11 +144,23 @@ impl Model {
 
     /// Takes a measured run into account.
     pub fn learn(&mut self, row: &Row) {
-        let Some((family, features)) = family(&row.candidate) else { return };
+        let Some((family, features)) = family(&row.candidate) else {
+            return;
+        };
         let time = libm::log(row.time_s / self.vertices);
-        let error = if row.status == Status::Diverged { f64::NAN } else { libm::log(row.error.rms / self.moved_m) };
+        let error = if row.status == Status::Diverged {
+            f64::NAN
+        } else {
+            libm::log(row.error.rms / self.moved_m)
+        };
         if time.is_finite() {
-            self.learned.push(Known { scene: String::new(), family, features, time, error });
+            self.learned.push(Known {
+                scene: String::new(),
+                family,
+                features,
+                time,
+                error,
+            });
         }
     }
 
@@ -171,9 +204,14 @@ fn error(known: &Known) -> f64 {
 
 /// The line of a family with the best of the given extra steps.
 fn line_of(known: &[Known], family: Family, extra: &[f64], of: fn(&Known) -> f64) -> Line {
-    let these: Vec<&Known> = known.iter().filter(|k| k.family == family && of(k).is_finite()).collect();
+    let these: Vec<&Known> = known
+        .iter()
+        .filter(|k| k.family == family && of(k).is_finite())
+        .collect();
     let lines = extra.iter().map(|extra| fit(&these, *extra, of));
-    lines.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(Line::default(), |(line, _)| line)
+    lines
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map_or(Line::default(), |(line, _)| line)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {
@@ -187,7 +225,13 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
     let mut scenes: Vec<&str> = known.iter().map(|k| k.scene.as_str()).collect();
     scenes.sort_unstable();
     scenes.dedup();
-    let of_scene = |scene: &str| known.iter().copied().filter(|k| k.scene == scene).collect::<Vec<_>>();
+    let of_scene = |scene: &str| {
+        known
+            .iter()
+            .copied()
+            .filter(|k| k.scene == scene)
+            .collect::<Vec<_>>()
+    };
     let (mut rows, mut wanted) = (Vec::new(), Vec::new());
     let mut centres = Vec::new();
     for scene in scenes {
@@ -205,15 +249,27 @@ fn fit(known: &[&Known], extra: f64, of: fn(&Known) -> f64) -> (Line, f64) {
         return (Line::default(), 0.0);
     }
     // A feature that never varies has no slope: the least one.
-    let (matrix, wanted) = (DMatrix::from_row_slice(wanted.len(), 2, &rows), DVector::from_vec(wanted));
+    let (matrix, wanted) = (
+        DMatrix::from_row_slice(wanted.len(), 2, &rows),
+        DVector::from_vec(wanted),
+    );
     let svd = matrix.clone().svd(true, true);
     let least = 1e-9 * svd.singular_values.max();
     let slopes = svd.solve(&wanted, least).map_or([0.0; 2], |s| [s[0], s[1]]);
     let left = (matrix * DVector::from_row_slice(&slopes) - wanted).norm_squared();
-    let constant = |(centre, height): &([f64; 2], f64)| height - slopes[0] * centre[0] - slopes[1] * centre[1];
+    let constant =
+        |(centre, height): &([f64; 2], f64)| height - slopes[0] * centre[0] - slopes[1] * centre[1];
     let at_zero = mean(centres.iter().map(constant));
     let spread = mean(centres.iter().map(|c| (constant(c) - at_zero).powi(2))).sqrt();
-    (Line { at_zero, slopes, extra, spread }, left)
+    (
+        Line {
+            at_zero,
+            slopes,
+            extra,
+            spread,
+        },
+        left,
+    )
 }
 
 /// The runs of a table as `pliant accuracy` writes it, but those that diverged, or vary lanes, orders or ways.
@@ -222,7 +278,12 @@ fn read(csv: &str) -> Vec<Known> {
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
     let known = |line: &str| {
         let fields: Vec<&str> = line.split(',').collect();
-        let text = |name: &str| header.iter().position(|h| *h == name).and_then(|i| fields.get(i).copied());
+        let text = |name: &str| {
+            header
+                .iter()
+                .position(|h| *h == name)
+                .and_then(|i| fields.get(i).copied())
+        };
         let value = |name: &str| text(name)?.parse::<f64>().ok();
         let (steps, iterations) = (value("substeps")?, value("iterations")?);
         let (family, setting) = match (text("solver")?, text("order")?) {
@@ -232,15 +293,28 @@ fn read(csv: &str) -> Vec<Known> {
             ("implicit_euler", _) => (Family::ImplicitEuler, 1.0 / value("tolerance")?),
             _ => return None,
         };
-        if text("status")? == "diverged" || text("contact")? != super::candidates::HIERARCHY || text("lanes")? == "1" {
+        if text("status")? == "diverged"
+            || text("contact")? != super::candidates::HIERARCHY
+            || text("lanes")? == "1"
+        {
             return None;
         }
         let time = libm::log(value("time_s")? / (value("vertices")? * value("frames")?));
         let error = libm::log(value("rms_error_m")? / value("moved_m")?);
         // Below the reference's uncertainty an error says nothing.
-        let error = if text("certain")? == "true" { error } else { f64::NAN };
+        let error = if text("certain")? == "true" {
+            error
+        } else {
+            f64::NAN
+        };
         let features = [steps, setting];
-        Some(Known { scene: text("scene")?.to_owned(), family, features, time, error })
+        Some(Known {
+            scene: text("scene")?.to_owned(),
+            family,
+            features,
+            time,
+            error,
+        })
     };
     lines.filter_map(known).collect()
 }
@@ -254,7 +328,13 @@ mod tests {
         let ([steps, setting], more) = (logarithms(&features, 0.0), libm::log(features[0] + 8.0));
         let time = 0.9 * more + 0.4 * setting + factor;
         let error = -1.1 * steps - 0.3 * setting - 2.0 * factor;
-        Known { scene: scene.to_owned(), family: Family::Sweeps, features, time, error }
+        Known {
+            scene: scene.to_owned(),
+            family: Family::Sweeps,
+            features,
+            time,
+            error,
+        }
     }
 
     #[test]
@@ -266,8 +346,14 @@ mod tests {
             }
         }
         let line = line_of(&all, Family::Sweeps, &EXTRA, time);
-        assert!((line.slopes[0] - 0.9).abs() <= 1e-12 && (line.slopes[1] - 0.4).abs() <= 1e-12, "{line:?}");
-        assert!((line.at_zero - 0.5).abs() <= 1e-12 && (line.spread - 1.5).abs() <= 1e-12, "{line:?}");
+        assert!(
+            (line.slopes[0] - 0.9).abs() <= 1e-12 && (line.slopes[1] - 0.4).abs() <= 1e-12,
+            "{line:?}"
+        );
+        assert!(
+            (line.at_zero - 0.5).abs() <= 1e-12 && (line.spread - 1.5).abs() <= 1e-12,
+            "{line:?}"
+        );
         assert_eq!(line.extra, 8.0);
         // Controls: without extra steps, or with one number in disorder, the slope is another.
         assert!((line_of(&all, Family::Sweeps, &[0.0], time).slopes[0] - 0.9).abs() > 0.01);
@@ -277,9 +363,14 @@ mod tests {
 
     #[test]
     fn a_feature_that_never_varies_has_no_slope_and_nothing_has_no_line() {
-        let all: Vec<Known> = [[1.0, 3.0], [2.0, 3.0], [4.0, 3.0]].map(|f| known("a", f, 0.0)).to_vec();
+        let all: Vec<Known> = [[1.0, 3.0], [2.0, 3.0], [4.0, 3.0]]
+            .map(|f| known("a", f, 0.0))
+            .to_vec();
         let line = line_of(&all, Family::Sweeps, &[0.0], error);
-        assert!((line.slopes[0] + 1.1).abs() <= 1e-12 && line.slopes[1] == 0.0, "{line:?}");
+        assert!(
+            (line.slopes[0] + 1.1).abs() <= 1e-12 && line.slopes[1] == 0.0,
+            "{line:?}"
+        );
         assert_eq!(line_of(&[], Family::Sweeps, &EXTRA, time), Line::default());
     }
 
@@ -287,12 +378,25 @@ mod tests {
     fn the_shipped_sweeps_are_of_several_scenes_and_more_work_takes_longer_and_errs_less() {
         let all = read(SWEEPS);
         for family in FAMILIES {
-            let these: Vec<&Known> = all.iter().filter(|k| k.family == family && k.error.is_finite()).collect();
+            let these: Vec<&Known> = all
+                .iter()
+                .filter(|k| k.family == family && k.error.is_finite())
+                .collect();
             let mut scenes: Vec<&str> = these.iter().map(|k| k.scene.as_str()).collect();
             scenes.dedup();
-            assert!(scenes.len() >= 3 && these.len() >= 9, "{family:?}: {} of {scenes:?}", these.len());
-            let (time, error) = (line_of(&all, family, &EXTRA, time), line_of(&all, family, &[0.0], error));
-            assert!(time.slopes[1] > 0.0 && error.slopes[1] < 0.0, "{family:?}: {time:?} {error:?}");
+            assert!(
+                scenes.len() >= 3 && these.len() >= 9,
+                "{family:?}: {} of {scenes:?}",
+                these.len()
+            );
+            let (time, error) = (
+                line_of(&all, family, &EXTRA, time),
+                line_of(&all, family, &[0.0], error),
+            );
+            assert!(
+                time.slopes[1] > 0.0 && error.slopes[1] < 0.0,
+                "{family:?}: {time:?} {error:?}"
+            );
         }
     }
 }

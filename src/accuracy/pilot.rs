@@ -55,26 +55,45 @@ fn growth(
     target_m: f64,
     watch: &mut impl Watch,
 ) -> Result<f64, StudyError> {
-    let own =
-        |row: &&Row| row.status != Status::Diverged && Question::of(&row.candidate.solver) == Some(study.question);
+    let own = |row: &&Row| {
+        row.status != Status::Diverged
+            && Question::of(&row.candidate.solver) == Some(study.question)
+    };
     let fastest = |most: f64| {
-        let able = study.rows.iter().filter(own).filter(|row| row.error.rms <= most);
+        let able = study
+            .rows
+            .iter()
+            .filter(own)
+            .filter(|row| row.error.rms <= most);
         able.min_by(|a, b| a.time_s.total_cmp(&b.time_s))
     };
-    let Some(rough) = fastest(target_m).or_else(|| fastest(f64::INFINITY)) else { return Ok(1.0) };
-    let Some(fine) = fastest(CLEARLY * rough.error.rms) else { return Ok(1.0) };
+    let Some(rough) = fastest(target_m).or_else(|| fastest(f64::INFINITY)) else {
+        return Ok(1.0);
+    };
+    let Some(fine) = fastest(CLEARLY * rough.error.rms) else {
+        return Ok(1.0);
+    };
     if study.frames >= scene.frames {
         return Ok(1.0);
     }
     let mut run = |row: &Row| {
-        watch.part(&format!("all frames: {}, {}", row.candidate.name(), row.candidate.in_words()));
-        Trajectory::of(scene, assets, &row.candidate, scene.frames, &mut |_, _| !watch.stops())
+        watch.part(&format!(
+            "all frames: {}, {}",
+            row.candidate.name(),
+            row.candidate.in_words()
+        ));
+        Trajectory::of(scene, assets, &row.candidate, scene.frames, &mut |_, _| {
+            !watch.stops()
+        })
     };
     let (rough, fine) = (run(rough)?, run(fine)?);
     let first = |run: &Trajectory| run.frames[..study.frames.min(run.frames.len())].to_vec();
     let before = Distance::between(&first(&rough), &first(&fine)).rms;
     if before <= NOTHING * study.length {
-        let why = format!("nothing happens in frames 1 to {}, for which there was time", study.frames);
+        let why = format!(
+            "nothing happens in frames 1 to {}, for which there was time",
+            study.frames
+        );
         return Err(StudyError::NoReference(why));
     }
     let ratio = Distance::between(&rough.frames, &fine.frames).rms / before;
@@ -95,21 +114,55 @@ pub fn choose(
     threads: usize,
     watch: &mut impl Watch,
 ) -> Result<Chosen, StudyError> {
-    let (mut measuring, mut study) = begin(scene, assets, Options { budget, frames: None, threads }, watch)?;
+    let (mut measuring, mut study) = begin(
+        scene,
+        assets,
+        Options {
+            budget,
+            frames: None,
+            threads,
+        },
+        watch,
+    )?;
     let mut model = Model::shipped(&study);
     let target_m = accuracy.length(study.length);
     search(&mut measuring, &mut study, &mut model, target_m, watch);
     // One that is clearly more accurate, for the growth.
-    let rough = study.rows.iter().map(total).filter(|e| *e <= target_m).fold(target_m, f64::min);
-    search(&mut measuring, &mut study, &mut model, CLEARLY * CLEARLY * rough, watch);
+    let rough = study
+        .rows
+        .iter()
+        .map(total)
+        .filter(|e| *e <= target_m)
+        .fold(target_m, f64::min);
+    search(
+        &mut measuring,
+        &mut study,
+        &mut model,
+        CLEARLY * CLEARLY * rough,
+        watch,
+    );
     let growth = growth(scene, assets, &study, target_m, watch)?;
-    search(&mut measuring, &mut study, &mut model, target_m / growth, watch);
+    search(
+        &mut measuring,
+        &mut study,
+        &mut model,
+        target_m / growth,
+        watch,
+    );
     let total = |row: &Row| growth * total(row);
-    let able: Vec<&Row> = study.rows.iter().filter(|row| row.status != Status::Diverged).collect();
-    let fast = able.iter().filter(|row| total(row) <= target_m).min_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let able: Vec<&Row> = study
+        .rows
+        .iter()
+        .filter(|row| row.status != Status::Diverged)
+        .collect();
+    let fast = able
+        .iter()
+        .filter(|row| total(row) <= target_m)
+        .min_by(|a, b| a.time_s.total_cmp(&b.time_s));
     let frames = study.frames;
     if fast.is_none()
-        && let Some((candidate, expected)) = foreseen(scene, &study, &model, target_m / growth, threads)
+        && let Some((candidate, expected)) =
+            foreseen(scene, &study, &model, target_m / growth, threads)
     {
         let expected_m = growth * expected.error_m * expected.doubt;
         let why = format!(
@@ -121,7 +174,14 @@ pub fn choose(
             crate::render::number(expected_m * 1e3),
             expected.time_s / frames.max(1) as f64 * 1e3
         );
-        return Ok(Chosen { target_m, candidate, expected_m, growth, frames, why });
+        return Ok(Chosen {
+            target_m,
+            candidate,
+            expected_m,
+            growth,
+            frames,
+            why,
+        });
     }
     let exact = able.iter().min_by(|a, b| total(a).total_cmp(&total(b)));
     let Some(row) = fast.or(exact) else {
@@ -136,11 +196,24 @@ pub fn choose(
         row.time_s / frames.max(1) as f64 * 1e3
     );
     let why = if fast.is_some() {
-        format!("the fastest of {} settings that keep it: {found}", study.rows.len())
+        format!(
+            "the fastest of {} settings that keep it: {found}",
+            study.rows.len()
+        )
     } else {
-        format!("none of {} settings keeps it; the most accurate: {found}", study.rows.len())
+        format!(
+            "none of {} settings keeps it; the most accurate: {found}",
+            study.rows.len()
+        )
     };
-    Ok(Chosen { target_m, candidate: row.candidate, expected_m: total(row), growth, frames, why })
+    Ok(Chosen {
+        target_m,
+        candidate: row.candidate,
+        expected_m: total(row),
+        growth,
+        frames,
+        why,
+    })
 }
 
 /// The fastest setting that the model expects to keep `target_m` [m] by a margin, of families of which one was measured.
@@ -156,6 +229,8 @@ fn foreseen(
         expected.error_m += floor(&candidate, study)? / expected.doubt;
         (expected.error_m * expected.doubt <= target_m).then_some((candidate, expected))
     };
-    let able = candidates::all(scene, threads).into_iter().filter_map(expected);
+    let able = candidates::all(scene, threads)
+        .into_iter()
+        .filter_map(expected);
     able.min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s))
 }

@@ -84,7 +84,9 @@ pub fn refine(
             break;
         }
         let candidate = Candidate::new(level(scene, question, k), threads);
-        let run = Trajectory::of(scene, assets, &candidate, frames, &mut |_, s| watch(&candidate, k, s))?;
+        let run = Trajectory::of(scene, assets, &candidate, frames, &mut |_, s| {
+            watch(&candidate, k, s)
+        })?;
         // The first two levels, if time ran out in them, are compared as far as they went; a later one is not needed.
         let partial = run.cut_short && !run.stopped && run.frames.len() >= 2 && k < 2;
         if (run.cut_short || run.stopped) && !partial {
@@ -92,15 +94,35 @@ pub fn refine(
         }
         frames = run.frames.len();
         let (apart, mut steps) = match found.take() {
-            Some(before) => (Distance::between(before.frames(), &run.frames), before.steps),
-            None => (Distance { rms: f64::INFINITY, max: f64::INFINITY, frame: 0 }, Vec::new()),
+            Some(before) => (
+                Distance::between(before.frames(), &run.frames),
+                before.steps,
+            ),
+            None => (
+                Distance {
+                    rms: f64::INFINITY,
+                    max: f64::INFINITY,
+                    frame: 0,
+                },
+                Vec::new(),
+            ),
         };
         if k > 0 {
             steps.push(apart.rms);
         }
         let still = to_come(&steps);
-        let uncertainty = Distance { rms: apart.rms * still, max: apart.max * still, ..apart };
-        found = Some(Reference { question, candidate, run, uncertainty, steps });
+        let uncertainty = Distance {
+            rms: apart.rms * still,
+            max: apart.max * still,
+            ..apart
+        };
+        found = Some(Reference {
+            question,
+            candidate,
+            run,
+            uncertainty,
+            steps,
+        });
         if (partial && k > 0) || uncertainty.rms <= wanted {
             break;
         }

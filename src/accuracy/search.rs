@@ -31,12 +31,17 @@ pub(super) fn search(
     let mut tried: Vec<Candidate> = study.rows.iter().map(|row| row.candidate).collect();
     while !measuring.interrupted {
         let left: Vec<Candidate> = all.iter().copied().filter(|c| !tried.contains(c)).collect();
-        let Some(next) = next(&left, study, model, target_m, measuring.left_s()) else { break };
+        let Some(next) = next(&left, study, model, target_m, measuring.left_s()) else {
+            break;
+        };
         tried.push(next);
         watch.part(&format!("{}: {}", next.name(), next.in_words()));
         let mut row = measuring.row(next, study, watch);
         // The first run of all also waits for what is touched for the first time.
-        if let Some(first) = row.as_ref().filter(|row| study.rows.is_empty() && row.time_s <= measuring.left_s()) {
+        if let Some(first) = row
+            .as_ref()
+            .filter(|row| study.rows.is_empty() && row.time_s <= measuring.left_s())
+        {
             row = measuring.row(next, study, watch).or(Some(first.clone()));
         }
         if let Some(row) = row {
@@ -59,20 +64,35 @@ pub(super) fn floor(candidate: &Candidate, study: &Study) -> Option<f64> {
     Some(study.model_distance_m + study.other.as_ref()?.uncertainty.rms)
 }
 
-fn next(left: &[Candidate], study: &Study, model: &Model, target_m: f64, left_s: f64) -> Option<Candidate> {
-    let best = study.rows.iter().filter(|row| keeps(row, target_m)).map(|row| row.time_s).fold(f64::INFINITY, f64::min);
+fn next(
+    left: &[Candidate],
+    study: &Study,
+    model: &Model,
+    target_m: f64,
+    left_s: f64,
+) -> Option<Candidate> {
+    let best = study
+        .rows
+        .iter()
+        .filter(|row| keeps(row, target_m))
+        .map(|row| row.time_s)
+        .fold(f64::INFINITY, f64::min);
     let expected = |c: &Candidate| Some((*c, model.expect(c)?, floor(c, study)?));
     let open: Vec<(Candidate, Expected, f64)> = left.iter().filter_map(expected).collect();
     let hopeful = |doubt: f64| {
         let hopeful = move |(_, e, floor): &&(Candidate, Expected, f64)| {
-            floor + e.error_m / e.doubt <= target_m && e.time_s / doubt <= WORTH * best && e.time_s <= left_s
+            floor + e.error_m / e.doubt <= target_m
+                && e.time_s / doubt <= WORTH * best
+                && e.time_s <= left_s
         };
         open.iter().filter(hopeful).collect::<Vec<_>>()
     };
     // The likely ones first, then those that may surprise.
     let likely = |(_, e, floor): &&(Candidate, Expected, f64)| floor + e.error_m <= target_m;
     let fastest = |of: Vec<&(Candidate, Expected, f64)>| {
-        of.into_iter().min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s)).map(|c| c.0)
+        of.into_iter()
+            .min_by(|a, b| a.1.time_s.total_cmp(&b.1.time_s))
+            .map(|c| c.0)
     };
     let best_of = |these: Vec<&(Candidate, Expected, f64)>| {
         fastest(these.iter().copied().filter(likely).collect()).or_else(|| fastest(these))
@@ -95,9 +115,16 @@ fn keeps(row: &Row, target_m: f64) -> bool {
 
 /// Runs those again that are about as fast as the fastest: a time is the least of both.
 fn settle(measuring: &mut Measuring<'_>, study: &mut Study, target_m: f64, watch: &mut impl Watch) {
-    let best = study.rows.iter().filter(|row| keeps(row, target_m)).map(|row| row.time_s).fold(f64::INFINITY, f64::min);
+    let best = study
+        .rows
+        .iter()
+        .filter(|row| keeps(row, target_m))
+        .map(|row| row.time_s)
+        .fold(f64::INFINITY, f64::min);
     let close = |row: &Row| keeps(row, target_m) && row.time_s <= CLOSE * best;
-    let close: Vec<usize> = (0..study.rows.len()).filter(|i| close(&study.rows[*i])).collect();
+    let close: Vec<usize> = (0..study.rows.len())
+        .filter(|i| close(&study.rows[*i]))
+        .collect();
     if close.len() < 2 {
         return;
     }

@@ -103,7 +103,8 @@ impl SkinStudy {
     /// The fastest row for each target, a share of the gain; none where the target is below the uncertainty.
     pub fn recommended(&self) -> Vec<(f64, Option<usize>)> {
         let keeps = |target: f64, row: &SkinRow| {
-            row.converged && self.share(row) + self.uncertainty / self.reference.gain.abs() <= target
+            row.converged
+                && self.share(row) + self.uncertainty / self.reference.gain.abs() <= target
         };
         let best = |target: f64| {
             let all = (0..self.rows.len()).filter(|&k| keeps(target, &self.rows[k]));
@@ -134,15 +135,24 @@ fn variant(scene: &SkinScene, edge: f64, method: Method) -> SkinScene {
 }
 
 /// Runs a variant; `None` where it was interrupted or could not be solved.
-fn insert(scene: SkinScene, method: Method, watch: &dyn Watch) -> Result<Option<SkinRow>, LoadError> {
+fn insert(
+    scene: SkinScene,
+    method: Method,
+    watch: &dyn Watch,
+) -> Result<Option<SkinRow>, LoadError> {
     let begun = Instant::now();
     let mut run = SkinRun::new(scene)?;
     if run.step(&mut |_| !watch.stops()) != Stepped::Done {
         return Ok(None);
     }
-    let count = |of: &dyn Fn(&crate::simulation::skin::Part) -> usize| run.parts.iter().map(of).sum();
+    let count =
+        |of: &dyn Fn(&crate::simulation::skin::Part) -> usize| run.parts.iter().map(of).sum();
     let sum = |of: &dyn Fn(&crate::skin::Areas) -> f64| -> f64 {
-        run.parts.iter().filter_map(|p| p.frames.last()).map(|f| of(&f.areas)).sum()
+        run.parts
+            .iter()
+            .filter_map(|p| p.frames.last())
+            .map(|f| of(&f.areas))
+            .sum()
     };
     Ok(Some(SkinRow {
         edge: run.parts.first().map_or(0.0, |p| p.ready.layers.edge),
@@ -162,9 +172,16 @@ fn insert(scene: SkinScene, method: Method, watch: &dyn Watch) -> Result<Option<
 ///
 /// # Errors
 /// A scene that cannot be run; fewer than two meshes at rest.
-pub fn measure(scene: &SkinScene, budget: Duration, watch: &mut dyn Watch) -> Result<SkinStudy, SkinStudyError> {
+pub fn measure(
+    scene: &SkinScene,
+    budget: Duration,
+    watch: &mut dyn Watch,
+) -> Result<SkinStudy, SkinStudyError> {
     let begun = Instant::now();
-    let own = SkinRun::new(scene.clone())?.parts.first().map_or(0.0, |p| p.ready.layers.edge);
+    let own = SkinRun::new(scene.clone())?
+        .parts
+        .first()
+        .map_or(0.0, |p| p.ready.layers.edge);
     let budget = budget.as_secs_f64();
     let mut left_out = Vec::new();
     let mut rows: Vec<SkinRow> = Vec::new();
@@ -173,24 +190,36 @@ pub fn measure(scene: &SkinScene, budget: Duration, watch: &mut dyn Watch) -> Re
         for edge in EDGES.map(|e| e * own) {
             // The first two are needed whatever they take.
             let needed = method == Method::Newton && rows.len() < 2;
-            let late = begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
+            let late =
+                begun.elapsed().as_secs_f64() + last.map_or(0.0, |t| SLOWER * t) > share * budget;
             if watch.stops() || (late && !needed) {
                 left_out.push((edge, method));
                 continue;
             }
             watch.part(&format!("{}, edges of {:.2} mm", name(method), edge * 1e3));
             // Too coarse or too fine for its region is an error; the scene itself can be made ready.
-            let Ok(Some(row)) = insert(variant(scene, edge, method), method, watch) else { continue };
+            let Ok(Some(row)) = insert(variant(scene, edge, method), method, watch) else {
+                continue;
+            };
             last = Some(row.time_s);
             // A mesh that is finer than asked for is taken as it is.
-            if !rows.iter().any(|r| r.method == method && (r.vertices, r.springs) == (row.vertices, row.springs)) {
+            if !rows.iter().any(|r| {
+                r.method == method && (r.vertices, r.springs) == (row.vertices, row.springs)
+            }) {
                 rows.push(row);
             }
         }
     }
     let interrupted = watch.stops();
     let (reference, uncertainty) = reference(&mut rows)?;
-    Ok(SkinStudy { scene: scene.name.clone(), rows, reference, uncertainty, left_out, interrupted })
+    Ok(SkinStudy {
+        scene: scene.name.clone(),
+        rows,
+        reference,
+        uncertainty,
+        left_out,
+        interrupted,
+    })
 }
 
 /// What a method is called in scenes.
@@ -204,16 +233,25 @@ pub fn name(method: Method) -> &'static str {
 /// Takes the finest mesh of Newton's method out of the rows; and what its gain may be off: the sum of the geometric series
 /// that the last two differences begin, at least the last difference itself.
 fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> {
-    let newton: Vec<usize> =
-        (0..rows.len()).filter(|&k| rows[k].method == Method::Newton && rows[k].converged).collect();
+    let newton: Vec<usize> = (0..rows.len())
+        .filter(|&k| rows[k].method == Method::Newton && rows[k].converged)
+        .collect();
     let [.., second, finest] = newton[..] else {
-        let why = "fewer than two meshes came to rest in the time; give more, with --budget".to_owned();
+        let why =
+            "fewer than two meshes came to rest in the time; give more, with --budget".to_owned();
         return Err(SkinStudyError::NoReference(why));
     };
     let last = (rows[finest].gain - rows[second].gain).abs();
-    let before = newton.len().checked_sub(3).map(|k| (rows[second].gain - rows[newton[k]].gain).abs());
+    let before = newton
+        .len()
+        .checked_sub(3)
+        .map(|k| (rows[second].gain - rows[newton[k]].gain).abs());
     let ratio = before.map_or(0.0, |before| last / before);
-    let rest = if ratio < 1.0 { last * ratio / (1.0 - ratio) } else { last };
+    let rest = if ratio < 1.0 {
+        last * ratio / (1.0 - ratio)
+    } else {
+        last
+    };
     Ok((rows.remove(finest), rest.max(last)))
 }
 
@@ -224,16 +262,35 @@ mod tests {
     fn row(gain: f64, method: Method, time_s: f64) -> SkinRow {
         let (vertices, springs, steps) = (1, 1, 1);
         let (edge, deformed, volume_difference) = (1e-3, gain + 1.0, 0.0);
-        SkinRow { edge, method, vertices, springs, converged: true, gain, deformed, volume_difference, steps, time_s }
+        SkinRow {
+            edge,
+            method,
+            vertices,
+            springs,
+            converged: true,
+            gain,
+            deformed,
+            volume_difference,
+            steps,
+            time_s,
+        }
     }
 
     #[test]
     fn the_finest_is_the_reference_and_its_doubt_follows_from_the_differences() {
         let newton = |gain, time| row(gain, Method::Newton, time);
-        let mut rows = vec![newton(1.4, 1.0), newton(1.1, 3.0), newton(1.0, 9.0), row(1.1, Method::QuasiStatic, 2.0)];
+        let mut rows = vec![
+            newton(1.4, 1.0),
+            newton(1.1, 3.0),
+            newton(1.0, 9.0),
+            row(1.1, Method::QuasiStatic, 2.0),
+        ];
         let (found, doubt) = reference(&mut rows).expect("a reference");
         // Differences of 0.3 and 0.1: what is to come is 0.1/3 + 0.1/9 + ... = 0.05, less than the last.
-        assert!(found.gain == 1.0 && (doubt - 0.1).abs() <= 1e-12 && rows.len() == 3, "{doubt}");
+        assert!(
+            found.gain == 1.0 && (doubt - 0.1).abs() <= 1e-12 && rows.len() == 3,
+            "{doubt}"
+        );
         let study = SkinStudy {
             scene: String::new(),
             rows,
@@ -243,15 +300,40 @@ mod tests {
             interrupted: false,
         };
         // Both are off by a tenth; rounding decides nothing.
-        let near =
-            SkinStudy { rows: study.rows.iter().map(|r| SkinRow { gain: r.gain - 0.01, ..*r }).collect(), ..study };
-        assert_eq!(near.recommended(), [(0.1, Some(2)), (0.01, None), (0.001, None)]);
-        let doubtful = SkinStudy { uncertainty: 0.1, ..near };
-        assert_eq!(doubtful.recommended()[0], (0.1, None), "control: a target below the uncertainty is granted");
+        let near = SkinStudy {
+            rows: study
+                .rows
+                .iter()
+                .map(|r| SkinRow {
+                    gain: r.gain - 0.01,
+                    ..*r
+                })
+                .collect(),
+            ..study
+        };
+        assert_eq!(
+            near.recommended(),
+            [(0.1, Some(2)), (0.01, None), (0.001, None)]
+        );
+        let doubtful = SkinStudy {
+            uncertainty: 0.1,
+            ..near
+        };
+        assert_eq!(
+            doubtful.recommended()[0],
+            (0.1, None),
+            "control: a target below the uncertainty is granted"
+        );
     }
 
     #[test]
     fn one_mesh_is_no_reference() {
-        assert!(reference(&mut vec![row(1.0, Method::Newton, 1.0), row(1.0, Method::QuasiStatic, 1.0)]).is_err());
+        assert!(
+            reference(&mut vec![
+                row(1.0, Method::Newton, 1.0),
+                row(1.0, Method::QuasiStatic, 1.0)
+            ])
+            .is_err()
+        );
     }
 }

@@ -82,7 +82,11 @@ impl Row {
     /// A row without numbers.
     pub fn new(candidate: Candidate, status: Status) -> Self {
         let none = f64::NAN;
-        let error = Distance { rms: none, max: none, frame: 0 };
+        let error = Distance {
+            rms: none,
+            max: none,
+            frame: 0,
+        };
         Self {
             candidate,
             status,
@@ -152,7 +156,9 @@ pub enum StudyError {
     #[error(transparent)]
     Load(#[from] LoadError),
     /// Classic PBD.
-    #[error("classic PBD has no energy: what it tends to depends on its steps and sweeps, so there is no reference")]
+    #[error(
+        "classic PBD has no energy: what it tends to depends on its steps and sweeps, so there is no reference"
+    )]
     NoEnergy,
     /// No reference.
     #[error("no reference: {0}")]
@@ -189,7 +195,12 @@ pub(super) struct Measuring<'a> {
 ///
 /// # Errors
 /// A scene that cannot be run, that has no energy, or whose reference cannot be computed.
-pub fn measure(scene: &Scene, assets: &Assets, options: Options, watch: &mut impl Watch) -> Result<Study, StudyError> {
+pub fn measure(
+    scene: &Scene,
+    assets: &Assets,
+    options: Options,
+    watch: &mut impl Watch,
+) -> Result<Study, StudyError> {
     let (mut measuring, mut study) = begin(scene, assets, options, watch)?;
     measuring.sweep(&mut study, watch);
     measuring.repeat(&mut study, watch);
@@ -206,18 +217,44 @@ pub(super) fn begin<'a>(
 ) -> Result<(Measuring<'a>, Study), StudyError> {
     let question = Question::of(&scene.solver).ok_or(StudyError::NoEnergy)?;
     let begin = Instant::now();
-    let length = assets.muscles.iter().map(|m| m.mesh.length()).fold(f64::INFINITY, f64::min);
+    let length = assets
+        .muscles
+        .iter()
+        .map(|m| m.mesh.length())
+        .fold(f64::INFINITY, f64::min);
     let vertices = assets.muscles.iter().map(|m| m.mesh.vertices.len()).sum();
-    let mut measuring = Measuring { scene, assets, options, begin, length, frames: 0, interrupted: false };
+    let mut measuring = Measuring {
+        scene,
+        assets,
+        options,
+        begin,
+        length,
+        frames: 0,
+        interrupted: false,
+    };
     measuring.frames = measuring.choose_frames(question, watch)?;
     let reference = measuring.reference(question, FOR_REFERENCES, watch)?;
     let reference = reference.ok_or_else(|| no_reference(&measuring))?;
     measuring.frames = reference.frames().len();
-    let rest: Vec<_> = assets.muscles.iter().flat_map(|m| m.mesh.vertices.iter().copied()).collect();
+    let rest: Vec<_> = assets
+        .muscles
+        .iter()
+        .flat_map(|m| m.mesh.vertices.iter().copied())
+        .collect();
     let moved_m = Distance::between(&vec![rest; measuring.frames], reference.frames()).rms;
-    let turned = if question == Question::Motion { Question::Equilibrium } else { Question::Motion };
-    let other = if measuring.interrupted { None } else { measuring.other(turned, watch) };
-    let model_distance_m = other.as_ref().map_or(f64::NAN, |o| Distance::between(o.frames(), reference.frames()).rms);
+    let turned = if question == Question::Motion {
+        Question::Equilibrium
+    } else {
+        Question::Motion
+    };
+    let other = if measuring.interrupted {
+        None
+    } else {
+        measuring.other(turned, watch)
+    };
+    let model_distance_m = other.as_ref().map_or(f64::NAN, |o| {
+        Distance::between(o.frames(), reference.frames()).rms
+    });
     let study = Study {
         scene: scene.name.clone(),
         frames: measuring.frames,
@@ -253,7 +290,11 @@ impl Measuring<'_> {
     }
 
     /// As many frames as the references have time for, found by a first level over two frames.
-    fn choose_frames(&mut self, question: Question, watch: &mut impl Watch) -> Result<usize, StudyError> {
+    fn choose_frames(
+        &mut self,
+        question: Question,
+        watch: &mut impl Watch,
+    ) -> Result<usize, StudyError> {
         if let Some(frames) = self.options.frames {
             return Ok(frames.min(self.scene.frames));
         }
@@ -269,16 +310,29 @@ impl Measuring<'_> {
             a_frame = a_frame.min(took);
             !watch.stops()
         };
-        Trajectory::of(self.scene, self.assets, &candidate, self.scene.frames.min(2), goes_on)?;
+        Trajectory::of(
+            self.scene,
+            self.assets,
+            &candidate,
+            self.scene.frames.min(2),
+            goes_on,
+        )?;
         self.interrupted |= watch.stops();
         // The levels of both references cost about as much as this many of the first, the candidates twice that.
         let affordable = self.left_s() / (60.0 * a_frame);
         Ok((affordable as usize).clamp(4.min(self.scene.frames), self.scene.frames))
     }
 
-    fn run(&mut self, candidate: &Candidate, frames: usize, watch: &mut impl Watch) -> Result<Trajectory, LoadError> {
-        let end =
-            Instant::now() + Duration::from_secs_f64(self.left_s().max(0.0) + LATE * self.options.budget.as_secs_f64());
+    fn run(
+        &mut self,
+        candidate: &Candidate,
+        frames: usize,
+        watch: &mut impl Watch,
+    ) -> Result<Trajectory, LoadError> {
+        let end = Instant::now()
+            + Duration::from_secs_f64(
+                self.left_s().max(0.0) + LATE * self.options.budget.as_secs_f64(),
+            );
         let goes_on = &mut |_: usize, _: f64| !watch.stops() && Instant::now() <= end;
         let run = Trajectory::of(self.scene, self.assets, candidate, frames, goes_on)?;
         self.interrupted |= watch.stops();
@@ -303,7 +357,11 @@ impl Measuring<'_> {
         let mut listen = |candidate: &Candidate, level: u32, _: f64| {
             if said != Some(*candidate) {
                 said = Some(*candidate);
-                watch.part(&format!("reference by {}: {}", candidate.name(), candidate.in_words()));
+                watch.part(&format!(
+                    "reference by {}: {}",
+                    candidate.name(),
+                    candidate.in_words()
+                ));
             }
             let share = if level == 0 { FIRST_LEVEL } else { 1.0 };
             !watch.stops() && begin.elapsed().as_secs_f64() <= share * budget
@@ -331,7 +389,10 @@ impl Measuring<'_> {
         let all = candidates::all(self.scene, self.options.threads);
         let mut costs: Vec<(&'static str, f64)> = Vec::new();
         for candidate in all {
-            let known = costs.iter().find(|(name, _)| *name == candidate.name()).map(|(_, s)| s * candidate.work());
+            let known = costs
+                .iter()
+                .find(|(name, _)| *name == candidate.name())
+                .map(|(_, s)| s * candidate.work());
             // A first row of each solver is always measured.
             if self.interrupted || known.is_some_and(|s| s > self.left_s()) {
                 study.left_out.push(candidate);
@@ -349,10 +410,19 @@ impl Measuring<'_> {
     }
 
     /// `None` where the scene cannot be run so, or was interrupted.
-    pub(super) fn row(&mut self, candidate: Candidate, study: &Study, watch: &mut impl Watch) -> Option<Row> {
+    pub(super) fn row(
+        &mut self,
+        candidate: Candidate,
+        study: &Study,
+        watch: &mut impl Watch,
+    ) -> Option<Row> {
         let question = Question::of(&candidate.solver)?;
         let own = question == study.question;
-        let reference = if own { &study.reference } else { study.other.as_ref()? };
+        let reference = if own {
+            &study.reference
+        } else {
+            study.other.as_ref()?
+        };
         let run = self.run(&candidate, study.frames, watch).ok()?;
         if self.interrupted || (run.cut_short && !run.stopped) {
             return None;
@@ -390,7 +460,9 @@ impl Measuring<'_> {
             watch.part(&format!("again: {}", study.rows[i].candidate.in_words()));
             while times.len() < REPEATS && times[0] < self.left_s() && !self.interrupted {
                 let candidate = study.rows[i].candidate;
-                let Ok(run) = self.run(&candidate, study.frames, watch) else { break };
+                let Ok(run) = self.run(&candidate, study.frames, watch) else {
+                    break;
+                };
                 if !run.cut_short {
                     times.push(run.time_s);
                 }
@@ -415,19 +487,41 @@ impl Measuring<'_> {
             }
         };
         let chosen = recommend(&study.rows, self.length);
-        for candidate in chosen.iter().filter_map(|r| r.row).map(|row| study.rows[row].candidate) {
+        for candidate in chosen
+            .iter()
+            .filter_map(|r| r.row)
+            .map(|row| study.rows[row].candidate)
+        {
             if matches!(candidate.solver, Solver::Xpbd(_)) && candidate.width != Width::One {
-                add(Candidate { width: Width::One, ..candidate });
+                add(Candidate {
+                    width: Width::One,
+                    ..candidate
+                });
             }
             if candidate.threads > 1 {
-                add(Candidate { threads: 1, ..candidate });
+                add(Candidate {
+                    threads: 1,
+                    ..candidate
+                });
             }
         }
         // The finest that was found: in it a sweep and contact weigh most.
-        if let Some(candidate) = chosen.iter().rev().find_map(|r| r.row).map(|row| study.rows[row].candidate) {
-            candidates::in_other_orders(&candidate).into_iter().for_each(&mut add);
+        if let Some(candidate) = chosen
+            .iter()
+            .rev()
+            .find_map(|r| r.row)
+            .map(|row| study.rows[row].candidate)
+        {
+            candidates::in_other_orders(&candidate)
+                .into_iter()
+                .for_each(&mut add);
             if self.scene.effects.contact.is_some() {
-                WAYS.iter().for_each(|way| add(Candidate { way: Some(way.name), ..candidate }));
+                WAYS.iter().for_each(|way| {
+                    add(Candidate {
+                        way: Some(way.name),
+                        ..candidate
+                    })
+                });
             }
         }
         for candidate in variants {
@@ -437,7 +531,9 @@ impl Measuring<'_> {
                 candidate.in_words(),
                 candidate.width,
                 candidate.threads,
-                candidate.way.map_or(String::new(), |way| format!(", contact by {way}"))
+                candidate
+                    .way
+                    .map_or(String::new(), |way| format!(", contact by {way}"))
             ));
             if self.interrupted || self.left_s() < 0.0 {
                 study.left_out.push(candidate);

@@ -48,19 +48,36 @@ impl Trajectory {
         frames: usize,
         watch: &mut dyn FnMut(usize, f64) -> bool,
     ) -> Result<Self, LoadError> {
-        let scene = Scene { solver: candidate.solver, ..scene.clone() };
+        let scene = Scene {
+            solver: candidate.solver,
+            ..scene.clone()
+        };
         let plan = Plan::new(&scene, assets);
         let mut simulation = Simulation::with(scene, assets.clone(), plan)?;
         for body in &mut simulation.bodies {
-            body.system.elastic.iter_mut().for_each(|batch| batch.set_width(candidate.width));
+            body.system
+                .elastic
+                .iter_mut()
+                .for_each(|batch| batch.set_width(candidate.width));
         }
         if let Some(way) = candidate.kind_of_way() {
             simulation.set_contact_way(way);
         }
-        let mut run = Self { converged: true, ..Self::default() };
-        run.time_s = simulation.bodies.iter().flat_map(|b| b.system.clock.effects.values()).map(|(s, _)| s).sum();
+        let mut run = Self {
+            converged: true,
+            ..Self::default()
+        };
+        run.time_s = simulation
+            .bodies
+            .iter()
+            .flat_map(|b| b.system.clock.effects.values())
+            .map(|(s, _)| s)
+            .sum();
         // Fails only where the system gives no threads: then those at hand serve.
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(candidate.threads).build().ok();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(candidate.threads)
+            .build()
+            .ok();
         for frame in 1..=frames {
             let begin = Instant::now();
             match &pool {
@@ -76,16 +93,29 @@ impl Trajectory {
                 break;
             }
         }
-        run.iterations = simulation.bodies.iter().filter_map(|b| b.equilibrium.as_ref()).map(|e| e.iterations).sum();
+        run.iterations = simulation
+            .bodies
+            .iter()
+            .filter_map(|b| b.equilibrium.as_ref())
+            .map(|e| e.iterations)
+            .sum();
         run.fibre_length_m = fibre_length(&simulation);
         Ok(run)
     }
 
     fn note(&mut self, simulation: &Simulation) {
         let bodies = &simulation.bodies;
-        self.frames.push(bodies.iter().flat_map(|b| b.system.particles.position.iter().copied()).collect());
+        self.frames.push(
+            bodies
+                .iter()
+                .flat_map(|b| b.system.particles.position.iter().copied())
+                .collect(),
+        );
         for (body, m) in bodies.iter().zip(simulation.measure()) {
-            rise(&mut self.error_estimate_m, body.error_estimate(m.residual_m));
+            rise(
+                &mut self.error_estimate_m,
+                body.error_estimate(m.residual_m),
+            );
             rise(&mut self.volume_error, m.volume_error.abs());
             rise(&mut self.penetration_m, m.penetration_m);
             rise(&mut self.residual_m, m.residual_m);

@@ -53,7 +53,9 @@ pub(super) struct Arguments {
 /// A time with its unit; a bare number is seconds.
 fn duration(text: &str) -> Result<Duration, String> {
     let text = text.trim();
-    let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+    let digits = text
+        .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .unwrap_or(text.len());
     let (number, unit) = (&text[..digits], text[digits..].trim());
     let scale = match unit {
         "" | "s" => 1.0,
@@ -62,7 +64,9 @@ fn duration(text: &str) -> Result<Duration, String> {
         "h" => 3600.0,
         _ => return Err(format!("`{unit}` is no unit of time; known: ms, s, min, h")),
     };
-    let seconds: f64 = number.parse().map_err(|_| "expected a time such as 60s".to_owned())?;
+    let seconds: f64 = number
+        .parse()
+        .map_err(|_| "expected a time such as 60s".to_owned())?;
     // A week is more than anyone waits for.
     if !(seconds * scale > 0.0 && seconds * scale <= 604_800.0) {
         return Err("expected more than 0 s and at most 168 h".to_owned());
@@ -91,7 +95,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Content::Staged(Staged::Skin(scene)) => of_skin(arguments, &scene),
         Content::Staged(Staged::Lattice(_)) => {
             let hint = "compare lattices in a study that varies `lattice.points`, see `pliant study --help`";
-            Err(Failure::usage("accuracy is measured for muscles and for skin", hint))
+            Err(Failure::usage(
+                "accuracy is measured for muscles and for skin",
+                hint,
+            ))
         }
     }
 }
@@ -99,15 +106,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 /// Where the results go.
 fn path(arguments: &Arguments, scene: &str) -> PathBuf {
     let path = arguments.out.clone();
-    path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(scene))))
+    path.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(scene)))
+    })
 }
 
 /// Recommendation, table and notes to a person.
 fn tell(tables: [String; 2], notes: &[String], path: &Path) {
     let mut text = format!("{}\n{}\n", tables[0], tables[1]);
-    notes.iter().for_each(|note| text.push_str(&format!("  note: {note}\n")));
+    notes
+        .iter()
+        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
     let page = path.join("report.html");
-    say(&format!("{text}\nResults in {}\n  open {} in a browser\n", path.display(), page.display()));
+    say(&format!(
+        "{text}\nResults in {}\n  open {} in a browser\n",
+        path.display(),
+        page.display()
+    ));
 }
 
 /// Says what was found, and how it ends.
@@ -130,12 +145,17 @@ fn conclude(
 fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     if arguments.frames.is_some() {
         let hint = "leave --frames out; with --set frames=N the fill ends there";
-        return Err(Failure::usage("the last frame of skin is what is compared", hint));
+        return Err(Failure::usage(
+            "the last frame of skin is what is compared",
+            hint,
+        ));
     }
     let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
     let path = path(arguments, &scene.name);
     let folder = Folder::open(&path)?;
@@ -144,12 +164,23 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
         Err(SkinStudyError::Load(error)) => return Err(error.into()),
         Err(error @ SkinStudyError::NoReference(_)) => {
             warn(&format!("error: {error}"));
-            return Ok(if stop.load(Ordering::Relaxed) { INTERRUPTED } else { FAILED });
+            return Ok(if stop.load(Ordering::Relaxed) {
+                INTERRUPTED
+            } else {
+                FAILED
+            });
         }
     };
     study.write(&folder)?;
     let tables = [study.recommendation().to_text(), study.table().to_text()];
-    Ok(conclude(arguments, &study.to_json(), tables, &study.notes(), &path, study.interrupted))
+    Ok(conclude(
+        arguments,
+        &study.to_json(),
+        tables,
+        &study.notes(),
+        &path,
+        study.interrupted,
+    ))
 }
 
 fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
@@ -172,16 +203,30 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
         Err(StudyError::NoEnergy) => return Err(no_energy()),
         Err(error @ StudyError::NoReference(_)) => {
             warn(&format!("error: {error}"));
-            return Ok(if stop.load(Ordering::Relaxed) { INTERRUPTED } else { FAILED });
+            return Ok(if stop.load(Ordering::Relaxed) {
+                INTERRUPTED
+            } else {
+                FAILED
+            });
         }
     };
     study.write(&folder)?;
     let tables = [study.recommendation().to_text(), study.table().to_text()];
-    Ok(conclude(arguments, &study.to_json(), tables, &study.notes(), &path, study.interrupted))
+    Ok(conclude(
+        arguments,
+        &study.to_json(),
+        tables,
+        &study.notes(),
+        &path,
+        study.interrupted,
+    ))
 }
 
 fn no_energy() -> Failure {
-    Failure::usage(StudyError::NoEnergy.to_string(), "choose another, as with --set solver=xpbd")
+    Failure::usage(
+        StudyError::NoEnergy.to_string(),
+        "choose another, as with --set solver=xpbd",
+    )
 }
 
 #[cfg(test)]
@@ -195,7 +240,17 @@ mod tests {
         assert_eq!(seconds(" 1.5 min"), Ok(90.0));
         assert_eq!(seconds("2"), Ok(2.0));
         assert_eq!(seconds("250ms"), Ok(0.25));
-        for wrong in ["", "s", "0s", "-3s", "1 fortnight", "1e9h", "999h", "1.2.3s", "nan"] {
+        for wrong in [
+            "",
+            "s",
+            "0s",
+            "-3s",
+            "1 fortnight",
+            "1e9h",
+            "999h",
+            "1.2.3s",
+            "nan",
+        ] {
             assert!(duration(wrong).is_err(), "{wrong}");
         }
     }

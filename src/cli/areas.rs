@@ -69,18 +69,28 @@ impl std::str::FromStr for Written {
     fn from_str(text: &str) -> Result<Self, WrittenError> {
         let whole = || text.to_owned();
         let file = |name: &str| {
-            if name.trim().is_empty() { Err(WrittenError::NoFile(whole())) } else { Ok(PathBuf::from(name)) }
+            if name.trim().is_empty() {
+                Err(WrittenError::NoFile(whole()))
+            } else {
+                Ok(PathBuf::from(name))
+            }
         };
         if let Some(list) = text.strip_prefix('[') {
-            let list = list.trim_end().strip_suffix(']').ok_or_else(|| WrittenError::Open(whole()))?;
+            let list = list
+                .trim_end()
+                .strip_suffix(']')
+                .ok_or_else(|| WrittenError::Open(whole()))?;
             return Ok(Self::Vertices(vertices(list)?));
         }
         if let Some(name) = text.strip_prefix("vertices:") {
             return Ok(Self::VerticesOf(file(name)?));
         }
         if let Some(rest) = text.strip_prefix("near:") {
-            let (bone, distance) = rest.rsplit_once(',').ok_or_else(|| WrittenError::NoDistance(whole()))?;
-            let within = parse(distance, Dimension::Length).map_err(|e| WrittenError::Distance(whole(), e))?;
+            let (bone, distance) = rest
+                .rsplit_once(',')
+                .ok_or_else(|| WrittenError::NoDistance(whole()))?;
+            let within = parse(distance, Dimension::Length)
+                .map_err(|e| WrittenError::Distance(whole(), e))?;
             return if within >= 0.0 {
                 Ok(Self::Near(file(bone)?, within))
             } else {
@@ -90,7 +100,9 @@ impl std::str::FromStr for Written {
         match text.rsplit_once('#') {
             None => Ok(Self::Patch(file(text)?, None)),
             Some((name, number)) => {
-                let number = number.parse().map_err(|_| WrittenError::Component(number.to_owned()))?;
+                let number = number
+                    .parse()
+                    .map_err(|_| WrittenError::Component(number.to_owned()))?;
                 Ok(Self::Patch(file(name)?, Some(number)))
             }
         }
@@ -102,9 +114,15 @@ fn vertices(text: &str) -> Result<Vec<u32>, WrittenError> {
     let mut all = Vec::new();
     for (k, line) in text.lines().enumerate() {
         let line = line.split('#').next().unwrap_or_default();
-        for word in line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()) {
+        for word in line
+            .split(|c: char| c.is_whitespace() || c == ',')
+            .filter(|word| !word.is_empty())
+        {
             let number = word.parse().ok().filter(|n| *n < u32::MAX);
-            all.push(number.ok_or_else(|| WrittenError::Vertex { word: word.to_owned(), line: k + 1 })?);
+            all.push(number.ok_or_else(|| WrittenError::Vertex {
+                word: word.to_owned(),
+                line: k + 1,
+            })?);
         }
     }
     Ok(all)
@@ -121,7 +139,10 @@ pub(super) fn read_file(path: &Path, unit: f64) -> Result<MeshFile, Failure> {
 pub(super) fn read_mesh(path: &Path, unit: f64) -> Result<TriangleMesh, Failure> {
     let mesh = read_file(path, unit)?.mesh;
     if mesh.triangles.is_empty() {
-        return Err(Failure::usage(format!("{} has no triangles", path.display()), "give a triangle mesh"));
+        return Err(Failure::usage(
+            format!("{} has no triangles", path.display()),
+            "give a triangle mesh",
+        ));
     }
     Ok(mesh)
 }
@@ -140,7 +161,9 @@ pub(super) enum Loaded {
 impl Written {
     /// Reads an area as it is written behind `option`.
     pub(super) fn of(option: &str, text: &str) -> Result<Self, Failure> {
-        text.parse().map_err(|error: WrittenError| Failure::usage(format!("{option}: {error}"), error.help()))
+        text.parse().map_err(|error: WrittenError| {
+            Failure::usage(format!("{option}: {error}"), error.help())
+        })
     }
 
     /// Reads the files that it names, whose lengths are in `unit` [m].
@@ -150,16 +173,25 @@ impl Written {
             Self::VerticesOf(path) => {
                 let shown = path.display();
                 let text = std::fs::read_to_string(path).map_err(|error| {
-                    Failure::usage(format!("{option}: cannot read `{shown}`: {error}"), "name a text file of vertices")
+                    Failure::usage(
+                        format!("{option}: cannot read `{shown}`: {error}"),
+                        "name a text file of vertices",
+                    )
                 })?;
                 Loaded::Vertices(vertices(&text).map_err(|error| {
-                    Failure::usage(format!("{option}: {shown}: {error}"), "a mesh is given without `vertices:`")
+                    Failure::usage(
+                        format!("{option}: {shown}: {error}"),
+                        "a mesh is given without `vertices:`",
+                    )
                 })?)
             }
             Self::Near(path, within) => Loaded::Near(read_mesh(path, unit)?, *within),
             Self::Patch(path, wanted) => {
                 let whole = read_mesh(path, unit)?;
-                Loaded::Patch(component(&whole, *wanted).ok_or_else(|| no_component(option, path, &whole, *wanted))?)
+                Loaded::Patch(
+                    component(&whole, *wanted)
+                        .ok_or_else(|| no_component(option, path, &whole, *wanted))?,
+                )
             }
         })
     }
@@ -168,9 +200,13 @@ impl Written {
 fn no_component(option: &str, path: &Path, whole: &TriangleMesh, wanted: Option<usize>) -> Failure {
     let count = crate::mesh::Topology::new(whole).components().count;
     let (shown, wanted) = (path.display(), wanted.unwrap_or(0));
-    let message =
-        format!("{option}: {shown} has no component {wanted}; it has {count}, counted from 0 by falling area");
-    Failure::usage(message, format!("give {shown}#0 for the largest, or {shown} for all"))
+    let message = format!(
+        "{option}: {shown} has no component {wanted}; it has {count}, counted from 0 by falling area"
+    );
+    Failure::usage(
+        message,
+        format!("give {shown}#0 for the largest, or {shown} for all"),
+    )
 }
 
 impl Loaded {
@@ -194,8 +230,14 @@ mod tests {
         for (text, expected) in [
             ("area.obj", patch("area.obj", None)),
             ("a/b#c.obj#12", patch("a/b#c.obj", Some(12))),
-            ("near:Femur.r.obj,5mm", Written::Near("Femur.r.obj".into(), 0.005)),
-            ("near:a,b.obj, 0.5 cm", Written::Near("a,b.obj".into(), 0.005)),
+            (
+                "near:Femur.r.obj,5mm",
+                Written::Near("Femur.r.obj".into(), 0.005),
+            ),
+            (
+                "near:a,b.obj, 0.5 cm",
+                Written::Near("a,b.obj".into(), 0.005),
+            ),
             ("near:b.obj,0m", Written::Near("b.obj".into(), 0.0)),
             ("[0,1, 2]", Written::Vertices(vec![0, 1, 2])),
             ("[]", Written::Vertices(Vec::new())),
@@ -203,7 +245,10 @@ mod tests {
         ] {
             assert_eq!(text.parse(), Ok(expected), "{text}");
         }
-        assert_eq!(vertices("# ends\n1 2,3\n\n 4 # the last\n"), Ok(vec![1, 2, 3, 4]));
+        assert_eq!(
+            vertices("# ends\n1 2,3\n\n 4 # the last\n"),
+            Ok(vec![1, 2, 3, 4])
+        );
     }
 
     #[test]
@@ -231,6 +276,12 @@ mod tests {
             assert!(!error.help().is_empty());
         }
         let error = vertices("1\n2 v 3\n").expect_err("a word");
-        assert_eq!(error, WrittenError::Vertex { word: "v".into(), line: 2 });
+        assert_eq!(
+            error,
+            WrittenError::Vertex {
+                word: "v".into(),
+                line: 2
+            }
+        );
     }
 }

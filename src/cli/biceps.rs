@@ -67,19 +67,34 @@ struct Summary {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut muscle = read(&arguments.file)?;
-    let name = arguments.file.file_stem().map_or_else(|| "muscle".into(), |stem| stem.to_string_lossy().into_owned());
+    let name = arguments.file.file_stem().map_or_else(
+        || "muscle".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     if let Some(text) = &arguments.length {
         let length = parse(text, Dimension::Length)
             .map_err(|error| Failure::usage(format!("--length: {error}"), error.help()))?;
         set(&mut muscle, length)?;
     }
     let path = arguments.out.clone();
-    let path = path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-biceps", file_name(&name))));
+    let path = path.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-biceps", file_name(&name)))
+    });
     let folder = Folder::open(&path)?;
     let pose = Pose::of(&muscle);
-    let animated = if arguments.animate { Some(arguments.frames) } else { None };
+    let animated = if arguments.animate {
+        Some(arguments.frames)
+    } else {
+        None
+    };
     let summary = summary(&name, &muscle, &pose, animated);
-    biceps::write(&folder, &name, &muscle, animated, &serde_json::to_value(&summary).unwrap_or_default())?;
+    biceps::write(
+        &folder,
+        &name,
+        &muscle,
+        animated,
+        &serde_json::to_value(&summary).unwrap_or_default(),
+    )?;
     if arguments.json {
         say_json(&summary);
     } else {
@@ -90,22 +105,37 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 fn read(path: &Path) -> Result<Muscle, Failure> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| Failure::usage(format!("cannot read `{shown}`: {error}"), "name a TOML file of a muscle"))?;
-    file::parse(&text)
-        .map_err(|error| Failure::usage(format!("{shown}: {error}"), "`pliant biceps --help` tells the keys"))
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        Failure::usage(
+            format!("cannot read `{shown}`: {error}"),
+            "name a TOML file of a muscle",
+        )
+    })?;
+    file::parse(&text).map_err(|error| {
+        Failure::usage(
+            format!("{shown}: {error}"),
+            "`pliant biceps --help` tells the keys",
+        )
+    })
 }
 
 fn set(muscle: &mut Muscle, length: f64) -> Result<(), Failure> {
     let [least, most] = muscle.range;
     if !(least..=most).contains(&length) {
-        let [length, least, most] = [length, least, most].map(|l| crate::render::number(l / muscle.unit));
+        let [length, least, most] =
+            [length, least, most].map(|l| crate::render::number(l / muscle.unit));
         let message = format!(
             "the muscle cannot take a length of {length}: from {least} to {most} it can, in the unit of its file"
         );
-        return Err(Failure::usage(message, "choose another --length, or change min_part, max_part or frame"));
+        return Err(Failure::usage(
+            message,
+            "choose another --length, or change min_part, max_part or frame",
+        ));
     }
-    muscle.chain.set_length(length).map_err(|error| Failure::usage(error.to_string(), "choose another --length"))
+    muscle
+        .chain
+        .set_length(length)
+        .map_err(|error| Failure::usage(error.to_string(), "choose another --length"))
 }
 
 fn summary(name: &str, muscle: &Muscle, pose: &Pose, animated: Option<u32>) -> Summary {
@@ -142,5 +172,9 @@ fn tell(summary: &Summary, muscle: &Muscle, path: &Path) {
     if let Some(angle) = summary.joint_angle_rad {
         say(&format!("joint at {:.1} degrees\n", angle.to_degrees()));
     }
-    say(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), path.join("report.html").display()));
+    say(&format!(
+        "\nResults in {}\n  open {} in a browser\n",
+        path.display(),
+        path.join("report.html").display()
+    ));
 }

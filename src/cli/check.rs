@@ -71,18 +71,31 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let unit = arguments.unit.as_deref().map(length_unit).transpose()?;
     let options = options(arguments, unit)?;
     let targets = targets(arguments)?;
-    let work: Vec<(&PathBuf, Option<&PathBuf>)> =
-        arguments.meshes.iter().enumerate().map(|(k, mesh)| (mesh, targets.get(k))).collect();
+    let work: Vec<(&PathBuf, Option<&PathBuf>)> = arguments
+        .meshes
+        .iter()
+        .enumerate()
+        .map(|(k, mesh)| (mesh, targets.get(k)))
+        .collect();
     let outcomes: Vec<Outcome> = work
         .into_par_iter()
         .map(|(mesh, target)| checked::check(mesh, unit, target.map(PathBuf::as_path), &options))
         .collect();
     if let Some(folder) = &arguments.repair {
         let files = outcomes.iter().filter_map(Outcome::checked).collect();
-        let changes = Changes { pliant: env!("CARGO_PKG_VERSION"), files };
+        let changes = Changes {
+            pliant: env!("CARGO_PKG_VERSION"),
+            files,
+        };
         let path = folder.join("changes.json");
-        write_whole(&path, |w| serde_json::to_writer_pretty(w, &changes).map_err(Into::into)).map_err(|e| {
-            Failure::usage(format!("{}: cannot be written: {e}", path.display()), "name another folder")
+        write_whole(&path, |w| {
+            serde_json::to_writer_pretty(w, &changes).map_err(Into::into)
+        })
+        .map_err(|e| {
+            Failure::usage(
+                format!("{}: cannot be written: {e}", path.display()),
+                "name another folder",
+            )
         })?;
     }
     if arguments.json {
@@ -90,14 +103,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         say(&words::report(&outcomes, arguments.unit.as_deref()));
     }
-    outcomes.iter().filter_map(Outcome::failure).for_each(|f| f.show());
+    outcomes
+        .iter()
+        .filter_map(Outcome::failure)
+        .for_each(|f| f.show());
     Ok(exit_code(&outcomes))
 }
 
 fn exit_code(outcomes: &[Outcome]) -> u8 {
     if outcomes.iter().any(|o| o.checked().is_none()) {
         BAD_INPUT
-    } else if outcomes.iter().filter_map(Outcome::checked).all(Checked::is_fit) {
+    } else if outcomes
+        .iter()
+        .filter_map(Outcome::checked)
+        .all(Checked::is_fit)
+    {
         DONE
     } else {
         FAILED
@@ -108,7 +128,8 @@ fn exit_code(outcomes: &[Outcome]) -> u8 {
 fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure> {
     let merge_within = match (&arguments.merge_within, unit) {
         (Some(text), Some(unit)) => {
-            let length = units::parse(text, Dimension::Length).map_err(|e| Failure::usage(e.to_string(), e.help()))?;
+            let length = units::parse(text, Dimension::Length)
+                .map_err(|e| Failure::usage(e.to_string(), e.help()))?;
             if length < 0.0 {
                 return Err(Failure::usage(
                     format!("--merge-within {text} is negative"),
@@ -120,19 +141,33 @@ fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure>
         _ => 0.0,
     };
     let close_holes = arguments.close_holes.map_or(0, usize::from);
-    Ok(Options { merge_within, close_holes, keep_largest: arguments.keep_largest })
+    Ok(Options {
+        merge_within,
+        close_holes,
+        keep_largest: arguments.keep_largest,
+    })
 }
 
 /// Where each repaired mesh goes; none without --repair. Nothing that was given is written over.
 fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
-    let Some(folder) = &arguments.repair else { return Ok(Vec::new()) };
+    let Some(folder) = &arguments.repair else {
+        return Ok(Vec::new());
+    };
     let mut taken: HashMap<PathBuf, &PathBuf> = HashMap::new();
     let mut targets = Vec::new();
     for mesh in &arguments.meshes {
         let target = folder.join(repaired_name(mesh));
         if let Some(other) = taken.insert(target.clone(), mesh) {
-            let message = format!("{} and {} would both become {}", other.display(), mesh.display(), target.display());
-            return Err(Failure::usage(message, "repair them into different folders"));
+            let message = format!(
+                "{} and {} would both become {}",
+                other.display(),
+                mesh.display(),
+                target.display()
+            );
+            return Err(Failure::usage(
+                message,
+                "repair them into different folders",
+            ));
         }
         targets.push(target);
     }
@@ -142,7 +177,10 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
             "name another folder for --repair",
         )
     })?;
-    let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
+    let same = |a: &Path, b: &Path| {
+        a.canonicalize()
+            .is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b))
+    };
     for target in &targets {
         if let Some(mesh) = arguments.meshes.iter().find(|mesh| same(mesh, target)) {
             let message = format!("{} would be written over", mesh.display());
@@ -150,7 +188,11 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
         }
     }
     let lists = [folder.join("changes.json")];
-    if let Some(old) = targets.iter().chain(&lists).find(|path| path.exists() && !arguments.force) {
+    if let Some(old) = targets
+        .iter()
+        .chain(&lists)
+        .find(|path| path.exists() && !arguments.force)
+    {
         return Err(Failure::usage(
             format!("{} is there already", old.display()),
             "name another folder, or add --force",
@@ -162,7 +204,10 @@ fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
 /// The name of a repaired mesh: its own, in a format that can be written.
 fn repaired_name(mesh: &Path) -> PathBuf {
     let name = PathBuf::from(mesh.file_name().unwrap_or(mesh.as_os_str()));
-    let ending = name.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let ending = name
+        .extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default();
     if ["obj", "ply", "vtk", "vtp"].contains(&ending.as_str()) {
         name
     } else {

@@ -64,19 +64,36 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
     let input = arguments.input.display().to_string();
     let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
-    file.mesh.vertices.iter_mut().for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
-    if let Some(vertex) = file.mesh.vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
+    file.mesh
+        .vertices
+        .iter_mut()
+        .for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
+    if let Some(vertex) = file
+        .mesh
+        .vertices
+        .iter()
+        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+    {
         let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
         return Err(Failure::usage(message, "choose a larger unit"));
     }
-    let encoding = if arguments.ascii { Encoding::Text } else { Encoding::Binary };
-    let lines_lost = io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
-        let hint = match error {
-            WriteError::UnknownEnding { .. } => format!("end the name in one of {}", io::WRITABLE),
-            WriteError::Io { .. } => "check the folder and whether you may write there".to_owned(),
-        };
-        Failure::usage(error.to_string(), hint)
-    })?;
+    let encoding = if arguments.ascii {
+        Encoding::Text
+    } else {
+        Encoding::Binary
+    };
+    let lines_lost =
+        io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
+            let hint = match error {
+                WriteError::UnknownEnding { .. } => {
+                    format!("end the name in one of {}", io::WRITABLE)
+                }
+                WriteError::Io { .. } => {
+                    "check the folder and whether you may write there".to_owned()
+                }
+            };
+            Failure::usage(error.to_string(), hint)
+        })?;
     let converted = Converted {
         output: arguments.output.display().to_string(),
         format: file.format.map_or("none", io::Format::name),
@@ -98,7 +115,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 /// A coordinate in another unit, rounded once: the smaller unit always divides.
 fn rescaled(coordinate: f64, from: f64, to: f64) -> f64 {
     // Powers of ten below 1 are no exact doubles, their inverses are.
-    if from >= to { coordinate * (from / to).round_if_near() } else { coordinate / (to / from).round_if_near() }
+    if from >= to {
+        coordinate * (from / to).round_if_near()
+    } else {
+        coordinate / (to / from).round_if_near()
+    }
 }
 
 /// A ratio of two units.
@@ -110,16 +131,32 @@ trait Ratio {
 impl Ratio for f64 {
     fn round_if_near(self) -> f64 {
         let whole = self.round();
-        if (self - whole).abs() <= 4.0 * f64::EPSILON * whole { whole } else { self }
+        if (self - whole).abs() <= 4.0 * f64::EPSILON * whole {
+            whole
+        } else {
+            self
+        }
     }
 }
 
 fn in_words(converted: &Converted) -> String {
-    let Converted { input, output, format, vertices, triangles, lines, lines_lost, .. } = converted;
-    let mut text =
-        format!("{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n");
+    let Converted {
+        input,
+        output,
+        format,
+        vertices,
+        triangles,
+        lines,
+        lines_lost,
+        ..
+    } = converted;
+    let mut text = format!(
+        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
+    );
     if *lines_lost > 0 {
-        text.push_str(&format!("{output}: {lines_lost} polylines are lost: this format has none\n"));
+        text.push_str(&format!(
+            "{output}: {lines_lost} polylines are lost: this format has none\n"
+        ));
     }
     for warning in &converted.warnings {
         text.push_str(warning);

@@ -6,7 +6,9 @@ use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
-use miette::{Diagnostic, LabeledSpan, MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents};
+use miette::{
+    Diagnostic, LabeledSpan, MietteError, MietteSpanContents, SourceCode, SourceSpan, SpanContents,
+};
 
 use crate::io::{MAX_FILE_BYTES, Place, ReadError};
 
@@ -27,12 +29,27 @@ pub(super) struct Excerpt<'a> {
 impl<'a> Excerpt<'a> {
     /// Reads the place of an error again; what cannot be read is left out.
     pub(super) fn of(error: &'a ReadError) -> Self {
-        let mut excerpt = Self { error, line: None, bytes: None };
-        if let ReadError::Content { file, place, column, found, .. } = error {
+        let mut excerpt = Self {
+            error,
+            line: None,
+            bytes: None,
+        };
+        if let ReadError::Content {
+            file,
+            place,
+            column,
+            found,
+            ..
+        } = error
+        {
             match *place {
                 Place::Whole => {}
-                Place::Line(line) => excerpt.line = Line::read(file, line, *column, found).ok().flatten(),
-                Place::Offset(offset) => excerpt.bytes = hexadecimal(Path::new(&**file), offset as u64).ok(),
+                Place::Line(line) => {
+                    excerpt.line = Line::read(file, line, *column, found).ok().flatten()
+                }
+                Place::Offset(offset) => {
+                    excerpt.bytes = hexadecimal(Path::new(&**file), offset as u64).ok()
+                }
             }
         }
         excerpt
@@ -87,7 +104,12 @@ struct Line {
 
 impl Line {
     /// Reads a line, as readers of meshes count lines; `None` where the file has fewer, or the line is empty.
-    fn read(file: &str, number: usize, column: Option<u32>, found: &str) -> io::Result<Option<Self>> {
+    fn read(
+        file: &str,
+        number: usize,
+        column: Option<u32>,
+        found: &str,
+    ) -> io::Result<Option<Self>> {
         let mut reader = open(Path::new(file))?;
         let column = column.map(|c| c as usize);
         let first = column.map_or(0, |c| c.saturating_sub(SHOWN_CHARACTERS / 2));
@@ -105,15 +127,24 @@ impl Line {
                 c
             }
         };
-        let body: String = String::from_utf8_lossy(&bytes).chars().map(printable).collect();
-        let (before, after) = (if first > 0 { "…" } else { "" }, if more { "…" } else { "" });
+        let body: String = String::from_utf8_lossy(&bytes)
+            .chars()
+            .map(printable)
+            .collect();
+        let (before, after) = (
+            if first > 0 { "…" } else { "" },
+            if more { "…" } else { "" },
+        );
         let text = format!("{before}{body}{after}");
         if body.trim().is_empty() {
             return Ok(None);
         }
         let whole = found.trim_end_matches('…');
         let start = match column {
-            Some(column) => body.char_indices().nth(column - 1 - first).map(|(at, _)| at),
+            Some(column) => body
+                .char_indices()
+                .nth(column - 1 - first)
+                .map(|(at, _)| at),
             // An index that was looked up later is only known by its text.
             None => body.find(whole).filter(|_| !whole.is_empty()),
         };
@@ -125,7 +156,13 @@ impl Line {
         let start = start.unwrap_or(0);
         let column = first + body[..start].chars().count() + 1;
         let span = before.len() + start..before.len() + start + length;
-        Ok(Some(Self { file: file.to_owned(), text, number, column, span }))
+        Ok(Some(Self {
+            file: file.to_owned(),
+            text,
+            number,
+            column,
+            span,
+        }))
     }
 }
 
@@ -138,7 +175,14 @@ impl SourceCode for Line {
     ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
         let own = self.text.read_span(span, lines_before, lines_after)?;
         let (line, column, count) = (self.number - 1, self.column - 1, own.line_count());
-        Ok(Box::new(MietteSpanContents::new_named(self.file.clone(), own.data(), *own.span(), line, column, count)))
+        Ok(Box::new(MietteSpanContents::new_named(
+            self.file.clone(),
+            own.data(),
+            *own.span(),
+            line,
+            column,
+            count,
+        )))
     }
 }
 
@@ -229,7 +273,8 @@ mod tests {
         let path = Scratch::file(name);
         std::fs::write(&path, bytes).unwrap();
         let error = crate::io::read(&path).unwrap_err();
-        let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::none()).with_width(200);
+        let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::none())
+            .with_width(200);
         let text = graphical(&Excerpt::of(&error), &handler).unwrap();
         text.replace(&path.display().to_string(), name)
     }
@@ -245,26 +290,45 @@ mod tests {
    :     `-- here
    `----
   help: the file is cut off, damaged or of another dialect: export it again";
-        let text = shown("a.obj", "v 0 0 0\r\nv 1 0 0\rv 1 \u{e9} 2x 3\nf 1 2 3\n".as_bytes());
+        let text = shown(
+            "a.obj",
+            "v 0 0 0\r\nv 1 0 0\rv 1 \u{e9} 2x 3\nf 1 2 3\n".as_bytes(),
+        );
         assert_eq!(text, wanted);
         // The mark of UTF-8 and tabs do not move the caret; the content is told of.
         let marked = shown("b.ply", "\u{feff}v\t0 0 0\nv\t1\t1,5 3\n".as_bytes());
-        assert!(marked.contains("x not a number; decimal comma? Write a point; the content is OBJ"), "{marked}");
-        assert!(marked.contains(",-[b.ply:2:5]\n 2 | v 1 1,5 3\n   :     ^|^\n"), "{marked}");
+        assert!(
+            marked.contains("x not a number; decimal comma? Write a point; the content is OBJ"),
+            "{marked}"
+        );
+        assert!(
+            marked.contains(",-[b.ply:2:5]\n 2 | v 1 1,5 3\n   :     ^|^\n"),
+            "{marked}"
+        );
     }
 
     #[test]
     fn an_index_that_was_looked_up_later_is_found_in_its_line() {
         let text = shown("late.obj", b"v 0 0 0\nf 1 2 3\nv 1 0 0\n");
-        assert!(text.contains(",-[late.obj:2:7]\n 2 | f 1 2 3\n   :       |\n"), "{text}");
+        assert!(
+            text.contains(",-[late.obj:2:7]\n 2 | f 1 2 3\n   :       |\n"),
+            "{text}"
+        );
     }
 
     #[test]
     fn a_long_line_is_cut_around_its_column() {
-        let long = format!("v 0 0 0\n#{}\nf {}x 1\n", "-".repeat(9000), "1 ".repeat(9000));
+        let long = format!(
+            "v 0 0 0\n#{}\nf {}x 1\n",
+            "-".repeat(9000),
+            "1 ".repeat(9000)
+        );
         let text = shown("long.obj", long.as_bytes());
         let line = text.lines().find(|l| l.starts_with(" 3 | ")).unwrap();
-        assert!(line.starts_with(" 3 | … 1 1") && line.ends_with("1 x 1") && line.chars().count() < 120, "{text}");
+        assert!(
+            line.starts_with(" 3 | … 1 1") && line.ends_with("1 x 1") && line.chars().count() < 120,
+            "{text}"
+        );
         assert!(text.contains(",-[long.obj:3:18003]"), "{text}");
     }
 
@@ -283,11 +347,23 @@ mod tests {
 
     #[test]
     fn what_has_no_line_names_its_file() {
-        assert!(shown("none.obj", b"# nothing\n").contains("x none.obj: the file has no vertices\n"));
+        assert!(
+            shown("none.obj", b"# nothing\n").contains("x none.obj: the file has no vertices\n")
+        );
         let cut = shown("cut.off", b"OFF\n3 1 0\n0 0 0\n0 0 0\n0 0 0\n");
-        assert!(cut.contains("x cut.off:6: the file ends too early, in the faces\n"), "{cut}");
+        assert!(
+            cut.contains("x cut.off:6: the file ends too early, in the faces\n"),
+            "{cut}"
+        );
         let error = crate::io::read(Path::new("no/such.obj")).unwrap_err();
-        assert!(Excerpt::of(&error).to_string().starts_with("no/such.obj: cannot be read: "));
-        assert!(open(&std::env::temp_dir()).is_err(), "control: a folder is no plain file");
+        assert!(
+            Excerpt::of(&error)
+                .to_string()
+                .starts_with("no/such.obj: cannot be read: ")
+        );
+        assert!(
+            open(&std::env::temp_dir()).is_err(),
+            "control: a folder is no plain file"
+        );
     }
 }

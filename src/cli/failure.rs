@@ -44,7 +44,10 @@ impl From<SceneError> for Failure {
 
 impl From<LoadError> for Failure {
     fn from(error: LoadError) -> Self {
-        Self::Load { error, written: true }
+        Self::Load {
+            error,
+            written: true,
+        }
     }
 }
 
@@ -57,18 +60,26 @@ impl From<FolderError> for Failure {
 impl Failure {
     /// An error of usage.
     pub(super) fn usage(message: impl Into<String>, hint: impl Into<String>) -> Self {
-        Self::Usage { message: message.into(), hint: hint.into() }
+        Self::Usage {
+            message: message.into(),
+            hint: hint.into(),
+        }
     }
 
     /// A mesh named on the command line that cannot be used.
     pub(super) fn of_meshes(error: LoadError) -> Self {
-        Self::Load { error, written: false }
+        Self::Load {
+            error,
+            written: false,
+        }
     }
 
     /// The exit code.
     pub(super) fn code(&self) -> u8 {
         match self {
-            Self::Folder(FolderError::Io { .. } | FolderError::Picture(_) | FolderError::WriterEnded) => FAILED,
+            Self::Folder(
+                FolderError::Io { .. } | FolderError::Picture(_) | FolderError::WriterEnded,
+            ) => FAILED,
             _ => BAD_INPUT,
         }
     }
@@ -80,7 +91,9 @@ impl Failure {
             Self::Load { error, written } => match (error, written) {
                 // An error of reading names its own file.
                 (LoadError::Read(read), _) => say_with_source(&Excerpt::of(read), &self.terse()),
-                (LoadError::Unfit(unfit), true) => say_with_source(unfit.diagnostic(), &self.terse()),
+                (LoadError::Unfit(unfit), true) => {
+                    say_with_source(unfit.diagnostic(), &self.terse())
+                }
                 (LoadError::Unfit(_), false) => warn(&self.terse()),
             },
             #[cfg(feature = "viewer")]
@@ -107,12 +120,19 @@ impl Failure {
 
 /// With the source to a person, in one line to a pipe.
 fn say_with_source(error: &dyn Diagnostic, terse: &str) {
-    let text = if std::io::stderr().is_terminal() { graphical(error, &GraphicalReportHandler::new()) } else { None };
+    let text = if std::io::stderr().is_terminal() {
+        graphical(error, &GraphicalReportHandler::new())
+    } else {
+        None
+    };
     warn(text.as_deref().unwrap_or(terse));
 }
 
 /// An error as a person sees it; `None` if it cannot be shown like that.
-pub(super) fn graphical(error: &dyn Diagnostic, handler: &GraphicalReportHandler) -> Option<String> {
+pub(super) fn graphical(
+    error: &dyn Diagnostic,
+    handler: &GraphicalReportHandler,
+) -> Option<String> {
     let mut text = String::new();
     handler.render_report(&mut text, error).ok()?;
     Some(text.trim_end().to_owned())

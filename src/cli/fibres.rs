@@ -135,30 +135,54 @@ struct Given {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let unit = length_unit(&arguments.unit)?;
     let template = template(arguments)?;
-    let areas = [Written::of("--origin", &arguments.origin)?, Written::of("--insertion", &arguments.insertion)?];
-    let name = arguments.muscle.file_stem().map_or_else(|| "muscle".into(), |stem| stem.to_string_lossy().into_owned());
+    let areas = [
+        Written::of("--origin", &arguments.origin)?,
+        Written::of("--insertion", &arguments.insertion)?,
+    ];
+    let name = arguments.muscle.file_stem().map_or_else(
+        || "muscle".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     let out = PathBuf::from("pliant-out").join(format!("{}-fibres", file_name(&name)));
     let out = arguments.out.clone().unwrap_or(out);
     Folder::check(&out, &FILES.map(str::to_owned))?;
     let given = read(arguments, &areas, unit)?;
-    let Given { muscle, attachment, lines, notes } = &given;
+    let Given {
+        muscle,
+        attachment,
+        lines,
+        notes,
+    } = &given;
     let method = match (arguments.method.as_str(), template) {
         ("springs", Some((_, template))) => Method::Springs(template),
         ("slices", Some((_, template))) => Method::Slices(template),
         ("superficial", _) => Method::Superficial(&lines.lines),
         _ => Method::Harmonic,
     };
-    let options = Options { count: arguments.count as usize, points: arguments.points as usize };
-    let smoothing = Smoothing { steps: arguments.smooth_steps, factor: arguments.smooth_factor };
+    let options = Options {
+        count: arguments.count as usize,
+        points: arguments.points as usize,
+    };
+    let smoothing = Smoothing {
+        steps: arguments.smooth_steps,
+        factor: arguments.smooth_factor,
+    };
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping");
-    let made =
-        match followed(begun, &stop, |going| decompose_while(muscle, attachment, method, options, smoothing, going)) {
-            Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
-            other => other.map_err(|error| undone(&error))?,
-        };
+    let made = match followed(begun, &stop, |going| {
+        decompose_while(muscle, attachment, method, options, smoothing, going)
+    }) {
+        Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
+        other => other.map_err(|error| undone(&error))?,
+    };
     let time_s = begun.elapsed().as_secs_f64();
-    let quality = measure(muscle, &made.closed, attachment, &made.lines, made.jacobian(muscle, attachment));
+    let quality = measure(
+        muscle,
+        &made.closed,
+        attachment,
+        &made.lines,
+        made.jacobian(muscle, attachment),
+    );
     if stop.load(Ordering::Relaxed) {
         return Ok(nothing_written());
     }
@@ -174,7 +198,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         vertices: muscle.vertices.len(),
         volume_m3: volume,
         cross_section_m2: volume / quality.length_mean_m,
-        length_min_m: each.iter().map(|e| e.length_m).fold(f64::INFINITY, f64::min),
+        length_min_m: each
+            .iter()
+            .map(|e| e.length_m)
+            .fold(f64::INFINITY, f64::min),
         length_max_m: greatest(each.iter().map(|e| e.length_m)),
         origin_area_m2: size(muscle, &attachment.origin),
         insertion_area_m2: size(muscle, &attachment.insertion),
@@ -188,10 +215,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         quality,
     };
     let (fibres, lines) = (&made.lines[..], &lines.lines[..]);
-    let bundle = Bundle { muscle, attachment, fibres, tendons: &tendons, lines, each: &each, summary: &summary };
+    let bundle = Bundle {
+        muscle,
+        attachment,
+        fibres,
+        tendons: &tendons,
+        lines,
+        each: &each,
+        summary: &summary,
+    };
     bundle.write(&Folder::open(&out)?)?;
     tell(&bundle, arguments.json, &out);
-    Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) { DONE } else { FAILED })
+    Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) {
+        DONE
+    } else {
+        FAILED
+    })
 }
 
 /// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
@@ -216,14 +255,27 @@ fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -
 fn template(arguments: &Arguments) -> Result<Option<(&'static str, Template)>, Failure> {
     if arguments.lines.is_some() && arguments.method != "superficial" {
         let hint = "add --method superficial";
-        return Err(Failure::usage("--lines are given, but the method does not follow them", hint));
+        return Err(Failure::usage(
+            "--lines are given, but the method does not follow them",
+            hint,
+        ));
     }
     let by_template = BY_TEMPLATE.contains(&arguments.method.as_str());
     if arguments.template.is_some() && !by_template {
-        let message = format!("--template is given, but method {} has none", arguments.method);
-        return Err(Failure::usage(message, "add --method springs or --method slices, or leave it out"));
+        let message = format!(
+            "--template is given, but method {} has none",
+            arguments.method
+        );
+        return Err(Failure::usage(
+            message,
+            "add --method springs or --method slices, or leave it out",
+        ));
     }
-    let named = |name: &str| Template::NAMED.into_iter().find(|(known, _)| *known == name);
+    let named = |name: &str| {
+        Template::NAMED
+            .into_iter()
+            .find(|(known, _)| *known == name)
+    };
     Ok(named(arguments.template.as_deref().unwrap_or("parallel")).filter(|_| by_template))
 }
 
@@ -238,24 +290,35 @@ fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given,
         warn(&format!("note: {note}"));
         notes.push(note);
     }
-    let rest = arguments.rest.as_deref().map(|path| rest(path, unit, &muscle)).transpose()?;
+    let rest = arguments
+        .rest
+        .as_deref()
+        .map(|path| rest(path, unit, &muscle))
+        .transpose()?;
     let base = rest.as_ref().unwrap_or(&muscle);
     let origin = areas[0].load("--origin", unit)?;
     let insertion = areas[1].load("--insertion", unit)?;
-    let mut attachment =
-        Attachment::new(base, origin.source(), insertion.source()).map_err(|error| unusable(&error))?;
+    let mut attachment = Attachment::new(base, origin.source(), insertion.source())
+        .map_err(|error| unusable(&error))?;
     let mut lines = match &arguments.lines {
         Some(path) => registered(path, unit, base)?,
         None => Registered::default(),
     };
     if rest.is_some() {
         if attachment.origin.patch.is_some() || attachment.insertion.patch.is_some() {
-            notes.push("tendons are left out: where a bone is in this frame is not known".to_owned());
+            notes.push(
+                "tendons are left out: where a bone is in this frame is not known".to_owned(),
+            );
         }
         (attachment.origin.patch, attachment.insertion.patch) = (None, None);
         lines.lines = BoundLines::new(&Surface::new(base), &lines.lines).at(&muscle.vertices);
     }
-    Ok(Given { attachment, lines, notes, muscle })
+    Ok(Given {
+        attachment,
+        lines,
+        notes,
+        muscle,
+    })
 }
 
 /// The muscle as areas and lines know it.
@@ -270,7 +333,10 @@ fn rest(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<TriangleMesh, F
             muscle.vertices.len(),
             muscle.triangles.len()
         );
-        return Err(Failure::usage(message, "name an earlier frame of the same run, such as its first"));
+        return Err(Failure::usage(
+            message,
+            "name an earlier frame of the same run, such as its first",
+        ));
     }
     Ok(rest)
 }
@@ -280,12 +346,22 @@ fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<Registere
     let shown = path.display();
     if file.lines.is_empty() {
         let hint = "lines are read from Lines of a .vtp file, LINES of a legacy VTK file or `l` of an OBJ file";
-        return Err(Failure::usage(format!("--lines: {shown} holds no lines"), hint));
+        return Err(Failure::usage(
+            format!("--lines: {shown} holds no lines"),
+            hint,
+        ));
     }
     let place = |&v: &u32| file.mesh.vertices[v as usize];
-    let lines: Vec<Vec<Point3<f64>>> = file.lines.iter().map(|line| line.iter().map(place).collect()).collect();
+    let lines: Vec<Vec<Point3<f64>>> = file
+        .lines
+        .iter()
+        .map(|line| line.iter().map(place).collect())
+        .collect();
     register(muscle, &lines).map_err(|error| {
-        Failure::usage(format!("--lines: {shown}: {error}"), "`pliant convert` moves a file to another unit")
+        Failure::usage(
+            format!("--lines: {shown}: {error}"),
+            "`pliant convert` moves a file to another unit",
+        )
     })
 }
 
@@ -293,11 +369,17 @@ fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<Registere
 fn tendons_of(attachment: &Attachment, fibres: &[Vec<Point3<f64>>]) -> [Vec<Tendon>; 2] {
     let first: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.first().copied()).collect();
     let last: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.last().copied()).collect();
-    [tendons(&attachment.origin, &first), tendons(&attachment.insertion, &last)]
+    [
+        tendons(&attachment.origin, &first),
+        tendons(&attachment.insertion, &last),
+    ]
 }
 
 fn unusable(error: &AttachmentError) -> Failure {
-    Failure::usage(error.to_string(), "`pliant fibres --help` tells how areas are given")
+    Failure::usage(
+        error.to_string(),
+        "`pliant fibres --help` tells how areas are given",
+    )
 }
 
 /// Why not, and the way out that this method leaves.
@@ -308,7 +390,9 @@ fn undone(error: &MethodError) -> Failure {
             "use --method harmonic, which takes any surface, or mend this one: `pliant check` tells what is wrong"
         }
         MethodError::Springs(SpringsError::WholeSurface { .. } | SpringsError::OnePlace { .. })
-        | MethodError::Slices(SlicesError::NoAxis { .. }) => "give other areas, or use --method harmonic",
+        | MethodError::Slices(SlicesError::NoAxis { .. }) => {
+            "give other areas, or use --method harmonic"
+        }
         MethodError::Springs(_) | MethodError::Slices(_) => "use --method harmonic",
     };
     Failure::usage(error.to_string(), hint)
@@ -321,8 +405,21 @@ fn tell(bundle: &Bundle<'_>, json: bool, out: &Path) {
     if json {
         return say_json(bundle.summary);
     }
-    let found: Vec<String> = bundle.findings().iter().map(|text| format!("found: {text}\n")).collect();
+    let found: Vec<String> = bundle
+        .findings()
+        .iter()
+        .map(|text| format!("found: {text}\n"))
+        .collect();
     let page = out.join("report.html");
-    let results = format!("Results in {}\n  open {} in a browser\n", out.display(), page.display());
-    say(&format!("{}: {}\n\n{}\n{results}", bundle.summary.muscle, bundle.table().to_text(), found.concat()));
+    let results = format!(
+        "Results in {}\n  open {} in a browser\n",
+        out.display(),
+        page.display()
+    );
+    say(&format!(
+        "{}: {}\n\n{}\n{results}",
+        bundle.summary.muscle,
+        bundle.table().to_text(),
+        found.concat()
+    ));
 }

@@ -29,7 +29,12 @@ pub(super) struct Meshes {
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
     fibre_lines: Vec<PathBuf>,
     /// Length unit of all these files, such as mm
-    #[arg(long, value_name = "UNIT", requires = "muscles", help_heading = "Without a scene file")]
+    #[arg(
+        long,
+        value_name = "UNIT",
+        requires = "muscles",
+        help_heading = "Without a scene file"
+    )]
     unit: Option<String>,
 }
 
@@ -50,19 +55,30 @@ impl Meshes {
 pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, String), Failure> {
     let Some(unit) = &meshes.unit else {
         let hint = "add the unit of their coordinates, for example --unit mm";
-        return Err(Failure::usage("mesh files do not say their length unit", hint));
+        return Err(Failure::usage(
+            "mesh files do not say their length unit",
+            hint,
+        ));
     };
     length_unit(unit)?;
     if meshes.fibre_lines.len() > meshes.muscles.len() {
         let (fibres, muscles) = (meshes.fibre_lines.len(), meshes.muscles.len());
         let message = format!("{fibres} files of fibre lines for {muscles} muscles");
-        return Err(Failure::usage(message, "give at most one for each muscle, in their order"));
+        return Err(Failure::usage(
+            message,
+            "give at most one for each muscle, in their order",
+        ));
     }
     let mut used = HashSet::new();
     let muscles = named(&meshes.muscles, &mut used)?;
     let bones = named(&meshes.bones, &mut used)?;
     let fibres = named(&meshes.fibre_lines, &mut HashSet::new())?;
-    let base = Written { unit, muscles, bones, fibres };
+    let base = Written {
+        unit,
+        muscles,
+        bones,
+        fibres,
+    };
     // Only the meshes as they are can tell which bones hold which muscle.
     let free = base.toml(&[]);
     let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
@@ -71,7 +87,11 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
 }
 
 fn parse(toml: &str, changes: &[String]) -> Result<Scene, Failure> {
-    let surroundings = Surroundings { folder: Path::new("."), variable: &environment, overrides: changes };
+    let surroundings = Surroundings {
+        folder: Path::new("."),
+        variable: &environment,
+        overrides: changes,
+    };
     Ok(parse_with(toml, "scene.toml", &surroundings)?)
 }
 
@@ -81,7 +101,11 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
     for path in paths {
         let shown = path.display();
         let absolute = path.canonicalize().map_err(|e| {
-            let why = if e.kind() == std::io::ErrorKind::NotFound { String::new() } else { format!(": {e}") };
+            let why = if e.kind() == std::io::ErrorKind::NotFound {
+                String::new()
+            } else {
+                format!(": {e}")
+            };
             let from = if path.is_absolute() {
                 "check the path"
             } else {
@@ -89,11 +113,22 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
             };
             Failure::usage(format!("no file `{shown}`{why}"), from)
         })?;
-        let (Some(text), Some(stem)) = (absolute.to_str(), path.file_stem().and_then(|s| s.to_str())) else {
-            return Err(Failure::usage(format!("the name of `{shown}` is not UTF-8"), "rename it"));
+        let (Some(text), Some(stem)) =
+            (absolute.to_str(), path.file_stem().and_then(|s| s.to_str()))
+        else {
+            return Err(Failure::usage(
+                format!("the name of `{shown}` is not UTF-8"),
+                "rename it",
+            ));
         };
         // What a scene does not take in a name.
-        let safe = |c: char| if c.is_control() || r#"/\:*?"<>|"#.contains(c) { '_' } else { c };
+        let safe = |c: char| {
+            if c.is_control() || r#"/\:*?"<>|"#.contains(c) {
+                '_'
+            } else {
+                c
+            }
+        };
         let clean: String = stem.chars().map(safe).take(40).collect();
         let clean = clean.trim().trim_start_matches('.');
         let first = if clean.is_empty() { "mesh" } else { clean };
@@ -103,7 +138,10 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
             name = format!("{first} {next}");
             next += 1;
         }
-        all.push(Named { name, path: text.to_owned() });
+        all.push(Named {
+            name,
+            path: text.to_owned(),
+        });
     }
     Ok(all)
 }
@@ -112,9 +150,16 @@ fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Fa
 fn holders(assets: &Assets) -> Vec<Vec<usize>> {
     let surfaces: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
     let near = |muscle: &TriangleMesh, bone: &Surface| {
-        muscle.vertices.iter().any(|v| bone.closest(v).is_some_and(|c| c.distance.abs() <= NEAR_MM * 1e-3))
+        muscle.vertices.iter().any(|v| {
+            bone.closest(v)
+                .is_some_and(|c| c.distance.abs() <= NEAR_MM * 1e-3)
+        })
     };
-    let of = |mesh| (0..surfaces.len()).filter(|&b| near(mesh, &surfaces[b])).collect();
+    let of = |mesh| {
+        (0..surfaces.len())
+            .filter(|&b| near(mesh, &surfaces[b]))
+            .collect()
+    };
     assets.muscles.iter().map(|m| of(&m.mesh)).collect()
 }
 
@@ -131,14 +176,21 @@ impl Written<'_> {
         let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
         let unit = text(self.unit);
         let scene = self.muscles.first().map_or("meshes", |m| m.name.as_str());
-        let mut toml = format!("name = {}\nframes = 300\nframe_rate = \"60 Hz\"\n", text(scene));
+        let mut toml = format!(
+            "name = {}\nframes = 300\nframe_rate = \"60 Hz\"\n",
+            text(scene)
+        );
         for bone in &self.bones {
             let (name, path) = (text(&bone.name), text(&bone.path));
-            toml.push_str(&format!("\n[[bone]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"));
+            toml.push_str(&format!(
+                "\n[[bone]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
+            ));
         }
         for (m, muscle) in self.muscles.iter().enumerate() {
             let (name, path) = (text(&muscle.name), text(&muscle.path));
-            toml.push_str(&format!("\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"));
+            toml.push_str(&format!(
+                "\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
+            ));
             let held = holders.get(m).map_or(&[][..], Vec::as_slice);
             // All together may hold a tenth of a muscle.
             let limit = LIMIT_PERCENT.min(2.0 * LIMIT_PERCENT / held.len().max(1) as f64);
@@ -149,7 +201,10 @@ impl Written<'_> {
                 ));
             }
             if let Some(fibres) = self.fibres.get(m) {
-                toml.push_str(&format!("[muscle.fibres]\nlines = {}\nunit = {unit}\n", text(&fibres.path)));
+                toml.push_str(&format!(
+                    "[muscle.fibres]\nlines = {}\nunit = {unit}\n",
+                    text(&fibres.path)
+                ));
             }
         }
         toml.push_str(EFFECTS);

@@ -72,26 +72,51 @@ pub(super) struct Arguments {
     #[arg(long, default_value = "round")]
     shape: String,
     /// Length of the base; the region of the skin that moves is 1.5 times as wide
-    #[arg(long, value_name = "LENGTH", default_value = "7cm", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        default_value = "7cm",
+        allow_hyphen_values = true
+    )]
     base: String,
     /// Direction of the longer side [default: an axis of space]
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     long: Option<String>,
     /// Volume of the implant: at least that of a dome of a hundredth of the base, at most what the base takes
-    #[arg(long, value_name = "VOLUME", default_value = "100cc", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "VOLUME",
+        default_value = "100cc",
+        allow_hyphen_values = true
+    )]
     volume: String,
     /// How deep under the skin the implant goes, at most half of the base
-    #[arg(long, value_name = "LENGTH", default_value = "5mm", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        default_value = "5mm",
+        allow_hyphen_values = true
+    )]
     depth: String,
     /// Edges of the skin, at most a quarter of the base: where it is coarser it is refined. They change the region, too: it ends
     /// with whole triangles, and so do the areas before and after [default: the base over 20]
     #[arg(long, value_name = "LENGTH", allow_hyphen_values = true)]
     edge: Option<String>,
     /// Thickness of the skin that bears tension, at most half of the base; assumed unless given
-    #[arg(long, value_name = "LENGTH", default_value = "2mm", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "LENGTH",
+        default_value = "2mm",
+        allow_hyphen_values = true
+    )]
     thickness: String,
     /// Young's modulus of the skin; assumed unless given
-    #[arg(long, value_name = "PRESSURE", default_value = "200 kPa", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PRESSURE",
+        default_value = "200 kPa",
+        allow_hyphen_values = true
+    )]
     modulus: String,
     /// One of several implants, as 'near-vertex=N volume=80cc shape=oval base=6cm' or with at=X,Y,Z, long=X,Y,Z or
     /// fill=0:30cc,7:60cc; what it does not name is as given by the other options
@@ -105,13 +130,23 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "AREA", conflicts_with_all = ["volumes", "implant"], allow_hyphen_values = true)]
     wanted_area: Option<String>,
     /// Areas for each of these volumes, in cc where no unit is given; the last one is shown
-    #[arg(long, value_name = "LIST", conflicts_with = "implant", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "LIST",
+        conflicts_with = "implant",
+        allow_hyphen_values = true
+    )]
     volumes: Option<String>,
     /// Fill the implant over days, as DAY:VOLUME,... : areas after each filling; the last one is shown
     #[arg(long, value_name = "LIST", conflicts_with_all = ["volumes", "wanted_area", "volume"], allow_hyphen_values = true)]
     fill: Option<String>,
     /// Stretch above which skin is marked as stretched too far; a finding, which no exit code tells
-    #[arg(long, value_name = "RATIO", default_value_t = 1.5, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "RATIO",
+        default_value_t = 1.5,
+        allow_hyphen_values = true
+    )]
     stretch_limit: f64,
     /// Folder of the results [default: pliant-out/NAME-implant]
     #[arg(long, value_name = "DIR")]
@@ -125,29 +160,48 @@ pub(super) struct Arguments {
 }
 
 fn vertex(text: &str) -> Result<usize, String> {
-    text.parse().map_err(|_| "vertices count from 0: give a whole number of at least 0".to_owned())
+    text.parse()
+        .map_err(|_| "vertices count from 0: give a whole number of at least 0".to_owned())
 }
 
 fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
-    let mut mesh = io::read(path).map_err(|e| Failure::of_meshes(LoadError::from(Box::new(e))))?.mesh;
+    let mut mesh = io::read(path)
+        .map_err(|e| Failure::of_meshes(LoadError::from(Box::new(e))))?
+        .mesh;
     mesh.vertices.iter_mut().for_each(|v| v.coords *= unit);
     if mesh.triangles.is_empty() {
-        return Err(Failure::usage(format!("{} has no triangles", path.display()), SkinError::Empty.help()));
+        return Err(Failure::usage(
+            format!("{} has no triangles", path.display()),
+            SkinError::Empty.help(),
+        ));
     }
     Ok(mesh)
 }
 
 /// How large the skin is beside its implants: a wrong unit is seen there.
 fn say_sizes(extent: f64, orders: &[Order]) {
-    let bases: Vec<String> = orders.iter().map(|o| format!("{:.1} cm", o.implant.base * 1e2)).collect();
-    let (size, unit) = if extent >= 1.0 { (extent, "m") } else { (extent * 1e2, "cm") };
-    warn(&format!("skin {size:.1} {unit} across, base {}", bases.join(", ")));
+    let bases: Vec<String> = orders
+        .iter()
+        .map(|o| format!("{:.1} cm", o.implant.base * 1e2))
+        .collect();
+    let (size, unit) = if extent >= 1.0 {
+        (extent, "m")
+    } else {
+        (extent * 1e2, "cm")
+    };
+    warn(&format!(
+        "skin {size:.1} {unit} across, base {}",
+        bases.join(", ")
+    ));
 }
 
 /// Warns where an implant is tiny beside the skin, and the skin had to be refined a lot for it.
 fn warn_of_small(extent: f64, skin: &TriangleMesh, groups: &[Group]) {
     for (ready, members) in groups {
-        let (share, taken) = (ready.order.implant.base / extent, skin.triangles.len() - ready.outside.len());
+        let (share, taken) = (
+            ready.order.implant.base / extent,
+            skin.triangles.len() - ready.outside.len(),
+        );
         if share < SMALL && ready.patch.triangles.len() > REFINED * taken {
             warn(&format!(
                 "note: the base of implant {} is {:.2} % of the skin's extent, and {taken} triangles of the skin became {}: are \
@@ -164,35 +218,58 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
-    let stop = stop_on_interrupt("stopping; volumes and implants that are at rest already will be written");
+    let stop = stop_on_interrupt(
+        "stopping; volumes and implants that are at rest already will be written",
+    );
     let unit = length_unit(&arguments.unit)?;
-    let said: Result<Vec<Said>, Failure> = arguments.implant.iter().map(|text| Said::of(text)).collect();
+    let said: Result<Vec<Said>, Failure> = arguments
+        .implant
+        .iter()
+        .map(|text| Said::of(text))
+        .collect();
     let mut said = said?;
     if said.is_empty() {
         said.push(Said::default());
     }
-    let orders: Result<Vec<Order>, Failure> = said.iter().map(|s| order(arguments, s, unit)).collect();
+    let orders: Result<Vec<Order>, Failure> =
+        said.iter().map(|s| order(arguments, s, unit)).collect();
     let orders = orders?;
-    let questions: Result<Vec<Question>, Failure> = said.iter().map(|s| question(arguments, s)).collect();
+    let questions: Result<Vec<Question>, Failure> =
+        said.iter().map(|s| question(arguments, s)).collect();
     let questions = questions?;
     for (k, (question, order)) in questions.iter().zip(&orders).enumerate() {
-        question.check(order).map_err(|error| refused_of(k, orders.len(), &error))?;
+        question
+            .check(order)
+            .map_err(|error| refused_of(k, orders.len(), &error))?;
     }
     limit(arguments.stretch_limit)?;
-    let stem = arguments.skin.file_stem().map_or("skin".into(), |s| s.to_string_lossy().into_owned());
+    let stem = arguments
+        .skin
+        .file_stem()
+        .map_or("skin".into(), |s| s.to_string_lossy().into_owned());
     let out = PathBuf::from("pliant-out").join(format!("{}-implant", file_name(&stem)));
     let out = arguments.out.clone().unwrap_or(out);
-    Folder::check(&out, &Insertion::files(orders.len(), questions.iter().any(Question::is_curve)))?;
+    Folder::check(
+        &out,
+        &Insertion::files(orders.len(), questions.iter().any(Question::is_curve)),
+    )?;
     let skin = read(&arguments.skin, unit)?;
-    let obstacles: Result<Vec<TriangleMesh>, Failure> =
-        arguments.obstacle.iter().map(|path| read(path, unit)).collect();
+    let obstacles: Result<Vec<TriangleMesh>, Failure> = arguments
+        .obstacle
+        .iter()
+        .map(|path| read(path, unit))
+        .collect();
     let obstacles = obstacles?;
     let extent = greatest(skin.bounding_box().extents().iter().copied());
     say_sizes(extent, &orders);
     let skin = halved_near(skin, &orders);
-    let groups = match grouped(&skin, &orders, |_| obstacles.clone(), &|| !stop.load(Ordering::Relaxed)) {
+    let groups = match grouped(&skin, &orders, |_| obstacles.clone(), &|| {
+        !stop.load(Ordering::Relaxed)
+    }) {
         Err((_, SkinError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|(k, error)| refused_of(k, orders.len(), &error))?,
     };
@@ -210,7 +287,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         curve: found.curve,
         limit: arguments.stretch_limit,
         interrupted: found.interrupted,
-        wanted: questions.iter().find_map(|q| if let Question::Area(wanted) = q { Some(*wanted) } else { None }),
+        wanted: questions.iter().find_map(|q| {
+            if let Question::Area(wanted) = q {
+                Some(*wanted)
+            } else {
+                None
+            }
+        }),
         time: begun.elapsed().as_secs_f64(),
     };
     insertion.write(&Folder::open(&out)?)?;
@@ -225,7 +308,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 /// A refusal of one of several implants, which is told by its number.
 fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
-    if of == 1 { refused(error) } else { Failure::usage(format!("implant {}: {error}", k + 1), error.help()) }
+    if of == 1 {
+        refused(error)
+    } else {
+        Failure::usage(format!("implant {}: {error}", k + 1), error.help())
+    }
 }
 
 /// After Ctrl-C, before anything was at rest.
@@ -242,10 +329,26 @@ fn tell(insertion: &Insertion<'_>, json: bool, out: &Path) {
         return say_json(&insertion.to_json());
     }
     let page = out.join("report.html");
-    let tables: Vec<String> = insertion.tables().iter().map(|table| table.to_text()).collect();
-    let found: Vec<String> = insertion.findings().iter().map(|text| format!("found: {text}\n")).collect();
-    let results = format!("Results in {}\n  open {} in a browser\n", out.display(), page.display());
-    say(&format!("{}\n{}\n{results}", tables.join("\n"), found.concat()));
+    let tables: Vec<String> = insertion
+        .tables()
+        .iter()
+        .map(|table| table.to_text())
+        .collect();
+    let found: Vec<String> = insertion
+        .findings()
+        .iter()
+        .map(|text| format!("found: {text}\n"))
+        .collect();
+    let results = format!(
+        "Results in {}\n  open {} in a browser\n",
+        out.display(),
+        page.display()
+    );
+    say(&format!(
+        "{}\n{}\n{results}",
+        tables.join("\n"),
+        found.concat()
+    ));
 }
 
 /// What came to rest.
@@ -259,14 +362,26 @@ struct Found {
 
 /// Brings all to rest: implants that share skin together, or the one of a wanted area, or of each of several volumes. After
 /// Ctrl-C what is there.
-fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Result<Found, SkinError> {
+fn settle(
+    groups: Vec<Group>,
+    questions: &[Question],
+    stop: &AtomicBool,
+) -> Result<Found, SkinError> {
     let mut found = Found::default();
     for (ready, members) in groups {
         let names: Vec<String> = members.iter().map(|k| (k + 1).to_string()).collect();
-        let name = format!("implant{} {}", if names.len() == 1 { "" } else { "s" }, names.join(" and "));
+        let name = format!(
+            "implant{} {}",
+            if names.len() == 1 { "" } else { "s" },
+            names.join(" and ")
+        );
         let mut watch = |p: &Progress| {
             if p.rounds.is_multiple_of(SAY_EVERY) {
-                warn(&format!("{name}: round {}, moved {:.3} mm", p.rounds, p.moved * 1e3));
+                warn(&format!(
+                    "{name}: round {}, moved {:.3} mm",
+                    p.rounds,
+                    p.moved * 1e3
+                ));
             }
             !stop.load(Ordering::Relaxed)
         };
@@ -287,8 +402,18 @@ fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Resu
             };
             if own.iter().any(|question| question.is_curve()) {
                 let (volume, areas, progress) = (done.volume(), done.areas, done.progress);
-                found.curve.push(Point { implant: members[0] + 1, day, volume, areas, progress });
-                let rest = if progress.converged { "is at rest" } else { "is NOT at rest" };
+                found.curve.push(Point {
+                    implant: members[0] + 1,
+                    day,
+                    volume,
+                    areas,
+                    progress,
+                });
+                let rest = if progress.converged {
+                    "is at rest"
+                } else {
+                    "is NOT at rest"
+                };
                 warn(&format!("{name}: {:.1} cc {rest}", volume * 1e6));
             }
             last = Some(done);
@@ -309,18 +434,35 @@ fn settle(groups: Vec<Group>, questions: &[Question], stop: &AtomicBool) -> Resu
 /// each. Those that are filled on other days keep what they have; before its first filling an implant is as flat as one may be.
 fn steps(questions: &[&Question], ready: &Ready) -> Vec<(Vec<f64>, Option<f64>)> {
     if let [one] = questions {
-        return one.volumes(&ready.order).into_iter().map(|(volume, day)| (vec![volume], day)).collect();
+        return one
+            .volumes(&ready.order)
+            .into_iter()
+            .map(|(volume, day)| (vec![volume], day))
+            .collect();
     }
-    let schedules =
-        questions.iter().filter_map(|q| if let Question::Fill(schedule) = q { Some(schedule) } else { None });
-    let mut days: Vec<f64> = schedules.flat_map(|schedule| schedule.fillings()).map(|filling| filling.day).collect();
+    let schedules = questions.iter().filter_map(|q| {
+        if let Question::Fill(schedule) = q {
+            Some(schedule)
+        } else {
+            None
+        }
+    });
+    let mut days: Vec<f64> = schedules
+        .flat_map(|schedule| schedule.fillings())
+        .map(|filling| filling.day)
+        .collect();
     days.sort_by(f64::total_cmp);
     days.dedup();
     let at = |day: f64| {
-        let each = ready.sites().zip(questions).map(|((order, _), question)| match question {
-            Question::Fill(schedule) => schedule.volume(day).max(order.implant.least(ready.layers.edge)),
-            _ => order.implant.volume,
-        });
+        let each = ready
+            .sites()
+            .zip(questions)
+            .map(|((order, _), question)| match question {
+                Question::Fill(schedule) => schedule
+                    .volume(day)
+                    .max(order.implant.least(ready.layers.edge)),
+                _ => order.implant.volume,
+            });
         each.collect()
     };
     if days.is_empty() {

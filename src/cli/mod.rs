@@ -154,15 +154,26 @@ fn conclude(
         say_json(summary);
     } else {
         let page = out.join("report.html");
-        say(&format!("{text}\nResults in {}\n  open {} in a browser\n", out.display(), page.display()));
+        say(&format!(
+            "{text}\nResults in {}\n  open {} in a browser\n",
+            out.display(),
+            page.display()
+        ));
     }
-    if failing().next().is_none() { DONE } else { FAILED }
+    if failing().next().is_none() {
+        DONE
+    } else {
+        FAILED
+    }
 }
 
 /// Any result as JSON on standard output.
 fn say_json(value: &impl serde::Serialize) {
     // Structures of texts, numbers and lists always have a JSON form.
-    say(&format!("{}\n", serde_json::to_string_pretty(value).unwrap_or_default()));
+    say(&format!(
+        "{}\n",
+        serde_json::to_string_pretty(value).unwrap_or_default()
+    ));
 }
 
 /// The length of a unit [m].
@@ -170,7 +181,10 @@ fn length_unit(name: &str) -> Result<f64, failure::Failure> {
     use crate::scene::units::{Dimension, scale};
     scale(name, Dimension::Length).map_err(|_| {
         let known = Dimension::Length.known();
-        failure::Failure::usage(format!("`{name}` is no unit of length"), format!("known units: {known}"))
+        failure::Failure::usage(
+            format!("`{name}` is no unit of length"),
+            format!("known units: {known}"),
+        )
     })
 }
 
@@ -178,14 +192,24 @@ fn length_unit(name: &str) -> Result<f64, failure::Failure> {
 fn columns(rows: &[Vec<String>], right: &[bool]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
     let length = |cell: &String| cell.chars().count();
-    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(length).max().unwrap_or(0);
+    let width = |c: usize| {
+        rows.iter()
+            .filter_map(|r| r.get(c))
+            .map(length)
+            .max()
+            .unwrap_or(0)
+    };
     let widths: Vec<usize> = (0..count).map(width).collect();
     let mut text = String::new();
     for row in rows {
         let mut line = String::new();
         for (c, cell) in row.iter().enumerate() {
             let width = widths[c];
-            let cell = if right.get(c) == Some(&true) { format!("{cell:>width$}") } else { format!("{cell:<width$}") };
+            let cell = if right.get(c) == Some(&true) {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            };
             line.push_str("  ");
             line.push_str(&cell);
         }

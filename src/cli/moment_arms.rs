@@ -51,13 +51,28 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "NAME")]
     joint: String,
     /// First angle, such as -10deg
-    #[arg(long, value_name = "ANGLE", default_value = "-10deg", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "-10deg",
+        allow_hyphen_values = true
+    )]
     from: String,
     /// Last angle
-    #[arg(long, value_name = "ANGLE", default_value = "60deg", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "60deg",
+        allow_hyphen_values = true
+    )]
     to: String,
     /// Angle between two values
-    #[arg(long, value_name = "ANGLE", default_value = "1deg", allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "1deg",
+        allow_hyphen_values = true
+    )]
     step: String,
     /// Axis to turn about instead of the joint's
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = axis)]
@@ -103,32 +118,46 @@ enum Motion {
 }
 
 fn axis(text: &str) -> Result<Unit<Vector3<f64>>, String> {
-    let parts: Vec<f64> = text.split(',').map_while(|p| p.trim().parse().ok()).collect();
+    let parts: Vec<f64> = text
+        .split(',')
+        .map_while(|p| p.trim().parse().ok())
+        .collect();
     let axis = match parts[..] {
         [x, y, z] if text.split(',').count() == 3 => Unit::try_new(Vector3::new(x, y, z), 0.0),
         _ => None,
     };
-    axis.filter(|a| a.iter().all(|v| v.is_finite())).ok_or_else(|| "expected three numbers, such as 0,0,1".to_owned())
+    axis.filter(|a| a.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| "expected three numbers, such as 0,0,1".to_owned())
 }
 
 fn around(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n == 0 || (2..=100).contains(n)).ok_or_else(|| "expected 0, or 2 to 100".to_owned())
+    text.parse()
+        .ok()
+        .filter(|n| *n == 0 || (2..=100).contains(n))
+        .ok_or_else(|| "expected 0, or 2 to 100".to_owned())
 }
 
 fn angle(name: &str, text: &str) -> Result<f64, Failure> {
-    parse(text, Dimension::Angle).map_err(|error| Failure::usage(format!("--{name}: {error}"), error.help()))
+    parse(text, Dimension::Angle)
+        .map_err(|error| Failure::usage(format!("--{name}: {error}"), error.help()))
 }
 
 impl From<SweepError> for Failure {
     fn from(error: SweepError) -> Self {
         let hint = match &error {
             SweepError::Load(_) => "",
-            SweepError::Range(_) | SweepError::NoJoint { .. } => "`pliant moment-arms --help` has examples",
-            SweepError::NothingCrosses(_) => "attach a muscle to bones on both sides, or name another joint",
+            SweepError::Range(_) | SweepError::NoJoint { .. } => {
+                "`pliant moment-arms --help` has examples"
+            }
+            SweepError::NothingCrosses(_) => {
+                "attach a muscle to bones on both sides, or name another joint"
+            }
             SweepError::Open(_) => "`pliant check` tells what is wrong with a mesh",
             SweepError::Areas { .. } => "change the attachments of the muscle in the scene",
             SweepError::Factor { .. } => "attach every piece of the muscle to a bone",
-            SweepError::Fibres { .. } => "change --count, or the attachments of the muscle in the scene",
+            SweepError::Fibres { .. } => {
+                "change --count, or the attachments of the muscle in the scene"
+            }
         };
         match error {
             SweepError::Load(error) => error.into(),
@@ -138,7 +167,10 @@ impl From<SweepError> for Failure {
 }
 
 fn refused(error: ReferenceError) -> Failure {
-    Failure::usage(error.to_string(), "`pliant moment-arms --help` tells what a table looks like")
+    Failure::usage(
+        error.to_string(),
+        "`pliant moment-arms --help` tells what a table looks like",
+    )
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -150,36 +182,64 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         to: angle("to", &arguments.to)?,
         step: angle("step", &arguments.step)?,
         frames: arguments.frames,
-        fibres: Options { count: arguments.count as usize, points: arguments.points as usize },
-        by: if arguments.motion == Motion::Spread { By::Spread } else { By::Scene },
+        fibres: Options {
+            count: arguments.count as usize,
+            points: arguments.points as usize,
+        },
+        by: if arguments.motion == Motion::Spread {
+            By::Spread
+        } else {
+            By::Scene
+        },
     };
     if u64::from(arguments.count) * u64::from(arguments.points) > MOST_POINTS {
-        let message = format!("{} fibres of {} points are too many to carry", arguments.count, arguments.points);
+        let message = format!(
+            "{} fibres of {} points are too many to carry",
+            arguments.count, arguments.points
+        );
         return Err(Failure::usage(
             message,
             format!("give --count and --points whose product is at most {MOST_POINTS}"),
         ));
     }
-    let tables = arguments.compare.iter().map(|path| Table::read(path)).collect::<Result<Vec<_>, _>>();
+    let tables = arguments
+        .compare
+        .iter()
+        .map(|path| Table::read(path))
+        .collect::<Result<Vec<_>, _>>();
     let tables = tables.map_err(refused)?;
     let Content::Muscles(scene) = builtin::load_content(&arguments.scene, &arguments.set)? else {
         let hint = "name a scene of muscles and bones; `pliant scenes` lists the built-in ones";
-        return Err(Failure::usage("moment arms are those of muscles, and this scene has none", hint));
+        return Err(Failure::usage(
+            "moment arms are those of muscles, and this scene has none",
+            hint,
+        ));
     };
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
     let stop = stop_on_interrupt("stopping after this angle");
     let name = scene.name.clone();
     let out = arguments.out.clone();
-    let out = out.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-moment-arms", file_name(&name))));
+    let out = out.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-moment-arms", file_name(&name)))
+    });
     let mut running = Running::new(*scene, &sweep)?;
     if running.angles.len() < 2 * arguments.smooth + 1 {
-        let message = format!("{} values of the angle are too few to smooth over", running.angles.len());
+        let message = format!(
+            "{} values of the angle are too few to smooth over",
+            running.angles.len()
+        );
         return Err(Failure::usage(
             message,
-            format!("--smooth {} needs {}, or give --smooth 0", arguments.smooth, 2 * arguments.smooth + 1),
+            format!(
+                "--smooth {} needs {}, or give --smooth 0",
+                arguments.smooth,
+                2 * arguments.smooth + 1
+            ),
         ));
     }
     let folder = Folder::open(&out)?;
@@ -188,7 +248,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let shown = [0, running.angles.len() / 2, running.angles.len() - 1];
     let mut before = Instant::now();
     while !stop.load(Ordering::Relaxed) {
-        let Some(reached) = running.advance() else { break };
+        let Some(reached) = running.advance() else {
+            break;
+        };
         rounds.frame(running.simulation.frame(), before.elapsed());
         before = Instant::now();
         let Some(k) = reached else { continue };
@@ -199,9 +261,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         }
     }
     rounds.end();
-    let coordinate = arguments.coordinate.clone().unwrap_or_else(|| format!("{}_flexion", arguments.joint));
-    let mut arms: Vec<Arms> = running.muscles.iter().map(|m| Arms::new(m, &running, arguments.smooth)).collect();
-    arms.iter_mut().try_for_each(|a| a.compare(&tables, &coordinate)).map_err(refused)?;
+    let coordinate = arguments
+        .coordinate
+        .clone()
+        .unwrap_or_else(|| format!("{}_flexion", arguments.joint));
+    let mut arms: Vec<Arms> = running
+        .muscles
+        .iter()
+        .map(|m| Arms::new(m, &running, arguments.smooth))
+        .collect();
+    arms.iter_mut()
+        .try_for_each(|a| a.compare(&tables, &coordinate))
+        .map_err(refused)?;
     let asked = Asked {
         scene: name,
         joint: arguments.joint.clone(),
@@ -216,11 +287,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         tell(&asked, &running, &arms, &out);
     }
-    Ok(match (asked.interrupted, running.muscles.iter().any(|m| m.stopped.is_some())) {
-        (true, _) => INTERRUPTED,
-        (_, true) => FAILED,
-        _ => DONE,
-    })
+    Ok(
+        match (
+            asked.interrupted,
+            running.muscles.iter().any(|m| m.stopped.is_some()),
+        ) {
+            (true, _) => INTERRUPTED,
+            (_, true) => FAILED,
+            _ => DONE,
+        },
+    )
 }
 
 fn tell(asked: &Asked, running: &Running, arms: &[Arms], out: &std::path::Path) {

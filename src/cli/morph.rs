@@ -86,19 +86,35 @@ pub(super) fn read(path: &Path, scale: f64) -> Result<Given, Failure> {
     let failed = |e| Failure::of_meshes(LoadError::from(Box::new(e)));
     let mut mesh = io::read(path).map_err(failed)?.mesh;
     if mesh.triangles.is_empty() {
-        return Err(Failure::usage(format!("{}: no triangles", path.display()), "give a surface"));
+        return Err(Failure::usage(
+            format!("{}: no triangles", path.display()),
+            "give a surface",
+        ));
     }
     mesh.vertices.iter_mut().for_each(|v| v.coords *= scale);
-    if let Some(vertex) = mesh.vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
-        let message = format!("{}: vertex {vertex} is too far away for a double in metres", path.display());
+    if let Some(vertex) = mesh
+        .vertices
+        .iter()
+        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+    {
+        let message = format!(
+            "{}: vertex {vertex} is too far away for a double in metres",
+            path.display()
+        );
         return Err(Failure::usage(message, "choose another --unit"));
     }
-    Ok(Given { mesh, data: io::read_point_data(path).map_err(failed)? })
+    Ok(Given {
+        mesh,
+        data: io::read_point_data(path).map_err(failed)?,
+    })
 }
 
 /// The name of two files together.
 pub(super) fn name_of(paths: [&Path; 2]) -> String {
-    let stem = |p: &Path| p.file_stem().map_or("surface".into(), |s| s.to_string_lossy().into_owned());
+    let stem = |p: &Path| {
+        p.file_stem()
+            .map_or("surface".into(), |s| s.to_string_lossy().into_owned())
+    };
     format!("{}-{}", stem(paths[0]), stem(paths[1]))
 }
 
@@ -113,11 +129,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Folder::check(&out, &Morph::files(&name))?;
     let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
     let meshes = [&a.mesh, &b.mesh];
-    let pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| pairs::read(file, meshes, paths, scale))?;
+    let pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| {
+        pairs::read(file, meshes, paths, scale)
+    })?;
     let read_s = begun.elapsed().as_secs_f64();
     let settings = Settings {
-        method: if arguments.method == "robust" { Method::Robust } else { Method::Relaxation(Relaxation::default()) },
-        shared: if arguments.topology == "merged" { Shared::Merged } else { Shared::First },
+        method: if arguments.method == "robust" {
+            Method::Robust
+        } else {
+            Method::Relaxation(Relaxation::default())
+        },
+        shared: if arguments.topology == "merged" {
+            Shared::Merged
+        } else {
+            Shared::First
+        },
         ..Settings::default()
     };
     let between = match Between::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
@@ -125,16 +151,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
     };
     let blending = Instant::now();
-    let Some(shapes) =
-        shapes(arguments, &between, &stop).map_err(|e| Failure::usage(e.to_string(), "take --blend linear"))?
+    let Some(shapes) = shapes(arguments, &between, &stop)
+        .map_err(|e| Failure::usage(e.to_string(), "take --blend linear"))?
     else {
         return Ok(nothing_written());
     };
     let data = Carried::of(&between, [&a.data, &b.data]).map_err(|array| {
-        let message = format!("the array `{array}` has another number of components in {}", paths[1].display());
+        let message = format!(
+            "the array `{array}` has another number of components in {}",
+            paths[1].display()
+        );
         Failure::usage(message, "rename one of the two, or leave it out")
     })?;
-    let word = |text: &str, known: &[&'static str]| known.iter().copied().find(|k| *k == text).unwrap_or_default();
+    let word = |text: &str, known: &[&'static str]| {
+        known
+            .iter()
+            .copied()
+            .find(|k| *k == text)
+            .unwrap_or_default()
+    };
     let morph = Morph {
         files: paths.map(|p| p.display().to_string()),
         meshes,
@@ -153,7 +188,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let summary = morph.summary();
     morph.write(&Folder::open(&out)?, &summary)?;
-    Ok(conclude(&summary, &summary.to_text(), summary.verdicts(), arguments.json, &out))
+    Ok(conclude(
+        &summary,
+        &summary.to_text(),
+        summary.verdicts(),
+        arguments.json,
+        &out,
+    ))
 }
 
 pub(super) fn nothing_written() -> u8 {
@@ -162,11 +203,19 @@ pub(super) fn nothing_written() -> u8 {
 }
 
 /// All shapes; `None` after Ctrl-C.
-fn shapes(arguments: &Arguments, between: &Between, stop: &AtomicBool) -> Result<Option<Vec<Shape>>, BlendError> {
+fn shapes(
+    arguments: &Arguments,
+    between: &Between,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Shape>>, BlendError> {
     let ends = [between.places[0].as_slice(), &between.places[1]];
     let mut way = match arguments.blend.as_str() {
         "hermite" => Way::Hermite(Box::new(blend::turning(ends)?)),
-        "laplacian" => Way::Laplacian(Box::new(Laplacian::new(ends[0], ends[1], &between.triangles)?)),
+        "laplacian" => Way::Laplacian(Box::new(Laplacian::new(
+            ends[0],
+            ends[1],
+            &between.triangles,
+        )?)),
         _ => Way::Linear,
     };
     let mut all = Vec::new();
@@ -175,33 +224,59 @@ fn shapes(arguments: &Arguments, between: &Between, stop: &AtomicBool) -> Result
             return Ok(None);
         }
         let t = f64::from(k) / f64::from(arguments.frames - 1);
-        all.push(Shape { t, places: way.at(ends, t)? });
+        all.push(Shape {
+            t,
+            places: way.at(ends, t)?,
+        });
     }
     Ok(Some(all))
 }
 
 /// A refusal, with the file it is about and what to do.
-fn refused(error: &BetweenError, paths: [&Path; 2], meshes: [&TriangleMesh; 2], arguments: &Arguments) -> Failure {
+fn refused(
+    error: &BetweenError,
+    paths: [&Path; 2],
+    meshes: [&TriangleMesh; 2],
+    arguments: &Arguments,
+) -> Failure {
     match error {
         BetweenError::Surface { side, error } => {
             let path = paths[*side].display();
-            Failure::usage(format!("{path}: {error}{}", place(error, meshes[*side])), mend(error, paths[*side]))
+            Failure::usage(
+                format!("{path}: {error}{}", place(error, meshes[*side])),
+                mend(error, paths[*side]),
+            )
         }
         BetweenError::InsideOut { side, .. } => {
             let path = paths[*side].display();
-            Failure::usage(format!("{path}: {error}"), format!("`pliant check {path} --repair DIR` turns them"))
+            Failure::usage(
+                format!("{path}: {error}"),
+                format!("`pliant check {path} --repair DIR` turns them"),
+            )
         }
         BetweenError::Align(AlignError::Stuck { feature, left, .. }) => {
-            let file = arguments.pairs.as_ref().map(|p| p.display().to_string()).unwrap_or_default();
+            let file = arguments
+                .pairs
+                .as_ref()
+                .map(|p| p.display().to_string())
+                .unwrap_or_default();
             let message = format!(
                 "{file}: pair {} cannot be brought together without folding the map: {:.1} degrees are left",
                 feature + 1,
                 left.to_degrees()
             );
-            Failure::usage(message, "leave it out, or choose pairs that lie alike on both surfaces")
+            Failure::usage(
+                message,
+                "leave it out, or choose pairs that lie alike on both surfaces",
+            )
         }
-        BetweenError::Align(error) => Failure::usage(error.to_string(), "change the file of --pairs"),
-        BetweenError::Turn(_) => Failure::usage(error.to_string(), "turn one of the surfaces a little, or coarsen it"),
+        BetweenError::Align(error) => {
+            Failure::usage(error.to_string(), "change the file of --pairs")
+        }
+        BetweenError::Turn(_) => Failure::usage(
+            error.to_string(),
+            "turn one of the surfaces a little, or coarsen it",
+        ),
         BetweenError::Overlay(_) => Failure::usage(error.to_string(), "take --topology first"),
         BetweenError::Stopped => Failure::usage(error.to_string(), "run it again"),
     }
@@ -218,10 +293,12 @@ fn place(error: &SphereError, mesh: &TriangleMesh) -> String {
         | SphereError::Crowded { vertex, .. } => *vertex,
         _ => return String::new(),
     };
-    mesh.vertices.get(vertex as usize).map_or(String::new(), |p| {
-        let [x, y, z] = [p.x, p.y, p.z].map(crate::render::number);
-        format!(" (vertex {vertex} is at {x}, {y}, {z})")
-    })
+    mesh.vertices
+        .get(vertex as usize)
+        .map_or(String::new(), |p| {
+            let [x, y, z] = [p.x, p.y, p.z].map(crate::render::number);
+            format!(" (vertex {vertex} is at {x}, {y}, {z})")
+        })
 }
 
 /// What to do about a surface that is no sphere.
@@ -238,9 +315,9 @@ fn mend(error: &SphereError, path: &Path) -> String {
         | SphereError::Vertex { .. }
         | SphereError::Unused { .. }
         | SphereError::Mesh(_) => format!("{check}` mends it"),
-        SphereError::Collapsed { .. } | SphereError::Flipped { .. } | SphereError::Centre { .. } => {
-            "take --method robust".to_owned()
-        }
+        SphereError::Collapsed { .. }
+        | SphereError::Flipped { .. }
+        | SphereError::Centre { .. } => "take --method robust".to_owned(),
         SphereError::TooFew { .. } => "give a closed surface".to_owned(),
         _ => "coarsen the surface, or look at it with `pliant check`".to_owned(),
     }

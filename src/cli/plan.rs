@@ -40,22 +40,40 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let (plan, head) = match &content {
         Content::Muscles(scene) => {
             let assets = Assets::load(scene)?;
-            (Plan::new(scene, &assets), format!("{} frames at {} Hz", scene.frames, scene.frame_rate))
+            (
+                Plan::new(scene, &assets),
+                format!("{} frames at {} Hz", scene.frames, scene.frame_rate),
+            )
         }
-        Content::Staged(scene) => (ready(scene)?.plan().clone(), format!("{} frames", content.frames())),
+        Content::Staged(scene) => (
+            ready(scene)?.plan().clone(),
+            format!("{} frames", content.frames()),
+        ),
     };
     let scene = content.name();
     if arguments.json {
-        say_json(&Report { scene, frames: content.frames(), run: &plan.run, left_out: &plan.left_out });
+        say_json(&Report {
+            scene,
+            frames: content.frames(),
+            run: &plan.run,
+            left_out: &plan.left_out,
+        });
         return Ok(DONE);
     }
-    let of = if matches!(content, Content::Muscles(_)) { "muscle" } else { "part" };
+    let of = if matches!(content, Content::Muscles(_)) {
+        "muscle"
+    } else {
+        "part"
+    };
     let mut text = format!("{scene}: {head}\n\nWill run\n");
     text.push_str(&runs(&plan, of));
     if !plan.left_out.is_empty() {
         text.push_str("\nLeft out\n");
         let row = |l: &LeftOut| vec![all(&l.muscle), l.effect.clone(), l.why.clone()];
-        text.push_str(&columns(&plan.left_out.iter().map(row).collect::<Vec<_>>(), &[]));
+        text.push_str(&columns(
+            &plan.left_out.iter().map(row).collect::<Vec<_>>(),
+            &[],
+        ));
     }
     say(&text);
     Ok(DONE)
@@ -63,7 +81,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 /// What concerns no single muscle concerns all.
 fn all(muscle: &str) -> String {
-    if muscle.is_empty() { "(all)".to_owned() } else { muscle.to_owned() }
+    if muscle.is_empty() {
+        "(all)".to_owned()
+    } else {
+        muscle.to_owned()
+    }
 }
 
 fn runs(plan: &Plan, of: &str) -> String {
@@ -81,6 +103,12 @@ fn runs(plan: &Plan, of: &str) -> String {
     rows.extend(plan.run.iter().map(row));
     let bytes: usize = plan.run.iter().map(|p| p.bytes).sum();
     let ms: f64 = plan.run.iter().map(|p| p.ms_per_frame).sum();
-    rows.push(vec!["total".to_owned(), String::new(), String::new(), bytes.to_string(), format!("{ms:.2}")]);
+    rows.push(vec![
+        "total".to_owned(),
+        String::new(),
+        String::new(),
+        bytes.to_string(),
+        format!("{ms:.2}"),
+    ]);
     columns(&rows, &[false, false, true, true, true])
 }

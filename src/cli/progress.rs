@@ -39,7 +39,10 @@ impl Progress {
             return;
         }
         let volume = greatest(measures.iter().map(|m| m.volume_error.abs()));
-        let inside: usize = measures.iter().map(|m| m.vertices_inside_bones + m.bone_vertices_inside).sum();
+        let inside: usize = measures
+            .iter()
+            .map(|m| m.vertices_inside_bones + m.bone_vertices_inside)
+            .sum();
         let ms = took.as_secs_f64() * 1e3;
         let text = format!("{ms:.0} ms/frame  volume error {volume:.1e}  inside {inside}");
         match &self.bar {
@@ -62,7 +65,8 @@ impl Progress {
 /// A bar over so many steps, drawn as a template of indicatif says; on a pipe none.
 fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
     std::io::stderr().is_terminal().then(|| {
-        let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style =
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         ProgressBar::new(steps as u64).with_style(style)
     })
 }
@@ -81,18 +85,32 @@ impl Bar {
     /// Of a run of at most so many steps.
     pub(super) fn new(steps: usize) -> Self {
         let bar = bar(steps, "  {bar:30} {pos}/at most {len}  {msg}");
-        Self { bar, steps, said: Cell::new(Instant::now()) }
+        Self {
+            bar,
+            steps,
+            said: Cell::new(Instant::now()),
+        }
     }
 
     /// A step is done.
     pub(super) fn step(&self, record: &StepRecord) {
-        let text = || format!("force {:.1e} N  kinetic energy {:.1e} J", record.residual, record.energy.kinetic);
+        let text = || {
+            format!(
+                "force {:.1e} N  kinetic energy {:.1e} J",
+                record.residual, record.energy.kinetic
+            )
+        };
         if let Some(bar) = &self.bar {
             bar.set_position(record.step as u64);
             bar.set_message(text());
         } else if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
             self.said.set(Instant::now());
-            warn(&format!("step {} of at most {}  {}", record.step, self.steps, text()));
+            warn(&format!(
+                "step {} of at most {}  {}",
+                record.step,
+                self.steps,
+                text()
+            ));
         }
     }
 
@@ -115,7 +133,11 @@ impl Rounds {
     /// Of a run of so many frames.
     pub(super) fn new(frames: usize) -> Self {
         let bar = bar(frames, "  {bar:30} {pos}/{len}  {msg}");
-        Self { bar, frames, said: Cell::new(Instant::now()) }
+        Self {
+            bar,
+            frames,
+            said: Cell::new(Instant::now()),
+        }
     }
 
     /// On a bar, so many of so many are done.
@@ -139,7 +161,11 @@ impl Rounds {
         match &self.bar {
             Some(bar) => bar.set_position(frame as u64),
             None if frame == self.frames => warn(&format!("frame {frame}/{frame}")),
-            None => self.now_and_then(&format!("frame {frame}/{}  {:.1} s a frame", self.frames, took.as_secs_f64())),
+            None => self.now_and_then(&format!(
+                "frame {frame}/{}  {:.1} s a frame",
+                self.frames,
+                took.as_secs_f64()
+            )),
         }
     }
 

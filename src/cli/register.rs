@@ -83,22 +83,44 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Folder::check(&out, &Registration::files())?;
     let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
     let wrong = |side: usize| move |error: RegisterError| refused(&error, paths[side]);
-    let surfaces = [Surface::new(&a.mesh).map_err(wrong(0))?, Surface::new(&b.mesh).map_err(wrong(1))?];
+    let surfaces = [
+        Surface::new(&a.mesh).map_err(wrong(0))?,
+        Surface::new(&b.mesh).map_err(wrong(1))?,
+    ];
     let read_s = begun.elapsed().as_secs_f64();
-    let motion = if arguments.with == "rigid" { Motion::Rigid } else { Motion::Similarity };
+    let motion = if arguments.with == "rigid" {
+        Motion::Rigid
+    } else {
+        Motion::Similarity
+    };
     let settings = Settings {
         motion,
-        ransac: Ransac { good: arguments.overlap, seed: arguments.seed, ..Ransac::default() },
-        icp: Icp { rounds: 200, select: Select::About(MOST), ..Icp::default() },
-        bending: arguments.non_rigid.then(|| NonRigid { clusters: arguments.clusters as usize, ..NonRigid::default() }),
+        ransac: Ransac {
+            good: arguments.overlap,
+            seed: arguments.seed,
+            ..Ransac::default()
+        },
+        icp: Icp {
+            rounds: 200,
+            select: Select::About(MOST),
+            ..Icp::default()
+        },
+        bending: arguments.non_rigid.then(|| NonRigid {
+            clusters: arguments.clusters as usize,
+            ..NonRigid::default()
+        }),
     };
-    let laid = match lay(&surfaces[0], &surfaces[1], &settings, &|| !stop.load(Ordering::Relaxed)) {
+    let laid = match lay(&surfaces[0], &surfaces[1], &settings, &|| {
+        !stop.load(Ordering::Relaxed)
+    }) {
         Err(RegisterError::Stopped) => {
             warn("interrupted: nothing is written");
             return Ok(INTERRUPTED);
         }
         Err(error) => {
-            warn(&format!("error: {error}; lower --overlap, or take --with similarity where sizes differ"));
+            warn(&format!(
+                "error: {error}; lower --overlap, or take --with similarity where sizes differ"
+            ));
             return Ok(FAILED);
         }
         Ok(laid) => laid,
@@ -117,12 +139,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let summary = registration.summary();
     registration.write(&Folder::open(&out)?, &summary)?;
-    Ok(conclude(&summary, &summary.to_text(), summary.verdicts(), arguments.json, &out))
+    Ok(conclude(
+        &summary,
+        &summary.to_text(),
+        summary.verdicts(),
+        arguments.json,
+        &out,
+    ))
 }
 
 fn refused(error: &RegisterError, path: &Path) -> Failure {
     let hint = match error {
-        RegisterError::Mesh(_) => format!("`pliant check {} --repair DIR` mends it", path.display()),
+        RegisterError::Mesh(_) => {
+            format!("`pliant check {} --repair DIR` mends it", path.display())
+        }
         _ => "give a surface of some triangles".to_owned(),
     };
     Failure::usage(format!("{}: {error}", path.display()), hint)

@@ -39,20 +39,37 @@ pub(super) fn go_on(
 ) -> Result<(Results, usize), Failure> {
     let refused = |why: Refused| {
         let hint = match &why {
-            Refused::NoCheckpoint | Refused::Length { .. } | Refused::Checksum | Refused::Corrupt(_) => BEGIN_ANEW,
+            Refused::NoCheckpoint
+            | Refused::Length { .. }
+            | Refused::Checksum
+            | Refused::Corrupt(_) => BEGIN_ANEW,
             Refused::Version { .. } => "go on with that version, or begin anew without --resume",
             Refused::Differs(_) => {
                 "give the scene, the meshes, --set and --frames that it was written with, or begin anew without --resume"
             }
-            Refused::Beyond { .. } => "give at least as many --frames, or begin anew without --resume",
+            Refused::Beyond { .. } => {
+                "give at least as many --frames, or begin anew without --resume"
+            }
         };
-        Failure::usage(format!("cannot go on from `{}`: {why}", folder.join(CHECKPOINT).display()), hint)
+        Failure::usage(
+            format!(
+                "cannot go on from `{}`: {why}",
+                folder.join(CHECKPOINT).display()
+            ),
+            hint,
+        )
     };
     let checkpoint = Checkpoint::open(bytes).map_err(refused)?;
     let first = Snapshot::of(simulation);
     let fingerprint = Fingerprint::of(simulation);
-    checkpoint.restore(simulation, &fingerprint).map_err(refused)?;
-    let gathered = Gathered::open(checkpoint.beside, simulation).map_err(|corrupt| refused(corrupt.into()))?;
+    checkpoint
+        .restore(simulation, &fingerprint)
+        .map_err(refused)?;
+    let gathered =
+        Gathered::open(checkpoint.beside, simulation).map_err(|corrupt| refused(corrupt.into()))?;
     let every = gathered.every;
-    Ok((Results::resume(folder, simulation, gathered, first, animate, begun)?, every))
+    Ok((
+        Results::resume(folder, simulation, gathered, first, animate, begun)?,
+        every,
+    ))
 }

@@ -93,11 +93,18 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let stop = stop_on_interrupt("stopping after this frame");
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
     let mut changes = arguments.set.clone();
     changes.extend(arguments.frames.map(|n| format!("frames={n}")));
-    changes.extend(arguments.accuracy.as_ref().map(|error| format!("accuracy={error}")));
+    changes.extend(
+        arguments
+            .accuracy
+            .as_ref()
+            .map(|error| format!("accuracy={error}")),
+    );
     if arguments.meshes.are_given() {
         let (scene, toml) = from_meshes::scene(&arguments.meshes, &changes)?;
         return of_muscles(arguments, scene, Some(toml), begun, &stop);
@@ -117,9 +124,22 @@ fn of_muscles(
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
     let made = written.is_some();
-    let refused = |error| if made { Failure::of_meshes(error) } else { Failure::from(error) };
-    let out = arguments.out.clone().unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
-    let resumed = if arguments.resume { Some(resume::read(&out)?) } else { None };
+    let refused = |error| {
+        if made {
+            Failure::of_meshes(error)
+        } else {
+            Failure::from(error)
+        }
+    };
+    let out = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
+    let resumed = if arguments.resume {
+        Some(resume::read(&out)?)
+    } else {
+        None
+    };
     if scene.accuracy.is_some() && (arguments.resume || arguments.checkpoint_every.is_some()) {
         return Err(Failure::usage(
             "an accuracy chooses solver and settings by measured times, which a run that goes on need not meet again",
@@ -139,7 +159,10 @@ fn of_muscles(
     let animate = arguments.animate.is_some();
     let (mut results, every) = match resumed {
         Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
-        None => (Results::begin(Folder::open(&out)?, &simulation, animate, begun)?, 0),
+        None => (
+            Results::begin(Folder::open(&out)?, &simulation, animate, begun)?,
+            0,
+        ),
     };
     if let Some(toml) = written {
         results.write("scene.toml", &toml)?;
@@ -148,7 +171,13 @@ fn of_muscles(
     if every > 0 {
         results.keep_every(every, Fingerprint::of(&simulation));
     }
-    let summary = advance(&mut simulation, results, &settings(arguments), stop, chosen.as_ref())?;
+    let summary = advance(
+        &mut simulation,
+        results,
+        &settings(arguments),
+        stop,
+        chosen.as_ref(),
+    )?;
     if arguments.json {
         say(&format!("{}\n", summary.to_json()));
     } else {
@@ -172,22 +201,31 @@ fn choose(
     refused: impl Fn(LoadError) -> Failure,
 ) -> Result<Option<Chosen>, Failure> {
     let threads = rayon::current_num_threads();
-    let frame_s: f64 = Plan::new(scene, assets).run.iter().map(|planned| planned.ms_per_frame * 1e-3).sum();
+    let frame_s: f64 = Plan::new(scene, assets)
+        .run
+        .iter()
+        .map(|planned| planned.ms_per_frame * 1e-3)
+        .sum();
     let wanted = STUDY_SHARE * frame_s * scene.frames as f64;
     let budget = Duration::from_secs_f64(wanted.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
-    let chosen = match accuracy::choose(scene, assets, accuracy, budget, threads, &mut Said { stop }) {
-        Ok(chosen) => chosen,
-        Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
-        Err(StudyError::Load(error)) => return Err(refused(error)),
-        Err(error) => {
-            return Err(Failure::usage(
-                error.to_string(),
-                "name another solver or leave accuracy out; see `pliant accuracy`",
-            ));
-        }
-    };
+    let chosen =
+        match accuracy::choose(scene, assets, accuracy, budget, threads, &mut Said { stop }) {
+            Ok(chosen) => chosen,
+            Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
+            Err(StudyError::Load(error)) => return Err(refused(error)),
+            Err(error) => {
+                return Err(Failure::usage(
+                    error.to_string(),
+                    "name another solver or leave accuracy out; see `pliant accuracy`",
+                ));
+            }
+        };
     scene.solver = chosen.candidate.solver;
-    warn(&format!("accuracy {} mm: {}", crate::render::number(chosen.target_m * 1e3), chosen.why));
+    warn(&format!(
+        "accuracy {} mm: {}",
+        crate::render::number(chosen.target_m * 1e3),
+        chosen.why
+    ));
     Ok(Some(chosen))
 }
 
@@ -203,11 +241,15 @@ fn advance(
     // What goes on has its last frame already.
     let mut writing = !results.last().is_empty() || results.frame(simulation, Duration::ZERO);
     let ended = |simulation: &Simulation| simulation.bodies.iter().all(|b| b.stopped.is_some());
-    while writing && simulation.frame() < simulation.scene.frames && !stop.load(Ordering::Relaxed) && !ended(simulation)
+    while writing
+        && simulation.frame() < simulation.scene.frames
+        && !stop.load(Ordering::Relaxed)
+        && !ended(simulation)
     {
         let before = Instant::now();
         simulation.step_frame();
-        writing = results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
+        writing =
+            results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
         progress.frame(simulation.frame(), before.elapsed(), results.last());
     }
     // A writer that failed tells why when all is finished.
@@ -221,12 +263,27 @@ fn advance(
 fn settings(arguments: &Arguments) -> Vec<(String, String)> {
     let scene = match arguments.meshes.are_given() {
         true => "scene.toml, made of the meshes named".to_owned(),
-        false => arguments.scene.clone().unwrap_or_else(|| FIRST_SCENE.to_owned()),
+        false => arguments
+            .scene
+            .clone()
+            .unwrap_or_else(|| FIRST_SCENE.to_owned()),
     };
     let mut all = vec![("scene".to_owned(), scene)];
-    all.extend(arguments.set.iter().map(|change| ("--set".to_owned(), change.clone())));
-    all.extend(arguments.frames.map(|n| ("--frames".to_owned(), n.to_string())));
-    all.push(("threads".to_owned(), rayon::current_num_threads().to_string()));
+    all.extend(
+        arguments
+            .set
+            .iter()
+            .map(|change| ("--set".to_owned(), change.clone())),
+    );
+    all.extend(
+        arguments
+            .frames
+            .map(|n| ("--frames".to_owned(), n.to_string())),
+    );
+    all.push((
+        "threads".to_owned(),
+        rayon::current_num_threads().to_string(),
+    ));
     all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
     all
 }
@@ -243,7 +300,9 @@ pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
         warn(&format!("{what}; press Ctrl-C again to stop at once"));
     });
     if let Err(error) = set {
-        warn(&format!("note: Ctrl-C will end the run without its last files: {error}"));
+        warn(&format!(
+            "note: Ctrl-C will end the run without its last files: {error}"
+        ));
     }
     stop
 }
@@ -260,19 +319,36 @@ fn exit_code(summary: &Summary, strict: bool) -> u8 {
 
 /// What a person wants to know at the end.
 fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
-    let Summary { frames, frames_wanted, time, .. } = summary;
+    let Summary {
+        frames,
+        frames_wanted,
+        time,
+        ..
+    } = summary;
     let mut text = format!(
         "{}: {frames} of {frames_wanted} frames in {:.1} s ({:.1} ms a frame){}\n\n",
         summary.scene,
         time.total_s,
         time.frame_ms_median,
-        if summary.interrupted { ", interrupted" } else { "" }
+        if summary.interrupted {
+            ", interrupted"
+        } else {
+            ""
+        }
     );
     let row = |v: &crate::report::summary::Verdict| {
         let mark = if v.kept { "pass" } else { "FAIL" };
-        vec![mark.to_owned(), v.muscle.clone(), v.promise.clone(), v.found.clone()]
+        vec![
+            mark.to_owned(),
+            v.muscle.clone(),
+            v.promise.clone(),
+            v.found.clone(),
+        ]
     };
-    text.push_str(&columns(&summary.verdicts.iter().map(row).collect::<Vec<_>>(), &[]));
+    text.push_str(&columns(
+        &summary.verdicts.iter().map(row).collect::<Vec<_>>(),
+        &[],
+    ));
     text.push('\n');
     for m in &summary.muscles {
         text.push_str(&format!(

@@ -45,11 +45,14 @@ struct Shown<'a> {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match &arguments.command {
         None if arguments.json => {
-            let listed = BUILTIN.iter().map(|&(name, _, about)| Listed { name, about });
+            let listed = BUILTIN
+                .iter()
+                .map(|&(name, _, about)| Listed { name, about });
             say_json(&listed.collect::<Vec<_>>());
         }
         None => {
-            let row = |&(name, _, about): &(&str, &str, &str)| vec![name.to_owned(), about.to_owned()];
+            let row =
+                |&(name, _, about): &(&str, &str, &str)| vec![name.to_owned(), about.to_owned()];
             say(&columns(&BUILTIN.iter().map(row).collect::<Vec<_>>(), &[]));
         }
         Some(Command::Show { name }) => match builtin(name) {
@@ -59,7 +62,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             None => {
                 load(name, &[])?;
                 let hint = "`pliant scenes` lists those that need no file";
-                return Err(Failure::usage(format!("`{name}` is a file, not a built-in scene"), hint));
+                return Err(Failure::usage(
+                    format!("`{name}` is a file, not a built-in scene"),
+                    hint,
+                ));
             }
         },
     }

@@ -31,7 +31,8 @@ const STEPS: u32 = 10_000;
 const UNDAMPED_STEPS: u32 = 1000;
 
 /// Why it is not at rest without damping.
-const NEVER: &str = "without damping it never comes to rest: give --damping, or leave it out for the estimate";
+const NEVER: &str =
+    "without damping it never comes to rest: give --damping, or leave it out for the estimate";
 
 /// Run a mass-spring system to rest: one from a file, or a lattice
 #[derive(Debug, clap::Args)]
@@ -114,7 +115,10 @@ fn neighbours(text: &str) -> Result<Neighbours, String> {
 }
 
 fn parsed(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|n: &f64| n.is_finite() && fits(*n)).ok_or_else(|| format!("expected {wanted}"))
+    text.parse()
+        .ok()
+        .filter(|n: &f64| n.is_finite() && fits(*n))
+        .ok_or_else(|| format!("expected {wanted}"))
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -126,11 +130,19 @@ fn not_negative(text: &str) -> Result<f64, String> {
 }
 
 fn share(text: &str) -> Result<f64, String> {
-    parsed(text, |n| (-1.0..1.0).contains(&n), "a share from -1 to less than 1, such as 0.02")
+    parsed(
+        text,
+        |n| (-1.0..1.0).contains(&n),
+        "a share from -1 to less than 1, such as 0.02",
+    )
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {
-    parsed(text, |n| n > 0.0 && n < 1.0, "a share between 0 and 1, such as 1e-6")
+    parsed(
+        text,
+        |n| n > 0.0 && n < 1.0,
+        "a share between 0 and 1, such as 1e-6",
+    )
 }
 
 /// What a run found.
@@ -167,7 +179,9 @@ struct Summary {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
     let stop = stop_on_interrupt("stopping after this step");
     let begun = Instant::now();
@@ -175,7 +189,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         (Some(file), _) => Built::of_file(file, arguments.mass)?,
         (None, Some(sides)) => {
             let neighbours = arguments.neighbours.unwrap_or(Neighbours::Six);
-            Built::of_lattice(sides, neighbours, arguments.side.unwrap_or(1.0), arguments.mass)?
+            Built::of_lattice(
+                sides,
+                neighbours,
+                arguments.side.unwrap_or(1.0),
+                arguments.mass,
+            )?
         }
         (None, None) => {
             let hint = "name a file, as examples/lattice-5x5x5.springs, or give --lattice 10x10x10";
@@ -185,15 +204,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let estimate = built.estimate();
     built.system.damping = match arguments.damping.or(estimate) {
         Some(damping) => damping,
-        None => return Err(Failure::usage("no damping can be estimated for such springs", "give it with --damping")),
+        None => {
+            return Err(Failure::usage(
+                "no damping can be estimated for such springs",
+                "give it with --damping",
+            ));
+        }
     };
     // Of the shape at rest: where the surface is moved the springs inside are softer.
     let stiffest = stiffest(&built.system);
-    let Chosen { integrator, dt, longest } = chosen(arguments, &stiffest)?;
+    let Chosen {
+        integrator,
+        dt,
+        longest,
+    } = chosen(arguments, &stiffest)?;
     let rest = Rest::share_of(&built.system, arguments.tolerance);
     built.disturb(arguments.shrink, arguments.pin == "surface");
     let path = arguments.out.clone();
-    let path = path.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-springs", file_name(&built.name))));
+    let path = path.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-springs", file_name(&built.name)))
+    });
     let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
     // These two damp by themselves.
     let damps = ["bdf2", "implicit"].contains(&integrator.name());
@@ -203,22 +233,40 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             "note: without damping nothing comes to rest, it swings for ever; give --damping, or leave it out for the estimate",
         );
     }
-    let steps = arguments.steps.unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
+    let steps = arguments
+        .steps
+        .unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
     let bar = Bar::new(steps);
     let mut nearing = Nearing::new(steps, rest);
-    let settled = advance(arguments.adaptive, steps, &mut built, integrator, dt, rest, |system, step| {
-        record.step(system, step);
-        bar.step(step);
-        nearing.step(step);
-        !stop.load(Ordering::Relaxed)
-    });
+    let settled = advance(
+        arguments.adaptive,
+        steps,
+        &mut built,
+        integrator,
+        dt,
+        rest,
+        |system, step| {
+            record.step(system, step);
+            bar.step(step);
+            nearing.step(step);
+            !stop.load(Ordering::Relaxed)
+        },
+    );
     bar.end();
     let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
     summary.steps_wanted = steps;
     if settled.end == End::Steps {
-        summary.notes.push(if undamped { NEVER.to_owned() } else { nearing.hint() });
+        summary.notes.push(if undamped {
+            NEVER.to_owned()
+        } else {
+            nearing.hint()
+        });
     }
-    (summary.damping_estimate_ns_m, summary.dt_s, summary.stability_limit_s) = (estimate, dt, longest);
+    (
+        summary.damping_estimate_ns_m,
+        summary.dt_s,
+        summary.stability_limit_s,
+    ) = (estimate, dt, longest);
     (summary.time_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
     record.finish(&built, &summary)?;
     tell(arguments, &summary, &path);
@@ -230,9 +278,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// What a run found, but for times, the step and what was estimated.
-fn summary(arguments: &Arguments, built: &Built, stiffest: &Stiffest, settled: &Settled, rest: &Rest) -> Summary {
-    let rows = Stiffest { mode: Mode { square: stiffest.bound, ..stiffest.mode }, ..*stiffest };
-    let of_rows = by_name(&arguments.integrator).map(|by| limit(&*by, &rows)).filter(|l| l.is_finite());
+fn summary(
+    arguments: &Arguments,
+    built: &Built,
+    stiffest: &Stiffest,
+    settled: &Settled,
+    rest: &Rest,
+) -> Summary {
+    let rows = Stiffest {
+        mode: Mode {
+            square: stiffest.bound,
+            ..stiffest.mode
+        },
+        ..*stiffest
+    };
+    let of_rows = by_name(&arguments.integrator)
+        .map(|by| limit(&*by, &rows))
+        .filter(|l| l.is_finite());
     Summary {
         name: built.name.clone(),
         points: built.system.len(),
@@ -271,27 +333,50 @@ struct Chosen {
 fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure> {
     let name = &arguments.integrator;
     let Some(integrator) = by_name(name) else {
-        return Err(Failure::usage(format!("no integrator is called {name}"), INTEGRATORS.join(", ")));
+        return Err(Failure::usage(
+            format!("no integrator is called {name}"),
+            INTEGRATORS.join(", "),
+        ));
     };
     let longest = limit(&*integrator, stiffest);
-    let step = if longest.is_finite() { 0.5 * longest } else { 5.0 * limit(&Verlet::default(), stiffest) };
+    let step = if longest.is_finite() {
+        0.5 * longest
+    } else {
+        5.0 * limit(&Verlet::default(), stiffest)
+    };
     // Where nothing moves any step does.
     let step = if step.is_finite() { step } else { 1.0 };
     let dt = arguments.dt.unwrap_or(step);
     if !(dt > 0.0) {
         let (message, hint) = if stiffest.mode.drag > 0.0 {
-            (format!("{name}: the longest stable step is too small for a number"), "give a greater --mass")
+            (
+                format!("{name}: the longest stable step is too small for a number"),
+                "give a greater --mass",
+            )
         } else {
-            (format!("{name}: no step is stable without damping"), "give --damping, or take another integrator")
+            (
+                format!("{name}: no step is stable without damping"),
+                "give --damping, or take another integrator",
+            )
         };
         return Err(Failure::usage(message, hint));
     }
     if dt >= longest && !arguments.adaptive {
-        let message =
-            format!("a step of {} s is not stable: {name} needs less than {} s here", number(dt), number(longest));
-        return Err(Failure::usage(message, "take a shorter --dt, --adaptive, or --integrator implicit"));
+        let message = format!(
+            "a step of {} s is not stable: {name} needs less than {} s here",
+            number(dt),
+            number(longest)
+        );
+        return Err(Failure::usage(
+            message,
+            "take a shorter --dt, --adaptive, or --integrator implicit",
+        ));
     }
-    Ok(Chosen { integrator, dt, longest: longest.is_finite().then_some(longest) })
+    Ok(Chosen {
+        integrator,
+        dt,
+        longest: longest.is_finite().then_some(longest),
+    })
 }
 
 fn advance(
@@ -306,9 +391,21 @@ fn advance(
     let system = &mut built.system;
     if is_adaptive {
         let mut adaptive = Adaptive::new(integrator, dt);
-        settle_by(system, |system| adaptive.step(system).map(|a| a.dt), rest, steps, &mut watch)
+        settle_by(
+            system,
+            |system| adaptive.step(system).map(|a| a.dt),
+            rest,
+            steps,
+            &mut watch,
+        )
     } else {
-        settle_by(system, |system| integrator.step(system, dt).map(|()| dt), rest, steps, &mut watch)
+        settle_by(
+            system,
+            |system| integrator.step(system, dt).map(|()| dt),
+            rest,
+            steps,
+            &mut watch,
+        )
     }
 }
 
@@ -333,24 +430,70 @@ fn tell(arguments: &Arguments, summary: &Summary, path: &std::path::Path) {
     if arguments.json {
         return say_json(summary);
     }
-    let seconds =
-        |limit: Option<f64>| limit.map_or("none: every step is stable".to_owned(), |s| format!("{} s", number(s)));
-    let estimate = summary.damping_estimate_ns_m.map_or(String::new(), |c| format!(" (estimate {})", number(c)));
+    let seconds = |limit: Option<f64>| {
+        limit.map_or("none: every step is stable".to_owned(), |s| {
+            format!("{} s", number(s))
+        })
+    };
+    let estimate = summary
+        .damping_estimate_ns_m
+        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
     let rows = [
-        ("system", format!("{} points ({} held), {} springs", summary.points, summary.points_held, summary.springs)),
-        ("damping", format!("{} N s/m{estimate}", number(summary.damping_ns_m))),
-        ("stability limit", format!("{} of {}", seconds(summary.stability_limit_s), summary.integrator)),
-        ("step", format!("{} s{}", number(summary.dt_s), if summary.adaptive { " at the start" } else { "" })),
+        (
+            "system",
+            format!(
+                "{} points ({} held), {} springs",
+                summary.points, summary.points_held, summary.springs
+            ),
+        ),
+        (
+            "damping",
+            format!("{} N s/m{estimate}", number(summary.damping_ns_m)),
+        ),
+        (
+            "stability limit",
+            format!(
+                "{} of {}",
+                seconds(summary.stability_limit_s),
+                summary.integrator
+            ),
+        ),
+        (
+            "step",
+            format!(
+                "{} s{}",
+                number(summary.dt_s),
+                if summary.adaptive {
+                    " at the start"
+                } else {
+                    ""
+                }
+            ),
+        ),
         ("end", summary.end.clone()),
     ];
-    let rows: Vec<Vec<String>> = rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect();
+    let rows: Vec<Vec<String>> = rows
+        .into_iter()
+        .map(|(name, value)| vec![name.to_owned(), value])
+        .collect();
     let mut text = format!("{}\n{}", summary.name, columns(&rows, &[]));
-    summary.notes.iter().for_each(|note| text.push_str(&format!("  note: {note}\n")));
+    summary
+        .notes
+        .iter()
+        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
     let report = path.join("report.html");
-    text.push_str(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), report.display()));
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n",
+        path.display(),
+        report.display()
+    ));
     say(&text);
     if !summary.at_rest {
         warn(&format!("note: {}", summary.end));
-        summary.notes.iter().filter(|note| note.contains("--")).for_each(|note| warn(&format!("note: {note}")));
+        summary
+            .notes
+            .iter()
+            .filter(|note| note.contains("--"))
+            .for_each(|note| warn(&format!("note: {note}")));
     }
 }

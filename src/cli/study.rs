@@ -68,26 +68,35 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, Into::into);
     let threads = arguments.threads.map_or(cores, usize::from);
     // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global();
     let file = StudyFile::read(&arguments.file, &arguments.set, &findings::names())?;
     let study = Combinations::of(&file)?;
     let path = arguments.out.clone().unwrap_or_else(|| {
         let name = file_name(&study.name);
-        PathBuf::from("pliant-out").join(format!("{}-study", name.strip_suffix("-study").unwrap_or(&name)))
+        PathBuf::from("pliant-out").join(format!(
+            "{}-study",
+            name.strip_suffix("-study").unwrap_or(&name)
+        ))
     });
     let mut wanted = missing(&study, (!arguments.fresh).then_some(path.as_path()));
     if arguments.dry_run {
         list(&study, &wanted, threads, arguments.json);
         return Ok(DONE);
     }
-    let folder = Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
+    let folder =
+        Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
     // Longest first, so that none is left to run alone at the end.
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     wanted.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
     let said = Said::new(&study, &wanted, stop.clone());
     let taken = study.all.len() - wanted.len();
     if taken > 0 {
-        warn(&format!("{taken} of {} runs are finished already", study.all.len()));
+        warn(&format!(
+            "{taken} of {} runs are finished already",
+            study.all.len()
+        ));
     }
     execute(&study, &wanted, &folder, threads, &said)?;
     said.end();
@@ -98,8 +107,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         let mut text = format!("{}\n", found.table().to_text());
         let file = |name: &str| path.join(name).display().to_string();
-        text.push_str(&format!("\nResults in {}\n  open {} in a browser\n", path.display(), file("report.html")));
-        sheets.first().into_iter().for_each(|name| text.push_str(&format!("  pictures: {}\n", file(name))));
+        text.push_str(&format!(
+            "\nResults in {}\n  open {} in a browser\n",
+            path.display(),
+            file("report.html")
+        ));
+        sheets
+            .first()
+            .into_iter()
+            .for_each(|name| text.push_str(&format!("  pictures: {}\n", file(name))));
         if found.interrupted {
             text.push_str("  not complete: the same command goes on where this one stopped\n");
         }
@@ -112,20 +128,36 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
     let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
     let all: f64 = wanted.iter().map(|&k| expected[k]).sum();
-    let longest = wanted.iter().map(|&k| expected[k]).fold(0.0, |a: f64, b| if b > a { b } else { a });
+    let longest = wanted
+        .iter()
+        .map(|&k| expected[k])
+        .fold(0.0, |a: f64, b| if b > a { b } else { a });
     let wall = longest.max(all / threads.clamp(1, wanted.len().max(1)) as f64);
-    let state = |k: usize| if wanted.contains(&k) { "to run" } else { "finished" };
+    let state = |k: usize| {
+        if wanted.contains(&k) {
+            "to run"
+        } else {
+            "finished"
+        }
+    };
     if json {
         let row = |(k, c): (usize, &Combination)| {
             let (run, state) = (c.role.name(), state(k));
             serde_json::json!({"label": c.label, "run": run, "state": state, "expected_s": expected[k]})
         };
         let rows: Vec<_> = study.all.iter().enumerate().map(row).collect();
-        return say_json(&serde_json::json!({"study": study.name, "rows": rows, "expected_s": wall}));
+        return say_json(
+            &serde_json::json!({"study": study.name, "rows": rows, "expected_s": wall}),
+        );
     }
     let mut table = Table::new("", ["run", "state", "frames", "expected [s]"]);
     for (k, c) in study.all.iter().enumerate() {
-        table.row([c.label.clone(), state(k).to_owned(), c.frames().to_string(), format!("{:.1}", expected[k])]);
+        table.row([
+            c.label.clone(),
+            state(k).to_owned(),
+            c.frames().to_string(),
+            format!("{:.1}", expected[k]),
+        ]);
     }
     let count = wanted.len();
     let plan = "by the plan, which does not know how much contact there will be";
@@ -158,7 +190,15 @@ impl Said {
             bar
         });
         let (runs, done, frames_done) = (wanted.len(), AtomicUsize::new(0), AtomicUsize::new(0));
-        Self { stop, bar, begun: Instant::now(), runs, done, frames, frames_done }
+        Self {
+            stop,
+            bar,
+            begun: Instant::now(),
+            runs,
+            done,
+            frames,
+            frames_done,
+        }
     }
 
     fn end(&self) {
@@ -188,8 +228,12 @@ impl Watch for Said {
         match &self.bar {
             Some(bar) => bar.println(text),
             None => {
-                let (frames, elapsed) = (self.frames_done.load(Ordering::Relaxed), self.begun.elapsed().as_secs_f64());
-                let left = elapsed * self.frames.saturating_sub(frames) as f64 / frames.max(1) as f64;
+                let (frames, elapsed) = (
+                    self.frames_done.load(Ordering::Relaxed),
+                    self.begun.elapsed().as_secs_f64(),
+                );
+                let left =
+                    elapsed * self.frames.saturating_sub(frames) as f64 / frames.max(1) as f64;
                 warn(&format!("{text}; about {} left", in_words(left)));
             }
         }

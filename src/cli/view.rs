@@ -78,18 +78,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     use crate::report::frames::file_name;
     if let Some(threads) = arguments.threads {
         // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global();
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
     }
-    let pace = if arguments.paused { Pace::paused() } else { Pace::real_time() };
+    let pace = if arguments.paused {
+        Pace::paused()
+    } else {
+        Pace::real_time()
+    };
     let name = match &arguments.replay {
         Some(folder) => folder.display().to_string(),
-        None => arguments.scene.clone().unwrap_or_else(|| FIRST_SCENE.to_owned()),
+        None => arguments
+            .scene
+            .clone()
+            .unwrap_or_else(|| FIRST_SCENE.to_owned()),
     };
-    let stem =
-        std::path::Path::new(&name).file_stem().map_or_else(|| name.clone(), |s| s.to_string_lossy().into_owned());
+    let stem = std::path::Path::new(&name)
+        .file_stem()
+        .map_or_else(|| name.clone(), |s| s.to_string_lossy().into_owned());
     let out = arguments.out.clone();
     let options = window::Options {
-        folder: out.unwrap_or_else(|| PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))),
+        folder: out.unwrap_or_else(|| {
+            PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))
+        }),
         name: name.clone(),
         stem,
         size: arguments.size,
@@ -113,7 +125,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         }
         Err(window::WindowError::Start(StartError::Scene(error))) => Err(error.into()),
         Err(window::WindowError::Start(StartError::Load(error))) => Err(error.into()),
-        Err(window::WindowError::Start(error @ StartError::Muscle { .. })) => Err(Failure::Told(error.to_string())),
+        Err(window::WindowError::Start(error @ StartError::Muscle { .. })) => {
+            Err(Failure::Told(error.to_string()))
+        }
         Err(error) => {
             super::warn(&format!("error: {error}; {}", error.help()));
             Ok(super::FAILED)

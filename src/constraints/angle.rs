@@ -65,7 +65,11 @@ mod tests {
 
     fn units_off(y: f64, x: f64) -> f64 {
         let (found, known) = (atan2(y, x), libm::atan2(y, x));
-        assert_eq!(found.is_sign_negative(), known.is_sign_negative(), "atan2({y:e}, {x:e})");
+        assert_eq!(
+            found.is_sign_negative(),
+            known.is_sign_negative(),
+            "atan2({y:e}, {x:e})"
+        );
         (found.abs().to_bits().abs_diff(known.abs().to_bits())) as f64
     }
 
@@ -77,9 +81,12 @@ mod tests {
             let (x, y) = (draw.between(-1.0, 1.0), draw.between(-1.0, 1.0));
             let scale = libm::exp2(draw.between(-60.0, 60.0));
             // All quadrants, then close to an axis, then close to a diagonal and to the octant's border.
-            for (y, x) in
-                [(y, x), (y * scale, x), (x + y / scale.max(1.0 / scale), x), (x * TAN_PI_8 * (1.0 + y * 1e-15), x)]
-            {
+            for (y, x) in [
+                (y, x),
+                (y * scale, x),
+                (x + y / scale.max(1.0 / scale), x),
+                (x * TAN_PI_8 * (1.0 + y * 1e-15), x),
+            ] {
                 worst = worst.max(units_off(y, x));
             }
         }
@@ -90,7 +97,19 @@ mod tests {
 
     #[test]
     fn zeros_infinities_and_extremes_are_the_library_s() {
-        let special = [0.0, -0.0, 1.0, -1.0, f64::INFINITY, f64::NEG_INFINITY, 5e-324, -5e-324, 1e308, -1e308, 1e-300];
+        let special = [
+            0.0,
+            -0.0,
+            1.0,
+            -1.0,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            5e-324,
+            -5e-324,
+            1e308,
+            -1e308,
+            1e-300,
+        ];
         for y in special {
             for x in special {
                 assert!(units_off(y, x) <= 3.0, "atan2({y:e}, {x:e})");

@@ -84,8 +84,20 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     ///
     /// # Panics
     /// If the number of compliances differs from that of constraints.
-    pub fn new(constraints: Vec<C>, compliance: Vec<f64>, order: Order, count: usize, loaded: &[u32]) -> Self {
-        Self::numbered(constraints, compliance, order, (&Numbering::default(), count), loaded)
+    pub fn new(
+        constraints: Vec<C>,
+        compliance: Vec<f64>,
+        order: Order,
+        count: usize,
+        loaded: &[u32],
+    ) -> Self {
+        Self::numbered(
+            constraints,
+            compliance,
+            order,
+            (&Numbering::default(), count),
+            loaded,
+        )
     }
 
     /// As [`Self::new`], for particles that lie in memory in the order of `numbering`; [`Self::project_packed`] then
@@ -100,15 +112,27 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         (numbering, count): (&Numbering, usize),
         loaded: &[u32],
     ) -> Self {
-        assert_eq!(constraints.len(), compliance.len(), "one compliance for each constraint");
+        assert_eq!(
+            constraints.len(),
+            compliance.len(),
+            "one compliance for each constraint"
+        );
         let place = |p: u32| numbering.place(p);
         let points: Vec<[u32; K]> = constraints.iter().map(|c| c.points().map(place)).collect();
         let loaded: Vec<u32> = loaded.iter().map(|&p| place(p)).collect();
         let schedule = schedule(order, &points, count, &loaded);
         let sorted = |i: &u32| *i as usize;
         Self {
-            constraints: schedule.sequence.iter().map(|i| constraints[sorted(i)]).collect(),
-            compliance: schedule.sequence.iter().map(|i| compliance[sorted(i)]).collect(),
+            constraints: schedule
+                .sequence
+                .iter()
+                .map(|i| constraints[sorted(i)])
+                .collect(),
+            compliance: schedule
+                .sequence
+                .iter()
+                .map(|i| compliance[sorted(i)])
+                .collect(),
             relaxation: vec![1.0; constraints.len()],
             multipliers: vec![0.0; constraints.len()],
             places: places(&schedule, &points),
@@ -127,8 +151,17 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     /// If the number of factors differs from that of constraints.
     #[must_use]
     pub fn with_relaxation(mut self, factor: &[f64]) -> Self {
-        assert_eq!(factor.len(), self.constraints.len(), "one factor for each constraint");
-        self.relaxation = self.schedule.sequence.iter().map(|&i| factor[i as usize]).collect();
+        assert_eq!(
+            factor.len(),
+            self.constraints.len(),
+            "one factor for each constraint"
+        );
+        self.relaxation = self
+            .schedule
+            .sequence
+            .iter()
+            .map(|&i| factor[i as usize])
+            .collect();
         self
     }
 
@@ -166,7 +199,9 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         let points = constraint.points();
         let x = points.map(|p| particles.position[p as usize]);
         let (c, g) = constraint.value_and_gradient(&x)?;
-        let is_held = points.iter().all(|&p| particles.inverse_mass[p as usize] == 0.0);
+        let is_held = points
+            .iter()
+            .all(|&p| particles.inverse_mass[p as usize] == 0.0);
         let steepness = g.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
         let per_dt2 = 1.0 / (dt * dt);
         let off = || (c + self.compliance[j] * per_dt2 * self.multipliers[j]).abs() / steepness;
@@ -175,7 +210,8 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
 
     fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
         let width = if C::LANES { self.width } else { Width::One };
-        let parallel = self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
+        let parallel =
+            self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
         let mut all = Sweep {
             constraints: &mut self.constraints,
             places: &self.places,
@@ -190,7 +226,12 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             let Some(first) = phase.first() else { continue };
             let [_, rest] = all.split(first.places.start, first.particles.start);
             let origin = (first.places.start, first.particles.start);
-            self.skipped += Phase { spans: &self.spans, width, parallel }.sweep(phase, origin, rest);
+            self.skipped += Phase {
+                spans: &self.spans,
+                width,
+                parallel,
+            }
+            .sweep(phase, origin, rest);
         }
     }
 }
@@ -214,14 +255,24 @@ impl Phase<'_> {
         if let [block] = blocks {
             let [mut own, _] = over.split(block.places.len(), block.particles.end - origin.1);
             own.slots = &mut own.slots[block.particles.start - origin.1..];
-            lanes::run(self.width, Swept(&mut own, &self.spans[block.colours.clone()]));
+            lanes::run(
+                self.width,
+                Swept(&mut own, &self.spans[block.colours.clone()]),
+            );
             return own.skipped;
         }
         let (left, right) = blocks.split_at(blocks.len() / 2);
         let middle = (right[0].places.start, right[0].particles.start);
         let [first, second] = over.split(middle.0 - origin.0, middle.1 - origin.1);
-        let (a, b) = (|| self.sweep(left, origin, first), || self.sweep(right, middle, second));
-        let (a, b) = if self.parallel { rayon::join(a, b) } else { (a(), b()) };
+        let (a, b) = (
+            || self.sweep(left, origin, first),
+            || self.sweep(right, middle, second),
+        );
+        let (a, b) = if self.parallel {
+            rayon::join(a, b)
+        } else {
+            (a(), b())
+        };
         a + b
     }
 }
@@ -231,7 +282,9 @@ fn places<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<[u32;
     let blocks = schedule.phases.iter().flatten();
     let of = |block: &Block| {
         let base = block.particles.start as u32;
-        schedule.sequence[block.places.clone()].iter().map(move |&c| points[c as usize].map(|p| p - base))
+        schedule.sequence[block.places.clone()]
+            .iter()
+            .map(move |&c| points[c as usize].map(|p| p - base))
     };
     blocks.flat_map(of).collect()
 }
@@ -243,9 +296,14 @@ fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> 
     let mut spans = Vec::with_capacity(schedule.colours.len());
     for block in schedule.phases.iter().flatten() {
         for colour in &schedule.colours[block.colours.clone()] {
-            let mut these = schedule.sequence[colour.clone()].iter().map(|&c| &points[c as usize]);
+            let mut these = schedule.sequence[colour.clone()]
+                .iter()
+                .map(|&c| &points[c as usize]);
             let range = colour.start - block.places.start..colour.end - block.places.start;
-            spans.push(Span { range, independent: schedule.independent && !these.any(repeats) });
+            spans.push(Span {
+                range,
+                independent: schedule.independent && !these.any(repeats),
+            });
         }
     }
     spans
@@ -266,7 +324,10 @@ pub(crate) fn restore_memory<C: Constraint<K>, const K: usize>(
 ) -> Result<(), Corrupt> {
     if C::PERIODIC {
         let memory = from.exactly::<f64>(constraints.len())?;
-        constraints.iter_mut().zip(memory).for_each(|(c, value)| c.remember(value));
+        constraints
+            .iter_mut()
+            .zip(memory)
+            .for_each(|(c, value)| c.remember(value));
     }
     Ok(())
 }
@@ -311,10 +372,18 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn bytes(&self) -> usize {
         self.constraints.capacity() * size_of::<C>()
-            + (self.compliance.capacity() + self.relaxation.capacity() + self.multipliers.capacity()) * 8
+            + (self.compliance.capacity()
+                + self.relaxation.capacity()
+                + self.multipliers.capacity())
+                * 8
             + self.schedule.sequence.capacity() * 4
             + self.schedule.colours.capacity() * size_of::<Range<usize>>()
-            + self.schedule.phases.iter().map(|blocks| blocks.capacity() * size_of::<Block>()).sum::<usize>()
+            + self
+                .schedule
+                .phases
+                .iter()
+                .map(|blocks| blocks.capacity() * size_of::<Block>())
+                .sum::<usize>()
             + self.places.capacity() * size_of::<[u32; K]>()
             + self.spans.capacity() * size_of::<Span>()
             + self.packed.bytes()
@@ -346,7 +415,8 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn residual(&self, particles: &Particles, dt: f64) -> Residual {
         let (mut sum, mut max) = (0.0, 0.0_f64);
-        for distance in (0..self.constraints.len()).filter_map(|j| self.distance(j, particles, dt)) {
+        for distance in (0..self.constraints.len()).filter_map(|j| self.distance(j, particles, dt))
+        {
             sum += distance * distance;
             // Not `f64::max`, which would hide a NaN; nor may a later number replace one.
             if !(distance <= max || max.is_nan()) {
@@ -354,12 +424,19 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
             }
         }
         let count = self.constraints.len();
-        Residual { rms: (sum / count.max(1) as f64).sqrt(), max, count }
+        Residual {
+            rms: (sum / count.max(1) as f64).sqrt(),
+            max,
+            count,
+        }
     }
 
     fn residual_at(&self, particles: &Particles, dt: f64, particle: u32) -> Option<f64> {
-        let acting = (0..self.constraints.len()).filter(|j| self.constraints[*j].points().contains(&particle));
-        let mut distances = acting.filter_map(|j| self.distance(j, particles, dt)).peekable();
+        let acting = (0..self.constraints.len())
+            .filter(|j| self.constraints[*j].points().contains(&particle));
+        let mut distances = acting
+            .filter_map(|j| self.distance(j, particles, dt))
+            .peekable();
         distances.peek().is_some().then(|| greatest(distances))
     }
 

@@ -29,14 +29,24 @@ pub struct Block {
 
 /// Lowest and highest particle.
 fn ends<const K: usize>(points: &[u32; K]) -> (usize, usize) {
-    points.iter().fold((usize::MAX, 0), |(low, high), &p| (low.min(p as usize), high.max(p as usize)))
+    points.iter().fold((usize::MAX, 0), |(low, high), &p| {
+        (low.min(p as usize), high.max(p as usize))
+    })
 }
 
 /// Particles of a block for these constraints over `count` particles: a power of two, `count` or more for one block.
 fn size<const K: usize>(points: &[[u32; K]], count: usize) -> usize {
-    let mut reaches: Vec<usize> = points.iter().map(ends).map(|(low, high)| high.saturating_sub(low)).collect();
+    let mut reaches: Vec<usize> = points
+        .iter()
+        .map(ends)
+        .map(|(low, high)| high.saturating_sub(low))
+        .collect();
     let place = reaches.len().saturating_sub(1 + reaches.len() / FAR);
-    let reach = if reaches.is_empty() { 0 } else { *reaches.select_nth_unstable(place).1 };
+    let reach = if reaches.is_empty() {
+        0
+    } else {
+        *reaches.select_nth_unstable(place).1
+    };
     // What lies across a border then lies within a shifted block.
     let size = SMALLEST.max(2 * reach).next_power_of_two();
     if size * 2 > count { count } else { size }
@@ -68,13 +78,19 @@ pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Sc
     let homes: Vec<_> = points.iter().map(|p| home(p, size)).collect();
     let mut sequence: Vec<u32> = (0..points.len() as u32).collect();
     sequence.sort_by_key(|&c| homes[c as usize]);
-    let mut schedule = Schedule { independent: true, ..Schedule::default() };
+    let mut schedule = Schedule {
+        independent: true,
+        ..Schedule::default()
+    };
     let mut last = None;
     for group in sequence.chunk_by(|&a, &b| homes[a as usize] == homes[b as usize]) {
         let home = homes[group[0] as usize];
         let particles = range(home, size, count);
         let base = particles.start as u32;
-        let local: Vec<[u32; K]> = group.iter().map(|&c| points[c as usize].map(|p| p - base)).collect();
+        let local: Vec<[u32; K]> = group
+            .iter()
+            .map(|&c| points[c as usize].map(|p| p - base))
+            .collect();
         let colour = colours(&local, particles.len());
         let mut inner: Vec<usize> = (0..group.len()).collect();
         // Neighbours in memory are visited together.
@@ -90,8 +106,16 @@ pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Sc
             schedule.phases.push(Vec::new());
             last = Some(home.0);
         }
-        let block = Block { particles, colours: first..schedule.colours.len(), places: begin..start };
-        schedule.phases.last_mut().expect("pushed above").push(block);
+        let block = Block {
+            particles,
+            colours: first..schedule.colours.len(),
+            places: begin..start,
+        };
+        schedule
+            .phases
+            .last_mut()
+            .expect("pushed above")
+            .push(block);
     }
     schedule
 }
@@ -102,7 +126,9 @@ mod tests {
 
     /// A strip of triangles' edges: each particle with the next three.
     fn strip(count: u32) -> Vec<[u32; 2]> {
-        (0..count).flat_map(|i| (1..=3).filter_map(move |k| (i + k < count).then_some([i, i + k]))).collect()
+        (0..count)
+            .flat_map(|i| (1..=3).filter_map(move |k| (i + k < count).then_some([i, i + k])))
+            .collect()
     }
 
     #[test]
@@ -114,15 +140,32 @@ mod tests {
         let mut seen = schedule.sequence.clone();
         seen.sort_unstable();
         assert_eq!(seen, (0..points.len() as u32).collect::<Vec<_>>());
-        assert_eq!(schedule.phases.iter().map(Vec::len).collect::<Vec<_>>(), [10, 9, 1]);
+        assert_eq!(
+            schedule.phases.iter().map(Vec::len).collect::<Vec<_>>(),
+            [10, 9, 1]
+        );
         for phase in &schedule.phases {
-            assert!(phase.windows(2).all(|two| two[0].particles.end <= two[1].particles.start));
+            assert!(
+                phase
+                    .windows(2)
+                    .all(|two| two[0].particles.end <= two[1].particles.start)
+            );
             for block in phase {
                 for &c in &schedule.sequence[block.places.clone()] {
-                    assert!(points[c as usize].iter().all(|&p| block.particles.contains(&(p as usize))));
+                    assert!(
+                        points[c as usize]
+                            .iter()
+                            .all(|&p| block.particles.contains(&(p as usize)))
+                    );
                 }
-                assert_eq!(schedule.colours[block.colours.start].start, block.places.start);
-                assert_eq!(schedule.colours[block.colours.end - 1].end, block.places.end);
+                assert_eq!(
+                    schedule.colours[block.colours.start].start,
+                    block.places.start
+                );
+                assert_eq!(
+                    schedule.colours[block.colours.end - 1].end,
+                    block.places.end
+                );
             }
         }
     }
@@ -131,7 +174,10 @@ mod tests {
     fn a_numbering_without_nearness_is_one_block() {
         let far: Vec<[u32; 2]> = (0..5_000).map(|i| [i, i + 5_000]).collect();
         let schedule = in_blocks(&far, 10_000);
-        assert_eq!(schedule.phases.iter().map(Vec::len).collect::<Vec<_>>(), [1]);
+        assert_eq!(
+            schedule.phases.iter().map(Vec::len).collect::<Vec<_>>(),
+            [1]
+        );
         assert_eq!(schedule.phases[0][0].particles, 0..10_000);
         assert_eq!(schedule.colours.len(), 1, "no two share a particle");
     }

@@ -32,7 +32,9 @@ pub struct EnclosedVolume {
 
 /// The volume could not be brought to its target along the given field.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("no displacement along the allowed directions gives the volume {target} m3 (now {volume} m3)")]
+#[error(
+    "no displacement along the allowed directions gives the volume {target} m3 (now {volume} m3)"
+)]
 pub struct Unsolvable {
     /// Volume before [m^3].
     pub volume: f64,
@@ -95,15 +97,28 @@ impl EnclosedVolume {
     ///
     /// # Errors
     /// No multiple near zero does it; nothing is moved.
-    pub fn retract(&self, x: &mut [Point3<f64>], field: &[Vector3<f64>]) -> Result<f64, Unsolvable> {
+    pub fn retract(
+        &self,
+        x: &mut [Point3<f64>],
+        field: &[Vector3<f64>],
+    ) -> Result<f64, Unsolvable> {
         let slots: Vec<Slot> = x.iter().map(|p| Slot([p.x, p.y, p.z, 0.0])).collect();
         let along: Vec<Slot> = field.iter().map(|d| Slot([d.x, d.y, d.z, 0.0])).collect();
         let (mut gradient, mut terms) = (vec![Slot::default(); x.len()], Terms::default());
-        let volume = self.rings.volume(self.width, &slots, &mut gradient, &mut terms);
-        let coefficients = self.rings.along(self.width, &slots, &gradient, &along, &mut terms);
+        let volume = self
+            .rings
+            .volume(self.width, &slots, &mut gradient, &mut terms);
+        let coefficients = self
+            .rings
+            .along(self.width, &slots, &gradient, &along, &mut terms);
         let found = nearest_root(coefficients, self.target - volume);
-        let multiple = found.ok_or(Unsolvable { volume, target: self.target })?;
-        x.iter_mut().zip(field).for_each(|(x, d)| *x += d * multiple);
+        let multiple = found.ok_or(Unsolvable {
+            volume,
+            target: self.target,
+        })?;
+        x.iter_mut()
+            .zip(field)
+            .for_each(|(x, d)| *x += d * multiple);
         Ok(multiple)
     }
 
@@ -123,7 +138,9 @@ impl EnclosedVolume {
     pub fn value_and_gradient(&self, x: &[Point3<f64>]) -> (f64, Vec<Vector3<f64>>) {
         let slots: Vec<Slot> = x.iter().map(|p| Slot([p.x, p.y, p.z, 0.0])).collect();
         let mut gradient = vec![Slot::default(); x.len()];
-        let volume = self.rings.volume(self.width, &slots, &mut gradient, &mut Terms::default());
+        let volume = self
+            .rings
+            .volume(self.width, &slots, &mut gradient, &mut Terms::default());
         (volume - self.target, gradient.iter().map(vector).collect())
     }
 
@@ -156,16 +173,28 @@ impl EnclosedVolume {
             return Ok(());
         }
         self.packed.read(particles);
-        let volume = self.rings.volume(self.width, &self.packed.slots, &mut self.gradient, &mut self.terms);
+        let volume = self.rings.volume(
+            self.width,
+            &self.packed.slots,
+            &mut self.gradient,
+            &mut self.terms,
+        );
         let weigh = |((d, g), at): ((&mut Slot, &Slot), &Slot)| {
             let (&Slot([x, y, z, _]), &Slot([.., w])) = (g, at);
             *d = Slot([x * w, y * w, z * w, 0.0]);
         };
         if is_shared(self.field.len()) {
             let with_gradient = self.field.par_iter_mut().zip(&self.gradient);
-            with_gradient.zip(&self.packed.slots).with_min_len(SHARE).for_each(weigh);
+            with_gradient
+                .zip(&self.packed.slots)
+                .with_min_len(SHARE)
+                .for_each(weigh);
         } else {
-            self.field.iter_mut().zip(&self.gradient).zip(&self.packed.slots).for_each(weigh);
+            self.field
+                .iter_mut()
+                .zip(&self.gradient)
+                .zip(&self.packed.slots)
+                .for_each(weigh);
         }
         let compliance = self.compliance / (dt * dt);
         let wanted = -(volume - self.target) - compliance * self.multiplier;
@@ -176,14 +205,22 @@ impl EnclosedVolume {
             self.multiplier += change;
             let go = |(x, d): (&mut Point3<f64>, &Slot)| *x += vector(d) * change;
             if is_shared(self.field.len()) {
-                particles.position.par_iter_mut().zip(&self.field).with_min_len(SHARE).for_each(go);
+                particles
+                    .position
+                    .par_iter_mut()
+                    .zip(&self.field)
+                    .with_min_len(SHARE)
+                    .for_each(go);
             } else {
                 particles.position.iter_mut().zip(&self.field).for_each(go);
             }
         } else {
             self.unsolved += 1;
         }
-        found.map(|_| ()).ok_or(Unsolvable { volume, target: self.target })
+        found.map(|_| ()).ok_or(Unsolvable {
+            volume,
+            target: self.target,
+        })
     }
 
     /// The root nearest to zero of V(x + s d) - V(x) + compliance s = wanted, a cubic in s.
@@ -192,16 +229,26 @@ impl EnclosedVolume {
             return Some(0.0);
         }
         let x = &self.packed.slots;
-        let [linear, square, cubic] = self.rings.along(self.width, x, &self.gradient, &self.field, &mut self.terms);
+        let [linear, square, cubic] =
+            self.rings
+                .along(self.width, x, &self.gradient, &self.field, &mut self.terms);
         nearest_root([linear + compliance, square, cubic], wanted)
     }
 
     /// Distance from satisfaction: |C + alpha lambda| / |grad C| [m].
     pub fn residual(&self, particles: &Particles, dt: f64) -> Residual {
         let (c, gradient) = self.value_and_gradient(&particles.position);
-        let steepness = gradient.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+        let steepness = gradient
+            .iter()
+            .map(Vector3::norm_squared)
+            .sum::<f64>()
+            .sqrt();
         let r = (c + self.compliance / (dt * dt) * self.multiplier).abs() / steepness;
-        Residual { rms: r, max: r, count: 1 }
+        Residual {
+            rms: r,
+            max: r,
+            count: 1,
+        }
     }
 
     /// Projections so far.

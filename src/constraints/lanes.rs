@@ -13,7 +13,12 @@ use crate::particles::Slot;
 
 /// One number or several side by side, computed in step: each operation acts in every lane.
 pub trait Lane:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
+    Copy
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
 {
     /// Proof that the processor has these lanes.
     type Machine: Copy;
@@ -243,5 +248,9 @@ pub(crate) fn dot<N: Lane>(a: Triple<N>, b: Triple<N>) -> N {
 
 #[inline(always)]
 pub(crate) fn cross<N: Lane>(a: Triple<N>, b: Triple<N>) -> Triple<N> {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }

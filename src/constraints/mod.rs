@@ -128,5 +128,9 @@ pub(crate) fn safe_norm(v: &Vector3<f64>) -> f64 {
         return squared.sqrt();
     }
     let largest = v.amax();
-    if largest == 0.0 || !largest.is_finite() { largest } else { (v / largest).norm() * largest }
+    if largest == 0.0 || !largest.is_finite() {
+        largest
+    } else {
+        (v / largest).norm() * largest
+    }
 }

@@ -30,7 +30,10 @@ impl Order {
 
     /// Its name in scenes.
     pub fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, order)| *order == self).map_or("", |(name, _)| name)
+        Self::NAMES
+            .iter()
+            .find(|(_, order)| *order == self)
+            .map_or("", |(name, _)| name)
     }
 }
 
@@ -50,7 +53,12 @@ pub struct Schedule {
 /// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
 ///
 /// Particles with near numbers should be near each other: blocks are ranges of numbers.
-pub fn schedule<const K: usize>(order: Order, points: &[[u32; K]], count: usize, loaded: &[u32]) -> Schedule {
+pub fn schedule<const K: usize>(
+    order: Order,
+    points: &[[u32; K]],
+    count: usize,
+    loaded: &[u32],
+) -> Schedule {
     let stored = 0..points.len() as u32;
     match order {
         Order::Coloured => in_blocks(points, count),
@@ -72,8 +80,17 @@ pub fn schedule<const K: usize>(order: Order, points: &[[u32; K]], count: usize,
 
 fn sequential(sequence: Vec<u32>, count: usize) -> Schedule {
     let all = 0..sequence.len();
-    let block = Block { particles: 0..count, colours: 0..1, places: all.clone() };
-    Schedule { sequence, colours: vec![all], independent: false, phases: vec![vec![block]] }
+    let block = Block {
+        particles: 0..count,
+        colours: 0..1,
+        places: all.clone(),
+    };
+    Schedule {
+        sequence,
+        colours: vec![all],
+        independent: false,
+        phases: vec![vec![block]],
+    }
 }
 
 /// Number of constraints between each particle and the nearest of `from`; `u32::MAX` where there is no path.
@@ -110,7 +127,9 @@ pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<
     let mut used = vec![0u64; count];
     let mut colour_of = Vec::with_capacity(points.len());
     for p in points {
-        let taken = |used: &[u64], w: usize, words: usize| p.iter().fold(0, |t, &p| t | used[p as usize * words + w]);
+        let taken = |used: &[u64], w: usize, words: usize| {
+            p.iter().fold(0, |t, &p| t | used[p as usize * words + w])
+        };
         let mut free = None;
         for w in 0..words {
             let t = taken(&used, w, words);
@@ -121,11 +140,15 @@ pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<
         }
         let colour = free.unwrap_or_else(|| {
             // A hub with more constraints than colours so far: one more word for every particle.
-            used = used.chunks(words).flat_map(|c| c.iter().copied().chain([0])).collect();
+            used = used
+                .chunks(words)
+                .flat_map(|c| c.iter().copied().chain([0]))
+                .collect();
             words += 1;
             (words - 1) * BITS
         });
-        p.iter().for_each(|&p| used[p as usize * words + colour / BITS] |= 1 << (colour % BITS));
+        p.iter()
+            .for_each(|&p| used[p as usize * words + colour / BITS] |= 1 << (colour % BITS));
         colour_of.push(colour as u32);
     }
     colour_of
@@ -138,15 +161,20 @@ mod tests {
     #[test]
     fn colours_share_no_particle_and_lose_no_constraint() {
         // A hub with 200 spokes needs 200 colours: more than one word of them.
-        let spokes: Vec<[u32; 2]> = (1..=200).map(|i| [0, i]).chain((1..200).map(|i| [i, i + 1])).collect();
+        let spokes: Vec<[u32; 2]> = (1..=200)
+            .map(|i| [0, i])
+            .chain((1..200).map(|i| [i, i + 1]))
+            .collect();
         let schedule = schedule(Order::Coloured, &spokes, 201, &[]);
         let mut seen = schedule.sequence.clone();
         seen.sort_unstable();
         assert_eq!(seen, (0..spokes.len() as u32).collect::<Vec<_>>());
         assert!(schedule.colours.len() >= 200);
         for range in &schedule.colours {
-            let mut particles: Vec<u32> =
-                schedule.sequence[range.clone()].iter().flat_map(|&c| spokes[c as usize]).collect();
+            let mut particles: Vec<u32> = schedule.sequence[range.clone()]
+                .iter()
+                .flat_map(|&c| spokes[c as usize])
+                .collect();
             let all = particles.len();
             particles.sort_unstable();
             particles.dedup();
@@ -157,8 +185,17 @@ mod tests {
     #[test]
     fn from_the_loaded_end_is_by_distance() {
         let chain: Vec<[u32; 2]> = (0..5).map(|i| [i, i + 1]).collect();
-        assert_eq!(schedule(Order::FromLoadedEnd, &chain, 6, &[5]).sequence, [4, 3, 2, 1, 0]);
-        assert_eq!(schedule(Order::FromLoadedEnd, &chain, 6, &[0]).sequence, [0, 1, 2, 3, 4]);
-        assert_eq!(schedule(Order::Reversed, &chain, 6, &[]).sequence, [4, 3, 2, 1, 0]);
+        assert_eq!(
+            schedule(Order::FromLoadedEnd, &chain, 6, &[5]).sequence,
+            [4, 3, 2, 1, 0]
+        );
+        assert_eq!(
+            schedule(Order::FromLoadedEnd, &chain, 6, &[0]).sequence,
+            [0, 1, 2, 3, 4]
+        );
+        assert_eq!(
+            schedule(Order::Reversed, &chain, 6, &[]).sequence,
+            [4, 3, 2, 1, 0]
+        );
     }
 }

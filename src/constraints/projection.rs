@@ -100,7 +100,10 @@ fn change<C: Constraint<K>, N: Lane, const K: usize>(
     let largest = N::splat(machine, f64::MAX);
     let compliance = N::select(compliance.lt(largest), compliance, largest);
     // The quotient first: it need not wait for the value.
-    (relaxation / (weight + compliance) * (-value - compliance * multiplier), weight)
+    (
+        relaxation / (weight + compliance) * (-value - compliance * multiplier),
+        weight,
+    )
 }
 
 /// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
@@ -110,7 +113,8 @@ pub fn correction<C: Constraint<K>, const K: usize>(
     at: [[f64; 4]; K],
     numbers: (f64, f64, f64),
 ) -> Option<Correction<K>> {
-    let (value, gradient) = constraint.value_and_gradient(&at.map(|[x, y, z, _]| Point3::new(x, y, z)))?;
+    let (value, gradient) =
+        constraint.value_and_gradient(&at.map(|[x, y, z, _]| Point3::new(x, y, z)))?;
     let inverse_mass = at.map(|slot| slot[3]);
     let mut move_by = gradient.map(Into::into);
     let (change, weight) = change::<C, f64, K>((), (value, &move_by), &inverse_mass, numbers);
@@ -121,20 +125,33 @@ pub fn correction<C: Constraint<K>, const K: usize>(
     for k in 0..K {
         move_by[k] = scale(move_by[k], inverse_mass[k] * change);
     }
-    Some(Correction { value, change, move_by })
+    Some(Correction {
+        value,
+        change,
+        move_by,
+    })
 }
 
 impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     /// What constraint `j` is projected with: compliance over dt^2, relaxation, multiplier.
     #[inline(always)]
     pub fn numbers(&self, j: usize) -> (f64, f64, f64) {
-        (self.compliance[j] * self.per_dt2, self.relaxation[j], self.multipliers[j])
+        (
+            self.compliance[j] * self.per_dt2,
+            self.relaxation[j],
+            self.multipliers[j],
+        )
     }
 
     /// Applies what was computed for constraint `j`.
     #[inline(always)]
     pub fn apply(&mut self, j: usize, correction: Option<Correction<K>>) {
-        let Some(Correction { value, change, move_by }) = correction else {
+        let Some(Correction {
+            value,
+            change,
+            move_by,
+        }) = correction
+        else {
             self.skipped += 1;
             return;
         };
@@ -186,7 +203,9 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     /// write the same.
     #[inline(always)]
     fn rest<N: Lane>(&mut self, machine: N::Machine, range: Range<usize>) {
-        let Some(last) = range.clone().next_back() else { return };
+        let Some(last) = range.clone().next_back() else {
+            return;
+        };
         let at = |l: usize| (range.start + l).min(last);
         let (few, mut constraints) = (range.len(), array(|l| self.constraints[at(l)]));
         let mut multipliers = array(|l| self.multipliers[at(l)]);
@@ -224,15 +243,21 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
             let [a, b, c, w] = N::gather(machine, self.slots, |l| places[l][k]);
             (x[k], inverse_mass[k]) = ([a, b, c], w);
         });
-        let Several { value, gradient, usual } = C::in_lanes::<N>(these, machine, &x);
+        let Several {
+            value,
+            gradient,
+            usual,
+        } = C::in_lanes::<N>(these, machine, &x);
         if !N::all(usual) {
             return false;
         }
         let multiplier = N::load(machine, &self.multipliers[range.clone()]);
-        let compliance = N::load(machine, &self.compliance[range.clone()]) * N::splat(machine, self.per_dt2);
+        let compliance =
+            N::load(machine, &self.compliance[range.clone()]) * N::splat(machine, self.per_dt2);
         let relaxation = N::load(machine, &self.relaxation[range.clone()]);
         let numbers = (compliance, relaxation, multiplier);
-        let (change, weight) = change::<C, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
+        let (change, weight) =
+            change::<C, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
         // All points held, or a gradient of zero: nothing that moves could change C.
         let still = weight.le(zero);
         let change = N::select(still, zero, change);
@@ -246,7 +271,10 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
         if C::PERIODIC {
             let mut values = [0.0; MOST];
             value.store(&mut values);
-            self.constraints[range].iter_mut().zip(values).for_each(|(c, value)| c.remember(value));
+            self.constraints[range]
+                .iter_mut()
+                .zip(values)
+                .for_each(|(c, value)| c.remember(value));
         }
         true
     }

@@ -36,27 +36,54 @@ impl Rings {
                 pairs[i as usize].push([j, k]);
             }
         }
-        let walks: Vec<Vec<u32>> = pairs.into_iter().enumerate().map(|(i, left)| walk(i as u32, left)).collect();
+        let walks: Vec<Vec<u32>> = pairs
+            .into_iter()
+            .enumerate()
+            .map(|(i, left)| walk(i as u32, left))
+            .collect();
         let (mut start, mut around) = (vec![0], Vec::new());
         for first in (0..count).step_by(GROUP) {
             let of = |lane: usize| &walks[place(first + lane, count)];
             let rows = (0..GROUP).map(|lane| of(lane).len()).max().unwrap_or(0);
-            around.extend((0..rows).map(|row| std::array::from_fn(|lane| of(lane)[row.min(of(lane).len() - 1)])));
+            around.extend(
+                (0..rows)
+                    .map(|row| std::array::from_fn(|lane| of(lane)[row.min(of(lane).len() - 1)])),
+            );
             start.push(around.len() as u32);
         }
         Self { start, around }
     }
 
     /// Writes the gradient of the volume at `x` of each vertex and returns the volume; `terms` is room to work in.
-    pub fn volume(&self, width: Width, x: &[Slot], gradient: &mut [Slot], terms: &mut Terms) -> f64 {
+    pub fn volume(
+        &self,
+        width: Width,
+        x: &[Slot],
+        gradient: &mut [Slot],
+        terms: &mut Terms,
+    ) -> f64 {
         let Some(&origin) = x.first() else { return 0.0 };
         let [volume, ..] = &mut terms.0;
         volume.resize(x.len().next_multiple_of(GROUP), 0.0);
         let kernel = |(k, (gradient, volume)): (usize, (&mut [Slot], &mut [f64]))| {
-            run(width, Gradient { rings: self, x, origin, first: k * SHARE, gradient, volume });
+            run(
+                width,
+                Gradient {
+                    rings: self,
+                    x,
+                    origin,
+                    first: k * SHARE,
+                    gradient,
+                    volume,
+                },
+            );
         };
         if is_shared(x.len()) {
-            gradient.par_chunks_mut(SHARE).zip(volume.par_chunks_mut(SHARE)).enumerate().for_each(kernel);
+            gradient
+                .par_chunks_mut(SHARE)
+                .zip(volume.par_chunks_mut(SHARE))
+                .enumerate()
+                .for_each(kernel);
         } else {
             kernel((0, (gradient, volume)));
         }
@@ -65,19 +92,43 @@ impl Rings {
     }
 
     /// The factors before s, s^2 and s^3 of the volume at `x + s field`, where the volume has the given gradient.
-    pub fn along(&self, width: Width, x: &[Slot], gradient: &[Slot], field: &[Slot], terms: &mut Terms) -> [f64; 3] {
-        let Some(&origin) = x.first() else { return [0.0; 3] };
-        terms.0.iter_mut().for_each(|t| t.resize(x.len().next_multiple_of(GROUP), 0.0));
+    pub fn along(
+        &self,
+        width: Width,
+        x: &[Slot],
+        gradient: &[Slot],
+        field: &[Slot],
+        terms: &mut Terms,
+    ) -> [f64; 3] {
+        let Some(&origin) = x.first() else {
+            return [0.0; 3];
+        };
+        terms
+            .0
+            .iter_mut()
+            .for_each(|t| t.resize(x.len().next_multiple_of(GROUP), 0.0));
         let [linear, square, cubic] = &mut terms.0;
         let kernel = |(k, ((linear, square), cubic)): (usize, ThreeChunks)| {
             run(
                 width,
-                Along { rings: self, x, origin, gradient, field, first: k * SHARE, terms: [linear, square, cubic] },
+                Along {
+                    rings: self,
+                    x,
+                    origin,
+                    gradient,
+                    field,
+                    first: k * SHARE,
+                    terms: [linear, square, cubic],
+                },
             );
         };
         if is_shared(x.len()) {
-            let both = linear.par_chunks_mut(SHARE).zip(square.par_chunks_mut(SHARE));
-            both.zip(cubic.par_chunks_mut(SHARE)).enumerate().for_each(kernel);
+            let both = linear
+                .par_chunks_mut(SHARE)
+                .zip(square.par_chunks_mut(SHARE));
+            both.zip(cubic.par_chunks_mut(SHARE))
+                .enumerate()
+                .for_each(kernel);
         } else {
             kernel((0, ((linear, square), cubic)));
         }
@@ -101,7 +152,9 @@ impl Rings {
         let mut sum = [zero; 3];
         let (group, lane) = (first / GROUP, first % GROUP);
         let rows = &self.around[self.start[group] as usize..self.start[group + 1] as usize];
-        let Some((row, rest)) = rows.split_first() else { return sum };
+        let Some((row, rest)) = rows.split_first() else {
+            return sum;
+        };
         let [x, y, z, _] = N::gather(machine, slots, |l| row[lane + l]);
         let mut a = sub([x, y, z], at);
         for row in rest {
@@ -156,7 +209,11 @@ fn of_vertices<N: Lane>(machine: N::Machine, slots: &[Slot], first: usize) -> Tr
 /// One number for all lanes of a point.
 #[inline(always)]
 fn splat<N: Lane>(machine: N::Machine, &Slot([x, y, z, _]): &Slot) -> Triple<N> {
-    [N::splat(machine, x), N::splat(machine, y), N::splat(machine, z)]
+    [
+        N::splat(machine, x),
+        N::splat(machine, y),
+        N::splat(machine, z),
+    ]
 }
 
 struct Gradient<'a> {
@@ -177,7 +234,9 @@ impl InLanes for Gradient<'_> {
             let first = self.first + to;
             let [x, y, z] = self.rings.gather::<N>(machine, self.x, first);
             let columns = [x, y, z, N::splat(machine, 0.0)];
-            N::scatter(columns, self.gradient, |l| (place(first + l, count) - self.first) as u32);
+            N::scatter(columns, self.gradient, |l| {
+                (place(first + l, count) - self.first) as u32
+            });
             let at = of_vertices::<N>(machine, self.x, first);
             dot(sub(at, origin), [x, y, z]).store(&mut self.volume[to..]);
         }

@@ -46,7 +46,13 @@ impl<const K: usize> Second<K> {
     }
 
     /// f(a, b) from f, its gradient and its second derivatives (aa, ab, bb) at the values.
-    fn chain_two(a: &Self, b: &Self, f: f64, [fa, fb]: [f64; 2], [faa, fab, fbb]: [f64; 3]) -> Self {
+    fn chain_two(
+        a: &Self,
+        b: &Self,
+        f: f64,
+        [fa, fb]: [f64; 2],
+        [faa, fab, fbb]: [f64; 3],
+    ) -> Self {
         let mut result = Self::of(f);
         for i in 0..K {
             result.gradient[i] = a.gradient[i] * fa + b.gradient[i] * fb;
@@ -84,7 +90,11 @@ impl<const K: usize> AddAssign for Second<K> {
 impl<const K: usize> Neg for Second<K> {
     type Output = Self;
     fn neg(self) -> Self {
-        Self { value: -self.value, gradient: self.gradient.map(|g| -g), hessian: self.hessian.map(|r| r.map(|h| -h)) }
+        Self {
+            value: -self.value,
+            gradient: self.gradient.map(|g| -g),
+            hessian: self.hessian.map(|r| r.map(|h| -h)),
+        }
     }
 }
 
@@ -104,7 +114,13 @@ impl<const K: usize> SubAssign for Second<K> {
 impl<const K: usize> Mul for Second<K> {
     type Output = Self;
     fn mul(self, o: Self) -> Self {
-        Self::chain_two(&self, &o, self.value * o.value, [o.value, self.value], [0.0, 1.0, 0.0])
+        Self::chain_two(
+            &self,
+            &o,
+            self.value * o.value,
+            [o.value, self.value],
+            [0.0, 1.0, 0.0],
+        )
     }
 }
 
@@ -118,7 +134,13 @@ impl<const K: usize> Div for Second<K> {
     type Output = Self;
     fn div(self, o: Self) -> Self {
         let (q, per) = (self.value / o.value, 1.0 / o.value);
-        Self::chain_two(&self, &o, q, [per, -q * per], [0.0, -per * per, 2.0 * q * per * per])
+        Self::chain_two(
+            &self,
+            &o,
+            q,
+            [per, -q * per],
+            [0.0, -per * per, 2.0 * q * per * per],
+        )
     }
 }
 
@@ -139,7 +161,11 @@ impl<const K: usize> One for Second<K> {
 
 impl<const K: usize> Scalar for Second<K> {
     fn of(value: f64) -> Self {
-        Self { value, gradient: [Vector3::zeros(); K], hessian: [[Matrix3::zeros(); K]; K] }
+        Self {
+            value,
+            gradient: [Vector3::zeros(); K],
+            hessian: [[Matrix3::zeros(); K]; K],
+        }
     }
     fn real(self) -> f64 {
         self.value
@@ -151,7 +177,16 @@ impl<const K: usize> Scalar for Second<K> {
     fn atan2(self, x: Self) -> Self {
         let (a, b) = (self.value, x.value);
         let square = a * a + b * b;
-        let (mixed, twice) = ((a * a - b * b) / (square * square), 2.0 * a * b / (square * square));
-        Self::chain_two(&self, &x, atan2(a, b), [b / square, -a / square], [-twice, mixed, twice])
+        let (mixed, twice) = (
+            (a * a - b * b) / (square * square),
+            2.0 * a * b / (square * square),
+        );
+        Self::chain_two(
+            &self,
+            &x,
+            atan2(a, b),
+            [b / square, -a / square],
+            [-twice, mixed, twice],
+        )
     }
 }

@@ -18,13 +18,25 @@ impl Obstacle for Capsule {
     fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
         let along = self.ends[1] - self.ends[0];
         let squared = along.norm_squared();
-        let t = if squared > 0.0 { ((point - self.ends[0]).dot(&along) / squared).clamp(0.0, 1.0) } else { 0.0 };
+        let t = if squared > 0.0 {
+            ((point - self.ends[0]).dot(&along) / squared).clamp(0.0, 1.0)
+        } else {
+            0.0
+        };
         let axis = self.ends[0] + along * t;
         let out = point - axis;
         let height = out.norm();
         // On the axis every direction is as good; take one that does not depend on rounding.
-        let normal = if height > 0.0 { out / height } else { Vector3::x() };
-        Some(Closest { distance: height - self.radius, normal, point: axis + normal * self.radius })
+        let normal = if height > 0.0 {
+            out / height
+        } else {
+            Vector3::x()
+        };
+        Some(Closest {
+            distance: height - self.radius,
+            normal,
+            point: axis + normal * self.radius,
+        })
     }
 
     fn bounding_box(&self) -> Aabb {

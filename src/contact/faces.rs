@@ -100,8 +100,20 @@ impl Faces {
         let distance = away.norm();
         // Nearer than this the direction is rounding; the size of the triangle is the length scale.
         let size = (t[1] - t[0]).norm() + (t[2] - t[0]).norm();
-        let normal = if distance > 1e-9 * size { away * (sign / distance) } else { pseudo };
-        OnTriangle { triangle, weights, closest: Closest { distance: sign * distance, normal, point: nearest } }
+        let normal = if distance > 1e-9 * size {
+            away * (sign / distance)
+        } else {
+            pseudo
+        };
+        OnTriangle {
+            triangle,
+            weights,
+            closest: Closest {
+                distance: sign * distance,
+                normal,
+                point: nearest,
+            },
+        }
     }
 }
 
@@ -114,8 +126,14 @@ pub(crate) fn pseudo_normal(
     feature: Feature,
 ) -> Vector3<f64> {
     let corners = |t: u32| triangles[t as usize].map(|v| x[v as usize]);
-    let unit = |t: u32| area_normal(&corners(t)).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-    let face = area_normal(&corners(triangle)).try_normalize(0.0).unwrap_or_else(Vector3::z);
+    let unit = |t: u32| {
+        area_normal(&corners(t))
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::zeros)
+    };
+    let face = area_normal(&corners(triangle))
+        .try_normalize(0.0)
+        .unwrap_or_else(Vector3::z);
     let sum = match feature {
         Feature::Face => face,
         Feature::Side(k) => {
@@ -124,10 +142,16 @@ pub(crate) fn pseudo_normal(
         }
         Feature::Corner(k) => {
             let v = triangles[triangle as usize][k];
-            topology.triangles_of_vertex(v as usize).iter().fold(Vector3::zeros(), |sum, &other| {
-                let corner = triangles[other as usize].iter().position(|&c| c == v).unwrap_or(0);
-                sum + unit(other) * angle_at(&corners(other), corner)
-            })
+            topology
+                .triangles_of_vertex(v as usize)
+                .iter()
+                .fold(Vector3::zeros(), |sum, &other| {
+                    let corner = triangles[other as usize]
+                        .iter()
+                        .position(|&c| c == v)
+                        .unwrap_or(0);
+                    sum + unit(other) * angle_at(&corners(other), corner)
+                })
         }
     };
     sum.try_normalize(1e-6).unwrap_or(face)

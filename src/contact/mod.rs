@@ -52,7 +52,8 @@ pub trait Obstacle: Send + Sync {
     /// A lower bound on the distance of a point outside [m], and a point of the surface to begin from next time [m];
     /// faster than the distance itself where `known`, a point of the surface, is not far from the nearest.
     fn clearance(&self, point: &Point3<f64>, known: &Point3<f64>) -> (f64, Point3<f64>) {
-        self.closest_from(point, known).map_or((f64::MAX, *known), |found| (found.distance, found.point))
+        self.closest_from(point, known)
+            .map_or((f64::MAX, *known), |found| (found.distance, found.point))
     }
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;

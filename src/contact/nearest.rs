@@ -83,7 +83,11 @@ mod tests {
             let nearest = (point_at(&t, &weights) - p).norm();
             for _ in 0..50 {
                 let (u, v) = (draw.between(0.0, 1.0), draw.between(0.0, 1.0));
-                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let (u, v) = if u + v > 1.0 {
+                    (1.0 - u, 1.0 - v)
+                } else {
+                    (u, v)
+                };
                 let other = (point_at(&t, &[1.0 - u - v, u, v]) - p).norm();
                 assert!(nearest <= other + 1e-12);
             }

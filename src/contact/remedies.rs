@@ -36,7 +36,12 @@ pub enum Remedy {
 impl Remedy {
     /// Where a point goes [m]; one that is not inside, or of an empty surface, stays.
     pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
-        let Some(on) = surface.nearest(point, f64::MAX).filter(|on| on.closest.distance < 0.0) else { return *point };
+        let Some(on) = surface
+            .nearest(point, f64::MAX)
+            .filter(|on| on.closest.distance < 0.0)
+        else {
+            return *point;
+        };
         match self {
             Self::NearestVertex => mean_of_vertices(surface.positions(), point, 1),
             Self::MeanOfVertices(count) => mean_of_vertices(surface.positions(), point, *count),
@@ -69,9 +74,17 @@ fn mean_of_vertices(points: &[Point3<f64>], point: &Point3<f64>, count: usize) -
     }
     // As multiples of the least distance, so that one of zero leaves only its own point.
     let least = near.first().map_or(0.0, |(square, _)| square.sqrt());
-    let weight = |square: f64| if square > 0.0 { least / square.sqrt() } else { 1.0 };
+    let weight = |square: f64| {
+        if square > 0.0 {
+            least / square.sqrt()
+        } else {
+            1.0
+        }
+    };
     let total: f64 = near.iter().map(|(square, _)| weight(*square)).sum();
-    near.iter().fold(*point, |sum, (square, index)| sum + (points[*index] - point) * (weight(*square) / total))
+    near.iter().fold(*point, |sum, (square, index)| {
+        sum + (points[*index] - point) * (weight(*square) / total)
+    })
 }
 
 /// Unit normal of the triangle on which a place is; the direction of the distance where it has no area.
@@ -89,7 +102,8 @@ fn mean_normal(surface: &Surface, on: &OnTriangle) -> Vector3<f64> {
     surface.within(&on.closest.point, on.closest.distance.abs(), &mut around);
     let sum: Vector3<f64> = around.iter().filter_map(|&t| normal_of(surface, t)).sum();
     // Normals that cancel say nothing.
-    sum.try_normalize(1e-6).unwrap_or_else(|| face_normal(surface, on))
+    sum.try_normalize(1e-6)
+        .unwrap_or_else(|| face_normal(surface, on))
 }
 
 #[cfg(test)]
@@ -112,7 +126,11 @@ mod tests {
     ];
 
     fn distance(surface: &Surface, p: &Point3<f64>) -> f64 {
-        surface.nearest(p, f64::MAX).expect("a surface").closest.distance
+        surface
+            .nearest(p, f64::MAX)
+            .expect("a surface")
+            .closest
+            .distance
     }
 
     fn drawn(surface: &Surface, count: usize, seed: u64) -> Vec<Point3<f64>> {
@@ -129,7 +147,8 @@ mod tests {
     fn what_is_outside_stays() {
         let surface = Surface::new(&icosphere(1.0, 1));
         let p = Point3::new(1.5, 0.2, 0.1);
-        ALL.iter().for_each(|remedy| assert_eq!(remedy.place(&surface, &p), p, "{remedy:?}"));
+        ALL.iter()
+            .for_each(|remedy| assert_eq!(remedy.place(&surface, &p), p, "{remedy:?}"));
     }
 
     #[test]
@@ -145,9 +164,14 @@ mod tests {
             }
             let shortest = (Remedy::NearestPoint.place(&surface, &p) - p).norm();
             assert!((shortest - depth).abs() <= 1e-12);
-            inside += usize::from(distance(&surface, &Remedy::MeanOfVertices(3).place(&surface, &p)) < -1e-3);
+            inside += usize::from(
+                distance(&surface, &Remedy::MeanOfVertices(3).place(&surface, &p)) < -1e-3,
+            );
         }
-        assert!(inside > 10, "the mean of three vertices of two faces lies inside: {inside}");
+        assert!(
+            inside > 10,
+            "the mean of three vertices of two faces lies inside: {inside}"
+        );
     }
 
     #[test]
@@ -156,11 +180,18 @@ mod tests {
         let surface = Surface::new(&mesh);
         let ends = |remedy: Remedy| {
             let place = |p: Point3<f64>| remedy.place(&surface, &p);
-            let all = drawn(&surface, 500, 82).into_iter().map(place).map(|p| [p.x, p.y, p.z].map(f64::to_bits));
+            let all = drawn(&surface, 500, 82)
+                .into_iter()
+                .map(place)
+                .map(|p| [p.x, p.y, p.z].map(f64::to_bits));
             all.collect::<BTreeSet<_>>().len()
         };
         assert!(ends(Remedy::NearestVertex) <= mesh.vertices.len());
-        assert_eq!(ends(Remedy::NearestPoint), 500, "control: nothing is many-to-one");
+        assert_eq!(
+            ends(Remedy::NearestPoint),
+            500,
+            "control: nothing is many-to-one"
+        );
         // A triangle near one vertex has no area afterwards.
         let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
         let area = |remedy: Remedy| area_normal(&t.map(|p| remedy.place(&surface, &p))).norm();
@@ -182,7 +213,10 @@ mod tests {
             for remedy in [Remedy::FaceNormal(length), Remedy::MeanNormal(length)] {
                 let end = (0..pushes).fold(start, |p, _| remedy.place(&surface, &p));
                 let depth = -distance(&surface, &end);
-                assert!((depth - left).abs() <= 1e-12, "{remedy:?} leaves {depth} for {left}");
+                assert!(
+                    (depth - left).abs() <= 1e-12,
+                    "{remedy:?} leaves {depth} for {left}"
+                );
             }
         }
     }
@@ -190,11 +224,14 @@ mod tests {
     /// A cylinder along z from whose side a wedge of `angle` [rad] is cut to the axis.
     fn notched(angle: f64) -> TriangleMesh {
         let parts = 12;
-        let around = |i: u32| angle + (std::f64::consts::TAU - angle) * f64::from(i) / f64::from(parts);
+        let around =
+            |i: u32| angle + (std::f64::consts::TAU - angle) * f64::from(i) / f64::from(parts);
         let mut vertices = Vec::new();
         for z in [-1.0, 1.0] {
             vertices.push(Point3::new(0.0, 0.0, z));
-            vertices.extend((0..=parts).map(|i| Point3::new(libm::cos(around(i)), libm::sin(around(i)), z)));
+            vertices.extend(
+                (0..=parts).map(|i| Point3::new(libm::cos(around(i)), libm::sin(around(i)), z)),
+            );
         }
         let count = parts + 2;
         let mut triangles = Vec::new();
@@ -202,8 +239,12 @@ mod tests {
             let b = (a + 1) % count;
             triangles.extend([[a, b, b + count], [a, b + count, a + count]]);
         }
-        (1..count - 1).for_each(|a| triangles.extend([[count, count + a, count + a + 1], [0, a + 1, a]]));
-        TriangleMesh { vertices, triangles }
+        (1..count - 1)
+            .for_each(|a| triangles.extend([[count, count + a, count + a + 1], [0, a + 1, a]]));
+        TriangleMesh {
+            vertices,
+            triangles,
+        }
     }
 
     #[test]
@@ -213,12 +254,18 @@ mod tests {
         // Behind the edge, on the plane that halves the notch: both faces are equally near.
         let behind = std::f64::consts::PI + 0.5 * angle;
         let p = Point3::new(0.1 * libm::cos(behind), 0.1 * libm::sin(behind), 0.05);
-        assert!((distance(&surface, &p) + 0.1).abs() <= 1e-12, "the edge is nearest");
+        assert!(
+            (distance(&surface, &p) + 0.1).abs() <= 1e-12,
+            "the edge is nearest"
+        );
         let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
         // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the way to p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
         let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
-        assert!((deeper - expected).abs() <= 1e-12 && deeper > 0.12, "{deeper} for {expected}");
+        assert!(
+            (deeper - expected).abs() <= 1e-12 && deeper > 0.12,
+            "{deeper} for {expected}"
+        );
         assert!(after(Remedy::MeanNormal(Length::Share(1.0))) < 0.1);
         assert!(after(Remedy::NearestPoint).abs() <= 1e-12);
     }

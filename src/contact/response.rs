@@ -36,12 +36,18 @@ pub(super) struct Travel {
 impl Travel {
     /// What is known at a place `motion` [m] away from where the step began, after a travel of `before` [m].
     fn about(before: f64, motion: f64) -> Self {
-        Self { at_least: before - motion, at_most: before + motion }
+        Self {
+            at_least: before - motion,
+            at_most: before + motion,
+        }
     }
 
     /// After up to `more` [m].
     fn and(self, more: f64) -> Self {
-        Self { at_least: self.at_least - more, at_most: self.at_most + more }
+        Self {
+            at_least: self.at_least - more,
+            at_most: self.at_most + more,
+        }
     }
 }
 
@@ -89,7 +95,14 @@ impl Contacts {
         thickness: f64,
         friction: f64,
     ) -> Self {
-        Self::known(Surface::new(mesh), particles, placed, obstacles, (thickness, friction), |_| None)
+        Self::known(
+            Surface::new(mesh),
+            particles,
+            placed,
+            obstacles,
+            (thickness, friction),
+            |_| None,
+        )
     }
 
     /// As [`Self::new`], with the muscle's surface at hand, and, where it is known, what of obstacle `o` is nearest to each
@@ -105,8 +118,10 @@ impl Contacts {
         let (free, x) = (free(particles).collect::<Vec<u32>>(), &particles.position);
         let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, thickness, near(o));
         let vertices = obstacles.iter().map(vertices).collect();
-        let triangles =
-            obstacles.iter().map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX)).collect();
+        let triangles = obstacles
+            .iter()
+            .map(|&o| TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX))
+            .collect();
         surface.refit(x);
         Self {
             travel: vec![0.0; obstacles.len()],
@@ -126,13 +141,29 @@ impl Contacts {
     /// The same between two steps with other numbers, and for other free vertices of the same muscle, where it is; only what
     /// is not known well enough for that is looked up.
     #[must_use]
-    pub(crate) fn with(&self, particles: &Particles, placed: &[Placed], (thickness, friction): (f64, f64)) -> Self {
+    pub(crate) fn with(
+        &self,
+        particles: &Particles,
+        placed: &[Placed],
+        (thickness, friction): (f64, f64),
+    ) -> Self {
         let free: Vec<u32> = free(particles).collect();
-        let mut next = Self { thickness, friction, ..self.clone() };
+        let mut next = Self {
+            thickness,
+            friction,
+            ..self.clone()
+        };
         for (k, &o) in self.obstacles.iter().enumerate() {
-            next.vertices[k].change(&placed[o], &free, &particles.position, thickness, self.travel[k]);
+            next.vertices[k].change(
+                &placed[o],
+                &free,
+                &particles.position,
+                thickness,
+                self.travel[k],
+            );
             if thickness != self.thickness {
-                next.triangles[k] = TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX);
+                next.triangles[k] =
+                    TriangleContacts::new(&*placed[o].obstacle, thickness * OVER_VERTEX);
                 next.triangles[k].lookups = self.triangles[k].lookups;
             }
         }
@@ -141,7 +172,11 @@ impl Contacts {
 
     /// The free vertices that may be in obstacle `o` or near it, as of the last push: nothing that is left out can be.
     pub fn near(&self, o: usize) -> impl Iterator<Item = u32> {
-        let of = self.vertices.iter().zip(&self.obstacles).filter(move |(_, known)| **known == o);
+        let of = self
+            .vertices
+            .iter()
+            .zip(&self.obstacles)
+            .filter(move |(_, known)| **known == o);
         of.flat_map(|(contacts, _)| contacts.near())
     }
 
@@ -176,14 +211,18 @@ impl Contacts {
     /// The travel relative to each obstacle up to the positions `x` of this step.
     fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Vec<Travel> {
         let each = self.obstacles.iter().zip(&self.travel);
-        each.map(|(&o, &before)| Travel::about(before, self.motion(&placed[o], x))).collect()
+        each.map(|(&o, &before)| Travel::about(before, self.motion(&placed[o], x)))
+            .collect()
     }
 
     /// Greatest motion of a vertex relative to an obstacle since the begin of the step [m].
     fn motion(&self, placed: &Placed, x: &[Point3<f64>]) -> f64 {
         let carry = placed.now * placed.before.inverse();
         // A matrix turns a point with half the operations of a quaternion, and most bones are still.
-        let (turn, shift) = (carry.rotation.to_rotation_matrix(), carry.translation.vector);
+        let (turn, shift) = (
+            carry.rotation.to_rotation_matrix(),
+            carry.translation.vector,
+        );
         if carry == Isometry3::identity() {
             return greatest_distance(x, self.start.iter().copied());
         }
@@ -193,10 +232,21 @@ impl Contacts {
     /// Watches for triangles that came near a bone vertex since they were last looked up.
     fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], travel: &[Travel]) {
         let has_looked = self.triangles.iter().any(TriangleContacts::has_looked);
-        let since = if has_looked { greatest_distance(x, self.surface.positions().iter().copied()) } else { 0.0 };
-        if self.triangles.iter().zip(travel).any(|(t, travel)| t.is_due(*travel, since)) {
+        let since = if has_looked {
+            greatest_distance(x, self.surface.positions().iter().copied())
+        } else {
+            0.0
+        };
+        if self
+            .triangles
+            .iter()
+            .zip(travel)
+            .any(|(t, travel)| t.is_due(*travel, since))
+        {
             self.surface.refit(x);
-            for ((contacts, &o), travel) in self.triangles.iter_mut().zip(&self.obstacles).zip(travel) {
+            for ((contacts, &o), travel) in
+                self.triangles.iter_mut().zip(&self.obstacles).zip(travel)
+            {
                 contacts.update(&placed[o], &self.surface, *travel, since);
             }
         }
@@ -208,10 +258,20 @@ impl Contacts {
         self.unpushed.copy_from_slice(&particles.position);
         for sweep in 0..SWEEPS {
             let mut largest = 0.0_f64;
-            let pushed =
-                if sweep == 0 { 0.0 } else { greatest_distance(&particles.position, self.unpushed.iter().copied()) };
-            for ((contacts, &o), travel) in self.triangles.iter_mut().zip(&self.obstacles).zip(travel) {
-                largest = largest.max(contacts.project(&placed[o], &self.surface, particles, travel.and(pushed)));
+            let pushed = if sweep == 0 {
+                0.0
+            } else {
+                greatest_distance(&particles.position, self.unpushed.iter().copied())
+            };
+            for ((contacts, &o), travel) in
+                self.triangles.iter_mut().zip(&self.obstacles).zip(travel)
+            {
+                largest = largest.max(contacts.project(
+                    &placed[o],
+                    &self.surface,
+                    particles,
+                    travel.and(pushed),
+                ));
             }
             for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
                 largest = largest.max(push(row, &mut particles.position, self.thickness));
@@ -234,7 +294,10 @@ impl Contacts {
             return;
         }
         for contacts in &self.vertices {
-            let low = contacts.rows.iter().filter(|r| r.height(x) < self.thickness * (1.0 - 1e-9));
+            let low = contacts
+                .rows
+                .iter()
+                .filter(|r| r.height(x) < self.thickness * (1.0 - 1e-9));
             self.pinched.extend(low.map(|r| r.vertex));
         }
         self.pinched.sort_unstable();
@@ -288,7 +351,9 @@ impl Contacts {
     /// The directions that contact bars to vertices at `x`.
     pub fn barred(&self, x: &[Point3<f64>]) -> Barred {
         let rows = self.vertices.iter().flat_map(|c| &c.rows);
-        let touching = rows.filter(|r| r.height(x) < 1.5 * self.thickness).map(|r| (r.vertex, r.normal));
+        let touching = rows
+            .filter(|r| r.height(x) < 1.5 * self.thickness)
+            .map(|r| (r.vertex, r.normal));
         let active = self.triangles.iter().flat_map(|c| &c.active);
         let corners = active.flat_map(|row| row.points.map(|v| (v, -row.normal)));
         Barred(touching.chain(corners).collect())
@@ -344,7 +409,11 @@ impl Contacts {
             return false;
         }
         self.surface.refit(x);
-        let mut points = self.triangles.iter_mut().zip(&self.obstacles).zip(&self.travel);
+        let mut points = self
+            .triangles
+            .iter_mut()
+            .zip(&self.obstacles)
+            .zip(&self.travel);
         points.all(|((c, &o), travel)| c.is_clear(&placed[o], &self.surface, *travel))
     }
 
@@ -352,7 +421,8 @@ impl Contacts {
     pub fn residual(&self, x: &[Point3<f64>]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_usize);
         for row in self.vertices.iter().flat_map(|c| &c.rows) {
-            let c = plane_row(row.vertex, row.origin, row.normal, self.thickness).value(&[x[row.vertex as usize]]);
+            let c = plane_row(row.vertex, row.origin, row.normal, self.thickness)
+                .value(&[x[row.vertex as usize]]);
             sum += c.min(0.0).powi(2);
             count += 1;
         }
@@ -362,8 +432,10 @@ impl Contacts {
     /// The vertices that touch an obstacle, in order.
     pub fn touching(&self, x: &[Point3<f64>]) -> Vec<u32> {
         let rows = self.vertices.iter().flat_map(|c| &c.rows);
-        let mut all: Vec<u32> =
-            rows.filter(|row| row.height(x) <= 1.5 * self.thickness).map(|row| row.vertex).collect();
+        let mut all: Vec<u32> = rows
+            .filter(|row| row.height(x) <= 1.5 * self.thickness)
+            .map(|row| row.vertex)
+            .collect();
         all.sort_unstable();
         all.dedup();
         all
@@ -376,8 +448,14 @@ impl Contacts {
             heights.entry(row.vertex).or_default().push(row.height(x));
         }
         Counts {
-            touching: heights.values().filter(|h| h.iter().any(|h| *h <= 1.5 * self.thickness)).count(),
-            pinched: heights.values().filter(|h| h.len() > 1 && two_lowest(h) < 2.0 * self.thickness).count(),
+            touching: heights
+                .values()
+                .filter(|h| h.iter().any(|h| *h <= 1.5 * self.thickness))
+                .count(),
+            pinched: heights
+                .values()
+                .filter(|h| h.len() > 1 && two_lowest(h) < 2.0 * self.thickness)
+                .count(),
             lookups: self.vertices.iter().map(|c| c.lookups).sum::<u64>()
                 + self.triangles.iter().map(|c| c.lookups).sum::<u64>(),
             stopped: self.vertices.iter().map(|c| c.stopped).sum(),
@@ -387,8 +465,15 @@ impl Contacts {
 
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
-        self.vertices.iter().map(VertexContacts::bytes).sum::<usize>()
-            + self.triangles.iter().map(TriangleContacts::bytes).sum::<usize>()
+        self.vertices
+            .iter()
+            .map(VertexContacts::bytes)
+            .sum::<usize>()
+            + self
+                .triangles
+                .iter()
+                .map(TriangleContacts::bytes)
+                .sum::<usize>()
             + Obstacle::bytes(&self.surface)
             + (self.start.capacity() + self.unpushed.capacity()) * 24
     }
@@ -420,8 +505,12 @@ impl State for Contacts {
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
         self.surface.restore(from)?;
-        self.vertices.iter_mut().try_for_each(|contacts| contacts.restore(from))?;
-        self.triangles.iter_mut().try_for_each(|contacts| contacts.restore(from, &self.surface))?;
+        self.vertices
+            .iter_mut()
+            .try_for_each(|contacts| contacts.restore(from))?;
+        self.triangles
+            .iter_mut()
+            .try_for_each(|contacts| contacts.restore(from, &self.surface))?;
         from.fill(&mut self.travel)?;
         self.calls = from.take()?;
         Ok(())

@@ -29,7 +29,10 @@ impl Row {
 
     /// The row's product with a field.
     pub(crate) fn along(&self, field: &[Vector3<f64>]) -> f64 {
-        self.terms.iter().map(|&(v, w)| w * field[v as usize].dot(&self.normal)).sum()
+        self.terms
+            .iter()
+            .map(|&(v, w)| w * field[v as usize].dot(&self.normal))
+            .sum()
     }
 
     /// Adds `factor` times the row to a field.
@@ -59,7 +62,12 @@ impl Value for Row {
     const LEAST: usize = 3 * 12 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {
-        let Self { terms, normal, origin, distance } = self;
+        let Self {
+            terms,
+            normal,
+            origin,
+            distance,
+        } = self;
         to.put(terms);
         to.put(normal);
         to.put(origin);
@@ -67,6 +75,11 @@ impl Value for Row {
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        Ok(Self { terms: from.take()?, normal: from.take()?, origin: from.take()?, distance: from.take()? })
+        Ok(Self {
+            terms: from.take()?,
+            normal: from.take()?,
+            origin: from.take()?,
+            distance: from.take()?,
+        })
     }
 }

@@ -50,7 +50,8 @@ impl SmoothDistance {
         let size = |spacing: f64| {
             let margin = reach + 2.0 * spacing;
             let extents = bounds.inflate(margin).extents();
-            let samples = |length: f64| ((length / spacing).ceil() as usize + 1).next_multiple_of(BLOCK);
+            let samples =
+                |length: f64| ((length / spacing).ceil() as usize + 1).next_multiple_of(BLOCK);
             [samples(extents.x), samples(extents.y), samples(extents.z)]
         };
         let total = |spacing: f64| size(spacing).iter().map(|n| *n as f64).product::<f64>();
@@ -61,7 +62,12 @@ impl SmoothDistance {
         }
         let count = size(spacing);
         let origin = bounds.inflate(reach + 2.0 * spacing).min;
-        let mut made = Self { origin, spacing, count, values: Vec::new() };
+        let mut made = Self {
+            origin,
+            spacing,
+            count,
+            values: Vec::new(),
+        };
         made.values = made.sample(obstacle, reach);
         made
     }
@@ -77,7 +83,12 @@ impl SmoothDistance {
         // Every sample that a spline nearer than `reach` takes has to be exact.
         let far = reach + (half + 2.0 * self.spacing) * 3f64.sqrt();
         let of = |b: usize| -> [f64; BLOCK * BLOCK * BLOCK] {
-            let first = [b % blocks[0], b / blocks[0] % blocks[1], b / blocks[0] / blocks[1]].map(|k| k * BLOCK);
+            let first = [
+                b % blocks[0],
+                b / blocks[0] % blocks[1],
+                b / blocks[0] / blocks[1],
+            ]
+            .map(|k| k * BLOCK);
             let distance = |p: &Point3<f64>| obstacle.closest(p).map_or(f64::MAX, |c| c.distance);
             let middle = distance(&(self.place(first) + Vector3::repeat(half)));
             if middle.abs() > far {
@@ -88,14 +99,18 @@ impl SmoothDistance {
                 distance(&self.place(std::array::from_fn(|c| first[c] + within[c])))
             })
         };
-        let found: Vec<_> = (0..blocks.iter().product::<usize>()).into_par_iter().map(of).collect();
+        let found: Vec<_> = (0..blocks.iter().product::<usize>())
+            .into_par_iter()
+            .map(of)
+            .collect();
         let [nx, ny, nz] = self.count;
         let mut values = Vec::with_capacity(nx * ny * nz);
         for z in 0..nz {
             for y in 0..ny {
                 for x in 0..nx {
                     let block = x / BLOCK + blocks[0] * (y / BLOCK + blocks[1] * (z / BLOCK));
-                    values.push(found[block][x % BLOCK + BLOCK * (y % BLOCK + BLOCK * (z % BLOCK))]);
+                    values
+                        .push(found[block][x % BLOCK + BLOCK * (y % BLOCK + BLOCK * (z % BLOCK))]);
                 }
             }
         }
@@ -120,18 +135,37 @@ impl SmoothDistance {
         for (j, k) in (0..16).map(|n| (n % 4, n / 4)) {
             let row = first[0] + self.count[0] * (first[1] + j + self.count[1] * (first[2] + k));
             let samples = &self.values[row..row + 4];
-            let along = |order: usize| x[order].iter().zip(samples).map(|(w, f)| w * f).sum::<f64>();
+            let along = |order: usize| {
+                x[order]
+                    .iter()
+                    .zip(samples)
+                    .map(|(w, f)| w * f)
+                    .sum::<f64>()
+            };
             let [f, fx, fxx] = [along(0), along(1), along(2)];
             let [y, y1, y2] = [y[0][j], y[1][j], y[2][j]];
             let [z, z1, z2] = [z[0][k], z[1][k], z[2][k]];
             value += f * y * z;
             gradient += Vector3::new(fx * y * z, f * y1 * z, f * y * z1);
-            hessian +=
-                Matrix3::new(fxx * y * z, 0.0, 0.0, fx * y1 * z, f * y2 * z, 0.0, fx * y * z1, f * y1 * z1, f * y * z2);
+            hessian += Matrix3::new(
+                fxx * y * z,
+                0.0,
+                0.0,
+                fx * y1 * z,
+                f * y2 * z,
+                0.0,
+                fx * y * z1,
+                f * y1 * z1,
+                f * y * z2,
+            );
         }
         hessian.fill_upper_triangle_with_lower_triangle();
         let distance = value;
-        Some(Smooth { distance, gradient: gradient / self.spacing, hessian: hessian / self.spacing.powi(2) })
+        Some(Smooth {
+            distance,
+            gradient: gradient / self.spacing,
+            hessian: hessian / self.spacing.powi(2),
+        })
     }
 }
 
@@ -140,7 +174,12 @@ fn splines(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     let inner = |t: f64| (3.0 * t - 6.0) * t * t + 4.0;
     let value = [s * s * s, inner(t), inner(s), t * t * t].map(|w| w / 6.0);
-    let slope = [-0.5 * s * s, (1.5 * t - 2.0) * t, (2.0 - 1.5 * s) * s, 0.5 * t * t];
+    let slope = [
+        -0.5 * s * s,
+        (1.5 * t - 2.0) * t,
+        (2.0 - 1.5 * s) * s,
+        0.5 * t * t,
+    ];
     [value, slope, [s, 3.0 * t - 2.0, 3.0 * s - 2.0, t]]
 }
 
@@ -155,7 +194,10 @@ mod tests {
     const REACH: f64 = 0.004;
 
     fn capsule() -> Capsule {
-        Capsule { ends: [Point3::new(0.1, 0.2, -0.3), Point3::new(0.13, 0.22, -0.3)], radius: RADIUS }
+        Capsule {
+            ends: [Point3::new(0.1, 0.2, -0.3), Point3::new(0.13, 0.22, -0.3)],
+            radius: RADIUS,
+        }
     }
 
     #[test]
@@ -174,12 +216,20 @@ mod tests {
             }
             seen += 1;
             let found = smooth.at(&p).expect("within reach");
-            assert!((found.distance - exact.distance).abs() <= bound, "{} {}", found.distance, exact.distance);
+            assert!(
+                (found.distance - exact.distance).abs() <= bound,
+                "{} {}",
+                found.distance,
+                exact.distance
+            );
             worst = worst.max((found.distance - exact.distance).abs());
             // Where a ball becomes a cylinder its curvature halves within a cell.
             let turned = (found.gradient - exact.normal).norm();
             assert!(turned <= SPACING / (4.0 * (RADIUS - REACH)), "{turned}");
-            assert!(turned < 0.1 * (found.gradient - draw.direction()).norm(), "control");
+            assert!(
+                turned < 0.1 * (found.gradient - draw.direction()).norm(),
+                "control"
+            );
         }
         assert!(seen > 300, "{seen}");
         assert!(
@@ -188,7 +238,10 @@ mod tests {
         );
         let coarse = SmoothDistance::new(&capsule, 4.0 * SPACING, REACH);
         let apex = capsule.ends[0] - Vector3::y() * RADIUS;
-        assert!(coarse.at(&apex).expect("near").distance.abs() > bound, "control: coarse samples do not pass");
+        assert!(
+            coarse.at(&apex).expect("near").distance.abs() > bound,
+            "control: coarse samples do not pass"
+        );
         let far = capsule.ends[0] - Vector3::x() * (RADIUS + REACH + 5.0 * SPACING);
         assert!(smooth.at(&far).is_none());
     }
@@ -215,23 +268,40 @@ mod tests {
                 let (up, down) = (at(1.0), at(-1.0));
                 let slope = (up.distance - down.distance) / (2.0 * h);
                 // Rounding of coordinates over the step, and third derivatives of what is smooth over the spacing.
-                assert!((slope - here.gradient[c]).abs() <= 1e-8, "{slope} {}", here.gradient[c]);
+                assert!(
+                    (slope - here.gradient[c]).abs() <= 1e-8,
+                    "{slope} {}",
+                    here.gradient[c]
+                );
                 let turn = (up.gradient - down.gradient) / (2.0 * h);
-                assert!((turn - here.hessian.column(c)).norm() <= 1e-3 * scale, "{turn} {}", here.hessian);
+                assert!(
+                    (turn - here.hessian.column(c)).norm() <= 1e-3 * scale,
+                    "{turn} {}",
+                    here.hessian
+                );
                 seen += 1;
-                rejected += usize::from(!((turn - here.hessian.column(c) * 1.1).norm() <= 1e-3 * scale));
+                rejected +=
+                    usize::from(!((turn - here.hessian.column(c) * 1.1).norm() <= 1e-3 * scale));
             }
         }
         // Columns along the normal are nearly zero, and so are a tenth of them.
-        assert!(seen > 100 && rejected > seen / 2, "control: {rejected} of {seen} see a tenth");
+        assert!(
+            seen > 100 && rejected > seen / 2,
+            "control: {rejected} of {seen} see a tenth"
+        );
     }
 
     #[test]
     fn a_spacing_that_is_none_ends() {
         for spacing in [0.0, f64::NAN, 1e-300, -1.0] {
             let smooth = SmoothDistance::new(&capsule(), spacing, REACH);
-            assert!(smooth.values.len() <= MOST_SAMPLES && smooth.spacing > 0.0, "{spacing}");
-            let found = smooth.at(&(capsule().ends[0] - Vector3::x() * RADIUS)).expect("near");
+            assert!(
+                smooth.values.len() <= MOST_SAMPLES && smooth.spacing > 0.0,
+                "{spacing}"
+            );
+            let found = smooth
+                .at(&(capsule().ends[0] - Vector3::x() * RADIUS))
+                .expect("near");
             assert!(found.distance.abs() <= SPACING, "{}", found.distance);
         }
     }

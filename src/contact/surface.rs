@@ -28,7 +28,10 @@ fn glam(p: &Point3<f64>) -> Glam {
 }
 
 fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
-    ParryAabb::new(glam(&t[0].inf(&t[1]).inf(&t[2])), glam(&t[0].sup(&t[1]).sup(&t[2])))
+    ParryAabb::new(
+        glam(&t[0].inf(&t[1]).inf(&t[2])),
+        glam(&t[0].sup(&t[1]).sup(&t[2])),
+    )
 }
 
 /// A bound on a distance may be this many times too small.
@@ -38,7 +41,9 @@ impl Surface {
     /// Builds the hierarchy; signs come from angle-weighted pseudo-normals \[baerentzen2005\] where the mesh is closed
     /// and consistently oriented, else from the generalised winding number \[jacobson2013\].
     pub fn new(mesh: &TriangleMesh) -> Self {
-        let leaves: Vec<ParryAabb> = (0..mesh.triangles.len()).map(|t| bounds(&mesh.corners(t))).collect();
+        let leaves: Vec<ParryAabb> = (0..mesh.triangles.len())
+            .map(|t| bounds(&mesh.corners(t)))
+            .collect();
         Self {
             bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &leaves),
             workspace: BvhWorkspace::default(),
@@ -83,7 +88,8 @@ impl Surface {
     /// The nearest place of the surface, found faster where it is no further than `bound` [m].
     pub fn nearest_below(&self, point: &Point3<f64>, bound: f64) -> Option<OnTriangle> {
         // A little more, for what is nearest may itself have given the bound.
-        self.nearest(point, bound * (1.0 + 1e-9)).or_else(|| self.nearest(point, f64::MAX))
+        self.nearest(point, bound * (1.0 + 1e-9))
+            .or_else(|| self.nearest(point, f64::MAX))
     }
 
     /// Distance from `point` to one triangle [m].
@@ -93,14 +99,21 @@ impl Surface {
     }
 
     /// The first place of the surface that a ray from `from` along `direction` meets: triangle and barycentric weights.
-    pub fn first_hit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(u32, [f64; 3])> {
+    pub fn first_hit(
+        &self,
+        from: &Point3<f64>,
+        direction: &Vector3<f64>,
+    ) -> Option<(u32, [f64; 3])> {
         let ray = Ray::new(glam(from), Glam::new(direction.x, direction.y, direction.z));
         let (triangle, time) = self.bvh.cast_ray(&ray, f64::MAX, |triangle, best| {
             let [a, b, c] = self.faces.mesh.corners(triangle as usize).map(|v| glam(&v));
             Triangle::new(a, b, c).cast_local_ray(&ray, best, false)
         })?;
         let hit = from + direction * time;
-        Some((triangle, on_triangle(&hit, &self.faces.mesh.corners(triangle as usize)).0))
+        Some((
+            triangle,
+            on_triangle(&hit, &self.faces.mesh.corners(triangle as usize)).0,
+        ))
     }
 
     /// A lower bound on the distance of a point [m] of which some distance to the surface is known, and the triangle
@@ -136,7 +149,10 @@ impl Surface {
         let mut far = glam(point);
         far.x = self.bvh.root_aabb().maxs.x.max(far.x);
         let ray = ParryAabb::new(glam(point) - slack, far + slack);
-        self.bvh.intersect_aabb(&ray).map(|t| crossing(point, &self.faces.corners(t, x))).sum()
+        self.bvh
+            .intersect_aabb(&ray)
+            .map(|t| crossing(point, &self.faces.corners(t, x)))
+            .sum()
     }
 
     /// The nearest of the triangles `among`, with positions `x` that may be newer than the last refit; of several equally
@@ -148,7 +164,8 @@ impl Surface {
         likely: u32,
         x: &[Point3<f64>],
     ) -> Option<OnTriangle> {
-        let squared = |t: &[Point3<f64>; 3]| (point_at(t, &on_triangle(point, t).0) - point).norm_squared();
+        let squared =
+            |t: &[Point3<f64>; 3]| (point_at(t, &on_triangle(point, t).0) - point).norm_squared();
         let mut best: Option<(f64, u32)> = None;
         if among.binary_search(&likely).is_ok() {
             best = Some((squared(&self.faces.corners(likely, x)), likely));
@@ -170,7 +187,10 @@ impl Surface {
 /// Whether the box of a triangle is further from `point` than the root of `squared`, by more than rounding.
 fn is_beyond(point: &Point3<f64>, t: &[Point3<f64>; 3], squared: f64) -> bool {
     let outside = |k: usize| {
-        let (low, high) = (t[0][k].min(t[1][k]).min(t[2][k]), t[0][k].max(t[1][k]).max(t[2][k]));
+        let (low, high) = (
+            t[0][k].min(t[1][k]).min(t[2][k]),
+            t[0][k].max(t[1][k]).max(t[2][k]),
+        );
         (low - point[k]).max(point[k] - high).max(0.0)
     };
     let (a, b, c) = (outside(0), outside(1), outside(2));
@@ -180,13 +200,19 @@ fn is_beyond(point: &Point3<f64>, t: &[Point3<f64>; 3], squared: f64) -> bool {
 /// Of a surface that has been refitted: the hierarchy then follows from its shape, which never changes, and the positions.
 impl State for Surface {
     fn save(&self, to: &mut Writer) {
-        let Self { faces: _, bvh: _, workspace: _ } = self;
+        let Self {
+            faces: _,
+            bvh: _,
+            workspace: _,
+        } = self;
         to.list(self.positions());
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
         let positions = from.exactly::<Point3<f64>>(self.positions().len())?;
-        let finite = positions.iter().all(|p| p.coords.iter().all(|c| c.is_finite()));
+        let finite = positions
+            .iter()
+            .all(|p| p.coords.iter().all(|c| c.is_finite()));
         from.check(finite, "a surface whose positions are not finite")?;
         self.refit(&positions);
         Ok(())
@@ -199,7 +225,8 @@ impl Obstacle for Surface {
     }
 
     fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
-        self.nearest_below(point, (point - known).norm()).map(|on| on.closest)
+        self.nearest_below(point, (point - known).norm())
+            .map(|on| on.closest)
     }
 
     fn clearance(&self, point: &Point3<f64>, known: &Point3<f64>) -> (f64, Point3<f64>) {

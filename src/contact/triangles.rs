@@ -6,7 +6,9 @@ use rayon::prelude::*;
 use super::response::Travel;
 use super::surface::Surface;
 use super::{Obstacle, OnTriangle, Placed};
-use crate::constraints::{Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact};
+use crate::constraints::{
+    Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact,
+};
 use crate::mesh::measures::greatest;
 use crate::particles::Particles;
 use crate::state::{Corrupt, Reader, Value, Writer};
@@ -84,7 +86,8 @@ impl TriangleContacts {
     /// Whether some vertex must be looked up, for which the surface has to be refitted; it has moved by `since` [m] since
     /// its last refit.
     pub fn is_due(&self, travel: Travel, since: f64) -> bool {
-        self.wake.iter().any(|w| *w <= travel.at_most) || self.looked.iter().any(|(_, bound)| *bound <= since)
+        self.wake.iter().any(|w| *w <= travel.at_most)
+            || self.looked.iter().any(|(_, bound)| *bound <= since)
     }
 
     /// Whether any vertex was looked up in this step.
@@ -100,7 +103,9 @@ impl TriangleContacts {
         // What would wake soon is looked up now: the refit is paid for.
         let early = EARLY * self.thickness;
         let soon = travel.at_most + early;
-        let mut due: Vec<u32> = (0..points.len() as u32).filter(|&k| self.wake[k as usize] <= soon).collect();
+        let mut due: Vec<u32> = (0..points.len() as u32)
+            .filter(|&k| self.wake[k as usize] <= soon)
+            .collect();
         self.looked.retain_mut(|(k, bound)| {
             *bound -= since;
             if *bound <= early {
@@ -109,8 +114,11 @@ impl TriangleContacts {
             *bound > early
         });
         due.sort_unstable();
-        let found: Vec<Found> =
-            due.par_iter().with_min_len(32).map(|&k| self.look_up(k, placed, surface, travel)).collect();
+        let found: Vec<Found> = due
+            .par_iter()
+            .with_min_len(32)
+            .map(|&k| self.look_up(k, placed, surface, travel))
+            .collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
         due.iter().for_each(|&k| fresh[k as usize] = true);
@@ -131,9 +139,18 @@ impl TriangleContacts {
         let triangle = self.nearest[k as usize];
         let asleep = |triangle, distance: f64| {
             let bound = (distance - near / 2.0).max(distance / 2.0);
-            Found { triangle, distance, bound, watched: None }
+            Found {
+                triangle,
+                distance,
+                bound,
+                watched: None,
+            }
         };
-        let known = if triangle == u32::MAX { f64::MAX } else { surface.distance_to(&p, triangle) };
+        let known = if triangle == u32::MAX {
+            f64::MAX
+        } else {
+            surface.distance_to(&p, triangle)
+        };
         if known < f64::MAX && self.last[k as usize].0 > near {
             // A far one needs no distance, only to know for how long it stays far.
             let (lower, nearer) = surface.lower_bound(&p, known);
@@ -141,8 +158,17 @@ impl TriangleContacts {
                 return asleep(nearer.unwrap_or(triangle), lower);
             }
         }
-        let Some(on) = surface.nearest_below(&p, known) else { return asleep(triangle, f64::MAX) };
-        let sign = self.side(k, &p, on.closest.distance, surface, surface.positions(), travel);
+        let Some(on) = surface.nearest_below(&p, known) else {
+            return asleep(triangle, f64::MAX);
+        };
+        let sign = self.side(
+            k,
+            &p,
+            on.closest.distance,
+            surface,
+            surface.positions(),
+            travel,
+        );
         let distance = sign * on.closest.distance.abs();
         if distance > near {
             return asleep(on.triangle, distance);
@@ -150,7 +176,15 @@ impl TriangleContacts {
         let margin = (distance.abs() / 2.0).max(MARGIN * self.thickness);
         let mut triangles = Vec::new();
         surface.within(&p, distance.abs() + 2.0 * margin, &mut triangles);
-        Found { triangle: on.triangle, distance, bound: margin, watched: Some(Watched { point: k, triangles }) }
+        Found {
+            triangle: on.triangle,
+            distance,
+            bound: margin,
+            watched: Some(Watched {
+                point: k,
+                triangles,
+            }),
+        }
     }
 
     /// At the end of a step, after a travel of `travel` [m], of which the surface made `since` after its last refit.
@@ -161,7 +195,13 @@ impl TriangleContacts {
     }
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
-    pub fn project(&mut self, placed: &Placed, surface: &Surface, particles: &mut Particles, travel: Travel) -> f64 {
+    pub fn project(
+        &mut self,
+        placed: &Placed,
+        surface: &Surface,
+        particles: &mut Particles,
+        travel: Travel,
+    ) -> f64 {
         let points = placed.obstacle.guards();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
@@ -174,7 +214,14 @@ impl TriangleContacts {
             let found = surface.nearest_among(&p, &watched.triangles, likely, &particles.position);
             let Some(mut on) = found else { continue };
             self.nearest[watched.point as usize] = on.triangle;
-            let sign = self.side(watched.point, &p, on.closest.distance, surface, &particles.position, travel);
+            let sign = self.side(
+                watched.point,
+                &p,
+                on.closest.distance,
+                surface,
+                &particles.position,
+                travel,
+            );
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
@@ -185,7 +232,9 @@ impl TriangleContacts {
             }
             let row = self.row(surface, &p, &on);
             let x = row.points.map(|v| particles.position[v as usize]);
-            let Some((c, gradient)) = row.value_and_gradient(&x) else { continue };
+            let Some((c, gradient)) = row.value_and_gradient(&x) else {
+                continue;
+            };
             let w = row.points.map(|v| particles.inverse_mass[v as usize]);
             let each = || gradient.iter().zip(w).map(|(g, w)| (w, g.norm()));
             let weight: f64 = each().map(|(w, g)| w * g * g).sum();
@@ -230,7 +279,11 @@ impl TriangleContacts {
         if distance.abs() <= DOUBT * self.thickness {
             return distance.signum();
         }
-        if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 { 1.0 } else { -1.0 }
+        if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 {
+            1.0
+        } else {
+            -1.0
+        }
     }
 
     /// Whether no watched point is inside the muscle, by exact winding numbers on a surface that was refitted after a
@@ -238,7 +291,9 @@ impl TriangleContacts {
     pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
         self.refitted = travel;
         // The surface was refitted, and nobody knows how far it had gone before.
-        self.looked.drain(..).for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
+        self.looked
+            .drain(..)
+            .for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
         let points = placed.obstacle.guards();
         self.watched.iter().all(|w| {
             let p = placed.now * points[w.point as usize];
@@ -260,7 +315,11 @@ impl TriangleContacts {
 
     pub fn bytes(&self) -> usize {
         self.wake.capacity() * (8 + 16 + 4)
-            + self.watched.iter().map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4).sum::<usize>()
+            + self
+                .watched
+                .iter()
+                .map(|w| std::mem::size_of::<Watched>() + w.triangles.capacity() * 4)
+                .sum::<usize>()
             + self.active.capacity() * std::mem::size_of::<TriangleContact>()
     }
 }
@@ -275,7 +334,10 @@ impl Value for Watched {
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        Ok(Self { point: from.take()?, triangles: from.take()? })
+        Ok(Self {
+            point: from.take()?,
+            triangles: from.take()?,
+        })
     }
 }
 
@@ -283,7 +345,13 @@ impl Value for TriangleContact {
     const LEAST: usize = 12 + 24 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {
-        let Self { points, origin, normal, weights, thickness } = self;
+        let Self {
+            points,
+            origin,
+            normal,
+            weights,
+            thickness,
+        } = self;
         to.put(points);
         to.put(origin);
         to.put(normal);
@@ -293,14 +361,30 @@ impl Value for TriangleContact {
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let (points, origin, normal) = (from.take()?, from.take()?, from.take()?);
-        Ok(Self { points, origin, normal, weights: from.take()?, thickness: from.take()? })
+        Ok(Self {
+            points,
+            origin,
+            normal,
+            weights: from.take()?,
+            thickness: from.take()?,
+        })
     }
 }
 
 impl TriangleContacts {
     /// Appends the state.
     pub fn save(&self, to: &mut Writer) {
-        let Self { wake, last, nearest, watched, active, thickness: _, looked, refitted, lookups } = self;
+        let Self {
+            wake,
+            last,
+            nearest,
+            watched,
+            active,
+            thickness: _,
+            looked,
+            refitted,
+            lookups,
+        } = self;
         to.list(wake);
         to.list(last);
         to.list(nearest);
@@ -313,26 +397,50 @@ impl TriangleContacts {
     /// Takes the state of contact with `surface`.
     pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), Corrupt> {
         let (points, triangles) = (self.wake.len(), surface.triangles().len());
-        let (is_point, is_triangle) = (|k: u32| (k as usize) < points, |t: u32| (t as usize) < triangles);
+        let (is_point, is_triangle) = (
+            |k: u32| (k as usize) < points,
+            |t: u32| (t as usize) < triangles,
+        );
         let vertices = surface.positions().len();
         from.fill(&mut self.wake)?;
         from.fill(&mut self.last)?;
         from.fill(&mut self.nearest)?;
-        from.check(self.nearest.iter().all(|&t| t == u32::MAX || is_triangle(t)), "no such triangle is nearest")?;
+        from.check(
+            self.nearest
+                .iter()
+                .all(|&t| t == u32::MAX || is_triangle(t)),
+            "no such triangle is nearest",
+        )?;
         self.watched = from.take()?;
         let sound = |w: &Watched| is_point(w.point) && w.triangles.iter().all(|&t| is_triangle(t));
-        from.check(self.watched.iter().all(sound), "a point or triangle that is not there is watched")?;
+        from.check(
+            self.watched.iter().all(sound),
+            "a point or triangle that is not there is watched",
+        )?;
         self.active = from.take()?;
         let sound = |row: &TriangleContact| row.points.iter().all(|&v| (v as usize) < vertices);
         from.check(self.active.iter().all(sound), "a row of no triangle")?;
         self.looked = from.take()?;
-        from.check(self.looked.iter().all(|&(k, _)| is_point(k)), "a lookup of no point")?;
+        from.check(
+            self.looked.iter().all(|&(k, _)| is_point(k)),
+            "a lookup of no point",
+        )?;
         (self.refitted, self.lookups) = from.take()?;
         Ok(())
     }
 }
 
 /// The row of a vertex as a constraint, for residuals and for the conformance suite.
-pub(super) fn plane_row(vertex: u32, origin: Point3<f64>, normal: Vector3<f64>, thickness: f64) -> PlaneContact {
-    PlaneContact { points: [vertex], origin, normal, thickness }
+pub(super) fn plane_row(
+    vertex: u32,
+    origin: Point3<f64>,
+    normal: Vector3<f64>,
+    thickness: f64,
+) -> PlaneContact {
+    PlaneContact {
+        points: [vertex],
+        origin,
+        normal,
+        thickness,
+    }
 }

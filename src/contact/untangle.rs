@@ -4,7 +4,9 @@ use nalgebra::Isometry3;
 
 use super::response::Contacts;
 use super::{Closest, Obstacle, Placed, surface::Surface};
-use crate::constraints::{Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order};
+use crate::constraints::{
+    Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order,
+};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::{greatest, median};
 use crate::mesh::topology::Topology;
@@ -28,17 +30,27 @@ pub struct Untangled {
 
 /// Moves the vertices of `mesh` out of the obstacles to `thickness` [m], its edges and angles relaxing with it, so
 /// that the start is free of overlap; returns what it did. A mesh that is clear is not touched.
-pub fn untangle(mesh: &mut TriangleMesh, placed: &[Placed], obstacles: &[usize], thickness: f64) -> Untangled {
+pub fn untangle(
+    mesh: &mut TriangleMesh,
+    placed: &[Placed],
+    obstacles: &[usize],
+    thickness: f64,
+) -> Untangled {
     let closest: Vec<Option<Closest>> = obstacles
         .iter()
         .flat_map(|&o| {
             let inverse = placed[o].now.inverse();
-            mesh.vertices.iter().map(move |v| placed[o].obstacle.closest(&(inverse * v)))
+            mesh.vertices
+                .iter()
+                .map(move |v| placed[o].obstacle.closest(&(inverse * v)))
         })
         .collect();
     let found = overlap(&closest, thickness);
-    let inside =
-        |surface: &Surface| obstacles.iter().any(|&o| is_guard_inside(surface, &*placed[o].obstacle, &placed[o].now));
+    let inside = |surface: &Surface| {
+        obstacles
+            .iter()
+            .any(|&o| is_guard_inside(surface, &*placed[o].obstacle, &placed[o].now))
+    };
     if found.vertices == 0 && !inside(&Surface::new(mesh)) {
         return found;
     }
@@ -46,7 +58,10 @@ pub fn untangle(mesh: &mut TriangleMesh, placed: &[Placed], obstacles: &[usize],
 }
 
 /// How deep vertices are in obstacles, and how many are nearer than `thickness` [m], by what is nearest to them.
-pub(crate) fn overlap<'a>(closest: impl IntoIterator<Item = &'a Option<Closest>>, thickness: f64) -> Untangled {
+pub(crate) fn overlap<'a>(
+    closest: impl IntoIterator<Item = &'a Option<Closest>>,
+    thickness: f64,
+) -> Untangled {
     let mut report = Untangled::default();
     for c in closest.into_iter().flatten() {
         report.overlap = report.overlap.max(-c.distance);
@@ -87,12 +102,18 @@ pub(crate) fn push_out(
 }
 
 /// Whether a guard of an obstacle at `pose` is inside a muscle's surface.
-pub(crate) fn is_guard_inside(surface: &Surface, obstacle: &dyn Obstacle, pose: &Isometry3<f64>) -> bool {
+pub(crate) fn is_guard_inside(
+    surface: &Surface,
+    obstacle: &dyn Obstacle,
+    pose: &Isometry3<f64>,
+) -> bool {
     let bounds = surface.bounding_box();
     let points = obstacle.guards().iter().map(|p| pose * p);
-    points
-        .filter(|p| bounds.contains(p))
-        .any(|p| surface.nearest(&p, f64::MAX).is_some_and(|on| on.closest.distance < 0.0))
+    points.filter(|p| bounds.contains(p)).any(|p| {
+        surface
+            .nearest(&p, f64::MAX)
+            .is_some_and(|on| on.closest.distance < 0.0)
+    })
 }
 
 /// The constraints that keep the shape while vertices are pushed out.
@@ -107,17 +128,32 @@ impl Shape {
         let topology = Topology::new(mesh);
         let count = mesh.vertices.len();
         let lengths = topology.edge_lengths(mesh);
-        let edges: Vec<Distance> =
-            topology.edges.iter().zip(&lengths).map(|(&points, &rest)| Distance { points, rest }).collect();
+        let edges: Vec<Distance> = topology
+            .edges
+            .iter()
+            .zip(&lengths)
+            .map(|(&points, &rest)| Distance { points, rest })
+            .collect();
         let hinges: Vec<Bending> = topology
             .hinges
             .iter()
-            .map(|&points| Bending::new(points, bending::dihedral(&points.map(|p| mesh.vertices[p as usize]))))
+            .map(|&points| {
+                Bending::new(
+                    points,
+                    bending::dihedral(&points.map(|p| mesh.vertices[p as usize])),
+                )
+            })
             .collect();
         // Soft against contact: a full projection of angles would throw slivers about.
         let soft = median(lengths.clone()).unwrap_or(0.0).powi(2);
         Self {
-            stretch: Batch::new(edges.clone(), vec![1.0; edges.len()], Order::Coloured, count, &[]),
+            stretch: Batch::new(
+                edges.clone(),
+                vec![1.0; edges.len()],
+                Order::Coloured,
+                count,
+                &[],
+            ),
             bending: Batch::new(
                 hinges.clone(),
                 vec![8.0 / soft.max(f64::MIN_POSITIVE); hinges.len()],

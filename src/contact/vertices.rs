@@ -29,9 +29,18 @@ struct Known {
 
 impl Known {
     fn new(found: Option<Closest>, at: Point3<f64>, travel: f64, thickness: f64) -> Self {
-        let closest = found.unwrap_or(Closest { distance: f64::MAX, normal: Vector3::zeros(), point: at });
+        let closest = found.unwrap_or(Closest {
+            distance: f64::MAX,
+            normal: Vector3::zeros(),
+            point: at,
+        });
         let bound = (closest.distance / 2.0).max(closest.distance - NEAR / 2.0 * thickness);
-        Self { from: at, closest, bound, wake: travel + bound }
+        Self {
+            from: at,
+            closest,
+            bound,
+            wake: travel + bound,
+        }
     }
 }
 
@@ -85,7 +94,8 @@ impl VertexContacts {
             .par_iter()
             .map(|&v| {
                 let at = inverse * x[v as usize];
-                let found = near.map_or_else(|| placed.obstacle.closest(&at), |near| near[v as usize]);
+                let found =
+                    near.map_or_else(|| placed.obstacle.closest(&at), |near| near[v as usize]);
                 Known::new(found, at, 0.0, thickness)
             })
             .collect();
@@ -103,12 +113,23 @@ impl VertexContacts {
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
     /// the rows of this step. `start` has the positions at the begin of the step, `travel` bounds the relative motion of
     /// every vertex so far [m].
-    pub fn update(&mut self, placed: &Placed, start: &[Point3<f64>], x: &mut [Point3<f64>], travel: Travel) {
+    pub fn update(
+        &mut self,
+        placed: &Placed,
+        start: &[Point3<f64>],
+        x: &mut [Point3<f64>],
+        travel: Travel,
+    ) {
         let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
         let due: Vec<u32> = (0..self.known.len() as u32)
             .filter(|&k| {
-                let Known { from, closest, wake, bound } = &self.known[k as usize];
+                let Known {
+                    from,
+                    closest,
+                    wake,
+                    bound,
+                } = &self.known[k as usize];
                 if closest.distance > near && *wake < f64::INFINITY {
                     return *wake <= travel.at_most;
                 }
@@ -123,13 +144,22 @@ impl VertexContacts {
         let again = |&k: &u32| {
             let v = this.vertices[k as usize] as usize;
             let [before, at] = [placed.before.inverse() * start[v], inverse * positions[v]];
-            this.look_again(&this.known[k as usize], &*placed.obstacle, [before, at], travel)
+            this.look_again(
+                &this.known[k as usize],
+                &*placed.obstacle,
+                [before, at],
+                travel,
+            )
         };
-        let found: Vec<(Known, Option<Point3<f64>>, bool)> = due.par_iter().with_min_len(32).map(again).collect();
+        let found: Vec<(Known, Option<Point3<f64>>, bool)> =
+            due.par_iter().with_min_len(32).map(again).collect();
         self.lookups += due.len() as u64;
         let mut lifted = Vec::new();
         for (&k, (known, moved, stopped)) in due.iter().zip(found) {
-            self.known[k as usize] = Known { wake: f64::INFINITY, ..known };
+            self.known[k as usize] = Known {
+                wake: f64::INFINITY,
+                ..known
+            };
             if let Some(end) = moved {
                 let vertex = self.vertices[k as usize];
                 let end = placed.now * end;
@@ -165,19 +195,35 @@ impl VertexContacts {
             if old.distance > near {
                 let (distance, point) = obstacle.clearance(&at, &old.point);
                 if distance > near {
-                    let closest = Closest { distance, point, ..*old };
-                    return (Known::new(Some(closest), at, travel.at_least, thickness), None, false);
+                    let closest = Closest {
+                        distance,
+                        point,
+                        ..*old
+                    };
+                    return (
+                        Known::new(Some(closest), at, travel.at_least, thickness),
+                        None,
+                        false,
+                    );
                 }
             }
             let found = obstacle.closest_from(&at, &old.point);
-            return (Known::new(found, at, travel.at_least, thickness), None, false);
+            return (
+                Known::new(found, at, travel.at_least, thickness),
+                None,
+                false,
+            );
         }
         let (from, closest) = base(obstacle, before, start);
         let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
         // The travel was bounded before this vertex was put back.
         let at_least = travel.at_least - (end - at).norm();
         let found = obstacle.closest_from(&end, &last.point);
-        (Known::new(found, end, at_least, thickness), (end != at).then_some(end), !arrived)
+        (
+            Known::new(found, end, at_least, thickness),
+            (end != at).then_some(end),
+            !arrived,
+        )
     }
 
     /// At the end of a step, after a travel of `travel` [m]: what each vertex looked up in it has moved since is known now.
@@ -195,14 +241,26 @@ impl VertexContacts {
         for (known, &vertex) in self.known.iter().zip(&self.vertices) {
             if known.closest.distance <= near {
                 let (origin, normal) = (pose * known.closest.point, pose * known.closest.normal);
-                self.rows.push(Row { vertex, origin, normal, push: 0.0 });
+                self.rows.push(Row {
+                    vertex,
+                    origin,
+                    normal,
+                    push: 0.0,
+                });
             }
         }
     }
 
     /// Goes on, at the end of a step and after a travel of `travel` [m], with the vertices `free` at `x` and another
     /// thickness [m]. Only what is not known well enough for that is looked up.
-    pub fn change(&mut self, placed: &Placed, free: &[u32], x: &[Point3<f64>], thickness: f64, travel: f64) {
+    pub fn change(
+        &mut self,
+        placed: &Placed,
+        free: &[u32],
+        x: &[Point3<f64>],
+        thickness: f64,
+        travel: f64,
+    ) {
         if self.vertices == free && self.thickness == thickness {
             return;
         }
@@ -219,14 +277,21 @@ impl VertexContacts {
                 Some(known) if self.thickness == thickness => (*known, false),
                 Some(Known { from, closest, .. }) => {
                     let since = (at - from).norm();
-                    (Known::new(Some(*closest), *from, travel - since, thickness), false)
+                    (
+                        Known::new(Some(*closest), *from, travel - since, thickness),
+                        false,
+                    )
                 }
-                None => (Known::new(placed.obstacle.closest(&at), at, travel, thickness), true),
+                None => (
+                    Known::new(placed.obstacle.closest(&at), at, travel, thickness),
+                    true,
+                ),
             }
         };
         let (known, looked): (Vec<Known>, Vec<bool>) = free.par_iter().map(again).unzip();
         self.lookups += looked.iter().filter(|looked| **looked).count() as u64;
-        self.rows.retain(|row| free.binary_search(&row.vertex).is_ok());
+        self.rows
+            .retain(|row| free.binary_search(&row.vertex).is_ok());
         (self.known, self.vertices, self.thickness) = (known, free.to_vec(), thickness);
         self.looked.clear();
     }
@@ -234,7 +299,11 @@ impl VertexContacts {
     /// The vertices that may be in the obstacle or near it: nothing that is left out can be.
     pub fn near(&self) -> impl Iterator<Item = u32> {
         let near = |known: &Known| known.closest.distance <= NEAR * self.thickness;
-        self.known.iter().zip(&self.vertices).filter(move |(known, _)| near(known)).map(|(_, v)| *v)
+        self.known
+            .iter()
+            .zip(&self.vertices)
+            .filter(move |(known, _)| near(known))
+            .map(|(_, v)| *v)
     }
 
     /// Whether no vertex is deeper than `depth` [m] under the surface as known now.
@@ -253,7 +322,17 @@ impl Value for Known {
     const LEAST: usize = 24 + (8 + 24 + 24) + 16;
 
     fn put(&self, to: &mut Writer) {
-        let Self { from, closest: Closest { distance, normal, point }, bound, wake } = self;
+        let Self {
+            from,
+            closest:
+                Closest {
+                    distance,
+                    normal,
+                    point,
+                },
+            bound,
+            wake,
+        } = self;
         to.put(from);
         to.put(distance);
         to.put(normal);
@@ -263,9 +342,18 @@ impl Value for Known {
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let at = from.take()?;
-        let closest = Closest { distance: from.take()?, normal: from.take()?, point: from.take()? };
+        let closest = Closest {
+            distance: from.take()?,
+            normal: from.take()?,
+            point: from.take()?,
+        };
         let (bound, wake) = from.take()?;
-        Ok(Self { from: at, closest, bound, wake })
+        Ok(Self {
+            from: at,
+            closest,
+            bound,
+            wake,
+        })
     }
 }
 
@@ -273,7 +361,12 @@ impl Value for Row {
     const LEAST: usize = 4 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {
-        let Self { vertex, origin, normal, push } = self;
+        let Self {
+            vertex,
+            origin,
+            normal,
+            push,
+        } = self;
         to.put(vertex);
         to.put(origin);
         to.put(normal);
@@ -281,13 +374,26 @@ impl Value for Row {
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        Ok(Self { vertex: from.take()?, origin: from.take()?, normal: from.take()?, push: from.take()? })
+        Ok(Self {
+            vertex: from.take()?,
+            origin: from.take()?,
+            normal: from.take()?,
+            push: from.take()?,
+        })
     }
 }
 
 impl State for VertexContacts {
     fn save(&self, to: &mut Writer) {
-        let Self { vertices: _, known, looked, rows, thickness: _, lookups, stopped } = self;
+        let Self {
+            vertices: _,
+            known,
+            looked,
+            rows,
+            thickness: _,
+            lookups,
+            stopped,
+        } = self;
         to.list(known);
         to.list(looked);
         to.list(rows);
@@ -297,11 +403,17 @@ impl State for VertexContacts {
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
         from.fill(&mut self.known)?;
         self.looked = from.take()?;
-        from.check(self.looked.iter().all(|&k| (k as usize) < self.known.len()), "a lookup of no vertex")?;
+        from.check(
+            self.looked.iter().all(|&k| (k as usize) < self.known.len()),
+            "a lookup of no vertex",
+        )?;
         self.rows = from.take()?;
         // Both ascend, and a row is looked for by its vertex.
         let mut free = self.vertices.iter();
-        from.check(self.rows.iter().all(|row| free.any(|v| *v == row.vertex)), "a row of no free vertex")?;
+        from.check(
+            self.rows.iter().all(|row| free.any(|v| *v == row.vertex)),
+            "a row of no free vertex",
+        )?;
         (self.lookups, self.stopped) = from.take()?;
         Ok(())
     }
@@ -311,10 +423,17 @@ impl State for VertexContacts {
 /// else at that lookup. A row may have lifted a vertex since, out of the small ball in which it was known to be free.
 fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Closest) {
     let old = (before.from, before.closest);
-    let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else { return old };
+    let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else {
+        return old;
+    };
     // Two balls that overlap hold the whole way between their centres.
-    let free = closest.distance > 0.0 && (start - before.from).norm() < closest.distance + before.closest.distance;
-    if free && closest.distance > before.closest.distance { (start, closest) } else { old }
+    let free = closest.distance > 0.0
+        && (start - before.from).norm() < closest.distance + before.closest.distance;
+    if free && closest.distance > before.closest.distance {
+        (start, closest)
+    } else {
+        old
+    }
 }
 
 /// Goes from a free point towards a target in steps that cannot cross the surface, sliding along it at about the
@@ -355,4 +474,90 @@ fn walk(
         }
     }
     (at, closest, false)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::contact::Surface;
+    use crate::mesh::shapes::icosphere;
+    use crate::testing::Draw;
+
+    /// Vertices around a ball of 0.1 m that were looked up, and where they are after they moved.
+    fn around(draw: &mut Draw, thickness: f64) -> (Placed, VertexContacts, Vec<Point3<f64>>, f64) {
+        let still = Isometry3::identity();
+        let obstacle = Arc::new(Surface::new(&icosphere(0.1, 3)));
+        let placed = Placed {
+            name: "ball".to_owned(),
+            obstacle,
+            before: still,
+            now: still,
+        };
+        let x: Vec<Point3<f64>> = (0..400)
+            .map(|k| Point3::from(draw.direction() * (0.1 + 1e-4 * f64::from(k))))
+            .collect();
+        let all: Vec<u32> = (0..400).collect();
+        let contacts = VertexContacts::new(&placed, &all, &x, thickness, None);
+        // As far as half of what the nearest may go before they are looked up again.
+        let away = |x: &Point3<f64>| placed.obstacle.closest(x).map_or(f64::MAX, |c| c.distance);
+        let moved: Vec<Point3<f64>> = x
+            .iter()
+            .map(|x| x + draw.direction() * (0.25 * away(x).max(0.0)))
+            .collect();
+        let travel = x
+            .iter()
+            .zip(&moved)
+            .map(|(a, b)| (b - a).norm())
+            .fold(0.0, f64::max);
+        (placed, contacts, moved, travel)
+    }
+
+    #[test]
+    fn after_a_change_nothing_near_is_left_out_and_not_all_is_looked_up() {
+        let mut draw = Draw::new(5);
+        let mut forgotten = 0;
+        for (thickness, other) in [(1e-3, 4e-3), (4e-3, 1e-3), (1e-3, 1.1e-3), (2e-3, 2e-3)] {
+            let (placed, mut contacts, mut x, travel) = around(&mut draw, thickness);
+            // Some that were free are not any more.
+            let free: Vec<u32> = (0..400).filter(|v| v % 7 != 3).collect();
+            let before = contacts.lookups;
+            contacts.change(&placed, &free, &x, other, travel);
+            assert!(
+                contacts.lookups - before < free.len() as u64,
+                "{thickness} to {other}: all were looked up"
+            );
+            let missing = |contacts: &VertexContacts, x: &[Point3<f64>], within: f64| {
+                let near: Vec<u32> = contacts.near().collect();
+                let is_near = |v: &&u32| {
+                    placed
+                        .obstacle
+                        .closest(&x[**v as usize])
+                        .is_some_and(|c| c.distance < within)
+                };
+                free.iter()
+                    .filter(is_near)
+                    .filter(|v| !near.contains(v))
+                    .count()
+            };
+            let start = x.clone();
+            contacts.update(
+                &placed,
+                &start,
+                &mut x,
+                Travel {
+                    at_least: travel,
+                    at_most: travel,
+                },
+            );
+            assert_eq!(missing(&contacts, &x, other), 0, "{thickness} to {other}");
+            let (_, old, ..) = around(&mut draw, thickness);
+            forgotten += missing(&old, &x, NEAR * other);
+        }
+        assert!(
+            forgotten > 0,
+            "control: what was known for a thin layer does not do for a thick one"
+        );
+    }
 }

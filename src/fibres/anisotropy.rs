@@ -9,12 +9,17 @@ use crate::mesh::measures::{Aabb, greatest};
 /// segment (erratum A12: without the absolute value half of all edges would get more than 1). Edges without length
 /// and muscles without fibres keep 1.
 pub fn factors(cosines: &[Option<f64>], strength: f64, power: f64) -> Vec<f64> {
-    let factor = |cosine: &Option<f64>| cosine.map_or(1.0, |cosine| factor(cosine, strength, power));
+    let factor =
+        |cosine: &Option<f64>| cosine.map_or(1.0, |cosine| factor(cosine, strength, power));
     cosines.iter().map(factor).collect()
 }
 
 /// |u.v| of [`factors`] for each edge, at most 1; `None` for an edge without length and without fibres.
-pub fn cosines(vertices: &[Point3<f64>], edges: &[[u32; 2]], fibres: &[Vec<Point3<f64>>]) -> Vec<Option<f64>> {
+pub fn cosines(
+    vertices: &[Point3<f64>],
+    edges: &[[u32; 2]],
+    fibres: &[Vec<Point3<f64>>],
+) -> Vec<Option<f64>> {
     let segments = Segments::new(fibres);
     edges
         .par_iter()
@@ -49,9 +54,14 @@ struct Segments {
 
 impl Segments {
     fn new(fibres: &[Vec<Point3<f64>>]) -> Self {
-        let segments = fibres.iter().flat_map(|line| line.windows(2).map(|s| [s[0], s[1]]));
+        let segments = fibres
+            .iter()
+            .flat_map(|line| line.windows(2).map(|s| [s[0], s[1]]));
         let all: Vec<[Point3<f64>; 2]> = segments.filter(|[a, b]| a != b).collect();
-        let boxes = all.chunks(TOGETHER).map(|some| Aabb::of_points(some.iter().flatten())).collect();
+        let boxes = all
+            .chunks(TOGETHER)
+            .map(|some| Aabb::of_points(some.iter().flatten()))
+            .collect();
         let size = greatest(all.iter().flatten().map(|p| p.coords.amax()));
         Self { all, boxes, size }
     }
@@ -105,7 +115,10 @@ mod tests {
     #[test]
     fn the_direction_is_that_of_the_nearest_fibre() {
         let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
-        let fibres = vec![vec![p(0.0, 0.0), p(1.0, 0.0)], vec![p(0.0, 5.0), p(0.0, 6.0)]];
+        let fibres = vec![
+            vec![p(0.0, 0.0), p(1.0, 0.0)],
+            vec![p(0.0, 5.0), p(0.0, 6.0)],
+        ];
         let vertices = [p(0.0, 0.1), p(1.0, 0.1), p(0.1, 5.0), p(1.1, 5.0)];
         let k = factors(&cosines(&vertices, &[[0, 1], [2, 3]], &fibres), 0.5, 1.0);
         assert!((k[0] - 0.5).abs() <= 1e-12 && (k[1] - 1.0).abs() <= 1e-12);
@@ -121,7 +134,9 @@ mod tests {
         let fibres: Vec<Vec<Point3<f64>>> = (0..40).map(|_| line()).collect();
         let boxed = |bounds: Option<Aabb>| {
             let mut segments = Segments::new(&fibres);
-            bounds.iter().for_each(|bounds| segments.boxes.fill(*bounds));
+            bounds
+                .iter()
+                .for_each(|bounds| segments.boxes.fill(*bounds));
             segments
         };
         let [tight, none, wrong] = [
@@ -130,8 +145,19 @@ mod tests {
             Some(Aabb::of_points(&[Point3::new(9.0, 9.0, 9.0)])),
         ]
         .map(boxed);
-        let points: Vec<Point3<f64>> = (0..2000).map(|_| Point3::from(draw.direction() * 0.9)).collect();
-        assert!(points.iter().all(|p| tight.nearest_direction(p) == none.nearest_direction(p)));
-        assert!(points.iter().any(|p| wrong.nearest_direction(p) != none.nearest_direction(p)), "no box counts");
+        let points: Vec<Point3<f64>> = (0..2000)
+            .map(|_| Point3::from(draw.direction() * 0.9))
+            .collect();
+        assert!(
+            points
+                .iter()
+                .all(|p| tight.nearest_direction(p) == none.nearest_direction(p))
+        );
+        assert!(
+            points
+                .iter()
+                .any(|p| wrong.nearest_direction(p) != none.nearest_direction(p)),
+            "no box counts"
+        );
     }
 }

@@ -59,7 +59,11 @@ pub struct Area {
 impl Area {
     /// The triangles as a tree, for closest points.
     pub fn tree(&self, muscle: &TriangleMesh) -> SurfaceTree {
-        let triangles: Vec<[u32; 3]> = self.triangles.iter().map(|&t| muscle.triangles[t as usize]).collect();
+        let triangles: Vec<[u32; 3]> = self
+            .triangles
+            .iter()
+            .map(|&t| muscle.triangles[t as usize])
+            .collect();
         SurfaceTree::new(&muscle.vertices, &triangles)
     }
 }
@@ -155,10 +159,17 @@ impl Attachment {
         let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
         let origin = project(muscle, &tree, End::Origin, origin)?;
         let insertion = project(muscle, &tree, End::Insertion, insertion)?;
-        let mut both = origin.vertices.iter().filter(|v| insertion.vertices.binary_search(v).is_ok());
+        let mut both = origin
+            .vertices
+            .iter()
+            .filter(|v| insertion.vertices.binary_search(v).is_ok());
         if let Some(&vertex) = both.next() {
             let at = muscle.vertices[vertex as usize];
-            return Err(AttachmentError::Overlapping { count: 1 + both.count(), vertex, at });
+            return Err(AttachmentError::Overlapping {
+                count: 1 + both.count(),
+                vertex,
+                at,
+            });
         }
         Ok(Self { origin, insertion })
     }
@@ -180,8 +191,11 @@ fn project(
             let list = near(muscle, end, bone, within)?;
             let mut area = from_list(muscle, end, &list)?;
             let surface = Surface::new(bone);
-            let distance =
-                |v: &u32| surface.closest(&muscle.vertices[*v as usize]).map_or(0.0, |c| c.distance.max(0.0));
+            let distance = |v: &u32| {
+                surface
+                    .closest(&muscle.vertices[*v as usize])
+                    .map_or(0.0, |c| c.distance.max(0.0))
+            };
             area.distances = area.vertices.iter().map(distance).collect();
             Ok(area)
         }
@@ -199,7 +213,9 @@ fn from_patch(
     let mut distances = Vec::new();
     let mut nearest: Option<(f64, Point3<f64>)> = None;
     for p in samples(patch, muscle) {
-        let Some(found) = tree.closest(&p, f64::INFINITY) else { continue };
+        let Some(found) = tree.closest(&p, f64::INFINITY) else {
+            continue;
+        };
         triangles.push(found.triangle);
         distances.push(found.distance);
         if nearest.is_none_or(|(d, _)| found.distance < d) {
@@ -210,11 +226,19 @@ fn from_patch(
         return Err(AttachmentError::Empty { end });
     };
     if distance > FARTHEST * length {
-        return Err(AttachmentError::OffSurface { end, distance, at, length });
+        return Err(AttachmentError::OffSurface {
+            end,
+            distance,
+            at,
+            length,
+        });
     }
     let mut area = of_triangles(muscle, triangles);
     let back = SurfaceTree::new(&patch.vertices, &patch.triangles);
-    let gap = |v: &u32| back.closest(&muscle.vertices[*v as usize], f64::INFINITY).map_or(0.0, |c| c.distance);
+    let gap = |v: &u32| {
+        back.closest(&muscle.vertices[*v as usize], f64::INFINITY)
+            .map_or(0.0, |c| c.distance)
+    };
     area.distances = area.vertices.iter().map(gap).collect();
     area.patch = (middle > TENDON_FROM * length).then(|| patch.clone());
     Ok(area)
@@ -225,9 +249,14 @@ fn samples(patch: &TriangleMesh, muscle: &TriangleMesh) -> Vec<Point3<f64>> {
     if patch.triangles.is_empty() || !(patch.area() > 0.0) {
         return Vec::new();
     }
-    let spacing = (muscle.area() / muscle.triangles.len() as f64).min(patch.area()).sqrt() / 3.0;
+    let spacing = (muscle.area() / muscle.triangles.len() as f64)
+        .min(patch.area())
+        .sqrt()
+        / 3.0;
     let spacing = spacing.max((patch.area() / SAMPLES as f64).sqrt());
-    (0..patch.triangles.len()).flat_map(|t| over_triangle(&patch.corners(t), spacing)).collect()
+    (0..patch.triangles.len())
+        .flat_map(|t| over_triangle(&patch.corners(t), spacing))
+        .collect()
 }
 
 /// The middles of the parts into which a triangle is cut by lines about `spacing` [m] apart.
@@ -252,10 +281,18 @@ pub(super) fn over_triangle(corners: &[Point3<f64>; 3], spacing: f64) -> Vec<Poi
 fn of_triangles(muscle: &TriangleMesh, mut triangles: Vec<u32>) -> Area {
     triangles.sort_unstable();
     triangles.dedup();
-    let mut vertices: Vec<u32> = triangles.iter().flat_map(|&t| muscle.triangles[t as usize]).collect();
+    let mut vertices: Vec<u32> = triangles
+        .iter()
+        .flat_map(|&t| muscle.triangles[t as usize])
+        .collect();
     vertices.sort_unstable();
     vertices.dedup();
-    Area { distances: vec![0.0; vertices.len()], triangles, vertices, patch: None }
+    Area {
+        distances: vec![0.0; vertices.len()],
+        triangles,
+        vertices,
+        patch: None,
+    }
 }
 
 fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, AttachmentError> {
@@ -267,25 +304,47 @@ fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, Atta
     list.iter().for_each(|&v| listed[v as usize] = true);
     let mut spanned = vec![false; count];
     let whole = |t: &[u32; 3]| t.iter().all(|&v| listed[v as usize]);
-    muscle.triangles.iter().filter(|t| whole(t)).flatten().for_each(|&v| spanned[v as usize] = true);
+    muscle
+        .triangles
+        .iter()
+        .filter(|t| whole(t))
+        .flatten()
+        .for_each(|&v| spanned[v as usize] = true);
     // A vertex alone would be a point, which no field can be held at.
-    let lone = |t: &[u32; 3]| t.iter().any(|&v| listed[v as usize] && !spanned[v as usize]);
+    let lone = |t: &[u32; 3]| {
+        t.iter()
+            .any(|&v| listed[v as usize] && !spanned[v as usize])
+    };
     let taken = |t: &usize| whole(&muscle.triangles[*t]) || lone(&muscle.triangles[*t]);
-    let triangles: Vec<u32> = (0..muscle.triangles.len()).filter(taken).map(|t| t as u32).collect();
+    let triangles: Vec<u32> = (0..muscle.triangles.len())
+        .filter(taken)
+        .map(|t| t as u32)
+        .collect();
     if triangles.is_empty() {
         return Err(AttachmentError::Empty { end });
     }
     Ok(of_triangles(muscle, triangles))
 }
 
-fn near(muscle: &TriangleMesh, end: End, bone: &TriangleMesh, within: f64) -> Result<Vec<u32>, AttachmentError> {
+fn near(
+    muscle: &TriangleMesh,
+    end: End,
+    bone: &TriangleMesh,
+    within: f64,
+) -> Result<Vec<u32>, AttachmentError> {
     let surface = Surface::new(bone);
     let mut nearest: Option<(f64, u32)> = None;
     let mut list = Vec::new();
     let mut used = vec![false; muscle.vertices.len()];
-    muscle.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
+    muscle
+        .triangles
+        .iter()
+        .flatten()
+        .for_each(|&v| used[v as usize] = true);
     for (v, p) in muscle.vertices.iter().enumerate().filter(|(v, _)| used[*v]) {
-        let Some(found) = surface.closest(p) else { continue };
+        let Some(found) = surface.closest(p) else {
+            continue;
+        };
         let distance = found.distance.max(0.0);
         if nearest.is_none_or(|(d, _)| distance < d) {
             nearest = Some((distance, v as u32));
@@ -296,9 +355,12 @@ fn near(muscle: &TriangleMesh, end: End, bone: &TriangleMesh, within: f64) -> Re
     }
     match nearest {
         None => Err(AttachmentError::Empty { end }),
-        Some((distance, vertex)) if list.is_empty() => {
-            Err(AttachmentError::NothingNear { end, within, vertex, distance })
-        }
+        Some((distance, vertex)) if list.is_empty() => Err(AttachmentError::NothingNear {
+            end,
+            within,
+            vertex,
+            distance,
+        }),
         Some(_) => Ok(list),
     }
 }

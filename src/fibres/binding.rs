@@ -36,19 +36,28 @@ pub struct BoundLines {
 }
 
 fn unit_normal(t: &[Point3<f64>; 3]) -> Vector3<f64> {
-    (t[1] - t[0]).cross(&(t[2] - t[0])).try_normalize(0.0).unwrap_or_else(Vector3::zeros)
+    (t[1] - t[0])
+        .cross(&(t[2] - t[0]))
+        .try_normalize(0.0)
+        .unwrap_or_else(Vector3::zeros)
 }
 
 fn bind(surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> Bound {
     let corners = surface.triangles()[on.triangle as usize];
     let t = corners.map(|v| surface.positions()[v as usize]);
-    let near = Place { corners, weights: on.weights };
+    let near = Place {
+        corners,
+        weights: on.weights,
+    };
     let inwards = p - on.closest.point;
     let depth = inwards.norm();
     // Nearer to the surface than this the direction is rounding; the size of the triangle is the length scale.
     let deep = on.closest.distance < 0.0 && depth > 1e-6 * (t[1] - t[0]).norm();
     if deep && let Some((triangle, weights)) = surface.first_hit(p, &(inwards / depth)) {
-        let far = Place { corners: surface.triangles()[triangle as usize], weights };
+        let far = Place {
+            corners: surface.triangles()[triangle as usize],
+            weights,
+        };
         let way = (far.at(surface.positions()) - on.closest.point).norm();
         return Bound::Between(near, far, depth / way);
     }
@@ -64,20 +73,28 @@ impl BoundLines {
             farthest = farthest.max(on.closest.distance.abs());
             Some(bind(surface, p, &on))
         };
-        let lines = lines.iter().map(|line| line.iter().filter_map(&mut bind).collect()).collect();
+        let lines = lines
+            .iter()
+            .map(|line| line.iter().filter_map(&mut bind).collect())
+            .collect();
         Self { lines, farthest }
     }
 
     /// Where the lines are when the surface's vertices are at `x` [m].
     pub fn at(&self, x: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
         let place = |b: &Bound| match b {
-            Bound::Over(place, height) => place.at(x) + unit_normal(&place.corners.map(|v| x[v as usize])) * *height,
+            Bound::Over(place, height) => {
+                place.at(x) + unit_normal(&place.corners.map(|v| x[v as usize])) * *height
+            }
             Bound::Between(near, far, share) => {
                 let from = near.at(x);
                 from + (far.at(x) - from) * *share
             }
         };
-        self.lines.iter().map(|line| line.iter().map(place).collect()).collect()
+        self.lines
+            .iter()
+            .map(|line| line.iter().map(place).collect())
+            .collect()
     }
 
     /// Number of lines.
@@ -99,13 +116,17 @@ mod tests {
     #[test]
     fn lines_follow_a_rigid_motion_exactly_and_stay_where_they_were() {
         let mesh = icosphere(0.1, 3);
-        let line: Vec<Point3<f64>> = (0..10).map(|k| Point3::new(0.01 * f64::from(k) - 0.05, 0.02, 0.06)).collect();
+        let line: Vec<Point3<f64>> = (0..10)
+            .map(|k| Point3::new(0.01 * f64::from(k) - 0.05, 0.02, 0.06))
+            .collect();
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let here = &bound.at(&mesh.vertices)[0];
-        let sideways = crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
+        let sideways =
+            crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
         // Inside, a point lies on the line between its two places; a few roundings of a size of 0.1.
         assert!(sideways <= 64.0 * f64::EPSILON * 0.1, "{sideways}");
-        let turn = nalgebra::Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -1.0, 0.5));
+        let turn =
+            nalgebra::Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -1.0, 0.5));
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| turn * v).collect();
         for (a, b) in here.iter().zip(&bound.at(&moved)[0]) {
             assert!((turn * a - b).norm() <= 1e-14 * 10.0);
@@ -115,15 +136,24 @@ mod tests {
     #[test]
     fn deep_lines_follow_any_affine_motion() {
         let mesh = icosphere(0.1, 3);
-        let line: Vec<Point3<f64>> = (0..20).map(|k| Point3::new(0.008 * f64::from(k) - 0.076, 0.01, 0.02)).collect();
+        let line: Vec<Point3<f64>> = (0..20)
+            .map(|k| Point3::new(0.008 * f64::from(k) - 0.076, 0.01, 0.02))
+            .collect();
         let bound = BoundLines::new(&Surface::new(&mesh), std::slice::from_ref(&line));
         let map = nalgebra::Matrix3::new(2.0, 0.5, 0.0, 0.0, 0.3, 0.1, -0.4, 0.0, 1.0);
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| map * v).collect();
         let errors = |other: f64| {
             let there = bound.at(&moved);
-            crate::mesh::measures::greatest(line.iter().zip(&there[0]).map(|(a, b)| (map * a * other - b).norm()))
+            crate::mesh::measures::greatest(
+                line.iter()
+                    .zip(&there[0])
+                    .map(|(a, b)| (map * a * other - b).norm()),
+            )
         };
         assert!(errors(1.0) <= 64.0 * f64::EPSILON * 0.2, "{}", errors(1.0));
-        assert!(errors(1.01) > 1e-4, "control: another motion is not followed");
+        assert!(
+            errors(1.01) > 1e-4,
+            "control: another motion is not followed"
+        );
     }
 }

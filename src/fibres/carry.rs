@@ -27,7 +27,10 @@ impl BoundVolume {
     pub fn new(surface: &TriangleMesh, lines: &[Vec<Point3<f64>>]) -> Self {
         let points: Vec<&Point3<f64>> = lines.iter().flatten().collect();
         let weights = points.par_iter().map(|p| weights(surface, p)).collect();
-        Self { weights, counts: lines.iter().map(Vec::len).collect() }
+        Self {
+            weights,
+            counts: lines.iter().map(Vec::len).collect(),
+        }
     }
 
     /// Where the lines are when the surface's vertices are at `x` [m], as many as there were.
@@ -85,19 +88,30 @@ fn share(corners: &[Vector3<f64>; 3]) -> Share {
     }
     let u: [Vector3<f64>; 3] = std::array::from_fn(|k| corners[k] / distances[k]);
     let normals: [Vector3<f64>; 3] = std::array::from_fn(|k| u[(k + 1) % 3].cross(&u[(k + 2) % 3]));
-    let angles: [f64; 3] = std::array::from_fn(|k| libm::atan2(normals[k].norm(), u[(k + 1) % 3].dot(&u[(k + 2) % 3])));
+    let angles: [f64; 3] = std::array::from_fn(|k| {
+        libm::atan2(normals[k].norm(), u[(k + 1) % 3].dot(&u[(k + 2) % 3]))
+    });
     if std::f64::consts::TAU - angles.iter().sum::<f64>() <= ON_TRIANGLE {
-        let areas: [f64; 3] =
-            std::array::from_fn(|k| angles[k].sin() * distances[(k + 1) % 3] * distances[(k + 2) % 3]);
+        let areas: [f64; 3] = std::array::from_fn(|k| {
+            angles[k].sin() * distances[(k + 1) % 3] * distances[(k + 2) % 3]
+        });
         return Share::On(areas);
     }
     let units = normals.map(|n| n.try_normalize(0.0).unwrap_or_else(Vector3::zeros));
-    let mean: Vector3<f64> = units.iter().zip(angles).map(|(n, angle)| n * (0.5 * angle)).sum();
+    let mean: Vector3<f64> = units
+        .iter()
+        .zip(angles)
+        .map(|(n, angle)| n * (0.5 * angle))
+        .sum();
     // Seen edge on, a triangle fills nothing of the view: mean and volume vanish together.
     let size = u[0].dot(&normals[0]);
     let weight = |k: usize| {
         let height = units[k].dot(&u[k]);
-        if size.abs() <= f64::EPSILON || height == 0.0 { 0.0 } else { units[k].dot(&mean) / (height * distances[k]) }
+        if size.abs() <= f64::EPSILON || height == 0.0 {
+            0.0
+        } else {
+            units[k].dot(&mean) / (height * distances[k])
+        }
     };
     Share::Away(std::array::from_fn(weight))
 }
@@ -111,12 +125,15 @@ mod tests {
 
     fn points(mesh: &TriangleMesh) -> Vec<Point3<f64>> {
         let mut draw = Draw::new(7);
-        let mut all: Vec<Point3<f64>> =
-            (0..200).map(|_| Point3::from(draw.direction() * draw.between(0.0, 0.0995))).collect();
+        let mut all: Vec<Point3<f64>> = (0..200)
+            .map(|_| Point3::from(draw.direction() * draw.between(0.0, 0.0995)))
+            .collect();
         // On a vertex, on an edge, on a triangle, and just below one.
         let [a, b, c] = mesh.corners(17);
         all.extend([a, a + (b - a) * 0.3, a + (b - a) * 0.3 + (c - a) * 0.5]);
-        all.push(Point3::from((a + (b - a) * 0.3 + (c - a) * 0.5).coords * (1.0 - 1e-9)));
+        all.push(Point3::from(
+            (a + (b - a) * 0.3 + (c - a) * 0.5).coords * (1.0 - 1e-9),
+        ));
         all
     }
 
@@ -130,11 +147,18 @@ mod tests {
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| map * v + by).collect();
         let errors = |other: f64| {
             let there = bound.at(&moved);
-            greatest(line.iter().zip(&there[0]).map(|(a, b)| (map * a * other + by - b).norm()))
+            greatest(
+                line.iter()
+                    .zip(&there[0])
+                    .map(|(a, b)| (map * a * other + by - b).norm()),
+            )
         };
         // Weights by view lose digits as a point nears its triangle, at most half of them.
         assert!(errors(1.0) <= 1e-8 * 0.1, "{}", errors(1.0));
-        assert!(errors(1.01) > 1e-4, "control: another motion is not followed");
+        assert!(
+            errors(1.01) > 1e-4,
+            "control: another motion is not followed"
+        );
     }
 
     #[test]
@@ -145,19 +169,27 @@ mod tests {
         let bound = BoundVolume::new(&mesh, &[vec![on, Point3::from(on.coords * 0.5)]]);
         let mut moved = mesh.vertices.clone();
         let kept = mesh.triangles[40];
-        (0..moved.len() as u32).filter(|v| !kept.contains(v)).for_each(|v| moved[v as usize].coords *= 1.5);
+        (0..moved.len() as u32)
+            .filter(|v| !kept.contains(v))
+            .for_each(|v| moved[v as usize].coords *= 1.5);
         let there = &bound.at(&moved)[0];
         // A point of a triangle to rounding of its size.
         assert!((there[0] - on).norm() <= 64.0 * f64::EPSILON * 0.1);
-        assert!((there[1].coords - on.coords * 0.5).norm() > 1e-3, "control: what is inside follows all");
+        assert!(
+            (there[1].coords - on.coords * 0.5).norm() > 1e-3,
+            "control: what is inside follows all"
+        );
     }
 
     #[test]
     fn neighbours_stay_neighbours() {
         let mesh = icosphere(0.1, 3);
-        let line: Vec<Point3<f64>> = (0..2000).map(|k| Point3::new(1e-4 * f64::from(k) - 0.0985, 1e-3, 2e-3)).collect();
+        let line: Vec<Point3<f64>> = (0..2000)
+            .map(|k| Point3::new(1e-4 * f64::from(k) - 0.0985, 1e-3, 2e-3))
+            .collect();
         let bound = BoundVolume::new(&mesh, std::slice::from_ref(&line));
-        let bend = |v: &Point3<f64>| Point3::new(v.x, v.y + 5.0 * v.x * v.x, v.z * (1.0 + 2.0 * v.x));
+        let bend =
+            |v: &Point3<f64>| Point3::new(v.x, v.y + 5.0 * v.x * v.x, v.z * (1.0 + 2.0 * v.x));
         let moved: Vec<Point3<f64>> = mesh.vertices.iter().map(bend).collect();
         let there = &bound.at(&moved)[0];
         let steps = there.windows(2).map(|s| (s[1] - s[0]).norm());

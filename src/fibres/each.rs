@@ -31,7 +31,9 @@ pub fn action(fibres: &[Vec<Point3<f64>>]) -> Vector3<f64> {
 
 /// Integral along a fibre of its angle to the line of action [rad m].
 pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
-    let angle = |along: Vector3<f64>| along.norm() * libm::atan2(along.cross(action).norm(), along.dot(action));
+    let angle = |along: Vector3<f64>| {
+        along.norm() * libm::atan2(along.cross(action).norm(), along.dot(action))
+    };
     fibre.windows(2).map(|s| angle(s[1] - s[0])).sum()
 }
 
@@ -45,7 +47,11 @@ pub fn each(fibres: &[Vec<Point3<f64>>], tendons: &[Vec<Tendon>; 2]) -> Vec<Each
         Each {
             length_m,
             chord_m: ends.map_or(0.0, |(a, b)| (b - a).norm()),
-            pennation_rad: if length_m > 0.0 { turned(fibre, &action) / length_m } else { 0.0 },
+            pennation_rad: if length_m > 0.0 {
+                turned(fibre, &action) / length_m
+            } else {
+                0.0
+            },
             tendon_origin_m: tendon(0, k),
             tendon_insertion_m: tendon(1, k),
         }
@@ -61,15 +67,33 @@ mod tests {
     fn a_bent_and_a_straight_fibre() {
         let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
         // Up, along and down again: half of its length at a right angle to the line of action.
-        let fibres = vec![vec![p(0.0, 0.0), p(0.0, 1.0), p(2.0, 1.0), p(2.0, 0.0)], vec![p(0.0, 3.0), p(2.0, 3.0)]];
-        let tendons = [vec![[p(0.0, 0.0), p(-0.5, 0.0)], [p(0.0, 3.0), p(-3.0, 7.0)]], Vec::new()];
+        let fibres = vec![
+            vec![p(0.0, 0.0), p(0.0, 1.0), p(2.0, 1.0), p(2.0, 0.0)],
+            vec![p(0.0, 3.0), p(2.0, 3.0)],
+        ];
+        let tendons = [
+            vec![[p(0.0, 0.0), p(-0.5, 0.0)], [p(0.0, 3.0), p(-3.0, 7.0)]],
+            Vec::new(),
+        ];
         let found = each(&fibres, &tendons);
         let quarter = std::f64::consts::FRAC_PI_4;
         let expected = [[4.0, 2.0, quarter, 0.5, 0.0], [2.0, 2.0, 0.0, 5.0, 0.0]];
         for (e, expected) in found.iter().zip(expected) {
-            let numbers = [e.length_m, e.chord_m, e.pennation_rad, e.tendon_origin_m, e.tendon_insertion_m];
+            let numbers = [
+                e.length_m,
+                e.chord_m,
+                e.pennation_rad,
+                e.tendon_origin_m,
+                e.tendon_insertion_m,
+            ];
             // A few roundings of a size of 5.
-            assert!(numbers.iter().zip(expected).all(|(a, b)| (a - b).abs() <= 40.0 * f64::EPSILON), "{e:?}");
+            assert!(
+                numbers
+                    .iter()
+                    .zip(expected)
+                    .all(|(a, b)| (a - b).abs() <= 40.0 * f64::EPSILON),
+                "{e:?}"
+            );
         }
     }
 }

@@ -33,7 +33,11 @@ const CELLS_PER_VERTEX: f64 = 0.4;
 const BARE: f64 = 0.03;
 /// First flux is even over each area, which is what is known of attachments; where that leaves much bare it crowds far from the
 /// other area, at last in so many times the least number of cells.
-const TRIALS: [(f64, Flux); 3] = [(1.0, Flux::Even), (1.0, Flux::Crowded(0.0)), (2.0, Flux::Crowded(8.0))];
+const TRIALS: [(f64, Flux); 3] = [
+    (1.0, Flux::Even),
+    (1.0, Flux::Crowded(0.0)),
+    (2.0, Flux::Crowded(8.0)),
+];
 /// Where a larger share is bare at first, that is done at once.
 const HOPELESS: f64 = 0.12;
 /// Seeds that may fail, for each fibre.
@@ -53,7 +57,10 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { count: 100, points: 15 }
+        Self {
+            count: 100,
+            points: 15,
+        }
     }
 }
 
@@ -61,7 +68,9 @@ impl Default for Options {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DecompositionError {
     /// No fibre, or fibres of fewer than two points, asked for.
-    #[error("{count} fibres of {points} points make no decomposition; ask for at least 1 fibre of at least 2 points")]
+    #[error(
+        "{count} fibres of {points} points make no decomposition; ask for at least 1 fibre of at least 2 points"
+    )]
     TooFew {
         /// Fibres asked for.
         count: usize,
@@ -69,7 +78,9 @@ pub enum DecompositionError {
         points: usize,
     },
     /// The muscle encloses nothing.
-    #[error("the muscle encloses {volume:.3e} m3, which is too little to hold fibres; is its surface a flat sheet?")]
+    #[error(
+        "the muscle encloses {volume:.3e} m3, which is too little to hold fibres; is its surface a flat sheet?"
+    )]
     NoInside {
         /// Its volume [m3].
         volume: f64,
@@ -177,10 +188,28 @@ pub fn decompose_while(
         return Err(DecompositionError::NoInside { volume });
     }
     let solid = closed.solid();
-    let task = Task { muscle, attachment, lines, options, solid: &solid, volume, going };
+    let task = Task {
+        muscle,
+        attachment,
+        lines,
+        options,
+        solid: &solid,
+        volume,
+        going,
+    };
     let best = task.best()?;
-    let Trial { fibres, ways, field, .. } = best;
-    Ok(Decomposition { fibres, ways, field, closed })
+    let Trial {
+        fibres,
+        ways,
+        field,
+        ..
+    } = best;
+    Ok(Decomposition {
+        fibres,
+        ways,
+        field,
+        closed,
+    })
 }
 
 /// What is to be decomposed, and how.
@@ -202,7 +231,9 @@ impl Task<'_> {
         for (k, (finer, flux)) in TRIALS.into_iter().enumerate() {
             match self.trial(finer, flux, k + 1 == TRIALS.len()) {
                 Ok(trial) if trial.disordered == 0 && trial.bare <= BARE => return Ok(trial),
-                Ok(trial) if best.as_ref().is_none_or(|best| trial.rank() < best.rank()) => best = Some(trial),
+                Ok(trial) if best.as_ref().is_none_or(|best| trial.rank() < best.rank()) => {
+                    best = Some(trial)
+                }
                 Ok(_) | Err(DecompositionError::Lost { .. }) => {}
                 Err(error) => return Err(error),
             }
@@ -213,18 +244,39 @@ impl Task<'_> {
 
     /// Decomposes with so many times the least number of cells; the `last` trial takes what it gets.
     fn trial(&self, finer: f64, flux: Flux, last: bool) -> Result<Trial, DecompositionError> {
-        let &Self { muscle, attachment, lines, options, solid, volume, going } = self;
+        let &Self {
+            muscle,
+            attachment,
+            lines,
+            options,
+            solid,
+            volume,
+            going,
+        } = self;
         let wanted = CELLS * finer + CELLS_PER_VERTEX * muscle.vertices.len() as f64;
         let cells = Cells::new(solid, (volume / wanted).cbrt());
-        let field =
-            Field::new(cells, solid, muscle, attachment, lines, flux).map_err(|e| no_field(e, muscle, attachment))?;
+        let field = Field::new(cells, solid, muscle, attachment, lines, flux)
+            .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
         let (mut ways, any) = ways(&tracer, options.count, last, going)?;
         let hopeless = if last { 1.0 } else { HOPELESS };
         let bare = exchange::exchange(&tracer, &mut ways, options.points, volume, hopeless, going)?;
-        let disordered = if any { ways.iter().filter(|way| !ordered(&tracer, way)).count() } else { 0 };
-        let fibres = ways.par_iter().map(|w| fibre(w, options.points, solid)).collect();
-        Ok(Trial { fibres, ways, field, disordered, bare })
+        let disordered = if any {
+            ways.iter().filter(|way| !ordered(&tracer, way)).count()
+        } else {
+            0
+        };
+        let fibres = ways
+            .par_iter()
+            .map(|w| fibre(w, options.points, solid))
+            .collect();
+        Ok(Trial {
+            fibres,
+            ways,
+            field,
+            disordered,
+            bare,
+        })
     }
 }
 
@@ -246,13 +298,23 @@ impl Trial {
     }
 }
 
-fn no_field(error: FieldError, muscle: &TriangleMesh, attachment: &Attachment) -> DecompositionError {
+fn no_field(
+    error: FieldError,
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+) -> DecompositionError {
     match error {
         FieldError::Factor(e) => DecompositionError::Factor(e),
         FieldError::NotJoined => {
-            let first =
-                |vertices: &[u32]| vertices.first().map_or_else(Point3::origin, |&v| muscle.vertices[v as usize]);
-            let (origin, insertion) = (first(&attachment.origin.vertices), first(&attachment.insertion.vertices));
+            let first = |vertices: &[u32]| {
+                vertices
+                    .first()
+                    .map_or_else(Point3::origin, |&v| muscle.vertices[v as usize])
+            };
+            let (origin, insertion) = (
+                first(&attachment.origin.vertices),
+                first(&attachment.insertion.vertices),
+            );
             DecompositionError::NotJoined { origin, insertion }
         }
     }
@@ -274,12 +336,18 @@ fn ways(
     let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
     for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
         let mut seeds = Seeds::new(tracer.field);
-        ways.iter().flatten().for_each(|half| seeds.note(&half.points));
+        ways.iter()
+            .flatten()
+            .for_each(|half| seeds.note(&half.points));
         for n in 0..TRIES * count {
             if !last && n >= count.max(SOONEST) && n > LOST * ways.len() {
                 break;
             }
-            if !going(Reached { what: "fibres found", done: ways.len(), of: count }) {
+            if !going(Reached {
+                what: "fibres found",
+                done: ways.len(),
+                of: count,
+            }) {
                 return Err(DecompositionError::Stopped);
             }
             let Some(seed) = seeds.farthest() else { break };
@@ -296,14 +364,21 @@ fn ways(
             }
         }
     }
-    Err(DecompositionError::Lost { found: ways.len(), count })
+    Err(DecompositionError::Lost {
+        found: ways.len(),
+        count,
+    })
 }
 
 /// The streamline through a point, from it to the origin and to the insertion.
 ///
 /// # Errors
 /// It is lost, as far as it came; or what is beside it comes to lie the other way round, with no points, unless `any` will do.
-fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Result<[Way; 2], Vec<Point3<f64>>> {
+fn through(
+    tracer: &Tracer<'_>,
+    seed: &Point3<f64>,
+    any: bool,
+) -> Result<[Way; 2], Vec<Point3<f64>>> {
     let half = |sign: f64| {
         let way = tracer.half(seed, sign, any).map_err(|way| way.points)?;
         let kept = any || jacobian::keeps_order(tracer, &way, sign);
@@ -315,7 +390,13 @@ fn through(tracer: &Tracer<'_>, seed: &Point3<f64>, any: bool) -> Result<[Way; 2
 
 /// A streamline from origin to insertion by so many points, equally far apart.
 fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
-    let whole: Vec<Point3<f64>> = back.points.iter().rev().chain(&on.points[1..]).copied().collect();
+    let whole: Vec<Point3<f64>> = back
+        .points
+        .iter()
+        .rev()
+        .chain(&on.points[1..])
+        .copied()
+        .collect();
     resample(&whole, points)
 }
 
@@ -337,15 +418,26 @@ impl Decomposition {
     /// Jacobian of the fibre map at every point of every streamline, 1 at its seed: the area across the fibre of what was
     /// one unit of area there. All are positive where the order of fibres is kept.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
-        let tracer = Tracer::new(&self.field, muscle, &attachment.origin, &attachment.insertion);
-        let halves =
-            |[back, on]: &[Way; 2]| [jacobian::along(&tracer, back, -1.0), jacobian::along(&tracer, on, 1.0)].concat();
+        let tracer = Tracer::new(
+            &self.field,
+            muscle,
+            &attachment.origin,
+            &attachment.insertion,
+        );
+        let halves = |[back, on]: &[Way; 2]| {
+            [
+                jacobian::along(&tracer, back, -1.0),
+                jacobian::along(&tracer, on, 1.0),
+            ]
+            .concat()
+        };
         self.ways.iter().flat_map(halves).collect()
     }
 
     /// Mean side of what a fibre has for itself [m]: the root of the volume over the length of all fibres.
     pub fn spacing(&self) -> f64 {
         let length: f64 = self.fibres.iter().map(|f| super::polyline::length(f)).sum();
-        (measures::volume(&self.closed.mesh.vertices, &self.closed.mesh.triangles).abs() / length).sqrt()
+        (measures::volume(&self.closed.mesh.vertices, &self.closed.mesh.triangles).abs() / length)
+            .sqrt()
     }
 }

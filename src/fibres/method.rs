@@ -91,24 +91,54 @@ pub fn decompose_while(
 ) -> Result<Fibres, MethodError> {
     let Options { count, points } = options;
     let mut made = match method {
-        Method::Harmonic => Fibres::of(harmonic::decompose_while(muscle, attachment, &[], options, going)?),
-        Method::Superficial(lines) => Fibres::of(harmonic::decompose_while(muscle, attachment, lines, options, going)?),
+        Method::Harmonic => Fibres::of(harmonic::decompose_while(
+            muscle,
+            attachment,
+            &[],
+            options,
+            going,
+        )?),
+        Method::Superficial(lines) => Fibres::of(harmonic::decompose_while(
+            muscle, attachment, lines, options, going,
+        )?),
         Method::Springs(template) => {
-            let options = springs::Options { count, points, ..springs::Options::default() };
-            Fibres::of_grid(muscle, springs::grid(muscle, attachment, template, options)?)
+            let options = springs::Options {
+                count,
+                points,
+                ..springs::Options::default()
+            };
+            Fibres::of_grid(
+                muscle,
+                springs::grid(muscle, attachment, template, options)?,
+            )
         }
-        Method::Slices(template) => {
-            Fibres::of_grid(muscle, slices::grid(muscle, attachment, template, slices::Options { count, points })?)
-        }
+        Method::Slices(template) => Fibres::of_grid(
+            muscle,
+            slices::grid(
+                muscle,
+                attachment,
+                template,
+                slices::Options { count, points },
+            )?,
+        ),
     };
     let mut done = 0;
     while done < smoothing.steps {
-        let reached = Reached { what: "passes of smoothing", done: done as usize, of: smoothing.steps as usize };
+        let reached = Reached {
+            what: "passes of smoothing",
+            done: done as usize,
+            of: smoothing.steps as usize,
+        };
         if !going(reached) {
             return Err(DecompositionError::Stopped.into());
         }
-        let steps = (MOVES / count.saturating_mul(points).max(1)).clamp(1, (smoothing.steps - done) as usize) as u32;
-        smooth(&mut made.lines, Smoothing { steps, ..smoothing }, &made.closed.solid());
+        let steps = (MOVES / count.saturating_mul(points).max(1))
+            .clamp(1, (smoothing.steps - done) as usize) as u32;
+        smooth(
+            &mut made.lines,
+            Smoothing { steps, ..smoothing },
+            &made.closed.solid(),
+        );
         done += steps;
     }
     Ok(made)
@@ -124,7 +154,11 @@ impl Fibres {
     }
 
     fn of_grid(muscle: &TriangleMesh, grid: Grid) -> Self {
-        Self { lines: grid.fibres(), closed: Arc::new(Closed::new(muscle)), source: Source::Grid(grid) }
+        Self {
+            lines: grid.fibres(),
+            closed: Arc::new(Closed::new(muscle)),
+            source: Source::Grid(grid),
+        }
     }
 
     /// Jacobian of the fibre map: of a flow at every point of every streamline, 1 at its seed; of a grid the scaled one at

@@ -9,7 +9,9 @@ pub fn length(line: &[Point3<f64>]) -> f64 {
 
 /// `count` points equally far apart along a smooth line through the points; both ends are kept, bit for bit.
 pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
-    let (Some(&first), Some(&last)) = (line.first(), line.last()) else { return Vec::new() };
+    let (Some(&first), Some(&last)) = (line.first(), line.last()) else {
+        return Vec::new();
+    };
     let mut arcs = vec![0.0];
     for s in line.windows(2) {
         arcs.push(arcs[arcs.len() - 1] + (s[1] - s[0]).norm());
@@ -43,9 +45,18 @@ pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
             before += lengths[k];
             k += 1;
         }
-        let within =
-            lengths.get(k).map_or(0.0, |l| if *l > 0.0 { ((wanted - before) / l).clamp(0.0, 1.0) } else { 0.0 });
-        shares.push(if n + 1 == count { 1.0 } else { (k as f64 + within) / lengths.len().max(1) as f64 });
+        let within = lengths.get(k).map_or(0.0, |l| {
+            if *l > 0.0 {
+                ((wanted - before) / l).clamp(0.0, 1.0)
+            } else {
+                0.0
+            }
+        });
+        shares.push(if n + 1 == count {
+            1.0
+        } else {
+            (k as f64 + within) / lengths.len().max(1) as f64
+        });
     }
     shares
 }
@@ -60,7 +71,11 @@ fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<
     let slope = |i: usize| -> Vector3<f64> {
         let (a, b) = (i.saturating_sub(1), (i + 1).min(line.len() - 1));
         let width = arcs[b] - arcs[a];
-        if width > 0.0 { (line[b] - line[a]) / width } else { Vector3::zeros() }
+        if width > 0.0 {
+            (line[b] - line[a]) / width
+        } else {
+            Vector3::zeros()
+        }
     };
     let t = ((wanted - arcs[k]) / span).clamp(0.0, 1.0);
     let (m, n) = (slope(k) * span, slope(k + 1) * span);

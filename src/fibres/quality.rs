@@ -56,14 +56,23 @@ pub fn measure(
     let limit = OUTSIDE * muscle.length();
     let total: f64 = fibres.iter().map(|f| length(f)).sum();
     let ends = [(&attachment.origin, false), (&attachment.insertion, true)];
-    let at_end = |last: bool| fibres.iter().filter_map(move |f| if last { f.last() } else { f.first() });
+    let at_end = |last: bool| {
+        fibres
+            .iter()
+            .filter_map(move |f| if last { f.last() } else { f.first() })
+    };
     let far = ends.iter().flat_map(|&(area, last)| {
         let tree = area.tree(muscle);
         at_end(last).map(|p| distance(&tree, p)).collect::<Vec<_>>()
     });
     let tendons = ends.iter().flat_map(|&(area, last)| {
-        let tree = area.patch.as_ref().map(|patch| SurfaceTree::new(&patch.vertices, &patch.triangles));
-        at_end(last).map(|p| tree.as_ref().map_or(0.0, |tree| distance(tree, p))).collect::<Vec<_>>()
+        let tree = area
+            .patch
+            .as_ref()
+            .map(|patch| SurfaceTree::new(&patch.vertices, &patch.triangles));
+        at_end(last)
+            .map(|p| tree.as_ref().map_or(0.0, |tree| distance(tree, p)))
+            .collect::<Vec<_>>()
     });
     Quality {
         fibres: fibres.len(),
@@ -82,18 +91,26 @@ pub fn measure(
 
 /// Straight tendons from the end of each fibre to the closest place of the patch of an area far away.
 pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<Tendon> {
-    let Some(patch) = &area.patch else { return Vec::new() };
+    let Some(patch) = &area.patch else {
+        return Vec::new();
+    };
     let tree = SurfaceTree::new(&patch.vertices, &patch.triangles);
-    ends.iter().filter_map(|p| Some([*p, tree.closest(p, f64::INFINITY)?.point])).collect()
+    ends.iter()
+        .filter_map(|p| Some([*p, tree.closest(p, f64::INFINITY)?.point]))
+        .collect()
 }
 
 /// The least of some numbers, NaN if one is or if there is none.
 fn least(numbers: impl IntoIterator<Item = f64>) -> f64 {
-    numbers.into_iter().reduce(|a, b| if a.is_nan() || a <= b { a } else { b }).unwrap_or(f64::NAN)
+    numbers
+        .into_iter()
+        .reduce(|a, b| if a.is_nan() || a <= b { a } else { b })
+        .unwrap_or(f64::NAN)
 }
 
 fn distance(tree: &SurfaceTree, p: &Point3<f64>) -> f64 {
-    tree.closest(p, f64::INFINITY).map_or(f64::INFINITY, |found| found.distance)
+    tree.closest(p, f64::INFINITY)
+        .map_or(f64::INFINITY, |found| found.distance)
 }
 
 /// Distance of each point to the inside [m]: 0 for points inside, else that to the surface as given or as closed.
@@ -102,7 +119,11 @@ fn outside(muscle: &TriangleMesh, closed: &Closed, fibres: &[Vec<Point3<f64>>]) 
     let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
     let distance = |p: &Point3<f64>| match solid.contains_as_given(p) {
         true => 0.0,
-        false => distance(&tree, p).min(solid.wall(p, f64::INFINITY).map_or(f64::INFINITY, |w| w.distance)),
+        false => distance(&tree, p).min(
+            solid
+                .wall(p, f64::INFINITY)
+                .map_or(f64::INFINITY, |w| w.distance),
+        ),
     };
     fibres.iter().flatten().map(distance).collect()
 }
@@ -129,12 +150,15 @@ pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
     let side = (volume / PROBES).cbrt();
     let tree = segments(fibres);
     let bounds = closed.mesh.bounding_box();
-    let counts: [u32; 3] = std::array::from_fn(|k| (bounds.extents()[k] / side).ceil().max(1.0) as u32);
+    let counts: [u32; 3] =
+        std::array::from_fn(|k| (bounds.extents()[k] / side).ceil().max(1.0) as u32);
     let (mut inside, mut covered) = (0usize, 0usize);
     for k in 0..counts[2] {
         for j in 0..counts[1] {
             for i in 0..counts[0] {
-                let p = bounds.min + Vector3::new(f64::from(i) + 0.5, f64::from(j) + 0.5, f64::from(k) + 0.5) * side;
+                let p = bounds.min
+                    + Vector3::new(f64::from(i) + 0.5, f64::from(j) + 0.5, f64::from(k) + 0.5)
+                        * side;
                 if solid.contains(&p) {
                     inside += 1;
                     covered += usize::from(tree.closest(&p, spacing).is_some());
@@ -147,14 +171,22 @@ pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
 
 fn spacing_min(fibres: &[Vec<Point3<f64>>]) -> f64 {
     let tree = segments(fibres);
-    let of = |(n, fibre): (usize, &Vec<Point3<f64>>)| std::iter::repeat_n(n, fibre.len().saturating_sub(1));
+    let of = |(n, fibre): (usize, &Vec<Point3<f64>>)| {
+        std::iter::repeat_n(n, fibre.len().saturating_sub(1))
+    };
     let fibre_of: Vec<usize> = fibres.iter().enumerate().flat_map(of).collect();
     let nearest = |(n, fibre): (usize, &Vec<Point3<f64>>)| {
         let inner = fibre.iter().skip(1).take(fibre.len().saturating_sub(2));
         let to = |p| tree.closest_of(p, f64::INFINITY, |t| fibre_of[t as usize] != n);
         least(inner.map(|p| to(p).map_or(f64::INFINITY, |found| found.distance)))
     };
-    least(fibres.par_iter().enumerate().map(nearest).collect::<Vec<f64>>())
+    least(
+        fibres
+            .par_iter()
+            .enumerate()
+            .map(nearest)
+            .collect::<Vec<f64>>(),
+    )
 }
 
 fn pennation(fibres: &[Vec<Point3<f64>>]) -> f64 {

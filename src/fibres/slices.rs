@@ -32,7 +32,10 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { count: 100, points: 15 }
+        Self {
+            count: 100,
+            points: 15,
+        }
     }
 }
 
@@ -40,7 +43,9 @@ impl Default for Options {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SlicesError {
     /// No fibre, or fibres of fewer than two points, asked for.
-    #[error("{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points")]
+    #[error(
+        "{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points"
+    )]
     TooFew {
         /// Fibres asked for.
         count: usize,
@@ -105,14 +110,30 @@ pub fn grid(
     let Options { count, points } = options;
     let sampling = Sampling::new(count, points).ok_or(SlicesError::TooFew { count, points })?;
     let shape = sampling.positions(template);
-    let mean = |list: &[u32]| list.iter().map(|&p| shape[p as usize].coords).sum::<Vector3<f64>>() / list.len() as f64;
-    let of_template = Body::new(&shape, mean(&sampling.origin()), mean(&sampling.insertion()));
+    let mean = |list: &[u32]| {
+        list.iter()
+            .map(|&p| shape[p as usize].coords)
+            .sum::<Vector3<f64>>()
+            / list.len() as f64
+    };
+    let of_template = Body::new(
+        &shape,
+        mean(&sampling.origin()),
+        mean(&sampling.insertion()),
+    );
     let used = used_vertices(muscle);
-    let of_muscle = Body::new(&used, middle(muscle, &attachment.origin), middle(muscle, &attachment.insertion));
+    let of_muscle = Body::new(
+        &used,
+        middle(muscle, &attachment.origin),
+        middle(muscle, &attachment.insertion),
+    );
     let length = muscle.length();
     let (Some(from), Some(to)) = (of_template, of_muscle) else {
         let way = middle(muscle, &attachment.insertion) - middle(muscle, &attachment.origin);
-        return Err(SlicesError::NoAxis { distance: way.norm(), length });
+        return Err(SlicesError::NoAxis {
+            distance: way.norm(),
+            length,
+        });
     };
     let to = to.turned_like(&from);
     // Points of the template by their slices, lowest first.
@@ -127,21 +148,36 @@ pub fn grid(
     for (bits, points) in slices {
         let share = f64::from_bits(bits);
         let height = to.low.z + (to.high.z - to.low.z) * share;
-        let contour =
-            slicer.cut(height).ok_or_else(|| SlicesError::NoContour { share, at: to.place(0.0, 0.0, height) })?;
+        let contour = slicer.cut(height).ok_or_else(|| SlicesError::NoContour {
+            share,
+            at: to.place(0.0, 0.0, height),
+        })?;
         let contour = coordinates::Outline::new(&contour);
         for p in points {
             let Point2 { coords } = contour.of(&from.across(&shape[p]));
             positions[p] = to.place(coords.x, coords.y, height);
         }
     }
-    Ok(Grid { sampling, points: positions })
+    Ok(Grid {
+        sampling,
+        points: positions,
+    })
 }
 
 fn used_vertices(muscle: &TriangleMesh) -> Vec<Point3<f64>> {
     let mut used = vec![false; muscle.vertices.len()];
-    muscle.triangles.iter().flatten().for_each(|&v| used[v as usize] = true);
-    muscle.vertices.iter().zip(used).filter(|(_, used)| *used).map(|(v, _)| *v).collect()
+    muscle
+        .triangles
+        .iter()
+        .flatten()
+        .for_each(|&v| used[v as usize] = true);
+    muscle
+        .vertices
+        .iter()
+        .zip(used)
+        .filter(|(_, used)| *used)
+        .map(|(v, _)| *v)
+        .collect()
 }
 
 /// The middle of an area's surface \[m\].
@@ -153,7 +189,11 @@ fn middle(muscle: &TriangleMesh, area: &Area) -> Vector3<f64> {
         sum += (a + b + c) * (size / 3.0);
         weight += size;
     }
-    if weight > 0.0 { sum / weight } else { muscle.vertices[area.vertices[0] as usize].coords }
+    if weight > 0.0 {
+        sum / weight
+    } else {
+        muscle.vertices[area.vertices[0] as usize].coords
+    }
 }
 
 /// A template or a muscle, in axes of its own.
@@ -184,7 +224,11 @@ impl Body {
         }
         let [a, b] = [spread[(0, 0)] - spread[(1, 1)], 2.0 * spread[(0, 1)]];
         // Of a body that is the same all around any direction will do.
-        let turn = if a.hypot(b) > NONE * spread.trace() { 0.5 * libm::atan2(b, a) } else { 0.0 };
+        let turn = if a.hypot(b) > NONE * spread.trace() {
+            0.5 * libm::atan2(b, a)
+        } else {
+            0.0
+        };
         let (sin, cos) = libm::sincos(turn);
         let off = centre - origin;
         let body = Self {
@@ -201,10 +245,13 @@ impl Body {
         self.axes = [across, main.cross(&across), main];
         let own = |p: &Point3<f64>| Vector3::from(self.axes.map(|a| a.dot(&p.coords)));
         let all = self.points.iter().map(own);
-        (self.low, self.high) = all
-            .fold((Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY)), |m, p| {
-                (m.0.inf(&p), m.1.sup(&p))
-            });
+        (self.low, self.high) = all.fold(
+            (
+                Vector3::repeat(f64::INFINITY),
+                Vector3::repeat(f64::NEG_INFINITY),
+            ),
+            |m, p| (m.0.inf(&p), m.1.sup(&p)),
+        );
         self
     }
 
@@ -212,8 +259,14 @@ impl Body {
     /// if the template has such a side.
     fn turned_like(self, template: &Self) -> Self {
         let size = (template.high - template.low).norm();
-        let (side, own) = (template.aside, self.aside.try_normalize(NONE * (self.high - self.low).norm()));
-        let Some(own) = own.filter(|_| side.norm() > LOPSIDED * size) else { return self };
+        let (side, own) = (
+            template.aside,
+            self.aside
+                .try_normalize(NONE * (self.high - self.low).norm()),
+        );
+        let Some(own) = own.filter(|_| side.norm() > LOPSIDED * size) else {
+            return self;
+        };
         let angle = libm::atan2(side.dot(&template.axes[1]), side.dot(&template.axes[0]));
         let main = self.axes[2];
         let (sin, cos) = libm::sincos(-angle);
@@ -227,8 +280,10 @@ impl Body {
 
     /// Where in the rectangle of the box, 0 to 1 each.
     fn across(&self, p: &Point3<f64>) -> Point2<f64> {
-        let of =
-            |c: usize| ((self.axes[c].dot(&p.coords) - self.low[c]) / (self.high[c] - self.low[c])).clamp(0.0, 1.0);
+        let of = |c: usize| {
+            ((self.axes[c].dot(&p.coords) - self.low[c]) / (self.high[c] - self.low[c]))
+                .clamp(0.0, 1.0)
+        };
         Point2::new(of(0), of(1))
     }
 

@@ -16,14 +16,21 @@ pub struct Smoothing {
 
 impl Default for Smoothing {
     fn default() -> Self {
-        Self { steps: 0, factor: 0.5 }
+        Self {
+            steps: 0,
+            factor: 0.5,
+        }
     }
 }
 
 /// Moves all points but the ends, in each pass by x_i += factor ((x_{i-1} + x_{i+1})/2 - x_i) from where they were before it. A
 /// move out of the muscle is not made; a factor outside of 0 to 1 is taken as the nearer of both.
 pub fn smooth(fibres: &mut [Vec<Point3<f64>>], smoothing: Smoothing, solid: &Solid<'_>) {
-    let factor = if smoothing.factor >= 0.0 { smoothing.factor.min(1.0) } else { 0.0 };
+    let factor = if smoothing.factor >= 0.0 {
+        smoothing.factor.min(1.0)
+    } else {
+        0.0
+    };
     fibres.par_iter_mut().for_each(|line| {
         let mut before = line.clone();
         for _ in 0..smoothing.steps {
@@ -51,32 +58,74 @@ mod tests {
         let closed = Closed::new(&box_surface([2.0, 2.0, 2.0], 0.5));
         let p = |x: f64, y: f64| Point3::new(x, y, 0.0);
         let mut fibres = vec![vec![p(-0.8, 0.1), p(-0.2, 0.5), p(0.3, -0.5), p(0.8, 0.0)]];
-        smooth(&mut fibres, Smoothing { steps: 1, factor: 0.25 }, &closed.solid());
-        let expected = [p(-0.8, 0.1), p(-0.2125, 0.325), p(0.3, -0.3125), p(0.8, 0.0)];
+        smooth(
+            &mut fibres,
+            Smoothing {
+                steps: 1,
+                factor: 0.25,
+            },
+            &closed.solid(),
+        );
+        let expected = [
+            p(-0.8, 0.1),
+            p(-0.2125, 0.325),
+            p(0.3, -0.3125),
+            p(0.8, 0.0),
+        ];
         for (found, expected) in fibres[0].iter().zip(&expected) {
             // A few roundings of a size of 1.
             assert!((found - expected).norm() <= 8.0 * f64::EPSILON, "{found}");
         }
         let before = fibres.clone();
-        for none in [Smoothing { steps: 0, factor: 0.5 }, Smoothing { steps: 9, factor: 0.0 }] {
+        for none in [
+            Smoothing {
+                steps: 0,
+                factor: 0.5,
+            },
+            Smoothing {
+                steps: 9,
+                factor: 0.0,
+            },
+        ] {
             smooth(&mut fibres, none, &closed.solid());
             assert_eq!(fibres, before);
         }
-        smooth(&mut fibres, Smoothing { steps: 500, factor: 0.5 }, &closed.solid());
+        smooth(
+            &mut fibres,
+            Smoothing {
+                steps: 500,
+                factor: 0.5,
+            },
+            &closed.solid(),
+        );
         let straight = (before[0][3] - before[0][0]).norm();
-        assert!((length(&fibres[0]) - straight).abs() <= 1e-9 * straight, "{fibres:?}");
+        assert!(
+            (length(&fibres[0]) - straight).abs() <= 1e-9 * straight,
+            "{fibres:?}"
+        );
     }
 
     #[test]
     fn no_point_leaves_a_bent_muscle() {
         let mut mesh = tube(0.02, 0.2, 16);
-        mesh.vertices.iter_mut().for_each(|v| v.y += 8.0 * v.x * v.x);
+        mesh.vertices
+            .iter_mut()
+            .for_each(|v| v.y += 8.0 * v.x * v.x);
         let closed = Closed::new(&mesh);
         let solid = closed.solid();
-        let line: Vec<Point3<f64>> =
-            (-9..=9).map(|k| 0.01 * f64::from(k)).map(|x| Point3::new(x, 8.0 * x * x, 0.0)).collect();
+        let line: Vec<Point3<f64>> = (-9..=9)
+            .map(|k| 0.01 * f64::from(k))
+            .map(|x| Point3::new(x, 8.0 * x * x, 0.0))
+            .collect();
         let mut fibres = vec![line.clone()];
-        smooth(&mut fibres, Smoothing { steps: 2_000, factor: 1.0 }, &solid);
+        smooth(
+            &mut fibres,
+            Smoothing {
+                steps: 2_000,
+                factor: 1.0,
+            },
+            &solid,
+        );
         assert!(fibres[0].iter().all(|p| solid.contains_as_given(p)));
         assert!(length(&fibres[0]) < length(&line));
         // Control: nothing but the wall keeps the points from the chord, which runs outside.

@@ -30,9 +30,16 @@ impl Closed {
             topology.is_closed() && topology.is_oriented()
         };
         if fit(muscle) && muscle.volume() > 0.0 {
-            return Self { mesh: muscle.clone(), given: None, open: None };
+            return Self {
+                mesh: muscle.clone(),
+                given: None,
+                open: None,
+            };
         }
-        let options = Options { close_holes: LONGEST_RIM, ..Options::default() };
+        let options = Options {
+            close_holes: LONGEST_RIM,
+            ..Options::default()
+        };
         let mesh = repair(muscle, &[], &options).mesh;
         let open = (!fit(&mesh)).then(|| WindingTree::new(&mesh));
         let given = (!fit(muscle)).then(|| WindingTree::new(muscle));
@@ -42,7 +49,11 @@ impl Closed {
     /// The questions about points.
     pub fn solid(&self) -> Solid<'_> {
         let tree = SurfaceTree::new(&self.mesh.vertices, &self.mesh.triangles);
-        Solid { closed: self, inside: Inside::new(&self.mesh.vertices, &self.mesh.triangles), tree }
+        Solid {
+            closed: self,
+            inside: Inside::new(&self.mesh.vertices, &self.mesh.triangles),
+            tree,
+        }
     }
 }
 
@@ -76,19 +87,35 @@ impl Solid<'_> {
 
     /// The line along x at `y`, `z` [m], for questions about many points of it.
     pub fn row(&self, y: f64, z: f64) -> Row<'_> {
-        Row { solid: self, line: self.closed.open.is_none().then(|| self.inside.line(y, z)), y, z }
+        Row {
+            solid: self,
+            line: self.closed.open.is_none().then(|| self.inside.line(y, z)),
+            y,
+            z,
+        }
     }
 
     /// As [`Solid::contains`], and for a surface given open or turned also by its own winding number, without its sign.
     pub fn contains_as_given(&self, p: &Point3<f64>) -> bool {
-        self.contains(p) && self.closed.given.as_ref().is_none_or(|tree| tree.number(p).abs() >= HALF)
+        self.contains(p)
+            && self
+                .closed
+                .given
+                .as_ref()
+                .is_none_or(|tree| tree.number(p).abs() >= HALF)
     }
 
     /// The closest place of the wall at most `within` [m] away.
     pub fn wall(&self, p: &Point3<f64>, within: f64) -> Option<Wall> {
         let found = self.tree.closest(p, within)?;
-        let away = (p - found.point).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-        Some(Wall { point: found.point, away, distance: found.distance })
+        let away = (p - found.point)
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::zeros);
+        Some(Wall {
+            point: found.point,
+            away,
+            distance: found.distance,
+        })
     }
 
     /// The surface that bounds the inside.

@@ -34,7 +34,11 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { count: 100, points: 15, side: 0.0 }
+        Self {
+            count: 100,
+            points: 15,
+            side: 0.0,
+        }
     }
 }
 
@@ -42,7 +46,9 @@ impl Default for Options {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpringsError {
     /// No fibre, or fibres of fewer than two points, asked for.
-    #[error("{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points")]
+    #[error(
+        "{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points"
+    )]
     TooFew {
         /// Fibres asked for.
         count: usize,
@@ -50,13 +56,19 @@ pub enum SpringsError {
         points: usize,
     },
     /// The side of the template at rest is no length.
-    #[error("the template's side at rest is {0} times the muscle's length; give a number of at least 0")]
+    #[error(
+        "the template's side at rest is {0} times the muscle's length; give a number of at least 0"
+    )]
     Side(f64),
     /// The surface is not a sphere.
-    #[error("the muscle's surface cannot be laid onto a sphere: {0}; harmonic decomposition needs no such surface")]
+    #[error(
+        "the muscle's surface cannot be laid onto a sphere: {0}; harmonic decomposition needs no such surface"
+    )]
     Surface(#[from] SphereError),
     /// The triangles are turned inward.
-    #[error("the muscle's surface is inside out, its volume is {volume:.3e} m3; `pliant check --repair` turns it")]
+    #[error(
+        "the muscle's surface is inside out, its volume is {volume:.3e} m3; `pliant check --repair` turns it"
+    )]
     InsideOut {
         /// The signed volume \[m3\].
         volume: f64,
@@ -83,7 +95,9 @@ pub enum SpringsError {
         point: usize,
     },
     /// The springs have no state of rest that was found.
-    #[error("the springs are not at rest after {steps} steps, {force:.1e} of the force that holds a point is left")]
+    #[error(
+        "the springs are not at rest after {steps} steps, {force:.1e} of the force that holds a point is left"
+    )]
     NotAtRest {
         /// Steps of Newton's method.
         steps: usize,
@@ -119,12 +133,19 @@ pub fn grid(
     template: Template,
     options: Options,
 ) -> Result<Grid, SpringsError> {
-    let Options { count, points, side } = options;
+    let Options {
+        count,
+        points,
+        side,
+    } = options;
     let sampling = Sampling::new(count, points).ok_or(SpringsError::TooFew { count, points })?;
     if !(side >= 0.0 && side.is_finite()) {
         return Err(SpringsError::Side(side));
     }
     let mut positions = placing::place(muscle, attachment, &sampling)?;
     network::rest(&sampling, template, side * muscle.length(), &mut positions)?;
-    Ok(Grid { sampling, points: positions })
+    Ok(Grid {
+        sampling,
+        points: positions,
+    })
 }

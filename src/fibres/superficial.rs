@@ -23,7 +23,9 @@ pub struct Registered {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LinesError {
     /// No line, or none with a length.
-    #[error("there is no line with a length; give polylines along the fibres that are seen on the surface")]
+    #[error(
+        "there is no line with a length; give polylines along the fibres that are seen on the surface"
+    )]
     None,
     /// A line is not on the surface.
     #[error(
@@ -44,20 +46,41 @@ pub enum LinesError {
 ///
 /// # Errors
 /// No line, a line off the surface.
-pub fn register(muscle: &TriangleMesh, lines: &[Vec<Point3<f64>>]) -> Result<Registered, LinesError> {
+pub fn register(
+    muscle: &TriangleMesh,
+    lines: &[Vec<Point3<f64>>],
+) -> Result<Registered, LinesError> {
     let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
     let mut all = Registered::default();
-    for (k, line) in lines.iter().enumerate().filter(|(_, line)| length(line) > 0.0) {
-        let found: Vec<_> = line.iter().filter_map(|p| tree.closest(p, f64::INFINITY)).collect();
+    for (k, line) in lines
+        .iter()
+        .enumerate()
+        .filter(|(_, line)| length(line) > 0.0)
+    {
+        let found: Vec<_> = line
+            .iter()
+            .filter_map(|p| tree.closest(p, f64::INFINITY))
+            .collect();
         let distances = || found.iter().map(|f| f.distance);
-        let (middle, whole) = (median(distances().collect()).unwrap_or(0.0), muscle.length());
+        let (middle, whole) = (
+            median(distances().collect()).unwrap_or(0.0),
+            muscle.length(),
+        );
         if middle > FARTHEST * whole {
-            return Err(LinesError::Off { line: k, distance: middle, length: whole });
+            return Err(LinesError::Off {
+                line: k,
+                distance: middle,
+                length: whole,
+            });
         }
         all.distance_max = greatest(distances().chain([all.distance_max]));
         all.lines.push(found.iter().map(|f| f.point).collect());
     }
-    if all.lines.is_empty() { Err(LinesError::None) } else { Ok(all) }
+    if all.lines.is_empty() {
+        Err(LinesError::None)
+    } else {
+        Ok(all)
+    }
 }
 
 #[cfg(test)]
@@ -68,16 +91,34 @@ mod tests {
     #[test]
     fn lines_come_to_lie_on_the_surface_or_are_refused() {
         let mesh = icosphere(1.0, 4);
-        let arc =
-            |r: f64| (0..9).map(|k| 0.1 * f64::from(k)).map(|a| Point3::new(r * a.cos(), r * a.sin(), 0.0)).collect();
+        let arc = |r: f64| {
+            (0..9)
+                .map(|k| 0.1 * f64::from(k))
+                .map(|a| Point3::new(r * a.cos(), r * a.sin(), 0.0))
+                .collect()
+        };
         let found = register(&mesh, &[arc(1.05)]).expect("on the surface");
-        assert!(found.distance_max >= 0.05 && found.distance_max <= 0.06, "{}", found.distance_max);
+        assert!(
+            found.distance_max >= 0.05 && found.distance_max <= 0.06,
+            "{}",
+            found.distance_max
+        );
         let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-        let off = |p: &Point3<f64>| tree.closest(p, f64::INFINITY).map_or(f64::INFINITY, |f| f.distance);
+        let off = |p: &Point3<f64>| {
+            tree.closest(p, f64::INFINITY)
+                .map_or(f64::INFINITY, |f| f.distance)
+        };
         assert!(found.lines[0].iter().all(|p| off(p) <= 1e-12));
         let error = register(&mesh, &[arc(1.0), arc(1.3)]).expect_err("off");
-        assert!(matches!(error, LinesError::Off { line: 1, .. }) && error.to_string().contains("line 1"), "{error}");
+        assert!(
+            matches!(error, LinesError::Off { line: 1, .. })
+                && error.to_string().contains("line 1"),
+            "{error}"
+        );
         assert_eq!(register(&mesh, &[]), Err(LinesError::None));
-        assert_eq!(register(&mesh, &[vec![Point3::origin(); 3]]), Err(LinesError::None));
+        assert_eq!(
+            register(&mesh, &[vec![Point3::origin(); 3]]),
+            Err(LinesError::None)
+        );
     }
 }

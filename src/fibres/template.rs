@@ -35,12 +35,19 @@ const NECK: f64 = 0.3;
 
 impl Template {
     /// All, with their names.
-    pub const NAMED: [(&'static str, Self); 4] =
-        [("parallel", Self::Parallel), ("pennate", Self::Pennate), ("curved", Self::Curved), ("rectus", Self::Rectus)];
+    pub const NAMED: [(&'static str, Self); 4] = [
+        ("parallel", Self::Parallel),
+        ("pennate", Self::Pennate),
+        ("curved", Self::Curved),
+        ("rectus", Self::Rectus),
+    ];
 
     /// The template of that name.
     pub fn by_name(name: &str) -> Option<Self> {
-        Self::NAMED.into_iter().find(|(known, _)| *known == name).map(|(_, template)| template)
+        Self::NAMED
+            .into_iter()
+            .find(|(known, _)| *known == name)
+            .map(|(_, template)| template)
     }
 
     /// Control points of the curve at the corner (r, s) of both areas, for r and s of 0 or 1.
@@ -49,14 +56,22 @@ impl Template {
             Self::Parallel => straight(Point3::new(r, s, 0.0), Point3::new(r, s, 1.0)),
             Self::Pennate => {
                 let low = OBLIQUE * s;
-                straight(Point3::new(0.0, r, low), Point3::new(1.0, r, 1.0 - OBLIQUE + low))
+                straight(
+                    Point3::new(0.0, r, low),
+                    Point3::new(1.0, r, 1.0 - OBLIQUE + low),
+                )
             }
             Self::Curved => {
                 let (foot, aside) = (FOOT * (1.0 - r), 1.0 - s);
                 // A cubic with both handles at a height reaches three quarters of it.
                 let height = 4.0 / 3.0 * (ARCHES[0] + (ARCHES[1] - ARCHES[0]) * r);
                 let at = |x: f64, z: f64| Point3::new(x, aside, z);
-                [at(foot, 0.0), at(foot, height), at(1.0 - foot, height), at(1.0 - foot, 0.0)]
+                [
+                    at(foot, 0.0),
+                    at(foot, height),
+                    at(1.0 - foot, height),
+                    at(1.0 - foot, 0.0),
+                ]
             }
             Self::Rectus => {
                 let narrow = |a: f64| 0.5 + NECK * (a - 0.5);
@@ -122,7 +137,10 @@ impl Sampling {
             let less = (2..=n.isqrt()).rev().find(|a| n.is_multiple_of(*a))?;
             (n / less <= LONGEST * less).then_some([n / less, less])
         })?;
-        Some(Self { points: [sides[0], sides[1], points], count })
+        Some(Self {
+            points: [sides[0], sides[1], points],
+            count,
+        })
     }
 
     /// The number of a point.
@@ -132,18 +150,26 @@ impl Sampling {
 
     /// The grid as a lattice, for its patterns of springs.
     pub fn shape(&self) -> Shape {
-        Shape { points: self.points, origin: [0.0; 3], spacing: self.points.map(|n| 1.0 / (n - 1) as f64) }
+        Shape {
+            points: self.points,
+            origin: [0.0; 3],
+            spacing: self.points.map(|n| 1.0 / (n - 1) as f64),
+        }
     }
 
     /// r, s and t of each point.
     pub fn parameters(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
         let points = self.points;
-        self.shape().each().map(move |at| [0, 1, 2].map(|c| at[c] as f64 / (points[c] - 1) as f64))
+        self.shape()
+            .each()
+            .map(move |at| [0, 1, 2].map(|c| at[c] as f64 / (points[c] - 1) as f64))
     }
 
     /// Positions in a template.
     pub fn positions(&self, template: Template) -> Vec<Point3<f64>> {
-        self.parameters().map(|[r, s, t]| template.at(r, s, t)).collect()
+        self.parameters()
+            .map(|[r, s, t]| template.at(r, s, t))
+            .collect()
     }
 
     /// Of each point, whether it is on the surface: r or s or t is 0 or 1.
@@ -170,7 +196,9 @@ impl Sampling {
         for axis in 0..3 {
             let (b, c) = ((axis + 1) % 3, (axis + 2) % 3);
             for far in [false, true] {
-                for (j, k) in (0..self.points[c] - 1).flat_map(|k| (0..self.points[b] - 1).map(move |j| (j, k))) {
+                for (j, k) in (0..self.points[c] - 1)
+                    .flat_map(|k| (0..self.points[b] - 1).map(move |j| (j, k)))
+                {
                     let corner = |dj: usize, dk: usize| {
                         let mut at = [0; 3];
                         at[axis] = if far { self.points[axis] - 1 } else { 0 };
@@ -178,7 +206,11 @@ impl Sampling {
                         self.number(at) as u32
                     };
                     let [p, q, r, s] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-                    all.extend(if far { [[p, q, r], [p, r, s]] } else { [[p, r, q], [p, s, r]] });
+                    all.extend(if far {
+                        [[p, q, r], [p, r, s]]
+                    } else {
+                        [[p, r, q], [p, s, r]]
+                    });
                 }
             }
         }
@@ -188,12 +220,26 @@ impl Sampling {
     /// The surface of a template alone, and the point of the grid behind each of its vertices.
     pub fn surface(&self, template: Template) -> (TriangleMesh, Vec<u32>) {
         let flags = self.on_surface();
-        let kept: Vec<u32> = (0..flags.len() as u32).filter(|&p| flags[p as usize]).collect();
+        let kept: Vec<u32> = (0..flags.len() as u32)
+            .filter(|&p| flags[p as usize])
+            .collect();
         let mut of = vec![0u32; flags.len()];
-        kept.iter().enumerate().for_each(|(v, &p)| of[p as usize] = v as u32);
-        let triangles = self.triangles().into_iter().map(|t| t.map(|p| of[p as usize])).collect();
+        kept.iter()
+            .enumerate()
+            .for_each(|(v, &p)| of[p as usize] = v as u32);
+        let triangles = self
+            .triangles()
+            .into_iter()
+            .map(|t| t.map(|p| of[p as usize]))
+            .collect();
         let positions = self.positions(template);
-        (TriangleMesh { vertices: kept.iter().map(|&p| positions[p as usize]).collect(), triangles }, kept)
+        (
+            TriangleMesh {
+                vertices: kept.iter().map(|&p| positions[p as usize]).collect(),
+                triangles,
+            },
+            kept,
+        )
     }
 }
 
@@ -213,7 +259,9 @@ impl Grid {
         let all = nr * ns;
         // Evenly spread over those of the grid.
         let taken = (0..self.sampling.count).map(|n| n * all / self.sampling.count);
-        taken.map(|fibre| (0..nt).map(|k| self.points[fibre + all * k]).collect()).collect()
+        taken
+            .map(|fibre| (0..nt).map(|k| self.points[fibre + all * k]).collect())
+            .collect()
     }
 
     /// Scaled Jacobian at each corner of each cell: the determinant of its three edges over the product of their lengths, 1
@@ -231,12 +279,17 @@ impl Grid {
                 let edge = |c: usize| {
                     let mut other = here;
                     other[c] = at[c] + 1 - side[c];
-                    let way = self.points[self.sampling.number(other)] - self.points[self.sampling.number(here)];
+                    let way = self.points[self.sampling.number(other)]
+                        - self.points[self.sampling.number(here)];
                     if side[c] == 0 { way } else { -way }
                 };
                 let [a, b, c] = [edge(0), edge(1), edge(2)];
                 let size = a.norm() * b.norm() * c.norm();
-                all.push(if size > 0.0 { a.cross(&b).dot(&c) / size } else { size });
+                all.push(if size > 0.0 {
+                    a.cross(&b).dot(&c) / size
+                } else {
+                    size
+                });
             }
         }
         all

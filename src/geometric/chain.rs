@@ -100,21 +100,34 @@ fn caps(first: f64, last: f64) -> f64 {
 /// Sum over neighbours of (a_i b_i + (a_i b_j + a_j b_i)/2 + a_j b_j)/3.
 fn paired(a: &[f64], b: &[f64]) -> f64 {
     let each = a.windows(2).zip(b.windows(2));
-    each.map(|(a, b)| (a[0] * b[0] + 0.5 * (a[0] * b[1] + a[1] * b[0]) + a[1] * b[1]) / 3.0).sum()
+    each.map(|(a, b)| (a[0] * b[0] + 0.5 * (a[0] * b[1] + a[1] * b[0]) + a[1] * b[1]) / 3.0)
+        .sum()
 }
 
 impl Shape {
     fn check(&self) -> Result<(), ChainError> {
-        let Self { radii, growth, length, caps: _ } = self;
+        let Self {
+            radii,
+            growth,
+            length,
+            caps: _,
+        } = self;
         if radii.len() < 2 {
             return Err(ChainError::Nodes(radii.len()));
         }
         if radii.len() != growth.len() {
-            return Err(ChainError::Lengths { radii: radii.len(), growth: growth.len() });
+            return Err(ChainError::Lengths {
+                radii: radii.len(),
+                growth: growth.len(),
+            });
         }
         for (what, values) in [("the radius", radii), ("the growth multiplier", growth)] {
             if let Some(at) = values.iter().position(|v| !(v.is_finite() && *v >= 0.0)) {
-                return Err(ChainError::Negative { what, node: at + 1, value: values[at] });
+                return Err(ChainError::Negative {
+                    what,
+                    node: at + 1,
+                    value: values[at],
+                });
             }
         }
         if !(length.is_finite() && *length > 0.0) {
@@ -132,12 +145,18 @@ impl Shape {
         let between = |values: &[f64]| {
             let mut all: Vec<f64> = values
                 .windows(2)
-                .flat_map(|v| (0..parts).map(move |k| v[0] + (v[1] - v[0]) * k as f64 / parts as f64))
+                .flat_map(|v| {
+                    (0..parts).map(move |k| v[0] + (v[1] - v[0]) * k as f64 / parts as f64)
+                })
                 .collect();
             all.extend(values.last());
             all
         };
-        Self { radii: between(&self.radii), growth: between(&self.growth), ..self.clone() }
+        Self {
+            radii: between(&self.radii),
+            growth: between(&self.growth),
+            ..self.clone()
+        }
     }
 }
 
@@ -153,8 +172,15 @@ impl Chain {
             2.0 * paired(&rest.radii, &rest.growth),
             paired(&rest.radii, &rest.radii),
         ];
-        let ratios = rest.radii.iter().zip(&rest.growth).enumerate().filter(|(_, (_, m))| **m > 0.0);
-        let least = ratios.map(|(i, (r, m))| (-r / m, i)).min_by(|a, b| b.0.total_cmp(&a.0));
+        let ratios = rest
+            .radii
+            .iter()
+            .zip(&rest.growth)
+            .enumerate()
+            .filter(|(_, (_, m))| **m > 0.0);
+        let least = ratios
+            .map(|(i, (r, m))| (-r / m, i))
+            .min_by(|a, b| b.0.total_cmp(&a.0));
         let mut chain = Self {
             square,
             least: least.unwrap_or((0.0, 0)),
@@ -195,7 +221,11 @@ impl Chain {
     /// The volume of the present radii and length, summed anew \[m^3\].
     pub fn volume_now(&self) -> f64 {
         let (first, last) = (self.radii[0], self.radii[self.radii.len() - 1]);
-        let ends = if self.rest.caps == Caps::In { caps(first, last) } else { 0.0 };
+        let ends = if self.rest.caps == Caps::In {
+            caps(first, last)
+        } else {
+            0.0
+        };
         PI * (self.spacing() * paired(&self.radii, &self.radii) + ends)
     }
 
@@ -204,7 +234,11 @@ impl Chain {
         let s = self.least.0;
         let (frusta, ends) = self.volume_over_pi(s);
         let room = self.volume / PI - ends;
-        if frusta <= 0.0 { f64::INFINITY } else { room / frusta * (self.radii.len() - 1) as f64 }
+        if frusta <= 0.0 {
+            f64::INFINITY
+        } else {
+            room / frusta * (self.radii.len() - 1) as f64
+        }
     }
 
     /// Sum of the squares of all frusta, and the volume of the caps over pi, at a change s.
@@ -212,7 +246,11 @@ impl Chain {
         let [a, b, c] = self.square;
         let n = self.radii.len();
         let end = |i: usize| self.rest.radii[i] + self.rest.growth[i] * s;
-        let ends = if self.rest.caps == Caps::In { caps(end(0), end(n - 1)) } else { 0.0 };
+        let ends = if self.rest.caps == Caps::In {
+            caps(end(0), end(n - 1))
+        } else {
+            0.0
+        };
         ((a * s + b) * s + c, ends)
     }
 
@@ -234,10 +272,19 @@ impl Chain {
         }
         let s = self.change(length).filter(|s| *s >= self.least.0);
         let Some(s) = s else {
-            return Err(ChainError::TooLong { length, node: self.least.1 + 1, longest: self.longest() });
+            return Err(ChainError::TooLong {
+                length,
+                node: self.least.1 + 1,
+                longest: self.longest(),
+            });
         };
         self.length = length;
-        for ((radius, r), m) in self.radii.iter_mut().zip(&self.rest.radii).zip(&self.rest.growth) {
+        for ((radius, r), m) in self
+            .radii
+            .iter_mut()
+            .zip(&self.rest.radii)
+            .zip(&self.rest.growth)
+        {
             // Where the least is met exactly, rounding must not leave less than nothing.
             *radius = (r + m * s).max(0.0);
         }

@@ -114,29 +114,56 @@ fn place(text: &str, at: usize) -> (usize, usize) {
 pub fn parse(text: &str) -> Result<Muscle, FileError> {
     let keys: Keys = toml::from_str(text).map_err(|error| {
         let (line, column) = place(text, error.span().map_or(0, |s| s.start));
-        FileError::Text { line, column, message: error.message().trim().to_owned() }
+        FileError::Text {
+            line,
+            column,
+            message: error.message().trim().to_owned(),
+        }
     })?;
     let unit = unit(keys.unit.as_deref().unwrap_or("m"))?;
     let parts = [keys.min_part, keys.max_part];
     if !(parts.iter().all(|p| p.is_finite() && *p > 0.0) && parts[0] <= 1.0 && parts[1] >= 1.0) {
-        let message = format!("from {} to {}; the first must be in (0, 1], the second at least 1", parts[0], parts[1]);
-        return Err(FileError::Value { key: "min_part, max_part", message });
+        let message = format!(
+            "from {} to {}; the first must be in (0, 1], the second at least 1",
+            parts[0], parts[1]
+        );
+        return Err(FileError::Value {
+            key: "min_part, max_part",
+            message,
+        });
     }
-    let nodes = keys.radii.len().saturating_mul(keys.insert.saturating_add(1));
+    let nodes = keys
+        .radii
+        .len()
+        .saturating_mul(keys.insert.saturating_add(1));
     if nodes > MOST_NODES {
-        let message = format!("{} inserted nodes make {nodes}; at most {MOST_NODES} are allowed", keys.insert);
-        return Err(FileError::Value { key: "insert", message });
+        let message = format!(
+            "{} inserted nodes make {nodes}; at most {MOST_NODES} are allowed",
+            keys.insert
+        );
+        return Err(FileError::Value {
+            key: "insert",
+            message,
+        });
     }
     let caps = match keys.caps {
         CapsKey::Out => Caps::Out,
         CapsKey::In => Caps::In,
     };
     let radii = keys.radii.iter().map(|r| r * unit).collect();
-    let shape = Shape { radii, growth: keys.grow_mults, length: keys.length * unit, caps };
+    let shape = Shape {
+        radii,
+        growth: keys.grow_mults,
+        length: keys.length * unit,
+        caps,
+    };
     // A wrong shape is told as it is written, before nodes are inserted.
     Chain::new(shape.clone())?;
     let chain = Chain::new(shape.refined(keys.insert))?;
-    let frame = keys.frame.map(|lengths| Frame::new(lengths.map(|l| l * unit))).transpose()?;
+    let frame = keys
+        .frame
+        .map(|lengths| Frame::new(lengths.map(|l| l * unit)))
+        .transpose()?;
     if let Some(frame) = &frame {
         frame.place(chain.length())?;
     }
@@ -145,13 +172,21 @@ pub fn parse(text: &str) -> Result<Muscle, FileError> {
         range = [range[0].max(least), range[1].min(most)];
     }
     range[1] = range[1].min(chain.longest());
-    Ok(Muscle { chain, frame, range, unit })
+    Ok(Muscle {
+        chain,
+        frame,
+        range,
+        unit,
+    })
 }
 
 fn unit(name: &str) -> Result<f64, FileError> {
     use crate::scene::units::{Dimension, scale};
     scale(name, Dimension::Length).map_err(|_| FileError::Value {
         key: "unit",
-        message: format!("`{name}` is no unit of length; known: {}", Dimension::Length.known()),
+        message: format!(
+            "`{name}` is no unit of length; known: {}",
+            Dimension::Length.known()
+        ),
     })
 }

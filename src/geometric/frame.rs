@@ -67,16 +67,37 @@ impl Frame {
     pub fn new([first_free, first, second, second_free]: [f64; 4]) -> Result<Self, FrameError> {
         for (what, value, least) in [
             ("the free part of the first bar", first_free, 0.0),
-            ("the first bar from muscle to joint", first, f64::MIN_POSITIVE),
-            ("the second bar from joint to muscle", second, f64::MIN_POSITIVE),
+            (
+                "the first bar from muscle to joint",
+                first,
+                f64::MIN_POSITIVE,
+            ),
+            (
+                "the second bar from joint to muscle",
+                second,
+                f64::MIN_POSITIVE,
+            ),
             ("the free part of the second bar", second_free, 0.0),
         ] {
             if !(value.is_finite() && value >= least) {
-                let wanted = if least > 0.0 { "greater than 0" } else { "at least 0" };
-                return Err(FrameError::Length { what, value, wanted });
+                let wanted = if least > 0.0 {
+                    "greater than 0"
+                } else {
+                    "at least 0"
+                };
+                return Err(FrameError::Length {
+                    what,
+                    value,
+                    wanted,
+                });
             }
         }
-        Ok(Self { first_free, first, second, second_free })
+        Ok(Self {
+            first_free,
+            first,
+            second,
+            second_free,
+        })
     }
 
     /// Least and greatest length of a muscle between the bars \[m\].
@@ -92,7 +113,11 @@ impl Frame {
         let (b, c) = (self.first, self.second);
         let [least, most] = self.range();
         if !(length > 0.0 && (least..=most).contains(&length)) {
-            return Err(FrameError::Range { length, first: b, second: c });
+            return Err(FrameError::Range {
+                length,
+                first: b,
+                second: c,
+            });
         }
         let at_first = opposite(c, length, b);
         let at_second = opposite(b, length, c);

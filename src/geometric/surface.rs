@@ -37,7 +37,13 @@ pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
         let first = mesh.vertices.len() as u32;
         if r > 0.0 {
             let angle = |k: u32| step * f64::from(k);
-            let corner = |k: u32| Point3::new(x, r * wider * libm::cos(angle(k)), r * wider * libm::sin(angle(k)));
+            let corner = |k: u32| {
+                Point3::new(
+                    x,
+                    r * wider * libm::cos(angle(k)),
+                    r * wider * libm::sin(angle(k)),
+                )
+            };
             mesh.vertices.extend((0..around).map(corner));
             firsts.push((first, around));
         } else {
@@ -58,7 +64,16 @@ fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
     let arc = |r: f64| {
         let angle = move |k: u32| 0.5 * PI * f64::from(k) / f64::from(cap.max(1));
         // From the rim to the tip, without the rim.
-        (1..=cap).map(move |k| (r * libm::sin(angle(k)), if k == cap { 0.0 } else { r * libm::cos(angle(k)) }))
+        (1..=cap).map(move |k| {
+            (
+                r * libm::sin(angle(k)),
+                if k == cap {
+                    0.0
+                } else {
+                    r * libm::cos(angle(k))
+                },
+            )
+        })
     };
     let mut rings: Vec<(f64, f64)> = Vec::new();
     if first > 0.0 {
@@ -68,7 +83,12 @@ fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
             rings.push((0.0, 0.0));
         }
     }
-    rings.extend(radii.iter().enumerate().map(|(i, r)| (spacing * i as f64, *r)));
+    rings.extend(
+        radii
+            .iter()
+            .enumerate()
+            .map(|(i, r)| (spacing * i as f64, *r)),
+    );
     if last > 0.0 {
         rings.extend(arc(last).map(|(out, r)| (chain.length() + out, r)));
         if cap == 0 {

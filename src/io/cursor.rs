@@ -23,7 +23,15 @@ pub(crate) struct Cursor<'a> {
 impl<'a> Cursor<'a> {
     /// Starts at the beginning of a text.
     pub(crate) fn new(name: &'a str, bytes: &'a [u8]) -> Self {
-        Self { name, bytes, position: 0, line: 1, mark: 0, mark_line: 1, binary: false }
+        Self {
+            name,
+            bytes,
+            position: 0,
+            line: 1,
+            mark: 0,
+            mark_line: 1,
+            binary: false,
+        }
     }
 
     /// The bytes that were not read yet.
@@ -58,7 +66,10 @@ impl<'a> Cursor<'a> {
         if rest.is_empty() {
             return None;
         }
-        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        let length = rest
+            .iter()
+            .position(|&b| b == b'\n' || b == b'\r')
+            .unwrap_or(rest.len());
         self.position += length;
         match rest.get(length..length + 2) {
             Some(b"\r\n") => self.position += 2,
@@ -71,7 +82,9 @@ impl<'a> Cursor<'a> {
 
     /// As [`Self::next_line`], for lines that mean something: refuses what no line of text has.
     pub(crate) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
-        let Some(line) = self.next_line() else { return Ok(None) };
+        let Some(line) = self.next_line() else {
+            return Ok(None);
+        };
         let (bytes, limit) = (line.len(), MAX_LINE_BYTES);
         if bytes > limit {
             return Err(self.fail(Problem::LineTooLong { bytes, limit }, line));
@@ -91,9 +104,16 @@ impl<'a> Cursor<'a> {
         }
         self.set_mark();
         let rest = self.rest();
-        let length = rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len());
+        let length = rest
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(rest.len());
         self.position += length;
-        if length == 0 { None } else { Some(&rest[..length]) }
+        if length == 0 {
+            None
+        } else {
+            Some(&rest[..length])
+        }
     }
 
     /// Skips words; the last of them is the item of the next error.
@@ -139,7 +159,11 @@ impl<'a> Cursor<'a> {
 
     /// Where the last item is.
     pub(crate) fn place(&self) -> Place {
-        if self.binary { Place::Offset(self.mark) } else { Place::Line(self.mark_line) }
+        if self.binary {
+            Place::Offset(self.mark)
+        } else {
+            Place::Line(self.mark_line)
+        }
     }
 
     /// An error at the last item.
@@ -149,13 +173,31 @@ impl<'a> Cursor<'a> {
 
     /// An error at a place.
     pub(crate) fn fail_at(&self, place: Place, problem: Problem, found: &[u8]) -> ReadError {
-        let column = if matches!(place, Place::Line(_)) { self.column(found) } else { None };
+        let column = if matches!(place, Place::Line(_)) {
+            self.column(found)
+        } else {
+            None
+        };
         let (file, within, found) = (self.name.into(), "".into(), quote(found).into());
-        ReadError::Content { file, place, column, read_as: None, problem, within, found }
+        ReadError::Content {
+            file,
+            place,
+            column,
+            read_as: None,
+            problem,
+            within,
+            found,
+        }
     }
 
     /// An error at an offset of text or, where `text` is false, of binary data.
-    pub(crate) fn fail_at_offset(&self, offset: usize, text: bool, problem: Problem, found: &[u8]) -> ReadError {
+    pub(crate) fn fail_at_offset(
+        &self,
+        offset: usize,
+        text: bool,
+        problem: Problem,
+        found: &[u8],
+    ) -> ReadError {
         self.fail_at(self.place_of(offset, text), problem, found)
     }
 
@@ -180,9 +222,19 @@ impl<'a> Cursor<'a> {
     /// The column at which a part of the file begins, in characters from 1.
     fn column(&self, part: &[u8]) -> Option<u32> {
         let before = &self.bytes[..self.offset_of(part)?];
-        let start = before.iter().rposition(|&b| b == b'\n' || b == b'\r').map_or(0, |i| i + 1);
+        let start = before
+            .iter()
+            .rposition(|&b| b == b'\n' || b == b'\r')
+            .map_or(0, |i| i + 1);
         // A byte that goes on with a character of UTF-8 begins none.
-        u32::try_from(before[start..].iter().filter(|&&b| b & 0xc0 != 0x80).count() + 1).ok()
+        u32::try_from(
+            before[start..]
+                .iter()
+                .filter(|&&b| b & 0xc0 != 0x80)
+                .count()
+                + 1,
+        )
+        .ok()
     }
 }
 
@@ -197,7 +249,11 @@ pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
 
 /// Refuses NaN and infinities.
 pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
-    if value.is_finite() { Ok(value) } else { Err(Problem::NotFinite { vertex }) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Problem::NotFinite { vertex })
+    }
 }
 
 /// Whether a number of text is beyond what a double holds: it became infinite or 0 and is neither.
@@ -209,11 +265,12 @@ pub(crate) fn beyond_double(token: &[u8], value: f64) -> bool {
 /// Any number in a text.
 pub(crate) fn number(token: &[u8]) -> Result<f64, Problem> {
     let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
-    text.parse().map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
-        _ if token.contains(&0) => Problem::NulByte,
-        Ok(_) => Problem::DecimalComma,
-        Err(_) => Problem::Expected { what: A_NUMBER },
-    })
+    text.parse()
+        .map_err(|_| match text.replacen(',', ".", 1).parse::<f64>() {
+            _ if token.contains(&0) => Problem::NulByte,
+            Ok(_) => Problem::DecimalComma,
+            Err(_) => Problem::Expected { what: A_NUMBER },
+        })
 }
 
 /// A whole number in a text; one too large for 64 bits is an error, it never wraps.
@@ -224,12 +281,17 @@ pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
     }
     let text = std::str::from_utf8(token).unwrap_or_default();
     text.parse().map_err(|_| {
-        let digits = token.strip_prefix(b"-").or(token.strip_prefix(b"+")).unwrap_or(token);
+        let digits = token
+            .strip_prefix(b"-")
+            .or(token.strip_prefix(b"+"))
+            .unwrap_or(token);
         match digits {
             // Only the number of digits can be wrong with it.
             [_, ..] if digits.iter().all(u8::is_ascii_digit) => Problem::IntegerTooLarge,
             _ if digits.contains(&0) => Problem::NulByte,
-            _ => Problem::Expected { what: "a whole number" },
+            _ => Problem::Expected {
+                what: "a whole number",
+            },
         }
     })
 }
@@ -256,7 +318,8 @@ mod tests {
         }
         assert_eq!(cursor.next_line(), None);
         let mut cursor = Cursor::new("", b"a\rb\r\nc\n \n d");
-        let places: Vec<Place> = std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.place())).collect();
+        let places: Vec<Place> =
+            std::iter::from_fn(|| cursor.token().is_some().then(|| cursor.place())).collect();
         assert_eq!(places, [1, 2, 3, 5].map(Place::Line));
     }
 
@@ -270,7 +333,10 @@ mod tests {
         let mut lines = cursor;
         cursor.skip_tokens(usize::MAX);
         lines.skip_lines(usize::MAX);
-        assert_eq!([cursor, lines].map(|c| (c.position(), c.place())), [(7, Place::Line(3)), (7, Place::Line(4))]);
+        assert_eq!(
+            [cursor, lines].map(|c| (c.position(), c.place())),
+            [(7, Place::Line(3)), (7, Place::Line(4))]
+        );
     }
 
     #[test]
@@ -278,9 +344,17 @@ mod tests {
         let text = "v 1\n\u{e9} x 2";
         let cursor = Cursor::new("a", text.as_bytes());
         let error = cursor.fail_at_offset(7, true, Problem::NulByte, &text.as_bytes()[7..8]);
-        assert!(error.terse().starts_with("a:2:3: error[E006]"), "{}", error.terse());
+        assert!(
+            error.terse().starts_with("a:2:3: error[E006]"),
+            "{}",
+            error.terse()
+        );
         let elsewhere = cursor.fail_at_offset(7, true, Problem::NulByte, b"x");
-        assert!(elsewhere.terse().starts_with("a:2: error[E006]"), "{}", elsewhere.terse());
+        assert!(
+            elsewhere.terse().starts_with("a:2: error[E006]"),
+            "{}",
+            elsewhere.terse()
+        );
         assert_eq!(cursor.offset_of(b""), None);
     }
 
@@ -288,20 +362,42 @@ mod tests {
     fn numbers_that_are_none_are_refused() {
         assert_eq!(coordinate(b"1,5", 0), Err(Problem::DecimalComma));
         assert_eq!(coordinate(b"nan", 3), Err(Problem::NotFinite { vertex: 3 }));
-        assert_eq!(coordinate(b"1e400", 3), Err(Problem::Overflow { vertex: 3 }));
-        assert_eq!(coordinate(b"-inf", 3), Err(Problem::NotFinite { vertex: 3 }));
+        assert_eq!(
+            coordinate(b"1e400", 3),
+            Err(Problem::Overflow { vertex: 3 })
+        );
+        assert_eq!(
+            coordinate(b"-inf", 3),
+            Err(Problem::NotFinite { vertex: 3 })
+        );
         assert_eq!(coordinate(b"1e-400", 0), Ok(0.0));
         assert_eq!(coordinate(b"-2.e1", 0), Ok(-20.0));
         assert!(coordinate(b"x", 0).is_err());
-        for (token, beyond) in [(&b"1e-400"[..], true), (b"0e-400", false), (b"-0", false), (b"0.0001E-400", true)] {
+        for (token, beyond) in [
+            (&b"1e-400"[..], true),
+            (b"0e-400", false),
+            (b"-0", false),
+            (b"0.0001E-400", true),
+        ] {
             assert_eq!(beyond_double(token, 0.0), beyond);
         }
-        assert_eq!(integer(b"-99999999999999999999"), Err(Problem::IntegerTooLarge));
+        assert_eq!(
+            integer(b"-99999999999999999999"),
+            Err(Problem::IntegerTooLarge)
+        );
         assert_eq!(integer(b"1\0"), Err(Problem::NulByte));
         for token in [&[0xff][..], b"", b"-", b"1.0"] {
-            assert_eq!(integer(token), Err(Problem::Expected { what: "a whole number" }));
+            assert_eq!(
+                integer(token),
+                Err(Problem::Expected {
+                    what: "a whole number"
+                })
+            );
         }
-        assert_eq!(count(b"99999999999999999999", "x"), Err(Problem::IntegerTooLarge));
+        assert_eq!(
+            count(b"99999999999999999999", "x"),
+            Err(Problem::IntegerTooLarge)
+        );
         assert_eq!(count(b"-1", "x"), Err(Problem::Expected { what: "x" }));
     }
 }

@@ -40,8 +40,13 @@ struct Reader<'a> {
 /// The binary and compressed variants, counts that the file cannot hold, a malformed number, an index out of range,
 /// braces that do not match.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let mut reader =
-        Reader { cursor: Cursor::new(name, bytes), bytes, position: 0, surface: Surface::default(), open: Vec::new() };
+    let mut reader = Reader {
+        cursor: Cursor::new(name, bytes),
+        bytes,
+        position: 0,
+        surface: Surface::default(),
+        open: Vec::new(),
+    };
     let header = reader.cursor.next_line().unwrap_or_default();
     let text = bytes.trim_ascii_start();
     if text.get(8..12) != Some(b"txt ") {
@@ -54,7 +59,12 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
         reader.object(token)?;
     }
     if !reader.open.is_empty() {
-        return Err(reader.fail(Problem::Truncated { what: "an object without its closing brace" }, b""));
+        return Err(reader.fail(
+            Problem::Truncated {
+                what: "an object without its closing brace",
+            },
+            b"",
+        ));
     }
     reader.surface.finish(&reader.cursor)
 }
@@ -79,15 +89,25 @@ impl<'a> Reader<'a> {
         let rest = self.bytes.get(self.position..)?;
         let length = match rest.first()? {
             b'{' | b'}' => 1,
-            b'"' => rest[1..].iter().position(|&b| b == b'"').map_or(rest.len(), |n| n + 2),
-            _ => rest.iter().position(|&b| ENDS_WORD[usize::from(b)]).unwrap_or(rest.len()).max(1),
+            b'"' => rest[1..]
+                .iter()
+                .position(|&b| b == b'"')
+                .map_or(rest.len(), |n| n + 2),
+            _ => rest
+                .iter()
+                .position(|&b| ENDS_WORD[usize::from(b)])
+                .unwrap_or(rest.len())
+                .max(1),
         };
         self.position += length;
         Some(&rest[..length])
     }
 
     fn skip_line(&mut self, rest: &[u8]) {
-        self.position += rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        self.position += rest
+            .iter()
+            .position(|&b| b == b'\n' || b == b'\r')
+            .unwrap_or(rest.len());
     }
 
     fn object(&mut self, token: &[u8]) -> Result<(), ReadError> {
@@ -97,7 +117,12 @@ impl<'a> Reader<'a> {
             b"{" => self.push(token),
             b"}" => match self.open.pop() {
                 Some(_) => Ok(()),
-                None => Err(self.fail(Problem::Expected { what: "an opening brace before this one" }, token)),
+                None => Err(self.fail(
+                    Problem::Expected {
+                        what: "an opening brace before this one",
+                    },
+                    token,
+                )),
             },
             b"FrameTransformMatrix" if self.opens()? => self.matrix(),
             b"Mesh" if self.opens()? => self.mesh(),
@@ -124,7 +149,12 @@ impl<'a> Reader<'a> {
 
     fn push(&mut self, found: &[u8]) -> Result<(), ReadError> {
         if self.open.len() == DEEPEST {
-            return Err(self.fail(Problem::Expected { what: "at most 256 objects inside one another" }, found));
+            return Err(self.fail(
+                Problem::Expected {
+                    what: "at most 256 objects inside one another",
+                },
+                found,
+            ));
         }
         let matrix = self.open.last().copied().flatten();
         self.open.push(matrix);
@@ -145,7 +175,8 @@ impl<'a> Reader<'a> {
     }
 
     fn word(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
-        self.token().ok_or_else(|| self.fail(Problem::Truncated { what }, b""))
+        self.token()
+            .ok_or_else(|| self.fail(Problem::Truncated { what }, b""))
     }
 
     /// A matrix belongs to the frame around it and acts on row vectors.
@@ -189,13 +220,16 @@ impl<'a> Reader<'a> {
             let mut position = Point3::origin();
             for axis in 0..3 {
                 let word = self.word("the vertices")?;
-                let value = self.surface.coordinate(word, &|| self.cursor.place_of(self.position, true));
+                let value = self
+                    .surface
+                    .coordinate(word, &|| self.cursor.place_of(self.position, true));
                 position[axis] = value.map_err(|problem| self.fail(problem, word))?;
             }
             if let Some(matrix) = matrix {
                 position = matrix.transform_point(&position);
                 for c in position.iter() {
-                    finite(*c, self.surface.vertices.len()).map_err(|problem| self.fail(problem, b""))?;
+                    finite(*c, self.surface.vertices.len())
+                        .map_err(|problem| self.fail(problem, b""))?;
                 }
             }
             self.surface.vertices.push(position);
@@ -212,14 +246,21 @@ impl<'a> Reader<'a> {
                 let index = integer(word).and_then(|index| {
                     let in_mesh = usize::try_from(index).is_ok_and(|i| i < count);
                     // A file of at most 2 GiB has fewer vertices than 32 bits count.
-                    if in_mesh { Ok(first as u32 + index as u32) } else { Err(out_of_range(index, count)) }
+                    if in_mesh {
+                        Ok(first as u32 + index as u32)
+                    } else {
+                        Err(out_of_range(index, count))
+                    }
                 });
                 corners.push(index.map_err(|problem| self.fail(problem, word))?);
             }
             let place = || self.cursor.place_of(start, true);
             self.surface.polygon(&corners, &place).map_err(|problem| {
                 let found = &self.bytes[start..self.position];
-                let begin = found.iter().position(|b| !b" \t\r\n;,".contains(b)).unwrap_or(0);
+                let begin = found
+                    .iter()
+                    .position(|b| !b" \t\r\n;,".contains(b))
+                    .unwrap_or(0);
                 self.fail(problem, &found[begin..])
             })?;
         }
@@ -228,7 +269,11 @@ impl<'a> Reader<'a> {
 }
 
 fn out_of_range(index: i64, count: usize) -> Problem {
-    Problem::IndexOutOfRange { index, count, from_one: false }
+    Problem::IndexOutOfRange {
+        index,
+        count,
+        from_one: false,
+    }
 }
 
 #[cfg(test)]
@@ -245,13 +290,15 @@ mod tests {
     #[test]
     fn meshes_frames_and_templates() {
         let template = "template Mesh {\n <3D82AB44-62DA-11cf-AB39-0020AF71E433>\n DWORD nVertices;\n array Vector v[nVertices]; [...]\n}\n";
-        let text =
-            format!("xof 0302txt 0064\n// note {{\n{template}# note }}\n{MESH}Material m {{ \"a{{b\"; {{Mesh}} }}");
+        let text = format!(
+            "xof 0302txt 0064\n// note {{\n{template}# note }}\n{MESH}Material m {{ \"a{{b\"; {{Mesh}} }}"
+        );
         let file = read_bytes(text.as_bytes(), "a").unwrap();
         assert_eq!(file.mesh.vertices.len(), 4);
         assert_eq!(file.mesh.triangles, [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
         let moved = "FrameTransformMatrix { 0,1,0,0, -1,0,0,0, 0,0,1,0, 5,0,0,1;; }";
-        let text = format!("xof 0303txt 0032 Frame a {{ {moved} Frame b {{ {moved} {MESH} }} }} {MESH}");
+        let text =
+            format!("xof 0303txt 0032 Frame a {{ {moved} Frame b {{ {moved} {MESH} }} }} {MESH}");
         let file = read_bytes(text.as_bytes(), "a").unwrap();
         // Turned by a right angle about z and then moved by 5 along x, twice.
         let corner = file.mesh.vertices[1];
@@ -263,10 +310,20 @@ mod tests {
     #[test]
     fn braces_inside_a_template_are_part_of_it() {
         let template = "template T { { Mesh } [ { a } ] Mesh }";
-        let file = read_bytes(format!("xof 0302txt 0064 {template} {MESH}").as_bytes(), "a").unwrap();
-        assert_eq!((file.mesh.vertices.len(), file.mesh.triangles.len()), (4, 3));
+        let file = read_bytes(
+            format!("xof 0302txt 0064 {template} {MESH}").as_bytes(),
+            "a",
+        )
+        .unwrap();
+        assert_eq!(
+            (file.mesh.vertices.len(), file.mesh.triangles.len()),
+            (4, 3)
+        );
         let cut = error("xof 0302txt 0064\ntemplate T { { a }\n");
-        assert!(cut.starts_with("a.x:3: error[E041]: the file ends too early, in a template;"), "{cut}");
+        assert!(
+            cut.starts_with("a.x:3: error[E041]: the file ends too early, in a template;"),
+            "{cut}"
+        );
     }
 
     #[test]
@@ -275,24 +332,42 @@ mod tests {
         let matrix = "FrameTransformMatrix { 1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1;; }";
         let text = format!("xof 0302txt 0064 Frame {{ {matrix} {mesh} }}");
         let corner = read_bytes(text.as_bytes(), "a").unwrap().mesh.vertices[0];
-        assert_eq!([corner.x, corner.y, corner.z].map(f64::to_bits), [-0.0f64, 0.1, 1e-320].map(f64::to_bits));
+        assert_eq!(
+            [corner.x, corner.y, corner.z].map(f64::to_bits),
+            [-0.0f64, 0.1, 1e-320].map(f64::to_bits)
+        );
         // Outside of all frames there is nothing that a matrix could move.
-        let text = format!("xof 0302txt 0064 {} {MESH}", matrix.replace("0,0,0,1;;", "5,0,0,1;;"));
-        assert_eq!(read_bytes(text.as_bytes(), "a").unwrap().mesh.vertices[1].x, 1.0);
+        let text = format!(
+            "xof 0302txt 0064 {} {MESH}",
+            matrix.replace("0,0,0,1;;", "5,0,0,1;;")
+        );
+        assert_eq!(
+            read_bytes(text.as_bytes(), "a").unwrap().mesh.vertices[1].x,
+            1.0
+        );
     }
 
     #[test]
     fn what_is_wrong_is_named() {
         let whole = format!("xof 0302txt 0064\n{MESH}");
         let wrong = error(&whole.replace("3;0,1,2;,\n", "3;0,1,4;,\n"));
-        assert!(wrong.starts_with("a.x:9:8: error[E020]: vertex index 4 is out of range: there are 4"), "{wrong}");
+        assert!(
+            wrong.starts_with("a.x:9:8: error[E020]: vertex index 4 is out of range: there are 4"),
+            "{wrong}"
+        );
         assert!(error(&whole.replace("3;0,1,2;,\n", "2;0,1;,\n")).contains("a.x:9:2: error[E024]"));
-        assert!(error(&whole.replace(" 4;\n", " 400;\n")).contains("a.x:3:2: error[E040]: 400 items are declared"));
+        assert!(
+            error(&whole.replace(" 4;\n", " 400;\n"))
+                .contains("a.x:3:2: error[E040]: 400 items are declared")
+        );
         assert!(error(&whole.replace(" 1.0;0", " 1.x;0")).contains("a.x:5:2: error[E011]"));
         assert!(error("xof 0302bin 0064").contains("another variant of DirectX files than text"));
         assert!(error(&format!("{whole}}}")).contains("an opening brace before this one"));
         assert!(error(&whole[..whole.len() - 3]).contains("without its closing brace"));
-        assert!(error(&format!("xof 0302txt 0064 {}", "A {".repeat(300))).contains("at most 256 objects"));
+        assert!(
+            error(&format!("xof 0302txt 0064 {}", "A {".repeat(300)))
+                .contains("at most 256 objects")
+        );
         for length in 0..whole.len() {
             let _ = read_bytes(&whole.as_bytes()[..length], "a.x");
         }

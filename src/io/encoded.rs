@@ -65,7 +65,12 @@ pub(super) struct Source<'a> {
 
 impl<'a> Source<'a> {
     pub(super) fn new(text: &'a [u8], base64: bool) -> Self {
-        Self { text, base64, left: Vec::new(), start: text.len() }
+        Self {
+            text,
+            base64,
+            left: Vec::new(),
+            start: text.len(),
+        }
     }
 
     /// Number of encoded bytes that were read.
@@ -75,7 +80,11 @@ impl<'a> Source<'a> {
 
     /// No more than this many bytes can follow.
     fn room(&self) -> usize {
-        if self.base64 { self.left.len() + self.text.len() / 4 * 3 } else { self.text.len() }
+        if self.base64 {
+            self.left.len() + self.text.len() / 4 * 3
+        } else {
+            self.text.len()
+        }
     }
 
     fn take(&mut self, count: usize) -> Result<Cow<'a, [u8]>, Fault> {
@@ -143,7 +152,11 @@ impl<'a> Source<'a> {
     fn number(&mut self, layout: Layout) -> Result<u64, Fault> {
         let bytes = self.take(layout.header_bytes)?;
         let fold = |word: u64, &b: &u8| word << 8 | u64::from(b);
-        Ok(if layout.big_endian { bytes.iter().fold(0, fold) } else { bytes.iter().rev().fold(0, fold) })
+        Ok(if layout.big_endian {
+            bytes.iter().fold(0, fold)
+        } else {
+            bytes.iter().rev().fold(0, fold)
+        })
     }
 
     /// The bytes of an array, decompressed.
@@ -155,7 +168,10 @@ impl<'a> Source<'a> {
         let possible = self.room() as u64;
         match usize::try_from(count) {
             Ok(count) if count as u64 <= possible => self.take(count),
-            _ => Err(Fault::TooMany { declared: count, possible }),
+            _ => Err(Fault::TooMany {
+                declared: count,
+                possible,
+            }),
         }
     }
 
@@ -168,14 +184,22 @@ impl<'a> Source<'a> {
         let (size, last) = (self.number(layout)?, self.number(layout)?);
         let possible = self.room() as u64 / layout.header_bytes as u64;
         if blocks > possible {
-            return Err(Fault::TooMany { declared: blocks, possible });
+            return Err(Fault::TooMany {
+                declared: blocks,
+                possible,
+            });
         }
         let full = if last == 0 { blocks } else { blocks - 1 };
-        let total = size.checked_mul(full).and_then(|n| n.checked_add(last)).unwrap_or(u64::MAX);
+        let total = size
+            .checked_mul(full)
+            .and_then(|n| n.checked_add(last))
+            .unwrap_or(u64::MAX);
         if last > size || total > layout.limit {
             return Err(Fault::TooLarge { bytes: total });
         }
-        let packed = (0..blocks).map(|_| self.number(layout)).collect::<Result<Vec<u64>, Fault>>()?;
+        let packed = (0..blocks)
+            .map(|_| self.number(layout))
+            .collect::<Result<Vec<u64>, Fault>>()?;
         // The header of base64 is a stream of its own; its end is padded.
         self.left.clear();
         let mut out = Vec::new();
@@ -223,11 +247,20 @@ fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
 }
 
 /// Decompresses a block of a declared size behind `out`.
-fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>) -> Result<(), Fault> {
+fn unpack(
+    compressor: Compressor,
+    bytes: &[u8],
+    wanted: usize,
+    out: &mut Vec<u8>,
+) -> Result<(), Fault> {
     let gain = |gain: u64| {
         let possible = (bytes.len() as u64).saturating_mul(gain).saturating_add(64);
         let declared = wanted as u64;
-        if declared > possible { Err(Fault::TooMany { declared, possible }) } else { Ok(()) }
+        if declared > possible {
+            Err(Fault::TooMany { declared, possible })
+        } else {
+            Ok(())
+        }
     };
     let block = match compressor {
         Compressor::Zlib => {
@@ -251,7 +284,9 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
             let mut block = Vec::new();
             // One byte more shows a stream that is longer than declared; its end and its check are read by then.
             let mut stream = lzma_rust2::XzReader::new(bytes, false).take(wanted as u64 + 1);
-            stream.read_to_end(&mut block).map_err(|_| Fault::Expected("undamaged LZMA data of the declared size"))?;
+            stream
+                .read_to_end(&mut block)
+                .map_err(|_| Fault::Expected("undamaged LZMA data of the declared size"))?;
             block
         }
     };
@@ -270,7 +305,12 @@ fn unpack(compressor: Compressor, bytes: &[u8], wanted: usize, out: &mut Vec<u8>
 mod tests {
     use super::*;
 
-    const PLAIN: Layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit: 1 << 20 };
+    const PLAIN: Layout = Layout {
+        big_endian: false,
+        header_bytes: 4,
+        compressor: None,
+        limit: 1 << 20,
+    };
 
     #[test]
     fn base64_with_padding_inside_and_white_space() {
@@ -290,7 +330,9 @@ mod tests {
     const BYTES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x0c\x00\x00\x00\x8f\x98\x41\x9c\x01\x00\x27\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e\x0f\x10\x11\x12\x13\x14\x15\x16\x17\x18\x19\x1a\x1b\x1c\x1d\x1e\x1f\x20\x21\x22\x23\x24\x25\x26\x27\x00\x3c\x2e\xa6\x0d\x00\x01\x3c\x28\x2e\x64\xc0\x66\x90\x42\x99\x0d\x01\x00\x00\x00\x00\x01\x59\x5a";
 
     fn lines() -> Vec<u8> {
-        (0..60).flat_map(|i| format!("v {} {}\n", i % 7, i * i % 11).into_bytes()).collect()
+        (0..60)
+            .flat_map(|i| format!("v {} {}\n", i % 7, i * i % 11).into_bytes())
+            .collect()
     }
 
     fn decode(bytes: &[u8], wanted: usize) -> Result<Vec<u8>, Fault> {
@@ -329,13 +371,18 @@ mod tests {
             (noise >> 24) as u8
         };
         for length in (0..40).chain([270, 271, 5000, 70_000]) {
-            let mixed: Vec<u8> = (0..length).map(|i| if i % 700 < 300 { next() } else { 7 }).collect();
+            let mixed: Vec<u8> = (0..length)
+                .map(|i| if i % 700 < 300 { next() } else { 7 })
+                .collect();
             for bytes in [vec![0; length], mixed] {
                 let packed = lz4_flex::compress(&bytes);
                 assert_eq!(lz4_length(&packed), Some(length));
                 for end in 0..packed.len() {
                     let cut = lz4_length(&packed[..end]);
-                    assert!(cut.is_none_or(|n| n <= length), "{end} of {length}: {cut:?}");
+                    assert!(
+                        cut.is_none_or(|n| n <= length),
+                        "{end} of {length}: {cut:?}"
+                    );
                 }
             }
         }
@@ -346,15 +393,30 @@ mod tests {
     fn blocks_follow_one_another_and_the_last_may_be_shorter() {
         let all: Vec<u8> = (0..250).collect();
         let array = |last: u32, parts: &[&[u8]]| {
-            let packed: Vec<Vec<u8>> =
-                parts.iter().map(|part| miniz_oxide::deflate::compress_to_vec_zlib(part, 6)).collect();
-            let head = [parts.len() as u32, 100, last].into_iter().chain(packed.iter().map(|part| part.len() as u32));
+            let packed: Vec<Vec<u8>> = parts
+                .iter()
+                .map(|part| miniz_oxide::deflate::compress_to_vec_zlib(part, 6))
+                .collect();
+            let head = [parts.len() as u32, 100, last]
+                .into_iter()
+                .chain(packed.iter().map(|part| part.len() as u32));
             let bytes = [head.flat_map(u32::to_le_bytes).collect(), packed.concat()].concat();
-            let layout = Layout { compressor: Some(Compressor::Zlib), ..PLAIN };
-            Source::new(&bytes, false).array(layout).map(Cow::into_owned)
+            let layout = Layout {
+                compressor: Some(Compressor::Zlib),
+                ..PLAIN
+            };
+            Source::new(&bytes, false)
+                .array(layout)
+                .map(Cow::into_owned)
         };
-        assert_eq!(array(50, &[&all[..100], &all[100..200], &all[200..]]).as_ref(), Ok(&all));
-        assert_eq!(array(0, &[&all[..100], &all[100..200]]).as_deref(), Ok(&all[..200]));
+        assert_eq!(
+            array(50, &[&all[..100], &all[100..200], &all[200..]]).as_ref(),
+            Ok(&all)
+        );
+        assert_eq!(
+            array(0, &[&all[..100], &all[100..200]]).as_deref(),
+            Ok(&all[..200])
+        );
         let other = Err(Fault::Expected("a block of the declared size"));
         assert_eq!(array(50, &[&all[..99], &all[99..149]]), other);
         assert_eq!(array(50, &[&all[..100], &all[100..149]]), other);
@@ -369,22 +431,64 @@ mod tests {
             unpack(Compressor::Lz4, &bytes, 10, &mut out).map(|()| out)
         };
         assert_eq!(decode(1), Ok(b"aaaaabcdef".to_vec()));
-        assert_eq!(decode(2), Err(Fault::Expected("undamaged lz4 data of the declared size")));
+        assert_eq!(
+            decode(2),
+            Err(Fault::Expected("undamaged lz4 data of the declared size"))
+        );
     }
 
     #[test]
     fn sizes_that_cannot_be_are_refused() {
-        let zlib = Layout { compressor: Some(Compressor::Zlib), ..PLAIN };
-        let words = |words: &[u32]| words.iter().flat_map(|w| w.to_le_bytes()).collect::<Vec<u8>>();
-        let array = |w: &[u32], layout| Source::new(&words(w), false).array(layout).map(Cow::into_owned);
-        assert_eq!(array(&[9, 0], PLAIN), Err(Fault::TooMany { declared: 9, possible: 4 }));
+        let zlib = Layout {
+            compressor: Some(Compressor::Zlib),
+            ..PLAIN
+        };
+        let words = |words: &[u32]| {
+            words
+                .iter()
+                .flat_map(|w| w.to_le_bytes())
+                .collect::<Vec<u8>>()
+        };
+        let array = |w: &[u32], layout| {
+            Source::new(&words(w), false)
+                .array(layout)
+                .map(Cow::into_owned)
+        };
+        assert_eq!(
+            array(&[9, 0], PLAIN),
+            Err(Fault::TooMany {
+                declared: 9,
+                possible: 4
+            })
+        );
         assert_eq!(array(&[0], zlib), Ok(Vec::new()));
-        assert_eq!(array(&[9, 1, 0, 0], zlib), Err(Fault::TooMany { declared: 9, possible: 1 }));
-        assert_eq!(array(&[1, 1 << 21, 0, 4, 0], zlib), Err(Fault::TooLarge { bytes: 1 << 21 }));
-        assert!(matches!(array(&[1, 1 << 20, 0, 4, 0], zlib), Err(Fault::TooMany { .. })));
+        assert_eq!(
+            array(&[9, 1, 0, 0], zlib),
+            Err(Fault::TooMany {
+                declared: 9,
+                possible: 1
+            })
+        );
+        assert_eq!(
+            array(&[1, 1 << 21, 0, 4, 0], zlib),
+            Err(Fault::TooLarge { bytes: 1 << 21 })
+        );
+        assert!(matches!(
+            array(&[1, 1 << 20, 0, 4, 0], zlib),
+            Err(Fault::TooMany { .. })
+        ));
         assert_eq!(array(&[1, 8, 0, 400, 0], zlib), Err(Fault::Short));
         for compressor in [Compressor::Zlib, Compressor::Lz4, Compressor::Lzma] {
-            assert!(array(&[1, 8, 0, 4, 0xffff_ffff], Layout { compressor: Some(compressor), ..PLAIN }).is_err());
+            assert!(
+                array(
+                    &[1, 8, 0, 4, 0xffff_ffff],
+                    Layout {
+                        compressor: Some(compressor),
+                        ..PLAIN
+                    }
+                )
+                .is_err()
+            );
         }
     }
 }

@@ -8,7 +8,8 @@ use super::Format;
 const QUOTED_BYTES: usize = 64;
 
 /// The formats that can be read, for messages.
-pub(super) const READABLE: &str = "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
+pub(super) const READABLE: &str =
+    "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
 
 /// What [`Problem::Expected`] says where a text holds something that is no number.
 pub(super) const A_NUMBER: &str = "a number";
@@ -50,13 +51,29 @@ impl ReadError {
     pub fn terse(&self) -> String {
         match self {
             ReadError::Io { file, source } => {
-                format!("{file}: error[{}]: cannot be read: {source}; {}", self.code(), self.help())
+                format!(
+                    "{file}: error[{}]: cannot be read: {source}; {}",
+                    self.code(),
+                    self.help()
+                )
             }
-            ReadError::Content { file, place, column, read_as, problem, within, found } => {
+            ReadError::Content {
+                file,
+                place,
+                column,
+                read_as,
+                problem,
+                within,
+                found,
+            } => {
                 let at = placed(file, place, *column);
                 let read_as = ReadAs(*read_as);
                 let (within, found) = (Within(within), Found(found));
-                format!("{at} error[{}]: {problem}{within}{found}{read_as}; {}", self.code(), self.help())
+                format!(
+                    "{at} error[{}]: {problem}{within}{found}{read_as}; {}",
+                    self.code(),
+                    self.help()
+                )
             }
         }
     }
@@ -73,7 +90,12 @@ impl ReadError {
     pub fn message(&self) -> String {
         match self {
             ReadError::Io { .. } => self.to_string(),
-            ReadError::Content { problem, within, read_as, .. } => {
+            ReadError::Content {
+                problem,
+                within,
+                read_as,
+                ..
+            } => {
                 format!("{problem}{}{}", Within(within), ReadAs(*read_as))
             }
         }
@@ -325,9 +347,15 @@ impl Problem {
             | Problem::CountExceedsFile { .. }
             | Problem::Truncated { .. }
             | Problem::UnfinishedLine
-            | Problem::SizeMismatch { .. } => "the file is cut off or damaged: copy or export it again",
-            Problem::NoSurface { .. } => "extract its surface where it was made, and read that; it is not guessed here",
-            Problem::Expected { .. } => "the file is cut off, damaged or of another dialect: export it again",
+            | Problem::SizeMismatch { .. } => {
+                "the file is cut off or damaged: copy or export it again"
+            }
+            Problem::NoSurface { .. } => {
+                "extract its surface where it was made, and read that; it is not guessed here"
+            }
+            Problem::Expected { .. } => {
+                "the file is cut off, damaged or of another dialect: export it again"
+            }
             Problem::DecimalComma => "export the file with the decimal point of the C locale",
             Problem::NotFinite { .. }
             | Problem::Overflow { .. }
@@ -338,14 +366,18 @@ impl Problem {
             | Problem::TooFewCorners { .. }
             | Problem::BadCorner
             | Problem::NulByte => "correct it there, or export the file again",
-            Problem::NoVertices | Problem::NoFaces { .. } => "export the surface with its triangles",
+            Problem::NoVertices | Problem::NoFaces { .. } => {
+                "export the surface with its triangles"
+            }
             Problem::TooManyCorners { .. } => "split the polygon where it was made",
             Problem::LineTooLong { .. } => {
                 "one statement of a mesh needs no such line: is the file damaged, or another kind of file?"
             }
             Problem::TooLarge { .. } => "simplify the mesh first",
             Problem::Utf16 => "save the text as UTF-8",
-            Problem::UnknownFormat | Problem::Unsupported { .. } => "convert it to one of the formats that can be read",
+            Problem::UnknownFormat | Problem::Unsupported { .. } => {
+                "convert it to one of the formats that can be read"
+            }
         }
     }
 }
@@ -355,7 +387,11 @@ struct Found<'a>(&'a str);
 
 impl fmt::Display for Found<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0.is_empty() { Ok(()) } else { write!(f, " (found '{}')", self.0) }
+        if self.0.is_empty() {
+            Ok(())
+        } else {
+            write!(f, " (found '{}')", self.0)
+        }
     }
 }
 
@@ -364,7 +400,11 @@ struct Within<'a>(&'a str);
 
 impl fmt::Display for Within<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.0.is_empty() { Ok(()) } else { write!(f, ", in {}", self.0) }
+        if self.0.is_empty() {
+            Ok(())
+        } else {
+            write!(f, ", in {}", self.0)
+        }
     }
 }
 
@@ -374,7 +414,11 @@ struct ReadAs(Option<Format>);
 impl fmt::Display for ReadAs {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
-            Some(format) => write!(f, "; the content is {}, whatever the name says", format.name()),
+            Some(format) => write!(
+                f,
+                "; the content is {}, whatever the name says",
+                format.name()
+            ),
             None => Ok(()),
         }
     }
@@ -386,7 +430,11 @@ pub(super) fn quote(bytes: &[u8]) -> String {
     let mut text = String::new();
     for c in String::from_utf8_lossy(shown).chars() {
         // A control character would break the line or move the cursor of a terminal.
-        if c.is_control() { text.extend(c.escape_default()) } else { text.push(c) }
+        if c.is_control() {
+            text.extend(c.escape_default())
+        } else {
+            text.push(c)
+        }
     }
     if shown.len() < bytes.len() {
         text.push('…');
@@ -409,7 +457,10 @@ mod tests {
             within: "".into(),
             found: quote(b"v 1 2\x1b\n").into(),
         };
-        assert_eq!(error.to_string(), "a.obj:7: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n')");
+        assert_eq!(
+            error.to_string(),
+            "a.obj:7: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n')"
+        );
         let terse = "a.obj:7:3: error[E010]: too few numbers: 2 of 3 (found 'v 1 2\\u{1b}\\n'); \
             the file is cut off or damaged: copy or export it again";
         assert_eq!(error.terse(), terse);
@@ -418,14 +469,27 @@ mod tests {
             place: Place::Offset(80),
             column: None,
             read_as: Some(Format::Obj),
-            problem: Problem::CountExceedsFile { declared: 9, possible: 1 },
+            problem: Problem::CountExceedsFile {
+                declared: 9,
+                possible: 1,
+            },
             within: "".into(),
             found: "".into(),
         };
         let text = "a.stl: offset 0x50: 9 items are declared, but the file has room for at most 1";
         assert_eq!(error.to_string(), text);
-        assert!(error.terse().starts_with("a.stl: offset 0x50: error[E040]: 9 items"), "{}", error.terse());
-        assert!(error.terse().contains("; the content is OBJ, whatever the name says; the file is cut off"));
+        assert!(
+            error
+                .terse()
+                .starts_with("a.stl: offset 0x50: error[E040]: 9 items"),
+            "{}",
+            error.terse()
+        );
+        assert!(
+            error
+                .terse()
+                .contains("; the content is OBJ, whatever the name says; the file is cut off")
+        );
     }
 
     #[test]
@@ -439,16 +503,25 @@ mod tests {
             within: "".into(),
             found: "1,5".into(),
         };
-        let content = content.within("the array of Points of piece 1".into()).with_format(Format::Vtp);
+        let content = content
+            .within("the array of Points of piece 1".into())
+            .with_format(Format::Vtp);
         let message = "not a number; decimal comma? Write a point, in the array of Points of piece 1; \
             the content is VTK XML, whatever the name says";
         assert_eq!(content.message(), message);
-        let io = || ReadError::Io { file: "a.obj".into(), source: std::io::Error::other("no") };
+        let io = || ReadError::Io {
+            file: "a.obj".into(),
+            source: std::io::Error::other("no"),
+        };
         assert_eq!(io().message(), "a.obj: cannot be read: no");
-        let terse = "a.obj: error[E060]: cannot be read: no; check the path and whether you may read it";
+        let terse =
+            "a.obj: error[E060]: cannot be read: no; check the path and whether you may read it";
         assert_eq!(io().terse(), terse);
         // The operating system knows no format and no part of a file.
-        assert_eq!(io().with_format(Format::Obj).within("x".into()).terse(), terse);
+        assert_eq!(
+            io().with_format(Format::Obj).within("x".into()).terse(),
+            terse
+        );
     }
 
     #[test]

@@ -87,7 +87,10 @@ impl Format {
 
     /// The format that the ending of a file name promises; `.stl` leaves open which of the two it is.
     fn from_name(name: &str) -> Option<Self> {
-        let ending = Path::new(name).extension()?.to_string_lossy().to_ascii_lowercase();
+        let ending = Path::new(name)
+            .extension()?
+            .to_string_lossy()
+            .to_ascii_lowercase();
         Some(match ending.as_str() {
             "obj" => Format::Obj,
             "ply" => Format::Ply,
@@ -156,9 +159,11 @@ pub(crate) fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointDa
     let name = path.display().to_string();
     let file = read_bytes(&bytes, &name)?;
     let data = match file.format {
-        Some(Format::Vtp) => {
-            vtp::point_data(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes), &name, MAX_FILE_BYTES)?
-        }
+        Some(Format::Vtp) => vtp::point_data(
+            bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes),
+            &name,
+            MAX_FILE_BYTES,
+        )?,
         _ => Vec::new(),
     };
     Ok((file, data))
@@ -171,7 +176,10 @@ fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
         let problem = Problem::TooLarge { bytes, limit };
         Cursor::new(&name, b"").fail_at(Place::Whole, problem, b"")
     };
-    let io = |source| ReadError::Io { file: name.clone(), source };
+    let io = |source| ReadError::Io {
+        file: name.clone(),
+        source,
+    };
     let file = File::open(path).map_err(io)?;
     let length = file.metadata().map_err(io)?.len();
     if length > limit {
@@ -200,8 +208,9 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
 /// As [`read`], but for those of the file system.
 pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    let format = detect(bytes, name)
-        .map_err(|problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)]))?;
+    let format = detect(bytes, name).map_err(|problem| {
+        Cursor::new(name, bytes).fail_at(Place::Whole, problem, &bytes[..bytes.len().min(8)])
+    })?;
     let result = match format {
         Format::Obj => obj::read(bytes, name),
         Format::Ply => ply::read(bytes, name),
@@ -218,7 +227,13 @@ pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFil
         (Ok(mut file), other) => {
             file.format = Some(format);
             if let Some(promised) = other {
-                file.warnings.note(Warning::OtherFormat { promised, found: format }, &|| Place::Whole);
+                file.warnings.note(
+                    Warning::OtherFormat {
+                        promised,
+                        found: format,
+                    },
+                    &|| Place::Whole,
+                );
             }
             Ok(file)
         }
@@ -250,7 +265,10 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
         return Ok(Format::StlBinary);
     }
     let text = bytes.trim_ascii_start();
-    let word = text.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+    let word = text
+        .split(u8::is_ascii_whitespace)
+        .next()
+        .unwrap_or_default();
     if starts_with_ignoring_case(text, b"# vtk DataFile") {
         return Ok(Format::Vtk);
     }
@@ -260,7 +278,11 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     if word.eq_ignore_ascii_case(b"solid") {
         // A text has no zero byte; a binary file whose size is wrong has them in its header or its first normal.
         let binary = bytes[..bytes.len().min(256)].contains(&0);
-        return Ok(if binary { Format::StlBinary } else { Format::StlText });
+        return Ok(if binary {
+            Format::StlBinary
+        } else {
+            Format::StlText
+        });
     }
     if text.starts_with(b"<?xml") || text.starts_with(b"<VTKFile") || text.starts_with(b"<!--") {
         return Ok(Format::Vtp);
@@ -271,7 +293,10 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     if off::looks_like(bytes) {
         return Ok(Format::Off);
     }
-    if let Some((_, what)) = UNSUPPORTED.iter().find(|(start, _)| text.starts_with(start.as_bytes())) {
+    if let Some((_, what)) = UNSUPPORTED
+        .iter()
+        .find(|(start, _)| text.starts_with(start.as_bytes()))
+    {
         return Err(Problem::Unsupported { what });
     }
     if obj::looks_like(bytes) {
@@ -288,7 +313,8 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
 }
 
 fn starts_with_ignoring_case(text: &[u8], start: &[u8]) -> bool {
-    text.get(..start.len()).is_some_and(|t| t.eq_ignore_ascii_case(start))
+    text.get(..start.len())
+        .is_some_and(|t| t.eq_ignore_ascii_case(start))
 }
 
 #[cfg(test)]
@@ -304,12 +330,28 @@ mod tests {
     #[test]
     fn the_content_decides() {
         let mesh = read_bytes(OBJ.as_bytes(), "no extension").unwrap();
-        assert_eq!((mesh.mesh.triangles.as_slice(), mesh.format), (&[[0, 1, 2]][..], Some(Format::Obj)));
+        assert_eq!(
+            (mesh.mesh.triangles.as_slice(), mesh.format),
+            (&[[0, 1, 2]][..], Some(Format::Obj))
+        );
         assert!(mesh.warnings.is_empty());
-        assert_eq!(Ok(&mesh), read_bytes(OBJ.as_bytes(), "a.txt").as_ref().map_err(ReadError::terse), "no promise");
+        assert_eq!(
+            Ok(&mesh),
+            read_bytes(OBJ.as_bytes(), "a.txt")
+                .as_ref()
+                .map_err(ReadError::terse),
+            "no promise"
+        );
         let mut misnamed = read_bytes(OBJ.as_bytes(), "wrong.ply").unwrap();
-        let lines: Vec<String> = misnamed.warnings.iter().map(|w| w.terse("wrong.ply")).collect();
-        assert_eq!(lines, ["wrong.ply: warning[W010]: the name says PLY, the content is OBJ"]);
+        let lines: Vec<String> = misnamed
+            .warnings
+            .iter()
+            .map(|w| w.terse("wrong.ply"))
+            .collect();
+        assert_eq!(
+            lines,
+            ["wrong.ply: warning[W010]: the name says PLY, the content is OBJ"]
+        );
         misnamed.warnings = Warnings::default();
         assert_eq!(mesh, misnamed);
         let with_mark = [b"\xef\xbb\xbf", OBJ.as_bytes()].concat();
@@ -320,9 +362,15 @@ mod tests {
     fn an_error_says_that_the_content_is_of_another_format() {
         let terse = |name| read_bytes(b"v 0 0 0\nv 1 0 x\n", name).unwrap_err().terse();
         let help = "the file is cut off, damaged or of another dialect: export it again";
-        assert_eq!(terse("a.obj"), format!("a.obj:2:7: error[E011]: expected a number (found 'x'); {help}"));
+        assert_eq!(
+            terse("a.obj"),
+            format!("a.obj:2:7: error[E011]: expected a number (found 'x'); {help}")
+        );
         let other = "the content is OBJ, whatever the name says";
-        assert_eq!(terse("a.stl"), format!("a.stl:2:7: error[E011]: expected a number (found 'x'); {other}; {help}"));
+        assert_eq!(
+            terse("a.stl"),
+            format!("a.stl:2:7: error[E011]: expected a number (found 'x'); {other}; {help}")
+        );
         let mut stl = b"solid of something ".to_vec();
         stl.resize(200, 0);
         assert!(error(&stl, "a").contains("offset"), "{}", error(&stl, "a"));
@@ -343,7 +391,9 @@ mod tests {
     fn the_limit_holds_where_the_length_is_not_known() {
         let text = read_within(Path::new("/dev/zero"), 10).unwrap_err().terse();
         assert!(
-            text.starts_with("/dev/zero: error[E044]: the file has 11 bytes, more than the limit of 10;"),
+            text.starts_with(
+                "/dev/zero: error[E044]: the file has 11 bytes, more than the limit of 10;"
+            ),
             "{text}"
         );
     }
@@ -355,18 +405,33 @@ mod tests {
         assert_eq!(error(b"\xff\xfev\0", "a.obj"), text);
         assert_eq!(
             error(b"plyy 1 2 3", "a.ply"),
-            format!("a.ply: unknown format; {} (found 'plyy 1 2')", error::READABLE)
+            format!(
+                "a.ply: unknown format; {} (found 'plyy 1 2')",
+                error::READABLE
+            )
         );
         assert!(error(b"OFFF\n3 1 0\n", "a.off").starts_with("a.off: unknown format; OBJ"));
-        assert!(error(b"\x1f\x8b\x08", "a.obj").starts_with("a.obj: a compressed file: format not supported yet; OBJ"));
-        assert_eq!(error(b"# nothing\n", "a.obj"), "a.obj: the file has no vertices");
-        assert_eq!(error(b"v 1 2 3", "a"), "a: the file has 1 vertices, but no faces and no lines");
+        assert!(
+            error(b"\x1f\x8b\x08", "a.obj")
+                .starts_with("a.obj: a compressed file: format not supported yet; OBJ")
+        );
+        assert_eq!(
+            error(b"# nothing\n", "a.obj"),
+            "a.obj: the file has no vertices"
+        );
+        assert_eq!(
+            error(b"v 1 2 3", "a"),
+            "a: the file has 1 vertices, but no faces and no lines"
+        );
     }
 
     #[test]
     fn a_missing_file_is_an_error() {
         let text = read(Path::new("no/such/file.obj")).unwrap_err().to_string();
-        assert!(text.starts_with("no/such/file.obj: cannot be read: "), "{text}");
+        assert!(
+            text.starts_with("no/such/file.obj: cannot be read: "),
+            "{text}"
+        );
         assert!(read(&std::env::temp_dir()).is_err());
     }
 }

@@ -13,8 +13,9 @@ use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 
 /// Words that begin a line of an OBJ file.
-const KEYWORDS: [&[u8]; 13] =
-    [b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call"];
+const KEYWORDS: [&[u8]; 13] = [
+    b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call",
+];
 
 /// Whether the first line that is no comment begins with a word of OBJ.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
@@ -37,7 +38,12 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
 /// A malformed number, an index out of range, a face of fewer than three corners, a file without faces and lines.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let (cursor, surface) = (Cursor::new(name, bytes), Surface::default());
-    let mut reader = Reader { cursor, surface, place: Place::Whole, pending: Vec::new() };
+    let mut reader = Reader {
+        cursor,
+        surface,
+        place: Place::Whole,
+        pending: Vec::new(),
+    };
     let mut joined = Vec::new();
     while let Some(first) = reader.cursor.text_line()? {
         reader.place = reader.cursor.place();
@@ -50,7 +56,9 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
                 &joined
             }
         };
-        reader.statement(line).map_err(|(problem, found)| reader.cursor.fail_at(reader.place, problem, found))?;
+        reader
+            .statement(line)
+            .map_err(|(problem, found)| reader.cursor.fail_at(reader.place, problem, found))?;
     }
     reader.check_pending()?;
     reader.surface.finish(&reader.cursor)
@@ -72,7 +80,8 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result
         }
         for line in lines {
             write!(w, "l")?;
-            line.iter().try_for_each(|&i| write!(w, " {}", u64::from(i) + 1))?;
+            line.iter()
+                .try_for_each(|&i| write!(w, " {}", u64::from(i) + 1))?;
             writeln!(w)?;
         }
         Ok(())
@@ -80,7 +89,11 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result
 }
 
 /// Appends the lines that a backslash at the end of a line joins to it.
-fn continue_line<'a>(cursor: &mut Cursor<'a>, first: &'a [u8], joined: &mut Vec<u8>) -> Result<(), ReadError> {
+fn continue_line<'a>(
+    cursor: &mut Cursor<'a>,
+    first: &'a [u8],
+    joined: &mut Vec<u8>,
+) -> Result<(), ReadError> {
     let (mut last, start) = (first, cursor.place());
     loop {
         let place = cursor.place();
@@ -105,7 +118,8 @@ fn continue_line<'a>(cursor: &mut Cursor<'a>, first: &'a [u8], joined: &mut Vec<
 }
 
 fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
-    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+    line.split(u8::is_ascii_whitespace)
+        .filter(|word| !word.is_empty())
 }
 
 /// What is wrong with a statement, and the words to quote.
@@ -127,29 +141,43 @@ impl Reader<'_> {
             Some(b"v") => self.vertex(words, line),
             Some(b"f") => {
                 let corners = self.corners(words)?;
-                self.surface.polygon(&corners, &|| self.place).map_err(|problem| (problem, line))
+                self.surface
+                    .polygon(&corners, &|| self.place)
+                    .map_err(|problem| (problem, line))
             }
             Some(b"l") => {
                 let corners = self.corners(words)?;
-                self.surface.line(&corners).map_err(|problem| (problem, line))
+                self.surface
+                    .line(&corners)
+                    .map_err(|problem| (problem, line))
             }
             _ => Ok(()),
         }
     }
 
-    fn vertex<'w>(&mut self, mut words: impl Iterator<Item = &'w [u8]>, line: &'w [u8]) -> Result<(), Complaint<'w>> {
+    fn vertex<'w>(
+        &mut self,
+        mut words: impl Iterator<Item = &'w [u8]>,
+        line: &'w [u8],
+    ) -> Result<(), Complaint<'w>> {
         let mut position = Point3::origin();
         for got in 0..3 {
             let Some(word) = words.next().filter(|word| !word.starts_with(b"#")) else {
                 return Err((Problem::TooFewNumbers { got, wanted: 3 }, line));
             };
-            position[got] = self.surface.coordinate(word, &|| self.place).map_err(|problem| (problem, word))?;
+            position[got] = self
+                .surface
+                .coordinate(word, &|| self.place)
+                .map_err(|problem| (problem, word))?;
         }
         self.surface.vertices.push(position);
         Ok(())
     }
 
-    fn corners<'w>(&mut self, words: impl Iterator<Item = &'w [u8]>) -> Result<Vec<u32>, Complaint<'w>> {
+    fn corners<'w>(
+        &mut self,
+        words: impl Iterator<Item = &'w [u8]>,
+    ) -> Result<Vec<u32>, Complaint<'w>> {
         words
             .take_while(|word| !word.starts_with(b"#"))
             .map(|word| self.corner(word).map_err(|problem| (problem, word)))
@@ -176,31 +204,52 @@ impl Reader<'_> {
             return Err(Problem::BadCorner);
         }
         let count = self.surface.vertices.len();
-        let out_of_range = Problem::IndexOutOfRange { index, count, from_one: true };
+        let out_of_range = Problem::IndexOutOfRange {
+            index,
+            count,
+            from_one: true,
+        };
         match index {
             0 => Err(Problem::ZeroIndex),
             1.. => {
                 let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
                 // Of several indices to come the largest decides, and the first that is as large stands for the others.
-                if from_zero as usize >= count && self.pending.last().is_none_or(|&(_, largest)| index > largest) {
+                if from_zero as usize >= count
+                    && self
+                        .pending
+                        .last()
+                        .is_none_or(|&(_, largest)| index > largest)
+                {
                     self.pending.push((self.place, index));
                 }
                 Ok(from_zero)
             }
             _ => {
                 let from_zero = i64::try_from(count).ok().and_then(|n| n.checked_add(index));
-                from_zero.and_then(|i| u32::try_from(i).ok()).ok_or(Problem::BeforeFirst { index, count })
+                from_zero
+                    .and_then(|i| u32::try_from(i).ok())
+                    .ok_or(Problem::BeforeFirst { index, count })
             }
         }
     }
 
     fn check_pending(&self) -> Result<(), ReadError> {
         let count = self.surface.vertices.len();
-        match self.pending.iter().find(|&&(_, index)| index > count as i64) {
+        match self
+            .pending
+            .iter()
+            .find(|&&(_, index)| index > count as i64)
+        {
             None => Ok(()),
             Some(&(place, index)) => {
-                let problem = Problem::IndexOutOfRange { index, count, from_one: true };
-                Err(self.cursor.fail_at(place, problem, index.to_string().as_bytes()))
+                let problem = Problem::IndexOutOfRange {
+                    index,
+                    count,
+                    from_one: true,
+                };
+                Err(self
+                    .cursor
+                    .fail_at(place, problem, index.to_string().as_bytes()))
             }
         }
     }
@@ -214,13 +263,14 @@ mod tests {
     const TRIANGLE: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
 
     fn error(tail: &str) -> String {
-        read(format!("{TRIANGLE}{tail}").as_bytes(), "a.obj").unwrap_err().to_string()
+        read(format!("{TRIANGLE}{tail}").as_bytes(), "a.obj")
+            .unwrap_err()
+            .to_string()
     }
 
     #[test]
     fn faces_lines_negative_and_forward_indices() {
-        let text =
-            "f 4 1 2 # forward\nv 0 0 0 1 0 0\nv 1 0 0\r\nv 0 1 0\rv 0 0 1\nf -4/1/ -3//2 \\\n -2/1/1 -1\nl 1/1 2\n";
+        let text = "f 4 1 2 # forward\nv 0 0 0 1 0 0\nv 1 0 0\r\nv 0 1 0\rv 0 0 1\nf -4/1/ -3//2 \\\n -2/1/1 -1\nl 1/1 2\n";
         let file = read(text.as_bytes(), "").unwrap();
         assert_eq!(file.mesh.triangles, [[3, 0, 1], [0, 1, 2], [0, 2, 3]]);
         assert_eq!(file.lines, [[0, 1]]);
@@ -230,10 +280,22 @@ mod tests {
     #[test]
     fn errors_name_the_line() {
         let count = "there are 3 vertices, counted from 1";
-        assert_eq!(error("f 0 1 2"), "a.obj:4: vertex index 0, but OBJ counts from 1 (found '0')");
-        assert_eq!(error("\nf 1 2"), "a.obj:5: too few corners: 2, at least 3 are needed (found 'f 1 2')");
-        assert_eq!(error("f 1 2 99"), format!("a.obj:4: vertex index 99 is out of range: {count} (found '99')"));
-        assert_eq!(error("f 1 2 4"), format!("a.obj:4: vertex index 4 is out of range: {count} (found '4')"));
+        assert_eq!(
+            error("f 0 1 2"),
+            "a.obj:4: vertex index 0, but OBJ counts from 1 (found '0')"
+        );
+        assert_eq!(
+            error("\nf 1 2"),
+            "a.obj:5: too few corners: 2, at least 3 are needed (found 'f 1 2')"
+        );
+        assert_eq!(
+            error("f 1 2 99"),
+            format!("a.obj:4: vertex index 99 is out of range: {count} (found '99')")
+        );
+        assert_eq!(
+            error("f 1 2 4"),
+            format!("a.obj:4: vertex index 4 is out of range: {count} (found '4')")
+        );
         assert_eq!(
             error("f -4 1 2"),
             "a.obj:4: vertex index -4 is out of range: 3 vertices stand before it (found '-4')"
@@ -245,12 +307,24 @@ mod tests {
         assert!(error("f 1/x 2 3").contains("expected a corner"));
         for corner in ["1/", "1//2/", "1/ /", "//1", "1///", "x", "1.0", "//", "/"] {
             let text = error(&format!("f {corner} 2 3"));
-            assert!(text.starts_with("a.obj:4: expected a corner such as "), "{text}");
+            assert!(
+                text.starts_with("a.obj:4: expected a corner such as "),
+                "{text}"
+            );
         }
         assert!(error("l 1").contains("too few corners: 1, at least 2"));
-        assert_eq!(error("v 1 2"), "a.obj:4: too few numbers: 2 of 3 (found 'v 1 2')");
-        assert_eq!(error("v 1,5 2 3"), "a.obj:4: not a number; decimal comma? Write a point (found '1,5')");
-        assert_eq!(error("v nan 0 0"), "a.obj:4: vertex 3 has a coordinate that is not finite (found 'nan')");
+        assert_eq!(
+            error("v 1 2"),
+            "a.obj:4: too few numbers: 2 of 3 (found 'v 1 2')"
+        );
+        assert_eq!(
+            error("v 1,5 2 3"),
+            "a.obj:4: not a number; decimal comma? Write a point (found '1,5')"
+        );
+        assert_eq!(
+            error("v nan 0 0"),
+            "a.obj:4: vertex 3 has a coordinate that is not finite (found 'nan')"
+        );
         assert_eq!(
             error("v 1e400 0 0"),
             "a.obj:4: vertex 3 has a coordinate that is too large for a double (found '1e400')"
@@ -275,31 +349,48 @@ mod tests {
     #[test]
     fn a_repeated_corner_is_left_out_and_counted() {
         let file = read(format!("{TRIANGLE}f 1 1 2\nf 1 2 3").as_bytes(), "").unwrap();
-        assert_eq!((file.mesh.triangles.len(), file.warnings.count(Warning::RepeatedCorner)), (1, 1));
+        assert_eq!(
+            (
+                file.mesh.triangles.len(),
+                file.warnings.count(Warning::RepeatedCorner)
+            ),
+            (1, 1)
+        );
     }
 
     #[test]
     fn an_empty_normal_is_none() {
-        let file = read(format!("{TRIANGLE}f 1// 2// 3//\nf 1/1/ 2/1/ 3//1").as_bytes(), "").unwrap();
+        let file = read(
+            format!("{TRIANGLE}f 1// 2// 3//\nf 1/1/ 2/1/ 3//1").as_bytes(),
+            "",
+        )
+        .unwrap();
         assert_eq!(file.mesh.triangles, [[0, 1, 2]; 2]);
         assert!(file.warnings.is_empty());
     }
 
     #[test]
     fn lines_are_at_most_a_mebibyte_also_when_joined() {
-        let long = |begin: &str, more: usize| format!("{TRIANGLE}{begin}{}\nf 1 2 3\n", " ".repeat(more));
+        let long =
+            |begin: &str, more: usize| format!("{TRIANGLE}{begin}{}\nf 1 2 3\n", " ".repeat(more));
         assert!(read(long("#", (1 << 20) - 1).as_bytes(), "").is_ok());
         let error = |text: String| read(text.as_bytes(), "a").unwrap_err().terse();
         let wanted = "a:4:1: error[E007]: the line has 1048577 bytes, more than the limit of 1048576 (found '#";
-        assert!(error(long("#", 1 << 20)).starts_with(wanted), "{}", error(long("#", 1 << 20)));
-        let joined = error(format!("{TRIANGLE}f 1 2{}", " \\\n 3 3 3 3".repeat(1 << 18)));
+        assert!(
+            error(long("#", 1 << 20)).starts_with(wanted),
+            "{}",
+            error(long("#", 1 << 20))
+        );
+        let joined = error(format!(
+            "{TRIANGLE}f 1 2{}",
+            " \\\n 3 3 3 3".repeat(1 << 18)
+        ));
         assert!(joined.contains("error[E007]"), "{joined}");
     }
 
     #[test]
     fn what_is_accepted_is_counted_with_its_first_line() {
-        let text =
-            "v 0 0 0\nv 1 0 -1e-400\nv 1 1 0.5\nf 1 2 3 4\nv 0 1 0e-400\nf -4 -3 -2 \\\n -1\nf 1 2 2 3\nf 1 3 2\n";
+        let text = "v 0 0 0\nv 1 0 -1e-400\nv 1 1 0.5\nf 1 2 3 4\nv 0 1 0e-400\nf -4 -3 -2 \\\n -1\nf 1 2 2 3\nf 1 3 2\n";
         let file = read(text.as_bytes(), "").unwrap();
         let lines: Vec<String> = file.warnings.iter().map(|w| w.terse("a")).collect();
         let fan = "are not flat or not convex: their split is a fan around the first corner";
@@ -309,6 +400,9 @@ mod tests {
             "a:8: warning[W003]: 1 triangle that names a vertex twice was left out".to_owned(),
         ];
         assert_eq!(lines, wanted);
-        assert_eq!((file.mesh.triangles.len(), file.mesh.vertices[1].z.to_bits()), (6, (-0.0f64).to_bits()));
+        assert_eq!(
+            (file.mesh.triangles.len(), file.mesh.vertices[1].z.to_bits()),
+            (6, (-0.0f64).to_bits())
+        );
     }
 }

@@ -32,7 +32,10 @@ fn keyword(word: &[u8]) -> Option<Keyword> {
     let any = strip(b"n");
     let is_off = strip(b"OFF");
     let counts = rest.iter().all(u8::is_ascii_digit);
-    (is_off && counts).then_some(Keyword { length: word.len() - rest.len(), other_dimension: four || any })
+    (is_off && counts).then_some(Keyword {
+        length: word.len() - rest.len(),
+        other_dimension: four || any,
+    })
 }
 
 /// A line without its comment.
@@ -42,7 +45,8 @@ fn content(line: &[u8]) -> &[u8] {
 }
 
 fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
-    line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
+    line.split(u8::is_ascii_whitespace)
+        .filter(|word| !word.is_empty())
 }
 
 /// The first word that is no comment.
@@ -76,7 +80,10 @@ struct Reader<'a> {
 /// # Errors
 /// Binary OFF and other dimensions, counts that the file cannot hold, a malformed number, an index out of range.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let mut reader = Reader { cursor: Cursor::new(name, bytes), surface: Surface::default() };
+    let mut reader = Reader {
+        cursor: Cursor::new(name, bytes),
+        surface: Surface::default(),
+    };
     let (vertices, faces) = reader.counts()?;
     for _ in 0..vertices {
         reader.vertex()?;
@@ -106,24 +113,38 @@ impl<'a> Reader<'a> {
         if let Some(keyword) = keyword(first) {
             let behind = line[keyword.length..].trim_ascii();
             if keyword.other_dimension {
-                return Err(self.cursor.fail(Problem::Unsupported { what: "OFF of another dimension than 3" }, first));
+                return Err(self.cursor.fail(
+                    Problem::Unsupported {
+                        what: "OFF of another dimension than 3",
+                    },
+                    first,
+                ));
             }
             if behind.starts_with(b"BINARY") {
-                return Err(self.cursor.fail(Problem::Unsupported { what: "binary OFF" }, behind));
+                return Err(self
+                    .cursor
+                    .fail(Problem::Unsupported { what: "binary OFF" }, behind));
             }
-            line = if behind.is_empty() { self.line("the header")? } else { behind };
+            line = if behind.is_empty() {
+                self.line("the header")?
+            } else {
+                behind
+            };
         }
         let mut words = words(line);
         let mut next = || {
             let word = words.next().unwrap_or_default();
-            count(word, "the numbers of vertices and faces").map_err(|problem| self.cursor.fail(problem, word))
+            count(word, "the numbers of vertices and faces")
+                .map_err(|problem| self.cursor.fail(problem, word))
         };
         let (vertices, faces) = (next()?, next()?);
         // A vertex takes six bytes at least, a face two; the last line needs no end.
         let room = self.cursor.rest().len() as u64 + 1;
         for (declared, possible) in [(vertices, room / 6), (faces, room / 2)] {
             if declared > possible {
-                return Err(self.cursor.fail(Problem::CountExceedsFile { declared, possible }, line));
+                return Err(self
+                    .cursor
+                    .fail(Problem::CountExceedsFile { declared, possible }, line));
             }
         }
         Ok((vertices, faces))
@@ -135,7 +156,9 @@ impl<'a> Reader<'a> {
         let mut position = Point3::origin();
         for got in 0..3 {
             let Some(word) = words.next() else {
-                return Err(self.cursor.fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
+                return Err(self
+                    .cursor
+                    .fail(Problem::TooFewNumbers { got, wanted: 3 }, line));
             };
             let value = self.surface.coordinate(word, &|| self.cursor.place());
             position[got] = value.map_err(|problem| self.cursor.fail(problem, word))?;
@@ -148,8 +171,8 @@ impl<'a> Reader<'a> {
         let line = self.line("the faces")?;
         let mut words = words(line);
         let first = words.next().unwrap_or_default();
-        let count =
-            count(first, "the number of corners of a face").map_err(|problem| self.cursor.fail(problem, first))?;
+        let count = count(first, "the number of corners of a face")
+            .map_err(|problem| self.cursor.fail(problem, first))?;
         // What does not fit is more than the line has.
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let mut corners = Vec::with_capacity(count.min(line.len() / 2));
@@ -158,7 +181,10 @@ impl<'a> Reader<'a> {
             corners.push(index.map_err(|problem| self.cursor.fail(problem, word))?);
         }
         if corners.len() < count {
-            let problem = Problem::TooFewNumbers { got: corners.len(), wanted: count };
+            let problem = Problem::TooFewNumbers {
+                got: corners.len(),
+                wanted: count,
+            };
             return Err(self.cursor.fail(problem, line));
         }
         match count {
@@ -175,28 +201,54 @@ impl<'a> Reader<'a> {
 mod tests {
     use crate::io::read_bytes;
 
-    const TAIL: &str = "0 0 0\n1 0 0 # a corner\n\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n4 0 1 2 3\n2 0 2\n1 0\n";
+    const TAIL: &str =
+        "0 0 0\n1 0 0 # a corner\n\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n4 0 1 2 3\n2 0 2\n1 0\n";
 
     #[test]
     fn keywords_counts_colours_and_comments() {
         let plain = read_bytes(format!("OFF\n4 4 0\n{TAIL}").as_bytes(), "a.off").unwrap();
         assert_eq!(plain.mesh.triangles, [[0, 1, 2], [0, 1, 2], [0, 2, 3]]);
         assert_eq!(plain.lines, [[0, 2]]);
-        for head in ["# hi\nOFF 4 4 0\n", "\t OFF4 4 0 # or nah\n", "STCNOFF\r\n# x\r\n4 4\r\n", "COFF\n\n4 4 0\n"] {
-            assert_eq!(read_bytes(format!("{head}{TAIL}").as_bytes(), "a").unwrap(), plain, "{head:?}");
+        for head in [
+            "# hi\nOFF 4 4 0\n",
+            "\t OFF4 4 0 # or nah\n",
+            "STCNOFF\r\n# x\r\n4 4\r\n",
+            "COFF\n\n4 4 0\n",
+        ] {
+            assert_eq!(
+                read_bytes(format!("{head}{TAIL}").as_bytes(), "a").unwrap(),
+                plain,
+                "{head:?}"
+            );
         }
         // Without its keyword only the name says what it is.
-        assert_eq!(read_bytes(format!("4 4 0\n{TAIL}").as_bytes(), "a.off").unwrap(), plain);
+        assert_eq!(
+            read_bytes(format!("4 4 0\n{TAIL}").as_bytes(), "a.off").unwrap(),
+            plain
+        );
         let extra = TAIL.replace(" 0\n", " 0 0.1 0.2 0.3 1\n");
-        assert_eq!(read_bytes(format!("NOFF\n4 4 0\n{extra}").as_bytes(), "a").unwrap().mesh, plain.mesh);
+        assert_eq!(
+            read_bytes(format!("NOFF\n4 4 0\n{extra}").as_bytes(), "a")
+                .unwrap()
+                .mesh,
+            plain.mesh
+        );
     }
 
     #[test]
     fn errors_name_line_and_column() {
         let error = |text: &str| read_bytes(text.as_bytes(), "a").unwrap_err().terse();
         let last = |line: &str| error(&format!("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n{line}\n"));
-        assert!(last("3 0 1 3").starts_with("a:6:7: error[E020]: vertex index 3"), "{}", last("3 0 1 3"));
-        assert!(last("3 0 1").starts_with("a:6:1: error[E010]: too few numbers: 2 of 3"), "{}", last("3 0 1"));
+        assert!(
+            last("3 0 1 3").starts_with("a:6:7: error[E020]: vertex index 3"),
+            "{}",
+            last("3 0 1 3")
+        );
+        assert!(
+            last("3 0 1").starts_with("a:6:1: error[E010]: too few numbers: 2 of 3"),
+            "{}",
+            last("3 0 1")
+        );
         assert!(last("x 0 1").starts_with("a:6:1: error[E042]: expected the number of corners"));
         assert!(last("0").contains("too few corners"));
         assert!(last("").contains("E041"));

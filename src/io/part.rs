@@ -10,9 +10,15 @@ use crate::mesh::TriangleMesh;
 ///
 /// # Errors
 /// What `fill` returns, or what the operating system refuses; the partial file is then removed.
-pub(crate) fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
+pub(crate) fn write_whole(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
     let Some(name) = path.file_name() else {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "a path that ends in a file name is needed"));
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "a path that ends in a file name is needed",
+        ));
     };
     let mut part_name = name.to_owned();
     part_name.push(".part");
@@ -37,10 +43,16 @@ pub(super) fn invalid(what: impl Into<String>) -> io::Error {
 }
 
 /// Refuses an index that a reader of the file could not follow.
-pub(super) fn check_indices(count: usize, triangles: &[[u32; 3]], lines: &[Vec<u32>]) -> io::Result<()> {
+pub(super) fn check_indices(
+    count: usize,
+    triangles: &[[u32; 3]],
+    lines: &[Vec<u32>],
+) -> io::Result<()> {
     let used = triangles.iter().flatten().chain(lines.iter().flatten());
     match used.copied().find(|&i| i as usize >= count) {
-        Some(i) => Err(invalid(format!("vertex index {i} is out of range: there are {count} vertices"))),
+        Some(i) => Err(invalid(format!(
+            "vertex index {i} is out of range: there are {count} vertices"
+        ))),
         None => Ok(()),
     }
 }
@@ -48,8 +60,14 @@ pub(super) fn check_indices(count: usize, triangles: &[[u32; 3]], lines: &[Vec<u
 /// Refuses a mesh that a reader of the file would refuse.
 pub(super) fn check_mesh(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<()> {
     check_indices(mesh.vertices.len(), &mesh.triangles, lines)?;
-    if let Some(i) = mesh.vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
-        return Err(invalid(format!("vertex {i} has a coordinate that is not finite")));
+    if let Some(i) = mesh
+        .vertices
+        .iter()
+        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+    {
+        return Err(invalid(format!(
+            "vertex {i} has a coordinate that is not finite"
+        )));
     }
     match lines.iter().position(|line| line.len() < 2) {
         Some(i) => Err(invalid(format!("line {i} has fewer than two vertices"))),

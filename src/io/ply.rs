@@ -26,7 +26,12 @@ pub enum Encoding {
 /// # Errors
 /// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
 /// operating system refuses.
-pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> io::Result<()> {
+pub fn write(
+    path: &Path,
+    mesh: &TriangleMesh,
+    lines: &[Vec<u32>],
+    encoding: Encoding,
+) -> io::Result<()> {
     check_mesh(mesh, lines)?;
     let word = match encoding {
         Encoding::Text => "ascii",
@@ -42,7 +47,10 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Enc
              property double z\nelement face {triangles}\nproperty list uchar uint vertex_indices\n"
         )?;
         if edges > 0 {
-            write!(w, "element edge {edges}\nproperty uint vertex1\nproperty uint vertex2\n")?;
+            write!(
+                w,
+                "element edge {edges}\nproperty uint vertex1\nproperty uint vertex2\n"
+            )?;
         }
         writeln!(w, "end_header")?;
         for v in &mesh.vertices {
@@ -53,10 +61,17 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Enc
             }
         }
         for triangle in &mesh.triangles {
-            w.write_all(if encoding == Encoding::Text { b"3 " } else { &[3] })?;
+            w.write_all(if encoding == Encoding::Text {
+                b"3 "
+            } else {
+                &[3]
+            })?;
             write_indices(w, triangle, encoding)?;
         }
-        lines.iter().flat_map(|line| line.windows(2)).try_for_each(|edge| write_indices(w, edge, encoding))
+        lines
+            .iter()
+            .flat_map(|line| line.windows(2))
+            .try_for_each(|edge| write_indices(w, edge, encoding))
     })
 }
 
@@ -70,5 +85,9 @@ fn write_indices(w: &mut impl Write, indices: &[u32], encoding: Encoding) -> io:
             Encoding::Big => w.write_all(&i.to_be_bytes())?,
         }
     }
-    if encoding == Encoding::Text { writeln!(w) } else { Ok(()) }
+    if encoding == Encoding::Text {
+        writeln!(w)
+    } else {
+        Ok(())
+    }
 }

@@ -54,7 +54,10 @@ impl Collection {
     /// A time that is not finite, and what the operating system refuses.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         if let Some(entry) = self.entries.iter().find(|e| !e.time.is_finite()) {
-            return Err(invalid(format!("the time of {} is {}, which is not finite", entry.file, entry.time)));
+            return Err(invalid(format!(
+                "the time of {} is {}, which is not finite",
+                entry.file, entry.time
+            )));
         }
         write_whole(path, |w| self.write_to(w))
     }
@@ -62,8 +65,17 @@ impl Collection {
     /// Writes all entries; their times must be finite.
     pub(crate) fn write_to(&self, w: &mut impl Write) -> io::Result<()> {
         writeln!(w, "<?xml version=\"1.0\"?>")?;
-        writeln!(w, "<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>")?;
-        for Entry { time, part, name, file } in &self.entries {
+        writeln!(
+            w,
+            "<VTKFile type=\"Collection\" version=\"0.1\" byte_order=\"LittleEndian\">\n  <Collection>"
+        )?;
+        for Entry {
+            time,
+            part,
+            name,
+            file,
+        } in &self.entries
+        {
             let (name, file) = (escape(name), escape(file));
             writeln!(
                 w,
@@ -80,7 +92,10 @@ impl Collection {
 /// A file that cannot be read or is no collection, a time that is not finite, a file that does not lie below the folder of
 /// the collection.
 pub fn read(path: &Path) -> Result<Collection, ReadError> {
-    read_bytes(&bytes_of(path, MAX_FILE_BYTES)?, &path.display().to_string())
+    read_bytes(
+        &bytes_of(path, MAX_FILE_BYTES)?,
+        &path.display().to_string(),
+    )
 }
 
 /// Reads a collection from the bytes of a file; `name` stands in errors.
@@ -108,7 +123,12 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
     }
     match (begun, ended) {
         (true, true) => Ok(collection),
-        (true, false) => Err(xml.fail(Problem::Truncated { what: "the element Collection" }, b"")),
+        (true, false) => Err(xml.fail(
+            Problem::Truncated {
+                what: "the element Collection",
+            },
+            b"",
+        )),
         (false, _) if xml.bytes.is_empty() => Err(xml.fail(Problem::Empty, b"")),
         (false, _) => Err(xml.fail(Problem::Expected { what: ROOT }, b"")),
     }
@@ -116,8 +136,12 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
 
 fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
     let expected = |what, found: &[u8]| xml.fail(Problem::Expected { what }, found);
-    let (Some(time_word), Some(file_word)) = (tag.attribute("timestep"), tag.attribute("file")) else {
-        return Err(expected("a DataSet with the attributes timestep and file", tag.name));
+    let (Some(time_word), Some(file_word)) = (tag.attribute("timestep"), tag.attribute("file"))
+    else {
+        return Err(expected(
+            "a DataSet with the attributes timestep and file",
+            tag.name,
+        ));
     };
     let time_word = time_word.trim_ascii();
     let time = number(time_word).map_err(|problem| xml.fail(problem, time_word))?;
@@ -127,17 +151,26 @@ fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
     let part = match tag.attribute("part").map(<[u8]>::trim_ascii) {
         None | Some(b"") => 0,
         Some(word) => {
-            let part = count(word, "the number of a part").map_err(|problem| xml.fail(problem, word))?;
+            let part =
+                count(word, "the number of a part").map_err(|problem| xml.fail(problem, word))?;
             usize::try_from(part).map_err(|_| xml.fail(Problem::IntegerTooLarge, word))?
         }
     };
     let file = unescaped(file_word);
     if !is_below(&file) {
-        return Err(expected("a file below the folder of the collection", file_word));
+        return Err(expected(
+            "a file below the folder of the collection",
+            file_word,
+        ));
     }
     // As XML has it, and as it is written.
     let name = unescaped(tag.attribute("name").unwrap_or_default()).replace(char::is_control, " ");
-    Ok(Entry { time, part, name, file })
+    Ok(Entry {
+        time,
+        part,
+        name,
+        file,
+    })
 }
 
 /// Whether a path leads to a file in the folder or in one below it: a collection must not make a program read elsewhere.
@@ -160,7 +193,12 @@ mod tests {
         let mut collection = Collection::new();
         for frame in 0..3 {
             let file = format!("a/b_{frame:04}.vtp");
-            collection.push(Entry { time: 0.1 * f64::from(frame), part: 0, name: "a<b & \"c\"".into(), file });
+            collection.push(Entry {
+                time: 0.1 * f64::from(frame),
+                part: 0,
+                name: "a<b & \"c\"".into(),
+                file,
+            });
             collection.write(&path).unwrap();
             let text = std::fs::read_to_string(&*path).unwrap();
             assert_eq!(text.matches("<DataSet ").count(), frame as usize + 1);
@@ -175,33 +213,66 @@ mod tests {
     #[test]
     fn a_time_that_is_not_finite_is_refused() {
         let mut collection = Collection::new();
-        collection.push(Entry { time: f64::NAN, part: 0, name: String::new(), file: "a.vtp".into() });
+        collection.push(Entry {
+            time: f64::NAN,
+            part: 0,
+            name: String::new(),
+            file: "a.vtp".into(),
+        });
         assert!(collection.write(&Scratch::file("nan.pvd")).is_err());
     }
 
     /// A collection of one tag within the others.
     fn with(tag: &str) -> String {
-        format!("<?xml version='1.0'?><!-- c --><VTKFile type=\"Collection\"><Collection>{tag}</Collection></VTKFile>")
+        format!(
+            "<?xml version='1.0'?><!-- c --><VTKFile type=\"Collection\"><Collection>{tag}</Collection></VTKFile>"
+        )
     }
 
     #[test]
     fn what_was_written_is_read() {
         let path = Scratch::file("read.pvd");
         let mut collection = Collection::new();
-        for (time, part, name) in
-            [(-0.0, 0, "a<b & \"c\" &lt;"), (1.0 / 3.0, 7, ""), (1e300, usize::MAX / 2, "\u{e9}'")]
-        {
+        for (time, part, name) in [
+            (-0.0, 0, "a<b & \"c\" &lt;"),
+            (1.0 / 3.0, 7, ""),
+            (1e300, usize::MAX / 2, "\u{e9}'"),
+        ] {
             let file = format!("frames/{}.vtp", name.replace('/', "_"));
-            collection.push(Entry { time, part, name: name.into(), file });
+            collection.push(Entry {
+                time,
+                part,
+                name: name.into(),
+                file,
+            });
         }
         collection.write(&path).unwrap();
         let found = read(&path).unwrap();
         assert_eq!(found, collection);
-        let bits = |c: &Collection| c.entries().iter().map(|e| e.time.to_bits()).collect::<Vec<_>>();
+        let bits = |c: &Collection| {
+            c.entries()
+                .iter()
+                .map(|e| e.time.to_bits())
+                .collect::<Vec<_>>()
+        };
         assert_eq!(bits(&found), bits(&collection));
-        let short = read_bytes(with("<DataSet timestep='2' file='a.vtp'/>").as_bytes(), "a").unwrap();
-        assert_eq!(short.entries(), [Entry { time: 2.0, part: 0, name: String::new(), file: "a.vtp".into() }]);
-        assert!(read_bytes(with("").as_bytes(), "a").unwrap().entries().is_empty());
+        let short =
+            read_bytes(with("<DataSet timestep='2' file='a.vtp'/>").as_bytes(), "a").unwrap();
+        assert_eq!(
+            short.entries(),
+            [Entry {
+                time: 2.0,
+                part: 0,
+                name: String::new(),
+                file: "a.vtp".into()
+            }]
+        );
+        assert!(
+            read_bytes(with("").as_bytes(), "a")
+                .unwrap()
+                .entries()
+                .is_empty()
+        );
     }
 
     #[test]
@@ -212,30 +283,64 @@ mod tests {
                 "<DataSet file='a.vtp'/>",
                 "a.pvd:1:72: error[E042]: expected a DataSet with the attributes timestep and file",
             ),
-            ("<DataSet timestep='1'/>", "expected a DataSet with the attributes timestep and file"),
+            (
+                "<DataSet timestep='1'/>",
+                "expected a DataSet with the attributes timestep and file",
+            ),
             ("<DataSet timestep='1,5' file='a.vtp'/>", "decimal comma"),
-            ("<DataSet timestep='nan' file='a.vtp'/>", "expected a time that is finite (found 'nan')"),
-            ("<DataSet timestep='1e999' file='a.vtp'/>", "expected a time that is finite"),
-            ("<DataSet timestep='1' part='-1' file='a.vtp'/>", "expected the number of a part (found '-1')"),
-            ("<DataSet timestep='1' part='99999999999999999999' file='a.vtp'/>", "more than 63 bits"),
-            ("<DataSet timestep='1' file=''/>", "expected a file below the folder"),
+            (
+                "<DataSet timestep='nan' file='a.vtp'/>",
+                "expected a time that is finite (found 'nan')",
+            ),
+            (
+                "<DataSet timestep='1e999' file='a.vtp'/>",
+                "expected a time that is finite",
+            ),
+            (
+                "<DataSet timestep='1' part='-1' file='a.vtp'/>",
+                "expected the number of a part (found '-1')",
+            ),
+            (
+                "<DataSet timestep='1' part='99999999999999999999' file='a.vtp'/>",
+                "more than 63 bits",
+            ),
+            (
+                "<DataSet timestep='1' file=''/>",
+                "expected a file below the folder",
+            ),
             (
                 "<DataSet timestep='1' file='../a.vtp'/>",
                 "expected a file below the folder of the collection (found '../a.vtp')",
             ),
-            ("<DataSet timestep='1' file='/etc/passwd'/>", "expected a file below the folder"),
-            ("<DataSet timestep='1' file='a\nb.vtp'/>", "expected a file below the folder"),
+            (
+                "<DataSet timestep='1' file='/etc/passwd'/>",
+                "expected a file below the folder",
+            ),
+            (
+                "<DataSet timestep='1' file='a\nb.vtp'/>",
+                "expected a file below the folder",
+            ),
         ] {
             let text = error(&with(tag));
             assert!(text.contains(says), "{tag}: {text}");
         }
         assert!(error("").contains("the file is empty"));
-        for other in ["v 1 2 3", "<svg/>", "<VTKFile type='PolyData'><PolyData/></VTKFile>"] {
-            assert!(error(other).contains("expected a collection of ParaView"), "{other}");
+        for other in [
+            "v 1 2 3",
+            "<svg/>",
+            "<VTKFile type='PolyData'><PolyData/></VTKFile>",
+        ] {
+            assert!(
+                error(other).contains("expected a collection of ParaView"),
+                "{other}"
+            );
         }
         let whole = with("<DataSet timestep='1' file='a.vtp'/>");
         for end in 0..whole.find("</Collection>").unwrap() {
-            assert!(read_bytes(&whole.as_bytes()[..end], "a.pvd").is_err(), "{end}");
+            assert!(
+                read_bytes(&whole.as_bytes()[..end], "a.pvd").is_err(),
+                "{end}"
+            );
         }
     }
 }

@@ -24,7 +24,8 @@ fn declared(bytes: &[u8]) -> Option<u64> {
 
 /// Whether the size of the file is that of a binary STL of the declared number of triangles.
 pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
-    declared(bytes).is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
+    declared(bytes)
+        .is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
 }
 
 /// How the numbers of an STL file are written.
@@ -46,11 +47,17 @@ pub enum Encoding {
 /// and what the operating system refuses.
 pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
     check_mesh(mesh, &[])?;
-    let count = u32::try_from(mesh.triangles.len()).map_err(|_| invalid("more triangles than STL can count"))?;
+    let count = u32::try_from(mesh.triangles.len())
+        .map_err(|_| invalid("more triangles than STL can count"))?;
     if encoding == Encoding::Binary
-        && let Some(i) = mesh.vertices.iter().position(|v| v.iter().any(|&c| !(c as f32).is_finite()))
+        && let Some(i) = mesh
+            .vertices
+            .iter()
+            .position(|v| v.iter().any(|&c| !(c as f32).is_finite()))
     {
-        return Err(invalid(format!("vertex {i} has a coordinate that is too large for binary STL")));
+        return Err(invalid(format!(
+            "vertex {i} has a coordinate that is too large for binary STL"
+        )));
     }
     write_whole(path, |w| {
         match encoding {
@@ -64,20 +71,33 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
             let corners = triangle.map(|i| mesh.vertices[i as usize]);
             let across = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
             // A triangle without area has no normal; the format asks for zeros then.
-            let normal = across.try_normalize(0.0).filter(|n| n.iter().all(|c| c.is_finite())).unwrap_or_default();
+            let normal = across
+                .try_normalize(0.0)
+                .filter(|n| n.iter().all(|c| c.is_finite()))
+                .unwrap_or_default();
             if encoding == Encoding::Binary {
                 let numbers = normal.iter().chain(corners.iter().flat_map(|c| c.iter()));
-                numbers.copied().try_for_each(|c| w.write_all(&(c as f32).to_le_bytes()))?;
+                numbers
+                    .copied()
+                    .try_for_each(|c| w.write_all(&(c as f32).to_le_bytes()))?;
                 w.write_all(&[0; 2])?;
                 continue;
             }
-            writeln!(w, " facet normal {:?} {:?} {:?}\n  outer loop", normal.x, normal.y, normal.z)?;
+            writeln!(
+                w,
+                " facet normal {:?} {:?} {:?}\n  outer loop",
+                normal.x, normal.y, normal.z
+            )?;
             for corner in corners {
                 writeln!(w, "   vertex {:?} {:?} {:?}", corner.x, corner.y, corner.z)?;
             }
             writeln!(w, "  endloop\n endfacet")?;
         }
-        if encoding == Encoding::Text { writeln!(w, "endsolid pliant") } else { Ok(()) }
+        if encoding == Encoding::Text {
+            writeln!(w, "endsolid pliant")
+        } else {
+            Ok(())
+        }
     })
 }
 
@@ -97,7 +117,11 @@ const FREE: u32 = u32::MAX;
 impl Default for Corners {
     fn default() -> Self {
         let random = [0u8, 1].map(|i| RandomState::new().hash_one(i));
-        Self { surface: Surface::default(), slots: vec![FREE; 1024], random }
+        Self {
+            surface: Surface::default(),
+            slots: vec![FREE; 1024],
+            random,
+        }
     }
 }
 
@@ -123,7 +147,9 @@ impl Corners {
         let mask = self.slots.len() - 1;
         let mut slot = self.hash(position) as usize & mask;
         // Numbers that are not NaN and not -0 are equal exactly where their bits are.
-        while self.slots[slot] != FREE && self.surface.vertices[self.slots[slot] as usize] != *position {
+        while self.slots[slot] != FREE
+            && self.surface.vertices[self.slots[slot] as usize] != *position
+        {
             slot = (slot + 1) & mask;
         }
         slot
@@ -156,13 +182,25 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
     let mut cursor = Cursor::new(name, bytes);
     cursor.binary = true;
     cursor.take(80, "the header of a binary STL")?;
-    let count = u64::from(u32::from_le_bytes(array(cursor.take(4, "the count of a binary STL")?)));
+    let count = u64::from(u32::from_le_bytes(array(
+        cursor.take(4, "the count of a binary STL")?,
+    )));
     let possible = (cursor.rest().len() / FACET_BYTES) as u64;
     if count > possible {
-        return Err(cursor.fail(Problem::CountExceedsFile { declared: count, possible }, b""));
+        return Err(cursor.fail(
+            Problem::CountExceedsFile {
+                declared: count,
+                possible,
+            },
+            b"",
+        ));
     }
     if !has_binary_size(bytes) {
-        let problem = Problem::SizeMismatch { what: "the number of triangles", declared: count, used: possible };
+        let problem = Problem::SizeMismatch {
+            what: "the number of triangles",
+            declared: count,
+            used: possible,
+        };
         return Err(cursor.fail(problem, b""));
     }
     let mut corners = Corners::default();
@@ -175,14 +213,19 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
             for (axis, value) in position.iter_mut().enumerate() {
                 let at = 12 + 12 * k + 4 * axis;
                 let found = f32::from_le_bytes(array(&facet[at..at + 4]));
-                *value = finite(f64::from(found), corners.surface.vertices.len()).map_err(|problem| {
-                    cursor.mark_at(start + at);
-                    cursor.fail(problem, found.to_string().as_bytes())
-                })?;
+                *value = finite(f64::from(found), corners.surface.vertices.len()).map_err(
+                    |problem| {
+                        cursor.mark_at(start + at);
+                        cursor.fail(problem, found.to_string().as_bytes())
+                    },
+                )?;
             }
             *corner = corners.vertex(position);
         }
-        corners.surface.polygon(&triangle, &|| cursor.place()).map_err(|problem| cursor.fail(problem, b""))?;
+        corners
+            .surface
+            .polygon(&triangle, &|| cursor.place())
+            .map_err(|problem| cursor.fail(problem, b""))?;
     }
     corners.surface.finish(&cursor)
 }
@@ -202,7 +245,9 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
     let mut open_loop: Option<Vec<u32>> = None;
     let mut in_solid = false;
     while let Some(line) = cursor.text_line()? {
-        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let mut words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
         let Some(word) = words.next() else { continue };
         match word.to_ascii_lowercase().as_slice() {
             b"solid" => in_solid = true,
@@ -211,7 +256,12 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
             b"outer" => open_loop = Some(Vec::new()),
             b"vertex" => {
                 let Some(open) = &mut open_loop else {
-                    return Err(cursor.fail(Problem::Expected { what: "'outer loop' before a vertex" }, line));
+                    return Err(cursor.fail(
+                        Problem::Expected {
+                            what: "'outer loop' before a vertex",
+                        },
+                        line,
+                    ));
                 };
                 let mut position = [0.0; 3];
                 for (got, value) in position.iter_mut().enumerate() {
@@ -227,7 +277,10 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
             }
             b"endloop" => {
                 let closed = open_loop.take().unwrap_or_default();
-                corners.surface.polygon(&closed, &|| cursor.place()).map_err(|problem| cursor.fail(problem, line))?;
+                corners
+                    .surface
+                    .polygon(&closed, &|| cursor.place())
+                    .map_err(|problem| cursor.fail(problem, line))?;
             }
             _ => {
                 let what = "solid, facet, outer loop, vertex, endloop, endfacet or endsolid";
@@ -236,7 +289,12 @@ pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError>
         }
     }
     if in_solid || open_loop.is_some() {
-        return Err(cursor.fail(Problem::Truncated { what: "a solid without 'endsolid'" }, b""));
+        return Err(cursor.fail(
+            Problem::Truncated {
+                what: "a solid without 'endsolid'",
+            },
+            b"",
+        ));
     }
     corners.surface.finish(&cursor)
 }
@@ -257,8 +315,10 @@ mod tests {
         bytes
     }
 
-    const TWO: [[[f32; 3]; 3]; 2] =
-        [[[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]], [[1., 0., 0.], [1., 1., 0.], [-0., 1., 0.]]];
+    const TWO: [[[f32; 3]; 3]; 2] = [
+        [[0., 0., 0.], [1., 0., 0.], [0., 1., 0.]],
+        [[1., 0., 0.], [1., 1., 0.], [-0., 1., 0.]],
+    ];
 
     fn text() -> String {
         let mut text = String::from("solid facet of something\n");
@@ -277,7 +337,10 @@ mod tests {
         let file = read_bytes(&binary(b"solid", &TWO), "a.stl").unwrap();
         assert_eq!(file.mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
         let mut as_text = read_bytes(text().as_bytes(), "b").unwrap();
-        assert_eq!((file.format, as_text.format), (Some(Format::StlBinary), Some(Format::StlText)));
+        assert_eq!(
+            (file.format, as_text.format),
+            (Some(Format::StlBinary), Some(Format::StlText))
+        );
         as_text.format = file.format;
         assert_eq!(file, as_text);
     }
@@ -285,10 +348,21 @@ mod tests {
     #[test]
     fn corners_are_merged_however_many_there_are() {
         // Rows of numbers that differ in their last bits, which a bad hash would put at one place.
-        let point = |i: u32| [f32::from_bits(0x3f80_0000 + i % 90), f32::from_bits(1 + i / 90), -0.0];
-        let facets: Vec<_> = (0..8000).map(|i| [point(i), point(i + 1), point(i + 90)]).collect();
+        let point = |i: u32| {
+            [
+                f32::from_bits(0x3f80_0000 + i % 90),
+                f32::from_bits(1 + i / 90),
+                -0.0,
+            ]
+        };
+        let facets: Vec<_> = (0..8000)
+            .map(|i| [point(i), point(i + 1), point(i + 90)])
+            .collect();
         let file = read_bytes(&binary(b"", &facets), "a.stl").unwrap();
-        assert_eq!((file.mesh.vertices.len(), file.mesh.triangles.len()), (8090, 8000));
+        assert_eq!(
+            (file.mesh.vertices.len(), file.mesh.triangles.len()),
+            (8090, 8000)
+        );
         let corner = |i: u32| file.mesh.vertices[i as usize].map(|c| c as f32);
         for (triangle, facet) in file.mesh.triangles.iter().zip(&facets) {
             assert_eq!(triangle.map(|i| <[f32; 3]>::from(corner(i))), *facet);
@@ -297,7 +371,10 @@ mod tests {
 
     #[test]
     fn every_truncation_is_an_error() {
-        for whole in [binary(b"header", &TWO), text().trim_end().as_bytes().to_vec()] {
+        for whole in [
+            binary(b"header", &TWO),
+            text().trim_end().as_bytes().to_vec(),
+        ] {
             for length in 0..whole.len() {
                 read_bytes(&whole[..length], "a.stl").unwrap_err();
             }
@@ -312,27 +389,48 @@ mod tests {
         assert_eq!(read_bytes(&bytes, "a.stl").unwrap_err().to_string(), text);
         let mut nan = TWO;
         nan[1][0][2] = f32::NAN;
-        let error = read_bytes(&binary(b"", &nan), "a.stl").unwrap_err().to_string();
-        assert_eq!(error, "a.stl: offset 0x9a: vertex 3 has a coordinate that is not finite (found 'NaN')");
+        let error = read_bytes(&binary(b"", &nan), "a.stl")
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            error,
+            "a.stl: offset 0x9a: vertex 3 has a coordinate that is not finite (found 'NaN')"
+        );
     }
 
     #[test]
     fn errors_in_text_name_the_line() {
-        let error = |text: &str| read_bytes(text.as_bytes(), "a.stl").unwrap_err().to_string();
+        let error = |text: &str| {
+            read_bytes(text.as_bytes(), "a.stl")
+                .unwrap_err()
+                .to_string()
+        };
         let two = "solid\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\n";
-        assert_eq!(error(two), "a.stl:5: too few corners: 2, at least 3 are needed (found 'endloop')");
+        assert_eq!(
+            error(two),
+            "a.stl:5: too few corners: 2, at least 3 are needed (found 'endloop')"
+        );
         assert!(error("solid\nvertex 0 0 0\n").contains("'outer loop' before a vertex"));
         assert!(error("solid\nouter loop\nvertex 0,5 0 0\n").contains("decimal comma"));
         assert!(error("solid\nouter loop\nvertex 0 inf 0\n").contains("not finite"));
         assert!(error("solid\nouter loop\nvertex 0 0\n").contains("2 of 3"));
         assert!(error("solid\nhello\n").contains("a.stl:2: expected solid, facet"));
-        assert_eq!(error("solid\nendsolid\n"), "a.stl: the file has no vertices");
+        assert_eq!(
+            error("solid\nendsolid\n"),
+            "a.stl: the file has no vertices"
+        );
     }
 
     #[test]
     fn a_facet_without_area_is_counted() {
         let flat = [TWO[0], [[0., 0., 0.], [1., 0., 0.], [1., 0., 0.]]];
         let file = read_bytes(&binary(b"", &flat), "a.stl").unwrap();
-        assert_eq!((file.mesh.triangles.len(), file.warnings.count(Warning::RepeatedCorner)), (1, 1));
+        assert_eq!(
+            (
+                file.mesh.triangles.len(),
+                file.warnings.count(Warning::RepeatedCorner)
+            ),
+            (1, 1)
+        );
     }
 }

@@ -42,7 +42,11 @@ impl Surface {
         let count = self.vertices.len();
         match u32::try_from(index) {
             Ok(i) if (i as usize) < count => Ok(i),
-            _ => Err(Problem::IndexOutOfRange { index, count, from_one: false }),
+            _ => Err(Problem::IndexOutOfRange {
+                index,
+                count,
+                from_one: false,
+            }),
         }
     }
 
@@ -63,7 +67,9 @@ impl Surface {
     /// Adds a polygon as a fan around its first corner.
     pub(super) fn polygon(&mut self, corners: &[u32], at: At<'_>) -> Result<(), Problem> {
         let (got, limit) = (corners.len(), MAX_CORNERS);
-        let [first, rest @ ..] = corners else { return Err(Problem::TooFewCorners { got, wanted: 3 }) };
+        let [first, rest @ ..] = corners else {
+            return Err(Problem::TooFewCorners { got, wanted: 3 });
+        };
         if rest.len() < 2 {
             return Err(Problem::TooFewCorners { got, wanted: 3 });
         }
@@ -87,17 +93,28 @@ impl Surface {
             Some(true) => {}
             Some(false) => self.warnings.note(Warning::NotFlatOrConvex, at),
             // A file of at most 2 GiB has fewer triangles than 32 bits count.
-            None => self.ahead.push(Ahead { first: start as u32, end: self.triangles.len() as u32, place: at() }),
+            None => self.ahead.push(Ahead {
+                first: start as u32,
+                end: self.triangles.len() as u32,
+                place: at(),
+            }),
         }
     }
 
     /// Adds a triangle strip; every second triangle is turned round, so that all face the same side.
     pub(super) fn strip(&mut self, corners: &[u32], at: At<'_>) -> Result<(), Problem> {
         if corners.len() < 3 {
-            return Err(Problem::TooFewCorners { got: corners.len(), wanted: 3 });
+            return Err(Problem::TooFewCorners {
+                got: corners.len(),
+                wanted: 3,
+            });
         }
         for (i, three) in corners.windows(3).enumerate() {
-            let (a, b) = if i % 2 == 0 { (three[0], three[1]) } else { (three[1], three[0]) };
+            let (a, b) = if i % 2 == 0 {
+                (three[0], three[1])
+            } else {
+                (three[1], three[0])
+            };
             self.triangle([a, b, three[2]], at);
         }
         Ok(())
@@ -106,7 +123,10 @@ impl Surface {
     /// Adds a polyline.
     pub(super) fn line(&mut self, corners: &[u32]) -> Result<(), Problem> {
         if corners.len() < 2 {
-            return Err(Problem::TooFewCorners { got: corners.len(), wanted: 2 });
+            return Err(Problem::TooFewCorners {
+                got: corners.len(),
+                wanted: 2,
+            });
         }
         self.lines.push(corners.to_vec());
         Ok(())
@@ -133,13 +153,24 @@ impl Surface {
             return Err(cursor.fail_at(Place::Whole, Problem::NoFaces { vertices }, b""));
         }
         for Ahead { first, end, place } in std::mem::take(&mut self.ahead) {
-            let fan = self.triangles.get(first as usize..end as usize).unwrap_or_default();
+            let fan = self
+                .triangles
+                .get(first as usize..end as usize)
+                .unwrap_or_default();
             if flat_and_convex(&self.vertices, fan) == Some(false) {
                 self.warnings.note_late(Warning::NotFlatOrConvex, place);
             }
         }
-        let mesh = TriangleMesh { vertices: self.vertices, triangles: self.triangles };
-        Ok(MeshFile { mesh, lines: self.lines, format: None, warnings: self.warnings })
+        let mesh = TriangleMesh {
+            vertices: self.vertices,
+            triangles: self.triangles,
+        };
+        Ok(MeshFile {
+            mesh,
+            lines: self.lines,
+            format: None,
+            warnings: self.warnings,
+        })
     }
 }
 
@@ -149,7 +180,9 @@ impl Surface {
 /// corner across the mean normal, and neither a turn at a corner nor a triangle of the fan may face the other side by more
 /// than that area. A polygon whose parts all have less area than that has no side, and counts as flat.
 fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
-    let (Some(&[first, second, _]), Some(origin)) = (fan.first(), fan.first().map(|t| t[0] as usize)) else {
+    let (Some(&[first, second, _]), Some(origin)) =
+        (fan.first(), fan.first().map(|t| t[0] as usize))
+    else {
         return Some(true);
     };
     let origin = vertices.get(origin)?;
@@ -170,11 +203,16 @@ fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
     if largest <= FLATNESS {
         return Some(true);
     }
-    let Some(normal) = total.try_normalize(FLATNESS) else { return Some(false) };
+    let Some(normal) = total.try_normalize(FLATNESS) else {
+        return Some(false);
+    };
     let flat = outline().all(|i| corner(i).dot(&normal).abs() <= FLATNESS);
     let turns = || {
         let (next, after) = (outline().cycle().skip(1), outline().cycle().skip(2));
-        outline().zip(next).zip(after).map(|((a, b), c)| (corner(b) - corner(a)).cross(&(corner(c) - corner(b))))
+        outline()
+            .zip(next)
+            .zip(after)
+            .map(|((a, b), c)| (corner(b) - corner(a)).cross(&(corner(c) - corner(b))))
     };
     Some(flat && areas().chain(turns()).all(|a| a.dot(&normal) >= -FLATNESS))
 }
@@ -190,38 +228,79 @@ mod tests {
         let mut surface = Surface::default();
         surface.polygon(&[5, 6, 7, 8], NOWHERE).unwrap();
         surface.strip(&[0, 1, 2, 3], NOWHERE).unwrap();
-        assert_eq!(surface.triangles, [[5, 6, 7], [5, 7, 8], [0, 1, 2], [2, 1, 3]]);
-        assert_eq!(surface.polygon(&[1, 2], NOWHERE), Err(Problem::TooFewCorners { got: 2, wanted: 3 }));
-        assert_eq!(surface.line(&[1]), Err(Problem::TooFewCorners { got: 1, wanted: 2 }));
-        assert_eq!(surface.strip(&[0, 1], NOWHERE), Err(Problem::TooFewCorners { got: 2, wanted: 3 }));
+        assert_eq!(
+            surface.triangles,
+            [[5, 6, 7], [5, 7, 8], [0, 1, 2], [2, 1, 3]]
+        );
+        assert_eq!(
+            surface.polygon(&[1, 2], NOWHERE),
+            Err(Problem::TooFewCorners { got: 2, wanted: 3 })
+        );
+        assert_eq!(
+            surface.line(&[1]),
+            Err(Problem::TooFewCorners { got: 1, wanted: 2 })
+        );
+        assert_eq!(
+            surface.strip(&[0, 1], NOWHERE),
+            Err(Problem::TooFewCorners { got: 2, wanted: 3 })
+        );
         let many: Vec<u32> = (0..=MAX_CORNERS as u32).collect();
         assert!(surface.polygon(&many[1..], NOWHERE).is_ok());
         let (got, limit) = (MAX_CORNERS + 1, MAX_CORNERS);
-        assert_eq!(surface.polygon(&many, NOWHERE), Err(Problem::TooManyCorners { got, limit }));
+        assert_eq!(
+            surface.polygon(&many, NOWHERE),
+            Err(Problem::TooManyCorners { got, limit })
+        );
     }
 
     #[test]
     fn a_repeated_corner_is_counted() {
         let mut surface = Surface::default();
         surface.polygon(&[0, 1, 1, 2], NOWHERE).unwrap();
-        assert_eq!((surface.triangles.len(), surface.warnings.count(Warning::RepeatedCorner)), (1, 1));
+        assert_eq!(
+            (
+                surface.triangles.len(),
+                surface.warnings.count(Warning::RepeatedCorner)
+            ),
+            (1, 1)
+        );
         // Of this polygon no triangle is left that could be flat or not.
         surface.polygon(&[0, 1, 0, 1], NOWHERE).unwrap();
-        assert_eq!((surface.triangles.len(), surface.warnings.count(Warning::RepeatedCorner)), (1, 3));
-        assert_eq!((surface.warnings.count(Warning::NotFlatOrConvex), surface.ahead.len()), (0, 1));
+        assert_eq!(
+            (
+                surface.triangles.len(),
+                surface.warnings.count(Warning::RepeatedCorner)
+            ),
+            (1, 3)
+        );
+        assert_eq!(
+            (
+                surface.warnings.count(Warning::NotFlatOrConvex),
+                surface.ahead.len()
+            ),
+            (0, 1)
+        );
     }
 
     /// Whether one polygon at a scale and place is warned of.
     fn warned(corners: &[[f64; 3]], scale: f64, offset: f64) -> bool {
-        let vertices: Vec<_> = corners.iter().map(|c| Point3::from(c.map(|x| scale * (x + offset)))).collect();
+        let vertices: Vec<_> = corners
+            .iter()
+            .map(|c| Point3::from(c.map(|x| scale * (x + offset))))
+            .collect();
         let all: Vec<u32> = (0..corners.len() as u32).collect();
         let (mut now, mut later) = (Surface::default(), Surface::default());
         later.polygon(&all, NOWHERE).unwrap();
         assert_eq!((later.ahead.len(), later.warnings.is_empty()), (1, true));
         (now.vertices, later.vertices) = (vertices.clone(), vertices);
         now.polygon(&all, NOWHERE).unwrap();
-        let count =
-            |surface: Surface| surface.finish(&Cursor::new("", b"")).unwrap().warnings.count(Warning::NotFlatOrConvex);
+        let count = |surface: Surface| {
+            surface
+                .finish(&Cursor::new("", b""))
+                .unwrap()
+                .warnings
+                .count(Warning::NotFlatOrConvex)
+        };
         let (now, later) = (count(now), count(later));
         assert_eq!(now, later);
         now == 1
@@ -249,7 +328,13 @@ mod tests {
             vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.]],
             (0..5).map(|k| fifth(2 * k % 5)).collect(),
         ];
-        for (scale, offset) in [(1.0, 0.0), (1e-3, 7.0), (1e-300, 0.0), (4e307, -1.0), (1e307, 0.0)] {
+        for (scale, offset) in [
+            (1.0, 0.0),
+            (1e-3, 7.0),
+            (1e-300, 0.0),
+            (4e307, -1.0),
+            (1e307, 0.0),
+        ] {
             for corners in &good {
                 assert!(!warned(corners, scale, offset), "{corners:?} at {scale}");
             }
@@ -257,6 +342,9 @@ mod tests {
                 assert!(warned(corners, scale, offset), "{corners:?} at {scale}");
             }
         }
-        assert!(!warned(&[[1.0; 3]; 4], 1.0, 0.0), "a polygon at one point is not looked at");
+        assert!(
+            !warned(&[[1.0; 3]; 4], 1.0, 0.0),
+            "a polygon at one point is not looked at"
+        );
     }
 }

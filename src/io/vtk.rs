@@ -24,15 +24,27 @@ pub enum Encoding {
 /// # Errors
 /// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
 /// operating system refuses.
-pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> io::Result<()> {
-    let TriangleMesh { vertices, triangles } = mesh;
+pub fn write(
+    path: &Path,
+    mesh: &TriangleMesh,
+    lines: &[Vec<u32>],
+    encoding: Encoding,
+) -> io::Result<()> {
+    let TriangleMesh {
+        vertices,
+        triangles,
+    } = mesh;
     check_mesh(mesh, lines)?;
     let word = match encoding {
         Encoding::Ascii => "ASCII",
         Encoding::Binary => "BINARY",
     };
     write_whole(path, |w| {
-        write!(w, "# vtk DataFile Version 4.2\npliant\n{word}\nDATASET POLYDATA\nPOINTS {} double\n", vertices.len())?;
+        write!(
+            w,
+            "# vtk DataFile Version 4.2\npliant\n{word}\nDATASET POLYDATA\nPOINTS {} double\n",
+            vertices.len()
+        )?;
         for v in vertices {
             match encoding {
                 Encoding::Ascii => writeln!(w, "{:?} {:?} {:?}", v.x, v.y, v.z)?,
@@ -43,7 +55,12 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Enc
             writeln!(w)?;
         }
         write_cells(w, "LINES", lines.iter().map(Vec::as_slice), encoding)?;
-        write_cells(w, "POLYGONS", triangles.iter().map(|t| t.as_slice()), encoding)
+        write_cells(
+            w,
+            "POLYGONS",
+            triangles.iter().map(|t| t.as_slice()),
+            encoding,
+        )
     })
 }
 
@@ -53,7 +70,9 @@ fn write_cells<'a>(
     cells: impl Iterator<Item = &'a [u32]> + Clone,
     encoding: Encoding,
 ) -> io::Result<()> {
-    let (count, size) = cells.clone().fold((0usize, 0usize), |(n, size), cell| (n + 1, size + 1 + cell.len()));
+    let (count, size) = cells.clone().fold((0usize, 0usize), |(n, size), cell| {
+        (n + 1, size + 1 + cell.len())
+    });
     if count == 0 {
         return Ok(());
     }
@@ -67,7 +86,9 @@ fn write_cells<'a>(
             }
             Encoding::Binary => {
                 // The format knows only signed 32-bit indices.
-                let signed = |i: usize| i32::try_from(i).map_err(|_| invalid(format!("{i} needs more than 31 bits")));
+                let signed = |i: usize| {
+                    i32::try_from(i).map_err(|_| invalid(format!("{i} needs more than 31 bits")))
+                };
                 w.write_all(&signed(cell.len())?.to_be_bytes())?;
                 for &i in cell {
                     w.write_all(&signed(i as usize)?.to_be_bytes())?;
@@ -75,7 +96,11 @@ fn write_cells<'a>(
             }
         }
     }
-    if encoding == Encoding::Binary { writeln!(w) } else { Ok(()) }
+    if encoding == Encoding::Binary {
+        writeln!(w)
+    } else {
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -87,9 +112,20 @@ mod tests {
     use crate::testing::Scratch;
 
     pub(super) fn sample() -> (TriangleMesh, Vec<Vec<u32>>) {
-        let vertices = [[0.1, -0.0, 5e-324], [1.0 / 3.0, -1e300, 0.0], [0.0, 1.0, 1e-7], [1.0, 1e16, 123.456]];
+        let vertices = [
+            [0.1, -0.0, 5e-324],
+            [1.0 / 3.0, -1e300, 0.0],
+            [0.0, 1.0, 1e-7],
+            [1.0, 1e16, 123.456],
+        ];
         let triangles = vec![[0, 1, 2], [1, 3, 2]];
-        (TriangleMesh { vertices: vertices.map(Point3::from).to_vec(), triangles }, vec![vec![0, 1, 3], vec![2, 0]])
+        (
+            TriangleMesh {
+                vertices: vertices.map(Point3::from).to_vec(),
+                triangles,
+            },
+            vec![vec![0, 1, 3], vec![2, 0]],
+        )
     }
 
     pub(super) fn written(encoding: Encoding, name: &str) -> Vec<u8> {
@@ -102,16 +138,25 @@ mod tests {
     #[test]
     fn what_is_written_is_read_with_the_same_bits() {
         let bits = |mesh: &TriangleMesh| -> Vec<[u64; 3]> {
-            mesh.vertices.iter().map(|v| [v.x, v.y, v.z].map(f64::to_bits)).collect()
+            mesh.vertices
+                .iter()
+                .map(|v| [v.x, v.y, v.z].map(f64::to_bits))
+                .collect()
         };
         let (mesh, lines) = sample();
-        for (encoding, name) in [(Encoding::Ascii, "ascii.vtk"), (Encoding::Binary, "binary.vtk")] {
+        for (encoding, name) in [
+            (Encoding::Ascii, "ascii.vtk"),
+            (Encoding::Binary, "binary.vtk"),
+        ] {
             let file = read_bytes(&written(encoding, name), name).unwrap();
             assert_eq!(bits(&file.mesh), bits(&mesh));
             assert_eq!(file.mesh.triangles, mesh.triangles);
             assert_eq!(file.lines, lines);
         }
-        let only_lines = TriangleMesh { triangles: Vec::new(), ..mesh };
+        let only_lines = TriangleMesh {
+            triangles: Vec::new(),
+            ..mesh
+        };
         let path = Scratch::file("lines.vtk");
         write(&path, &only_lines, &lines, Encoding::Ascii).unwrap();
         assert_eq!(crate::io::read(&path).unwrap().lines, lines);

@@ -37,31 +37,57 @@ pub fn write(path: &Path, data: &PolyData<'_>) -> io::Result<()> {
 ///
 /// # Errors
 /// As [`write()`]; cell data of another number.
-pub fn write_with_cells(path: &Path, data: &PolyData<'_>, cell_data: &[(&str, Vec<f64>)]) -> io::Result<()> {
+pub fn write_with_cells(
+    path: &Path,
+    data: &PolyData<'_>,
+    cell_data: &[(&str, Vec<f64>)],
+) -> io::Result<()> {
     check_indices(data.points.len(), data.triangles, data.lines)?;
     let cells = data.lines.len() + data.triangles.len();
     if let Some((name, values)) = cell_data.iter().find(|(_, values)| values.len() != cells) {
-        return Err(invalid(format!("'{name}' has {} values for {cells} cells", values.len())));
+        return Err(invalid(format!(
+            "'{name}' has {} values for {cells} cells",
+            values.len()
+        )));
     }
-    let components = data.point_data.iter().map(|(name, values)| components(name, values, data.points.len()));
+    let components = data
+        .point_data
+        .iter()
+        .map(|(name, values)| components(name, values, data.points.len()));
     let components = components.collect::<io::Result<Vec<usize>>>()?;
     let layout = Layout::of(data);
     write_whole(path, |w| {
         header(w, data, &components, &layout, cell_data)?;
-        floats(w, data.points.iter().flat_map(|p| [p.x, p.y, p.z]), 3 * data.points.len())?;
+        floats(
+            w,
+            data.points.iter().flat_map(|p| [p.x, p.y, p.z]),
+            3 * data.points.len(),
+        )?;
         for (_, values) in &data.point_data {
             floats(w, values.iter().copied(), values.len())?;
         }
         let line_corners: usize = data.lines.iter().map(Vec::len).sum();
-        integers(w, data.lines.iter().flatten().map(|&i| u64::from(i)), line_corners)?;
+        integers(
+            w,
+            data.lines.iter().flatten().map(|&i| u64::from(i)),
+            line_corners,
+        )?;
         let mut end = 0;
         let ends = data.lines.iter().map(|line| {
             end += line.len() as u64;
             end
         });
         integers(w, ends, data.lines.len())?;
-        integers(w, data.triangles.iter().flatten().map(|&i| u64::from(i)), 3 * data.triangles.len())?;
-        integers(w, (1..=data.triangles.len() as u64).map(|i| 3 * i), data.triangles.len())?;
+        integers(
+            w,
+            data.triangles.iter().flatten().map(|&i| u64::from(i)),
+            3 * data.triangles.len(),
+        )?;
+        integers(
+            w,
+            (1..=data.triangles.len() as u64).map(|i| 3 * i),
+            data.triangles.len(),
+        )?;
         for (_, values) in cell_data {
             floats(w, values.iter().copied(), values.len())?;
         }
@@ -74,7 +100,10 @@ fn components(name: &str, values: &[f64], points: usize) -> io::Result<usize> {
     match values.len().checked_div(points) {
         Some(each) if each > 0 && each * points == values.len() => Ok(each),
         None if values.is_empty() => Ok(1),
-        _ => Err(invalid(format!("'{name}' has {} values for {points} points", values.len()))),
+        _ => Err(invalid(format!(
+            "'{name}' has {} values for {points} points",
+            values.len()
+        ))),
     }
 }
 
@@ -100,7 +129,11 @@ impl Layout {
         // The points are first, at offset 0.
         block(3 * data.points.len());
         Self {
-            point_data: data.point_data.iter().map(|(_, values)| block(values.len())).collect(),
+            point_data: data
+                .point_data
+                .iter()
+                .map(|(_, values)| block(values.len()))
+                .collect(),
             line_corners: block(data.lines.iter().map(Vec::len).sum()),
             line_ends: block(data.lines.len()),
             triangle_corners: block(3 * data.triangles.len()),
@@ -129,7 +162,12 @@ fn header(
          NumberOfPolys=\"{triangles}\">"
     )?;
     writeln!(w, "      <PointData>")?;
-    for (((name, _), components), offset) in data.point_data.iter().zip(components).zip(&layout.point_data) {
+    for (((name, _), components), offset) in data
+        .point_data
+        .iter()
+        .zip(components)
+        .zip(&layout.point_data)
+    {
         array(w, "Float64", &escape(name), *components, *offset)?;
     }
     writeln!(w, "      </PointData>")?;
@@ -154,7 +192,13 @@ fn header(
     write!(w, "  <AppendedData encoding=\"raw\">\n   _")
 }
 
-fn array(w: &mut impl Write, kind: &str, name: &str, components: usize, offset: u64) -> io::Result<()> {
+fn array(
+    w: &mut impl Write,
+    kind: &str,
+    name: &str,
+    components: usize,
+    offset: u64,
+) -> io::Result<()> {
     writeln!(
         w,
         "        <DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"appended\" \
@@ -205,23 +249,43 @@ mod tests {
 
     fn block(raw: &[u8], offset: usize) -> Vec<u64> {
         let word = |at: usize| u64::from_le_bytes(raw[at..at + 8].try_into().unwrap());
-        (0..word(offset) as usize / 8).map(|i| word(offset + 8 + 8 * i)).collect()
+        (0..word(offset) as usize / 8)
+            .map(|i| word(offset + 8 + 8 * i))
+            .collect()
     }
 
     #[test]
     fn the_blocks_stand_where_the_header_says() {
         let path = Scratch::file("two.vtp");
-        let points = [[0.1, -0.0, 1e-300], [1., 0., 0.], [0., 1., 0.], [1., 1., 5.]].map(Point3::from);
+        let points = [
+            [0.1, -0.0, 1e-300],
+            [1., 0., 0.],
+            [0., 1., 0.],
+            [1., 1., 5.],
+        ]
+        .map(Point3::from);
         let lines = [vec![0, 1, 3], vec![3, 2]];
-        let point_data = vec![("strain <1>", vec![1., 2., 3., f64::NAN]), ("force", vec![0.5; 12])];
-        let data = PolyData { points: &points, triangles: &[[0, 1, 2], [1, 3, 2]], lines: &lines, point_data };
+        let point_data = vec![
+            ("strain <1>", vec![1., 2., 3., f64::NAN]),
+            ("force", vec![0.5; 12]),
+        ];
+        let data = PolyData {
+            points: &points,
+            triangles: &[[0, 1, 2], [1, 3, 2]],
+            lines: &lines,
+            point_data,
+        };
         write(&path, &data).unwrap();
         assert!(!path.with_extension("vtp.part").exists());
         let bytes = std::fs::read(&*path).unwrap();
         let begin = bytes.windows(2).position(|w| w == b" _").unwrap() + 2;
         let text = std::str::from_utf8(&bytes[..begin]).unwrap();
         let get = |from, name| block(&bytes[begin..], offset_of(text, from, name));
-        let flat: Vec<u64> = points.iter().flat_map(|p| [p.x, p.y, p.z]).map(f64::to_bits).collect();
+        let flat: Vec<u64> = points
+            .iter()
+            .flat_map(|p| [p.x, p.y, p.z])
+            .map(f64::to_bits)
+            .collect();
         assert_eq!(get("<Points>", "Points"), flat);
         assert_eq!(get("<PointData>", "strain &lt;1&gt;")[2], 3f64.to_bits());
         assert_eq!(get("<PointData>", "force").len(), 12);
@@ -231,8 +295,17 @@ mod tests {
         assert_eq!(get("<Polys>", "offsets"), [3, 6]);
         assert!(bytes.ends_with(b"\n  </AppendedData>\n</VTKFile>\n"));
         let file = crate::io::read(&path).unwrap();
-        let bits: Vec<u64> = file.mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).map(f64::to_bits).collect();
-        assert_eq!((bits, file.mesh.triangles, file.lines), (flat, data.triangles.to_vec(), lines.to_vec()));
+        let bits: Vec<u64> = file
+            .mesh
+            .vertices
+            .iter()
+            .flat_map(|p| [p.x, p.y, p.z])
+            .map(f64::to_bits)
+            .collect();
+        assert_eq!(
+            (bits, file.mesh.triangles, file.lines),
+            (flat, data.triangles.to_vec(), lines.to_vec())
+        );
     }
 
     #[test]
@@ -245,14 +318,21 @@ mod tests {
             lines: &[vec![0, 1, 2], vec![2, 0]],
             ..Default::default()
         };
-        let cells = [("fibre", vec![0., 1., -1.]), ("length_m", vec![0.25, 0.5, f64::NAN])];
+        let cells = [
+            ("fibre", vec![0., 1., -1.]),
+            ("length_m", vec![0.25, 0.5, f64::NAN]),
+        ];
         write_with_cells(&path, &data, &cells).unwrap();
         let bytes = std::fs::read(&*path).unwrap();
         let begin = bytes.windows(2).position(|w| w == b" _").unwrap() + 2;
         let text = std::str::from_utf8(&bytes[..begin]).unwrap();
         for (name, values) in &cells {
             let bits: Vec<u64> = values.iter().map(|v| v.to_bits()).collect();
-            assert_eq!(block(&bytes[begin..], offset_of(text, "<CellData>", name)), bits, "{name}");
+            assert_eq!(
+                block(&bytes[begin..], offset_of(text, "<CellData>", name)),
+                bits,
+                "{name}"
+            );
         }
         assert!(bytes.ends_with(b"\n  </AppendedData>\n</VTKFile>\n"));
         assert_eq!(crate::io::read(&path).unwrap().lines, data.lines.to_vec());
@@ -263,16 +343,38 @@ mod tests {
     fn wrong_data_are_refused() {
         let path = Scratch::file("bad.vtp");
         let points = [Point3::origin(); 3];
-        let base = PolyData { points: &points, triangles: &[[0, 1, 3]], ..Default::default() };
+        let base = PolyData {
+            points: &points,
+            triangles: &[[0, 1, 3]],
+            ..Default::default()
+        };
         assert!(write(&path, &base).is_err());
-        let short = PolyData { points: &points, point_data: vec![("a", vec![1.0; 4])], ..Default::default() };
+        let short = PolyData {
+            points: &points,
+            point_data: vec![("a", vec![1.0; 4])],
+            ..Default::default()
+        };
         assert!(write(&path, &short).is_err());
-        let none = PolyData { points: &points, point_data: vec![("a", Vec::new())], ..Default::default() };
+        let none = PolyData {
+            points: &points,
+            point_data: vec![("a", Vec::new())],
+            ..Default::default()
+        };
         assert!(write(&path, &none).is_err());
         assert!(!path.exists());
         let path = Scratch::file("empty.vtp");
-        write(&path, &PolyData { point_data: vec![("a", Vec::new())], ..Default::default() }).unwrap();
+        write(
+            &path,
+            &PolyData {
+                point_data: vec![("a", Vec::new())],
+                ..Default::default()
+            },
+        )
+        .unwrap();
         let text = std::fs::read_to_string(&*path).unwrap();
-        assert!(text.contains("Name=\"a\" NumberOfComponents=\"1\""), "{text}");
+        assert!(
+            text.contains("Name=\"a\" NumberOfComponents=\"1\""),
+            "{text}"
+        );
     }
 }

@@ -62,14 +62,19 @@ pub struct Warned {
 impl Warned {
     /// One line, `file:line: warning[W002]: 3 polygons are ...`.
     pub fn terse(&self, file: &str) -> String {
-        format!("{} warning[{}]: {self}", placed(file, &self.first, None), self.warning.code())
+        format!(
+            "{} warning[{}]: {self}",
+            placed(file, &self.first, None),
+            self.warning.code()
+        )
     }
 }
 
 impl fmt::Display for Warned {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.count;
-        let say = |one: &str, many: &str| format!("{count} {}", if count == 1 { one } else { many });
+        let say =
+            |one: &str, many: &str| format!("{count} {}", if count == 1 { one } else { many });
         match self.warning {
             Warning::Underflow => f.write_str(&say(
                 "coordinate too small for a double became 0",
@@ -84,7 +89,12 @@ impl fmt::Display for Warned {
                 "triangles that name a vertex twice were left out",
             )),
             Warning::OtherFormat { promised, found } => {
-                write!(f, "the name says {}, the content is {}", promised.name(), found.name())
+                write!(
+                    f,
+                    "the name says {}, the content is {}",
+                    promised.name(),
+                    found.name()
+                )
             }
         }
     }
@@ -102,7 +112,10 @@ impl Warnings {
 
     /// How often there was reason for a warning.
     pub fn count(&self, warning: Warning) -> usize {
-        self.0.iter().find(|w| w.warning == warning).map_or(0, |w| w.count)
+        self.0
+            .iter()
+            .find(|w| w.warning == warning)
+            .map_or(0, |w| w.count)
     }
 
     /// Whether there is none.
@@ -115,8 +128,17 @@ impl Warnings {
         match self.0.iter_mut().find(|w| w.warning == warning) {
             Some(warned) => warned.count += 1,
             None => {
-                let at = self.0.partition_point(|w| w.warning.code() < warning.code());
-                self.0.insert(at, Warned { warning, count: 1, first: place() });
+                let at = self
+                    .0
+                    .partition_point(|w| w.warning.code() < warning.code());
+                self.0.insert(
+                    at,
+                    Warned {
+                        warning,
+                        count: 1,
+                        first: place(),
+                    },
+                );
             }
         }
     }
@@ -137,7 +159,10 @@ mod tests {
     #[test]
     fn each_kind_is_counted_with_its_first_place() {
         let mut warnings = Warnings::default();
-        let other = Warning::OtherFormat { promised: Format::Obj, found: Format::Ply };
+        let other = Warning::OtherFormat {
+            promised: Format::Obj,
+            found: Format::Ply,
+        };
         warnings.note(other, &|| Place::Whole);
         for line in [7, 3] {
             warnings.note(Warning::RepeatedCorner, &|| Place::Line(line));
@@ -150,8 +175,19 @@ mod tests {
             "a.obj: warning[W010]: the name says OBJ, the content is PLY",
         ];
         assert_eq!(lines, wanted);
-        assert_eq!((warnings.count(Warning::RepeatedCorner), warnings.count(Warning::NotFlatOrConvex)), (2, 0));
-        let all = [Warning::Underflow, Warning::NotFlatOrConvex, Warning::RepeatedCorner, other];
+        assert_eq!(
+            (
+                warnings.count(Warning::RepeatedCorner),
+                warnings.count(Warning::NotFlatOrConvex)
+            ),
+            (2, 0)
+        );
+        let all = [
+            Warning::Underflow,
+            Warning::NotFlatOrConvex,
+            Warning::RepeatedCorner,
+            other,
+        ];
         let help = [
             "give such coordinates a larger unit if they matter",
             "export triangles if another split is meant",

@@ -44,30 +44,59 @@ pub enum WriteError {
 ///
 /// # Errors
 /// An ending that is not known, a mesh that the format cannot hold, a file that cannot be written.
-pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>], encoding: Encoding) -> Result<usize, WriteError> {
+pub fn write(
+    path: &Path,
+    mesh: &TriangleMesh,
+    lines: &[Vec<u32>],
+    encoding: Encoding,
+) -> Result<usize, WriteError> {
     let file = path.display().to_string();
     let binary = encoding == Encoding::Binary;
     let (done, lost) = match Format::from_name(&file) {
         Some(Format::Obj) => (obj::write(path, mesh, lines), 0),
         Some(Format::Ply) => {
-            let encoding = if binary { ply::Encoding::Little } else { ply::Encoding::Text };
+            let encoding = if binary {
+                ply::Encoding::Little
+            } else {
+                ply::Encoding::Text
+            };
             (ply::write(path, mesh, lines, encoding), 0)
         }
         Some(Format::StlBinary) => {
-            let encoding = if binary { stl::Encoding::Binary } else { stl::Encoding::Text };
+            let encoding = if binary {
+                stl::Encoding::Binary
+            } else {
+                stl::Encoding::Text
+            };
             (stl::write(path, mesh, encoding), lines.len())
         }
         Some(Format::Vtk) => {
-            let encoding = if binary { vtk::Encoding::Binary } else { vtk::Encoding::Ascii };
+            let encoding = if binary {
+                vtk::Encoding::Binary
+            } else {
+                vtk::Encoding::Ascii
+            };
             (vtk::write(path, mesh, lines, encoding), 0)
         }
         Some(Format::Vtp) => {
             let (points, triangles) = (&mesh.vertices, &mesh.triangles);
-            (vtp::write(path, &vtp::PolyData { points, triangles, lines, point_data: Vec::new() }), 0)
+            (
+                vtp::write(
+                    path,
+                    &vtp::PolyData {
+                        points,
+                        triangles,
+                        lines,
+                        point_data: Vec::new(),
+                    },
+                ),
+                0,
+            )
         }
         _ => return Err(WriteError::UnknownEnding { file }),
     };
-    done.map(|()| lost).map_err(|source| WriteError::Io { file, source })
+    done.map(|()| lost)
+        .map_err(|source| WriteError::Io { file, source })
 }
 
 #[cfg(test)]
@@ -89,19 +118,44 @@ mod tests {
         ] {
             let path = Scratch::file(&format!("write.{ending}"));
             for encoding in [Encoding::Binary, Encoding::Text] {
-                assert_eq!(write(&path, &mesh, &line, encoding).unwrap(), lost, "{ending}");
+                assert_eq!(
+                    write(&path, &mesh, &line, encoding).unwrap(),
+                    lost,
+                    "{ending}"
+                );
                 let read = crate::io::read(&path).unwrap();
-                assert_eq!((read.format.map(Format::name), read.mesh.triangles.len()), (Some(format.name()), 4));
+                assert_eq!(
+                    (read.format.map(Format::name), read.mesh.triangles.len()),
+                    (Some(format.name()), 4)
+                );
                 let parts = if ending == "PLY" { 2 } else { 1 - lost };
                 assert_eq!(read.lines.len(), parts, "{ending}");
             }
         }
         let path = Scratch::file("write.ply");
         write(&path, &mesh, &[], Encoding::Text).unwrap();
-        assert!(!std::fs::read_to_string(&*path).unwrap().contains("edge"), "no element without its records");
-        let error = write(Path::new("a.off"), &mesh, &[], Encoding::Text).unwrap_err().to_string();
-        assert_eq!(error, "a.off: the ending names no format that can be written");
-        let error = write(Path::new("no/such/folder/a.obj"), &mesh, &[], Encoding::Text).unwrap_err().to_string();
-        assert!(error.starts_with("no/such/folder/a.obj: cannot be written: "), "{error}");
+        assert!(
+            !std::fs::read_to_string(&*path).unwrap().contains("edge"),
+            "no element without its records"
+        );
+        let error = write(Path::new("a.off"), &mesh, &[], Encoding::Text)
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            error,
+            "a.off: the ending names no format that can be written"
+        );
+        let error = write(
+            Path::new("no/such/folder/a.obj"),
+            &mesh,
+            &[],
+            Encoding::Text,
+        )
+        .unwrap_err()
+        .to_string();
+        assert!(
+            error.starts_with("no/such/folder/a.obj: cannot be written: "),
+            "{error}"
+        );
     }
 }

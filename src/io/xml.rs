@@ -22,7 +22,10 @@ impl<'a> Tag<'a> {
         let mut rest = self.attributes;
         loop {
             let equals = rest.iter().position(|&b| b == b'=')?;
-            let (key, value) = (rest[..equals].trim_ascii(), rest[equals + 1..].trim_ascii_start());
+            let (key, value) = (
+                rest[..equals].trim_ascii(),
+                rest[equals + 1..].trim_ascii_start(),
+            );
             let (&quote, value) = value.split_first()?;
             if quote != b'"' && quote != b'\'' {
                 return None;
@@ -45,7 +48,11 @@ pub(super) struct Xml<'a> {
 
 impl<'a> Xml<'a> {
     pub(super) fn new(name: &'a str, bytes: &'a [u8]) -> Self {
-        Self { cursor: Cursor::new(name, bytes), bytes, position: 0 }
+        Self {
+            cursor: Cursor::new(name, bytes),
+            bytes,
+            position: 0,
+        }
     }
 
     /// An error in the text of the file, at the bytes that were found or where reading stands.
@@ -66,7 +73,9 @@ impl<'a> Xml<'a> {
             let rest = &rest[start..];
             let skipped = match rest {
                 [b'<', b'?', ..] => find(rest, b"?>"),
-                [b'<', b'!', b'-', b'-', ..] => rest.get(4..).and_then(|r| find(r, b"-->")).map(|n| n + 4),
+                [b'<', b'!', b'-', b'-', ..] => {
+                    rest.get(4..).and_then(|r| find(r, b"-->")).map(|n| n + 4)
+                }
                 [b'<', b'!', ..] => {
                     let what = "an element; document types and CDATA are not read";
                     return Err(self.fail(Problem::Expected { what }, &rest[..rest.len().min(9)]));
@@ -75,7 +84,14 @@ impl<'a> Xml<'a> {
             };
             match skipped {
                 Some(length) => self.position += length,
-                None => return Err(self.fail(Problem::Truncated { what: "a comment or declaration" }, b"")),
+                None => {
+                    return Err(self.fail(
+                        Problem::Truncated {
+                            what: "a comment or declaration",
+                        },
+                        b"",
+                    ));
+                }
             }
         }
     }
@@ -90,14 +106,29 @@ impl<'a> Xml<'a> {
             }
             quote.is_none() && b == b'>'
         });
-        let Some(length) = length else { return Err(self.fail(Problem::Truncated { what: "a tag" }, b"")) };
+        let Some(length) = length else {
+            return Err(self.fail(Problem::Truncated { what: "a tag" }, b""));
+        };
         let inside = &rest[1..length];
-        let (closes, inside) = inside.strip_prefix(b"/").map_or((false, inside), |rest| (true, rest));
-        let (empty, inside) = inside.strip_suffix(b"/").map_or((false, inside), |rest| (true, rest));
-        let name_length = inside.iter().position(u8::is_ascii_whitespace).unwrap_or(inside.len());
+        let (closes, inside) = inside
+            .strip_prefix(b"/")
+            .map_or((false, inside), |rest| (true, rest));
+        let (empty, inside) = inside
+            .strip_suffix(b"/")
+            .map_or((false, inside), |rest| (true, rest));
+        let name_length = inside
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .unwrap_or(inside.len());
         self.position += length + 1;
         let (name, attributes) = inside.split_at(name_length);
-        Ok(Tag { name, attributes, closes, empty, end: self.position })
+        Ok(Tag {
+            name,
+            attributes,
+            closes,
+            empty,
+            end: self.position,
+        })
     }
 
     /// The text between a tag and the next one.
@@ -110,7 +141,13 @@ impl<'a> Xml<'a> {
 /// The text of an attribute without the escapes of XML.
 pub(super) fn unescaped(value: &[u8]) -> String {
     let mut text = String::from_utf8_lossy(value).into_owned();
-    for (escape, character) in [("&lt;", "<"), ("&gt;", ">"), ("&quot;", "\""), ("&apos;", "'"), ("&amp;", "&")] {
+    for (escape, character) in [
+        ("&lt;", "<"),
+        ("&gt;", ">"),
+        ("&quot;", "\""),
+        ("&apos;", "'"),
+        ("&amp;", "&"),
+    ] {
         text = text.replace(escape, character);
     }
     text
@@ -118,7 +155,10 @@ pub(super) fn unescaped(value: &[u8]) -> String {
 
 /// The offset behind the first occurrence of `end`.
 fn find(bytes: &[u8], end: &[u8]) -> Option<usize> {
-    bytes.windows(end.len()).position(|w| w == end).map(|n| n + end.len())
+    bytes
+        .windows(end.len())
+        .position(|w| w == end)
+        .map(|n| n + end.len())
 }
 
 #[cfg(test)]
@@ -130,14 +170,24 @@ mod tests {
         let text = b"<?xml a='<'?><!-- <b> --><a x = \"1>2\" y='\"'>text<c/></a>";
         let mut xml = Xml::new("", text);
         let a = xml.tag().unwrap().unwrap();
-        assert_eq!((a.name, a.attribute("x"), a.attribute("y")), (&b"a"[..], Some(&b"1>2"[..]), Some(&b"\""[..])));
-        assert_eq!((a.attribute("z"), xml.text_behind(&a)), (None, &b"text"[..]));
+        assert_eq!(
+            (a.name, a.attribute("x"), a.attribute("y")),
+            (&b"a"[..], Some(&b"1>2"[..]), Some(&b"\""[..]))
+        );
+        assert_eq!(
+            (a.attribute("z"), xml.text_behind(&a)),
+            (None, &b"text"[..])
+        );
         let c = xml.tag().unwrap().unwrap();
         assert!(c.empty && !c.closes && c.name == b"c");
         assert!(xml.tag().unwrap().unwrap().closes);
         assert!(xml.tag().unwrap().is_none());
         let bare = Xml::new("", b"<a x=1 y='1'>").tag().unwrap().unwrap();
-        assert_eq!((bare.attribute("x"), bare.attribute("y")), (None, None), "a value without quotes");
+        assert_eq!(
+            (bare.attribute("x"), bare.attribute("y")),
+            (None, None),
+            "a value without quotes"
+        );
         for wrong in ["<a", "<a x=\">", "<!-- x", "<?xml", "<!DOCTYPE a>"] {
             assert!(Xml::new("", wrong.as_bytes()).tag().is_err(), "{wrong}");
         }

@@ -19,7 +19,9 @@ pub fn rims(topology: &Topology) -> Vec<Rim> {
     let mut at: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     // The lowest last, from where they are taken.
     for &e in boundary.iter().rev() {
-        topology.edges[e as usize].iter().for_each(|&v| at.entry(v).or_default().push(e));
+        topology.edges[e as usize]
+            .iter()
+            .for_each(|&v| at.entry(v).or_default().push(e));
     }
     let mut used = vec![false; topology.edges.len()];
     let mut rims = Vec::new();
@@ -46,7 +48,9 @@ fn walk(
     let mut place: BTreeMap<u32, usize> = path.iter().enumerate().map(|(k, v)| (*v, k)).collect();
     while let Some(&last) = path.last() {
         // What was used is taken off for good, so that no edge is looked at twice from one of its ends.
-        let Some(edges) = at.get_mut(&last) else { break };
+        let Some(edges) = at.get_mut(&last) else {
+            break;
+        };
         while edges.last().is_some_and(|e| used[*e as usize]) {
             edges.pop();
         }
@@ -59,13 +63,19 @@ fn walk(
             vertices.iter().for_each(|v| {
                 place.remove(v);
             });
-            rims.push(Rim { vertices, closed: true });
+            rims.push(Rim {
+                vertices,
+                closed: true,
+            });
         }
         place.insert(next, path.len());
         path.push(next);
     }
     if path.len() > 1 {
-        rims.push(Rim { vertices: path, closed: false });
+        rims.push(Rim {
+            vertices: path,
+            closed: false,
+        });
     }
 }
 
@@ -105,6 +115,10 @@ mod tests {
     #[test]
     fn a_book_has_an_open_rim() {
         // Three triangles at one edge: three walks from one end of it to the other.
-        assert!(of(5, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]).iter().any(|(_, closed)| !closed));
+        assert!(
+            of(5, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+                .iter()
+                .any(|(_, closed)| !closed)
+        );
     }
 }

@@ -19,7 +19,10 @@ pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Poi
     let square = normal.norm_squared();
     // Below a sine of 1e-8 rounding turns the normal by as much as the triangle is flat; its sides are as good.
     if square > 1e-16 * u.norm_squared() * v.norm_squared() {
-        let (s, t) = (w.cross(&v).dot(&normal) / square, u.cross(&w).dot(&normal) / square);
+        let (s, t) = (
+            w.cross(&v).dot(&normal) / square,
+            u.cross(&w).dot(&normal) / square,
+        );
         if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
             return a + u * s + v * t;
         }
@@ -39,7 +42,11 @@ pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Poi
 fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Point3<f64> {
     let along = b - a;
     let square = along.norm_squared();
-    let t = if square > 0.0 { ((p - a).dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
+    let t = if square > 0.0 {
+        ((p - a).dot(&along) / square).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
     a + along * t
 }
 
@@ -84,8 +91,15 @@ impl SurfaceTree {
         let of = |t: &[u32; 3]| t.map(|v| vertices[v as usize]);
         let mut names: Vec<u32> = (0..triangles.len() as u32).collect();
         let corners: Vec<[Point3<f64>; 3]> = triangles.iter().map(of).collect();
-        let middles: Vec<Vector3<f64>> = corners.iter().map(|[a, b, c]| a.coords + b.coords + c.coords).collect();
-        let mut nodes = vec![Node { bounds: Aabb::EMPTY, link: 0, count: 0 }];
+        let middles: Vec<Vector3<f64>> = corners
+            .iter()
+            .map(|[a, b, c]| a.coords + b.coords + c.coords)
+            .collect();
+        let mut nodes = vec![Node {
+            bounds: Aabb::EMPTY,
+            link: 0,
+            count: 0,
+        }];
         let mut open = vec![(0usize, 0usize, names.len())];
         while let Some((node, start, end)) = open.pop() {
             let part = &mut names[start..end];
@@ -98,7 +112,9 @@ impl SurfaceTree {
             let half = part.len() / 2;
             // The index breaks ties, so that the tree is determined.
             part.select_nth_unstable_by(half, |&i, &j| {
-                middles[i as usize][axis].total_cmp(&middles[j as usize][axis]).then(i.cmp(&j))
+                middles[i as usize][axis]
+                    .total_cmp(&middles[j as usize][axis])
+                    .then(i.cmp(&j))
             });
             let child = nodes.len();
             nodes[node].link = child as u32;
@@ -107,9 +123,19 @@ impl SurfaceTree {
             open.push((child + 1, start + half, end));
         }
         let corners: Vec<[Point3<f64>; 3]> = names.iter().map(|&t| corners[t as usize]).collect();
-        let normal = |[a, b, c]: &[Point3<f64>; 3]| (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default();
+        let normal = |[a, b, c]: &[Point3<f64>; 3]| {
+            (b - a)
+                .cross(&(c - a))
+                .try_normalize(0.0)
+                .unwrap_or_default()
+        };
         let normals = corners.iter().map(normal).collect();
-        Self { nodes, corners, normals, names }
+        Self {
+            nodes,
+            corners,
+            normals,
+            names,
+        }
     }
 
     /// The closest point of the surface at most `within` [m] away; `None` if there is none.
@@ -118,20 +144,38 @@ impl SurfaceTree {
     }
 
     /// As [`SurfaceTree::closest`], among triangles that `admit` names.
-    pub fn closest_of(&self, p: &Point3<f64>, within: f64, admit: impl Fn(u32) -> bool) -> Option<Closest> {
+    pub fn closest_of(
+        &self,
+        p: &Point3<f64>,
+        within: f64,
+        admit: impl Fn(u32) -> bool,
+    ) -> Option<Closest> {
         self.search(p, within, |t| admit(self.names[t]), false)
     }
 
     /// As [`SurfaceTree::closest`], among triangles whose unit normal has a product above `cosine` with `normal`.
     ///
     /// Triangles without area, which have no normal, count as well if `cosine` is negative.
-    pub fn closest_facing(&self, p: &Point3<f64>, normal: &Vector3<f64>, cosine: f64, within: f64) -> Option<Closest> {
+    pub fn closest_facing(
+        &self,
+        p: &Point3<f64>,
+        normal: &Vector3<f64>,
+        cosine: f64,
+        within: f64,
+    ) -> Option<Closest> {
         self.search(p, within, |t| self.normals[t].dot(normal) > cosine, false)
     }
 
     /// Whether [`SurfaceTree::closest_facing`] would find anything; faster.
-    pub fn is_near_facing(&self, p: &Point3<f64>, normal: &Vector3<f64>, cosine: f64, within: f64) -> bool {
-        self.search(p, within, |t| self.normals[t].dot(normal) > cosine, true).is_some()
+    pub fn is_near_facing(
+        &self,
+        p: &Point3<f64>,
+        normal: &Vector3<f64>,
+        cosine: f64,
+        within: f64,
+    ) -> bool {
+        self.search(p, within, |t| self.normals[t].dot(normal) > cosine, true)
+            .is_some()
     }
 
     /// As [`SurfaceTree::is_near_facing`], faster where `likely` is near: what the last question found.
@@ -191,7 +235,13 @@ impl SurfaceTree {
         true
     }
 
-    fn search(&self, p: &Point3<f64>, within: f64, admit: impl Fn(usize) -> bool, any: bool) -> Option<Closest> {
+    fn search(
+        &self,
+        p: &Point3<f64>,
+        within: f64,
+        admit: impl Fn(usize) -> bool,
+        any: bool,
+    ) -> Option<Closest> {
         let mut best = None;
         let mut limit = within * within;
         let mut stack = [(0u32, 0.0); STACK];
@@ -207,7 +257,11 @@ impl SurfaceTree {
             if node.count == 0 && !node.bounds.is_empty() {
                 let child = |n: u32| (n, self.nodes[n as usize].distance_squared(p));
                 let (near, far) = (child(node.link), child(node.link + 1));
-                let (near, far) = if far.1 < near.1 { (far, near) } else { (near, far) };
+                let (near, far) = if far.1 < near.1 {
+                    (far, near)
+                } else {
+                    (near, far)
+                };
                 stack[depth] = far;
                 stack[depth + 1] = near;
                 depth += 2;
@@ -223,7 +277,11 @@ impl SurfaceTree {
                 let square = (p - point).norm_squared();
                 if square < limit || (best.is_none() && square <= limit) {
                     limit = square;
-                    best = Some(Closest { point, triangle: self.names[t], distance: square.sqrt() });
+                    best = Some(Closest {
+                        point,
+                        triangle: self.names[t],
+                        distance: square.sqrt(),
+                    });
                     if any || square == 0.0 {
                         return best;
                     }
@@ -257,7 +315,16 @@ mod tests {
         let p = Point3::new(0.03, 0.004, 0.02);
         let down = -Vector3::y();
         assert!((tree.closest(&p, 1.0).expect("near").point.y - 0.005).abs() < 1e-15);
-        assert!((tree.closest_facing(&p, &down, 0.0, 1.0).expect("near").point.y + 0.005).abs() < 1e-15);
+        assert!(
+            (tree
+                .closest_facing(&p, &down, 0.0, 1.0)
+                .expect("near")
+                .point
+                .y
+                + 0.005)
+                .abs()
+                < 1e-15
+        );
         assert!(!tree.is_near_facing(&p, &down, 0.0, 0.008));
         assert!(tree.is_near_facing(&p, &down, 0.0, 0.010));
         assert_eq!(tree.closest(&p, 0.000_9), None);

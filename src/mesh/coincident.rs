@@ -9,7 +9,9 @@ pub fn first_in_place(vertices: &[Point3<f64>]) -> Vec<u32> {
     let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
     let compare = |a: &u32, b: &u32| {
         let (p, q) = (key(*a), key(*b));
-        p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z))
+        p.x.total_cmp(&q.x)
+            .then(p.y.total_cmp(&q.y))
+            .then(p.z.total_cmp(&q.z))
     };
     order.sort_unstable_by(|a, b| compare(a, b).then(a.cmp(b)));
     let mut first = vec![0; vertices.len()];
@@ -29,7 +31,10 @@ pub fn same_corners(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
     order.sort_unstable_by_key(|t| (key(t), *t));
     let groups = order.chunk_by(|a, b| key(a) == key(b));
-    let mut groups: Vec<Vec<u32>> = groups.filter(|g| g.len() > 1).map(<[u32]>::to_vec).collect();
+    let mut groups: Vec<Vec<u32>> = groups
+        .filter(|g| g.len() > 1)
+        .map(<[u32]>::to_vec)
+        .collect();
     groups.sort_unstable();
     groups
 }
@@ -48,7 +53,14 @@ mod tests {
 
     #[test]
     fn corners_in_any_turn() {
-        let groups = same_corners(&[[3, 4, 5], [0, 1, 2], [4, 3, 5], [0, 1, 3], [5, 3, 4], [2, 1, 0]]);
+        let groups = same_corners(&[
+            [3, 4, 5],
+            [0, 1, 2],
+            [4, 3, 5],
+            [0, 1, 3],
+            [5, 3, 4],
+            [2, 1, 0],
+        ]);
         assert_eq!(groups, [vec![0, 2, 4], vec![1, 5]]);
     }
 }

@@ -24,8 +24,14 @@ pub fn cut(mesh: &TriangleMesh, values: &[f64], height: &[f64]) -> Cut {
     let mut kept: BTreeMap<[u32; 2], u32> = BTreeMap::new();
     let value = |v: u32| values.get(v as usize).copied().unwrap_or(f64::NAN);
     for t in &mesh.triangles {
-        let known = t.map(|v| mesh.vertices.get(v as usize).and_then(|p| Some((*p, *height.get(v as usize)?))));
-        let [Some(a), Some(b), Some(c)] = known else { continue };
+        let known = t.map(|v| {
+            mesh.vertices
+                .get(v as usize)
+                .and_then(|p| Some((*p, *height.get(v as usize)?)))
+        });
+        let [Some(a), Some(b), Some(c)] = known else {
+            continue;
+        };
         let corners = [a, b, c];
         if corners.iter().any(|(_, h)| h.is_nan()) {
             continue;
@@ -46,17 +52,25 @@ pub fn cut(mesh: &TriangleMesh, values: &[f64], height: &[f64]) -> Cut {
                 let (from, to) = if t[i] < t[j] { (i, j) } else { (j, i) };
                 let share = corners[from].1 / (corners[from].1 - corners[to].1);
                 let at = *kept.entry([t[from], t[to]]).or_insert_with(|| {
-                    cut.mesh.vertices.push(corners[from].0 + (corners[to].0 - corners[from].0) * share);
-                    cut.values.push(value(t[from]) * (1.0 - share) + value(t[to]) * share);
+                    cut.mesh
+                        .vertices
+                        .push(corners[from].0 + (corners[to].0 - corners[from].0) * share);
+                    cut.values
+                        .push(value(t[from]) * (1.0 - share) + value(t[to]) * share);
                     cut.values.len() as u32 - 1
                 });
                 polygon.push(at);
                 crossed.push(at);
             }
         }
-        (2..polygon.len()).for_each(|k| cut.mesh.triangles.push([polygon[0], polygon[k - 1], polygon[k]]));
+        (2..polygon.len()).for_each(|k| {
+            cut.mesh
+                .triangles
+                .push([polygon[0], polygon[k - 1], polygon[k]])
+        });
         if let [from, to] = crossed[..] {
-            cut.line.push([from, to].map(|v| cut.mesh.vertices[v as usize]).to_vec());
+            cut.line
+                .push([from, to].map(|v| cut.mesh.vertices[v as usize]).to_vec());
         }
     }
     cut
@@ -69,7 +83,9 @@ type Segment = [(f64, Point3<f64>); 2];
 /// In strips between neighbouring ends of segments, so that it does not matter how they are joined.
 pub fn filled(line: &[Vec<Point3<f64>>], normal: &Vector3<f64>) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
-    let Some(normal) = normal.try_normalize(0.0) else { return mesh };
+    let Some(normal) = normal.try_normalize(0.0) else {
+        return mesh;
+    };
     let axis = Vector3::ith(normal.map(f64::abs).imin(), 1.0);
     let across = normal.cross(&axis).normalize();
     let along = normal.cross(&across);
@@ -93,15 +109,20 @@ pub fn filled(line: &[Vec<Point3<f64>>], normal: &Vector3<f64>) -> TriangleMesh 
             open.push(*segment);
             next += 1;
         }
-        let at = |s: &Segment, h: f64| s[0].1 + (s[1].1 - s[0].1) * ((h - s[0].0) / (s[1].0 - s[0].0));
+        let at =
+            |s: &Segment, h: f64| s[0].1 + (s[1].1 - s[0].1) * ((h - s[0].0) / (s[1].0 - s[0].0));
         let place = |s: &Segment| at(s, f64::midpoint(pair[0], pair[1])).coords.dot(&along);
         open.sort_by(|a, b| place(a).total_cmp(&place(b)));
         for sides in open.chunks_exact(2) {
             let first = mesh.vertices.len() as u32;
             mesh.vertices.extend(
-                [0, 1].into_iter().flat_map(|k| pair.iter().map(move |h| (k, *h))).map(|(k, h)| at(&sides[k], h)),
+                [0, 1]
+                    .into_iter()
+                    .flat_map(|k| pair.iter().map(move |h| (k, *h)))
+                    .map(|(k, h)| at(&sides[k], h)),
             );
-            mesh.triangles.extend([[first, first + 1, first + 3], [first, first + 3, first + 2]]);
+            mesh.triangles
+                .extend([[first, first + 1, first + 3], [first, first + 3, first + 2]]);
         }
     }
     mesh
@@ -117,14 +138,21 @@ mod tests {
     fn half_a_sphere_has_half_its_area_and_a_round_rim() {
         let ball = icosphere(1.0, 4);
         // Through no vertex, so that nothing is left of triangles that the plane only touches.
-        let heights: Vec<f64> = ball.vertices.iter().map(|p| p.z + 0.3 * p.x - 1e-3).collect();
+        let heights: Vec<f64> = ball
+            .vertices
+            .iter()
+            .map(|p| p.z + 0.3 * p.x - 1e-3)
+            .collect();
         let x: Vec<f64> = ball.vertices.iter().map(|p| p.x).collect();
         let half = cut(&ball, &x, &heights);
         let other = cut(&ball, &x, &heights.iter().map(|h| -h).collect::<Vec<_>>());
         assert!((half.mesh.area() + other.mesh.area() - ball.area()).abs() <= 1e-12);
         assert!((half.mesh.area() / ball.area() - 0.5).abs() <= 1e-3);
         let length: f64 = half.line.iter().map(|s| (s[1] - s[0]).norm()).sum();
-        assert!((length / std::f64::consts::TAU - 1.0).abs() <= 2e-3, "{length}");
+        assert!(
+            (length / std::f64::consts::TAU - 1.0).abs() <= 2e-3,
+            "{length}"
+        );
         let topology = Topology::new(&half.mesh);
         assert!(topology.is_oriented() && topology.boundary_edges().len() == half.line.len());
         for (p, value) in half.mesh.vertices.iter().zip(&half.values) {
@@ -137,21 +165,36 @@ mod tests {
         let (ball, small) = (icosphere(1.0, 4), icosphere(0.5, 4));
         let normal = Vector3::new(0.3, -0.2, 1.0).normalize();
         let at = |mesh: &TriangleMesh| {
-            let heights: Vec<f64> = mesh.vertices.iter().map(|p| p.coords.dot(&normal) - 0.1234).collect();
+            let heights: Vec<f64> = mesh
+                .vertices
+                .iter()
+                .map(|p| p.coords.dot(&normal) - 0.1234)
+                .collect();
             cut(mesh, &[], &heights).line
         };
         let line = [at(&ball), at(&small)].concat();
         let ring = filled(&line, &normal);
         let circle = |radius: f64| std::f64::consts::PI * (radius * radius - 0.1234 * 0.1234);
-        assert!((ring.area() / (circle(1.0) - circle(0.5)) - 1.0).abs() <= 5e-3, "{}", ring.area());
+        assert!(
+            (ring.area() / (circle(1.0) - circle(0.5)) - 1.0).abs() <= 5e-3,
+            "{}",
+            ring.area()
+        );
         assert!((filled(&at(&ball), &normal).area() / circle(1.0) - 1.0).abs() <= 5e-3);
         let facing = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| ring.vertices[v as usize]);
             (b - a).cross(&(c - a)).dot(&normal)
         };
         assert!(ring.triangles.iter().all(|t| facing(t) >= -1e-15));
-        assert!(ring.vertices.iter().all(|p| (p.coords.dot(&normal) - 0.1234).abs() <= 1e-12));
-        assert!(filled(&[], &normal).triangles.is_empty() && filled(&line, &Vector3::zeros()).triangles.is_empty());
+        assert!(
+            ring.vertices
+                .iter()
+                .all(|p| (p.coords.dot(&normal) - 0.1234).abs() <= 1e-12)
+        );
+        assert!(
+            filled(&[], &normal).triangles.is_empty()
+                && filled(&line, &Vector3::zeros()).triangles.is_empty()
+        );
     }
 
     #[test]
@@ -160,7 +203,9 @@ mod tests {
         let of = |height: f64| cut(&ball, &[], &vec![height; ball.vertices.len()]);
         assert_eq!(of(0.0).mesh.triangles.len(), ball.triangles.len());
         assert!(
-            of(0.0).line.is_empty() && of(-1.0).mesh.triangles.is_empty() && of(f64::NAN).mesh.triangles.is_empty()
+            of(0.0).line.is_empty()
+                && of(-1.0).mesh.triangles.is_empty()
+                && of(f64::NAN).mesh.triangles.is_empty()
         );
         assert!(cut(&ball, &[], &[1.0; 3]).mesh.triangles.len() < ball.triangles.len());
     }

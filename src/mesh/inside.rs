@@ -29,11 +29,26 @@ impl<'a> Inside<'a> {
     pub fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let cells = ((triangles.len() as f64).sqrt() as usize).max(1);
         let bounds = Aabb::of_points(vertices);
-        let mut this = Self { vertices, triangles, bounds, cells, start: Vec::new(), listed: Vec::new() };
-        let of_all = |this: &Self| (0..triangles.len()).map(|t| this.cells_of(t)).collect::<Vec<_>>();
+        let mut this = Self {
+            vertices,
+            triangles,
+            bounds,
+            cells,
+            start: Vec::new(),
+            listed: Vec::new(),
+        };
+        let of_all = |this: &Self| {
+            (0..triangles.len())
+                .map(|t| this.cells_of(t))
+                .collect::<Vec<_>>()
+        };
         let mut ranges = of_all(&this);
-        let entries =
-            |ranges: &[[usize; 4]]| ranges.iter().map(|[a, b, c, d]| (b - a + 1) * (d - c + 1)).sum::<usize>();
+        let entries = |ranges: &[[usize; 4]]| {
+            ranges
+                .iter()
+                .map(|[a, b, c, d]| (b - a + 1) * (d - c + 1))
+                .sum::<usize>()
+        };
         while this.cells > 1 && entries(&ranges) > ENTRIES * triangles.len() {
             this.cells /= 2;
             ranges = of_all(&this);
@@ -59,7 +74,11 @@ impl<'a> Inside<'a> {
 
     fn cell(&self, value: f64, axis: usize) -> usize {
         let (low, extent) = (self.bounds.min[axis], self.bounds.extents()[axis]);
-        let share = if extent > 0.0 { (value - low) / extent } else { 0.0 };
+        let share = if extent > 0.0 {
+            (value - low) / extent
+        } else {
+            0.0
+        };
         // Monotone in `value`, so a point is in a cell that its triangle is listed in; `as` saturates.
         ((share * self.cells as f64) as usize).min(self.cells - 1)
     }
@@ -67,13 +86,21 @@ impl<'a> Inside<'a> {
     fn cells_of(&self, t: usize) -> [usize; 4] {
         let c = self.triangles[t].map(|v| self.vertices[v as usize]);
         let (low, high) = (c[0].inf(&c[1]).inf(&c[2]), c[0].sup(&c[1]).sup(&c[2]));
-        [self.cell(low.y, 1), self.cell(high.y, 1), self.cell(low.z, 2), self.cell(high.z, 2)]
+        [
+            self.cell(low.y, 1),
+            self.cell(high.y, 1),
+            self.cell(low.z, 2),
+            self.cell(high.z, 2),
+        ]
     }
 
     /// The winding number of a closed surface about `p`: signed crossings of the ray from `p` along +x. Points on
     /// shared edges are counted once by a half-open rule; a point on the surface counts as outside or inside.
     pub fn winding(&self, p: &Point3<f64>) -> i32 {
-        self.list(p).iter().map(|&t| self.crossing(p, t as usize)).sum()
+        self.list(p)
+            .iter()
+            .map(|&t| self.crossing(p, t as usize))
+            .sum()
     }
 
     /// How many triangles have to be looked at for a point.
@@ -113,7 +140,11 @@ impl<'a> Inside<'a> {
             let turns = turns(&at, &self.corners(t as usize));
             (turns != 0).then_some((t, turns))
         });
-        Line { inside: self, at, covering: covering.collect() }
+        Line {
+            inside: self,
+            at,
+            covering: covering.collect(),
+        }
     }
 }
 
@@ -133,14 +164,21 @@ impl Line<'_> {
         if !self.inside.bounds.contains(&p) {
             return 0;
         }
-        self.covering.iter().map(|&(t, turns)| ahead(&p, &self.inside.corners(t as usize), turns)).sum()
+        self.covering
+            .iter()
+            .map(|&(t, turns)| ahead(&p, &self.inside.corners(t as usize), turns))
+            .sum()
     }
 }
 
 /// How often the ray from `p` along +x crosses the triangle `c`, signed.
 pub(crate) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     // The ray misses the triangle's box; this comparison and those of `turns` are exact and settle nearly all.
-    if c.iter().all(|v| v.x < p.x) { 0 } else { ahead(p, c, turns(p, c)) }
+    if c.iter().all(|v| v.x < p.x) {
+        0
+    } else {
+        ahead(p, c, turns(p, c))
+    }
 }
 
 /// How often the triangle turns about the line along x through `p`: 0 where it does not cover `p` in projection.
@@ -159,7 +197,11 @@ fn ahead(p: &Point3<f64>, c: &[Point3<f64>; 3], turns: i32) -> i32 {
         return 0;
     }
     // `orient3d` is positive where p lies below the plane, seen with a, b, c counter-clockwise.
-    let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
+    let at = |v: &Point3<f64>| Coord3D {
+        x: v.x,
+        y: v.y,
+        z: v.z,
+    };
     let below = orient3d(at(&c[0]), at(&c[1]), at(&c[2]), at(p));
     let ahead = if turns > 0 { below > 0.0 } else { below < 0.0 };
     if ahead { turns } else { 0 }
@@ -226,9 +268,13 @@ mod tests {
     fn a_line_knows_what_its_points_know() {
         let mut mesh = icosphere(1.0, 2);
         let first = mesh.vertices.len() as u32;
-        let shifted: Vec<Point3<f64>> =
-            mesh.vertices.iter().map(|v| v + nalgebra::Vector3::new(0.7, 0.1, 0.0)).collect();
-        mesh.triangles.extend(mesh.triangles.clone().iter().map(|t| t.map(|v| v + first)));
+        let shifted: Vec<Point3<f64>> = mesh
+            .vertices
+            .iter()
+            .map(|v| v + nalgebra::Vector3::new(0.7, 0.1, 0.0))
+            .collect();
+        mesh.triangles
+            .extend(mesh.triangles.clone().iter().map(|t| t.map(|v| v + first)));
         mesh.vertices.extend(shifted);
         let inside = Inside::new(&mesh.vertices, &mesh.triangles);
         let mut draw = Draw::new(9);
@@ -236,7 +282,11 @@ mod tests {
         for n in 0..600 {
             // Half of them exactly through a vertex.
             let v = mesh.vertices[n % mesh.vertices.len()];
-            let (y, z) = if n % 2 == 0 { (v.y, v.z) } else { (draw.between(-1.2, 1.2), draw.between(-1.2, 1.2)) };
+            let (y, z) = if n % 2 == 0 {
+                (v.y, v.z)
+            } else {
+                (draw.between(-1.2, 1.2), draw.between(-1.2, 1.2))
+            };
             let line = inside.line(y, z);
             for x in [-1.5, v.x, 0.35, draw.between(-1.1, 1.9), 2.5] {
                 let expected = inside.winding(&Point3::new(x, y, z));

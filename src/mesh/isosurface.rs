@@ -29,24 +29,43 @@ pub fn isosurface(
     let (mut vertices, cells) = grid.vertices(&values);
     draw_onto_zero(&distance, &mut vertices, cell);
     let triangles = grid.triangles(&values, &cells, &vertices);
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// Draws points near the zero set of `distance` [m] onto it, none by more than `reach` [m].
 ///
 /// Newton steps along a gradient from differences; a point that would go farther stays where its last step led.
-pub fn draw_onto_zero(distance: &(impl Fn(Point3<f64>) -> f64 + Sync), points: &mut [Point3<f64>], reach: f64) {
-    points.par_iter_mut().for_each(|p| *p = drawn_onto_zero(distance, *p, reach));
+pub fn draw_onto_zero(
+    distance: &(impl Fn(Point3<f64>) -> f64 + Sync),
+    points: &mut [Point3<f64>],
+    reach: f64,
+) {
+    points
+        .par_iter_mut()
+        .for_each(|p| *p = drawn_onto_zero(distance, *p, reach));
 }
 
 /// Newton steps along the gradient, kept within the cell's size so that a kink throws no vertex away.
-fn drawn_onto_zero(distance: &impl Fn(Point3<f64>) -> f64, start: Point3<f64>, reach: f64) -> Point3<f64> {
+fn drawn_onto_zero(
+    distance: &impl Fn(Point3<f64>) -> f64,
+    start: Point3<f64>,
+    reach: f64,
+) -> Point3<f64> {
     let step = 1e-4 * reach;
     let mut p = start;
     for _ in 0..NEWTON_STEPS {
         let value = distance(p);
-        let slope = |axis: Vector3<f64>| (distance(p + axis * step) - distance(p - axis * step)) / (2.0 * step);
-        let gradient = Vector3::new(slope(Vector3::x()), slope(Vector3::y()), slope(Vector3::z()));
+        let slope = |axis: Vector3<f64>| {
+            (distance(p + axis * step) - distance(p - axis * step)) / (2.0 * step)
+        };
+        let gradient = Vector3::new(
+            slope(Vector3::x()),
+            slope(Vector3::y()),
+            slope(Vector3::z()),
+        );
         let square = gradient.norm_squared();
         if square.is_nan() || square < 1e-6 {
             break;
@@ -70,7 +89,11 @@ struct Grid {
 impl Grid {
     fn new(lo: Point3<f64>, hi: Point3<f64>, cell: f64) -> Self {
         let size = hi - lo;
-        Self { lo, cell, counts: [0, 1, 2].map(|k| (size[k] / cell).ceil() as usize + 1) }
+        Self {
+            lo,
+            cell,
+            counts: [0, 1, 2].map(|k| (size[k] / cell).ceil() as usize + 1),
+        }
     }
 
     fn index(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -84,17 +107,23 @@ impl Grid {
     fn sample(&self, distance: &(impl Fn(Point3<f64>) -> f64 + Sync)) -> Vec<f64> {
         let [nx, ny, nz] = self.counts;
         let mut values = vec![0.0; nx * ny * nz];
-        values.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
-            let (j, k) = (row % ny, row / ny);
-            for (i, value) in line.iter_mut().enumerate() {
-                *value = distance(self.position([i, j, k]));
-                let at_rim = [i, j, k].iter().zip(self.counts).any(|(&n, count)| n == 0 || n + 1 == count);
-                // Outside all round: the surface is closed even where the body leaves the box.
-                if at_rim && (*value <= 0.0 || value.is_nan()) {
-                    *value = 0.5 * self.cell;
+        values
+            .par_chunks_mut(nx)
+            .enumerate()
+            .for_each(|(row, line)| {
+                let (j, k) = (row % ny, row / ny);
+                for (i, value) in line.iter_mut().enumerate() {
+                    *value = distance(self.position([i, j, k]));
+                    let at_rim = [i, j, k]
+                        .iter()
+                        .zip(self.counts)
+                        .any(|(&n, count)| n == 0 || n + 1 == count);
+                    // Outside all round: the surface is closed even where the body leaves the box.
+                    if at_rim && (*value <= 0.0 || value.is_nan()) {
+                        *value = 0.5 * self.cell;
+                    }
                 }
-            }
-        });
+            });
         values
     }
 
@@ -117,7 +146,13 @@ impl Grid {
     }
 
     fn middle_of_crossings(&self, values: &[f64], base: [usize; 3]) -> Option<Point3<f64>> {
-        let corner = |c: usize| [base[0] + (c & 1), base[1] + (c >> 1 & 1), base[2] + (c >> 2)];
+        let corner = |c: usize| {
+            [
+                base[0] + (c & 1),
+                base[1] + (c >> 1 & 1),
+                base[2] + (c >> 2),
+            ]
+        };
         let at: [f64; 8] = std::array::from_fn(|c| values[self.index(corner(c))]);
         let inside = at.iter().filter(|&&v| v < 0.0).count();
         if inside == 0 || inside == 8 {
@@ -125,7 +160,11 @@ impl Grid {
         }
         let (mut sum, mut crossings) = (Vector3::zeros(), 0.0);
         for from in 0..8 {
-            for to in [1, 2, 4].map(|bit| from | bit).into_iter().filter(|&to| to != from) {
+            for to in [1, 2, 4]
+                .map(|bit| from | bit)
+                .into_iter()
+                .filter(|&to| to != from)
+            {
                 let (a, b) = (at[from], at[to]);
                 if (a < 0.0) != (b < 0.0) {
                     let (p, q) = (self.position(corner(from)), self.position(corner(to)));
@@ -140,7 +179,9 @@ impl Grid {
     fn triangles(&self, values: &[f64], cells: &[u32], vertices: &[Point3<f64>]) -> Vec<[u32; 3]> {
         let mut triangles = Vec::new();
         let [nx, ny, nz] = self.counts;
-        for (k, j, i) in (1..nz - 1).flat_map(|k| (1..ny - 1).flat_map(move |j| (1..nx - 1).map(move |i| (k, j, i)))) {
+        for (k, j, i) in (1..nz - 1)
+            .flat_map(|k| (1..ny - 1).flat_map(move |j| (1..nx - 1).map(move |i| (k, j, i))))
+        {
             let low = values[self.index([i, j, k])] < 0.0;
             for axis in 0..3 {
                 let mut next = [i, j, k];
@@ -167,10 +208,18 @@ impl Grid {
         triangles
     }
 
-    fn rim_triangles(&self, values: &[f64], cells: &[u32], vertices: &[Point3<f64>], out: &mut Vec<[u32; 3]>) {
+    fn rim_triangles(
+        &self,
+        values: &[f64],
+        cells: &[u32],
+        vertices: &[Point3<f64>],
+        out: &mut Vec<[u32; 3]>,
+    ) {
         for axis in 0..3 {
             let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-            for (a, b) in (1..self.counts[u] - 1).flat_map(|a| (1..self.counts[v] - 1).map(move |b| (a, b))) {
+            for (a, b) in
+                (1..self.counts[u] - 1).flat_map(|a| (1..self.counts[v] - 1).map(move |b| (a, b)))
+            {
                 let mut at = [0; 3];
                 (at[axis], at[u], at[v]) = (1, a, b);
                 if values[self.index(at)] >= 0.0 {
@@ -181,7 +230,10 @@ impl Grid {
                     (cell[axis], cell[u], cell[v]) = (0, a - du, b - dv);
                     cells[self.index(cell)]
                 };
-                out.extend(split([around(1, 0), around(0, 0), around(0, 1), around(1, 1)], vertices));
+                out.extend(split(
+                    [around(1, 0), around(0, 0), around(0, 1), around(1, 1)],
+                    vertices,
+                ));
             }
         }
     }
@@ -190,7 +242,11 @@ impl Grid {
 /// Splits a quad along its shorter diagonal.
 fn split([a, b, c, d]: [u32; 4], vertices: &[Point3<f64>]) -> [[u32; 3]; 2] {
     let square = |p: u32, q: u32| (vertices[p as usize] - vertices[q as usize]).norm_squared();
-    if square(a, c) <= square(b, d) { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+    if square(a, c) <= square(b, d) {
+        [[a, b, c], [a, c, d]]
+    } else {
+        [[a, b, d], [b, c, d]]
+    }
 }
 
 #[cfg(test)]
@@ -214,7 +270,12 @@ mod tests {
     #[test]
     fn torus_has_genus_one() {
         let torus = |p: Point3<f64>| (p.x.hypot(p.z) - 1.0).hypot(p.y) - 0.4;
-        let m = isosurface(torus, Point3::new(-1.6, -0.6, -1.6), Point3::new(1.6, 0.6, 1.6), 0.1);
+        let m = isosurface(
+            torus,
+            Point3::new(-1.6, -0.6, -1.6),
+            Point3::new(1.6, 0.6, 1.6),
+            0.1,
+        );
         assert_sound(&m, 0);
         let volume = 2.0 * (std::f64::consts::PI * 0.4).powi(2);
         assert!((m.volume() / volume - 1.0).abs() < 0.02);
@@ -223,8 +284,12 @@ mod tests {
 
     #[test]
     fn a_body_that_leaves_the_box_is_closed() {
-        let m =
-            isosurface(sphere(Point3::origin(), 1.0), Point3::new(-0.7, -2.0, -2.0), Point3::new(2.0, 0.5, 0.3), 0.1);
+        let m = isosurface(
+            sphere(Point3::origin(), 1.0),
+            Point3::new(-0.7, -2.0, -2.0),
+            Point3::new(2.0, 0.5, 0.3),
+            0.1,
+        );
         assert_sound(&m, 2);
         let b = m.bounding_box();
         assert!(b.min.x > -0.75 && b.max.y < 0.55 && b.max.z < 0.35 && b.max.x > 0.99);
@@ -233,8 +298,14 @@ mod tests {
     #[test]
     fn nothing_inside() {
         let corner = Point3::new(1.0, 1.0, 1.0);
-        assert_eq!(isosurface(|_| 1.0, -corner, corner, 0.1), TriangleMesh::default());
-        assert_eq!(isosurface(|_| -1.0, -corner, corner, 0.0), TriangleMesh::default());
+        assert_eq!(
+            isosurface(|_| 1.0, -corner, corner, 0.1),
+            TriangleMesh::default()
+        );
+        assert_eq!(
+            isosurface(|_| -1.0, -corner, corner, 0.0),
+            TriangleMesh::default()
+        );
     }
 
     proptest! {

@@ -27,13 +27,22 @@ impl Aabb {
 
     /// Smallest box around `points` [m]; empty for none.
     pub fn of_points<'a>(points: impl IntoIterator<Item = &'a Point3<f64>>) -> Self {
-        points.into_iter().fold(Self::EMPTY, |b, p| Self { min: b.min.inf(p), max: b.max.sup(p) })
+        points.into_iter().fold(Self::EMPTY, |b, p| Self {
+            min: b.min.inf(p),
+            max: b.max.sup(p),
+        })
     }
 
     /// The eight corners.
     pub fn corners(&self) -> [Point3<f64>; 8] {
         std::array::from_fn(|k| {
-            let pick = |axis: usize| if k >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };
+            let pick = |axis: usize| {
+                if k >> axis & 1 == 0 {
+                    self.min[axis]
+                } else {
+                    self.max[axis]
+                }
+            };
             Point3::new(pick(0), pick(1), pick(2))
         })
     }
@@ -46,14 +55,20 @@ impl Aabb {
     /// Smallest box around both.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
-        Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
+        Self {
+            min: self.min.inf(&other.min),
+            max: self.max.sup(&other.max),
+        }
     }
 
     /// The box grown by `margin` [m] on each side; shrunk, perhaps to empty, for a negative margin.
     #[must_use]
     pub fn inflate(&self, margin: f64) -> Self {
         let by = Vector3::repeat(margin);
-        Self { min: self.min - by, max: self.max + by }
+        Self {
+            min: self.min - by,
+            max: self.max + by,
+        }
     }
 
     /// Whether the two share a point; touching counts, an empty box shares none.
@@ -73,7 +88,11 @@ impl Aabb {
 
     /// Length of each side [m]; zero for an empty box.
     pub fn extents(&self) -> Vector3<f64> {
-        if self.is_empty() { Vector3::zeros() } else { self.max - self.min }
+        if self.is_empty() {
+            Vector3::zeros()
+        } else {
+            self.max - self.min
+        }
     }
 
     /// Box around this box once it was moved (up to rounding, so inflate where that matters).
@@ -82,9 +101,13 @@ impl Aabb {
         if self.is_empty() {
             return Self::EMPTY;
         }
-        let half = pose.rotation.to_rotation_matrix().matrix().abs() * (0.5 * (self.max - self.min));
+        let half =
+            pose.rotation.to_rotation_matrix().matrix().abs() * (0.5 * (self.max - self.min));
         let center = pose * self.center();
-        Self { min: center - half, max: center + half }
+        Self {
+            min: center - half,
+            max: center + half,
+        }
     }
 }
 
@@ -100,7 +123,12 @@ impl<'a> Centred<'a> {
     fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let bounds = Aabb::of_points(vertices);
         // The lowest corner moves with the mesh without rounding; its middle would not.
-        Self { vertices, triangles, corner: bounds.min, half: 0.5 * bounds.extents() }
+        Self {
+            vertices,
+            triangles,
+            corner: bounds.min,
+            half: 0.5 * bounds.extents(),
+        }
     }
 
     fn corners(&self, triangle: usize) -> [Vector3<f64>; 3] {
@@ -115,7 +143,14 @@ impl<'a> Centred<'a> {
     /// Sum of `weight(t) (a + b + c) / total`, moved back to the mesh's frame.
     fn mean_corner_sum(&self, total: f64, weight: impl Fn(usize) -> f64 + Sync) -> Point3<f64> {
         let component = |k: usize| {
-            let part = |t| weight(t) * self.corners(t).iter().map(|c: &Vector3<f64>| c[k]).sum::<f64>();
+            let part = |t| {
+                weight(t)
+                    * self
+                        .corners(t)
+                        .iter()
+                        .map(|c: &Vector3<f64>| c[k])
+                        .sum::<f64>()
+            };
             tree_sum_by(self.triangles.len(), part) / total
         };
         self.corner + (self.half + Vector3::new(component(0), component(1), component(2)))
@@ -138,7 +173,10 @@ pub fn volume(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
 
 /// Area of each triangle [m^2].
 pub fn triangle_areas(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
-    triangles.iter().map(|&t| triangle_area(vertices, t)).collect()
+    triangles
+        .iter()
+        .map(|&t| triangle_area(vertices, t))
+        .collect()
 }
 
 /// Area [m^2] of a surface given as vertices [m] and triangles.
@@ -171,8 +209,11 @@ impl TriangleMesh {
     pub fn surface_centroid(&self) -> Option<Point3<f64>> {
         let total = self.area();
         let centred = Centred::new(&self.vertices, &self.triangles);
-        (total > 0.0)
-            .then(|| centred.mean_corner_sum(3.0 * total, |t| triangle_area(&self.vertices, self.triangles[t])))
+        (total > 0.0).then(|| {
+            centred.mean_corner_sum(3.0 * total, |t| {
+                triangle_area(&self.vertices, self.triangles[t])
+            })
+        })
     }
 
     /// Centroid of the enclosed volume [m]; `None` where that volume is zero.
@@ -209,26 +250,40 @@ impl TriangleMesh {
                 normals[v as usize] += normal;
             }
         }
-        normals.iter().map(|n| n.try_normalize(0.0).unwrap_or_default()).collect()
+        normals
+            .iter()
+            .map(|n| n.try_normalize(0.0).unwrap_or_default())
+            .collect()
     }
 
     /// Smallest angle of each triangle [rad]; zero for one without area, shape `[triangle_count]`.
     pub fn smallest_angles(&self) -> Vec<f64> {
-        (0..self.triangles.len()).map(|t| smallest_angle(self.corners(t))).collect()
+        (0..self.triangles.len())
+            .map(|t| smallest_angle(self.corners(t)))
+            .collect()
     }
 }
 
 /// Smallest angle of a triangle [rad] from its corners [m]; zero for one without area.
 pub fn smallest_angle([a, b, c]: [Point3<f64>; 3]) -> f64 {
     let double_area = (b - a).cross(&(c - a)).norm();
-    let at = |p: Point3<f64>, q: Point3<f64>, r: Point3<f64>| libm::atan2(double_area, (q - p).dot(&(r - p)));
-    if double_area > 0.0 { at(a, b, c).min(at(b, c, a)).min(at(c, a, b)) } else { 0.0 }
+    let at = |p: Point3<f64>, q: Point3<f64>, r: Point3<f64>| {
+        libm::atan2(double_area, (q - p).dot(&(r - p)))
+    };
+    if double_area > 0.0 {
+        at(a, b, c).min(at(b, c, a)).min(at(c, a, b))
+    } else {
+        0.0
+    }
 }
 
 /// The greatest of numbers that are not negative, 0 for none; not a number if one of them is not, which
 /// `f64::max` would hide.
 pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
-    numbers.into_iter().fold(0.0, |most: f64, n| if n <= most || most.is_nan() { most } else { n })
+    numbers.into_iter().fold(
+        0.0,
+        |most: f64, n| if n <= most || most.is_nan() { most } else { n },
+    )
 }
 
 /// Median of positive lengths [m], the mean of the middle two for an even count; `None` for none.
@@ -239,7 +294,11 @@ pub fn median(mut lengths: Vec<f64>) -> Option<f64> {
     let middle = lengths.len() / 2;
     let even = lengths.len().is_multiple_of(2);
     let (below, &mut upper, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
-    let lower = if even { below.iter().copied().max_by(f64::total_cmp) } else { None };
+    let lower = if even {
+        below.iter().copied().max_by(f64::total_cmp)
+    } else {
+        None
+    };
     Some(lower.map_or(upper, |lower| 0.5 * (lower + upper)))
 }
 
@@ -251,7 +310,10 @@ mod tests {
     use proptest::prelude::*;
 
     fn rotated(mesh: &TriangleMesh, pose: &Isometry3<f64>) -> TriangleMesh {
-        TriangleMesh { vertices: mesh.vertices.iter().map(|p| pose * p).collect(), ..mesh.clone() }
+        TriangleMesh {
+            vertices: mesh.vertices.iter().map(|p| pose * p).collect(),
+            ..mesh.clone()
+        }
     }
 
     #[test]
@@ -260,7 +322,9 @@ mod tests {
         let edge = (8.0f64 / 3.0).sqrt();
         assert!((m.volume() - edge.powi(3) / 72f64.sqrt()).abs() < 4e-16);
         assert!((m.volume() - 0.513_200).abs() < 5e-7);
-        assert!((m.median_edge_length(&Topology::new(&m)).expect("edges") - 1.632_993).abs() < 5e-7);
+        assert!(
+            (m.median_edge_length(&Topology::new(&m)).expect("edges") - 1.632_993).abs() < 5e-7
+        );
         for a in triangle_areas(&m.vertices, &m.triangles) {
             assert!((a - 1.154_701).abs() < 5e-7);
         }
@@ -270,15 +334,20 @@ mod tests {
         for angle in m.smallest_angles() {
             assert!((angle.to_degrees() - 60.0).abs() < 1e-12);
         }
-        let inside_out = TriangleMesh { triangles: m.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(), ..m };
+        let inside_out = TriangleMesh {
+            triangles: m.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect(),
+            ..m
+        };
         assert!(inside_out.volume() < -0.5);
     }
 
     #[test]
     fn sphere_converges_with_order_two() {
         let (volume, area) = (4.0 / 3.0 * std::f64::consts::PI, 4.0 * std::f64::consts::PI);
-        let errors: Vec<[f64; 2]> =
-            (2..6).map(|n| icosphere(1.0, n)).map(|m| [volume - m.volume(), area - m.area()]).collect();
+        let errors: Vec<[f64; 2]> = (2..6)
+            .map(|n| icosphere(1.0, n))
+            .map(|m| [volume - m.volume(), area - m.area()])
+            .collect();
         for pair in errors.windows(2) {
             for (coarse, fine) in pair[0].iter().zip(pair[1]) {
                 let order = (coarse / fine).log2();
@@ -296,7 +365,12 @@ mod tests {
     #[test]
     fn centroids_of_volume_and_of_surface_differ() {
         // A tetrahedron with one long corner: centroids of volume and of surface are both known.
-        let vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 3.0]];
+        let vertices = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 3.0],
+        ];
         let m = TriangleMesh {
             vertices: vertices.iter().map(|&v| Point3::from(v)).collect(),
             triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
@@ -319,12 +393,18 @@ mod tests {
 
     #[test]
     fn empty_boxes() {
-        let unit = Aabb { min: Point3::origin(), max: Point3::new(1.0, 1.0, 1.0) };
+        let unit = Aabb {
+            min: Point3::origin(),
+            max: Point3::new(1.0, 1.0, 1.0),
+        };
         assert!(Aabb::EMPTY.is_empty() && !unit.is_empty());
         assert_eq!(Aabb::EMPTY.union(&unit), unit);
         assert!(!Aabb::EMPTY.intersects(&unit) && !unit.intersects(&Aabb::EMPTY));
         assert!(unit.inflate(-0.6).is_empty());
-        assert!(unit.intersects(&Aabb { min: unit.max, max: unit.max }));
+        assert!(unit.intersects(&Aabb {
+            min: unit.max,
+            max: unit.max
+        }));
         assert_eq!(TriangleMesh::default().volume(), 0.0);
         assert_eq!(TriangleMesh::default().centroid(), None);
         assert_eq!(TriangleMesh::default().length(), 0.0);

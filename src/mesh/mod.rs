@@ -72,13 +72,20 @@ impl TriangleMesh {
     /// An index out of range, a triangle with a repeated corner, a coordinate that is not finite.
     pub fn new(vertices: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         let count = vertices.len();
-        if let Some(vertex) = vertices.iter().position(|v| !v.coords.iter().all(|c| c.is_finite())) {
+        if let Some(vertex) = vertices
+            .iter()
+            .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+        {
             return Err(MeshError::NonFinite { vertex });
         }
         for (triangle, &[a, b, c]) in triangles.iter().enumerate() {
             for index in [a, b, c] {
                 if index as usize >= count {
-                    return Err(MeshError::IndexOutOfRange { triangle, index, count });
+                    return Err(MeshError::IndexOutOfRange {
+                        triangle,
+                        index,
+                        count,
+                    });
                 }
             }
             if a == b || a == c || b == c {
@@ -86,7 +93,10 @@ impl TriangleMesh {
                 return Err(MeshError::RepeatedCorner { triangle, index });
             }
         }
-        Ok(Self { vertices, triangles })
+        Ok(Self {
+            vertices,
+            triangles,
+        })
     }
 
     /// The corner positions of a triangle [m].

@@ -30,14 +30,24 @@ pub fn permutation(topology: &Topology) -> Vec<u32> {
 #[must_use]
 pub fn apply(mesh: &TriangleMesh, permutation: &[u32]) -> TriangleMesh {
     let places = inverse(permutation);
-    let vertices = permutation.iter().map(|&v| mesh.vertices[v as usize]).collect();
-    let mut triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| places[v as usize])).collect();
+    let vertices = permutation
+        .iter()
+        .map(|&v| mesh.vertices[v as usize])
+        .collect();
+    let mut triangles: Vec<[u32; 3]> = mesh
+        .triangles
+        .iter()
+        .map(|t| t.map(|v| places[v as usize]))
+        .collect();
     triangles.sort_by_key(|t| {
         let mut sorted = *t;
         sorted.sort_unstable();
         sorted
     });
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// The inverse permutation: entry `v` is the place of vertex `v`.
@@ -51,7 +61,12 @@ pub fn inverse(permutation: &[u32]) -> Vec<u32> {
 
 /// Largest difference of the two indices of an edge; zero without edges.
 pub fn bandwidth(topology: &Topology) -> u32 {
-    topology.edges.iter().map(|&[a, b]| b - a).max().unwrap_or(0)
+    topology
+        .edges
+        .iter()
+        .map(|&[a, b]| b - a)
+        .max()
+        .unwrap_or(0)
 }
 
 struct Graph {
@@ -75,8 +90,13 @@ impl Graph {
         loop {
             let reached = self.search(start, levels);
             let deepest = reached.last().map_or(0, |&v| levels[v as usize]);
-            let last_level = reached.iter().copied().filter(|&v| levels[v as usize] == deepest);
-            let next = last_level.min_by_key(|&v| (self.degree(v), v)).unwrap_or(start);
+            let last_level = reached
+                .iter()
+                .copied()
+                .filter(|&v| levels[v as usize] == deepest);
+            let next = last_level
+                .min_by_key(|&v| (self.degree(v), v))
+                .unwrap_or(start);
             for v in reached {
                 levels[v as usize] = u32::MAX;
             }
@@ -132,7 +152,12 @@ mod tests {
 
     fn shuffled(count: usize, seed: u64) -> Vec<u32> {
         let mut order: Vec<u32> = (0..count as u32).collect();
-        order.sort_by_key(|&v| (u64::from(v) ^ seed).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(17) ^ seed);
+        order.sort_by_key(|&v| {
+            (u64::from(v) ^ seed)
+                .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                .rotate_left(17)
+                ^ seed
+        });
         order
     }
 
@@ -142,7 +167,8 @@ mod tests {
         let mut m = one.clone();
         m.vertices.push(Default::default());
         m.vertices.extend(one.vertices.iter().map(|p| p * 2.0));
-        m.triangles.extend(one.triangles.iter().map(|t| t.map(|v| v + 43)));
+        m.triangles
+            .extend(one.triangles.iter().map(|t| t.map(|v| v + 43)));
         let order = permutation(&Topology::new(&m));
         let mut sorted = order.clone();
         sorted.sort_unstable();

@@ -19,7 +19,10 @@ pub struct Orientation {
 impl Orientation {
     /// Walks each patch from its lowest triangle.
     pub fn new(topology: &Topology, triangles: &[[u32; 3]]) -> Self {
-        let mut this = Self { patches: vec![NONE; triangles.len()], ..Self::default() };
+        let mut this = Self {
+            patches: vec![NONE; triangles.len()],
+            ..Self::default()
+        };
         this.turn = vec![false; triangles.len()];
         let mut members = Vec::new();
         for seed in 0..triangles.len() {
@@ -43,7 +46,13 @@ impl Orientation {
         this
     }
 
-    fn spread(&mut self, t: usize, topology: &Topology, triangles: &[[u32; 3]], members: &mut Vec<u32>) {
+    fn spread(
+        &mut self,
+        t: usize,
+        topology: &Topology,
+        triangles: &[[u32; 3]],
+        members: &mut Vec<u32>,
+    ) {
         for (side, other) in topology.neighbours_of_triangle(t).into_iter().enumerate() {
             let Some(other) = other else { continue };
             let edge = topology.triangle_edges[t][side];
@@ -79,7 +88,10 @@ mod tests {
             mesh.triangles[t].swap(0, 1);
         }
         let found = Orientation::new(&Topology::new(&mesh), &mesh.triangles);
-        assert_eq!((found.turn, found.count, found.one_sided), (turned, 1, None));
+        assert_eq!(
+            (found.turn, found.count, found.one_sided),
+            (turned, 1, None)
+        );
     }
 
     #[test]
@@ -89,7 +101,10 @@ mod tests {
         assert!(Orientation::new(&topology, &strip).one_sided.is_some());
         let open = &strip[..4];
         let found = Orientation::new(&Topology::of_triangles(5, open), open);
-        assert_eq!((found.one_sided, found.turn.iter().filter(|t| **t).count()), (None, 2));
+        assert_eq!(
+            (found.one_sided, found.turn.iter().filter(|t| **t).count()),
+            (None, 2)
+        );
     }
 
     #[test]

@@ -27,13 +27,20 @@ pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
 
 /// On which side of the plane through a triangle a point lies: a positive, a negative number or exactly 0.
 pub(crate) fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
-    let at = |v: &Point3<f64>| Coord3D { x: v.x, y: v.y, z: v.z };
+    let at = |v: &Point3<f64>| Coord3D {
+        x: v.x,
+        y: v.y,
+        z: v.z,
+    };
     orient3d(at(a), at(b), at(c), at(p))
 }
 
 /// The turn a, b, c seen along `axis`: positive, negative or exactly 0.
 pub(crate) fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
-    let at = |v: &Point3<f64>| Coord { x: v[(axis + 1) % 3], y: v[(axis + 2) % 3] };
+    let at = |v: &Point3<f64>| Coord {
+        x: v[(axis + 1) % 3],
+        y: v[(axis + 2) % 3],
+    };
     orient2d(at(a), at(b), at(c))
 }
 
@@ -57,18 +64,26 @@ pub(crate) fn segment_meets(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3
         return segment_meets_in_plane(p, q, triangle);
     }
     let [a, b, c] = triangle;
-    let turns = [side(&[*p, *q, *a], b), side(&[*p, *q, *b], c), side(&[*p, *q, *c], a)];
+    let turns = [
+        side(&[*p, *q, *a], b),
+        side(&[*p, *q, *b], c),
+        side(&[*p, *q, *c], a),
+    ];
     turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0)
 }
 
 fn segment_meets_in_plane(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
-    let Some(axis) = open_axis(triangle) else { return false };
+    let Some(axis) = open_axis(triangle) else {
+        return false;
+    };
     let side_of = |k: usize| (&triangle[k], &triangle[(k + 1) % 3]);
     let covers = |v: &Point3<f64>| {
         let turns = [0, 1, 2].map(|k| turn(axis, side_of(k).0, side_of(k).1, v));
         turns.iter().all(|t| *t >= 0.0) || turns.iter().all(|t| *t <= 0.0)
     };
-    covers(p) || covers(q) || (0..3).any(|k| segments_meet(axis, [p, q], [side_of(k).0, side_of(k).1]))
+    covers(p)
+        || covers(q)
+        || (0..3).any(|k| segments_meet(axis, [p, q], [side_of(k).0, side_of(k).1]))
 }
 
 /// Whether two closed segments of one plane share a point, seen along `axis`.
@@ -116,10 +131,15 @@ pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> b
             meets(s, t) || meets(t, s)
         }
         2 => {
-            let apex = |names: [u32; 3], other: [u32; 3]| names.into_iter().find(|v| !other.contains(v));
-            let (Some(c), Some(d)) = (apex(s, t), apex(t, s)) else { return false };
+            let apex =
+                |names: [u32; 3], other: [u32; 3]| names.into_iter().find(|v| !other.contains(v));
+            let (Some(c), Some(d)) = (apex(s, t), apex(t, s)) else {
+                return false;
+            };
             let edge: Vec<Point3<f64>> = s.into_iter().filter(shared).map(&at).collect();
-            let (Some(axis), [a, b]) = (open_axis(&of(s)), &edge[..]) else { return false };
+            let (Some(axis), [a, b]) = (open_axis(&of(s)), &edge[..]) else {
+                return false;
+            };
             let same_side = (turn(axis, a, b, &at(c)) > 0.0) == (turn(axis, a, b, &at(d)) > 0.0);
             side(&of(s), &at(d)) == 0.0 && same_side
         }
@@ -143,7 +163,11 @@ mod tests {
         let name = |k: usize| points.iter().position(|q| *q == points[k]).unwrap_or(k) as u32;
         let names = |from: usize| [name(from), name(from + 1), name(from + 2)];
         let both = intersect(names(0), names(3), |v| points[v as usize]);
-        assert_eq!(both, intersect(names(3), names(0), |v| points[v as usize]), "{s:?} {t:?}");
+        assert_eq!(
+            both,
+            intersect(names(3), names(0), |v| points[v as usize]),
+            "{s:?} {t:?}"
+        );
         both
     }
 
@@ -155,7 +179,11 @@ mod tests {
     fn triangles_without_a_common_corner() {
         let through = [p(1.0, 1.0, -1.0), p(1.0, 1.0, 1.0), p(9.0, 9.0, 0.0)];
         let tip_on_it = [p(1.0, 1.0, 0.0), p(1.0, 1.0, 1.0), p(2.0, 1.0, 1.0)];
-        let tip_an_ulp_above = [p(1.0, 1.0, f64::from_bits(1)), p(1.0, 1.0, 1.0), p(2.0, 1.0, 1.0)];
+        let tip_an_ulp_above = [
+            p(1.0, 1.0, f64::from_bits(1)),
+            p(1.0, 1.0, 1.0),
+            p(2.0, 1.0, 1.0),
+        ];
         let beside = [p(5.0, 5.0, -1.0), p(5.0, 5.0, 1.0), p(9.0, 9.0, 0.0)];
         let within = [p(1.0, 1.0, 0.0), p(2.0, 1.0, 0.0), p(1.0, 2.0, 0.0)];
         let in_plane_apart = [p(4.0, 4.0, 0.0), p(5.0, 4.0, 0.0), p(4.0, 5.0, 0.0)];
@@ -171,7 +199,11 @@ mod tests {
             assert_eq!(meet(floor(), t), expected, "{t:?}");
         }
         // The smallest double above the plane is above it, as long as it is not scaled down.
-        assert!(!intersect([0, 1, 2], [3, 4, 5], |v| [floor(), tip_an_ulp_above].concat()[v as usize]));
+        assert!(!intersect([0, 1, 2], [3, 4, 5], |v| [
+            floor(),
+            tip_an_ulp_above
+        ]
+        .concat()[v as usize]));
     }
 
     #[test]
@@ -199,15 +231,31 @@ mod tests {
 
     #[test]
     fn flat_triangles_are_known_exactly() {
-        assert!(is_flat(&[p(0.0, 0.0, 0.0), p(1.0, 1.0, 1.0), p(3.0, 3.0, 3.0)]));
-        assert!(is_flat(&[p(1.0, 0.0, 0.0), p(1.0, 0.0, 0.0), p(3.0, 3.0, 3.0)]));
+        assert!(is_flat(&[
+            p(0.0, 0.0, 0.0),
+            p(1.0, 1.0, 1.0),
+            p(3.0, 3.0, 3.0)
+        ]));
+        assert!(is_flat(&[
+            p(1.0, 0.0, 0.0),
+            p(1.0, 0.0, 0.0),
+            p(3.0, 3.0, 3.0)
+        ]));
         // A tenth is no exact number, and three tenths are not three times it.
-        assert!(!is_flat(&[p(0.0, 0.0, 0.0), p(0.1, 0.1, 0.1), p(0.3, 0.3, 0.30000000000000004)]));
+        assert!(!is_flat(&[
+            p(0.0, 0.0, 0.0),
+            p(0.1, 0.1, 0.1),
+            p(0.3, 0.3, 0.30000000000000004)
+        ]));
         for size in [1e-300, 1e-100, 1e100, 1e300] {
             let triangle = [p(0.0, 0.0, 0.0), p(size, 0.0, 0.0), p(0.0, size, 0.0)];
             assert!(!is_flat(&triangle), "{size}");
             let above = triangle.map(|v| v + Vector3::z() * size);
-            let through = [p(0.1 * size, 0.1 * size, -size), p(0.1 * size, 0.1 * size, size), p(size, size, 0.0)];
+            let through = [
+                p(0.1 * size, 0.1 * size, -size),
+                p(0.1 * size, 0.1 * size, size),
+                p(size, size, 0.0),
+            ];
             assert!(!meet(triangle, above) && meet(triangle, through), "{size}");
         }
         assert_eq!(near_one([p(f64::from_bits(1), 0.0, 0.0)])[0].x, 1.0);

@@ -79,7 +79,9 @@ pub enum RefineError {
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// Edges with more than two triangles, or vertices where surfaces touch.
-    #[error("the mesh is not manifold: {edges} edges have more than two triangles, {vertices} vertices join surfaces")]
+    #[error(
+        "the mesh is not manifold: {edges} edges have more than two triangles, {vertices} vertices join surfaces"
+    )]
     NotManifold {
         /// Number of such edges.
         edges: usize,
@@ -118,7 +120,11 @@ pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineEr
 ///
 /// # Errors
 /// As [`refine`]; [`RefineError::Stopped`].
-pub fn refine_while(mesh: &TriangleMesh, edge_length: f64, go_on: &dyn Fn() -> bool) -> Result<Refined, RefineError> {
+pub fn refine_while(
+    mesh: &TriangleMesh,
+    edge_length: f64,
+    go_on: &dyn Fn() -> bool,
+) -> Result<Refined, RefineError> {
     refine_patch(mesh, edge_length, go_on).map(|(refined, _)| refined)
 }
 
@@ -137,14 +143,25 @@ pub(crate) fn refine_patch(
         return Err(RefineError::Stopped);
     }
     let (refined, names, drift) = working.finish();
-    let report = measure(mesh, &original, &refined, drift, edge_length, go_on).ok_or(RefineError::Stopped)?;
+    let report = measure(mesh, &original, &refined, drift, edge_length, go_on)
+        .ok_or(RefineError::Stopped)?;
     let mut origin = vec![NONE; refined.vertices.len()];
-    for v in topology.boundary_edges().into_iter().flat_map(|e| topology.edges[e as usize]) {
+    for v in topology
+        .boundary_edges()
+        .into_iter()
+        .flat_map(|e| topology.edges[e as usize])
+    {
         if let Some(kept) = origin.get_mut(names[v as usize] as usize) {
             *kept = v;
         }
     }
-    Ok((Refined { mesh: refined, report }, origin))
+    Ok((
+        Refined {
+            mesh: refined,
+            report,
+        },
+        origin,
+    ))
 }
 
 fn remesh(working: &mut Working<'_>, edge_length: f64) {
@@ -174,10 +191,16 @@ fn checked(mesh: &TriangleMesh, edge_length: f64) -> Result<Topology, RefineErro
     TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
     let triangles = mesh.area() / (0.25 * 3f64.sqrt() * edge_length * edge_length);
     if triangles > MOST_TRIANGLES {
-        return Err(RefineError::TooManyTriangles { triangles, most: MOST_TRIANGLES });
+        return Err(RefineError::TooManyTriangles {
+            triangles,
+            most: MOST_TRIANGLES,
+        });
     }
     let topology = Topology::new(mesh);
-    let (edges, vertices) = (topology.non_manifold_edges().len(), topology.non_manifold_vertices(mesh).len());
+    let (edges, vertices) = (
+        topology.non_manifold_edges().len(),
+        topology.non_manifold_vertices(mesh).len(),
+    );
     if edges + vertices > 0 {
         return Err(RefineError::NotManifold { edges, vertices });
     }
@@ -188,7 +211,11 @@ fn checked(mesh: &TriangleMesh, edge_length: f64) -> Result<Topology, RefineErro
 }
 
 fn limits(edge_length: f64) -> Limits {
-    Limits { deviation: DEVIATION * edge_length, longest: LONG * edge_length, sine: REPAIR_SINE }
+    Limits {
+        deviation: DEVIATION * edge_length,
+        longest: LONG * edge_length,
+        sine: REPAIR_SINE,
+    }
 }
 
 /// Splits edges longer than `longest`, the longest first, until there are none; returns their number.
@@ -227,7 +254,10 @@ fn collapse_short(working: &mut Working<'_>, edge_length: f64) -> usize {
 
 fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) -> usize {
     let mut total = 0;
-    let limits = Limits { longest: LONGEST * edge_length, ..limits(edge_length) };
+    let limits = Limits {
+        longest: LONGEST * edge_length,
+        ..limits(edge_length)
+    };
     for _ in 0..4 {
         let mut flips = 0;
         for (_, a, b) in working.edges_by_length(|_| true).into_iter().rev() {
@@ -305,9 +335,15 @@ fn smooth(working: &mut Working<'_>, edge_length: f64) {
 /// Passes over what is still thin or short, with growing freedom to leave the original surface.
 fn repair(working: &mut Working<'_>, edge_length: f64) {
     for deviation in REPAIR_DEVIATIONS {
-        let limits = Limits { deviation: deviation * edge_length, longest: LONGEST * edge_length, sine: REPAIR_SINE };
+        let limits = Limits {
+            deviation: deviation * edge_length,
+            longest: LONGEST * edge_length,
+            sine: REPAIR_SINE,
+        };
         let bad = |w: &Working<'_>, t: u32| w.is_alive(t) && is_bad(w, t, edge_length);
-        let all: Vec<u32> = (0..working.triangles.len() as u32).filter(|&t| bad(working, t)).collect();
+        let all: Vec<u32> = (0..working.triangles.len() as u32)
+            .filter(|&t| bad(working, t))
+            .collect();
         if all.is_empty() {
             return;
         }
@@ -326,7 +362,10 @@ fn repair(working: &mut Working<'_>, edge_length: f64) {
 
 fn is_bad(working: &Working<'_>, t: u32, edge_length: f64) -> bool {
     let [a, b, c] = working.triangles[t as usize];
-    let shortest = working.length(a, b).min(working.length(b, c)).min(working.length(c, a));
+    let shortest = working
+        .length(a, b)
+        .min(working.length(b, c))
+        .min(working.length(c, a));
     smallest_sine(&working.corners(t)) < REPAIR_SINE || shortest < SHORTEST * edge_length
 }
 
@@ -336,7 +375,10 @@ fn repair_one(working: &mut Working<'_>, t: u32, edge_length: f64, limits: &Limi
     let mut sides = [0, 1, 2].map(|k| (corners[k], corners[(k + 1) % 3]));
     sides.sort_by(|&(a, b), &(c, d)| working.length(a, b).total_cmp(&working.length(c, d)));
     let (a, b) = sides[0];
-    let freer = Limits { sine: LEAST_SINE, ..*limits };
+    let freer = Limits {
+        sine: LEAST_SINE,
+        ..*limits
+    };
     if working.length(a, b) < SHORTEST * edge_length && working.collapse(a, b, &freer) {
         return;
     }
@@ -361,7 +403,9 @@ fn improve_vertex(working: &mut Working<'_>, v: u32, edge_length: f64, limits: &
         return;
     }
     let normal = working.normal(v);
-    let Some(across) = normal.cross(&least_axis(&normal)).try_normalize(0.0) else { return };
+    let Some(across) = normal.cross(&least_axis(&normal)).try_normalize(0.0) else {
+        return;
+    };
     let along = normal.cross(&across);
     for radius in [0.3, 0.15, 0.08, 0.04] {
         let p = working.points[v as usize];
@@ -369,7 +413,8 @@ fn improve_vertex(working: &mut Working<'_>, v: u32, edge_length: f64, limits: &
         let mut places: Vec<_> = (0..8)
             .filter_map(|k| {
                 let angle = TAU * f64::from(k) / 8.0;
-                let step = (across * libm::cos(angle) + along * libm::sin(angle)) * (radius * edge_length);
+                let step =
+                    (across * libm::cos(angle) + along * libm::sin(angle)) * (radius * edge_length);
                 working.project(&(p + step), &normal)
             })
             .map(|q| (working.sine_with(v, &q), q))
@@ -410,17 +455,26 @@ fn measure(
             for j in 0..=4 - k {
                 let p = a + (b - a) * (f64::from(k) / 4.0) + (c - a) * (f64::from(j) / 4.0);
                 // Within a wanted length the search is short, and nearly always enough.
-                let near = original.closest(&p, edge_length).or_else(|| original.closest(&p, f64::INFINITY));
+                let near = original
+                    .closest(&p, edge_length)
+                    .or_else(|| original.closest(&p, f64::INFINITY));
                 deviation = deviation.max(near.map_or(0.0, |c| c.distance));
             }
         }
     }
     let before = mesh.volume();
-    let volume_change = if topology.is_closed() && before != 0.0 { (refined.volume() - before) / before } else { 0.0 };
+    let volume_change = if topology.is_closed() && before != 0.0 {
+        (refined.volume() - before) / before
+    } else {
+        0.0
+    };
     Some(RefineReport {
         max_edge: lengths.iter().copied().fold(0.0, f64::max),
         min_edge: lengths.iter().copied().fold(f64::INFINITY, f64::min),
-        min_angle: refined.smallest_angles().into_iter().fold(f64::INFINITY, f64::min),
+        min_angle: refined
+            .smallest_angles()
+            .into_iter()
+            .fold(f64::INFINITY, f64::min),
         deviation,
         volume_change,
     })

@@ -44,7 +44,10 @@ pub const NAMES: &[&str] = &[
 
 /// Makes the shape of that name; `None` for a name not in [`NAMES`].
 pub fn make(name: &str) -> Option<Shape> {
-    let closed = |mesh| Shape { mesh, ..Shape::default() };
+    let closed = |mesh| Shape {
+        mesh,
+        ..Shape::default()
+    };
     Some(match name {
         "tetrahedron" => closed(tetrahedron()),
         "chain" => primitives::chain(6),
@@ -95,8 +98,13 @@ mod tests {
     fn check(names: &[&str]) {
         for name in names {
             let shape = make(name).expect("a listed name");
-            assert_eq!(make(name).as_ref(), Some(&shape), "{name} is not deterministic");
-            TriangleMesh::new(shape.mesh.vertices.clone(), shape.mesh.triangles.clone()).expect("valid indices");
+            assert_eq!(
+                make(name).as_ref(),
+                Some(&shape),
+                "{name} is not deterministic"
+            );
+            TriangleMesh::new(shape.mesh.vertices.clone(), shape.mesh.triangles.clone())
+                .expect("valid indices");
             if *name == "chain" {
                 continue;
             }
@@ -104,7 +112,10 @@ mod tests {
             assert!(topology.is_closed() && topology.is_oriented(), "{name}");
             assert_eq!(topology.euler_characteristic(), 2, "{name}");
             assert_eq!(topology.components().count, 1, "{name}");
-            assert!(topology.non_manifold_vertices(&shape.mesh).is_empty(), "{name}");
+            assert!(
+                topology.non_manifold_vertices(&shape.mesh).is_empty(),
+                "{name}"
+            );
             assert!(shape.mesh.volume() > 0.0, "{name} is inside out");
             let used = topology.components().labels.iter().all(|&l| l == 0);
             assert!(used, "{name} has vertices without triangles");

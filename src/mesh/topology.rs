@@ -57,7 +57,10 @@ impl Topology {
 
     /// Builds the structure of triangles over `vertex_count` vertices.
     pub fn of_triangles(vertex_count: usize, triangles: &[[u32; 3]]) -> Self {
-        let mut topology = Self { vertex_count, ..Self::default() };
+        let mut topology = Self {
+            vertex_count,
+            ..Self::default()
+        };
         topology.collect_edges(triangles);
         topology.collect_neighbours_and_hinges(triangles);
         topology.collect_rings(triangles);
@@ -85,7 +88,11 @@ impl Topology {
         for (t, corners) in triangles.iter().enumerate() {
             for side in 0..3 {
                 let (a, b) = (corners[side], corners[(side + 1) % 3]);
-                sides.push(Side { edge: [a.min(b), a.max(b)], triangle: t as u32, side: side as u8 });
+                sides.push(Side {
+                    edge: [a.min(b), a.max(b)],
+                    triangle: t as u32,
+                    side: side as u8,
+                });
             }
         }
         sides.sort_unstable();
@@ -109,23 +116,38 @@ impl Topology {
         self.neighbours = vec![[NONE; 3]; triangles.len()];
         let side_of = |t: u32, e: u32, of: &Self| {
             // An edge's triangle has the edge among its sides by construction.
-            of.triangle_edges[t as usize].iter().position(|&f| f == e).unwrap_or(0)
+            of.triangle_edges[t as usize]
+                .iter()
+                .position(|&f| f == e)
+                .unwrap_or(0)
         };
         for e in 0..self.edges.len() {
             let (first, second) = match *self.triangles_of_edge(e) {
                 [first, second] => (first, second),
                 _ => continue,
             };
-            let (i, j) = (side_of(first, e as u32, self), side_of(second, e as u32, self));
+            let (i, j) = (
+                side_of(first, e as u32, self),
+                side_of(second, e as u32, self),
+            );
             self.neighbours[first as usize][i] = second;
             self.neighbours[second as usize][j] = first;
             // Triangle 1 is the one that runs the edge upwards; where both or neither do, the first in order.
             let first_runs_up = triangles[first as usize][i] == self.edges[e][0];
             let second_runs_up = triangles[second as usize][j] == self.edges[e][0];
             let swap = second_runs_up && !first_runs_up;
-            let ((t1, k1), (t2, k2)) = if swap { ((second, j), (first, i)) } else { ((first, i), (second, j)) };
+            let ((t1, k1), (t2, k2)) = if swap {
+                ((second, j), (first, i))
+            } else {
+                ((first, i), (second, j))
+            };
             let (one, two) = (triangles[t1 as usize], triangles[t2 as usize]);
-            self.hinges.push([one[k1], one[(k1 + 1) % 3], one[(k1 + 2) % 3], two[(k2 + 2) % 3]]);
+            self.hinges.push([
+                one[k1],
+                one[(k1 + 1) % 3],
+                one[(k1 + 2) % 3],
+                two[(k2 + 2) % 3],
+            ]);
             self.hinge_edges.push(e as u32);
         }
     }
@@ -167,7 +189,8 @@ impl Topology {
 
     /// Triangles at a vertex, ascending.
     pub fn triangles_of_vertex(&self, vertex: usize) -> &[u32] {
-        &self.ring_triangles[self.ring_starts[vertex] as usize..self.ring_starts[vertex + 1] as usize]
+        &self.ring_triangles
+            [self.ring_starts[vertex] as usize..self.ring_starts[vertex + 1] as usize]
     }
 
     /// The triangle across each side of a triangle; `None` at a boundary or an edge with more than two triangles.
@@ -177,36 +200,52 @@ impl Topology {
 
     /// The edge between two vertices, if there is one.
     pub fn find_edge(&self, a: u32, b: u32) -> Option<u32> {
-        self.edges.binary_search(&[a.min(b), a.max(b)]).ok().map(|e| e as u32)
+        self.edges
+            .binary_search(&[a.min(b), a.max(b)])
+            .ok()
+            .map(|e| e as u32)
     }
 
     /// Length of each edge [m], shape `[edge_count]`.
     ///
     /// The mesh is the one that this structure was built of, its vertices moved or not.
     pub fn edge_lengths(&self, mesh: &TriangleMesh) -> Vec<f64> {
-        let length = |&[a, b]: &[u32; 2]| (mesh.vertices[b as usize] - mesh.vertices[a as usize]).norm();
+        let length =
+            |&[a, b]: &[u32; 2]| (mesh.vertices[b as usize] - mesh.vertices[a as usize]).norm();
         self.edges.iter().map(length).collect()
     }
 
     /// Edges with one triangle, ascending.
     pub fn boundary_edges(&self) -> Vec<u32> {
-        (0..self.edges.len()).filter(|&e| self.triangles_of_edge(e).len() == 1).map(|e| e as u32).collect()
+        (0..self.edges.len())
+            .filter(|&e| self.triangles_of_edge(e).len() == 1)
+            .map(|e| e as u32)
+            .collect()
     }
 
     /// Edges with more than two triangles, ascending.
     pub fn non_manifold_edges(&self) -> Vec<u32> {
-        (0..self.edges.len()).filter(|&e| self.triangles_of_edge(e).len() > 2).map(|e| e as u32).collect()
+        (0..self.edges.len())
+            .filter(|&e| self.triangles_of_edge(e).len() > 2)
+            .map(|e| e as u32)
+            .collect()
     }
 
     /// Edges with two triangles that both run them the same way, ascending.
     pub fn inconsistent_edges(&self) -> Vec<u32> {
         let disagree = |&e: &usize| self.triangles_of_edge(e).len() == 2 && self.forward[e] != 1;
-        (0..self.edges.len()).filter(disagree).map(|e| e as u32).collect()
+        (0..self.edges.len())
+            .filter(disagree)
+            .map(|e| e as u32)
+            .collect()
     }
 
     /// Vertices whose triangles form more than one fan (two surfaces that touch in a point), ascending.
     pub fn non_manifold_vertices(&self, mesh: &TriangleMesh) -> Vec<u32> {
-        (0..self.vertex_count).filter(|&v| self.fan_count(mesh, v) > 1).map(|v| v as u32).collect()
+        (0..self.vertex_count)
+            .filter(|&v| self.fan_count(mesh, v) > 1)
+            .map(|v| v as u32)
+            .collect()
     }
 
     fn fan_count(&self, mesh: &TriangleMesh, vertex: usize) -> usize {
@@ -236,7 +275,8 @@ impl Topology {
 
     /// Whether the mesh has triangles and each edge has exactly two.
     pub fn is_closed(&self) -> bool {
-        !self.edges.is_empty() && (0..self.edges.len()).all(|e| self.triangles_of_edge(e).len() == 2)
+        !self.edges.is_empty()
+            && (0..self.edges.len()).all(|e| self.triangles_of_edge(e).len() == 2)
     }
 
     /// Whether each edge with two triangles is run once in each direction, and no edge has more than two.
@@ -317,7 +357,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn mesh(vertices: usize, triangles: &[[u32; 3]]) -> TriangleMesh {
-        let vertices = (0..vertices).map(|i| Point3::new(i as f64, (i * i) as f64, 0.5)).collect();
+        let vertices = (0..vertices)
+            .map(|i| Point3::new(i as f64, (i * i) as f64, 0.5))
+            .collect();
         TriangleMesh::new(vertices, triangles.to_vec()).expect("test mesh")
     }
 
@@ -362,7 +404,13 @@ mod tests {
         assert_eq!(t.triangles_of_vertex(3), [1, 2, 3]);
         assert_eq!(t.neighbours_of_triangle(0), [Some(2), Some(3), Some(1)]);
         assert_eq!(t.find_edge(3, 1), Some(4));
-        assert_eq!(t.components(), Components { labels: vec![0; 4], count: 1 });
+        assert_eq!(
+            t.components(),
+            Components {
+                labels: vec![0; 4],
+                count: 1
+            }
+        );
         assert!(t.non_manifold_vertices(&m).is_empty());
     }
 
@@ -373,8 +421,18 @@ mod tests {
         assert!(!t.is_closed() && t.is_oriented());
         assert_eq!(t.boundary_edges(), [0, 1, 3, 4]);
         assert_eq!(t.hinges, [[1, 2, 0, 3]]);
-        assert_eq!(t.euler_characteristic(), 1, "the unused vertex 4 is not counted");
-        assert_eq!(t.components(), Components { labels: vec![0, 0, 0, 0, NONE], count: 1 });
+        assert_eq!(
+            t.euler_characteristic(),
+            1,
+            "the unused vertex 4 is not counted"
+        );
+        assert_eq!(
+            t.components(),
+            Components {
+                labels: vec![0, 0, 0, 0, NONE],
+                count: 1
+            }
+        );
         assert_eq!(t.neighbours_of_triangle(0), [None, Some(1), None]);
     }
 
@@ -387,7 +445,11 @@ mod tests {
         // Both triangles of edge 0-2 run it the same way; triangle 1 still reads (p1, p2, p3).
         let m = mesh(4, &triangles);
         for &[p1, p2, p3, _] in &t.hinges {
-            assert!(m.triangles.iter().any(|&u| rotations([p1, p2, p3]).contains(&u)));
+            assert!(
+                m.triangles
+                    .iter()
+                    .any(|&u| rotations([p1, p2, p3]).contains(&u))
+            );
         }
     }
 
@@ -408,10 +470,20 @@ mod tests {
         assert!(t.is_closed() && t.is_oriented());
         assert_eq!(t.non_manifold_vertices(&m), [0]);
         assert_eq!(t.components().count, 1);
-        let apart: Vec<_> = TETRAHEDRON.iter().copied().chain(TETRAHEDRON.map(|t| t.map(|v| v + 4))).collect();
+        let apart: Vec<_> = TETRAHEDRON
+            .iter()
+            .copied()
+            .chain(TETRAHEDRON.map(|t| t.map(|v| v + 4)))
+            .collect();
         let apart = mesh(8, &apart);
         let t = Topology::new(&apart);
-        assert_eq!(t.components(), Components { labels: vec![0, 0, 0, 0, 1, 1, 1, 1], count: 2 });
+        assert_eq!(
+            t.components(),
+            Components {
+                labels: vec![0, 0, 0, 0, 1, 1, 1, 1],
+                count: 2
+            }
+        );
         assert_eq!(t.euler_characteristic(), 4);
     }
 

@@ -45,8 +45,12 @@ impl WindingTree {
             let [a, b, c] = mesh.corners(t as usize);
             (a.coords + b.coords + c.coords) / 3.0
         };
-        let mut nodes =
-            vec![Node { bounds: Aabb::of_points([]), cap: Vec::new(), range: (0, order.len() as u32), children: 0 }];
+        let mut nodes = vec![Node {
+            bounds: Aabb::of_points([]),
+            cap: Vec::new(),
+            range: (0, order.len() as u32),
+            children: 0,
+        }];
         let mut next = 0;
         while next < nodes.len() {
             let (begin, end) = nodes[next].range;
@@ -61,12 +65,20 @@ impl WindingTree {
                 let middle = begin + (end - begin) / 2;
                 nodes[next].children = nodes.len() as u32;
                 for range in [(begin, middle), (middle, end)] {
-                    nodes.push(Node { bounds: Aabb::of_points([]), cap: Vec::new(), range, children: 0 });
+                    nodes.push(Node {
+                        bounds: Aabb::of_points([]),
+                        cap: Vec::new(),
+                        range,
+                        children: 0,
+                    });
                 }
             }
             next += 1;
         }
-        Self { corners: order.iter().map(|&t| mesh.corners(t as usize)).collect(), nodes }
+        Self {
+            corners: order.iter().map(|&t| mesh.corners(t as usize)).collect(),
+            nodes,
+        }
     }
 
     /// Heap memory held [bytes].
@@ -85,7 +97,10 @@ impl WindingTree {
             if node.cap.len() < end - begin && !node.bounds.contains(p) {
                 sum += node.cap.iter().map(|t| winding_of(p, t)).sum::<f64>();
             } else if node.children == 0 {
-                sum += self.corners[begin..end].iter().map(|t| winding_of(p, t)).sum::<f64>();
+                sum += self.corners[begin..end]
+                    .iter()
+                    .map(|t| winding_of(p, t))
+                    .sum::<f64>();
             } else {
                 stack.extend([node.children, node.children + 1]);
             }
@@ -100,7 +115,9 @@ fn cap(mesh: &TriangleMesh, part: &[u32]) -> Vec<[Point3<f64>; 3]> {
     let mut sides: Vec<(u32, u32, i32)> = Vec::with_capacity(3 * part.len());
     for &t in part {
         let [a, b, c] = mesh.triangles[t as usize];
-        sides.extend([(a, b), (b, c), (c, a)].map(|(u, v)| if u < v { (u, v, 1) } else { (v, u, -1) }));
+        sides.extend(
+            [(a, b), (b, c), (c, a)].map(|(u, v)| if u < v { (u, v, 1) } else { (v, u, -1) }),
+        );
     }
     sides.sort_unstable();
     let mut fan = Vec::new();
@@ -120,7 +137,9 @@ fn cap(mesh: &TriangleMesh, part: &[u32]) -> Vec<[Point3<f64>; 3]> {
 
 /// Winding number by the plain sum, for comparison.
 pub fn winding_number_direct(mesh: &TriangleMesh, p: &Point3<f64>) -> f64 {
-    (0..mesh.triangles.len()).map(|t| winding_of(p, &mesh.corners(t))).sum()
+    (0..mesh.triangles.len())
+        .map(|t| winding_of(p, &mesh.corners(t)))
+        .sum()
 }
 
 #[cfg(test)]
@@ -141,7 +160,10 @@ mod tests {
         for _ in 0..500 {
             let p = Point3::from(draw.direction() * draw.between(0.0, 2.0));
             let (fast, plain) = (tree.number(&p), winding_number_direct(&mesh, &p));
-            assert!((fast - plain).abs() <= 1e-11, "{fast} against {plain} at {p}");
+            assert!(
+                (fast - plain).abs() <= 1e-11,
+                "{fast} against {plain} at {p}"
+            );
         }
     }
 

@@ -41,8 +41,13 @@ impl Arms {
     pub fn new(muscle: &Crossing, running: &Running, around: usize) -> Self {
         let values = muscle.lengths.len();
         let count = muscle.fibres.len();
-        let lengths: Vec<Vec<f64>> = (0..count).map(|f| muscle.lengths.iter().map(|all| all[f]).collect()).collect();
-        let fibres: Vec<Vec<f64>> = lengths.iter().map(|l| moment_arms(l, running.step, around)).collect();
+        let lengths: Vec<Vec<f64>> = (0..count)
+            .map(|f| muscle.lengths.iter().map(|all| all[f]).collect())
+            .collect();
+        let fibres: Vec<Vec<f64>> = lengths
+            .iter()
+            .map(|l| moment_arms(l, running.step, around))
+            .collect();
         let length: Vec<f64> = (0..values).map(|k| mean(&lengths, k)).collect();
         let mean: Vec<f64> = (0..values).map(|k| mean(&fibres, k)).collect();
         Self {
@@ -68,7 +73,9 @@ impl Arms {
         for table in tables {
             if let Some(reference) = table.of(&self.name, coordinate)? {
                 let compared = reference.compare(&self.angles, &self.mean);
-                let straight = reference.compare(&self.angles, &self.straight).and_then(|c| c.overlap);
+                let straight = reference
+                    .compare(&self.angles, &self.straight)
+                    .and_then(|c| c.overlap);
                 self.straight_overlaps.push(straight);
                 self.compared.push((table.name(), reference, compared));
             }

@@ -22,7 +22,10 @@ pub fn moment_arms(lengths: &[f64], step: f64, around: usize) -> Vec<f64> {
     let slope = |k: usize| match k {
         _ if around > 1 => {
             let middle = k.clamp(around, n - 1 - around);
-            fitted_slope(&l[middle - around..=middle + around], k as f64 - middle as f64)
+            fitted_slope(
+                &l[middle - around..=middle + around],
+                k as f64 - middle as f64,
+            )
         }
         0 => -1.5 * l[0] + 2.0 * l[1] - 0.5 * l[2],
         k if k + 1 == n => 1.5 * l[k] - 2.0 * l[k - 1] + 0.5 * l[k - 2],
@@ -36,7 +39,13 @@ fn fitted_slope(values: &[f64], at: f64) -> f64 {
     let m = (values.len() / 2) as f64;
     let place = |k: usize| k as f64 - m;
     let sum = |power: i32| (0..values.len()).map(|k| place(k).powi(power)).sum::<f64>();
-    let of = |power: i32| values.iter().enumerate().map(|(k, v)| (v - values[0]) * place(k).powi(power)).sum::<f64>();
+    let of = |power: i32| {
+        values
+            .iter()
+            .enumerate()
+            .map(|(k, v)| (v - values[0]) * place(k).powi(power))
+            .sum::<f64>()
+    };
     let [s0, s2, s4, s6] = [0, 2, 4, 6].map(sum);
     let [t0, t1, t2, t3] = [0, 1, 2, 3].map(of);
     // Even and odd powers do not mix over places that are symmetric.
@@ -74,7 +83,11 @@ pub fn roughness(values: &[f64]) -> Option<Roughness> {
     }
     let weights = weights();
     let departure = |window: &[f64]| {
-        let fitted: f64 = window.iter().zip(&weights).map(|(v, w)| (v - window[AROUND]) * w).sum();
+        let fitted: f64 = window
+            .iter()
+            .zip(&weights)
+            .map(|(v, w)| (v - window[AROUND]) * w)
+            .sum();
         fitted.abs() / range
     };
     let all: Vec<f64> = values.windows(2 * AROUND + 1).map(departure).collect();
@@ -137,7 +150,12 @@ mod tests {
             let arms = moment_arms(&noisy, 1.0, around);
             crate::mesh::measures::greatest(arms.iter().skip(4).take(32).map(|r| (r + 0.1).abs()))
         };
-        assert!(worst(4) <= 0.5 * worst(0) && worst(0) > 0.9e-3, "{} {}", worst(4), worst(0));
+        assert!(
+            worst(4) <= 0.5 * worst(0) && worst(0) > 0.9e-3,
+            "{} {}",
+            worst(4),
+            worst(0)
+        );
     }
 
     #[test]
@@ -151,12 +169,18 @@ mod tests {
 
     #[test]
     fn a_jump_is_rough() {
-        let jump: Vec<f64> = (0..40).map(|k| f64::from(k) * 0.1 + if k < 20 { 0.0 } else { 0.04 }).collect();
+        let jump: Vec<f64> = (0..40)
+            .map(|k| f64::from(k) * 0.1 + if k < 20 { 0.0 } else { 0.04 })
+            .collect();
         let found = roughness(&jump).expect("a range");
         assert!(found.max > 0.002 && found.rms > 0.0005, "{found:?}");
         assert_eq!(roughness(&[1.0; 20]), None);
         assert_eq!(roughness(&[1.0, 2.0]), None);
-        assert!(moment_arms(&[1.0, 2.0, 3.0], 0.1, 4).iter().all(|r| r.is_nan()));
+        assert!(
+            moment_arms(&[1.0, 2.0, 3.0], 0.1, 4)
+                .iter()
+                .all(|r| r.is_nan())
+        );
         assert!(moment_arms(&[1.0, 2.0], 0.1, 0).iter().all(|r| r.is_nan()));
     }
 }

@@ -2,12 +2,24 @@
 
 /// Muscles as they are called in full, and how columns of tables begin for them, without signs between letters.
 const KNOWN: &[(&[&str], &[&str])] = &[
-    (&["gluteus", "maximus"], &["gluteusmaximus", "glutmax", "glmax"]),
-    (&["gluteus", "medius"], &["gluteusmedius", "glutmed", "glmed"]),
-    (&["gluteus", "minimus"], &["gluteusminimus", "glutmin", "glmin"]),
+    (
+        &["gluteus", "maximus"],
+        &["gluteusmaximus", "glutmax", "glmax"],
+    ),
+    (
+        &["gluteus", "medius"],
+        &["gluteusmedius", "glutmed", "glmed"],
+    ),
+    (
+        &["gluteus", "minimus"],
+        &["gluteusminimus", "glutmin", "glmin"],
+    ),
     (&["iliacus"], &["iliacus"]),
     (&["psoas"], &["psoas"]),
-    (&["rectus", "femoris"], &["rectusfemoris", "rectfem", "recfem"]),
+    (
+        &["rectus", "femoris"],
+        &["rectusfemoris", "rectfem", "recfem"],
+    ),
     (&["semimembranosus"], &["semimem"]),
     (&["semitendinosus"], &["semiten"]),
     (&["long", "biceps", "femoris"], &["bifemlh", "bflh"]),
@@ -19,7 +31,10 @@ const KNOWN: &[(&[&str], &[&str])] = &[
     (&["gracilis"], &["grac"]),
     (&["sartorius"], &["sar"]),
     (&["piriformis"], &["piri", "peri"]),
-    (&["tensor", "fasciae", "latae"], &["tensorfasciaelatae", "tfl"]),
+    (
+        &["tensor", "fasciae", "latae"],
+        &["tensorfasciaelatae", "tfl"],
+    ),
     (&["vastus", "intermedius"], &["vastusintermedius", "vasint"]),
     (&["vastus", "lateralis"], &["vastuslateralis", "vaslat"]),
     (&["vastus", "medialis"], &["vastusmedialis", "vasmed"]),
@@ -39,16 +54,24 @@ pub fn means(column: &str, muscle: &str) -> bool {
     let muscle = muscle.to_lowercase();
     let column = plain(column);
     let of_name = |words: &[&str]| words.iter().all(|w| muscle.contains(w));
-    let known = KNOWN.iter().filter(|(words, _)| of_name(words)).flat_map(|(_, begins)| begins.iter());
+    let known = KNOWN
+        .iter()
+        .filter(|(words, _)| of_name(words))
+        .flat_map(|(_, begins)| begins.iter());
     // A muscle that is not listed may be called the same.
     let own = plain(&muscle);
-    known.into_iter().any(|begin| column.starts_with(begin)) || (!own.is_empty() && column.starts_with(&own))
+    known.into_iter().any(|begin| column.starts_with(begin))
+        || (!own.is_empty() && column.starts_with(&own))
 }
 
 /// Lower-case letters and digits only, without the side in front.
 fn plain(name: &str) -> String {
     let name = name.to_lowercase();
-    let name = ["r_", "l_"].iter().find_map(|side| name.strip_prefix(side)).unwrap_or(&name).to_owned();
+    let name = ["r_", "l_"]
+        .iter()
+        .find_map(|side| name.strip_prefix(side))
+        .unwrap_or(&name)
+        .to_owned();
     name.chars().filter(|c| c.is_ascii_alphanumeric()).collect()
 }
 
@@ -70,7 +93,11 @@ mod tests {
         for (column, muscle) in pairs {
             assert!(means(column, muscle), "{column} {muscle}");
         }
-        for (column, muscle) in [("bflh_r", "short head of biceps femoris"), ("iliacus_r", "psoas"), ("x", "")] {
+        for (column, muscle) in [
+            ("bflh_r", "short head of biceps femoris"),
+            ("iliacus_r", "psoas"),
+            ("x", ""),
+        ] {
             assert!(!means(column, muscle), "{column} {muscle}");
         }
     }

@@ -77,13 +77,29 @@ impl Table {
     /// # Errors
     /// A file that cannot be read, or is no table.
     pub fn read(path: &Path) -> Result<Self, ReferenceError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|source| ReferenceError::Read { path: path.to_owned(), source })?;
-        let comments = text.lines().filter(|l| l.starts_with('#')).collect::<Vec<_>>().join("\n");
-        let mut reader =
-            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
-        let row = |e: csv::Error| ReferenceError::Row { path: path.to_owned(), message: e.to_string() };
-        let header: Vec<String> = reader.headers().map_err(row)?.iter().map(str::to_owned).collect();
+        let text = std::fs::read_to_string(path).map_err(|source| ReferenceError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let comments = text
+            .lines()
+            .filter(|l| l.starts_with('#'))
+            .collect::<Vec<_>>()
+            .join("\n");
+        let mut reader = csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let row = |e: csv::Error| ReferenceError::Row {
+            path: path.to_owned(),
+            message: e.to_string(),
+        };
+        let header: Vec<String> = reader
+            .headers()
+            .map_err(row)?
+            .iter()
+            .map(str::to_owned)
+            .collect();
         let mut rows = Vec::new();
         for record in reader.records() {
             let record = record.map_err(row)?;
@@ -91,15 +107,25 @@ impl Table {
             rows.push((line, record.iter().map(str::to_owned).collect()));
         }
         let first = header.first().map_or("", String::as_str);
-        if !(first.starts_with("angle") || first.contains('_') || header.iter().any(|h| h == "bound")) {
+        if !(first.starts_with("angle")
+            || first.contains('_')
+            || header.iter().any(|h| h == "bound"))
+        {
             return Err(ReferenceError::Header(path.to_owned()));
         }
-        Ok(Self { path: path.to_owned(), comments, header, rows })
+        Ok(Self {
+            path: path.to_owned(),
+            comments,
+            header,
+            rows,
+        })
     }
 
     /// The file's name without its ending.
     pub fn name(&self) -> String {
-        self.path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+        self.path
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
     }
 
     /// The curves of a muscle over a coordinate such as `hip_flexion`; `None` where there are none.
@@ -118,29 +144,58 @@ impl Table {
         self.header.iter().position(|h| h == name)
     }
 
-    fn number(&self, (line, fields): &(u64, Vec<String>), column: usize) -> Result<Option<f64>, ReferenceError> {
+    fn number(
+        &self,
+        (line, fields): &(u64, Vec<String>),
+        column: usize,
+    ) -> Result<Option<f64>, ReferenceError> {
         let text = fields.get(column).map_or("", String::as_str);
         if text.is_empty() {
             return Ok(None);
         }
-        text.parse().ok().filter(|v: &f64| v.is_finite()).map(Some).ok_or_else(|| ReferenceError::Row {
-            path: self.path.clone(),
-            message: format!("line {line}: `{text}` in column `{}` is no number", self.header[column]),
-        })
+        text.parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .map(Some)
+            .ok_or_else(|| ReferenceError::Row {
+                path: self.path.clone(),
+                message: format!(
+                    "line {line}: `{text}` in column `{}` is no number",
+                    self.header[column]
+                ),
+            })
     }
 
     /// Length of a column's unit [m].
     fn scale(&self, column: usize) -> Result<f64, ReferenceError> {
         let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
         let name = &self.header[column];
-        let by_name = units.iter().find(|(unit, _)| name.ends_with(&format!("_{unit}")));
-        let by_comment = || units.iter().find(|(unit, _)| self.comments.contains(&format!(" {unit} moment arm")));
+        let by_name = units
+            .iter()
+            .find(|(unit, _)| name.ends_with(&format!("_{unit}")));
+        let by_comment = || {
+            units
+                .iter()
+                .find(|(unit, _)| self.comments.contains(&format!(" {unit} moment arm")))
+        };
         let found = by_name.or_else(by_comment).map(|(_, scale)| *scale);
-        found.ok_or_else(|| ReferenceError::Unit { path: self.path.clone(), column: name.clone() })
+        found.ok_or_else(|| ReferenceError::Unit {
+            path: self.path.clone(),
+            column: name.clone(),
+        })
     }
 
-    fn curve(&self, rows: &[&(u64, Vec<String>)], angle: usize, column: usize) -> Result<Curve, ReferenceError> {
-        let turn = if self.header[angle].ends_with("_rad") { 1.0 } else { std::f64::consts::PI / 180.0 };
+    fn curve(
+        &self,
+        rows: &[&(u64, Vec<String>)],
+        angle: usize,
+        column: usize,
+    ) -> Result<Curve, ReferenceError> {
+        let turn = if self.header[angle].ends_with("_rad") {
+            1.0
+        } else {
+            std::f64::consts::PI / 180.0
+        };
         let scale = self.scale(column)?;
         let mut curve = Vec::new();
         for row in rows {
@@ -158,8 +213,14 @@ impl Table {
         // A file of several coordinates says in its columns which one each is about.
         let about = coordinate.rsplit('_').next().unwrap_or(coordinate);
         let other = |name: &str| {
-            let kinds = [("flex", "flexion"), ("add", "adduction"), ("int_rot", "rotation")];
-            kinds.iter().any(|(end, kind)| name.ends_with(&format!("_{end}")) && *kind != about)
+            let kinds = [
+                ("flex", "flexion"),
+                ("add", "adduction"),
+                ("int_rot", "rotation"),
+            ];
+            kinds
+                .iter()
+                .any(|(end, kind)| name.ends_with(&format!("_{end}")) && *kind != about)
         };
         for (c, name) in self.header.iter().enumerate().skip(1) {
             if name.contains("path_length") || other(name) || !means(name, muscle) {
@@ -175,13 +236,23 @@ impl Table {
         let header = || ReferenceError::Header(self.path.clone());
         let need = |name: &str| self.column(name).ok_or_else(header);
         let [of, about, bound] = [need("muscle")?, need("coordinate")?, need("bound")?];
-        let angle = self.header.iter().position(|h| h.starts_with("angle")).ok_or_else(header)?;
-        let arm = self.header.iter().position(|h| h.starts_with("moment_arm")).ok_or_else(header)?;
+        let angle = self
+            .header
+            .iter()
+            .position(|h| h.starts_with("angle"))
+            .ok_or_else(header)?;
+        let arm = self
+            .header
+            .iter()
+            .position(|h| h.starts_with("moment_arm"))
+            .ok_or_else(header)?;
         let text = |row: &(u64, Vec<String>), c: usize| row.1.get(c).cloned().unwrap_or_default();
         let (mut names, mut curves) = (Vec::new(), Vec::new());
         for side in ["lb", "ub"] {
             let wanted = |row: &&(u64, Vec<String>)| {
-                means(&text(row, of), muscle) && text(row, about) == coordinate && text(row, bound) == side
+                means(&text(row, of), muscle)
+                    && text(row, about) == coordinate
+                    && text(row, bound) == side
             };
             let rows: Vec<_> = self.rows.iter().filter(wanted).collect();
             if let Some(first) = rows.first() {
@@ -212,7 +283,11 @@ pub struct Comparison {
 impl Reference {
     /// Lower and upper bound [m] at an angle \[rad\]; `None` where a curve does not go so far.
     pub fn at(&self, angle: f64) -> Option<[f64; 2]> {
-        let values: Vec<f64> = self.curves.iter().map(|c| value(c, angle)).collect::<Option<_>>()?;
+        let values: Vec<f64> = self
+            .curves
+            .iter()
+            .map(|c| value(c, angle))
+            .collect::<Option<_>>()?;
         extremes(values)
     }
 
@@ -228,23 +303,31 @@ impl Reference {
 
     /// Compares moment arms [m] at angles \[rad\]; `None` where they have less than two angles in common.
     pub fn compare(&self, angles: &[f64], arms: &[f64]) -> Option<Comparison> {
-        let found: Vec<(f64, f64, [f64; 2])> =
-            angles.iter().zip(arms).filter_map(|(q, r)| Some((*q, *r, self.at(*q)?))).collect();
+        let found: Vec<(f64, f64, [f64; 2])> = angles
+            .iter()
+            .zip(arms)
+            .filter_map(|(q, r)| Some((*q, *r, self.at(*q)?)))
+            .collect();
         let (first, last) = (found.first()?.0, found.last()?.0);
         if found.len() < 2 {
             return None;
         }
         let turned = [1.0, -1.0].iter().any(|sign| {
-            found.iter().all(|f| f.1 * sign > 0.0) && found.iter().flat_map(|f| f.2).all(|r| r * sign < 0.0)
+            found.iter().all(|f| f.1 * sign > 0.0)
+                && found.iter().flat_map(|f| f.2).all(|r| r * sign < 0.0)
         });
         let bounds = |[low, high]: [f64; 2]| if turned { [-high, -low] } else { [low, high] };
         let within = |f: &&(f64, f64, [f64; 2])| {
             let [low, high] = bounds(f.2);
             low <= f.1 && f.1 <= high
         };
-        let differences: Vec<f64> = found.iter().map(|f| f.1 - 0.5 * bounds(f.2).iter().sum::<f64>()).collect();
+        let differences: Vec<f64> = found
+            .iter()
+            .map(|f| f.1 - 0.5 * bounds(f.2).iter().sum::<f64>())
+            .collect();
         Some(Comparison {
-            overlap: (self.count() > 1).then(|| found.iter().filter(within).count() as f64 / found.len() as f64),
+            overlap: (self.count() > 1)
+                .then(|| found.iter().filter(within).count() as f64 / found.len() as f64),
             range_rad: [first, last],
             difference_mean_m: differences.iter().sum::<f64>() / differences.len() as f64,
             difference_max_m: crate::mesh::measures::greatest(differences.iter().map(|d| d.abs())),
@@ -282,17 +365,33 @@ mod tests {
 
     #[test]
     fn several_columns_are_an_envelope() {
-        let found = table("wide", WIDE).of("gluteus maximus", "hip_flexion").expect("read").expect("some");
-        assert_eq!(found.names, ["glut_max1_r_moment_arm_m", "glut_max2_r_moment_arm_m"]);
+        let found = table("wide", WIDE)
+            .of("gluteus maximus", "hip_flexion")
+            .expect("read")
+            .expect("some");
+        assert_eq!(
+            found.names,
+            ["glut_max1_r_moment_arm_m", "glut_max2_r_moment_arm_m"]
+        );
         let [low, high] = found.at(45f64.to_radians()).expect("within");
-        assert!((low + 0.06).abs() <= 1e-15 && (high + 0.03).abs() <= 1e-15, "{low} {high}");
+        assert!(
+            (low + 0.06).abs() <= 1e-15 && (high + 0.03).abs() <= 1e-15,
+            "{low} {high}"
+        );
         assert_eq!(found.at(91f64.to_radians()), None);
         let angles = [0.0, 45f64.to_radians(), 90f64.to_radians(), 2.0];
-        let compared = found.compare(&angles, &[-0.05, -0.05, -0.07, 1.0]).expect("common");
+        let compared = found
+            .compare(&angles, &[-0.05, -0.05, -0.07, 1.0])
+            .expect("common");
         assert_eq!(compared.overlap, Some(2.0 / 3.0));
         assert!((compared.difference_max_m - 0.03).abs() <= 1e-15 && !compared.turned);
         assert_eq!(found.compare(&[3.0], &[0.0]), None);
-        assert_eq!(table("wide2", WIDE).of("soleus", "hip_flexion").expect("read"), None);
+        assert_eq!(
+            table("wide2", WIDE)
+                .of("soleus", "hip_flexion")
+                .expect("read"),
+            None
+        );
     }
 
     #[test]
@@ -300,29 +399,57 @@ mod tests {
         let text = "# b; cm moment arm\nmuscle,coordinate,bound,angle_deg,moment_arm_cm\nr_psoas,hip_flexion,ub,10,3\n\
                     r_psoas,hip_flexion,ub,0,2\nr_psoas,hip_flexion,lb,0,1\nr_psoas,hip_flexion,lb,10,1\n\
                     r_psoas,hip_rotation,lb,10,9\n";
-        let found = table("bounds", text).of("psoas", "hip_flexion").expect("read").expect("some");
+        let found = table("bounds", text)
+            .of("psoas", "hip_flexion")
+            .expect("read")
+            .expect("some");
         let [low, high] = found.at(5f64.to_radians()).expect("within");
         assert!((low - 0.01).abs() <= 1e-15 && (high - 0.025).abs() <= 1e-15);
         let text = "# angle deg; mm moment arm\nhip_flexion,glut_med_flex,glut_med_add\n0,10,99\n20,20,99\n";
-        let found = table("mm", text).of("gluteus medius", "hip_flexion").expect("read").expect("some");
+        let found = table("mm", text)
+            .of("gluteus medius", "hip_flexion")
+            .expect("read")
+            .expect("some");
         assert_eq!(found.names, ["glut_med_flex"]);
-        let compared = found.compare(&[0.0, 10f64.to_radians()], &[-0.01, -0.02]).expect("common");
-        assert!(compared.turned && compared.overlap.is_none(), "{compared:?}");
-        assert!((compared.difference_max_m - 0.005).abs() <= 1e-15, "{compared:?}");
+        let compared = found
+            .compare(&[0.0, 10f64.to_radians()], &[-0.01, -0.02])
+            .expect("common");
+        assert!(
+            compared.turned && compared.overlap.is_none(),
+            "{compared:?}"
+        );
+        assert!(
+            (compared.difference_max_m - 0.005).abs() <= 1e-15,
+            "{compared:?}"
+        );
     }
 
     #[test]
     fn tables_of_no_use_say_why() {
-        let of = |text: &str| table("bad", text).of("psoas", "hip_flexion").expect_err("an error").to_string();
+        let of = |text: &str| {
+            table("bad", text)
+                .of("psoas", "hip_flexion")
+                .expect_err("an error")
+                .to_string()
+        };
         assert!(of("angle_deg,psoas\n0,1\n").contains("does not tell the unit of column `psoas`"));
-        assert!(of("angle_deg,psoas_m\n0,1\n5,x\n").contains("line 3: `x` in column `psoas_m` is no number"));
+        assert!(
+            of("angle_deg,psoas_m\n0,1\n5,x\n")
+                .contains("line 3: `x` in column `psoas_m` is no number")
+        );
         let path = Scratch::file("ragged.csv");
-        for (text, wanted) in [("angle_deg,psoas_m\n0,1\n5\n", "line: 3"), ("a,b\n0,1\n", "no column for the angle")] {
+        for (text, wanted) in [
+            ("angle_deg,psoas_m\n0,1\n5\n", "line: 3"),
+            ("a,b\n0,1\n", "no column for the angle"),
+        ] {
             std::fs::write(&path, text).expect("a file");
             let error = Table::read(&path).expect_err("refused").to_string();
             assert!(error.contains(wanted), "{error}");
         }
         std::fs::remove_file(&path).expect("removed");
-        assert!(matches!(Table::read(&path), Err(ReferenceError::Read { .. })));
+        assert!(matches!(
+            Table::read(&path),
+            Err(ReferenceError::Read { .. })
+        ));
     }
 }

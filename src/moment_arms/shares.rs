@@ -16,11 +16,17 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
     let from = |v: &nalgebra::Point3<f64>| {
         let mut found = [f64::INFINITY; 2];
         for (bone, turns) in bones {
-            let Some(closest) = bone.closest(v) else { continue };
+            let Some(closest) = bone.closest(v) else {
+                continue;
+            };
             let least = &mut found[usize::from(*turns)];
             // A NaN stays one, and is told by the factor; `f64::min` would hide it.
             if !(closest.distance >= *least) {
-                *least = if closest.distance < 0.0 { 0.0 } else { closest.distance };
+                *least = if closest.distance < 0.0 {
+                    0.0
+                } else {
+                    closest.distance
+                };
             }
         }
         found
@@ -47,7 +53,8 @@ pub fn shares(
 ) -> Result<Vec<f64>, FactorError> {
     let count = mesh.vertices.len();
     let mut values = vec![None; count];
-    held.iter().for_each(|&(v, share)| values[v as usize] = Some(share));
+    held.iter()
+        .for_each(|&(v, share)| values[v as usize] = Some(share));
     let pairs: Vec<[u32; 2]> = topology.edges.clone();
     let mut factor = Factor::<1>::new(count, &pairs)?;
     let mut rhs = vec![0.0; count];
@@ -55,7 +62,11 @@ pub fn shares(
     let areas = crate::mesh::measures::triangle_areas(&mesh.vertices, &mesh.triangles);
     let thickness = mesh.volume().abs() / mesh.area();
     for (e, &[a, b]) in topology.edges.iter().enumerate() {
-        let beside: f64 = topology.triangles_of_edge(e).iter().map(|&t| areas[t as usize]).sum();
+        let beside: f64 = topology
+            .triangles_of_edge(e)
+            .iter()
+            .map(|&t| areas[t as usize])
+            .sum();
         let conductance = thickness * 2.0 / 3.0 * beside / (lengths[e] * lengths[e]);
         for (v, other) in [(a, b), (b, a)] {
             if values[v as usize].is_none() {
@@ -77,7 +88,8 @@ pub fn shares(
                 rhs[v] = share;
             }
             None => {
-                let [resting, turning] = distances[v].map(|d| area / if d < nearest { nearest } else { d });
+                let [resting, turning] =
+                    distances[v].map(|d| area / if d < nearest { nearest } else { d });
                 factor.add_diagonal(v as u32, resting + turning);
                 rhs[v] += turning;
             }
@@ -103,7 +115,10 @@ mod tests {
     fn found(bones: &[(&dyn Obstacle, bool)]) -> (TriangleMesh, Vec<f64>) {
         let mesh = tube(0.012, LENGTH, 24);
         let along = mesh.bounding_box().extents().iamax();
-        let (low, high) = (mesh.bounding_box().min[along], mesh.bounding_box().max[along]);
+        let (low, high) = (
+            mesh.bounding_box().min[along],
+            mesh.bounding_box().max[along],
+        );
         let at = |(v, p): (usize, &Point3<f64>)| match p[along] {
             y if y < low + 0.005 => Some((v as u32, 0.0)),
             y if y > high - 0.005 => Some((v as u32, 1.0)),
@@ -121,7 +136,13 @@ mod tests {
         let along = bounds.extents().iamax();
         let wanted = bounds.min[along] + place * bounds.extents()[along];
         let near = |p: &(&Point3<f64>, &f64)| (p.0[along] - wanted).abs() < 0.05 * LENGTH;
-        let both: Vec<f64> = mesh.vertices.iter().zip(shares).filter(near).map(|(_, s)| *s).collect();
+        let both: Vec<f64> = mesh
+            .vertices
+            .iter()
+            .zip(shares)
+            .filter(near)
+            .map(|(_, s)| *s)
+            .collect();
         both.iter().sum::<f64>() / both.len() as f64
     }
 
@@ -129,7 +150,11 @@ mod tests {
     fn without_bones_the_turn_spreads_evenly() {
         let even = found(&[]);
         // Ends are held over a part of the length; in the middle both count alike.
-        assert!((around(&even, 0.5) - 0.5).abs() <= 0.02, "{}", around(&even, 0.5));
+        assert!(
+            (around(&even, 0.5) - 0.5).abs() <= 0.02,
+            "{}",
+            around(&even, 0.5)
+        );
         assert!((around(&even, 0.3) + around(&even, 0.7) - 1.0).abs() <= 0.02);
         assert!(around(&even, 0.7) - around(&even, 0.3) > 0.2, "control");
         assert!(even.1.iter().all(|s| (0.0..=1.0).contains(s)));
@@ -144,11 +169,22 @@ mod tests {
         across[(along + 1) % 3] = 0.012 + 0.01 + 0.0005;
         let mut reach = Vector3::zeros();
         reach[along] = 0.5 * LENGTH;
-        let capsule = Capsule { ends: [bounds.center() + across - reach, bounds.center() + across], radius: 0.01 };
+        let capsule = Capsule {
+            ends: [bounds.center() + across - reach, bounds.center() + across],
+            radius: 0.01,
+        };
         let resting = found(&[(&capsule, false)]);
-        assert!(around(&resting, 0.3) < 0.5 * around(&even, 0.3), "{}", around(&resting, 0.3));
+        assert!(
+            around(&resting, 0.3) < 0.5 * around(&even, 0.3),
+            "{}",
+            around(&resting, 0.3)
+        );
         let turning = found(&[(&capsule, true)]);
-        assert!(around(&turning, 0.3) > 2.0 * around(&even, 0.3), "{}", around(&turning, 0.3));
+        assert!(
+            around(&turning, 0.3) > 2.0 * around(&even, 0.3),
+            "{}",
+            around(&turning, 0.3)
+        );
         for (_, shares) in [&resting, &turning] {
             // Minima of a network of conductances lie between the values that are held, but for rounding of the solution.
             assert!(shares.iter().all(|s| (-1e-12..=1.0 + 1e-12).contains(s)));

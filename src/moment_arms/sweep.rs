@@ -27,7 +27,11 @@ pub const MOST_VALUES: usize = 10_000;
 pub const WIDEST: f64 = std::f64::consts::PI;
 
 /// How the correction of a spread turn is solved for.
-const CORRECTION: Minimisation = Minimisation { substeps: 1, iterations: 100, tolerance: 1e-8 };
+const CORRECTION: Minimisation = Minimisation {
+    substeps: 1,
+    iterations: 100,
+    tolerance: 1e-8,
+};
 
 /// Stiffness with which a muscle tracks the spread turn, as a share of that with which its edges resist strain at rest:
 /// neither is known better than the other, and nothing is fitted.
@@ -93,7 +97,9 @@ pub enum SweepError {
     )]
     NothingCrosses(String),
     /// A muscle that encloses nothing.
-    #[error("muscle `{0}` is not closed, so it has no inside for fibres; `repair = true` and `close_holes` mend it")]
+    #[error(
+        "muscle `{0}` is not closed, so it has no inside for fibres; `repair = true` and `close_holes` mend it"
+    )]
     Open(String),
     /// Areas are of no use.
     #[error("muscle `{muscle}`: {error}")]
@@ -199,9 +205,12 @@ impl Running {
         let first = prepare(&mut scene, &turning, &joint, &angles, step, frames);
         let crosses = |m: usize, scene: &Scene| {
             let attachments = &scene.muscles[m].attachments;
-            attachments.iter().any(|a| turning[a.bone]) && attachments.iter().any(|a| !turning[a.bone])
+            attachments.iter().any(|a| turning[a.bone])
+                && attachments.iter().any(|a| !turning[a.bone])
         };
-        let crossing: Vec<bool> = (0..scene.muscles.len()).map(|m| crosses(m, &scene)).collect();
+        let crossing: Vec<bool> = (0..scene.muscles.len())
+            .map(|m| crosses(m, &scene))
+            .collect();
         if !crossing.contains(&true) {
             return Err(SweepError::NothingCrosses(sweep.joint.clone()));
         }
@@ -212,13 +221,19 @@ impl Running {
         }
         let mut simulation = Simulation::new(scene)?;
         let names = |wanted: bool| {
-            let named = crossing.iter().zip(&simulation.scene.muscles).filter(move |(c, _)| **c == wanted);
+            let named = crossing
+                .iter()
+                .zip(&simulation.scene.muscles)
+                .filter(move |(c, _)| **c == wanted);
             named.map(|(_, m)| m.name.clone()).collect::<Vec<_>>()
         };
         let left_out = names(false);
         let mut keep = crossing.iter();
         simulation.bodies.retain(|_| keep.next() == Some(&true));
-        let muscles = simulation.bodies.iter().map(|body| cross(body, &turning, sweep.fibres));
+        let muscles = simulation
+            .bodies
+            .iter()
+            .map(|body| cross(body, &turning, sweep.fibres));
         let mut muscles = muscles.collect::<Result<Vec<_>, _>>()?;
         if sweep.by == By::Spread {
             let near = near_bones(&simulation, &turning);
@@ -228,7 +243,17 @@ impl Running {
                 muscle.shares = track(body, (&near, &bones), &placed, &turning)?;
             }
         }
-        Ok(Self { simulation, muscles, left_out, angles, step, joint, frames, first, done: 0 })
+        Ok(Self {
+            simulation,
+            muscles,
+            left_out,
+            angles,
+            step,
+            joint,
+            frames,
+            first,
+            done: 0,
+        })
     }
 
     /// Number of frames.
@@ -267,7 +292,14 @@ impl Running {
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
             let turned = |(x, share): (&Point3<f64>, &f64)| self.joint.pose(angle * share) * x;
             if let Some(tracked) = &mut body.tracked {
-                tracked.aim(body.rest.vertices.iter().zip(&muscle.shares).map(turned).collect());
+                tracked.aim(
+                    body.rest
+                        .vertices
+                        .iter()
+                        .zip(&muscle.shares)
+                        .map(turned)
+                        .collect(),
+                );
             }
         }
     }
@@ -276,9 +308,8 @@ impl Running {
     fn angle(&self, frame: usize) -> f64 {
         match frame.checked_sub(self.first) {
             None => self.angles[0] * frame as f64 / self.first as f64,
-            Some(after) => {
-                (self.angles[0] + self.step / self.frames as f64 * after as f64).min(self.angles[self.angles.len() - 1])
-            }
+            Some(after) => (self.angles[0] + self.step / self.frames as f64 * after as f64)
+                .min(self.angles[self.angles.len() - 1]),
         }
     }
 
@@ -290,17 +321,29 @@ impl Running {
             .map(|(b, mesh)| audit::Bone::new(mesh, simulation.surface(b)))
             .collect();
         let frame = simulation.frame() as f64;
-        let posed: Vec<(&audit::Bone<'_>, Isometry3<f64>)> =
-            bones.iter().enumerate().map(|(b, bone)| (bone, simulation.pose(b, frame))).collect();
-        for ((muscle, body), measures) in self.muscles.iter_mut().zip(&simulation.bodies).zip(measures) {
+        let posed: Vec<(&audit::Bone<'_>, Isometry3<f64>)> = bones
+            .iter()
+            .enumerate()
+            .map(|(b, bone)| (bone, simulation.pose(b, frame)))
+            .collect();
+        for ((muscle, body), measures) in self
+            .muscles
+            .iter_mut()
+            .zip(&simulation.bodies)
+            .zip(measures)
+        {
             muscle.stopped = body.stopped.clone();
             if muscle.stopped.is_some() {
                 continue;
             }
             muscle.now = muscle.bound.at(&body.system.particles.position);
-            muscle.lengths.push(muscle.now.iter().map(|f| length(f)).collect());
+            muscle
+                .lengths
+                .push(muscle.now.iter().map(|f| length(f)).collect());
             let chords = muscle.now.iter().map(|f| (f[f.len() - 1] - f[0]).norm());
-            muscle.chords.push(chords.sum::<f64>() / muscle.now.len() as f64);
+            muscle
+                .chords
+                .push(chords.sum::<f64>() / muscle.now.len() as f64);
             let between = muscle.now.iter().flat_map(|f| &f[1..f.len() - 1]).copied();
             let inside = audit::examine(&between.collect::<Vec<_>>(), &[], &|_| true, &posed);
             muscle.points_in_bone += inside.vertices_inside;
@@ -326,7 +369,8 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     }
     if !(from >= -WIDEST && to <= WIDEST) {
         return refuse(
-            "a joint turns by at most 180 degrees either way; choose --from and --to within that".to_owned(),
+            "a joint turns by at most 180 degrees either way; choose --from and --to within that"
+                .to_owned(),
         );
     }
     if !(step > 0.0) || (to - from) / step > MOST_VALUES as f64 {
@@ -338,21 +382,34 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     // A range that is a multiple of the step but for rounding has as many.
     let count = ((to - from) / step - 1e-9).ceil().max(1.0) as usize;
     if count < 2 {
-        return refuse("a moment arm needs at least 3 values of the angle; choose a smaller --step".to_owned());
+        return refuse(
+            "a moment arm needs at least 3 values of the angle; choose a smaller --step".to_owned(),
+        );
     }
-    Ok((0..=count).map(|k| from + (to - from) * (k as f64 / count as f64)).collect())
+    Ok((0..=count)
+        .map(|k| from + (to - from) * (k as f64 / count as f64))
+        .collect())
 }
 
 /// The joint of that name, or of a bone of that name, and which bones turn about it.
 fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
     let joints = scene.bones.iter().map(|b| b.motion.joint.as_ref());
-    let named = joints.clone().flatten().find(|j| j.name.as_deref() == Some(name));
+    let named = joints
+        .clone()
+        .flatten()
+        .find(|j| j.name.as_deref() == Some(name));
     if let Some(found) = named {
-        let turning = joints.map(|j| j.is_some_and(|j| j.name.as_deref() == Some(name))).collect();
+        let turning = joints
+            .map(|j| j.is_some_and(|j| j.name.as_deref() == Some(name)))
+            .collect();
         return Ok((found.clone(), turning));
     }
-    let of_bone = scene.bones.iter().position(|b| b.name == name && b.motion.joint.is_some());
-    if let Some((b, found)) = of_bone.and_then(|b| Some((b, scene.bones[b].motion.joint.clone()?))) {
+    let of_bone = scene
+        .bones
+        .iter()
+        .position(|b| b.name == name && b.motion.joint.is_some());
+    if let Some((b, found)) = of_bone.and_then(|b| Some((b, scene.bones[b].motion.joint.clone()?)))
+    {
         return Ok((found, (0..scene.bones.len()).map(|k| k == b).collect()));
     }
     let mut known: Vec<String> = Vec::new();
@@ -368,29 +425,51 @@ fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
         true => "no bone has a motion with `centre` and `axis`, which make a joint".to_owned(),
         false => format!("known: {}", known.join(", ")),
     };
-    Err(SweepError::NoJoint { name: name.to_owned(), known })
+    Err(SweepError::NoJoint {
+        name: name.to_owned(),
+        known,
+    })
 }
 
 /// Writes the sweep into the scene's motions; the frame of the first value.
-fn prepare(scene: &mut Scene, turning: &[bool], joint: &Joint, angles: &[f64], step: f64, frames: usize) -> usize {
-    let mut keys = vec![Key { frame: 0.0, pose: Isometry3::identity() }];
+fn prepare(
+    scene: &mut Scene,
+    turning: &[bool],
+    joint: &Joint,
+    angles: &[f64],
+    step: f64,
+    frames: usize,
+) -> usize {
+    let mut keys = vec![Key {
+        frame: 0.0,
+        pose: Isometry3::identity(),
+    }];
     let mut frame = 0usize;
     let from = angles[0];
     if from != 0.0 {
         let count = (from.abs() / step).ceil().max(1.0);
         for k in 1..=count as usize {
             frame += frames;
-            keys.push(Key { frame: frame as f64, pose: joint.pose(from * k as f64 / count) });
+            keys.push(Key {
+                frame: frame as f64,
+                pose: joint.pose(from * k as f64 / count),
+            });
         }
     }
     let first = frame;
     for &angle in &angles[1..] {
         frame += frames;
-        keys.push(Key { frame: frame as f64, pose: joint.pose(angle) });
+        keys.push(Key {
+            frame: frame as f64,
+            pose: joint.pose(angle),
+        });
     }
     for (bone, turns) in scene.bones.iter_mut().zip(turning) {
         let keys = if *turns { keys.clone() } else { Vec::new() };
-        bone.motion = Motion { keys, joint: bone.motion.joint.take() };
+        bone.motion = Motion {
+            keys,
+            joint: bone.motion.joint.take(),
+        };
     }
     scene.frames = frame;
     first
@@ -401,24 +480,38 @@ fn prepare(scene: &mut Scene, turning: &[bool], joint: &Joint, angles: &[f64], s
 fn hold_all(scene: &mut Scene) {
     scene.most_held = 1.0;
     let all = scene.muscles.iter_mut().flat_map(|m| &mut m.attachments);
-    all.filter(|a| matches!(a.area, Area::Patch { .. })).for_each(|a| a.limit = 1.0);
+    all.filter(|a| matches!(a.area, Area::Patch { .. }))
+        .for_each(|a| a.limit = 1.0);
 }
 
 /// How far all vertices of all muscles are from bones that rest and that turn, where the meshes are.
 fn near_bones(simulation: &Simulation, turning: &[bool]) -> Vec<Vec<Distances>> {
     let bone = |b: usize| (simulation.surface(b) as &dyn Obstacle, turning[b]);
     let bones: Vec<_> = (0..simulation.bones.len()).map(bone).collect();
-    simulation.bodies.iter().map(|body| distances(&body.rest, &bones)).collect()
+    simulation
+        .bodies
+        .iter()
+        .map(|body| distances(&body.rest, &bones))
+        .collect()
 }
 
 /// Smoothed distances to all obstacles; none where a scene has no contact.
 fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
-    let Some(contact) = simulation.scene.effects.contact else { return Vec::new() };
+    let Some(contact) = simulation.scene.effects.contact else {
+        return Vec::new();
+    };
     let of = |(o, placed): (usize, &Placed)| {
-        let edge = simulation.bones.get(o).and_then(|mesh| mesh.median_edge_length(&Topology::new(mesh)));
+        let edge = simulation
+            .bones
+            .get(o)
+            .and_then(|mesh| mesh.median_edge_length(&Topology::new(mesh)));
         let thinnest = placed.obstacle.bounding_box().extents().amin();
         let spacing = edge.map_or(ROUND * thinnest, |edge| FINENESS * edge);
-        Arc::new(SmoothDistance::new(&*placed.obstacle, spacing, tracked::REACH * contact.thickness))
+        Arc::new(SmoothDistance::new(
+            &*placed.obstacle,
+            spacing,
+            tracked::REACH * contact.thickness,
+        ))
     };
     simulation.placed().iter().enumerate().map(of).collect()
 }
@@ -430,11 +523,26 @@ fn track(
     placed: &[Placed],
     turning: &[bool],
 ) -> Result<Vec<f64>, SweepError> {
-    let settings = Settings { tolerance: CORRECTION.tolerance, iterations: CORRECTION.iterations };
-    let failed = |error| SweepError::Factor { muscle: body.name.clone(), error };
-    let parts = Parts { edges: &body.edges, stiffness: vec![1.0; body.edges.len()], tracking: TRACKING, bones };
+    let settings = Settings {
+        tolerance: CORRECTION.tolerance,
+        iterations: CORRECTION.iterations,
+    };
+    let failed = |error| SweepError::Factor {
+        muscle: body.name.clone(),
+        error,
+    };
+    let parts = Parts {
+        edges: &body.edges,
+        stiffness: vec![1.0; body.edges.len()],
+        tracking: TRACKING,
+        bones,
+    };
     let made = Tracked::new(parts, &body.system, placed, settings).map_err(failed)?;
-    let held: Vec<(u32, f64)> = body.attached.iter().map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 })).collect();
+    let held: Vec<(u32, f64)> = body
+        .attached
+        .iter()
+        .map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 }))
+        .collect();
     let shares = shares(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
     body.tracked = Some(made);
     body.equilibrium = None;
@@ -442,17 +550,37 @@ fn track(
 }
 
 /// Fibres of a muscle from where it is held by what rests to where by what turns.
-fn cross(body: &Body, turning: &[bool], options: harmonic::Options) -> Result<Crossing, SweepError> {
+fn cross(
+    body: &Body,
+    turning: &[bool],
+    options: harmonic::Options,
+) -> Result<Crossing, SweepError> {
     let muscle = body.name.clone();
     if body.rest.triangles.is_empty() || !Topology::new(&body.rest).is_closed() {
         return Err(SweepError::Open(muscle));
     }
-    let held = |on: bool| body.attached.iter().filter(move |a| turning[a.1] == on).map(|a| a.0).collect::<Vec<u32>>();
+    let held = |on: bool| {
+        body.attached
+            .iter()
+            .filter(move |a| turning[a.1] == on)
+            .map(|a| a.0)
+            .collect::<Vec<u32>>()
+    };
     let [origin, insertion] = [held(false), held(true)];
-    let areas = Attachment::new(&body.rest, AreaSource::Vertices(&origin), AreaSource::Vertices(&insertion));
-    let areas = areas.map_err(|error| SweepError::Areas { muscle: muscle.clone(), error })?;
+    let areas = Attachment::new(
+        &body.rest,
+        AreaSource::Vertices(&origin),
+        AreaSource::Vertices(&insertion),
+    );
+    let areas = areas.map_err(|error| SweepError::Areas {
+        muscle: muscle.clone(),
+        error,
+    })?;
     let found = decompose(&body.rest, &areas, options);
-    let found = found.map_err(|error| SweepError::Fibres { muscle: muscle.clone(), error })?;
+    let found = found.map_err(|error| SweepError::Fibres {
+        muscle: muscle.clone(),
+        error,
+    })?;
     let jacobian = found.jacobian(&body.rest, &areas);
     let quality = quality::measure(&body.rest, &found.closed, &areas, &found.fibres, jacobian);
     Ok(Crossing {

@@ -78,13 +78,18 @@ pub fn centre(map: &SphereMap, area: &[u32]) -> Result<Point3<f64>, AlignError> 
     }
     let sum: Vector3<f64> = area.iter().map(|&v| map.points()[v as usize].coords).sum();
     let least = 1e-12 * area.len() as f64;
-    sum.try_normalize(least).map(Point3::from).ok_or(AlignError::NoCentre { points: area.len() })
+    sum.try_normalize(least)
+        .map(Point3::from)
+        .ok_or(AlignError::NoCentre { points: area.len() })
 }
 
 /// The rotation that takes `origin` exactly to its target and `insertion` as near as that allows to its own.
 ///
 /// About the axis a of the target the angle is atan2(a . (s x t), s . t - (a . s)(a . t)).
-pub fn origin_then_insertion(origin: [&Point3<f64>; 2], insertion: [&Point3<f64>; 2]) -> UnitQuaternion<f64> {
+pub fn origin_then_insertion(
+    origin: [&Point3<f64>; 2],
+    insertion: [&Point3<f64>; 2],
+) -> UnitQuaternion<f64> {
     let (from, a) = (origin[0].coords, origin[1].coords);
     let first = UnitQuaternion::rotation_between(&from, &a).unwrap_or_else(|| {
         // Opposite: half a turn about any axis square to it.
@@ -100,21 +105,32 @@ pub fn origin_then_insertion(origin: [&Point3<f64>; 2], insertion: [&Point3<f64>
 ///
 /// # Errors
 /// Fewer than two pairs, or lists of different lengths.
-pub fn nearest_rotation(from: &[Point3<f64>], to: &[Point3<f64>]) -> Result<UnitQuaternion<f64>, AlignError> {
+pub fn nearest_rotation(
+    from: &[Point3<f64>],
+    to: &[Point3<f64>],
+) -> Result<UnitQuaternion<f64>, AlignError> {
     if from.len() != to.len() {
-        return Err(AlignError::Counts { from: from.len(), to: to.len() });
+        return Err(AlignError::Counts {
+            from: from.len(),
+            to: to.len(),
+        });
     }
     if from.len() < 2 {
         return Err(AlignError::TooFew(from.len()));
     }
-    let products = from.iter().zip(to).map(|(f, t)| t.coords * f.coords.transpose());
+    let products = from
+        .iter()
+        .zip(to)
+        .map(|(f, t)| t.coords * f.coords.transpose());
     Ok(rotation_of(&products.sum()))
 }
 
 /// The rotation nearest to a matrix: of U S V^T that is U diag(1, 1, det U V^T) V^T.
 pub(super) fn rotation_of(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     let svd = matrix.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return UnitQuaternion::identity() };
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
+        return UnitQuaternion::identity();
+    };
     let sign = (u * v).determinant().signum();
     // nalgebra sorts singular values from the greatest: the last is the one to give up.
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v;
@@ -132,7 +148,10 @@ pub struct Moving {
 
 impl Default for Moving {
     fn default() -> Self {
-        Self { radius: 1.2, steps: 2000 }
+        Self {
+            radius: 1.2,
+            steps: 2000,
+        }
     }
 }
 
@@ -187,21 +206,37 @@ pub fn move_features(
         }
     }
     let left = |i: usize| far(&points, i);
-    let worst = (0..features.len()).max_by(|&i, &j| left(i).total_cmp(&left(j))).unwrap_or(0);
+    let worst = (0..features.len())
+        .max_by(|&i, &j| left(i).total_cmp(&left(j)))
+        .unwrap_or(0);
     let left = 2.0 * libm::asin((0.5 * left(worst)).min(1.0));
-    Err(AlignError::Stuck { feature: worst, vertex: features[worst], left, steps })
+    Err(AlignError::Stuck {
+        feature: worst,
+        vertex: features[worst],
+        left,
+        steps,
+    })
 }
 
-fn check_features(map: &SphereMap, features: &[u32], targets: &[Point3<f64>]) -> Result<(), AlignError> {
+fn check_features(
+    map: &SphereMap,
+    features: &[u32],
+    targets: &[Point3<f64>],
+) -> Result<(), AlignError> {
     let count = map.points().len();
     if features.len() != targets.len() {
-        return Err(AlignError::Counts { from: features.len(), to: targets.len() });
+        return Err(AlignError::Counts {
+            from: features.len(),
+            to: targets.len(),
+        });
     }
     if let Some(&vertex) = features.iter().find(|v| **v as usize >= count) {
         return Err(AlignError::Vertex { vertex, count });
     }
     for second in 0..features.len() {
-        let same = |first: &usize| features[*first] == features[second] || targets[*first] == targets[second];
+        let same = |first: &usize| {
+            features[*first] == features[second] || targets[*first] == targets[second]
+        };
         if let Some(first) = (0..second).find(same) {
             return Err(AlignError::Same { first, second });
         }
@@ -244,13 +279,24 @@ fn each_moved(points: &mut [Point3<f64>], rings: &Rings, wanted: &[Point3<f64>])
 }
 
 /// Moves a vertex towards a place, by halves, where it sees its ring.
-fn go(points: &mut [Point3<f64>], rings: &Rings, v: usize, to: Point3<f64>, ring: &mut Vec<Point3<f64>>) {
+fn go(
+    points: &mut [Point3<f64>],
+    rings: &Rings,
+    v: usize,
+    to: Point3<f64>,
+    ring: &mut Vec<Point3<f64>>,
+) {
     ring.clear();
     ring.extend(rings.of(v as u32).iter().map(|&w| points[w as usize]));
     let from = points[v].coords;
     let mut share = 1.0;
     for _ in 0..HALVINGS {
-        let Some(target) = (from + (to.coords - from) * share).try_normalize(0.0).map(Point3::from) else { return };
+        let Some(target) = (from + (to.coords - from) * share)
+            .try_normalize(0.0)
+            .map(Point3::from)
+        else {
+            return;
+        };
         if sees(&target, ring) {
             points[v] = target;
             return;
@@ -265,9 +311,17 @@ fn relax(points: &mut [Point3<f64>], rings: &Rings, features: &[u32]) {
     features.iter().for_each(|&f| held[f as usize] = true);
     let mut ring = Vec::new();
     for v in (0..points.len()).filter(|v| !held[*v]) {
-        let sum: Vector3<f64> = rings.of(v as u32).iter().map(|&w| points[w as usize].coords).sum();
-        let Some(middle) = sum.try_normalize(0.0) else { continue };
-        let Some(half) = (points[v].coords + middle).try_normalize(0.0) else { continue };
+        let sum: Vector3<f64> = rings
+            .of(v as u32)
+            .iter()
+            .map(|&w| points[w as usize].coords)
+            .sum();
+        let Some(middle) = sum.try_normalize(0.0) else {
+            continue;
+        };
+        let Some(half) = (points[v].coords + middle).try_normalize(0.0) else {
+            continue;
+        };
         go(points, rings, v, Point3::from(half), &mut ring);
     }
 }

@@ -146,10 +146,22 @@ impl Between {
         settings: &Settings,
         go_on: &(dyn Fn() -> bool + Sync),
     ) -> Result<Self, BetweenError> {
-        let goes_on = || if go_on() { Ok(()) } else { Err(BetweenError::Stopped) };
-        let (first, second) = rayon::join(|| mapped(meshes[0], 0, settings), || mapped(meshes[1], 1, settings));
+        let goes_on = || {
+            if go_on() {
+                Ok(())
+            } else {
+                Err(BetweenError::Stopped)
+            }
+        };
+        let (first, second) = rayon::join(
+            || mapped(meshes[0], 0, settings),
+            || mapped(meshes[1], 1, settings),
+        );
         let ((first, second), begun) = ((first?, second?), Instant::now());
-        let mut times = Times { maps: [first.2, second.2], ..Times::default() };
+        let mut times = Times {
+            maps: [first.2, second.2],
+            ..Times::default()
+        };
         let efforts = [first.1, second.1];
         goes_on()?;
         let Aligned { maps, start, drawn } = aligned([first.0, second.0], meshes, pairs, settings)?;
@@ -161,14 +173,40 @@ impl Between {
             Shared::First => of_first(&maps),
         };
         times.merge = begun.elapsed().as_secs_f64();
-        let Common { on, kinds, triangles, turned } = shared;
-        let places = [0, 1].map(|side| on[side].iter().map(|at| at.place(&meshes[side].vertices)).collect());
-        Ok(Self { maps, efforts, start, drawn, triangles, places, kinds, turned, times, on })
+        let Common {
+            on,
+            kinds,
+            triangles,
+            turned,
+        } = shared;
+        let places = [0, 1].map(|side| {
+            on[side]
+                .iter()
+                .map(|at| at.place(&meshes[side].vertices))
+                .collect()
+        });
+        Ok(Self {
+            maps,
+            efforts,
+            start,
+            drawn,
+            triangles,
+            places,
+            kinds,
+            turned,
+            times,
+            on,
+        })
     }
 
     /// Numbers at the vertices of surface `side`, `components` each, at the common vertices.
     pub fn carried(&self, side: usize, values: &[f64], components: usize) -> Vec<f64> {
-        let at = |v: u32, k: usize| values.get(v as usize * components + k).copied().unwrap_or(f64::NAN);
+        let at = |v: u32, k: usize| {
+            values
+                .get(v as usize * components + k)
+                .copied()
+                .unwrap_or(f64::NAN)
+        };
         let value = |on: &On, k: usize| {
             let [a, b, c] = on.corners.map(|v| at(v, k));
             // In difference form, so that a vertex keeps its number to the last bit; a number that is none stays where its
@@ -176,21 +214,33 @@ impl Between {
             let part = |d: f64, w: f64| if w == 0.0 { 0.0 } else { d * w };
             a + part(b - a, on.weights[0]) + part(c - a, on.weights[1])
         };
-        self.on[side].iter().flat_map(|on| (0..components).map(move |k| value(on, k))).collect()
+        self.on[side]
+            .iter()
+            .flat_map(|on| (0..components).map(move |k| value(on, k)))
+            .collect()
     }
 }
 
 impl On {
     fn vertex(v: u32) -> Self {
-        Self { corners: [v; 3], weights: [0.0; 2] }
+        Self {
+            corners: [v; 3],
+            weights: [0.0; 2],
+        }
     }
 
     fn located(map: &SphereMap, at: &Located) -> Self {
-        Self { corners: map.triangles()[at.triangle as usize], weights: [at.weights[1], at.weights[2]] }
+        Self {
+            corners: map.triangles()[at.triangle as usize],
+            weights: [at.weights[1], at.weights[2]],
+        }
     }
 
     fn between([a, b]: [u32; 2], along: f64) -> Self {
-        Self { corners: [a, b, b], weights: [along, 0.0] }
+        Self {
+            corners: [a, b, b],
+            weights: [along, 0.0],
+        }
     }
 
     fn place(&self, places: &[Point3<f64>]) -> Point3<f64> {
@@ -240,7 +290,10 @@ fn aligned(
         }
     }
     let places = |side: usize, map: &SphereMap| -> Vec<Point3<f64>> {
-        pairs.iter().map(|pair| map.points()[pair[side] as usize]).collect()
+        pairs
+            .iter()
+            .map(|pair| map.points()[pair[side] as usize])
+            .collect()
     };
     let (from, to) = (places(0, &first), places(1, &second));
     let (by, start) = match pairs.len() {
@@ -249,14 +302,21 @@ fn aligned(
             // One pair leaves a turn about it open, which the shapes fill in.
             let by = by_shape([&first, &second], &Likeness::new(meshes)).turn;
             let rest = UnitQuaternion::rotation_between(&(by * from[0]).coords, &to[0].coords);
-            (rest.unwrap_or_else(UnitQuaternion::identity) * by, Start::Features)
+            (
+                rest.unwrap_or_else(UnitQuaternion::identity) * by,
+                Start::Features,
+            )
         }
         _ => (nearest_rotation(&from, &to)?, Start::Features),
     };
     let [first, second] = turned(first, second, &by)?;
     let features: Vec<u32> = pairs.iter().map(|pair| pair[0]).collect();
     let moved = move_features(&first, &features, &places(1, &second), &settings.moving)?;
-    Ok(Aligned { maps: [moved, second], start, drawn: 0.0 })
+    Ok(Aligned {
+        maps: [moved, second],
+        start,
+        drawn: 0.0,
+    })
 }
 
 /// Turns the first map to where like parts of the bodies are, and draws it there if that brings them nearer to each other.
@@ -266,30 +326,55 @@ fn by_likeness(
     alike: Alike,
 ) -> Result<Aligned, BetweenError> {
     let likeness = Likeness::new(meshes);
-    let Posed { turn, start, matches, pose } = by_shape([&first, &second], &likeness);
+    let Posed {
+        turn,
+        start,
+        matches,
+        pose,
+    } = by_shape([&first, &second], &likeness);
     let [first, second] = turned(first, second, &turn)?;
     if alike == Alike::Drawn {
-        let wish =
-            |m: &Match| Wish { vertex: m.vertices[0], to: second.points()[m.vertices[1] as usize], weight: m.weight };
+        let wish = |m: &Match| Wish {
+            vertex: m.vertices[0],
+            to: second.points()[m.vertices[1] as usize],
+            weight: m.weight,
+        };
         let wishes: Vec<Wish> = matches.iter().map(wish).collect();
         let found = drawn(&first, &wishes);
-        let nearer = |map: &SphereMap| likeness.apart([map, &second], &pose) < likeness.apart([&first, &second], &pose);
+        let nearer = |map: &SphereMap| {
+            likeness.apart([map, &second], &pose) < likeness.apart([&first, &second], &pose)
+        };
         if let Some(map) = found.filter(nearer) {
-            let way = |(p, q): (&Point3<f64>, &Point3<f64>)| 2.0 * libm::asin(0.5 * (p - q).norm().min(2.0));
+            let way = |(p, q): (&Point3<f64>, &Point3<f64>)| {
+                2.0 * libm::asin(0.5 * (p - q).norm().min(2.0))
+            };
             let ways = first.points().iter().zip(map.points()).map(way);
             let areas = meshes[0].vertex_areas();
-            let drawn = ways.zip(&areas).map(|(way, area)| way * area).sum::<f64>() / areas.iter().sum::<f64>();
-            return Ok(Aligned { maps: [map, second], start, drawn });
+            let drawn = ways.zip(&areas).map(|(way, area)| way * area).sum::<f64>()
+                / areas.iter().sum::<f64>();
+            return Ok(Aligned {
+                maps: [map, second],
+                start,
+                drawn,
+            });
         }
     }
-    Ok(Aligned { maps: [first, second], start, drawn: 0.0 })
+    Ok(Aligned {
+        maps: [first, second],
+        start,
+        drawn: 0.0,
+    })
 }
 
 /// Angles by which a turn is changed where rounding folds a thin triangle \[rad\].
 const ASIDE: [f64; 4] = [0.0, 1e-9, 1e-6, 1e-4];
 
 /// The first map turned onto the second, or, where that folds a thin triangle, the second the other way.
-fn turned(first: SphereMap, second: SphereMap, by: &UnitQuaternion<f64>) -> Result<[SphereMap; 2], BetweenError> {
+fn turned(
+    first: SphereMap,
+    second: SphereMap,
+    by: &UnitQuaternion<f64>,
+) -> Result<[SphereMap; 2], BetweenError> {
     let mut last = None;
     for angle in ASIDE {
         let by = by * UnitQuaternion::from_scaled_axis(Vector3::new(0.48, -0.6, 0.64) * angle);
@@ -314,29 +399,57 @@ struct Common {
 }
 
 fn merged(maps: &[SphereMap; 2]) -> Result<Common, OverlayError> {
-    let Overlay { origins, triangles, turned, .. } = Overlay::new(&maps[0], &maps[1])?;
+    let Overlay {
+        origins,
+        triangles,
+        turned,
+        ..
+    } = Overlay::new(&maps[0], &maps[1])?;
     let (mut on, mut kinds) = ([Vec::new(), Vec::new()], Vec::new());
     for origin in &origins {
         let (kind, both) = match origin {
             Origin::First { vertex, on } => (0, [On::vertex(*vertex), On::located(&maps[1], on)]),
             Origin::Second { vertex, on } => (1, [On::located(&maps[0], on), On::vertex(*vertex)]),
-            Origin::Crossing { first, along_first, second, along_second } => {
-                (2, [On::between(*first, *along_first), On::between(*second, *along_second)])
-            }
+            Origin::Crossing {
+                first,
+                along_first,
+                second,
+                along_second,
+            } => (
+                2,
+                [
+                    On::between(*first, *along_first),
+                    On::between(*second, *along_second),
+                ],
+            ),
         };
         kinds.push(kind);
         on[0].push(both[0]);
         on[1].push(both[1]);
     }
-    Ok(Common { on, kinds, triangles, turned })
+    Ok(Common {
+        on,
+        kinds,
+        triangles,
+        turned,
+    })
 }
 
 fn of_first(maps: &[SphereMap; 2]) -> Common {
     let locator = Locator::new(&maps[1]);
     // Points of a map are directions, and every direction is in a triangle.
-    let located = |p: &Point3<f64>| locator.locate(&p.coords).map_or(On::vertex(0), |at| On::located(&maps[1], &at));
+    let located = |p: &Point3<f64>| {
+        locator
+            .locate(&p.coords)
+            .map_or(On::vertex(0), |at| On::located(&maps[1], &at))
+    };
     let there = maps[0].points().iter().map(located).collect();
     let count = maps[0].points().len();
     let here = (0..count as u32).map(On::vertex).collect();
-    Common { on: [here, there], kinds: vec![0; count], triangles: maps[0].triangles().to_vec(), turned: 0.0 }
+    Common {
+        on: [here, there],
+        kinds: vec![0; count],
+        triangles: maps[0].triangles().to_vec(),
+        turned: 0.0,
+    }
 }

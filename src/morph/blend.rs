@@ -30,7 +30,9 @@ pub enum BlendError {
         count: usize,
     },
     /// A vertex that no triangle joins to the others.
-    #[error("vertex {vertex} is not joined to vertex 0; the Laplacian of the shapes has no unique solution")]
+    #[error(
+        "vertex {vertex} is not joined to vertex 0; the Laplacian of the shapes has no unique solution"
+    )]
     Apart {
         /// The vertex.
         vertex: u32,
@@ -42,16 +44,28 @@ pub enum BlendError {
 
 fn check(first: &[Point3<f64>], second: &[Point3<f64>]) -> Result<(), BlendError> {
     let (first, second) = (first.len(), second.len());
-    if first == second { Ok(()) } else { Err(BlendError::Counts { first, second }) }
+    if first == second {
+        Ok(())
+    } else {
+        Err(BlendError::Counts { first, second })
+    }
 }
 
 /// x(t) = (1 - t) x0 + t x1 \[m\].
 ///
 /// # Errors
 /// Shapes that do not share their vertices.
-pub fn linear(first: &[Point3<f64>], second: &[Point3<f64>], t: f64) -> Result<Vec<Point3<f64>>, BlendError> {
+pub fn linear(
+    first: &[Point3<f64>],
+    second: &[Point3<f64>],
+    t: f64,
+) -> Result<Vec<Point3<f64>>, BlendError> {
     check(first, second)?;
-    Ok(first.iter().zip(second).map(|(a, b)| Point3::from(a.coords * (1.0 - t) + b.coords * t)).collect())
+    Ok(first
+        .iter()
+        .zip(second)
+        .map(|(a, b)| Point3::from(a.coords * (1.0 - t) + b.coords * t))
+        .collect())
 }
 
 /// x(t) = h00 x0 + h10 g0 + h01 x1 + h11 g1, with the tangents `leaving` at t = 0 and `arriving` at t = 1 \[m\].
@@ -67,13 +81,18 @@ pub fn hermite(
     check(ends[0], ends[1])?;
     for tangents in [leaving, arriving] {
         if tangents.len() != ends[0].len() {
-            return Err(BlendError::Counts { first: tangents.len(), second: ends[0].len() });
+            return Err(BlendError::Counts {
+                first: tangents.len(),
+                second: ends[0].len(),
+            });
         }
     }
     let (square, cube) = (t * t, t * t * t);
     let (h00, h01) = (2.0 * cube - 3.0 * square + 1.0, 3.0 * square - 2.0 * cube);
     let (h10, h11) = (cube - 2.0 * square + t, cube - square);
-    let at = |i: usize| ends[0][i].coords * h00 + leaving[i] * h10 + ends[1][i].coords * h01 + arriving[i] * h11;
+    let at = |i: usize| {
+        ends[0][i].coords * h00 + leaving[i] * h10 + ends[1][i].coords * h01 + arriving[i] * h11
+    };
     Ok((0..ends[0].len()).map(|i| Point3::from(at(i))).collect())
 }
 
@@ -88,9 +107,18 @@ pub fn turning(ends: [&[Point3<f64>]; 2]) -> Result<[Vec<Vector3<f64>>; 2], Blen
     let (centres, whole) = whole_turn(ends);
     let (by, along) = (whole.to_rotation_matrix(), centres[1] - centres[0]);
     let axis = whole.scaled_axis();
-    let both = || ends[0].iter().zip(ends[1]).map(|(a, b)| (a.coords - centres[0], b.coords - centres[1]));
-    let leaving = both().map(|(a, b)| axis.cross(&a) + by.inverse() * b - a + along).collect();
-    let arriving = both().map(|(a, b)| axis.cross(&b) + b - by * a + along).collect();
+    let both = || {
+        ends[0]
+            .iter()
+            .zip(ends[1])
+            .map(|(a, b)| (a.coords - centres[0], b.coords - centres[1]))
+    };
+    let leaving = both()
+        .map(|(a, b)| axis.cross(&a) + by.inverse() * b - a + along)
+        .collect();
+    let arriving = both()
+        .map(|(a, b)| axis.cross(&b) + b - by * a + along)
+        .collect();
     Ok([leaving, arriving])
 }
 
@@ -98,7 +126,10 @@ pub fn turning(ends: [&[Point3<f64>]; 2]) -> Result<[Vec<Vector3<f64>>; 2], Blen
 fn whole_turn(ends: [&[Point3<f64>]; 2]) -> ([Vector3<f64>; 2], UnitQuaternion<f64>) {
     let count = ends[0].len().max(1) as f64;
     let centres = ends.map(|x| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count);
-    let about = ends[0].iter().zip(ends[1]).map(|(a, b)| (b.coords - centres[1]) * (a.coords - centres[0]).transpose());
+    let about = ends[0]
+        .iter()
+        .zip(ends[1])
+        .map(|(a, b)| (b.coords - centres[1]) * (a.coords - centres[0]).transpose());
     (centres, rotation_of(&about.sum()))
 }
 
@@ -117,7 +148,11 @@ impl Path {
     ///
     /// # Errors
     /// Other ends.
-    pub fn at(&mut self, ends: [&[Point3<f64>]; 2], t: f64) -> Result<Vec<Point3<f64>>, BlendError> {
+    pub fn at(
+        &mut self,
+        ends: [&[Point3<f64>]; 2],
+        t: f64,
+    ) -> Result<Vec<Point3<f64>>, BlendError> {
         match self {
             Self::Linear => linear(ends[0], ends[1], t),
             Self::Hermite(tangents) => hermite(ends, &tangents[0], &tangents[1], t),
@@ -158,17 +193,27 @@ impl Laplacian {
     ///
     /// # Errors
     /// Shapes that do not share their vertices, triangles that name none of them, vertices that are not joined to the rest.
-    pub fn new(first: &[Point3<f64>], second: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Self, BlendError> {
+    pub fn new(
+        first: &[Point3<f64>],
+        second: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+    ) -> Result<Self, BlendError> {
         check(first, second)?;
         let count = first.len();
         for (triangle, t) in triangles.iter().enumerate() {
             if let Some(&vertex) = t.iter().find(|v| **v as usize >= count) {
-                return Err(BlendError::Vertex { triangle, vertex, count });
+                return Err(BlendError::Vertex {
+                    triangle,
+                    vertex,
+                    count,
+                });
             }
         }
         let topology = Topology::of_triangles(count, triangles);
         if let Some(vertex) = topology.components().labels.iter().position(|&l| l != 0) {
-            return Err(BlendError::Apart { vertex: vertex as u32 });
+            return Err(BlendError::Apart {
+                vertex: vertex as u32,
+            });
         }
         let weights = weights(&topology, triangles, [first, second]);
         let edges = topology.edges;
@@ -184,15 +229,30 @@ impl Laplacian {
         let (centres, whole) = whole_turn([first, second]);
         let mut products = vec![Matrix3::zeros(); count];
         for (&[a, b], &w) in edges.iter().zip(&weights) {
-            let (before, after) = (first[b as usize] - first[a as usize], second[b as usize] - second[a as usize]);
+            let (before, after) = (
+                first[b as usize] - first[a as usize],
+                second[b as usize] - second[a as usize],
+            );
             let product = after * before.transpose() * w;
             products[a as usize] += product;
             products[b as usize] += product;
         }
         let back = whole.inverse().to_rotation_matrix();
-        let turns = products.iter().map(|m| rotation_of(&(back.matrix() * m)).scaled_axis()).collect();
+        let turns = products
+            .iter()
+            .map(|m| rotation_of(&(back.matrix() * m)).scaled_axis())
+            .collect();
         let (first, second) = (first.to_vec(), second.to_vec());
-        Ok(Self { first, second, edges, weights, turns, whole: whole.scaled_axis(), centres, factor })
+        Ok(Self {
+            first,
+            second,
+            edges,
+            weights,
+            turns,
+            whole: whole.scaled_axis(),
+            centres,
+            factor,
+        })
     }
 
     /// The shape at t \[m\].
@@ -201,13 +261,36 @@ impl Laplacian {
         let whole = UnitQuaternion::from_scaled_axis(self.whole);
         let back = whole.inverse().to_rotation_matrix();
         // Both shapes about their centres, the second turned back.
-        let start: Vec<Vector3<f64>> = self.first.iter().map(|p| p.coords - self.centres[0]).collect();
-        let end: Vec<Vector3<f64>> = self.second.iter().map(|p| back * (p.coords - self.centres[1])).collect();
-        let straight: Vec<Vector3<f64>> = start.iter().zip(&end).map(|(a, b)| a * (1.0 - t) + b * t).collect();
-        let part = |turn: &Vector3<f64>| *UnitQuaternion::from_scaled_axis(turn * t).to_rotation_matrix().matrix();
-        let rest =
-            |turn: &Vector3<f64>| *UnitQuaternion::from_scaled_axis(turn * (t - 1.0)).to_rotation_matrix().matrix();
-        let turned: Vec<_> = self.turns.iter().map(|turn| (part(turn), rest(turn))).collect();
+        let start: Vec<Vector3<f64>> = self
+            .first
+            .iter()
+            .map(|p| p.coords - self.centres[0])
+            .collect();
+        let end: Vec<Vector3<f64>> = self
+            .second
+            .iter()
+            .map(|p| back * (p.coords - self.centres[1]))
+            .collect();
+        let straight: Vec<Vector3<f64>> = start
+            .iter()
+            .zip(&end)
+            .map(|(a, b)| a * (1.0 - t) + b * t)
+            .collect();
+        let part = |turn: &Vector3<f64>| {
+            *UnitQuaternion::from_scaled_axis(turn * t)
+                .to_rotation_matrix()
+                .matrix()
+        };
+        let rest = |turn: &Vector3<f64>| {
+            *UnitQuaternion::from_scaled_axis(turn * (t - 1.0))
+                .to_rotation_matrix()
+                .matrix()
+        };
+        let turned: Vec<_> = self
+            .turns
+            .iter()
+            .map(|turn| (part(turn), rest(turn)))
+            .collect();
         // Solved for what is added to the linear blend, so that nothing is added at either end.
         let mut rhs = vec![0.0; 3 * count];
         for (&[a, b], &w) in self.edges.iter().zip(&self.weights) {
@@ -225,7 +308,9 @@ impl Laplacian {
         let middle = (0..count).map(added).sum::<Vector3<f64>>() / count.max(1) as f64;
         let centre = self.centres[0] * (1.0 - t) + self.centres[1] * t;
         let forward = UnitQuaternion::from_scaled_axis(self.whole * t).to_rotation_matrix();
-        (0..count).map(|i| Point3::from(centre + forward * (straight[i] + added(i) - middle))).collect()
+        (0..count)
+            .map(|i| Point3::from(centre + forward * (straight[i] + added(i) - middle)))
+            .collect()
     }
 }
 
@@ -238,14 +323,19 @@ fn weights(topology: &Topology, triangles: &[[u32; 3]], shapes: [&[Point3<f64>];
                 let at = |j: usize| x[corners[(k + j) % 3] as usize];
                 let (u, v) = (at(0) - at(2), at(1) - at(2));
                 let cotangent = u.dot(&v) / u.cross(&v).norm();
-                let bounded = if cotangent.is_finite() { cotangent.clamp(-MOST, MOST) } else { MOST };
+                let bounded = if cotangent.is_finite() {
+                    cotangent.clamp(-MOST, MOST)
+                } else {
+                    MOST
+                };
                 sums[topology.triangle_edges[t][k] as usize] += 0.25 * bounded;
             }
         }
     }
     let mean = sums.iter().map(|w| w.abs()).sum::<f64>() / sums.len().max(1) as f64;
     let mean = if mean > 0.0 { mean } else { 1.0 };
-    sums.iter_mut().for_each(|w| *w = w.clamp(LEAST * mean, MOST * mean));
+    sums.iter_mut()
+        .for_each(|w| *w = w.clamp(LEAST * mean, MOST * mean));
     sums
 }
 
@@ -264,10 +354,20 @@ mod tests {
             assert!(least > 0.0);
             found.iter().filter(|w| **w == least).count()
         };
-        assert!(at_bounds(&ball.vertices, &ball.triangles) < 100, "an even ball has weights of its own");
+        assert!(
+            at_bounds(&ball.vertices, &ball.triangles) < 100,
+            "an even ball has weights of its own"
+        );
         // Flattened to a hundredth, opposite angles exceed half a turn: weights would be negative.
-        let flat: Vec<Point3<f64>> = ball.vertices.iter().map(|p| Point3::new(p.x, p.y, 0.01 * p.z)).collect();
-        let thin: Vec<Point3<f64>> = flat.iter().map(|p| Point3::new(p.x, 0.1 * p.y, p.z)).collect();
+        let flat: Vec<Point3<f64>> = ball
+            .vertices
+            .iter()
+            .map(|p| Point3::new(p.x, p.y, 0.01 * p.z))
+            .collect();
+        let thin: Vec<Point3<f64>> = flat
+            .iter()
+            .map(|p| Point3::new(p.x, 0.1 * p.y, p.z))
+            .collect();
         assert!(at_bounds(&thin, &ball.triangles) > 100);
     }
 }

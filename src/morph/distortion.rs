@@ -24,7 +24,10 @@ impl Distortion {
     pub fn of(before: &[Point3<f64>], after: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
         let (mut shapes, mut sizes) = (Vec::new(), Vec::new());
         for (t, share) in triangles.iter().zip(area_shares(before, after, triangles)) {
-            if let (Some(shape), true) = (stretches_apart(before, after, t), share > 0.0 && share.is_finite()) {
+            if let (Some(shape), true) = (
+                stretches_apart(before, after, t),
+                share > 0.0 && share.is_finite(),
+            ) {
                 shapes.push(shape);
                 sizes.push(share.max(share.recip()));
             }
@@ -40,7 +43,11 @@ impl Distortion {
 }
 
 /// Share of the whole area that each triangle has after, over that before.
-pub fn area_shares(before: &[Point3<f64>], after: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
+pub fn area_shares(
+    before: &[Point3<f64>],
+    after: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+) -> Vec<f64> {
     let [old, new] = [before, after].map(|x| triangle_areas(x, triangles));
     let whole = old.iter().sum::<f64>() / new.iter().sum::<f64>();
     old.iter().zip(&new).map(|(a, b)| b / a * whole).collect()
@@ -52,7 +59,12 @@ fn stretches_apart(before: &[Point3<f64>], after: &[Point3<f64>], t: &[u32; 3]) 
     let form = |x: &[Point3<f64>]| {
         let [a, b, c] = t.map(|v| x[v as usize]);
         let (u, v) = (b - a, c - a);
-        (u.norm_squared(), u.dot(&v), v.norm_squared(), u.cross(&v).norm_squared())
+        (
+            u.norm_squared(),
+            u.dot(&v),
+            v.norm_squared(),
+            u.cross(&v).norm_squared(),
+        )
     };
     let ((e, f, g, area), (p, q, r, other)) = (form(before), form(after));
     let root = (area * other).sqrt();
@@ -71,12 +83,19 @@ mod tests {
 
     #[test]
     fn what_is_stretched_by_three_is_distorted_by_three() {
-        let flat: Vec<Point3<f64>> =
-            [[0.0, 0.0], [1.0, 0.2], [0.3, 1.1], [1.2, 1.4]].map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
+        let flat: Vec<Point3<f64>> = [[0.0, 0.0], [1.0, 0.2], [0.3, 1.1], [1.2, 1.4]]
+            .map(|[x, y]| Point3::new(x, y, 0.0))
+            .to_vec();
         let triangles = [[0, 1, 2], [1, 3, 2]];
-        let stretched: Vec<Point3<f64>> = flat.iter().map(|p| Point3::new(3.0 * p.x, p.y, 5.0)).collect();
+        let stretched: Vec<Point3<f64>> = flat
+            .iter()
+            .map(|p| Point3::new(3.0 * p.x, p.y, 5.0))
+            .collect();
         let found = Distortion::of(&flat, &stretched, &triangles);
-        assert!((found.conformal_median - 3.0).abs() < 1e-12 && (found.conformal_max - 3.0).abs() < 1e-12);
+        assert!(
+            (found.conformal_median - 3.0).abs() < 1e-12
+                && (found.conformal_max - 3.0).abs() < 1e-12
+        );
         assert!((found.area_max - 1.0).abs() < 1e-12, "all by the same");
         let ball = icosphere(1.0, 2);
         let twice: Vec<Point3<f64>> = ball.vertices.iter().map(|p| p * 2.0).collect();
@@ -86,7 +105,13 @@ mod tests {
 
     #[test]
     fn triangles_without_area_are_counted() {
-        let x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [2.0, 0.0, 0.0]].map(Point3::from);
+        let x = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [2.0, 0.0, 0.0],
+        ]
+        .map(Point3::from);
         let found = Distortion::of(&x, &x, &[[0, 1, 2], [0, 1, 3]]);
         assert_eq!((found.without_area, found.conformal_max), (1, 1.0));
     }

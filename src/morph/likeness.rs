@@ -76,7 +76,10 @@ impl<'a> Likeness<'a> {
     pub fn pose(&self, turn: &UnitQuaternion<f64>) -> Matrix3<f64> {
         let turn = turn.to_rotation_matrix().into_inner();
         let from = turn * self.spreads[0] * turn.transpose();
-        let (root, back) = (by_values(&from, f64::sqrt), by_values(&from, |l| 1.0 / l.sqrt()));
+        let (root, back) = (
+            by_values(&from, f64::sqrt),
+            by_values(&from, |l| 1.0 / l.sqrt()),
+        );
         back * by_values(&(root * self.spreads[1] * root), f64::sqrt) * back * turn
     }
 
@@ -94,10 +97,19 @@ impl<'a> Likeness<'a> {
                         (least, there) = (square, w);
                     }
                 }
-                (Match { vertices: if side == 0 { [v, there] } else { [there, v] }, weight }, least)
+                (
+                    Match {
+                        vertices: if side == 0 { [v, there] } else { [there, v] },
+                        weight,
+                    },
+                    least,
+                )
             };
             let found: Vec<(Match, f64)> = self.asked[side].par_iter().map(nearest).collect();
-            sum += found.iter().map(|(m, square)| m.weight * square).sum::<f64>();
+            sum += found
+                .iter()
+                .map(|(m, square)| m.weight * square)
+                .sum::<f64>();
             all.extend(found.into_iter().map(|(m, _)| m));
         }
         (all, 0.5 * sum)
@@ -110,7 +122,11 @@ impl<'a> Likeness<'a> {
         let one = |&(v, weight): &(u32, f64)| {
             let found = locator.locate(&maps[0].points()[v as usize].coords)?;
             let there = found.of(maps[1].triangles(), &self.meshes[1].vertices);
-            Some(weight * (self.laid(&self.meshes[0].vertices[v as usize], pose) - there).norm_squared())
+            Some(
+                weight
+                    * (self.laid(&self.meshes[0].vertices[v as usize], pose) - there)
+                        .norm_squared(),
+            )
         };
         self.asked[0].iter().filter_map(one).sum()
     }
@@ -120,14 +136,29 @@ impl<'a> Likeness<'a> {
     }
 
     fn spots(&self, pose: &Matrix3<f64>) -> [Vec<Spot>; 2] {
-        let of_normals = pose.try_inverse().unwrap_or_else(Matrix3::identity).transpose();
+        let of_normals = pose
+            .try_inverse()
+            .unwrap_or_else(Matrix3::identity)
+            .transpose();
         let place = |p: Point3<f64>| Point3::from((p - self.middles[1]) * self.scale);
-        let first = self.meshes[0].vertices.iter().zip(&self.normals[0]).map(|(p, n)| Spot {
-            place: place(self.laid(p, pose)),
-            normal: (of_normals * n).try_normalize(0.0).unwrap_or_default(),
-        });
+        let first = self.meshes[0]
+            .vertices
+            .iter()
+            .zip(&self.normals[0])
+            .map(|(p, n)| Spot {
+                place: place(self.laid(p, pose)),
+                normal: (of_normals * n).try_normalize(0.0).unwrap_or_default(),
+            });
         let second = self.meshes[1].vertices.iter().zip(&self.normals[1]);
-        [first.collect(), second.map(|(p, n)| Spot { place: place(*p), normal: *n }).collect()]
+        [
+            first.collect(),
+            second
+                .map(|(p, n)| Spot {
+                    place: place(*p),
+                    normal: *n,
+                })
+                .collect(),
+        ]
     }
 }
 
@@ -138,7 +169,11 @@ fn spread(mesh: &TriangleMesh, middle: &Point3<f64>) -> Matrix3<f64> {
         sum += (p - middle) * (p - middle).transpose() * area;
         total += area;
     }
-    if total > 0.0 { sum / total } else { Matrix3::identity() }
+    if total > 0.0 {
+        sum / total
+    } else {
+        Matrix3::identity()
+    }
 }
 
 /// Every so many vertices, with their shares of the area of all of these.
@@ -147,7 +182,11 @@ fn asked(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
     let every = (count / ASKED).max(1);
     let total: f64 = areas.iter().step_by(every).sum();
     let share = |area: f64| if total > 0.0 { area / total } else { 0.0 };
-    (0..count as u32).zip(&areas).step_by(every).map(|(v, area)| (v, share(*area))).collect()
+    (0..count as u32)
+        .zip(&areas)
+        .step_by(every)
+        .map(|(v, area)| (v, share(*area)))
+        .collect()
 }
 
 /// A function of the eigenvalues of a symmetric matrix, none of which is below [`FLAT`] squared of the greatest.
@@ -171,20 +210,42 @@ mod tests {
         let ball = icosphere(1.0, 3);
         let long = |by: [f64; 3]| {
             let by = Vector3::from(by);
-            let vertices = ball.vertices.iter().map(|p| Point3::from(p.coords.component_mul(&by))).collect();
-            TriangleMesh { vertices, ..ball.clone() }
+            let vertices = ball
+                .vertices
+                .iter()
+                .map(|p| Point3::from(p.coords.component_mul(&by)))
+                .collect();
+            TriangleMesh {
+                vertices,
+                ..ball.clone()
+            }
         };
         let (first, second) = (long([6.0, 1.0, 0.7]), long([9.0, 0.5, 1.4]));
         let likeness = Likeness::new([&first, &second]);
         let pose = likeness.pose(&UnitQuaternion::identity());
         let spread_after = pose * likeness.spreads[0] * pose.transpose();
-        assert!((spread_after - likeness.spreads[1]).norm() <= 1e-12 * likeness.spreads[1].norm(), "{spread_after}");
-        assert!((pose - pose.transpose()).norm() <= 1e-12 * pose.norm(), "no turn in it: {pose}");
+        assert!(
+            (spread_after - likeness.spreads[1]).norm() <= 1e-12 * likeness.spreads[1].norm(),
+            "{spread_after}"
+        );
+        assert!(
+            (pose - pose.transpose()).norm() <= 1e-12 * pose.norm(),
+            "no turn in it: {pose}"
+        );
         // Turned before, it is laid the other way round.
         let over = UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI);
         assert!((likeness.pose(&over) + pose).column(0).norm() < 1e-9 * pose.norm());
-        let flat = TriangleMesh { vertices: vec![Point3::origin(); ball.vertices.len()], ..ball.clone() };
-        assert_eq!(Likeness::new([&flat, &ball]).matches(&Matrix3::identity()).0.len(), 2 * 642);
+        let flat = TriangleMesh {
+            vertices: vec![Point3::origin(); ball.vertices.len()],
+            ..ball.clone()
+        };
+        assert_eq!(
+            Likeness::new([&flat, &ball])
+                .matches(&Matrix3::identity())
+                .0
+                .len(),
+            2 * 642
+        );
     }
 
     #[test]

@@ -49,10 +49,18 @@ impl<'a> Locator<'a> {
     /// Builds the tree.
     pub fn new(map: &'a SphereMap) -> Self {
         let corner = |v: u32| map.points()[v as usize].coords;
-        let middles: Vec<Vector3<f64>> =
-            map.triangles().iter().map(|t| t.map(corner).iter().sum::<Vector3<f64>>().normalize()).collect();
+        let middles: Vec<Vector3<f64>> = map
+            .triangles()
+            .iter()
+            .map(|t| t.map(corner).iter().sum::<Vector3<f64>>().normalize())
+            .collect();
         let mut order: Vec<u32> = (0..middles.len() as u32).collect();
-        let empty = Node { axis: Vector3::z(), cosine: -1.0, link: 0, count: 0 };
+        let empty = Node {
+            axis: Vector3::z(),
+            cosine: -1.0,
+            link: 0,
+            count: 0,
+        };
         let (mut nodes, mut open) = (vec![empty], vec![(0usize, 0usize, order.len())]);
         while let Some((node, start, end)) = open.pop() {
             let part = &mut order[start..end];
@@ -61,18 +69,25 @@ impl<'a> Locator<'a> {
                 let corners = part.iter().flat_map(|&t| map.triangles()[t as usize]);
                 let cosine = corners.map(|v| axis.dot(&corner(v))).fold(1.0, f64::min);
                 // A cap of less than a hemisphere that holds the corners holds the triangles; a larger one may not.
-                (nodes[node].axis, nodes[node].cosine) = (axis, if cosine > 0.0 { cosine - MARGIN } else { -2.0 });
+                (nodes[node].axis, nodes[node].cosine) =
+                    (axis, if cosine > 0.0 { cosine - MARGIN } else { -2.0 });
             }
             if part.len() <= LEAF {
                 (nodes[node].link, nodes[node].count) = (start as u32, part.len() as u32);
                 continue;
             }
-            let low = part.iter().fold(Vector3::repeat(2.0), |m, &t| m.inf(&middles[t as usize]));
-            let high = part.iter().fold(Vector3::repeat(-2.0), |m, &t| m.sup(&middles[t as usize]));
+            let low = part
+                .iter()
+                .fold(Vector3::repeat(2.0), |m, &t| m.inf(&middles[t as usize]));
+            let high = part
+                .iter()
+                .fold(Vector3::repeat(-2.0), |m, &t| m.sup(&middles[t as usize]));
             let axis = (high - low).imax();
             let half = part.len() / 2;
             part.select_nth_unstable_by(half, |&i, &j| {
-                middles[i as usize][axis].total_cmp(&middles[j as usize][axis]).then(i.cmp(&j))
+                middles[i as usize][axis]
+                    .total_cmp(&middles[j as usize][axis])
+                    .then(i.cmp(&j))
             });
             let child = nodes.len();
             nodes[node].link = child as u32;
@@ -97,7 +112,10 @@ impl<'a> Locator<'a> {
     /// As [`Self::locate`], for a point as it is stored.
     pub(super) fn locate_exactly(&self, p: &Point3<f64>) -> Option<Located> {
         let triangle = self.holding(p)?;
-        Some(Located { triangle, weights: self.weights(triangle, p) })
+        Some(Located {
+            triangle,
+            weights: self.weights(triangle, p),
+        })
     }
 
     fn holding(&self, p: &Point3<f64>) -> Option<u32> {
@@ -122,7 +140,8 @@ impl<'a> Locator<'a> {
 
     /// On which side of each side of a triangle a place lies, exact in sign: side k is opposite corner k.
     pub(super) fn sides(&self, triangle: u32, p: &Point3<f64>) -> [f64; 3] {
-        let [a, b, c] = self.map.triangles()[triangle as usize].map(|v| &self.map.points()[v as usize]);
+        let [a, b, c] =
+            self.map.triangles()[triangle as usize].map(|v| &self.map.points()[v as usize]);
         [turn(b, c, p), turn(c, a, p), turn(a, b, p)]
     }
 

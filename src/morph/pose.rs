@@ -68,7 +68,12 @@ pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
         let [from, to] = [0, 1].map(|side| maps[side].points()[vertices[side] as usize].coords);
         product += to * from.transpose() * *weight;
     }
-    Posed { turn: rotation_of(&product), start, matches, pose }
+    Posed {
+        turn: rotation_of(&product),
+        start,
+        matches,
+        pose,
+    }
 }
 
 /// Principal axes of a surface, the longest first, right-handed, as columns.

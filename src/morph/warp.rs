@@ -63,7 +63,11 @@ pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
 fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
     let axis = from.cross(to);
     let sine = axis.norm();
-    if sine > 0.0 { axis * (libm::atan2(sine, from.dot(to)) / sine) } else { Vector3::zeros() }
+    if sine > 0.0 {
+        axis * (libm::atan2(sine, from.dot(to)) / sine)
+    } else {
+        Vector3::zeros()
+    }
 }
 
 /// The turn of each place: of w that with the least sum of k |w x q - r x q|^2 over the wishes nearby, which take q by r to its
@@ -74,7 +78,11 @@ fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f6
         .map(|wish| {
             let from = points[wish.vertex as usize].coords;
             let by = between(&from, &wish.to.coords);
-            (from, by, wish.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)))
+            (
+                from,
+                by,
+                wish.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)),
+            )
         })
         .collect();
     let at = |p: &Point3<f64>| {
@@ -90,7 +98,9 @@ fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f6
         }
         matrix += Matrix3::identity() * (total * (1.0 + HELD));
         // Where nobody asks there is no turn.
-        matrix.try_inverse().map_or_else(Vector3::zeros, |inverse| inverse * sum)
+        matrix
+            .try_inverse()
+            .map_or_else(Vector3::zeros, |inverse| inverse * sum)
     };
     points.par_iter().map(at).collect()
 }
@@ -110,7 +120,9 @@ fn mended(points: &mut [Point3<f64>], triangles: &[[u32; 3]], rings: &Rings) -> 
                 continue;
             }
             let sum: Vector3<f64> = ring.iter().map(|p| p.coords).sum();
-            let Some(near) = sum.try_normalize(0.0).map(Point3::from) else { continue };
+            let Some(near) = sum.try_normalize(0.0).map(Point3::from) else {
+                continue;
+            };
             // Where the ring is folded itself, its middle opens it for the next pass.
             points[v as usize] = middle(&kernel(&near, &ring)).unwrap_or(near);
         }
@@ -127,7 +139,11 @@ mod tests {
     fn drawn_by(by: impl Fn(&Point3<f64>) -> Point3<f64>) -> (f64, f64, SphereMap) {
         let ball = icosphere(1.0, 4);
         let map = SphereMap::new(ball.vertices.clone(), ball.triangles).expect("a map");
-        let wish = |(v, p): (u32, &Point3<f64>)| Wish { vertex: v, to: by(p), weight: 1.0 };
+        let wish = |(v, p): (u32, &Point3<f64>)| Wish {
+            vertex: v,
+            to: by(p),
+            weight: 1.0,
+        };
         let wishes: Vec<Wish> = (0..).zip(map.points()).map(wish).collect();
         let left = |map: &SphereMap| {
             let square = |w: &Wish| (map.points()[w.vertex as usize] - w.to).norm_squared();
@@ -139,7 +155,8 @@ mod tests {
 
     #[test]
     fn a_twist_about_an_axis_is_undone() {
-        let twisted = |p: &Point3<f64>| UnitQuaternion::from_scaled_axis(Vector3::z() * (0.6 * p.z)) * p;
+        let twisted =
+            |p: &Point3<f64>| UnitQuaternion::from_scaled_axis(Vector3::z() * (0.6 * p.z)) * p;
         let (before, after, map) = drawn_by(twisted);
         assert!(before > 0.2 && after < 0.15 * before, "{before} {after}");
         assert!(flipped(map.points(), map.triangles()).is_empty());
@@ -151,6 +168,9 @@ mod tests {
         assert!(before == 0.0 && after <= 1e-15, "{after}");
         // All to one side of a mirror: half of the sphere would be folded.
         let (before, after, map) = drawn_by(|p| Point3::new(p.x.abs(), p.y, p.z));
-        assert!(after < before && flipped(map.points(), map.triangles()).is_empty(), "{before} {after}");
+        assert!(
+            after < before && flipped(map.points(), map.triangles()).is_empty(),
+            "{before} {after}"
+        );
     }
 }

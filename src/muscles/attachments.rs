@@ -11,11 +11,16 @@ pub type Attached = (u32, usize);
 
 /// The part of `patch` that is its component number `wanted`, by falling area; the whole patch for `None`.
 pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<TriangleMesh> {
-    let Some(wanted) = wanted else { return Some(patch.clone()) };
+    let Some(wanted) = wanted else {
+        return Some(patch.clone());
+    };
     let topology = Topology::new(patch);
     let components = topology.components();
     let mut areas = vec![(0.0, Vec::new()); components.count];
-    for (t, area) in crate::mesh::measures::triangle_areas(&patch.vertices, &patch.triangles).iter().enumerate() {
+    for (t, area) in crate::mesh::measures::triangle_areas(&patch.vertices, &patch.triangles)
+        .iter()
+        .enumerate()
+    {
         let label = components.labels[patch.triangles[t][0] as usize];
         if label != NONE {
             areas[label as usize].0 += area;
@@ -24,11 +29,20 @@ pub fn component(patch: &TriangleMesh, wanted: Option<usize>) -> Option<Triangle
     }
     areas.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (_, triangles) = areas.into_iter().nth(wanted)?;
-    Some(TriangleMesh { vertices: patch.vertices.clone(), triangles })
+    Some(TriangleMesh {
+        vertices: patch.vertices.clone(),
+        triangles,
+    })
 }
 
 /// Vertices at most `within` [m] from a surface (inside counts as 0), nearest first, at most the share `limit` of all.
-pub fn nearest(x: &[Point3<f64>], surface: &Surface, solid: bool, within: f64, limit: f64) -> Vec<u32> {
+pub fn nearest(
+    x: &[Point3<f64>],
+    surface: &Surface,
+    solid: bool,
+    within: f64,
+    limit: f64,
+) -> Vec<u32> {
     let closest: Vec<Option<Closest>> = x.iter().map(|p| surface.closest(p)).collect();
     among(&closest, solid, within, limit)
 }
@@ -40,7 +54,11 @@ pub fn among(closest: &[Option<Closest>], solid: bool, within: f64, limit: f64) 
         .enumerate()
         .filter_map(|(v, closest)| {
             let distance = closest.as_ref()?.distance;
-            let distance = if solid { distance.max(0.0) } else { distance.abs() };
+            let distance = if solid {
+                distance.max(0.0)
+            } else {
+                distance.abs()
+            };
             (distance <= within).then_some((distance, v as u32))
         })
         .collect();
@@ -54,7 +72,12 @@ pub fn join(choices: &[(usize, Vec<u32>)]) -> Vec<Attached> {
     let mut all: Vec<Attached> = Vec::new();
     let mut taken = std::collections::BTreeSet::new();
     for (bone, vertices) in choices {
-        all.extend(vertices.iter().filter(|v| taken.insert(**v)).map(|&v| (v, *bone)));
+        all.extend(
+            vertices
+                .iter()
+                .filter(|v| taken.insert(**v))
+                .map(|&v| (v, *bone)),
+        );
     }
     all.sort_unstable();
     all
@@ -68,7 +91,9 @@ mod tests {
     #[test]
     fn limit_takes_the_nearest() {
         let surface = Surface::new(&icosphere(1.0, 3));
-        let x: Vec<Point3<f64>> = (0..20).map(|k| Point3::new(1.0 + 0.01 * f64::from(k), 0.0, 0.0)).collect();
+        let x: Vec<Point3<f64>> = (0..20)
+            .map(|k| Point3::new(1.0 + 0.01 * f64::from(k), 0.0, 0.0))
+            .collect();
         assert_eq!(nearest(&x, &surface, true, 0.055, 1.0), [0, 1, 2, 3, 4, 5]);
         assert_eq!(nearest(&x, &surface, true, 0.5, 0.1), [0, 1]);
     }
@@ -78,8 +103,15 @@ mod tests {
         let mut patch = icosphere(1.0, 1);
         let small = icosphere(0.1, 1);
         let offset = patch.vertices.len() as u32;
-        patch.vertices.extend(small.vertices.iter().map(|v| v + nalgebra::Vector3::new(5.0, 0.0, 0.0)));
-        patch.triangles.splice(0..0, small.triangles.iter().map(|t| t.map(|v| v + offset)));
+        patch.vertices.extend(
+            small
+                .vertices
+                .iter()
+                .map(|v| v + nalgebra::Vector3::new(5.0, 0.0, 0.0)),
+        );
+        patch
+            .triangles
+            .splice(0..0, small.triangles.iter().map(|t| t.map(|v| v + offset)));
         let area = |n| component(&patch, Some(n)).map(|m| m.area());
         assert!(area(0).unwrap_or(0.0) > 10.0);
         assert!(area(1).unwrap_or(9.0) < 0.2);
@@ -88,6 +120,9 @@ mod tests {
 
     #[test]
     fn a_vertex_has_one_holder() {
-        assert_eq!(join(&[(0, vec![3, 1]), (1, vec![1, 2])]), [(1, 0), (2, 1), (3, 0)]);
+        assert_eq!(
+            join(&[(0, vec![3, 1]), (1, vec![1, 2])]),
+            [(1, 0), (2, 1), (3, 0)]
+        );
     }
 }

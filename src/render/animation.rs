@@ -39,7 +39,10 @@ impl Film for Even<'_> {
     }
 
     fn picture(&self, k: usize) -> Result<Frame, PictureError> {
-        self.frames.get(k).cloned().ok_or(PictureError::Shape { frames: self.frames.len(), size: [0, 0] })
+        self.frames.get(k).cloned().ok_or(PictureError::Shape {
+            frames: self.frames.len(),
+            size: [0, 0],
+        })
     }
 
     fn seconds(&self, _: usize) -> f64 {
@@ -51,13 +54,24 @@ impl Film for Even<'_> {
 fn sized(film: &dyn Film, k: usize, size: [usize; 2]) -> Result<Frame, PictureError> {
     let frame = film.picture(k)?;
     let found = [frame.width(), frame.height()];
-    if found == size { Ok(frame) } else { Err(PictureError::Size { frame: k, found, expected: size }) }
+    if found == size {
+        Ok(frame)
+    } else {
+        Err(PictureError::Size {
+            frame: k,
+            found,
+            expected: size,
+        })
+    }
 }
 
 /// The size of a film.
 fn size_of(film: &dyn Film) -> Result<[usize; 2], PictureError> {
     if film.is_empty() {
-        return Err(PictureError::Shape { frames: 0, size: [0, 0] });
+        return Err(PictureError::Shape {
+            frames: 0,
+            size: [0, 0],
+        });
     }
     film.picture(0).map(|frame| [frame.width(), frame.height()])
 }
@@ -80,8 +94,13 @@ pub fn to_gif(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> {
 /// Those of [`to_gif`], or a frame that is not there.
 pub fn write_film_as_gif(film: &dyn Film, w: &mut dyn Write) -> Result<(), PictureError> {
     let size = size_of(film)?;
-    let shape = PictureError::Shape { frames: film.len(), size };
-    let (Ok(width), Ok(height)) = (u16::try_from(size[0]), u16::try_from(size[1])) else { return Err(shape) };
+    let shape = PictureError::Shape {
+        frames: film.len(),
+        size,
+    };
+    let (Ok(width), Ok(height)) = (u16::try_from(size[0]), u16::try_from(size[1])) else {
+        return Err(shape);
+    };
     let mut seen = Colours::new();
     for k in 0..film.len() {
         seen.see(&sized(film, k, size)?);
@@ -95,7 +114,11 @@ pub fn write_film_as_gif(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pictu
     encoder.set_repeat(gif::Repeat::Infinite)?;
     let mut before: Option<Vec<u8>> = None;
     for k in 0..film.len() {
-        let indices: Vec<u8> = sized(film, k, size)?.pixels().iter().map(|pixel| palette.index(*pixel)).collect();
+        let indices: Vec<u8> = sized(film, k, size)?
+            .pixels()
+            .iter()
+            .map(|pixel| palette.index(*pixel))
+            .collect();
         let mut encoded = difference(before.as_deref(), &indices, size, unchanged);
         encoded.delay = (film.seconds(k) * 100.0).round().clamp(2.0, 65_535.0) as u16;
         encoder.write_frame(&encoded)?;
@@ -121,7 +144,10 @@ pub fn to_apng(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> 
 /// Those of [`to_apng`], or a frame that is not there.
 pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), PictureError> {
     let size = size_of(film)?;
-    let count = u32::try_from(film.len()).map_err(|_| PictureError::Shape { frames: film.len(), size })?;
+    let count = u32::try_from(film.len()).map_err(|_| PictureError::Shape {
+        frames: film.len(),
+        size,
+    })?;
     let mut encoder = png::Encoder::new(w, size[0] as u32, size[1] as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
@@ -132,15 +158,25 @@ pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pict
     let mut before: Option<Frame> = None;
     for k in 0..film.len() {
         let frame = sized(film, k, size)?;
-        let changed = |at: usize| before.as_ref().is_none_or(|b| b.pixels()[at] != frame.pixels()[at]);
+        let changed = |at: usize| {
+            before
+                .as_ref()
+                .is_none_or(|b| b.pixels()[at] != frame.pixels()[at])
+        };
         let [left, top, right, bottom] = rectangle(size, changed);
         writer.reset_frame_position()?;
         // The sides of a frame are at most MAX_SIDE.
         writer.set_frame_dimension((right - left) as u32, (bottom - top) as u32)?;
         writer.set_frame_position(left as u32, top as u32)?;
-        writer.set_frame_delay((film.seconds(k) * 1000.0).round().clamp(10.0, 65_535.0) as u16, 1000)?;
+        writer.set_frame_delay(
+            (film.seconds(k) * 1000.0).round().clamp(10.0, 65_535.0) as u16,
+            1000,
+        )?;
         let rows = frame.pixels().chunks_exact(size[0]).take(bottom).skip(top);
-        let part: Vec<u8> = rows.flat_map(|row| row[left..right].as_flattened()).copied().collect();
+        let part: Vec<u8> = rows
+            .flat_map(|row| row[left..right].as_flattened())
+            .copied()
+            .collect();
         writer.write_image_data(&part)?;
         before = Some(frame);
     }
@@ -153,22 +189,37 @@ pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pict
 /// # Errors
 /// Those of [`to_gif`], or the file cannot be written.
 pub fn write_gif(path: &Path, frames: &[Frame], seconds: f64) -> Result<(), PictureError> {
-    std::fs::write(path, to_gif(frames, seconds)?).map_err(|source| PictureError::Write { path: path.into(), source })
+    std::fs::write(path, to_gif(frames, seconds)?).map_err(|source| PictureError::Write {
+        path: path.into(),
+        source,
+    })
 }
 
 /// Left, top, right and bottom of what changed, the latter two behind it; a pixel where nothing did.
 fn rectangle([width, height]: [usize; 2], changed: impl Fn(usize) -> bool) -> [usize; 4] {
     let (mut left, mut top, mut right, mut bottom) = (width, height, 0, 0);
-    for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(|(x, y)| changed(y * width + x)) {
+    for (x, y) in (0..height)
+        .flat_map(|y| (0..width).map(move |x| (x, y)))
+        .filter(|(x, y)| changed(y * width + x))
+    {
         (left, top, right, bottom) = (left.min(x), top.min(y), right.max(x + 1), bottom.max(y + 1));
     }
     // A frame has to have a pixel.
-    if right == 0 { [0, 0, 1, 1] } else { [left, top, right, bottom] }
+    if right == 0 {
+        [0, 0, 1, 1]
+    } else {
+        [left, top, right, bottom]
+    }
 }
 
 /// The rectangle that changed, with what did not change inside it marked as such: long runs of one index, which pack
 /// well.
-fn difference(before: Option<&[u8]>, now: &[u8], size: [usize; 2], unchanged: u8) -> gif::Frame<'static> {
+fn difference(
+    before: Option<&[u8]>,
+    now: &[u8],
+    size: [usize; 2],
+    unchanged: u8,
+) -> gif::Frame<'static> {
     let [width, height] = size;
     let changed = |at: usize| before.is_none_or(|before| before[at] != now[at]);
     let [left, top, right, bottom] = rectangle([width, height], changed);
@@ -177,7 +228,8 @@ fn difference(before: Option<&[u8]>, now: &[u8], size: [usize; 2], unchanged: u8
         .map(|at| if changed(at) { now[at] } else { unchanged })
         .collect();
     // The sides were checked to fit.
-    let [left, top, width, height] = [left, top, right - left, bottom - top].map(|s| u16::try_from(s).unwrap_or(0));
+    let [left, top, width, height] =
+        [left, top, right - left, bottom - top].map(|s| u16::try_from(s).unwrap_or(0));
     gif::Frame {
         left,
         top,
@@ -233,7 +285,9 @@ mod tests {
 
     /// The frames of an animated PNG as a viewer shows them, and their delays [ms].
     fn played(bytes: &[u8]) -> Vec<(Vec<[u8; 3]>, u32)> {
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("reads");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
+            .read_info()
+            .expect("reads");
         let (width, height) = (reader.info().width as usize, reader.info().height as usize);
         let control = *reader.info().animation_control().expect("an animation");
         assert_eq!(control.num_plays, 0, "for ever");
@@ -244,8 +298,16 @@ mod tests {
             let shape = reader.next_frame(&mut part).expect("a frame");
             let frame = *reader.info().frame_control().expect("its place");
             let (across, down) = (shape.width as usize, shape.height as usize);
-            for (k, pixel) in part.as_chunks::<3>().0.iter().take(across * down).enumerate() {
-                let at = (frame.y_offset as usize + k / across) * width + frame.x_offset as usize + k % across;
+            for (k, pixel) in part
+                .as_chunks::<3>()
+                .0
+                .iter()
+                .take(across * down)
+                .enumerate()
+            {
+                let at = (frame.y_offset as usize + k / across) * width
+                    + frame.x_offset as usize
+                    + k % across;
                 canvas[at] = *pixel;
             }
             assert_eq!(frame.delay_den, 1000);
@@ -259,7 +321,10 @@ mod tests {
         let frame = |step: i64| {
             let mut frame = Frame::plain(40, 30, [1.0; 3]);
             // More colours than a GIF has.
-            (0..30).for_each(|y| (0..40).for_each(|x| frame.blend(x, y, [x as f32 / 39.0, y as f32 / 29.0, 0.3], 0.2)));
+            (0..30).for_each(|y| {
+                (0..40)
+                    .for_each(|x| frame.blend(x, y, [x as f32 / 39.0, y as f32 / 29.0, 0.3], 0.2))
+            });
             frame.rectangle(step..step + 10, 5..15, [0.8, 0.2, 0.2]);
             frame
         };
@@ -275,22 +340,42 @@ mod tests {
         // What does not change costs next to nothing.
         let still = to_apng(&vec![frames[0].clone(); 20], 0.08).expect("encodes");
         let one = to_apng(&frames[..1], 0.08).expect("encodes");
-        assert!(still.len() < one.len() + 20 * 200, "{} and {} bytes", still.len(), one.len());
+        assert!(
+            still.len() < one.len() + 20 * 200,
+            "{} and {} bytes",
+            still.len(),
+            one.len()
+        );
     }
 
     #[test]
     fn what_cannot_be_an_animated_png() {
-        assert!(matches!(to_apng(&[], 0.1), Err(PictureError::Shape { frames: 0, .. })));
+        assert!(matches!(
+            to_apng(&[], 0.1),
+            Err(PictureError::Shape { frames: 0, .. })
+        ));
         let frames = [Frame::plain(3, 3, [0.0; 3]), Frame::plain(4, 3, [0.0; 3])];
-        assert!(matches!(to_apng(&frames, 0.1), Err(PictureError::Size { frame: 1, .. })));
-        assert_eq!(played(&to_apng(&frames[..1], 1e9).expect("encodes"))[0].1, 65_535);
+        assert!(matches!(
+            to_apng(&frames, 0.1),
+            Err(PictureError::Size { frame: 1, .. })
+        ));
+        assert_eq!(
+            played(&to_apng(&frames[..1], 1e9).expect("encodes"))[0].1,
+            65_535
+        );
     }
 
     #[test]
     fn what_cannot_be_a_gif() {
-        assert!(matches!(to_gif(&[], 0.1), Err(PictureError::Shape { frames: 0, .. })));
+        assert!(matches!(
+            to_gif(&[], 0.1),
+            Err(PictureError::Shape { frames: 0, .. })
+        ));
         let frames = [Frame::plain(3, 3, [0.0; 3]), Frame::plain(4, 3, [0.0; 3])];
-        assert!(matches!(to_gif(&frames, 0.1), Err(PictureError::Size { frame: 1, .. })));
+        assert!(matches!(
+            to_gif(&frames, 0.1),
+            Err(PictureError::Size { frame: 1, .. })
+        ));
         assert!(to_gif(&[Frame::plain(1, 1, [0.0; 3])], f64::NAN).is_ok());
     }
 }

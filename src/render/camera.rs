@@ -23,7 +23,11 @@ impl Canvas {
     pub fn new(width: u32, height: u32) -> Self {
         let (width, height) = (width.clamp(1, MAX_SIDE), height.clamp(1, MAX_SIDE));
         let margin = 0.04 * f64::from(width.min(height));
-        Self { width, height, insets: [margin; 4] }
+        Self {
+            width,
+            height,
+            insets: [margin; 4],
+        }
     }
 
     /// Keeps `pixels` \[px\] more free at the right, as a legend needs.
@@ -40,10 +44,20 @@ impl Canvas {
 
     /// Centre and size of what is left for the scene \[px\]; the whole picture where the insets leave nothing.
     fn free(&self) -> ([f64; 2], [f64; 2]) {
-        let [left, top, right, bottom] = self.insets.map(|inset| if inset.is_finite() { inset.max(0.0) } else { 0.0 });
+        let [left, top, right, bottom] = self.insets.map(|inset| {
+            if inset.is_finite() {
+                inset.max(0.0)
+            } else {
+                0.0
+            }
+        });
         let along = |before: f64, after: f64, all: f64| {
             let size = all - before - after;
-            if size >= 1.0 { (before + size / 2.0, size) } else { (all / 2.0, all) }
+            if size >= 1.0 {
+                (before + size / 2.0, size)
+            } else {
+                (all / 2.0, all)
+            }
         };
         let (x, width) = along(left, right, f64::from(self.width));
         let (y, height) = along(top, bottom, f64::from(self.height));
@@ -78,12 +92,20 @@ pub struct View {
 impl View {
     /// A view with parallel rays.
     pub fn orthographic(from: Vector3<f64>, up: Vector3<f64>) -> Self {
-        Self { from, up, lens: Lens::Orthographic }
+        Self {
+            from,
+            up,
+            lens: Lens::Orthographic,
+        }
     }
 
     /// A view with a lens of 0.6 rad, as a short telephoto lens: little distortion.
     pub fn perspective(from: Vector3<f64>, up: Vector3<f64>) -> Self {
-        Self { from, up, lens: Lens::Perspective { angle: 0.6 } }
+        Self {
+            from,
+            up,
+            lens: Lens::Perspective { angle: 0.6 },
+        }
     }
 
     /// Right, up and sight, orthonormal.
@@ -94,7 +116,10 @@ impl View {
             // Below this sine of the angle between them, `up` says too little about the horizon.
             if side.norm() > 1e-6 { unit(side) } else { None }
         };
-        let right = [self.up, Vector3::y(), Vector3::z()].into_iter().find_map(level).unwrap_or_else(Vector3::x);
+        let right = [self.up, Vector3::y(), Vector3::z()]
+            .into_iter()
+            .find_map(level)
+            .unwrap_or_else(Vector3::x);
         [right, back.cross(&right), -back]
     }
 }
@@ -131,7 +156,13 @@ impl Camera {
         let mut local: Vec<Vector3<f64>> = points
             .into_iter()
             .filter(seen)
-            .map(|p| Vector3::new(axes[0].dot(&p.coords), axes[1].dot(&p.coords), axes[2].dot(&p.coords)))
+            .map(|p| {
+                Vector3::new(
+                    axes[0].dot(&p.coords),
+                    axes[1].dot(&p.coords),
+                    axes[2].dot(&p.coords),
+                )
+            })
             .collect();
         if local.is_empty() {
             local.push(Vector3::zeros());
@@ -153,11 +184,27 @@ impl Camera {
                     .filter(|s| s.is_finite())
                     .fold(f64::INFINITY, f64::min);
                 // All points on one line of sight: any scale fits, show as much as their depth.
-                let scale = if scale.is_finite() { scale } else { size[0].min(size[1]) / 2.0 / half.z };
-                Self { canvas, eye: origin, axes, perspective: false, scale, centre, near: 0.0 }
+                let scale = if scale.is_finite() {
+                    scale
+                } else {
+                    size[0].min(size[1]) / 2.0 / half.z
+                };
+                Self {
+                    canvas,
+                    eye: origin,
+                    axes,
+                    perspective: false,
+                    scale,
+                    centre,
+                    near: 0.0,
+                }
             }
             Lens::Perspective { angle } => {
-                let angle = if angle.is_finite() { angle.clamp(0.01, 2.5) } else { 0.6 };
+                let angle = if angle.is_finite() {
+                    angle.clamp(0.01, 2.5)
+                } else {
+                    0.6
+                };
                 let tangent = libm::tan(angle / 2.0);
                 let wide = tangent * size[0] / size[1];
                 // A point at depth d + z is inside if |x| <= wide (d + z) and |y| <= tangent (d + z).
@@ -201,7 +248,11 @@ impl Camera {
         if self.perspective && depth < self.near {
             return None;
         }
-        let scale = if self.perspective { self.scale / depth } else { self.scale };
+        let scale = if self.perspective {
+            self.scale / depth
+        } else {
+            self.scale
+        };
         let x = self.centre[0] + scale * self.axes[0].dot(&from_eye);
         let y = self.centre[1] - scale * self.axes[1].dot(&from_eye);
         (x.is_finite() && y.is_finite() && depth.is_finite()).then_some(([x, y], depth))
@@ -209,7 +260,11 @@ impl Camera {
 
     /// The length \[m\] that one pixel covers at the given depth \[m\].
     pub fn metres_per_pixel(&self, depth: f64) -> f64 {
-        if self.perspective { depth.max(self.near) / self.scale } else { 1.0 / self.scale }
+        if self.perspective {
+            depth.max(self.near) / self.scale
+        } else {
+            1.0 / self.scale
+        }
     }
 }
 
@@ -274,18 +329,42 @@ mod tests {
     fn up_is_up_and_right_is_right() {
         let view = View::orthographic(Vector3::y(), Vector3::z());
         let corners = [Point3::new(-1.0, 0.0, -1.0), Point3::new(1.0, 0.0, 1.0)];
-        let camera = Camera::fit(corners, &view, Canvas { width: 100, height: 100, insets: [0.0; 4] });
+        let camera = Camera::fit(
+            corners,
+            &view,
+            Canvas {
+                width: 100,
+                height: 100,
+                insets: [0.0; 4],
+            },
+        );
         // Seen from +y with z up, +x is at the left.
-        assert_eq!(camera.pixel(&Point3::new(-1.0, 0.0, 1.0)), Some(([100.0, 0.0], 0.0)));
+        assert_eq!(
+            camera.pixel(&Point3::new(-1.0, 0.0, 1.0)),
+            Some(([100.0, 0.0], 0.0))
+        );
     }
 
     #[test]
     fn nothing_to_see() {
         let view = View::perspective(Vector3::z(), Vector3::y());
-        for points in [vec![], vec![Point3::new(f64::NAN, 0.0, 0.0)], vec![Point3::new(3.0, 3.0, 3.0); 4]] {
-            for view in [view, View { lens: Lens::Orthographic, ..view }] {
+        for points in [
+            vec![],
+            vec![Point3::new(f64::NAN, 0.0, 0.0)],
+            vec![Point3::new(3.0, 3.0, 3.0); 4],
+        ] {
+            for view in [
+                view,
+                View {
+                    lens: Lens::Orthographic,
+                    ..view
+                },
+            ] {
                 let camera = Camera::fit(points.clone(), &view, Canvas::new(0, 70_000));
-                assert_eq!((camera.canvas().width, camera.canvas().height), (1, MAX_SIDE));
+                assert_eq!(
+                    (camera.canvas().width, camera.canvas().height),
+                    (1, MAX_SIDE)
+                );
                 assert!(camera.scale.is_finite() && camera.scale > 0.0);
             }
         }

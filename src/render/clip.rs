@@ -25,7 +25,10 @@ impl EyeVertex {
     pub fn new(camera: &Camera, point: &Point3<f64>, shade: [f32; 4]) -> Option<Self> {
         let from_eye = (point * SAFE) - (camera.eye * SAFE);
         let place = camera.axes.map(|axis| axis.dot(&from_eye));
-        place.iter().all(|c| c.is_finite()).then_some(Self { place, shade })
+        place
+            .iter()
+            .all(|c| c.is_finite())
+            .then_some(Self { place, shade })
     }
 
     /// Halfway where `t` is 0.5. As a weighted sum, not `a + t (b - a)`: the difference may not be finite.
@@ -33,7 +36,9 @@ impl EyeVertex {
         let mix = |a: f64, b: f64| a * (1.0 - t) + b * t;
         Self {
             place: std::array::from_fn(|k| mix(inside.place[k], outside.place[k])),
-            shade: std::array::from_fn(|k| mix(f64::from(inside.shade[k]), f64::from(outside.shade[k])) as f32),
+            shade: std::array::from_fn(|k| {
+                mix(f64::from(inside.shade[k]), f64::from(outside.shade[k])) as f32
+            }),
         }
     }
 }
@@ -50,7 +55,10 @@ pub(super) struct Polygon {
 
 impl Polygon {
     fn empty(filler: EyeVertex) -> Self {
-        Self { corners: [filler; MOST_CORNERS], count: 0 }
+        Self {
+            corners: [filler; MOST_CORNERS],
+            count: 0,
+        }
     }
 
     fn push(&mut self, corner: EyeVertex) {
@@ -80,7 +88,11 @@ impl Clipper {
         // Where a side plane lies: beside the axis, over the depth (perspective) or everywhere (parallel rays).
         let side = |right: f64, up: f64, pixels: f64| {
             let beside = pixels / camera.scale;
-            if camera.perspective { [right, up, beside, 0.0] } else { [right, up, 0.0, beside * SAFE] }
+            if camera.perspective {
+                [right, up, beside, 0.0]
+            } else {
+                [right, up, 0.0, beside * SAFE]
+            }
         };
         let mut planes = vec![
             side(1.0, 0.0, x + width),
@@ -161,14 +173,21 @@ mod tests {
     fn camera(perspective: bool) -> Camera {
         let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
         let (from, up) = (Vector3::z(), Vector3::y());
-        let view = if perspective { View::perspective(from, up) } else { View::orthographic(from, up) };
+        let view = if perspective {
+            View::perspective(from, up)
+        } else {
+            View::orthographic(from, up)
+        };
         Camera::fit(corners, &view, Canvas::new(64, 48))
     }
 
     fn vertex() -> impl Strategy<Value = EyeVertex> {
-        let coordinate = prop_oneof![3 => -30.0..30.0f64, 1 => prop::sample::select(vec![1e300, -1e300, 0.0])];
-        prop::array::uniform3(coordinate)
-            .prop_map(|place| EyeVertex { place: place.map(|c| c * SAFE), shade: [0.0; 4] })
+        let coordinate =
+            prop_oneof![3 => -30.0..30.0f64, 1 => prop::sample::select(vec![1e300, -1e300, 0.0])];
+        prop::array::uniform3(coordinate).prop_map(|place| EyeVertex {
+            place: place.map(|c| c * SAFE),
+            shade: [0.0; 4],
+        })
     }
 
     proptest! {
@@ -195,9 +214,17 @@ mod tests {
     #[test]
     fn what_is_too_near_is_cut() {
         let camera = camera(true);
-        let at = |part: f64| EyeVertex { place: [0.0, 0.0, camera.near * part * SAFE], shade: [0.0; 4] };
+        let at = |part: f64| EyeVertex {
+            place: [0.0, 0.0, camera.near * part * SAFE],
+            shade: [0.0; 4],
+        };
         let clipper = Clipper::new(&camera);
-        assert!(clipper.triangle(&[at(0.1), at(0.5), at(0.9)]).corners().is_empty());
+        assert!(
+            clipper
+                .triangle(&[at(0.1), at(0.5), at(0.9)])
+                .corners()
+                .is_empty()
+        );
         let cut = clipper.segment(&[at(0.5), at(1.5)]).expect("half is left");
         assert!((cut[0].place[2] / (camera.near * SAFE) - 1.0).abs() < 1e-12);
         assert_eq!(cut[1], at(1.5));

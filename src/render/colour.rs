@@ -28,13 +28,15 @@ pub enum ColourMap {
 
 /// Viridis at 16 even steps; straight lines between them differ from the full table by less than the eye sees.
 const VIRIDIS: [u32; 16] = [
-    0x44_01_54, 0x48_1a_6c, 0x47_2f_7d, 0x41_44_87, 0x39_56_8c, 0x31_68_8e, 0x2a_78_8e, 0x23_88_8e, 0x1f_98_8b,
-    0x22_a8_84, 0x35_b7_79, 0x54_c5_68, 0x7a_d1_51, 0xa5_db_36, 0xd2_e2_1b, 0xfd_e7_25,
+    0x44_01_54, 0x48_1a_6c, 0x47_2f_7d, 0x41_44_87, 0x39_56_8c, 0x31_68_8e, 0x2a_78_8e, 0x23_88_8e,
+    0x1f_98_8b, 0x22_a8_84, 0x35_b7_79, 0x54_c5_68, 0x7a_d1_51, 0xa5_db_36, 0xd2_e2_1b, 0xfd_e7_25,
 ];
 
 /// Cool to warm at 9 even steps: lightness rises to the middle and falls again by as much.
-const DIVERGING: [u32; 9] =
-    [0x3b_4c_c0, 0x62_82_ea, 0x8d_b0_fe, 0xb8_d0_f9, 0xdd_dd_dd, 0xf5_c4_ad, 0xf4_9a_7b, 0xde_60_4d, 0xb4_04_26];
+const DIVERGING: [u32; 9] = [
+    0x3b_4c_c0, 0x62_82_ea, 0x8d_b0_fe, 0xb8_d0_f9, 0xdd_dd_dd, 0xf5_c4_ad, 0xf4_9a_7b, 0xde_60_4d,
+    0xb4_04_26,
+];
 
 impl ColourMap {
     /// The colour at `t` of 0..1; outside, the colour of the nearer end; for NaN, [`NO_VALUE`].
@@ -95,19 +97,34 @@ mod tests {
     fn lightness(colour: Rgb) -> f64 {
         let linear = colour.map(|c| {
             let c = f64::from(c);
-            if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
+            if c <= 0.04045 {
+                c / 12.92
+            } else {
+                ((c + 0.055) / 1.055).powf(2.4)
+            }
         });
         let y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
-        116.0 * if y > 0.008856 { y.cbrt() } else { 7.787 * y + 16.0 / 116.0 } - 16.0
+        116.0
+            * if y > 0.008856 {
+                y.cbrt()
+            } else {
+                7.787 * y + 16.0 / 116.0
+            }
+            - 16.0
     }
 
     #[test]
     fn viridis_gets_lighter_in_even_steps() {
-        let steps: Vec<f64> = (0..=20).map(|i| lightness(ColourMap::Viridis.colour(f64::from(i) / 20.0))).collect();
+        let steps: Vec<f64> = (0..=20)
+            .map(|i| lightness(ColourMap::Viridis.colour(f64::from(i) / 20.0)))
+            .collect();
         let mean = (steps[20] - steps[0]) / 20.0;
         for pair in steps.windows(2) {
             let step = pair[1] - pair[0];
-            assert!(step > 0.75 * mean && step < 1.25 * mean, "step {step}, mean {mean}");
+            assert!(
+                step > 0.75 * mean && step < 1.25 * mean,
+                "step {step}, mean {mean}"
+            );
         }
     }
 

@@ -65,14 +65,26 @@ impl Frame {
     /// a side is not of 1..=[`MAX_SIDE`].
     pub fn from_rgb(width: usize, height: usize, rgb: &[u8]) -> Option<Self> {
         let (pixels, rest) = rgb.as_chunks::<3>();
-        let fits = [width, height].iter().all(|side| (1..=MAX_SIDE as usize).contains(side))
+        let fits = [width, height]
+            .iter()
+            .all(|side| (1..=MAX_SIDE as usize).contains(side))
             && rest.is_empty()
             && pixels.len() == width * height;
         fits.then(|| Self::from_pixels(width, height, pixels.to_vec(), 0))
     }
 
-    pub(super) fn from_pixels(width: usize, height: usize, pixels: Vec<[u8; 3]>, dropped: usize) -> Self {
-        Self { width, height, pixels, dropped }
+    pub(super) fn from_pixels(
+        width: usize,
+        height: usize,
+        pixels: Vec<[u8; 3]>,
+        dropped: usize,
+    ) -> Self {
+        Self {
+            width,
+            height,
+            pixels,
+            dropped,
+        }
     }
 
     /// Width \[px\].
@@ -97,12 +109,18 @@ impl Frame {
 
     /// The pixel at a column and row; `None` outside.
     pub fn pixel(&self, column: usize, row: usize) -> Option<[u8; 3]> {
-        if column < self.width { self.pixels.get(row * self.width + column).copied() } else { None }
+        if column < self.width {
+            self.pixels.get(row * self.width + column).copied()
+        } else {
+            None
+        }
     }
 
     /// Lays a colour over a pixel: `amount` 1 replaces it. Outside the picture nothing happens.
     pub(super) fn blend(&mut self, column: i64, row: i64, colour: Rgb, amount: f32) {
-        let (Ok(column), Ok(row)) = (usize::try_from(column), usize::try_from(row)) else { return };
+        let (Ok(column), Ok(row)) = (usize::try_from(column), usize::try_from(row)) else {
+            return;
+        };
         if column < self.width && row < self.height {
             let pixel = &mut self.pixels[row * self.width + column];
             *pixel = quantise(mix(pixel.map(|c| f32::from(c) / 255.0), colour, amount));
@@ -119,7 +137,12 @@ impl Frame {
     }
 
     /// Fills a rectangle; what lies outside the picture is cut off.
-    pub(super) fn rectangle(&mut self, columns: std::ops::Range<i64>, rows: std::ops::Range<i64>, colour: Rgb) {
+    pub(super) fn rectangle(
+        &mut self,
+        columns: std::ops::Range<i64>,
+        rows: std::ops::Range<i64>,
+        colour: Rgb,
+    ) {
         for row in rows.start.max(0)..rows.end.min(self.height as i64) {
             for column in columns.start.max(0)..columns.end.min(self.width as i64) {
                 self.blend(column, row, colour, 1.0);
@@ -130,9 +153,15 @@ impl Frame {
     /// Lays another picture over this one, its upper left corner at a column and row; what lies outside is cut off.
     pub fn paste(&mut self, column: usize, row: usize, other: &Self) {
         let width = other.width.min(self.width.saturating_sub(column));
-        for (down, line) in other.pixels.chunks(other.width).enumerate().take(self.height.saturating_sub(row)) {
+        for (down, line) in other
+            .pixels
+            .chunks(other.width)
+            .enumerate()
+            .take(self.height.saturating_sub(row))
+        {
             if width > 0 {
-                self.pixels[(row + down) * self.width + column..][..width].copy_from_slice(&line[..width]);
+                self.pixels[(row + down) * self.width + column..][..width]
+                    .copy_from_slice(&line[..width]);
             }
         }
         self.dropped += other.dropped;
@@ -140,7 +169,8 @@ impl Frame {
 
     /// Puts pictures side by side, `gap` pixels of `colour` between them, from the top.
     pub fn beside(frames: &[Self], gap: usize, colour: Rgb) -> Self {
-        let width = frames.iter().map(Self::width).sum::<usize>() + gap * frames.len().saturating_sub(1);
+        let width =
+            frames.iter().map(Self::width).sum::<usize>() + gap * frames.len().saturating_sub(1);
         let height = frames.iter().map(Self::height).max().unwrap_or(1);
         let mut pixels = vec![quantise(colour); width.max(1) * height];
         let mut left = 0;
@@ -150,7 +180,12 @@ impl Frame {
             }
             left += frame.width + gap;
         }
-        Self { width: width.max(1), height, pixels, dropped: frames.iter().map(Self::dropped).sum() }
+        Self {
+            width: width.max(1),
+            height,
+            pixels,
+            dropped: frames.iter().map(Self::dropped).sum(),
+        }
     }
 
     /// The picture as a PNG, the same bytes for the same pixels.
@@ -174,7 +209,10 @@ impl Frame {
     /// # Errors
     /// The encoder failed, or the file cannot be written.
     pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
-        std::fs::write(path, self.to_png()?).map_err(|source| PictureError::Write { path: path.into(), source })
+        std::fs::write(path, self.to_png()?).map_err(|source| PictureError::Write {
+            path: path.into(),
+            source,
+        })
     }
 }
 
@@ -188,7 +226,9 @@ mod tests {
         frame.blend(6, 2, [0.0, 0.0, 1.0], 1.0);
         let bytes = frame.to_png().expect("encodes");
         assert_eq!(bytes, frame.to_png().expect("encodes"));
-        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("reads");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
+            .read_info()
+            .expect("reads");
         let mut pixels = vec![0; 7 * 3 * 3];
         reader.next_frame(&mut pixels).expect("reads");
         assert_eq!(pixels, frame.pixels().as_flattened());
@@ -199,9 +239,23 @@ mod tests {
     #[test]
     fn bytes_make_a_picture_if_they_fit() {
         let frame = Frame::from_rgb(2, 1, &[1, 2, 3, 4, 5, 6]).expect("six bytes");
-        assert_eq!((frame.pixel(0, 0), frame.pixel(1, 0)), (Some([1, 2, 3]), Some([4, 5, 6])));
-        for (width, height, bytes) in [(2, 1, 5), (2, 1, 7), (1, 1, 6), (0, 0, 0), (0, 2, 0), (usize::MAX, 2, 6)] {
-            assert_eq!(Frame::from_rgb(width, height, &vec![0; bytes]), None, "{width} x {height}, {bytes} bytes");
+        assert_eq!(
+            (frame.pixel(0, 0), frame.pixel(1, 0)),
+            (Some([1, 2, 3]), Some([4, 5, 6]))
+        );
+        for (width, height, bytes) in [
+            (2, 1, 5),
+            (2, 1, 7),
+            (1, 1, 6),
+            (0, 0, 0),
+            (0, 2, 0),
+            (usize::MAX, 2, 6),
+        ] {
+            assert_eq!(
+                Frame::from_rgb(width, height, &vec![0; bytes]),
+                None,
+                "{width} x {height}, {bytes} bytes"
+            );
         }
     }
 
@@ -218,11 +272,18 @@ mod tests {
 
     #[test]
     fn side_by_side() {
-        let both = Frame::beside(&[Frame::plain(2, 2, [0.0; 3]), Frame::plain(3, 1, [1.0; 3])], 1, [0.5; 3]);
+        let both = Frame::beside(
+            &[Frame::plain(2, 2, [0.0; 3]), Frame::plain(3, 1, [1.0; 3])],
+            1,
+            [0.5; 3],
+        );
         assert_eq!((both.width(), both.height()), (6, 2));
         assert_eq!(both.pixel(1, 1), Some([0; 3]));
         assert_eq!(both.pixel(2, 0), Some([128; 3]));
-        assert_eq!((both.pixel(5, 0), both.pixel(5, 1)), (Some([255; 3]), Some([128; 3])));
+        assert_eq!(
+            (both.pixel(5, 0), both.pixel(5, 1)),
+            (Some([255; 3]), Some([128; 3]))
+        );
         assert_eq!(Frame::beside(&[], 3, [0.5; 3]).pixels().len(), 1);
     }
 
@@ -238,7 +299,9 @@ mod tests {
 
     #[test]
     fn a_folder_that_is_missing_is_named() {
-        let error = Frame::plain(1, 1, [0.0; 3]).write_png(Path::new("no/such/folder/a.png")).expect_err("must fail");
+        let error = Frame::plain(1, 1, [0.0; 3])
+            .write_png(Path::new("no/such/folder/a.png"))
+            .expect_err("must fail");
         assert!(error.to_string().contains("no/such/folder/a.png"));
     }
 }

@@ -21,10 +21,20 @@ pub(super) fn unit(v: Vector3<f64>) -> Option<Vector3<f64>> {
 pub fn vertex_normals(positions: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); positions.len()];
     for &triangle in triangles {
-        let [Some(a), Some(b), Some(c)] = triangle.map(|i| positions.get(i as usize)) else { continue };
-        let (Some(ab), Some(bc), Some(ca)) = (unit(b - a), unit(c - b), unit(a - c)) else { continue };
-        let Some(normal) = unit(ab.cross(&-ca)) else { continue };
-        let angles = [corner_angle(&ab, &-ca), corner_angle(&bc, &-ab), corner_angle(&ca, &-bc)];
+        let [Some(a), Some(b), Some(c)] = triangle.map(|i| positions.get(i as usize)) else {
+            continue;
+        };
+        let (Some(ab), Some(bc), Some(ca)) = (unit(b - a), unit(c - b), unit(a - c)) else {
+            continue;
+        };
+        let Some(normal) = unit(ab.cross(&-ca)) else {
+            continue;
+        };
+        let angles = [
+            corner_angle(&ab, &-ca),
+            corner_angle(&bc, &-ab),
+            corner_angle(&ca, &-bc),
+        ];
         for (vertex, angle) in triangle.into_iter().zip(angles) {
             normals[vertex as usize] += normal * angle;
         }
@@ -78,15 +88,28 @@ impl Lighting {
         let head = camera.towards_viewer();
         let [right, up] = camera.right_and_up();
         let from = |sideways: f64, upwards: f64| {
-            unit(head + right * sideways + up * upwards).map_or(Light::Distant(head), Light::Distant)
+            unit(head + right * sideways + up * upwards)
+                .map_or(Light::Distant(head), Light::Distant)
         };
-        let lights = vec![(Light::Distant(head), 0.32), (from(-0.9, 1.1), 0.42), (from(1.6, -0.2), 0.12)];
-        Self { ambient: 0.3, lights }
+        let lights = vec![
+            (Light::Distant(head), 0.32),
+            (from(-0.9, 1.1), 0.42),
+            (from(1.6, -0.2), 0.12),
+        ];
+        Self {
+            ambient: 0.3,
+            lights,
+        }
     }
 
     /// The brightness of a surface point with this unit normal, of its front.
     pub fn brightness(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
-        self.ambient + self.lights.iter().map(|(light, strength)| strength * light.cosine(point, normal)).sum::<f64>()
+        self.ambient
+            + self
+                .lights
+                .iter()
+                .map(|(light, strength)| strength * light.cosine(point, normal))
+                .sum::<f64>()
     }
 }
 
@@ -99,7 +122,11 @@ mod tests {
     fn unit_at_every_size() {
         for size in [f64::MIN_POSITIVE / 1e10, 1e-200, 1.0, 1e200, f64::MAX] {
             let v = unit(Vector3::new(size, 0.0, -size)).expect("finite and not zero");
-            assert_relative_eq!(v, Vector3::new(0.5f64.sqrt(), 0.0, -(0.5f64.sqrt())), epsilon = 1e-12);
+            assert_relative_eq!(
+                v,
+                Vector3::new(0.5f64.sqrt(), 0.0, -(0.5f64.sqrt())),
+                epsilon = 1e-12
+            );
         }
         assert_eq!(unit(Vector3::zeros()), None);
         assert_eq!(unit(Vector3::new(1.0, f64::NAN, 0.0)), None);
@@ -109,19 +136,35 @@ mod tests {
     /// A cube corner has the same normal however its faces are cut in two.
     #[test]
     fn normals_do_not_depend_on_the_triangulation() {
-        let cube: Vec<Point3<f64>> =
-            (0..8).map(|i| Point3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2 & 1))).collect();
-        let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
-            .map(|q| q.map(|i| i as u32));
+        let cube: Vec<Point3<f64>> = (0..8)
+            .map(|i| {
+                Point3::new(
+                    f64::from(i & 1),
+                    f64::from(i >> 1 & 1),
+                    f64::from(i >> 2 & 1),
+                )
+            })
+            .collect();
+        let quads = [
+            [0, 2, 3, 1],
+            [4, 5, 7, 6],
+            [0, 1, 5, 4],
+            [2, 6, 7, 3],
+            [0, 4, 6, 2],
+            [1, 3, 7, 5],
+        ]
+        .map(|q| q.map(|i| i as u32));
         for cut in 0..64 {
             let triangles: Vec<[u32; 3]> = quads
                 .iter()
                 .enumerate()
-                .flat_map(
-                    |(i, &[a, b, c, d])| {
-                        if cut >> i & 1 == 0 { [[a, b, c], [a, c, d]] } else { [[b, c, d], [b, d, a]] }
-                    },
-                )
+                .flat_map(|(i, &[a, b, c, d])| {
+                    if cut >> i & 1 == 0 {
+                        [[a, b, c], [a, c, d]]
+                    } else {
+                        [[b, c, d], [b, d, a]]
+                    }
+                })
                 .collect();
             for (p, n) in cube.iter().zip(vertex_normals(&cube, &triangles)) {
                 let expected = p.coords.map(|c| (2.0 * c - 1.0) / 3f64.sqrt());
@@ -138,7 +181,11 @@ mod tests {
         let normal = Vector3::z();
         let vertices = [(0.0, 10.0, 0.447), (0.0, 0.0, 1.0), (10.0, 5.0, 0.408)];
         for (x, y, expected) in vertices {
-            assert_relative_eq!(light.cosine(&Point3::new(x, y, 0.0), &normal), expected, epsilon = 5e-4);
+            assert_relative_eq!(
+                light.cosine(&Point3::new(x, y, 0.0), &normal),
+                expected,
+                epsilon = 5e-4
+            );
         }
     }
 
@@ -146,7 +193,13 @@ mod tests {
     fn light_from_behind_is_dark_not_negative() {
         let light = Light::Distant(Vector3::z());
         assert_eq!(light.cosine(&Point3::origin(), &-Vector3::z()), 0.0);
-        assert_eq!(Light::At(Point3::origin()).cosine(&Point3::origin(), &Vector3::z()), 0.0);
-        assert_eq!(light.cosine(&Point3::origin(), &Vector3::repeat(f64::NAN)), 0.0);
+        assert_eq!(
+            Light::At(Point3::origin()).cosine(&Point3::origin(), &Vector3::z()),
+            0.0
+        );
+        assert_eq!(
+            light.cosine(&Point3::origin(), &Vector3::repeat(f64::NAN)),
+            0.0
+        );
     }
 }

@@ -84,7 +84,12 @@ pub struct Surface<'a> {
 impl<'a> Surface<'a> {
     /// An opaque surface of one colour.
     pub fn plain(positions: &'a [Point3<f64>], triangles: &'a [[u32; 3]], colour: Rgb) -> Self {
-        Self { positions, triangles, colour: SurfaceColour::Plain(colour), opacity: 1.0 }
+        Self {
+            positions,
+            triangles,
+            colour: SurfaceColour::Plain(colour),
+            opacity: 1.0,
+        }
     }
 
     /// An opaque surface coloured by a number at each vertex.
@@ -95,12 +100,21 @@ impl<'a> Surface<'a> {
         range: (f64, f64),
         map: ColourMap,
     ) -> Self {
-        Self { positions, triangles, colour: SurfaceColour::Field { values, range, map }, opacity: 1.0 }
+        Self {
+            positions,
+            triangles,
+            colour: SurfaceColour::Field { values, range, map },
+            opacity: 1.0,
+        }
     }
 
     /// The same surface, translucent.
     pub fn with_opacity(mut self, opacity: f32) -> Self {
-        self.opacity = if opacity.is_nan() { 1.0 } else { opacity.clamp(0.0, 1.0) };
+        self.opacity = if opacity.is_nan() {
+            1.0
+        } else {
+            opacity.clamp(0.0, 1.0)
+        };
         self
     }
 }
@@ -124,7 +138,13 @@ pub struct Lines<'a> {
 impl<'a> Lines<'a> {
     /// Lines of 1.5 px, brought forward by 2 px.
     pub fn new(polylines: &'a [Vec<Point3<f64>>], colour: Rgb) -> Self {
-        Self { polylines, colour, width: 1.5, lift: 2.0, through: None }
+        Self {
+            polylines,
+            colour,
+            width: 1.5,
+            lift: 2.0,
+            through: None,
+        }
     }
 
     /// The same lines, seen through an opaque surface of the drawing.
@@ -150,7 +170,12 @@ pub struct Drawing<'a> {
 impl<'a> Drawing<'a> {
     /// Surfaces before white.
     pub fn of(surfaces: impl IntoIterator<Item = Surface<'a>>) -> Self {
-        Self { surfaces: surfaces.into_iter().collect(), lines: Vec::new(), background: [1.0; 3], lighting: None }
+        Self {
+            surfaces: surfaces.into_iter().collect(),
+            lines: Vec::new(),
+            background: [1.0; 3],
+            lighting: None,
+        }
     }
 
     /// The same, with lines.
@@ -164,13 +189,19 @@ impl<'a> Drawing<'a> {
 /// vertex that does not exist, are left out and counted in [`Frame::dropped`].
 pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
     let mut screen = Screen::new(camera);
-    let lighting = drawing.lighting.clone().unwrap_or_else(|| Lighting::studio(camera));
+    let lighting = drawing
+        .lighting
+        .clone()
+        .unwrap_or_else(|| Lighting::studio(camera));
     for surface in &drawing.surfaces {
         add_surface(&mut screen, surface, camera, &lighting);
     }
     for lines in &drawing.lines {
         // Surfaces come first, so the index of one is the number of its paint.
-        let host = lines.through.filter(|s| *s < drawing.surfaces.len()).map(|s| s as u32);
+        let host = lines
+            .through
+            .filter(|s| *s < drawing.surfaces.len())
+            .map(|s| s as u32);
         add_lines(&mut screen, lines, host, camera);
     }
     screen.fill(drawing.background)
@@ -196,7 +227,12 @@ fn add_surface(screen: &mut Screen, surface: &Surface, camera: &Camera, lighting
 }
 
 /// The vertices as the camera sees them, with the brightness of both sides.
-fn lit_vertices(surface: &Surface, camera: &Camera, lighting: &Lighting, inside_out: bool) -> Vec<Option<EyeVertex>> {
+fn lit_vertices(
+    surface: &Surface,
+    camera: &Camera,
+    lighting: &Lighting,
+    inside_out: bool,
+) -> Vec<Option<EyeVertex>> {
     let normals = vertex_normals(surface.positions, surface.triangles);
     let lit = |(index, (point, normal)): (usize, (&Point3<f64>, nalgebra::Vector3<f64>))| {
         let normal = if inside_out { -normal } else { normal };
@@ -204,7 +240,8 @@ fn lit_vertices(surface: &Surface, camera: &Camera, lighting: &Lighting, inside_
             SurfaceColour::Plain(_) => 0.0,
             SurfaceColour::Field { values, range, .. } => {
                 // Far outside is the same as outside; f32 must not overflow.
-                ColourMap::place(values.get(index).copied().unwrap_or(f64::NAN), range).clamp(-1e6, 1e6)
+                ColourMap::place(values.get(index).copied().unwrap_or(f64::NAN), range)
+                    .clamp(-1e6, 1e6)
             }
         };
         let to_viewer = if camera.perspective {
@@ -212,17 +249,30 @@ fn lit_vertices(surface: &Surface, camera: &Camera, lighting: &Lighting, inside_
         } else {
             camera.towards_viewer()
         };
-        let depth_of_shade = if matches!(surface.colour, SurfaceColour::Plain(_)) { 1.0 } else { FIELD_SHADE };
-        let [front, back] = [normal, -normal].map(|n| 1.0 + depth_of_shade * (lighting.brightness(point, &n) - 1.0));
+        let depth_of_shade = if matches!(surface.colour, SurfaceColour::Plain(_)) {
+            1.0
+        } else {
+            FIELD_SHADE
+        };
+        let [front, back] = [normal, -normal]
+            .map(|n| 1.0 + depth_of_shade * (lighting.brightness(point, &n) - 1.0));
         let shade = [front, back, place, normal.dot(&to_viewer)].map(|s| s as f32);
         EyeVertex::new(camera, point, shade)
     };
-    surface.positions.iter().zip(normals).enumerate().map(lit).collect()
+    surface
+        .positions
+        .iter()
+        .zip(normals)
+        .enumerate()
+        .map(lit)
+        .collect()
 }
 
 /// Whether the volume that the surface encloses is negative.
 fn is_inside_out(surface: &Surface) -> bool {
-    let Some(origin) = surface.positions.first() else { return false };
+    let Some(origin) = surface.positions.first() else {
+        return false;
+    };
     let mut volume = 0.0;
     for triangle in surface.triangles {
         if let [Some(a), Some(b), Some(c)] = triangle.map(|i| surface.positions.get(i as usize)) {
@@ -233,8 +283,17 @@ fn is_inside_out(surface: &Surface) -> bool {
 }
 
 fn add_lines(screen: &mut Screen, lines: &Lines, host: Option<u32>, camera: &Camera) {
-    let paint = screen.paint(Paint { host, ..Paint::plain(lines.colour, 1.0) });
-    let [width, lift] = [lines.width, lines.lift].map(|pixels| if pixels.is_finite() { pixels.max(0.0) } else { 0.0 });
+    let paint = screen.paint(Paint {
+        host,
+        ..Paint::plain(lines.colour, 1.0)
+    });
+    let [width, lift] = [lines.width, lines.lift].map(|pixels| {
+        if pixels.is_finite() {
+            pixels.max(0.0)
+        } else {
+            0.0
+        }
+    });
     for line in lines.polylines {
         for ends in line.windows(2) {
             match [&ends[0], &ends[1]].map(|point| EyeVertex::new(camera, point, [1.0; 4])) {

@@ -17,23 +17,46 @@ pub fn to_overlays(frames: &[Frame]) -> Result<Vec<Vec<u8>>, PictureError> {
     for (number, frame) in frames.iter().enumerate() {
         let [found, expected] = [frame, &frames[0]].map(|frame| [frame.width(), frame.height()]);
         if found != expected {
-            return Err(PictureError::Size { frame: number, found, expected });
+            return Err(PictureError::Size {
+                frame: number,
+                found,
+                expected,
+            });
         }
         // The first index is left for "as in the first".
-        indices.push(frame.pixels().iter().map(|pixel| palette.index(*pixel).saturating_add(1)).collect());
+        indices.push(
+            frame
+                .pixels()
+                .iter()
+                .map(|pixel| palette.index(*pixel).saturating_add(1))
+                .collect(),
+        );
     }
-    let Some((first, others)) = indices.split_first_mut() else { return Ok(Vec::new()) };
+    let Some((first, others)) = indices.split_first_mut() else {
+        return Ok(Vec::new());
+    };
     others.par_iter_mut().for_each(|frame| {
-        for (index, _) in frame.iter_mut().zip(&*first).filter(|(index, before)| *index == *before) {
+        for (index, _) in frame
+            .iter_mut()
+            .zip(&*first)
+            .filter(|(index, before)| *index == *before)
+        {
             *index = 0;
         }
     });
     let colours = [&[0; 3], palette.bytes()].concat();
-    indices.par_iter().map(|picture| to_png(picture, [frames[0].width(), frames[0].height()], &colours)).collect()
+    indices
+        .par_iter()
+        .map(|picture| to_png(picture, [frames[0].width(), frames[0].height()], &colours))
+        .collect()
 }
 
 /// A PNG of indices into colours, the first of which is transparent.
-fn to_png(indices: &[u8], [width, height]: [usize; 2], colours: &[u8]) -> Result<Vec<u8>, PictureError> {
+fn to_png(
+    indices: &[u8],
+    [width, height]: [usize; 2],
+    colours: &[u8],
+) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
     // Sides of a frame fit.
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
@@ -78,10 +101,19 @@ mod tests {
         assert_eq!(bytes, to_overlays(&frames).expect("encodes"));
         let shown: Vec<Vec<[u8; 4]>> = bytes.iter().map(|picture| decoded(picture)).collect();
         assert!(shown[0].iter().all(|p| p[3] == 255), "the first is opaque");
-        assert!(shown[2].iter().all(|p| p[3] == 0), "nothing of what did not change");
+        assert!(
+            shown[2].iter().all(|p| p[3] == 0),
+            "nothing of what did not change"
+        );
         for (frame, over) in frames.iter().zip(&shown) {
-            let laid = shown[0].iter().zip(over).map(|(first, over)| if over[3] == 0 { first } else { over });
-            assert!(laid.map(|p| &p[..3]).eq(frame.pixels().iter().map(|p| &p[..])));
+            let laid = shown[0]
+                .iter()
+                .zip(over)
+                .map(|(first, over)| if over[3] == 0 { first } else { over });
+            assert!(
+                laid.map(|p| &p[..3])
+                    .eq(frame.pixels().iter().map(|p| &p[..]))
+            );
         }
         // A square of 10 that moves by 3 leaves and takes 3 columns.
         assert_eq!(shown[1].iter().filter(|p| p[3] == 255).count(), 2 * 3 * 10);
@@ -95,10 +127,16 @@ mod tests {
         }
         let bytes = to_overlays(std::slice::from_ref(&frame)).expect("encodes");
         for (shown, pixel) in decoded(&bytes[0]).iter().zip(frame.pixels()) {
-            assert!(shown.iter().zip(pixel).all(|(a, b)| a.abs_diff(*b) <= 16), "{shown:?} {pixel:?}");
+            assert!(
+                shown.iter().zip(pixel).all(|(a, b)| a.abs_diff(*b) <= 16),
+                "{shown:?} {pixel:?}"
+            );
         }
         assert!(to_overlays(&[]).expect("encodes").is_empty());
         let other = Frame::plain(41, 30, [1.0; 3]);
-        assert!(matches!(to_overlays(&[frame, other]), Err(PictureError::Size { frame: 1, .. })));
+        assert!(matches!(
+            to_overlays(&[frame, other]),
+            Err(PictureError::Size { frame: 1, .. })
+        ));
     }
 }

@@ -28,7 +28,10 @@ pub(super) struct Colours {
 impl Colours {
     /// Of no frame yet.
     pub fn new() -> Self {
-        Self { counts: vec![Count::default(); 1 << (3 * BITS)], background: None }
+        Self {
+            counts: vec![Count::default(); 1 << (3 * BITS)],
+            background: None,
+        }
     }
 
     /// Counts those of a frame; its first pixel is the background, if it is the first frame.
@@ -53,12 +56,19 @@ impl Palette {
     /// At most `most` (at least 2) colours for those that were seen. The background keeps its colour exactly.
     pub fn new(seen: Colours, most: usize) -> Self {
         let background = seen.background.unwrap_or([255; 3]);
-        let counts: Vec<Count> = seen.counts.into_iter().filter(|count| count.pixels > 0).collect();
+        let counts: Vec<Count> = seen
+            .counts
+            .into_iter()
+            .filter(|count| count.pixels > 0)
+            .collect();
         let mut boxes = vec![(weight(&counts), counts)];
         while boxes.len() + 1 < most {
             // The first of equals, so that the palette is always the same.
             let heaviest = (0..boxes.len()).max_by_key(|i| (boxes[*i].0, std::cmp::Reverse(*i)));
-            let Some((was, whole)) = heaviest.and_then(|i| boxes.get_mut(i)).filter(|(weight, _)| *weight > 0) else {
+            let Some((was, whole)) = heaviest
+                .and_then(|i| boxes.get_mut(i))
+                .filter(|(weight, _)| *weight > 0)
+            else {
                 break;
             };
             let half = split(whole);
@@ -66,7 +76,12 @@ impl Palette {
             boxes.push((weight(&half), half));
         }
         let mut colours = vec![background];
-        colours.extend(boxes.iter().filter(|(_, counts)| !counts.is_empty()).map(|(_, counts)| mean(counts)));
+        colours.extend(
+            boxes
+                .iter()
+                .filter(|(_, counts)| !counts.is_empty())
+                .map(|(_, counts)| mean(counts)),
+        );
         let mut nearest = vec![None; 1 << (3 * BITS)];
         nearest[key(background)] = Some(0);
         Self { colours, nearest }
@@ -86,17 +101,25 @@ impl Palette {
     pub fn index(&mut self, pixel: [u8; 3]) -> u8 {
         let distance = |colour: &[u8; 3]| -> u32 {
             // Green counts most for the eye, blue least.
-            [2, 4, 1].iter().zip(pixel.iter().zip(colour)).map(|(w, (a, b))| w * u32::from(a.abs_diff(*b)).pow(2)).sum()
+            [2, 4, 1]
+                .iter()
+                .zip(pixel.iter().zip(colour))
+                .map(|(w, (a, b))| w * u32::from(a.abs_diff(*b)).pow(2))
+                .sum()
         };
         *self.nearest[key(pixel)].get_or_insert_with(|| {
-            let best = (0..self.colours.len()).min_by_key(|i| distance(&self.colours[*i])).unwrap_or(0);
+            let best = (0..self.colours.len())
+                .min_by_key(|i| distance(&self.colours[*i]))
+                .unwrap_or(0);
             u8::try_from(best).unwrap_or(u8::MAX)
         })
     }
 }
 
 fn key(pixel: [u8; 3]) -> usize {
-    pixel.iter().fold(0, |key, c| (key << BITS) | usize::from(c >> (8 - BITS)))
+    pixel
+        .iter()
+        .fold(0, |key, c| (key << BITS) | usize::from(c >> (8 - BITS)))
 }
 
 fn channel(count: &Count, k: usize) -> u64 {
@@ -105,7 +128,9 @@ fn channel(count: &Count, k: usize) -> u64 {
 
 fn mean(counts: &[Count]) -> [u8; 3] {
     let pixels: u64 = counts.iter().map(|c| c.pixels).sum();
-    std::array::from_fn(|k| (counts.iter().map(|c| c.sum[k]).sum::<u64>() / pixels.max(1)).min(255) as u8)
+    std::array::from_fn(|k| {
+        (counts.iter().map(|c| c.sum[k]).sum::<u64>() / pixels.max(1)).min(255) as u8
+    })
 }
 
 /// How much is gained by cutting a box; 0 where there is nothing to cut.
@@ -120,7 +145,10 @@ fn longest(counts: &[Count]) -> (usize, u64) {
         let values = || counts.iter().map(move |c| channel(c, k));
         values().max().unwrap_or(0) - values().min().unwrap_or(0)
     };
-    (0..3).map(|k| (k, spread(k))).max_by_key(|(_, spread)| *spread).unwrap_or((0, 0))
+    (0..3)
+        .map(|k| (k, spread(k)))
+        .max_by_key(|(_, spread)| *spread)
+        .unwrap_or((0, 0))
 }
 
 /// Takes the upper half of the pixels out of a box of at least two colours.
@@ -159,7 +187,12 @@ mod tests {
         assert!(palette.len() <= 255);
         for pixel in frame.pixels() {
             let index = usize::from(palette.index(*pixel));
-            assert!(palette.colours[index].iter().zip(pixel).all(|(a, b)| a.abs_diff(*b) <= 16));
+            assert!(
+                palette.colours[index]
+                    .iter()
+                    .zip(pixel)
+                    .all(|(a, b)| a.abs_diff(*b) <= 16)
+            );
         }
     }
 

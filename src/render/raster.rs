@@ -33,12 +33,27 @@ impl GridTriangle {
             return None;
         }
         let on_grid = |c: f64| (c.clamp(-FARTHEST, FARTHEST) * GRID as f64).round() as i32;
-        let triangle = Self { x: corners.map(|c| on_grid(c[0])), y: corners.map(|c| on_grid(c[1])) };
+        let triangle = Self {
+            x: corners.map(|c| on_grid(c[0])),
+            y: corners.map(|c| on_grid(c[1])),
+        };
         match triangle.doubled_area().signum() {
-            1 => Some(Oriented { triangle, swapped: false }),
+            1 => Some(Oriented {
+                triangle,
+                swapped: false,
+            }),
             -1 => {
-                let Self { x: [xa, xb, xc], y: [ya, yb, yc] } = triangle;
-                Some(Oriented { triangle: Self { x: [xa, xc, xb], y: [ya, yc, yb] }, swapped: true })
+                let Self {
+                    x: [xa, xb, xc],
+                    y: [ya, yb, yc],
+                } = triangle;
+                Some(Oriented {
+                    triangle: Self {
+                        x: [xa, xc, xb],
+                        y: [ya, yc, yb],
+                    },
+                    swapped: true,
+                })
             }
             _ => None,
         }
@@ -58,7 +73,12 @@ impl GridTriangle {
     /// Calls `fill(column, row, weights of the corners)` for each covered sample inside both ranges. The clipping is
     /// in signed integers, and the weights follow from the sample's own place: nothing is carried along a row that a
     /// cut at the border could shift (errata G9, G10, G13).
-    pub fn fill(&self, columns: Range<i64>, rows: Range<i64>, mut fill: impl FnMut(usize, usize, [f64; 3])) {
+    pub fn fill(
+        &self,
+        columns: Range<i64>,
+        rows: Range<i64>,
+        mut fill: impl FnMut(usize, usize, [f64; 3]),
+    ) {
         let inverse = 1.0 / self.doubled_area() as f64;
         let edges = [self.edge(1, 2), self.edge(2, 0), self.edge(0, 1)];
         let across = covered(&self.x);
@@ -66,9 +86,15 @@ impl GridTriangle {
         let down = self.rows();
         for row in down.start.max(rows.start).max(0)..down.end.min(rows.end) {
             let starts = edges.map(|edge| edge.at_row(row));
-            let span = edges.iter().zip(starts).fold(across.clone(), |span, (edge, start)| edge.narrow(span, start));
+            let span = edges
+                .iter()
+                .zip(starts)
+                .fold(across.clone(), |span, (edge, start)| {
+                    edge.narrow(span, start)
+                });
             for column in span {
-                let weights: [f64; 3] = std::array::from_fn(|k| (starts[k] + edges[k].step * column) as f64 * inverse);
+                let weights: [f64; 3] =
+                    std::array::from_fn(|k| (starts[k] + edges[k].step * column) as f64 * inverse);
                 fill(column as usize, row as usize, weights);
             }
         }
@@ -126,12 +152,18 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    fn samples(corners: [[f64; 2]; 3], width: i64, height: i64) -> BTreeMap<(usize, usize), [f64; 3]> {
+    fn samples(
+        corners: [[f64; 2]; 3],
+        width: i64,
+        height: i64,
+    ) -> BTreeMap<(usize, usize), [f64; 3]> {
         let mut found = BTreeMap::new();
         if let Some(oriented) = GridTriangle::on_grid(corners) {
-            oriented.triangle.fill(0..width, 0..height, |x, y, weights| {
-                assert_eq!(found.insert((x, y), weights), None, "a sample filled twice");
-            });
+            oriented
+                .triangle
+                .fill(0..width, 0..height, |x, y, weights| {
+                    assert_eq!(found.insert((x, y), weights), None, "a sample filled twice");
+                });
         }
         found
     }
@@ -140,7 +172,11 @@ mod tests {
     fn value(corners: [[f64; 2]; 3], at: (usize, usize), values: [f64; 3]) -> f64 {
         let swapped = GridTriangle::on_grid(corners).expect("has an area").swapped;
         let [a, b, c] = samples(corners, 400, 400)[&at];
-        let [va, vb, vc] = if swapped { [values[0], values[2], values[1]] } else { values };
+        let [va, vb, vc] = if swapped {
+            [values[0], values[2], values[1]]
+        } else {
+            values
+        };
         a * va + b * vb + c * vc
     }
 
@@ -161,7 +197,10 @@ mod tests {
         let expected: Vec<_> = samples([a, b, c], 40, 40).into_keys().collect();
         assert!(expected.len() > 200);
         for order in [[a, c, b], [b, a, c], [b, c, a], [c, a, b], [c, b, a]] {
-            assert_eq!(samples(order, 40, 40).into_keys().collect::<Vec<_>>(), expected);
+            assert_eq!(
+                samples(order, 40, 40).into_keys().collect::<Vec<_>>(),
+                expected
+            );
         }
     }
 
@@ -190,7 +229,10 @@ mod tests {
         assert_eq!(samples(corners, 10, 10).len(), 100);
         assert!(samples([[0.0, f64::NAN], [1.0, 0.0], [0.0, 1.0]], 10, 10).is_empty());
         // A square of two triangles with a shared horizontal edge: each row once.
-        let (upper, lower) = ([[0.0, 5.0], [5.0, 0.0], [10.0, 5.0]], [[0.0, 5.0], [10.0, 5.0], [5.0, 10.0]]);
+        let (upper, lower) = (
+            [[0.0, 5.0], [5.0, 0.0], [10.0, 5.0]],
+            [[0.0, 5.0], [10.0, 5.0], [5.0, 10.0]],
+        );
         let (upper, lower) = (samples(upper, 10, 10), samples(lower, 10, 10));
         assert!(upper.keys().all(|k| !lower.contains_key(k)));
         assert_eq!(upper.len() + lower.len(), 50);
@@ -200,7 +242,10 @@ mod tests {
     #[test]
     fn top_and_left_edges_own_their_samples() {
         let [a, b, c, d] = [[1.5, 1.5], [3.5, 1.5], [3.5, 3.5], [1.5, 3.5]];
-        let mut both: Vec<_> = [[a, b, c], [a, c, d]].into_iter().flat_map(|t| samples(t, 9, 9).into_keys()).collect();
+        let mut both: Vec<_> = [[a, b, c], [a, c, d]]
+            .into_iter()
+            .flat_map(|t| samples(t, 9, 9).into_keys())
+            .collect();
         both.sort_unstable();
         assert_eq!(both, [(1, 1), (1, 2), (2, 1), (2, 2)]);
     }

@@ -32,12 +32,22 @@ pub(super) struct Paint {
 
 impl Paint {
     pub fn plain(colour: Rgb, opacity: f32) -> Self {
-        Self { colours: vec![colour], opacity, host: None }
+        Self {
+            colours: vec![colour],
+            opacity,
+            host: None,
+        }
     }
 
     pub fn field(map: ColourMap, opacity: f32) -> Self {
-        let colours = (0..TABLE).map(|i| map.colour(i as f64 / (TABLE - 1) as f64)).collect();
-        Self { colours, opacity, host: None }
+        let colours = (0..TABLE)
+            .map(|i| map.colour(i as f64 / (TABLE - 1) as f64))
+            .collect();
+        Self {
+            colours,
+            opacity,
+            host: None,
+        }
     }
 
     fn colour(&self, place: f32, brightness: f32) -> Rgb {
@@ -81,7 +91,14 @@ pub(super) struct Screen<'a> {
 impl<'a> Screen<'a> {
     pub fn new(camera: &'a Camera) -> Self {
         let clipper = Clipper::new(camera);
-        Self { camera, clipper, paints: Vec::new(), opaque: Vec::new(), translucent: Vec::new(), dropped: 0 }
+        Self {
+            camera,
+            clipper,
+            paints: Vec::new(),
+            opaque: Vec::new(),
+            translucent: Vec::new(),
+            dropped: 0,
+        }
     }
 
     /// Adds a paint and says its number.
@@ -93,7 +110,9 @@ impl<'a> Screen<'a> {
     /// Adds a triangle. Translucent ones only if they face the viewer.
     pub fn triangle(&mut self, corners: &[EyeVertex; 3], paint: u32) {
         let polygon = self.clipper.triangle(corners);
-        let Some((first, rest)) = polygon.corners().split_first() else { return };
+        let Some((first, rest)) = polygon.corners().split_first() else {
+            return;
+        };
         for pair in rest.windows(2) {
             let fan = [*first, pair[0], pair[1]];
             let places = fan.map(|corner| self.place(&corner));
@@ -103,22 +122,40 @@ impl<'a> Screen<'a> {
 
     /// Adds a segment, `width` pixels wide and `lift` pixels in front of where it is.
     pub fn segment(&mut self, ends: &[EyeVertex; 2], paint: u32, width: f64, lift: f64) {
-        let Some(ends) = self.clipper.segment(ends) else { return };
+        let Some(ends) = self.clipper.segment(ends) else {
+            return;
+        };
         let places = ends.map(|end| self.place(&end));
         let [from, to] = places.map(|(xy, _)| xy);
         let along = [to[0] - from[0], to[1] - from[1]];
         let length = libm::hypot(along[0], along[1]);
         let half = width / 2.0 * SAMPLES as f64;
         // A segment seen end on is a square dot.
-        let [x, y] = if length > 0.0 { along.map(|c| c / length * half) } else { [half, 0.0] };
+        let [x, y] = if length > 0.0 {
+            along.map(|c| c / length * half)
+        } else {
+            [half, 0.0]
+        };
         let near = ends.map(|end| self.lifted(&end, lift));
         let corner = |end: usize, back: f64, side: f64| {
             let [px, py] = places[end].0;
-            ([px + back * x - side * y, py + back * y + side * x], near[end])
+            (
+                [px + back * x - side * y, py + back * y + side * x],
+                near[end],
+            )
         };
-        let quad = [corner(0, -1.0, -1.0), corner(0, -1.0, 1.0), corner(1, 1.0, 1.0), corner(1, 1.0, -1.0)];
+        let quad = [
+            corner(0, -1.0, -1.0),
+            corner(0, -1.0, 1.0),
+            corner(1, 1.0, 1.0),
+            corner(1, 1.0, -1.0),
+        ];
         for [a, b, c] in [[0, 1, 2], [0, 2, 3]] {
-            self.add([[1.0, 1.0, f32::NAN, 1.0]; 3], [quad[a], quad[b], quad[c]], paint);
+            self.add(
+                [[1.0, 1.0, f32::NAN, 1.0]; 3],
+                [quad[a], quad[b], quad[c]],
+                paint,
+            );
         }
     }
 
@@ -126,9 +163,13 @@ impl<'a> Screen<'a> {
     fn place(&self, vertex: &EyeVertex) -> ([f64; 2], f64) {
         let [x, y, depth] = vertex.place;
         let camera = self.camera;
-        let (scale, near) =
-            if camera.perspective { (camera.scale / depth, 1.0 / depth) } else { (camera.scale / SAFE, -depth) };
-        let sample = [camera.centre[0] + x * scale, camera.centre[1] - y * scale].map(|c| c * SAMPLES as f64);
+        let (scale, near) = if camera.perspective {
+            (camera.scale / depth, 1.0 / depth)
+        } else {
+            (camera.scale / SAFE, -depth)
+        };
+        let sample = [camera.centre[0] + x * scale, camera.centre[1] - y * scale]
+            .map(|c| c * SAMPLES as f64);
         (sample, near)
     }
 
@@ -145,49 +186,80 @@ impl<'a> Screen<'a> {
     /// How far something lies behind what is nearer [px].
     fn pixels_behind(&self, near: f64, nearer: f64) -> f64 {
         let scale = self.camera.scale;
-        if self.camera.perspective { (nearer / near - 1.0) * scale } else { (nearer - near) / SAFE * scale }
+        if self.camera.perspective {
+            (nearer / near - 1.0) * scale
+        } else {
+            (nearer - near) / SAFE * scale
+        }
     }
 
     fn add(&mut self, shade: [[f32; 4]; 3], places: [([f64; 2], f64); 3], paint: u32) {
-        let Some(oriented) = GridTriangle::on_grid(places.map(|(sample, _)| sample)) else { return };
+        let Some(oriented) = GridTriangle::on_grid(places.map(|(sample, _)| sample)) else {
+            return;
+        };
         // Counter-clockwise with y up is clockwise with y down: a front had its corners swapped.
         let front = oriented.swapped;
         let translucent = self.paints[paint as usize].opacity < 1.0;
         if translucent && !front {
             return;
         }
-        let order = if oriented.swapped { [0, 2, 1] } else { [0, 1, 2] };
+        let order = if oriented.swapped {
+            [0, 2, 1]
+        } else {
+            [0, 1, 2]
+        };
         let triangle = ScreenTriangle {
             grid: oriented.triangle,
             paint,
             near: order.map(|k| places[k].1),
             shade: order.map(|k| [shade[k][usize::from(!front)], shade[k][2], shade[k][3]]),
         };
-        if translucent { self.translucent.push(triangle) } else { self.opaque.push(triangle) }
+        if translucent {
+            self.translucent.push(triangle)
+        } else {
+            self.opaque.push(triangle)
+        }
     }
 
     /// Fills all bands.
     pub fn fill(&self, background: Rgb) -> Frame {
-        let [width, height] = [self.camera.canvas.width, self.camera.canvas.height].map(|s| s as usize);
+        let [width, height] =
+            [self.camera.canvas.width, self.camera.canvas.height].map(|s| s as usize);
         let mut pixels = vec![[0; 3]; width * height];
         let bands = height.div_ceil(BAND);
-        let (opaque, translucent) = (sort_into_bands(&self.opaque, bands), sort_into_bands(&self.translucent, bands));
+        let (opaque, translucent) = (
+            sort_into_bands(&self.opaque, bands),
+            sort_into_bands(&self.translucent, bands),
+        );
         // Each thread keeps its buffers from band to band: fresh memory costs more than the filling.
-        pixels.par_chunks_mut(width * BAND).enumerate().for_each_init(Buffers::default, |buffers, (number, pixels)| {
-            let rows = pixels.len() / width * SAMPLES;
-            let first = number * BAND * SAMPLES;
-            let mut band = Band::new(self, width * SAMPLES, first..first + rows, background, buffers);
-            opaque[number].iter().for_each(|&i| band.opaque(&self.opaque[i as usize]));
-            if self.paints.iter().any(|p| p.host.is_some()) {
-                band.lay_inner();
-            }
-            if !translucent[number].is_empty() {
-                band.clear_layers();
-                translucent[number].iter().for_each(|&i| band.translucent(&self.translucent[i as usize]));
-                band.blend();
-            }
-            band.resolve(pixels);
-        });
+        pixels
+            .par_chunks_mut(width * BAND)
+            .enumerate()
+            .for_each_init(Buffers::default, |buffers, (number, pixels)| {
+                let rows = pixels.len() / width * SAMPLES;
+                let first = number * BAND * SAMPLES;
+                let mut band = Band::new(
+                    self,
+                    width * SAMPLES,
+                    first..first + rows,
+                    background,
+                    buffers,
+                );
+                opaque[number]
+                    .iter()
+                    .for_each(|&i| band.opaque(&self.opaque[i as usize]));
+                if self.paints.iter().any(|p| p.host.is_some()) {
+                    band.lay_inner();
+                }
+                if !translucent[number].is_empty() {
+                    band.clear_layers();
+                    translucent[number]
+                        .iter()
+                        .for_each(|&i| band.translucent(&self.translucent[i as usize]));
+                    band.blend();
+                }
+                band.resolve(pixels);
+            });
         Frame::from_pixels(width, height, pixels, self.dropped)
     }
 }
@@ -199,7 +271,9 @@ fn sort_into_bands(triangles: &[ScreenTriangle], bands: usize) -> Vec<Vec<u32>> 
     for (index, triangle) in triangles.iter().enumerate() {
         let rows = triangle.grid.rows();
         let first = rows.start.div_euclid(rows_of_band).max(0);
-        let last = (rows.end - 1).div_euclid(rows_of_band).min(bands as i64 - 1);
+        let last = (rows.end - 1)
+            .div_euclid(rows_of_band)
+            .min(bands as i64 - 1);
         for band in first..=last {
             sorted[band as usize].push(index as u32);
         }
@@ -240,7 +314,11 @@ struct Layer {
 }
 
 impl Layer {
-    const NONE: Self = Self { near: f64::NEG_INFINITY, colour: [0.0; 3], alpha: 0.0 };
+    const NONE: Self = Self {
+        near: f64::NEG_INFINITY,
+        colour: [0.0; 3],
+        alpha: 0.0,
+    };
 }
 
 /// Nearer wins; of two things at the very same depth the brighter, so that the order of drawing never shows.
@@ -272,10 +350,20 @@ impl<'a> Band<'a> {
         background: Rgb,
         buffers: &'a mut Buffers,
     ) -> Self {
-        let empty = Nearest { near: f64::NEG_INFINITY, colour: background, paint: NO_PAINT, inner: NO_LINE };
+        let empty = Nearest {
+            near: f64::NEG_INFINITY,
+            colour: background,
+            paint: NO_PAINT,
+            inner: NO_LINE,
+        };
         buffers.nearest.clear();
         buffers.nearest.resize(width * rows.len(), empty);
-        Self { screen, width, rows, buffers }
+        Self {
+            screen,
+            width,
+            rows,
+            buffers,
+        }
     }
 
     fn clear_layers(&mut self) {
@@ -285,7 +373,10 @@ impl<'a> Band<'a> {
     }
 
     fn ranges(&self) -> (Range<i64>, Range<i64>) {
-        (0..self.width as i64, self.rows.start as i64..self.rows.end as i64)
+        (
+            0..self.width as i64,
+            self.rows.start as i64..self.rows.end as i64,
+        )
     }
 
     fn opaque(&mut self, triangle: &ScreenTriangle) {
@@ -299,7 +390,10 @@ impl<'a> Band<'a> {
             let near = dot(weights, triangle.near);
             if near < sample.near {
                 if paint.host == Some(sample.paint) {
-                    let alpha = INNER * libm::exp2f(-self.screen.pixels_behind(near, sample.near) as f32 / HALVED);
+                    let alpha = INNER
+                        * libm::exp2f(
+                            -self.screen.pixels_behind(near, sample.near) as f32 / HALVED,
+                        );
                     if alpha > sample.inner.1 {
                         sample.inner = (paint.colour(f32::NAN, 1.0), alpha);
                     }
@@ -309,7 +403,12 @@ impl<'a> Band<'a> {
             let [brightness, place, _] = triangle.shade_at(weights, near, perspective);
             let colour = paint.colour(place, brightness);
             if beats(near, colour, sample.near, sample.colour) {
-                *sample = Nearest { near, colour, paint: triangle.paint, inner: NO_LINE };
+                *sample = Nearest {
+                    near,
+                    colour,
+                    paint: triangle.paint,
+                    inner: NO_LINE,
+                };
             }
         });
     }
@@ -336,7 +435,11 @@ impl<'a> Band<'a> {
                 return;
             }
             let [brightness, place, facing] = triangle.shade_at(weights, near, perspective);
-            let layer = Layer { near, colour: paint.colour(place, brightness), alpha: paint.alpha(facing) };
+            let layer = Layer {
+                near,
+                colour: paint.colour(place, brightness),
+                alpha: paint.alpha(facing),
+            };
             if beats(near, layer.colour, front.near, front.colour) {
                 *behind = std::mem::replace(front, layer);
             } else if beats(near, layer.colour, behind.near, behind.colour) {
@@ -348,7 +451,11 @@ impl<'a> Band<'a> {
     /// Lays the translucent layers over what is behind them.
     fn blend(&mut self) {
         for (sample, [front, behind]) in self.buffers.nearest.iter_mut().zip(&self.buffers.layers) {
-            sample.colour = mix(mix(sample.colour, behind.colour, behind.alpha), front.colour, front.alpha);
+            sample.colour = mix(
+                mix(sample.colour, behind.colour, behind.alpha),
+                front.colour,
+                front.alpha,
+            );
         }
     }
 
@@ -358,7 +465,9 @@ impl<'a> Band<'a> {
         for (index, pixel) in pixels.iter_mut().enumerate() {
             let (x, y) = (index % across * SAMPLES, index / across * SAMPLES);
             let mut sum = [0.0f32; 3];
-            for sample in (0..SAMPLES * SAMPLES).map(|k| (y + k / SAMPLES) * self.width + x + k % SAMPLES) {
+            for sample in
+                (0..SAMPLES * SAMPLES).map(|k| (y + k / SAMPLES) * self.width + x + k % SAMPLES)
+            {
                 let colour = self.buffers.nearest[sample].colour;
                 sum = std::array::from_fn(|k| sum[k] + colour[k]);
             }
@@ -375,8 +484,11 @@ impl ScreenTriangle {
     /// The shade at a sample. In perspective what is linear in space is not linear on the screen: quantities over
     /// depth are, and so is one over depth, which is `near`.
     fn shade_at(&self, weights: [f64; 3], near: f64, perspective: bool) -> [f32; 3] {
-        let weights: [f64; 3] =
-            if perspective { std::array::from_fn(|k| weights[k] * self.near[k] / near) } else { weights };
+        let weights: [f64; 3] = if perspective {
+            std::array::from_fn(|k| weights[k] * self.near[k] / near)
+        } else {
+            weights
+        };
         let [a, b, c] = weights.map(|w| w as f32);
         std::array::from_fn(|k| a * self.shade[0][k] + b * self.shade[1][k] + c * self.shade[2][k])
     }

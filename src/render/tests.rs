@@ -3,20 +3,44 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 fn square_canvas(side: u32) -> Canvas {
-    Canvas { width: side, height: side, insets: [0.0; 4] }
+    Canvas {
+        width: side,
+        height: side,
+        insets: [0.0; 4],
+    }
 }
 
 fn front_camera(side: u32) -> Camera {
     let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
-    Camera::fit(corners, &View::orthographic(Vector3::z(), Vector3::y()), square_canvas(side))
+    Camera::fit(
+        corners,
+        &View::orthographic(Vector3::z(), Vector3::y()),
+        square_canvas(side),
+    )
 }
 
 /// A sphere of radius 1 as an octahedron cut finer.
 fn sphere(cuts: usize) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
-    let mut positions: Vec<Point3<f64>> = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
-        .map(|[x, y, z]| Point3::new(f64::from(x), f64::from(y), f64::from(z)))
-        .to_vec();
-    let mut triangles = vec![[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]];
+    let mut positions: Vec<Point3<f64>> = [
+        [1, 0, 0],
+        [-1, 0, 0],
+        [0, 1, 0],
+        [0, -1, 0],
+        [0, 0, 1],
+        [0, 0, -1],
+    ]
+    .map(|[x, y, z]| Point3::new(f64::from(x), f64::from(y), f64::from(z)))
+    .to_vec();
+    let mut triangles = vec![
+        [0, 2, 4],
+        [2, 1, 4],
+        [1, 3, 4],
+        [3, 0, 4],
+        [2, 0, 5],
+        [1, 2, 5],
+        [3, 1, 5],
+        [0, 3, 5],
+    ];
     for _ in 0..cuts {
         let mut middles = std::collections::BTreeMap::new();
         let mut finer = Vec::new();
@@ -36,14 +60,22 @@ fn sphere(cuts: usize) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
 }
 
 fn dark(frame: &Frame, x: usize, y: usize) -> bool {
-    frame.pixel(x, y).is_some_and(|p| p.iter().map(|c| u32::from(*c)).sum::<u32>() < 700)
+    frame
+        .pixel(x, y)
+        .is_some_and(|p| p.iter().map(|c| u32::from(*c)).sum::<u32>() < 700)
 }
 
 #[test]
 fn a_spheres_picture_is_round() {
     let (positions, triangles) = sphere(5);
     let surface = Surface::plain(&positions, &triangles, colour::MUSCLE);
-    let drawing = Drawing { lighting: Some(Lighting { ambient: 0.5, lights: vec![] }), ..Drawing::of([surface]) };
+    let drawing = Drawing {
+        lighting: Some(Lighting {
+            ambient: 0.5,
+            lights: vec![],
+        }),
+        ..Drawing::of([surface])
+    };
     let side = 200usize;
     let frame = render(&drawing, &front_camera(side as u32));
     let mut area = 0;
@@ -52,13 +84,19 @@ fn a_spheres_picture_is_round() {
         let column: Vec<usize> = (0..side).filter(|x| dark(&frame, y, *x)).collect();
         for line in [&row, &column] {
             if let (Some(first), Some(last)) = (line.first(), line.last()) {
-                assert!((first + last).abs_diff(side - 1) <= 1, "line {y}: {first} to {last}");
+                assert!(
+                    (first + last).abs_diff(side - 1) <= 1,
+                    "line {y}: {first} to {last}"
+                );
             }
         }
         area += row.len();
     }
     let expected = std::f64::consts::PI * 100.0 * 100.0;
-    assert!((area as f64 / expected - 1.0).abs() < 0.01, "{area} of {expected}");
+    assert!(
+        (area as f64 / expected - 1.0).abs() < 0.01,
+        "{area} of {expected}"
+    );
 }
 
 #[test]
@@ -66,41 +104,74 @@ fn a_sphere_is_lit_by_lambert() {
     let (positions, triangles) = sphere(5);
     let lights = vec![(Light::Distant(Vector3::z()), 1.0)];
     let surface = Surface::plain(&positions, &triangles, [1.0; 3]);
-    let drawing = Drawing { lighting: Some(Lighting { ambient: 0.0, lights }), ..Drawing::of([surface]) };
+    let drawing = Drawing {
+        lighting: Some(Lighting {
+            ambient: 0.0,
+            lights,
+        }),
+        ..Drawing::of([surface])
+    };
     let frame = render(&drawing, &front_camera(200));
     for x in [100, 120, 150, 180, 190] {
         let [value, ..] = frame.pixel(x, 100).expect("inside");
         let off = (x as f64 - 99.5) / 100.0;
         let cosine = (1.0 - off * off).sqrt();
-        assert!((f64::from(value) / 255.0 - cosine).abs() < 0.01, "{x}: {value} for {cosine}");
+        assert!(
+            (f64::from(value) / 255.0 - cosine).abs() < 0.01,
+            "{x}: {value} for {cosine}"
+        );
     }
 }
 
 /// Erratum G12 through the whole renderer: the brightness at a vertex does not depend on the order of the corners.
 #[test]
 fn g12_brightness_stays_with_its_vertex() {
-    let positions = [Point3::new(0.0, 10.0, 0.0), Point3::origin(), Point3::new(10.0, 5.0, 0.0)];
+    let positions = [
+        Point3::new(0.0, 10.0, 0.0),
+        Point3::origin(),
+        Point3::new(10.0, 5.0, 0.0),
+    ];
     let view = View::orthographic(Vector3::z(), Vector3::y());
     let camera = Camera::fit(positions, &view, square_canvas(400));
-    let lighting = Lighting { ambient: 0.0, lights: vec![(Light::At(Point3::new(0.0, 0.0, 5.0)), 1.0)] };
+    let lighting = Lighting {
+        ambient: 0.0,
+        lights: vec![(Light::At(Point3::new(0.0, 0.0, 5.0)), 1.0)],
+    };
     for triangle in [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1]] {
         let lit: Vec<Point3<f64>> = positions.to_vec();
         let triangles = [triangle];
         // Both sides are lit, so an order that shows the back needs its light behind.
         let back = triangle == [0, 2, 1];
         let place = Point3::new(0.0, 0.0, if back { -5.0 } else { 5.0 });
-        let lighting = Lighting { lights: vec![(Light::At(place), 1.0)], ..lighting.clone() };
+        let lighting = Lighting {
+            lights: vec![(Light::At(place), 1.0)],
+            ..lighting.clone()
+        };
         let surface = Surface::plain(&lit, &triangles, [1.0; 3]);
-        let drawing = Drawing { background: [0.0; 3], lighting: Some(lighting), ..Drawing::of([surface]) };
+        let drawing = Drawing {
+            background: [0.0; 3],
+            lighting: Some(lighting),
+            ..Drawing::of([surface])
+        };
         let frame = render(&drawing, &camera);
         if back {
-            assert!(frame.pixels().iter().all(|p| *p == [0; 3]), "lit from behind");
+            assert!(
+                frame.pixels().iter().all(|p| *p == [0; 3]),
+                "lit from behind"
+            );
             continue;
         }
         for (inside, expected) in [([0.3, 9.5], 0.447), ([0.3, 0.5], 1.0), ([9.6, 5.0], 0.408)] {
-            let (pixel, _) = camera.pixel(&Point3::new(inside[0], inside[1], 0.0)).expect("seen");
-            let [value, ..] = frame.pixel(pixel[0] as usize, pixel[1] as usize).expect("inside");
-            assert!((f64::from(value) / 255.0 - expected).abs() < 0.04, "{triangle:?}: {value}, {expected}");
+            let (pixel, _) = camera
+                .pixel(&Point3::new(inside[0], inside[1], 0.0))
+                .expect("seen");
+            let [value, ..] = frame
+                .pixel(pixel[0] as usize, pixel[1] as usize)
+                .expect("inside");
+            assert!(
+                (f64::from(value) / 255.0 - expected).abs() < 0.04,
+                "{triangle:?}: {value}, {expected}"
+            );
         }
     }
 }
@@ -109,26 +180,56 @@ fn g12_brightness_stays_with_its_vertex() {
 /// of it is seen.
 #[test]
 fn g9_a_cut_off_triangle_keeps_its_colours() {
-    let positions = [Point3::new(-3.0, -3.0, 0.5), Point3::new(4.0, -2.0, 0.0), Point3::new(-1.0, 5.0, -0.5)];
+    let positions = [
+        Point3::new(-3.0, -3.0, 0.5),
+        Point3::new(4.0, -2.0, 0.0),
+        Point3::new(-1.0, 5.0, -0.5),
+    ];
     let values = [0.0, 0.5, 1.0];
-    let surface = Surface::field(&positions, &[[0, 1, 2]], &values, (0.0, 1.0), ColourMap::Viridis);
-    let drawing = Drawing { lighting: Some(Lighting { ambient: 1.0, lights: vec![] }), ..Drawing::of([surface]) };
+    let surface = Surface::field(
+        &positions,
+        &[[0, 1, 2]],
+        &values,
+        (0.0, 1.0),
+        ColourMap::Viridis,
+    );
+    let drawing = Drawing {
+        lighting: Some(Lighting {
+            ambient: 1.0,
+            lights: vec![],
+        }),
+        ..Drawing::of([surface])
+    };
     let near = render(&drawing, &front_camera(100));
     let view = View::orthographic(Vector3::z(), Vector3::y());
     // The same scale, seen on a picture five times as wide and high.
-    let wide = Camera::fit([Point3::new(-5.0, -5.0, 0.0), Point3::new(5.0, 5.0, 0.0)], &view, square_canvas(500));
+    let wide = Camera::fit(
+        [Point3::new(-5.0, -5.0, 0.0), Point3::new(5.0, 5.0, 0.0)],
+        &view,
+        square_canvas(500),
+    );
     let far = render(&drawing, &wide);
     for y in 0..100 {
         for x in 0..100 {
-            let (a, b) = (near.pixel(x, y).expect("inside"), far.pixel(x + 200, y + 200).expect("inside"));
-            assert!(a.iter().zip(&b).all(|(a, b)| a.abs_diff(*b) <= 2), "({x}, {y}): {a:?} {b:?}");
+            let (a, b) = (
+                near.pixel(x, y).expect("inside"),
+                far.pixel(x + 200, y + 200).expect("inside"),
+            );
+            assert!(
+                a.iter().zip(&b).all(|(a, b)| a.abs_diff(*b) <= 2),
+                "({x}, {y}): {a:?} {b:?}"
+            );
         }
     }
 }
 
 #[test]
 fn depth_wins_over_order() {
-    let near = [Point3::new(-1.0, -1.0, 0.5), Point3::new(1.0, -1.0, 0.5), Point3::new(0.0, 1.0, 0.5)];
+    let near = [
+        Point3::new(-1.0, -1.0, 0.5),
+        Point3::new(1.0, -1.0, 0.5),
+        Point3::new(0.0, 1.0, 0.5),
+    ];
     let far = near.map(|p| Point3::new(p.x, -p.y, -0.5));
     let red = Surface::plain(&near, &[[0, 1, 2]], [1.0, 0.0, 0.0]);
     let blue = Surface::plain(&far, &[[0, 2, 1]], [0.0, 0.0, 1.0]);
@@ -149,7 +250,10 @@ fn bones_are_seen_through_and_in_front() {
     assert!(r > 100 && b > 60 && r < 200, "{r} {b}");
     // An inside-out bone looks the same.
     let turned: Vec<[u32; 3]> = triangles.iter().map(|&[a, b, c]| [c, b, a]).collect();
-    let bone = Surface { triangles: &turned, ..bone };
+    let bone = Surface {
+        triangles: &turned,
+        ..bone
+    };
     let frame = render(&Drawing::of([muscle, bone]), &front_camera(64));
     let close = |(a, b): (&[u8; 3], &[u8; 3])| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1);
     assert!(frame.pixels().iter().zip(seen.pixels()).all(close));
@@ -168,10 +272,15 @@ fn lines_lie_on_their_surface_and_hide_behind_it() {
     for (z, seen) in [(1.0, true), (-1.0, false)] {
         let line: Vec<Vec<Point3<f64>>> = vec![arc(z)];
         let drawing = Drawing::of([surface]).with_lines(Lines::new(&line, [1.0, 0.0, 0.0]));
-        for view in [View::orthographic(Vector3::z(), Vector3::y()), View::perspective(Vector3::z(), Vector3::y())] {
+        for view in [
+            View::orthographic(Vector3::z(), Vector3::y()),
+            View::perspective(Vector3::z(), Vector3::y()),
+        ] {
             let camera = Camera::fit(positions.iter().copied(), &view, square_canvas(128));
             let frame = render(&drawing, &camera);
-            let reds = (45..83).filter(|x| (62..66).any(|y| frame.pixel(*x, y).is_some_and(|p| p[0] > 120))).count();
+            let reds = (45..83)
+                .filter(|x| (62..66).any(|y| frame.pixel(*x, y).is_some_and(|p| p[0] > 120)))
+                .count();
             assert_eq!(reds, if seen { 38 } else { 0 }, "{view:?}");
         }
     }
@@ -180,11 +289,24 @@ fn lines_lie_on_their_surface_and_hide_behind_it() {
 #[test]
 fn lines_are_seen_through_their_own_surface_only() {
     let (positions, triangles) = sphere(4);
-    let wall = [[-0.1, -1.0, 2.0], [2.0, -1.0, 2.0], [2.0, 1.0, 2.0], [-0.1, 1.0, 2.0]].map(Point3::from);
+    let wall = [
+        [-0.1, -1.0, 2.0],
+        [2.0, -1.0, 2.0],
+        [2.0, 1.0, 2.0],
+        [-0.1, 1.0, 2.0],
+    ]
+    .map(Point3::from);
     let wall = Surface::plain(&wall, &[[0, 1, 2], [0, 2, 3]], [0.0, 1.0, 0.0]);
     let muscle = Surface::plain(&positions, &triangles, [0.0, 0.0, 1.0]);
     let arc = |radius: f64| -> Vec<Vec<Point3<f64>>> {
-        let point = |i: i32| radius * Vector3::new((0.05 * f64::from(i)).sin(), 0.0, (0.05 * f64::from(i)).cos());
+        let point = |i: i32| {
+            radius
+                * Vector3::new(
+                    (0.05 * f64::from(i)).sin(),
+                    0.0,
+                    (0.05 * f64::from(i)).cos(),
+                )
+        };
         vec![(-16..=16).map(|i| Point3::from(point(i))).collect()]
     };
     let (line, deeper) = (arc(0.9), arc(0.8));
@@ -192,20 +314,49 @@ fn lines_are_seen_through_their_own_surface_only() {
     // Columns with red on the left half, and on the right half, which the wall covers; and how red the left is.
     let reds = |surfaces: [Surface; 2], lines: Lines| {
         let frame = render(&Drawing::of(surfaces).with_lines(lines), &front_camera(128));
-        let red = |x: usize| (62..66).filter_map(|y| frame.pixel(x, y)).map(|p| p[0]).max().unwrap_or(0);
+        let red = |x: usize| {
+            (62..66)
+                .filter_map(|y| frame.pixel(x, y))
+                .map(|p| p[0])
+                .max()
+                .unwrap_or(0)
+        };
         let count = |columns: std::ops::Range<usize>| columns.filter(|x| red(*x) > 50).count();
         (count(30..50), count(78..98), red(50))
     };
     let seen = reds([muscle, wall], inside.seen_through(0));
-    assert_eq!(reds([muscle, wall], inside), (0, 0, 0), "control: hidden in its surface");
+    assert_eq!(
+        reds([muscle, wall], inside),
+        (0, 0, 0),
+        "control: hidden in its surface"
+    );
     assert_eq!((seen.0, seen.1), (20, 0));
     assert_eq!(reds([wall, muscle], inside.seen_through(1)), seen);
-    assert_eq!(reds([muscle, wall], inside.seen_through(1)), (0, 0, 0), "the muscle is not its surface");
-    assert_eq!(reds([muscle, wall], inside.seen_through(2)), (0, 0, 0), "there is no such surface");
-    let faint = reds([muscle, wall], Lines::new(&deeper, [1.0, 0.0, 0.0]).seen_through(0)).2;
-    assert!(0 < faint && faint < seen.2, "deeper is fainter: {faint} and {}", seen.2);
+    assert_eq!(
+        reds([muscle, wall], inside.seen_through(1)),
+        (0, 0, 0),
+        "the muscle is not its surface"
+    );
+    assert_eq!(
+        reds([muscle, wall], inside.seen_through(2)),
+        (0, 0, 0),
+        "there is no such surface"
+    );
+    let faint = reds(
+        [muscle, wall],
+        Lines::new(&deeper, [1.0, 0.0, 0.0]).seen_through(0),
+    )
+    .2;
+    assert!(
+        0 < faint && faint < seen.2,
+        "deeper is fainter: {faint} and {}",
+        seen.2
+    );
     // Translucent bone in front tints the line and does not hide it.
-    assert_eq!(reds([muscle, wall.with_opacity(0.3)], inside.seen_through(0)).1, 20);
+    assert_eq!(
+        reds([muscle, wall.with_opacity(0.3)], inside.seen_through(0)).1,
+        20
+    );
 }
 
 #[test]
@@ -221,7 +372,10 @@ fn what_is_not_finite_or_missing_is_dropped_and_counted() {
     let line = vec![vec![positions[0], positions[3], positions[1]]];
     let drawing = Drawing::of([Surface::plain(&positions, &triangles, colour::BONE)])
         .with_lines(Lines::new(&line, colour::FIBRE));
-    for view in [View::orthographic(Vector3::z(), Vector3::y()), View::perspective(Vector3::z(), Vector3::y())] {
+    for view in [
+        View::orthographic(Vector3::z(), Vector3::y()),
+        View::perspective(Vector3::z(), Vector3::y()),
+    ] {
         let frame = render(&drawing, &Camera::fit(positions, &view, square_canvas(64)));
         assert_eq!(frame.dropped(), 3 + 2);
         assert!(dark(&frame, 32, 32));
@@ -230,9 +384,19 @@ fn what_is_not_finite_or_missing_is_dropped_and_counted() {
 
 #[test]
 fn a_field_without_numbers_is_grey() {
-    let positions = [Point3::new(-1.0, -1.0, 0.0), Point3::new(1.0, -1.0, 0.0), Point3::new(0.0, 1.0, 0.0)];
+    let positions = [
+        Point3::new(-1.0, -1.0, 0.0),
+        Point3::new(1.0, -1.0, 0.0),
+        Point3::new(0.0, 1.0, 0.0),
+    ];
     for values in [&[f64::NAN; 3][..], &[], &[1.0]] {
-        let surface = Surface::field(&positions, &[[0, 1, 2]], values, (0.0, 1.0), ColourMap::Viridis);
+        let surface = Surface::field(
+            &positions,
+            &[[0, 1, 2]],
+            values,
+            (0.0, 1.0),
+            ColourMap::Viridis,
+        );
         let frame = render(&Drawing::of([surface]), &front_camera(32));
         let [r, g, b] = frame.pixel(16, 20).expect("inside");
         assert!(r == g && g == b && r < 255);
@@ -242,40 +406,88 @@ fn a_field_without_numbers_is_grey() {
 #[test]
 fn a_plane_through_the_eye_is_cut() {
     // A floor that runs from far ahead to behind the eye.
-    let positions = [[-9.0, -1.0, -50.0], [9.0, -1.0, -50.0], [9.0, -1.0, 50.0], [-9.0, -1.0, 50.0]]
-        .map(|[x, y, z]| Point3::new(x, y, z));
+    let positions = [
+        [-9.0, -1.0, -50.0],
+        [9.0, -1.0, -50.0],
+        [9.0, -1.0, 50.0],
+        [-9.0, -1.0, 50.0],
+    ]
+    .map(|[x, y, z]| Point3::new(x, y, z));
     let surface = Surface::plain(&positions, &[[0, 2, 1], [0, 3, 2]], colour::BONE);
     let view = View::perspective(Vector3::z(), Vector3::y());
     let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
-    let frame = render(&Drawing::of([surface]), &Camera::fit(corners, &view, square_canvas(64)));
-    assert!((0..64).all(|x| dark(&frame, x, 63)), "the floor ends before the lower border");
-    assert!((0..64).all(|x| !dark(&frame, x, 20)), "the floor shows above the horizon");
+    let frame = render(
+        &Drawing::of([surface]),
+        &Camera::fit(corners, &view, square_canvas(64)),
+    );
+    assert!(
+        (0..64).all(|x| dark(&frame, x, 63)),
+        "the floor ends before the lower border"
+    );
+    assert!(
+        (0..64).all(|x| !dark(&frame, x, 20)),
+        "the floor shows above the horizon"
+    );
 }
 
 /// On a floor seen in perspective, the field at a pixel is that of the point of space seen there.
 #[test]
 fn fields_are_right_in_perspective() {
-    let positions = [[-9.0, -1.0, -30.0], [9.0, -1.0, -30.0], [0.0, -1.0, 30.0]].map(|[x, y, z]| Point3::new(x, y, z));
+    let positions = [[-9.0, -1.0, -30.0], [9.0, -1.0, -30.0], [0.0, -1.0, 30.0]]
+        .map(|[x, y, z]| Point3::new(x, y, z));
     let values = positions.map(|p| p.z);
-    let surface = Surface::field(&positions, &[[0, 2, 1]], &values, (-8.0, 1.0), ColourMap::Viridis);
-    let drawing = Drawing { lighting: Some(Lighting { ambient: 1.0, lights: vec![] }), ..Drawing::of([surface]) };
+    let surface = Surface::field(
+        &positions,
+        &[[0, 2, 1]],
+        &values,
+        (-8.0, 1.0),
+        ColourMap::Viridis,
+    );
+    let drawing = Drawing {
+        lighting: Some(Lighting {
+            ambient: 1.0,
+            lights: vec![],
+        }),
+        ..Drawing::of([surface])
+    };
     let corners = [Point3::new(-1.0, -1.0, -1.0), Point3::new(1.0, 1.0, 1.0)];
     let camera = Camera::fit(
         corners,
         &View::perspective(Vector3::z(), Vector3::y()),
-        Canvas { insets: [60.0; 4], ..square_canvas(200) },
+        Canvas {
+            insets: [60.0; 4],
+            ..square_canvas(200)
+        },
     );
     let frame = render(&drawing, &camera);
     for z in [-6.0, -4.0, -2.0, 0.0] {
         let (pixel, _) = camera.pixel(&Point3::new(0.0, -1.0, z)).expect("seen");
-        let found = frame.pixel(pixel[0] as usize, pixel[1] as usize).expect("inside");
+        let found = frame
+            .pixel(pixel[0] as usize, pixel[1] as usize)
+            .expect("inside");
         let wanted = colour::quantise(ColourMap::Viridis.colour((z + 8.0) / 9.0));
-        assert!(found.iter().zip(&wanted).all(|(a, b)| a.abs_diff(*b) < 8), "{z}: {found:?} for {wanted:?}");
+        assert!(
+            found.iter().zip(&wanted).all(|(a, b)| a.abs_diff(*b) < 8),
+            "{z}: {found:?} for {wanted:?}"
+        );
     }
 }
 
 fn number() -> impl Strategy<Value = f64> {
-    let odd = vec![0.0, -0.0, 1.0, -1.0, 1e300, -1e300, f64::MAX, f64::MIN, 1e-300, f64::NAN, f64::INFINITY, 1e17];
+    let odd = vec![
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        1e300,
+        -1e300,
+        f64::MAX,
+        f64::MIN,
+        1e-300,
+        f64::NAN,
+        f64::INFINITY,
+        1e17,
+    ];
     prop_oneof![3 => -2.0..2.0f64, 2 => prop::sample::select(odd), 1 => any::<f64>()]
 }
 

@@ -48,7 +48,10 @@ impl Frame {
     /// Writes a title into the upper left corner, on a paler ground.
     pub fn title(&mut self, text: &str, style: TextStyle) {
         let (left, top) = (12, 10);
-        self.pale(left - 4..left + style.width(text) + 4, top - 2..top + style.height() + 2);
+        self.pale(
+            left - 4..left + style.width(text) + 4,
+            top - 2..top + style.height() + 2,
+        );
         self.text(left, top, text, style, INK);
     }
 
@@ -59,13 +62,16 @@ impl Frame {
         let advance = get_raster_width(weight, size) as i64;
         let mut left = column;
         for character in text.chars().take(MOST_CHARACTERS) {
-            let Some(glyph) = get_raster(character, weight, size).or_else(|| get_raster('?', weight, size)) else {
+            let Some(glyph) =
+                get_raster(character, weight, size).or_else(|| get_raster('?', weight, size))
+            else {
                 continue;
             };
             for (down, line) in (0..).zip(glyph.rows()) {
                 for (across, intensity) in (0..).zip(line) {
                     if *intensity > 0 {
-                        let (x, y): (i64, i64) = (left.saturating_add(across), row.saturating_add(down));
+                        let (x, y): (i64, i64) =
+                            (left.saturating_add(across), row.saturating_add(down));
                         self.blend(x, y, colour, f32::from(*intensity) / 255.0);
                     }
                 }
@@ -90,9 +96,16 @@ mod tests {
         let mut frame = Frame::plain(120, 40, [0.15, 0.1, 0.3]);
         frame.title("over", TextStyle::Title);
         let bright = frame.pixels().iter().filter(|p| p[0] > 200).count();
-        let dark = frame.pixels().iter().filter(|p| p[0] < 60 && p[2] < 60).count();
+        let dark = frame
+            .pixels()
+            .iter()
+            .filter(|p| p[0] < 60 && p[2] < 60)
+            .count();
         assert!(bright > 300 && dark > 50, "{bright} {dark}");
-        assert_eq!(frame.pixel(118, 38), Frame::plain(1, 1, [0.15, 0.1, 0.3]).pixel(0, 0));
+        assert_eq!(
+            frame.pixel(118, 38),
+            Frame::plain(1, 1, [0.15, 0.1, 0.3]).pixel(0, 0)
+        );
     }
 
     #[test]
@@ -102,6 +115,9 @@ mod tests {
         assert_eq!(ink("far away", i64::MAX - 3, i64::MIN), 0);
         assert!(ink("cut off", -10, -4) > 0);
         assert_eq!(ink("\u{4e2d}", 2, 2), ink("?", 2, 2));
-        assert_eq!(TextStyle::Small.width("abc"), 3 * TextStyle::Small.width("a"));
+        assert_eq!(
+            TextStyle::Small.width("abc"),
+            3 * TextStyle::Small.width("a")
+        );
     }
 }

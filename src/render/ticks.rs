@@ -16,18 +16,29 @@ impl Ticks {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         // Beyond these sizes a step is no normal number any more.
         if range.0.is_nan() || range.1.is_nan() || !(low.abs() < 1e300 && high.abs() < 1e300) {
-            return Self { values: Vec::new(), labels: Vec::new() };
+            return Self {
+                values: Vec::new(),
+                labels: Vec::new(),
+            };
         }
         let step = round_step((high - low) / wanted.max(1) as f64);
-        let Some(step) = step.filter(|step| *step > 4.0 * f64::EPSILON * low.abs().max(high.abs())) else {
-            return Self { labels: vec![number(low)], values: vec![low] };
+        let Some(step) = step.filter(|step| *step > 4.0 * f64::EPSILON * low.abs().max(high.abs()))
+        else {
+            return Self {
+                labels: vec![number(low)],
+                values: vec![low],
+            };
         };
         // A thousandth of a step for ends that are round but for the last bits.
         let (first, last) = ((low / step - 1e-3).ceil(), (high / step + 1e-3).floor());
         // Adding 0 turns -0 into 0.
-        let values: Vec<f64> =
-            (0..=(last - first).max(0.0) as usize).map(|i| (first + i as f64) * step + 0.0).collect();
-        let labels = values.iter().map(|v| label(*v, step, low.abs().max(high.abs()))).collect();
+        let values: Vec<f64> = (0..=(last - first).max(0.0) as usize)
+            .map(|i| (first + i as f64) * step + 0.0)
+            .collect();
+        let labels = values
+            .iter()
+            .map(|v| label(*v, step, low.abs().max(high.abs())))
+            .collect();
         Self { values, labels }
     }
 
@@ -36,23 +47,44 @@ impl Ticks {
     pub fn logarithmic(range: (f64, f64), wanted: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         if !(low > 0.0 && high.is_finite()) {
-            return Self { values: Vec::new(), labels: Vec::new() };
+            return Self {
+                values: Vec::new(),
+                labels: Vec::new(),
+            };
         }
-        let (first, last) = ((libm::log10(low) - 1e-9).ceil() as i32, (libm::log10(high) + 1e-9).floor() as i32);
+        let (first, last) = (
+            (libm::log10(low) - 1e-9).ceil() as i32,
+            (libm::log10(high) + 1e-9).floor() as i32,
+        );
         let every = ((last - first).max(0) as usize / wanted.max(1) + 1) as i32;
-        let powers: Vec<i32> = (first..=last).filter(|p| p.rem_euclid(every) == 0).collect();
+        let powers: Vec<i32> = (first..=last)
+            .filter(|p| p.rem_euclid(every) == 0)
+            .collect();
         if powers.len() < 3 {
-            let multiples = (first - 1..=last).flat_map(|p| [1.0, 2.0, 5.0].map(|m| m * libm::pow(10.0, f64::from(p))));
+            let multiples = (first - 1..=last)
+                .flat_map(|p| [1.0, 2.0, 5.0].map(|m| m * libm::pow(10.0, f64::from(p))));
             let values: Vec<f64> = multiples.filter(|v| (low..=high).contains(v)).collect();
             if values.len() > powers.len() && values.len() <= wanted + 2 {
-                return Self { labels: values.iter().map(|v| number(*v)).collect(), values };
+                return Self {
+                    labels: values.iter().map(|v| number(*v)).collect(),
+                    values,
+                };
             }
         }
         Self {
-            values: powers.iter().map(|p| libm::pow(10.0, f64::from(*p))).collect(),
+            values: powers
+                .iter()
+                .map(|p| libm::pow(10.0, f64::from(*p)))
+                .collect(),
             labels: powers
                 .iter()
-                .map(|p| if (-3..=4).contains(p) { number(libm::pow(10.0, f64::from(*p))) } else { format!("1e{p}") })
+                .map(|p| {
+                    if (-3..=4).contains(p) {
+                        number(libm::pow(10.0, f64::from(*p)))
+                    } else {
+                        format!("1e{p}")
+                    }
+                })
                 .collect(),
         }
     }
@@ -83,7 +115,10 @@ fn label(value: f64, step: f64, largest: f64) -> String {
     if !(1e-3..1e5).contains(&largest) {
         let power = exponent(value.abs() * (1.0 + 1e-12));
         let decimals = (power - exponent(step * (1.0 + 1e-12))).clamp(0, 15) as usize;
-        return format!("{:.decimals$}e{power}", value / libm::pow(10.0, f64::from(power)));
+        return format!(
+            "{:.decimals$}e{power}",
+            value / libm::pow(10.0, f64::from(power))
+        );
     }
     let decimals = (-exponent(step * (1.0 + 1e-12))).clamp(0, 17) as usize;
     format!("{value:.decimals$}")
@@ -92,12 +127,20 @@ fn label(value: f64, step: f64, largest: f64) -> String {
 /// A number for people: four significant digits, no trailing zeros, an exponent where it saves much.
 pub fn number(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
-        return if value == 0.0 { "0".into() } else { value.to_string() };
+        return if value == 0.0 {
+            "0".into()
+        } else {
+            value.to_string()
+        };
     }
     let scientific = format!("{value:.3e}");
     let (mantissa, power) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let trim = |text: &str| {
-        if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text.to_owned() }
+        if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        } else {
+            text.to_owned()
+        }
     };
     match power.parse::<i32>() {
         Ok(power @ -4..=5) => trim(&format!("{value:.*}", (3 - power).max(0) as usize)),
@@ -121,13 +164,22 @@ mod tests {
             ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"].map(|s| if s == "0.0" { "0" } else { s })
         );
         assert_eq!(labels(-7.0, 7.0, 3), ["-5", "0", "5"]);
-        assert_eq!(labels(0.0, 300.0, 6), ["0", "50", "100", "150", "200", "250", "300"]);
+        assert_eq!(
+            labels(0.0, 300.0, 6),
+            ["0", "50", "100", "150", "200", "250", "300"]
+        );
         assert_eq!(labels(0.0, 3e-6, 3), ["0", "1e-6", "2e-6", "3e-6"]);
         assert_eq!(labels(1.0, 0.0, 2), ["0", "0.5", "1.0"]);
         assert_eq!(labels(3.0, 3.0, 5), ["3"]);
         assert_eq!(labels(0.0, f64::NAN, 5), Vec::<String>::new());
-        assert_eq!(Ticks::logarithmic((1e-6, 10.0), 4).labels, ["1e-6", "1e-4", "0.01", "1"]);
-        assert_eq!(Ticks::logarithmic((0.15, 7.0), 5).labels, ["0.2", "0.5", "1", "2", "5"]);
+        assert_eq!(
+            Ticks::logarithmic((1e-6, 10.0), 4).labels,
+            ["1e-6", "1e-4", "0.01", "1"]
+        );
+        assert_eq!(
+            Ticks::logarithmic((0.15, 7.0), 5).labels,
+            ["0.2", "0.5", "1", "2", "5"]
+        );
     }
 
     #[test]
@@ -152,7 +204,11 @@ mod tests {
     fn a_range_that_once_had_too_many() {
         // A step of 2 for a wanted 3.16 gave 32 ticks for 19.
         let ticks = Ticks::linear((6.000955956386833e20, 0.0), 19);
-        assert!((10..=30).contains(&ticks.values.len()), "{}", ticks.values.len());
+        assert!(
+            (10..=30).contains(&ticks.values.len()),
+            "{}",
+            ticks.values.len()
+        );
     }
 
     proptest! {

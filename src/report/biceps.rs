@@ -45,7 +45,9 @@ impl Pose {
     pub fn of(muscle: &Muscle) -> Self {
         let chain = &muscle.chain;
         // Within the muscle's range the frame has a place for every length.
-        let placed = muscle.frame.and_then(|frame| frame.place(chain.length()).ok());
+        let placed = muscle
+            .frame
+            .and_then(|frame| frame.place(chain.length()).ok());
         let bars = placed.map_or(Vec::new(), |placed| {
             let points = placed.points.map(|p| Point3::new(p.x, p.y, 0.0));
             vec![points[..3].to_vec(), points[2..].to_vec()]
@@ -65,7 +67,11 @@ impl Pose {
 pub fn length_at(muscle: &Muscle, k: u32, count: u32) -> f64 {
     let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
     let s = libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
-    let length = if s >= 0.0 { rest + s * (most - rest) } else { rest + s * (rest - least) };
+    let length = if s >= 0.0 {
+        rest + s * (most - rest)
+    } else {
+        rest + s * (rest - least)
+    };
     length.clamp(least, most)
 }
 
@@ -102,28 +108,44 @@ pub fn write(
     let mut pictures = Vec::new();
     let png = draw(&pose, &camera).to_png()?;
     folder.write("muscle.png", |w| w.write_all(&png))?;
-    pictures.push((format!("at a length of {}", number(pose.length / muscle.unit)), png));
+    pictures.push((
+        format!("at a length of {}", number(pose.length / muscle.unit)),
+        png,
+    ));
     if !poses.is_empty() {
         let file = file_name(name);
         let mut series = Collection::new();
         for (k, pose) in poses.iter().enumerate() {
             let path = format!("frames/{file}_{k:06}.vtp");
             put(folder, &path, pose)?;
-            series.push(Entry { time: k as f64 / RATE, part: 0, name: file.clone(), file: path });
+            series.push(Entry {
+                time: k as f64 / RATE,
+                part: 0,
+                name: file.clone(),
+                file: path,
+            });
         }
         let path = folder.claim(&format!("{file}.pvd"))?;
-        series.write(&path).map_err(|source| FolderError::Io { path, source })?;
+        series
+            .write(&path)
+            .map_err(|source| FolderError::Io { path, source })?;
         let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
         let gif = to_gif(&drawn, 1.0 / RATE)?;
         folder.write(&format!("{file}.gif"), |w| w.write_all(&gif))?;
         pictures.push(("over all lengths that it can take".to_owned(), gif));
     }
     let [least, most] = muscle.range;
-    let table = at(muscle, (0..=ROWS).map(|k| least + (most - least) * f64::from(k) / f64::from(ROWS)));
+    let table = at(
+        muscle,
+        (0..=ROWS).map(|k| least + (most - least) * f64::from(k) / f64::from(ROWS)),
+    );
     folder.write("lengths.csv", |w| write_lengths(w, &table))?;
     let json = serde_json::to_string_pretty(summary).unwrap_or_default();
     folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-    let report = Report { pictures, ..report(name, muscle, &pose, &table) };
+    let report = Report {
+        pictures,
+        ..report(name, muscle, &pose, &table)
+    };
     folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
 }
 
@@ -136,13 +158,24 @@ fn put(folder: &Folder, file: &str, pose: &Pose) -> Result<(), FolderError> {
         points.extend(bar);
     }
     let path = folder.claim(file)?;
-    let data = PolyData { points: &points, triangles: &pose.mesh.triangles, lines: &lines, point_data: Vec::new() };
+    let data = PolyData {
+        points: &points,
+        triangles: &pose.mesh.triangles,
+        lines: &lines,
+        point_data: Vec::new(),
+    };
     vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
 }
 
 fn camera<'a>(poses: impl Iterator<Item = &'a Pose>) -> Camera {
     let view = View::orthographic(Vector3::z(), Vector3::y());
-    let all = poses.flat_map(|p| p.mesh.vertices.iter().chain(p.bars.iter().flatten()).copied());
+    let all = poses.flat_map(|p| {
+        p.mesh
+            .vertices
+            .iter()
+            .chain(p.bars.iter().flatten())
+            .copied()
+    });
     Camera::fit(all, &view, Canvas::new(SIZE.0, SIZE.1))
 }
 
@@ -164,7 +197,10 @@ fn write_lengths(w: &mut impl Write, poses: &[Pose]) -> io::Result<()> {
 
 fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
     let unit = |value: f64| value / muscle.unit;
-    let mut nodes = Table::new("Nodes", ["node", "place", "radius at rest", "growth", "radius"]);
+    let mut nodes = Table::new(
+        "Nodes",
+        ["node", "place", "radius at rest", "growth", "radius"],
+    );
     let (chain, rest) = (&muscle.chain, muscle.chain.rest());
     for (i, r) in chain.radii().iter().enumerate().take(200) {
         nodes.row([
@@ -175,13 +211,24 @@ fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
             number(unit(*r)),
         ]);
     }
-    let radius = Series::new("greatest radius", poses.iter().map(|p| (unit(p.length), unit(p.radius))));
-    let mut plots = vec![LinePlot { series: vec![radius], ..LinePlot::new("Greatest radius", "length") }];
-    let angles: Vec<(f64, f64)> =
-        poses.iter().filter_map(|p| Some((unit(p.length), p.joint_angle?.to_degrees()))).collect();
+    let radius = Series::new(
+        "greatest radius",
+        poses.iter().map(|p| (unit(p.length), unit(p.radius))),
+    );
+    let mut plots = vec![LinePlot {
+        series: vec![radius],
+        ..LinePlot::new("Greatest radius", "length")
+    }];
+    let angles: Vec<(f64, f64)> = poses
+        .iter()
+        .filter_map(|p| Some((unit(p.length), p.joint_angle?.to_degrees())))
+        .collect();
     if !angles.is_empty() {
         let series = vec![Series::new("joint", angles)];
-        plots.push(LinePlot { series, ..LinePlot::new("Angle at the joint [degrees]", "length") });
+        plots.push(LinePlot {
+            series,
+            ..LinePlot::new("Angle at the joint [degrees]", "length")
+        });
     }
     let facts = format!(
         "Length {} of {} at rest, from {} to {}; lengths are in the unit of the file. The volume differs by {:.1e} of itself from that at rest.",

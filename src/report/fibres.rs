@@ -103,15 +103,26 @@ impl Bundle<'_> {
     pub fn verdicts(&self) -> Vec<(String, bool)> {
         let q = &self.summary.quality;
         let mut all = vec![
-            (format!("{} of {} points lie outside the muscle", q.outside, q.points), q.outside == 0),
             (
-                format!("every end within 0.01 mm of its area: at most {} mm", number(1e3 * q.end_distance_max_m)),
+                format!(
+                    "{} of {} points lie outside the muscle",
+                    q.outside, q.points
+                ),
+                q.outside == 0,
+            ),
+            (
+                format!(
+                    "every end within 0.01 mm of its area: at most {} mm",
+                    number(1e3 * q.end_distance_max_m)
+                ),
                 q.end_distance_max_m <= AT_AREA,
             ),
         ];
         if !q.jacobian_min.is_nan() {
-            let text =
-                format!("fibres side by side stay so: least Jacobian of their map {:.1e}, above 0", q.jacobian_min);
+            let text = format!(
+                "fibres side by side stay so: least Jacobian of their map {:.1e}, above 0",
+                q.jacobian_min
+            );
             all.push((text, q.jacobian_min > 0.0));
         }
         all
@@ -133,7 +144,9 @@ impl Bundle<'_> {
         ] {
             if area.patch.is_some() {
                 let lengths = tendons.iter().map(|[a, b]| 1e3 * (b - a).norm());
-                let (least, most) = lengths.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), l| (a.min(l), b.max(l)));
+                let (least, most) = lengths.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), l| {
+                    (a.min(l), b.max(l))
+                });
                 all.push(format!(
                     "the area of the {name} lies off the muscle: straight tendons of {} to {} mm lead to it",
                     number(least),
@@ -151,23 +164,63 @@ impl Bundle<'_> {
         let mm = |length: f64| format!("{} mm", number(1e3 * length));
         let cm2 = |area: f64| format!("{} cm2", number(1e4 * area));
         let mut table = Table::new("Fibres", ["what", "value"]);
-        table.row(["fibres, points of all".to_owned(), format!("{}, {}", q.fibres, q.points)]);
-        table.row(["mean fibre length, without tendons".to_owned(), mm(q.length_mean_m)]);
-        table.row(["shortest to longest".to_owned(), format!("{} to {}", mm(s.length_min_m), mm(s.length_max_m))]);
+        table.row([
+            "fibres, points of all".to_owned(),
+            format!("{}, {}", q.fibres, q.points),
+        ]);
+        table.row([
+            "mean fibre length, without tendons".to_owned(),
+            mm(q.length_mean_m),
+        ]);
+        table.row([
+            "shortest to longest".to_owned(),
+            format!("{} to {}", mm(s.length_min_m), mm(s.length_max_m)),
+        ]);
         let degrees = number(q.pennation_mean_rad.to_degrees());
-        table.row(["mean pennation (angle to the line of action)".to_owned(), format!("{degrees} degrees")]);
-        table.row(["volume".to_owned(), format!("{} cm3", number(1e6 * s.volume_m3))]);
-        table.row(["physiological cross-section (volume over mean length)".to_owned(), cm2(s.cross_section_m2)]);
+        table.row([
+            "mean pennation (angle to the line of action)".to_owned(),
+            format!("{degrees} degrees"),
+        ]);
+        table.row([
+            "volume".to_owned(),
+            format!("{} cm3", number(1e6 * s.volume_m3)),
+        ]);
+        table.row([
+            "physiological cross-section (volume over mean length)".to_owned(),
+            cm2(s.cross_section_m2),
+        ]);
         table.row(["longest tendon".to_owned(), mm(q.tendon_length_max_m)]);
         let areas = format!("{}, {}", cm2(s.origin_area_m2), cm2(s.insertion_area_m2));
-        table.row(["areas of origin and insertion on the muscle".to_owned(), areas]);
-        table.row(["volume within one mean spacing of a fibre".to_owned(), format!("{:.1} %", 100.0 * q.coverage)]);
-        table.row(["points outside, farthest".to_owned(), format!("{}, {}", q.outside, mm(q.outside_max_m))]);
-        table.row(["farthest end from its area".to_owned(), mm(q.end_distance_max_m)]);
-        table.row(["closest two fibres, but for their ends".to_owned(), mm(q.spacing_min_m)]);
-        let jacobian = if q.jacobian_min.is_nan() { "-".to_owned() } else { format!("{:.1e}", q.jacobian_min) };
+        table.row([
+            "areas of origin and insertion on the muscle".to_owned(),
+            areas,
+        ]);
+        table.row([
+            "volume within one mean spacing of a fibre".to_owned(),
+            format!("{:.1} %", 100.0 * q.coverage),
+        ]);
+        table.row([
+            "points outside, farthest".to_owned(),
+            format!("{}, {}", q.outside, mm(q.outside_max_m)),
+        ]);
+        table.row([
+            "farthest end from its area".to_owned(),
+            mm(q.end_distance_max_m),
+        ]);
+        table.row([
+            "closest two fibres, but for their ends".to_owned(),
+            mm(q.spacing_min_m),
+        ]);
+        let jacobian = if q.jacobian_min.is_nan() {
+            "-".to_owned()
+        } else {
+            format!("{:.1e}", q.jacobian_min)
+        };
         table.row(["least Jacobian of the fibre map".to_owned(), jacobian]);
-        table.row(["time of the decomposition".to_owned(), format!("{:.0} ms", 1e3 * s.time_s)]);
+        table.row([
+            "time of the decomposition".to_owned(),
+            format!("{:.0} ms", 1e3 * s.time_s),
+        ]);
         table
     }
 
@@ -185,20 +238,46 @@ impl Bundle<'_> {
         let (mut pictures, mut sheets) = (Vec::new(), Vec::new());
         for (name, caption, png) in self.pictures()? {
             folder.write(name, |w| w.write_all(&png))?;
-            let list = if name == "sections.png" { &mut sheets } else { &mut pictures };
+            let list = if name == "sections.png" {
+                &mut sheets
+            } else {
+                &mut pictures
+            };
             list.push((caption, png));
         }
-        let report = Report { pictures, sheets, ..self.report() };
+        let report = Report {
+            pictures,
+            sheets,
+            ..self.report()
+        };
         folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
     }
 
     fn report(&self) -> Report {
-        let mut rows =
-            Table::new("Each fibre", ["fibre", "length [mm]", "chord [mm]", "pennation [degrees]", "tendons [mm]"]);
+        let mut rows = Table::new(
+            "Each fibre",
+            [
+                "fibre",
+                "length [mm]",
+                "chord [mm]",
+                "pennation [degrees]",
+                "tendons [mm]",
+            ],
+        );
         for (k, e) in self.each.iter().enumerate().take(ROWS) {
-            let tendons = format!("{} + {}", number(1e3 * e.tendon_origin_m), number(1e3 * e.tendon_insertion_m));
+            let tendons = format!(
+                "{} + {}",
+                number(1e3 * e.tendon_origin_m),
+                number(1e3 * e.tendon_insertion_m)
+            );
             let degrees = number(e.pennation_rad.to_degrees());
-            rows.row([k.to_string(), number(1e3 * e.length_m), number(1e3 * e.chord_m), degrees, tendons]);
+            rows.row([
+                k.to_string(),
+                number(1e3 * e.length_m),
+                number(1e3 * e.chord_m),
+                degrees,
+                tendons,
+            ]);
         }
         let mut notes = vec![
             "Pennation is the mean angle along a fibre to the line of action, from the mean of all origins to that of all \
@@ -209,11 +288,18 @@ impl Bundle<'_> {
                 .to_owned(),
         ];
         if self.each.len() > ROWS {
-            notes.push(format!("The table shows {ROWS} of {} fibres; fibres.csv has all.", self.each.len()));
+            notes.push(format!(
+                "The table shows {ROWS} of {} fibres; fibres.csv has all.",
+                self.each.len()
+            ));
         }
         Report {
             title: format!("{}: fibres", self.summary.muscle),
-            subtitle: format!("Method {}; {} fibres", self.summary.method, self.fibres.len()),
+            subtitle: format!(
+                "Method {}; {} fibres",
+                self.summary.method,
+                self.fibres.len()
+            ),
             verdict: self.verdicts(),
             findings: self.findings(),
             tables: vec![self.table(), rows],
@@ -230,35 +316,77 @@ impl Bundle<'_> {
         }
         for (end, tendons) in self.tendons.iter().enumerate() {
             for (k, tendon) in tendons.iter().enumerate() {
-                let numbers = [k as f64, 1.0 + end as f64, (tendon[1] - tendon[0]).norm(), f64::NAN];
+                let numbers = [
+                    k as f64,
+                    1.0 + end as f64,
+                    (tendon[1] - tendon[0]).norm(),
+                    f64::NAN,
+                ];
                 put.add(tendon, numbers);
             }
         }
         let [fibre, part, length, pennation] = put.numbers;
-        let cells = [("fibre", fibre), ("part", part), ("length_m", length), ("pennation_rad", pennation)];
+        let cells = [
+            ("fibre", fibre),
+            ("part", part),
+            ("length_m", length),
+            ("pennation_rad", pennation),
+        ];
         let path = folder.claim("fibres.vtp")?;
         let point_data = vec![("along", put.along)];
-        let data = PolyData { points: &put.points, triangles: &[], lines: &put.lines, point_data };
-        vtp::write_with_cells(&path, &data, &cells).map_err(|source| FolderError::Io { path, source })
+        let data = PolyData {
+            points: &put.points,
+            triangles: &[],
+            lines: &put.lines,
+            point_data,
+        };
+        vtp::write_with_cells(&path, &data, &cells)
+            .map_err(|source| FolderError::Io { path, source })
     }
 
     /// The muscle with its areas: 1 at triangles of the origin, 2 at those of the insertion.
     fn write_muscle(&self, folder: &Folder) -> Result<(), FolderError> {
         let mut area = vec![0.0; self.muscle.triangles.len()];
-        self.attachment.origin.triangles.iter().for_each(|&t| area[t as usize] = 1.0);
-        self.attachment.insertion.triangles.iter().for_each(|&t| area[t as usize] = 2.0);
+        self.attachment
+            .origin
+            .triangles
+            .iter()
+            .for_each(|&t| area[t as usize] = 1.0);
+        self.attachment
+            .insertion
+            .triangles
+            .iter()
+            .for_each(|&t| area[t as usize] = 2.0);
         let path = folder.claim("muscle.vtp")?;
         let (points, triangles) = (&self.muscle.vertices, &self.muscle.triangles);
-        let data = PolyData { points, triangles, lines: &[], point_data: Vec::new() };
-        vtp::write_with_cells(&path, &data, &[("area", area)]).map_err(|source| FolderError::Io { path, source })
+        let data = PolyData {
+            points,
+            triangles,
+            lines: &[],
+            point_data: Vec::new(),
+        };
+        vtp::write_with_cells(&path, &data, &[("area", area)])
+            .map_err(|source| FolderError::Io { path, source })
     }
 
     fn write_each(&self, w: &mut impl Write) -> std::io::Result<()> {
-        writeln!(w, "fibre,length_m,chord_m,pennation_rad,tendon_origin_m,tendon_insertion_m,whole_m")?;
+        writeln!(
+            w,
+            "fibre,length_m,chord_m,pennation_rad,tendon_origin_m,tendon_insertion_m,whole_m"
+        )?;
         for (k, e) in self.each.iter().enumerate() {
             let whole = e.tendon_origin_m + e.length_m + e.tendon_insertion_m;
-            let Each { length_m, chord_m, pennation_rad, tendon_origin_m, tendon_insertion_m } = e;
-            writeln!(w, "{k},{length_m},{chord_m},{pennation_rad},{tendon_origin_m},{tendon_insertion_m},{whole}")?;
+            let Each {
+                length_m,
+                chord_m,
+                pennation_rad,
+                tendon_origin_m,
+                tendon_insertion_m,
+            } = e;
+            writeln!(
+                w,
+                "{k},{length_m},{chord_m},{pennation_rad},{tendon_origin_m},{tendon_insertion_m},{whole}"
+            )?;
         }
         Ok(())
     }
@@ -289,16 +417,24 @@ struct Polylines {
 impl Polylines {
     fn add(&mut self, line: &[Point3<f64>], numbers: [f64; 4]) {
         let first = self.points.len() as u32;
-        self.lines.push((first..first + line.len() as u32).collect());
+        self.lines
+            .push((first..first + line.len() as u32).collect());
         self.points.extend_from_slice(line);
         let last = line.len().saturating_sub(1).max(1) as f64;
         self.along.extend((0..line.len()).map(|i| i as f64 / last));
-        self.numbers.iter_mut().zip(numbers).for_each(|(all, n)| all.push(n));
+        self.numbers
+            .iter_mut()
+            .zip(numbers)
+            .for_each(|(all, n)| all.push(n));
     }
 }
 
 /// Area of the triangles of an area of attachment [m2].
 pub fn size(muscle: &TriangleMesh, area: &Area) -> f64 {
-    let triangles: Vec<[u32; 3]> = area.triangles.iter().map(|&t| muscle.triangles[t as usize]).collect();
+    let triangles: Vec<[u32; 3]> = area
+        .triangles
+        .iter()
+        .map(|&t| muscle.triangles[t as usize])
+        .collect();
     crate::mesh::measures::area(&muscle.vertices, &triangles)
 }

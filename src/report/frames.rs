@@ -74,15 +74,27 @@ impl Snapshot {
         Self {
             frame,
             time: frame as f64 / simulation.scene.frame_rate,
-            muscles: simulation.bodies.iter().map(|b| state(&b.system.particles)).collect(),
-            bones: (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect(),
+            muscles: simulation
+                .bodies
+                .iter()
+                .map(|b| state(&b.system.particles))
+                .collect(),
+            bones: (0..simulation.bones.len())
+                .map(|b| simulation.pose(b, frame as f64))
+                .collect(),
         }
     }
 }
 
 /// The characters of a name that are safe in the name of a file and in a link to it.
 pub fn file_name(name: &str) -> String {
-    let safe = |c: char| if c.is_alphanumeric() || "-_.".contains(c) { c } else { '_' };
+    let safe = |c: char| {
+        if c.is_alphanumeric() || "-_.".contains(c) {
+            c
+        } else {
+            '_'
+        }
+    };
     name.chars().map(safe).collect()
 }
 
@@ -105,7 +117,9 @@ impl Cast {
         let mut actors = Vec::new();
         for body in &simulation.bodies {
             let mut attached = vec![0.0; body.rest.vertices.len()];
-            body.attached.iter().for_each(|&(v, _)| attached[v as usize] = 1.0);
+            body.attached
+                .iter()
+                .for_each(|&(v, _)| attached[v as usize] = 1.0);
             let bare = body.rest.triangles.is_empty();
             actors.push(Actor {
                 file: unused(&body.name, &mut used),
@@ -113,14 +127,23 @@ impl Cast {
                 name: body.name.clone(),
                 rest: body.rest.clone(),
                 edges: body.edges.clone(),
-                lines: if bare { body.edges.iter().map(|e| e.points.to_vec()).collect() } else { Vec::new() },
+                lines: if bare {
+                    body.edges.iter().map(|e| e.points.to_vec()).collect()
+                } else {
+                    Vec::new()
+                },
                 fibres: body.fibres.clone(),
                 attached,
             });
         }
         let bones = simulation.scene.bones.iter().zip(&simulation.bones);
-        let bones = bones.map(|(b, mesh)| (unused(&format!("bone_{}", b.name), &mut used), mesh.clone())).collect();
-        Self { muscles: actors, bones }
+        let bones = bones
+            .map(|(b, mesh)| (unused(&format!("bone_{}", b.name), &mut used), mesh.clone()))
+            .collect();
+        Self {
+            muscles: actors,
+            bones,
+        }
     }
 }
 
@@ -157,15 +180,23 @@ pub struct Files {
 impl Files {
     /// All of them.
     pub fn all(&self) -> impl Iterator<Item = &String> {
-        let muscles = self.muscles.iter().flat_map(|(muscle, fibres)| [Some(muscle), fibres.as_ref()]);
-        muscles.chain(self.bones.iter().map(Option::as_ref)).flatten()
+        let muscles = self
+            .muscles
+            .iter()
+            .flat_map(|(muscle, fibres)| [Some(muscle), fibres.as_ref()]);
+        muscles
+            .chain(self.bones.iter().map(Option::as_ref))
+            .flatten()
     }
 }
 
 impl Listing {
     /// Before the first frame.
     pub fn new(cast: &Cast) -> Self {
-        Self { collection: Collection::new(), bones: vec![None; cast.bones.len()] }
+        Self {
+            collection: Collection::new(),
+            bones: vec![None; cast.bones.len()],
+        }
     }
 
     /// Lists the next frame, at `time` [s] with bones at `poses`; returns the files that show it.
@@ -173,14 +204,23 @@ impl Listing {
         let Self { collection, bones } = self;
         let mut part = 0;
         let mut list = |name: &str, file: &str| {
-            collection.push(Entry { time, part, name: name.to_owned(), file: file.to_owned() });
+            collection.push(Entry {
+                time,
+                part,
+                name: name.to_owned(),
+                file: file.to_owned(),
+            });
             part += 1;
         };
-        let mut files = Files { muscles: Vec::new(), bones: Vec::new() };
+        let mut files = Files {
+            muscles: Vec::new(),
+            bones: Vec::new(),
+        };
         for actor in &cast.muscles {
             let file = actor.file_at(frame);
             list(&actor.file, &file);
-            let fibres = (!actor.fibres.is_empty()).then(|| format!("frames/{}_{frame:04}.vtp", actor.fibre_file));
+            let fibres = (!actor.fibres.is_empty())
+                .then(|| format!("frames/{}_{frame:04}.vtp", actor.fibre_file));
             fibres.iter().for_each(|file| list(&actor.fibre_file, file));
             files.muscles.push((file, fibres));
         }
@@ -266,9 +306,17 @@ fn write_all(
     Ok(listing.collection)
 }
 
-fn write_frame(folder: &Folder, cast: &Cast, snapshot: &Snapshot, listing: &mut Listing) -> Result<(), FolderError> {
-    let Files { muscles, bones } = listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
-    for ((actor, (x, v)), (file, fibres)) in cast.muscles.iter().zip(&snapshot.muscles).zip(&muscles) {
+fn write_frame(
+    folder: &Folder,
+    cast: &Cast,
+    snapshot: &Snapshot,
+    listing: &mut Listing,
+) -> Result<(), FolderError> {
+    let Files { muscles, bones } =
+        listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
+    for ((actor, (x, v)), (file, fibres)) in
+        cast.muscles.iter().zip(&snapshot.muscles).zip(&muscles)
+    {
         put(folder, file, &muscle_data(actor, x, v))?;
         if let Some(file) = fibres {
             put_lines(folder, file, &actor.fibres.at(x))?;
@@ -277,14 +325,25 @@ fn write_frame(folder: &Folder, cast: &Cast, snapshot: &Snapshot, listing: &mut 
     for (((_, mesh), pose), file) in cast.bones.iter().zip(&snapshot.bones).zip(&bones) {
         if let Some(file) = file {
             let points: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| pose * p).collect();
-            put(folder, file, &PolyData { points: &points, triangles: &mesh.triangles, ..PolyData::default() })?;
+            put(
+                folder,
+                file,
+                &PolyData {
+                    points: &points,
+                    triangles: &mesh.triangles,
+                    ..PolyData::default()
+                },
+            )?;
         }
     }
     Ok(())
 }
 
 fn muscle_data<'a>(actor: &'a Actor, x: &'a [Point3<f64>], v: &[Vector3<f64>]) -> PolyData<'a> {
-    let moved = x.iter().zip(&actor.rest.vertices).flat_map(|(now, rest)| <[f64; 3]>::from(now - rest));
+    let moved = x
+        .iter()
+        .zip(&actor.rest.vertices)
+        .flat_map(|(now, rest)| <[f64; 3]>::from(now - rest));
     PolyData {
         points: x,
         triangles: &actor.rest.triangles,
@@ -306,8 +365,19 @@ fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderErr
 fn put_lines(folder: &Folder, file: &str, lines: &[Vec<Point3<f64>>]) -> Result<(), FolderError> {
     let points: Vec<Point3<f64>> = lines.iter().flatten().copied().collect();
     let mut numbers = 0u32..;
-    let lines: Vec<Vec<u32>> = lines.iter().map(|line| numbers.by_ref().take(line.len()).collect()).collect();
-    put(folder, file, &PolyData { points: &points, lines: &lines, ..PolyData::default() })
+    let lines: Vec<Vec<u32>> = lines
+        .iter()
+        .map(|line| numbers.by_ref().take(line.len()).collect())
+        .collect();
+    put(
+        folder,
+        file,
+        &PolyData {
+            points: &points,
+            lines: &lines,
+            ..PolyData::default()
+        },
+    )
 }
 
 #[cfg(test)]

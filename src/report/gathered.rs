@@ -30,12 +30,24 @@ pub struct Gathered {
 }
 
 /// The bytes of what a run gathered, for [`Gathered::open`].
-pub fn save(simulation: &Simulation, record: &Record, every: usize, times_s: (f64, f64)) -> Vec<u8> {
+pub fn save(
+    simulation: &Simulation,
+    record: &Record,
+    every: usize,
+    times_s: (f64, f64),
+) -> Vec<u8> {
     let mut writer = Writer::default();
     writer.put(&every);
     writer.put(&times_s);
     let clock = |name: &&'static str, spent: &(f64, u64)| ((*name).to_owned(), *spent);
-    let clocks = simulation.bodies.iter().map(|b| b.system.clock.effects.iter().map(|(k, v)| clock(k, v)).collect());
+    let clocks = simulation.bodies.iter().map(|b| {
+        b.system
+            .clock
+            .effects
+            .iter()
+            .map(|(k, v)| clock(k, v))
+            .collect()
+    });
     writer.put(&clocks.collect::<Vec<Clock>>());
     writer.list(&record.measures);
     writer.list(&record.times);
@@ -55,20 +67,38 @@ impl Gathered {
         let bodies = &simulation.bodies;
         from.check(clocks.len() == bodies.len(), "clocks of other muscles")?;
         let known = |(name, _): &(String, _)| effect_of_name(name).is_some();
-        from.check(clocks.iter().flatten().all(known), "no effect has this name")?;
+        from.check(
+            clocks.iter().flatten().all(known),
+            "no effect has this name",
+        )?;
         let measures: Vec<Measures> = from.take()?;
-        let wanted = (0..=simulation.frame()).flat_map(|frame| bodies.iter().map(move |body| (frame, &body.name)));
-        from.check(measures.iter().map(|m| (m.frame, &m.muscle)).eq(wanted), "measures of other frames or muscles")?;
+        let wanted = (0..=simulation.frame())
+            .flat_map(|frame| bodies.iter().map(move |body| (frame, &body.name)));
+        from.check(
+            measures.iter().map(|m| (m.frame, &m.muscle)).eq(wanted),
+            "measures of other frames or muscles",
+        )?;
         let times: Vec<FrameTimes> = from.take()?;
-        from.check(times.iter().map(|t| t.frame).eq(1..=simulation.frame()), "times of other frames")?;
+        from.check(
+            times.iter().map(|t| t.frame).eq(1..=simulation.frame()),
+            "times of other frames",
+        )?;
         from.end()?;
-        Ok(Self { every, times_s, clocks, measures, times })
+        Ok(Self {
+            every,
+            times_s,
+            clocks,
+            measures,
+            times,
+        })
     }
 
     /// The record so far; clocks of `simulation` go on from where they were.
     pub(super) fn record(self, simulation: &mut Simulation) -> Record {
         for (body, clock) in simulation.bodies.iter_mut().zip(self.clocks) {
-            let known = clock.into_iter().filter_map(|(name, spent)| Some((effect_of_name(&name)?, spent)));
+            let known = clock
+                .into_iter()
+                .filter_map(|(name, spent)| Some((effect_of_name(&name)?, spent)));
             body.system.clock.effects = known.collect();
         }
         Record::going_on(simulation, self.measures, self.times)
@@ -88,7 +118,10 @@ impl Gathered {
         for frame in 0..=simulation.frame() {
             let measures = &self.measures[(frame * count).min(self.measures.len())..];
             // Which frames are shown follows from their numbers and measures.
-            shots.add(&Arc::new(without_muscles(simulation, frame)), &measures[..count.min(measures.len())]);
+            shots.add(
+                &Arc::new(without_muscles(simulation, frame)),
+                &measures[..count.min(measures.len())],
+            );
         }
         let mut known: HashMap<usize, Arc<Snapshot>> = HashMap::new();
         known.insert(simulation.frame(), Arc::new(Snapshot::of(simulation)));
@@ -108,16 +141,28 @@ impl Gathered {
 }
 
 fn poses(simulation: &Simulation, frame: usize) -> Vec<Isometry3<f64>> {
-    (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect()
+    (0..simulation.bones.len())
+        .map(|b| simulation.pose(b, frame as f64))
+        .collect()
 }
 
 fn without_muscles(simulation: &Simulation, frame: usize) -> Snapshot {
     let time = frame as f64 / simulation.scene.frame_rate;
-    Snapshot { frame, time, muscles: Vec::new(), bones: poses(simulation, frame) }
+    Snapshot {
+        frame,
+        time,
+        muscles: Vec::new(),
+        bones: poses(simulation, frame),
+    }
 }
 
 /// A frame from its files. They hold no velocities, and no picture shows any.
-fn read(cast: &Cast, simulation: &Simulation, root: &Path, frame: usize) -> Result<Snapshot, FolderError> {
+fn read(
+    cast: &Cast,
+    simulation: &Simulation,
+    root: &Path,
+    frame: usize,
+) -> Result<Snapshot, FolderError> {
     let mut snapshot = without_muscles(simulation, frame);
     for actor in &cast.muscles {
         let path = root.join(actor.file_at(frame));
@@ -127,7 +172,9 @@ fn read(cast: &Cast, simulation: &Simulation, root: &Path, frame: usize) -> Resu
         let count = actor.rest.vertices.len();
         match crate::io::read(&path) {
             Ok(file) if file.mesh.vertices.len() == count => {
-                snapshot.muscles.push((file.mesh.vertices, vec![Vector3::zeros(); count]));
+                snapshot
+                    .muscles
+                    .push((file.mesh.vertices, vec![Vector3::zeros(); count]));
             }
             _ => return Err(FolderError::Changed(path)),
         }

@@ -82,7 +82,8 @@ impl Report {
             Some(_) => (turntable::POLICY, turntable::STYLE),
             None => ("", ""),
         };
-        let policy = format!("default-src 'none'; img-src data:; style-src 'unsafe-inline'{script}");
+        let policy =
+            format!("default-src 'none'; img-src data:; style-src 'unsafe-inline'{script}");
         let mut html = format!(
             "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">\n\
@@ -95,16 +96,28 @@ impl Report {
         self.write_verdict(&mut html);
         write_pictures(&mut html, "pictures", &self.pictures);
         write_pictures(&mut html, "sheets", &self.sheets);
-        self.turntable.iter().for_each(|table| table.write(&mut html));
+        self.turntable
+            .iter()
+            .for_each(|table| table.write(&mut html));
         if !self.plots.is_empty() {
-            let heading = if self.plots_title.is_empty() { "Over the run" } else { &self.plots_title };
-            let _ = writeln!(html, "<h2>{}</h2>\n<div class=\"grid plots\">", escape(heading));
+            let heading = if self.plots_title.is_empty() {
+                "Over the run"
+            } else {
+                &self.plots_title
+            };
+            let _ = writeln!(
+                html,
+                "<h2>{}</h2>\n<div class=\"grid plots\">",
+                escape(heading)
+            );
             for plot in &self.plots {
                 let _ = writeln!(html, "<figure class=\"card\">{}</figure>", plot.to_svg());
             }
             html += "</div>\n";
         }
-        self.tables.iter().for_each(|table| write_table(&mut html, table));
+        self.tables
+            .iter()
+            .for_each(|table| write_table(&mut html, table));
         if !self.notes.is_empty() {
             html += "<h2>Notes</h2>\n<ul class=\"notes\">\n";
             for note in &self.notes {
@@ -119,22 +132,47 @@ impl Report {
         if self.verdict.is_empty() && self.findings.is_empty() {
             return;
         }
-        let (all, failed) = (self.verdict.len(), self.verdict.iter().filter(|(_, passed)| !passed).count());
+        let (all, failed) = (
+            self.verdict.len(),
+            self.verdict.iter().filter(|(_, passed)| !passed).count(),
+        );
         let (class, sum) = match (all, failed) {
             (0, 0) => ("found", "Nothing was checked".to_owned()),
             (1, 0) => ("pass", "The check passes".to_owned()),
             (_, 0) => ("pass", format!("All {all} checks pass")),
-            _ => ("fail", format!("{failed} of {all} checks {}", if failed == 1 { "fails" } else { "fail" })),
+            _ => (
+                "fail",
+                format!(
+                    "{failed} of {all} checks {}",
+                    if failed == 1 { "fails" } else { "fail" }
+                ),
+            ),
         };
-        let _ = writeln!(html, "<p class=\"sum {class}\">{sum}</p>\n<ul class=\"card checks\">");
+        let _ = writeln!(
+            html,
+            "<p class=\"sum {class}\">{sum}</p>\n<ul class=\"card checks\">"
+        );
         // What failed is what the reader has to know first.
-        let (failed, passed): (Vec<_>, Vec<_>) = self.verdict.iter().partition(|(_, passed)| !passed);
+        let (failed, passed): (Vec<_>, Vec<_>) =
+            self.verdict.iter().partition(|(_, passed)| !passed);
         for (text, passed) in failed.into_iter().chain(passed) {
-            let (class, mark) = if *passed { ("pass", "✓ pass") } else { ("fail", "✗ fail") };
-            let _ = writeln!(html, "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>", escape(text));
+            let (class, mark) = if *passed {
+                ("pass", "✓ pass")
+            } else {
+                ("fail", "✗ fail")
+            };
+            let _ = writeln!(
+                html,
+                "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>",
+                escape(text)
+            );
         }
         for text in &self.findings {
-            let _ = writeln!(html, "<li class=\"found\"><b>→ found</b><span>{}</span></li>", escape(text));
+            let _ = writeln!(
+                html,
+                "<li class=\"found\"><b>→ found</b><span>{}</span></li>",
+                escape(text)
+            );
         }
         html.push_str("</ul>\n");
     }
@@ -147,7 +185,11 @@ fn write_pictures(html: &mut String, class: &str, pictures: &[(String, Vec<u8>)]
     }
     let _ = writeln!(html, "<h2>Pictures</h2>\n<div class=\"grid {class}\">");
     for (caption, bytes) in pictures {
-        let kind = if bytes.starts_with(b"GIF8") { "gif" } else { "png" };
+        let kind = if bytes.starts_with(b"GIF8") {
+            "gif"
+        } else {
+            "png"
+        };
         let caption = escape(caption);
         let _ = writeln!(
             html,
@@ -164,7 +206,9 @@ fn write_table(html: &mut String, table: &Table) {
         let _ = writeln!(html, "<h2>{}</h2>", escape(&table.title));
     }
     html.push_str("<div class=\"card scroll\"><table>\n");
-    let numeric: Vec<bool> = (0..table.columns()).map(|column| table.is_numeric(column)).collect();
+    let numeric: Vec<bool> = (0..table.columns())
+        .map(|column| table.is_numeric(column))
+        .collect();
     let mut line = |tag: &str, row: &[String]| {
         html.push_str("<tr>");
         for (column, numeric) in numeric.iter().enumerate() {
@@ -203,10 +247,16 @@ pub(super) fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for group in bytes.chunks(3) {
-        let word = (0..3).fold(0u32, |word, k| (word << 8) | u32::from(group.get(k).copied().unwrap_or(0)));
+        let word = (0..3).fold(0u32, |word, k| {
+            (word << 8) | u32::from(group.get(k).copied().unwrap_or(0))
+        });
         for k in 0..4 {
             let digit = DIGITS[(word >> (18 - 6 * k)) as usize & 63];
-            text.push(if k <= group.len() { char::from(digit) } else { '=' });
+            text.push(if k <= group.len() {
+                char::from(digit)
+            } else {
+                '='
+            });
         }
     }
     text
@@ -218,9 +268,14 @@ mod tests {
 
     #[test]
     fn base64_of_the_rfc() {
-        for (bytes, text) in
-            [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foo", "Zm9v"), ("foob", "Zm9vYg=="), ("foobar", "Zm9vYmFy")]
-        {
+        for (bytes, text) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
             assert_eq!(base64(bytes.as_bytes()), text);
         }
         assert_eq!(base64(&[0xff, 0xfe, 0xfd]), "//79");
@@ -239,7 +294,11 @@ mod tests {
             sheets: vec![(evil(), Vec::new())],
             turntable: None,
             plots_title: evil(),
-            plots: vec![LinePlot::new(evil(), evil()).with(evil(), [(0.0, 0.0), (1.0, 1.0)]).with_limit(evil(), 1.0)],
+            plots: vec![
+                LinePlot::new(evil(), evil())
+                    .with(evil(), [(0.0, 0.0), (1.0, 1.0)])
+                    .with_limit(evil(), 1.0),
+            ],
             tables: vec![table],
             notes: vec![evil()],
         }
@@ -249,14 +308,25 @@ mod tests {
     fn no_text_becomes_markup() {
         let html = evil_report().to_html();
         assert!(!html.contains("<script") && !html.contains("src='") && !html.contains('\0'));
-        assert_eq!(html.matches("&lt;script src=&#39;http://x&#39;&gt;").count(), 20);
+        assert_eq!(
+            html.matches("&lt;script src=&#39;http://x&#39;&gt;")
+                .count(),
+            20
+        );
     }
 
     #[test]
     fn nothing_is_loaded_from_elsewhere() {
-        let report = Report { plots: vec![LinePlot::new("t", "x").with("a", [(0.0, 1.0)])], ..Report::default() };
-        let html = report.to_html().replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
-        for word in ["http:", "https:", "url(", "@import", "<link", "<script", "href"] {
+        let report = Report {
+            plots: vec![LinePlot::new("t", "x").with("a", [(0.0, 1.0)])],
+            ..Report::default()
+        };
+        let html = report
+            .to_html()
+            .replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
+        for word in [
+            "http:", "https:", "url(", "@import", "<link", "<script", "href",
+        ] {
             assert!(!html.contains(word), "{word}");
         }
     }
@@ -264,10 +334,12 @@ mod tests {
     #[test]
     fn elements_are_closed() {
         let html = evil_report().to_html();
-        for tag in
-            ["html", "head", "body", "main", "div", "figure", "table", "tr", "td", "th", "ul", "li", "svg", "g", "text"]
-        {
-            let opened = html.matches(&format!("<{tag}>")).count() + html.matches(&format!("<{tag} ")).count();
+        for tag in [
+            "html", "head", "body", "main", "div", "figure", "table", "tr", "td", "th", "ul", "li",
+            "svg", "g", "text",
+        ] {
+            let opened = html.matches(&format!("<{tag}>")).count()
+                + html.matches(&format!("<{tag} ")).count();
             assert_eq!(opened, html.matches(&format!("</{tag}>")).count(), "{tag}");
         }
     }
@@ -275,14 +347,33 @@ mod tests {
     #[test]
     fn failures_come_first_and_are_counted() {
         let findings = vec!["4 cm2 are <stretched>".to_owned()];
-        let html = Report { verdict: vec![("kept".into(), true)], findings, ..Report::default() }.to_html();
-        assert!(html.contains("The check passes") && !html.contains("class=\"fail\""), "a finding counts as a check");
+        let html = Report {
+            verdict: vec![("kept".into(), true)],
+            findings,
+            ..Report::default()
+        }
+        .to_html();
+        assert!(
+            html.contains("The check passes") && !html.contains("class=\"fail\""),
+            "a finding counts as a check"
+        );
         assert!(html.contains("class=\"found\"") && html.contains("4 cm2 are &lt;stretched&gt;"));
-        let verdict = vec![("volume kept".into(), true), ("no vertex in a bone".into(), false)];
-        let html = Report { verdict, ..Report::default() }.to_html();
+        let verdict = vec![
+            ("volume kept".into(), true),
+            ("no vertex in a bone".into(), false),
+        ];
+        let html = Report {
+            verdict,
+            ..Report::default()
+        }
+        .to_html();
         assert!(html.contains("1 of 2 checks fails"));
         assert!(html.find("no vertex in a bone") < html.find("volume kept"));
-        let html = Report { verdict: vec![("volume kept".into(), true)], ..Report::default() }.to_html();
+        let html = Report {
+            verdict: vec![("volume kept".into(), true)],
+            ..Report::default()
+        }
+        .to_html();
         assert!(html.contains("The check passes"));
         assert!(!Report::default().to_html().contains("class=\"sum"));
     }

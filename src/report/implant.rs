@@ -110,15 +110,25 @@ type Told = fn(&Single<'_>) -> String;
 /// The rows of the table of implants, which has a column for each.
 const ROWS: [(&str, Told); 11] = [
     ("shape", |one| one.order.implant.shape.name().to_owned()),
-    ("base [cm]", |one| format!("{:.1}", one.order.implant.base * 1e2)),
+    ("base [cm]", |one| {
+        format!("{:.1}", one.order.implant.base * 1e2)
+    }),
     ("volume [cc]", |one| format!("{:.1}", one.volume() * 1e6)),
     ("vertices", |one| (2 * one.ready.layers.count()).to_string()),
-    ("triangles", |one| (2 * one.ready.layers.triangles.len()).to_string()),
+    ("triangles", |one| {
+        (2 * one.ready.layers.triangles.len()).to_string()
+    }),
     ("springs", |one| one.ready.layers.springs.len().to_string()),
     ("steps", |one| one.done.progress.iterations.to_string()),
-    ("residual", |one| format!("{:.1e}", one.done.progress.residual)),
-    ("depth in each other [mm]", |one| format!("{:.3}", one.done.progress.depth * 1e3)),
-    ("pressure [kPa]", |one| format!("{:.2}", one.pressure() * 1e-3)),
+    ("residual", |one| {
+        format!("{:.1e}", one.done.progress.residual)
+    }),
+    ("depth in each other [mm]", |one| {
+        format!("{:.3}", one.done.progress.depth * 1e3)
+    }),
+    ("pressure [kPa]", |one| {
+        format!("{:.2}", one.pressure() * 1e-3)
+    }),
     ("at rest", |one| one.done.progress.rest().to_owned()),
 ];
 
@@ -141,15 +151,17 @@ impl Single<'_> {
 
     /// The pressure in it [Pa].
     fn pressure(&self) -> f64 {
-        self.shell.map_or(self.done.progress.pressure, |shell| shell.pressure)
+        self.shell
+            .map_or(self.done.progress.pressure, |shell| shell.pressure)
     }
 
     /// Its shell as it lies; empty for a ball.
     fn mesh(&self) -> TriangleMesh {
-        self.shell.map_or_else(TriangleMesh::default, |shell| TriangleMesh {
-            vertices: self.done.shell_at(shell).to_vec(),
-            triangles: shell.triangles.clone(),
-        })
+        self.shell
+            .map_or_else(TriangleMesh::default, |shell| TriangleMesh {
+                vertices: self.done.shell_at(shell).to_vec(),
+                triangles: shell.triangles.clone(),
+            })
     }
 }
 
@@ -157,10 +169,25 @@ impl Insertion<'_> {
     /// Each implant by its number.
     fn each(&self) -> Vec<Single<'_>> {
         let mut all = Vec::new();
-        for (region, ((ready, done), numbers)) in self.implants.iter().zip(&self.numbers).enumerate() {
+        for (region, ((ready, done), numbers)) in
+            self.implants.iter().zip(&self.numbers).enumerate()
+        {
             for (k, ((order, frame), &number)) in ready.sites().zip(numbers).enumerate() {
-                let shares = numbers.iter().filter(|n| **n != number).map(|n| n + 1).collect();
-                all.push(Single { number, order, frame, ready, done, region, shell: done.shells.get(k), shares });
+                let shares = numbers
+                    .iter()
+                    .filter(|n| **n != number)
+                    .map(|n| n + 1)
+                    .collect();
+                all.push(Single {
+                    number,
+                    order,
+                    frame,
+                    ready,
+                    done,
+                    region,
+                    shell: done.shells.get(k),
+                    shares,
+                });
             }
         }
         all.sort_by_key(|single| single.number);
@@ -169,14 +196,26 @@ impl Insertion<'_> {
 
     /// The number of an implant, from 1, with those that share its skin.
     fn called(&self, implant: usize) -> String {
-        let own = self.numbers.iter().find(|numbers| numbers.first().map(|k| k + 1) == Some(implant));
-        let numbers = own.map_or(vec![implant], |numbers| numbers.iter().map(|k| k + 1).collect());
-        numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(" and ")
+        let own = self
+            .numbers
+            .iter()
+            .find(|numbers| numbers.first().map(|k| k + 1) == Some(implant));
+        let numbers = own.map_or(vec![implant], |numbers| {
+            numbers.iter().map(|k| k + 1).collect()
+        });
+        numbers
+            .iter()
+            .map(usize::to_string)
+            .collect::<Vec<_>>()
+            .join(" and ")
     }
 
     /// What the gain may be off because of the mesh [m^2]; `None` where that is not known of each.
     pub fn gain_uncertainty(&self) -> Option<f64> {
-        self.implants.iter().map(|(_, done)| done.gain_uncertainty()).sum()
+        self.implants
+            .iter()
+            .map(|(_, done)| done.gain_uncertainty())
+            .sum()
     }
 
     /// Volume of all implants [m^3].
@@ -191,31 +230,51 @@ impl Insertion<'_> {
 
     /// Whether all came to rest.
     pub fn converged(&self) -> bool {
-        self.implants.iter().all(|(_, done)| done.progress.converged)
+        self.implants
+            .iter()
+            .all(|(_, done)| done.progress.converged)
             && self.curve.iter().all(|point| point.progress.converged)
     }
 
     /// Each check and whether it holds: that everything shown, and every volume of a curve, came to rest.
     pub fn verdicts(&self) -> Vec<(String, bool)> {
         let at_rest = "skin and implant are at rest";
-        let alone = |single: &Single| self.curve.iter().all(|point| point.implant != single.number + 1);
+        let alone = |single: &Single| {
+            self.curve
+                .iter()
+                .all(|point| point.implant != single.number + 1)
+        };
         let shown: Vec<(String, bool)> = self
             .each()
             .into_iter()
             .filter(alone)
             .map(|one| {
                 let (number, cc) = (one.number + 1, one.volume() * 1e6);
-                (format!("implant {number}, {cc:.1} cc: {at_rest}"), one.done.progress.converged)
+                (
+                    format!("implant {number}, {cc:.1} cc: {at_rest}"),
+                    one.done.progress.converged,
+                )
             })
             .collect();
         let curve = self.curve.iter().map(|point| {
-            let day = point.day.map_or(String::new(), |day| format!(", day {day}"));
+            let day = point
+                .day
+                .map_or(String::new(), |day| format!(", day {day}"));
             (
-                format!("implant {}{day}, {:.1} cc: {at_rest}", self.called(point.implant), point.volume * 1e6),
+                format!(
+                    "implant {}{day}, {:.1} cc: {at_rest}",
+                    self.called(point.implant),
+                    point.volume * 1e6
+                ),
                 point.progress.converged,
             )
         });
-        let cut = self.interrupted.then(|| ("all that was asked for is there: it was interrupted".to_owned(), false));
+        let cut = self.interrupted.then(|| {
+            (
+                "all that was asked for is there: it was interrupted".to_owned(),
+                false,
+            )
+        });
         cut.into_iter().chain(shown).chain(curve).collect()
     }
 
@@ -238,7 +297,15 @@ impl Insertion<'_> {
     pub fn to_json(&self) -> Value {
         let each = self.each().into_iter().map(|one| {
             let (volume, pressure) = (one.volume(), one.pressure());
-            let Single { number, order, frame, ready, done, shares, .. } = one;
+            let Single {
+                number,
+                order,
+                frame,
+                ready,
+                done,
+                shares,
+                ..
+            } = one;
             let own = json!({
                 "implant": number + 1,
                 "shares_skin_with": shares,
@@ -269,7 +336,11 @@ impl Insertion<'_> {
             });
             joined(own, json_of(&point.areas))
         });
-        let verdicts: Vec<Value> = self.verdicts().iter().map(|(what, ok)| json!({"what": what, "ok": ok})).collect();
+        let verdicts: Vec<Value> = self
+            .verdicts()
+            .iter()
+            .map(|(what, ok)| json!({"what": what, "ok": ok}))
+            .collect();
         let all = json!({
             "skin": self.name,
             "implant_volume_m3": self.volume(),
@@ -306,13 +377,27 @@ impl Insertion<'_> {
         let gained = |m2: f64| format!("{:+.more$}", (m2 - areas.before) * 1e4);
         let span = |i: Interval| format!("{:.few$} to {:.few$}", i.low * 1e4, i.high * 1e4);
         let span_gained = |i: Interval| {
-            format!("{:+.few$} to {:+.few$}", (i.low - areas.before) * 1e4, (i.high - areas.before) * 1e4)
+            format!(
+                "{:+.few$} to {:+.few$}",
+                (i.low - areas.before) * 1e4,
+                (i.high - areas.before) * 1e4
+            )
         };
         let mut row = |what: &str, value: String, gain: String, source: &str| {
             table.row([what.to_owned(), value, gain, source.to_owned()]);
         };
-        row("area before [cm2]", cm2(areas.before), String::new(), "the mesh");
-        row("area deformed [cm2]", cm2(areas.deformed), gained(areas.deformed), "equilibrium: an upper bound");
+        row(
+            "area before [cm2]",
+            cm2(areas.before),
+            String::new(),
+            "the mesh",
+        );
+        row(
+            "area deformed [cm2]",
+            cm2(areas.deformed),
+            gained(areas.deformed),
+            "equilibrium: an upper bound",
+        );
         if let Some(off) = self.gain_uncertainty() {
             let off = format!("±{:.more$}", off * 1e4);
             row(
@@ -322,12 +407,37 @@ impl Insertion<'_> {
                 "changed by so much from edges twice as long",
             );
         }
-        row("area retracted [cm2]", span(areas.retracted), span_gained(areas.retracted), RETRACTED_SOURCE);
-        row("area grown [cm2]", span(areas.grown), span_gained(areas.grown), GROWN_SOURCE);
+        row(
+            "area retracted [cm2]",
+            span(areas.retracted),
+            span_gained(areas.retracted),
+            RETRACTED_SOURCE,
+        );
+        row(
+            "area grown [cm2]",
+            span(areas.grown),
+            span_gained(areas.grown),
+            GROWN_SOURCE,
+        );
         let cc = |m3: f64| format!("{:.1}", m3 * 1e6);
-        row("volume of implants [cc]", cc(self.volume()), String::new(), "kept exactly");
-        row("volume difference of the region [cc]", cc(areas.volume_difference), String::new(), "closed at its rim");
-        row("greatest stretch", format!("{:.2}", areas.stretch_max), String::new(), "of a triangle, any direction");
+        row(
+            "volume of implants [cc]",
+            cc(self.volume()),
+            String::new(),
+            "kept exactly",
+        );
+        row(
+            "volume difference of the region [cc]",
+            cc(areas.volume_difference),
+            String::new(),
+            "closed at its rim",
+        );
+        row(
+            "greatest stretch",
+            format!("{:.2}", areas.stretch_max),
+            String::new(),
+            "of a triangle, any direction",
+        );
         // An empty sum is minus zero.
         let over = format!("{:.1}", self.over_limit() * 1e4 + 0.0);
         row(
@@ -357,21 +467,39 @@ impl Insertion<'_> {
             let n = layers.count();
             let stretch = stretches(&layers.rest[..n], &done.x[..n], &layers.triangles);
             let areas = crate::mesh::measures::triangle_areas(&layers.rest[..n], &layers.triangles);
-            areas.iter().zip(stretch).filter(|(_, s)| *s > self.limit).map(|(a, _)| a).sum::<f64>()
+            areas
+                .iter()
+                .zip(stretch)
+                .filter(|(_, s)| *s > self.limit)
+                .map(|(a, _)| a)
+                .sum::<f64>()
         };
         self.implants.iter().map(of).sum()
     }
 
     /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
     pub fn plot(&self) -> Option<LinePlot> {
-        let of = |implant: usize| self.curve.iter().filter(move |point| point.implant == implant);
-        let first = self.curve.iter().find(|point| of(point.implant).count() > 1)?;
+        let of = |implant: usize| {
+            self.curve
+                .iter()
+                .filter(move |point| point.implant == implant)
+        };
+        let first = self
+            .curve
+            .iter()
+            .find(|point| of(point.implant).count() > 1)?;
         let own: Vec<&Point> = of(first.implant).collect();
         let over = |point: &Point| point.day.unwrap_or(point.volume * 1e6);
         let points = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
-            own.iter().map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4)).collect()
+            own.iter()
+                .map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4))
+                .collect()
         };
-        let axis = if first.day.is_some() { "day" } else { "volume [cc]" };
+        let axis = if first.day.is_some() {
+            "day"
+        } else {
+            "volume [cc]"
+        };
         Some(
             LinePlot::new("Area gained [cm2]", axis)
                 .with("deformed", points(&|a| a.deformed))
@@ -384,14 +512,22 @@ impl Insertion<'_> {
 
     /// What each volume does, as a surgeon reads it.
     fn curve_table(&self) -> Option<Table> {
-        let head = ["implant", "day", "volume [cc]", "deformed [cm2]", "retracted [cm2]", "grown [cm2]"];
+        let head = [
+            "implant",
+            "day",
+            "volume [cc]",
+            "deformed [cm2]",
+            "retracted [cm2]",
+            "grown [cm2]",
+        ];
         let head = head.into_iter().chain(["greatest stretch", "at rest"]);
         let mut table = Table::new("Areas gained by volume", head);
         for point in &self.curve {
             let gained = |m2: f64| (m2 - point.areas.before) * 1e4;
             let few = decimals(point.areas.gain());
             let more = few + 1;
-            let span = |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
+            let span =
+                |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
             table.row([
                 self.called(point.implant),
                 point.day.map_or("–".to_owned(), |day| day.to_string()),
@@ -408,7 +544,11 @@ impl Insertion<'_> {
 
     /// All tables.
     pub fn tables(&self) -> Vec<Table> {
-        [self.table()].into_iter().chain(self.curve_table()).chain([self.run_table()]).collect()
+        [self.table()]
+            .into_iter()
+            .chain(self.curve_table())
+            .chain([self.run_table()])
+            .collect()
     }
 
     /// The curve as CSV.
@@ -417,24 +557,58 @@ impl Insertion<'_> {
                         area_retracted_high_m2,area_grown_low_m2,area_grown_high_m2,volume_difference_m3,stretch_max,\
                         converged\n"
             .to_owned();
-        for Point { implant, day, volume, areas: a, progress } in &self.curve {
-            let numbers = [*volume, a.before, a.deformed, a.retracted.low, a.retracted.high, a.grown.low, a.grown.high];
-            let numbers: Vec<String> =
-                numbers.iter().chain(&[a.volume_difference, a.stretch_max]).map(f64::to_string).collect();
+        for Point {
+            implant,
+            day,
+            volume,
+            areas: a,
+            progress,
+        } in &self.curve
+        {
+            let numbers = [
+                *volume,
+                a.before,
+                a.deformed,
+                a.retracted.low,
+                a.retracted.high,
+                a.grown.low,
+                a.grown.high,
+            ];
+            let numbers: Vec<String> = numbers
+                .iter()
+                .chain(&[a.volume_difference, a.stretch_max])
+                .map(f64::to_string)
+                .collect();
             let day = day.map_or(String::new(), |day| day.to_string());
-            text.push_str(&format!("{implant},{day},{},{}\n", numbers.join(","), progress.converged));
+            text.push_str(&format!(
+                "{implant},{day},{},{}\n",
+                numbers.join(","),
+                progress.converged
+            ));
         }
         text
     }
 
     /// The files that results of so many implants have, with those of a curve.
     pub fn files(implants: usize, curve: bool) -> Vec<String> {
-        let fixed = ["skin.vtp", "stretch.png", "side.png", "before.png", "summary.json", "report.html"];
+        let fixed = [
+            "skin.vtp",
+            "stretch.png",
+            "side.png",
+            "before.png",
+            "summary.json",
+            "report.html",
+        ];
         let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
         let shells = (1..=implants).map(|k| format!("implant_{k}.vtp"));
         let more = |k: usize| ["stretch", "side", "before"].map(|what| format!("{what}_{k}.png"));
         let each = shells.chain((2..=implants).flat_map(more));
-        fixed.into_iter().chain(of_curve).map(str::to_owned).chain(each).collect()
+        fixed
+            .into_iter()
+            .chain(of_curve)
+            .map(str::to_owned)
+            .chain(each)
+            .collect()
     }
 
     /// Writes skins, implants, pictures, tables and the page.
@@ -446,23 +620,46 @@ impl Insertion<'_> {
         let shown = self.shown();
         let Shown { skin, stretch, .. } = &shown;
         let path = folder.claim("skin.vtp")?;
-        let over: Vec<f64> = stretch.iter().map(|s| f64::from(u8::from(*s > self.limit))).collect();
+        let over: Vec<f64> = stretch
+            .iter()
+            .map(|s| f64::from(u8::from(*s > self.limit)))
+            .collect();
         let point_data = vec![("stretch", stretch.clone()), ("over_limit", over)];
-        let data = vtp::PolyData { points: &skin.vertices, triangles: &skin.triangles, lines: &[], point_data };
+        let data = vtp::PolyData {
+            points: &skin.vertices,
+            triangles: &skin.triangles,
+            lines: &[],
+            point_data,
+        };
         vtp::write(&path, &data).map_err(io(path))?;
         for one in self.each() {
             let path = folder.claim(&format!("implant_{}.vtp", one.number + 1))?;
             let shell = one.mesh();
             let (points, triangles) = (&shell.vertices, &shell.triangles);
-            let data = vtp::PolyData { points, triangles, lines: &[], point_data: Vec::new() };
+            let data = vtp::PolyData {
+                points,
+                triangles,
+                lines: &[],
+                point_data: Vec::new(),
+            };
             vtp::write(&path, &data).map_err(io(path))?;
         }
         let pictures = self.pictures(&shown)?;
         for (name, _, png) in &pictures {
-            folder.write(&format!("{name}.png"), |w| std::io::Write::write_all(w, png))?;
+            folder.write(&format!("{name}.png"), |w| {
+                std::io::Write::write_all(w, png)
+            })?;
         }
-        let text = |name: &str, text: String| folder.write(name, |w| std::io::Write::write_all(w, text.as_bytes()));
-        text("summary.json", format!("{}\n", serde_json::to_string_pretty(&self.to_json()).unwrap_or_default()))?;
+        let text = |name: &str, text: String| {
+            folder.write(name, |w| std::io::Write::write_all(w, text.as_bytes()))
+        };
+        text(
+            "summary.json",
+            format!(
+                "{}\n",
+                serde_json::to_string_pretty(&self.to_json()).unwrap_or_default()
+            ),
+        )?;
         if !self.curve.is_empty() {
             text("curve.csv", self.csv())?;
         }
@@ -484,7 +681,10 @@ impl Insertion<'_> {
             subtitle: format!("{:.1} s", self.time),
             verdict: self.verdicts(),
             findings: self.findings(),
-            pictures: pictures.into_iter().map(|(_, caption, png)| (caption, png)).collect(),
+            pictures: pictures
+                .into_iter()
+                .map(|(_, caption, png)| (caption, png))
+                .collect(),
             plots_title: "Areas of several volumes".to_owned(),
             plots: self.plot().into_iter().collect(),
             tables: self.tables(),
@@ -497,7 +697,10 @@ impl Insertion<'_> {
     pub(super) fn shown(&self) -> Shown {
         let ready: Vec<&Ready> = self.implants.iter().map(|(ready, _)| ready).collect();
         let whole = Whole::of(self.skin, &ready);
-        let (mut x, mut stretch) = (whole.mesh.vertices.clone(), vec![1.0; whole.mesh.vertices.len()]);
+        let (mut x, mut stretch) = (
+            whole.mesh.vertices.clone(),
+            vec![1.0; whole.mesh.vertices.len()],
+        );
         for ((ready, done), names) in self.implants.iter().zip(&whole.vertices) {
             let at = at_vertices(ready, done);
             for (v, part) in ready.region.vertices.iter().enumerate() {
@@ -505,8 +708,15 @@ impl Insertion<'_> {
                 (x[name], stretch[name]) = (done.x[v], at[v]);
             }
         }
-        let skin = TriangleMesh { vertices: x, triangles: whole.mesh.triangles.clone() };
-        Shown { whole, skin, stretch }
+        let skin = TriangleMesh {
+            vertices: x,
+            triangles: whole.mesh.triangles.clone(),
+        };
+        Shown {
+            whole,
+            skin,
+            stretch,
+        }
     }
 }
 
@@ -517,9 +727,13 @@ fn at_vertices(ready: &Ready, done: &Inserted) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0f64); n];
     let all = stretches(&layers.rest[..n], &done.x[..n], &layers.triangles);
     for (t, stretch) in layers.triangles.iter().zip(all) {
-        t.iter().for_each(|v| sums[*v as usize] = (sums[*v as usize].0 + stretch, sums[*v as usize].1 + 1.0));
+        t.iter().for_each(|v| {
+            sums[*v as usize] = (sums[*v as usize].0 + stretch, sums[*v as usize].1 + 1.0)
+        });
     }
-    sums.iter().map(|(sum, count)| sum / count.max(1.0)).collect()
+    sums.iter()
+        .map(|(sum, count)| sum / count.max(1.0))
+        .collect()
 }
 
 pub(crate) fn notes() -> Vec<String> {

@@ -33,13 +33,26 @@ impl LatticeRun {
     fn verdicts(&self) -> Vec<Verdict> {
         let mut all = Vec::new();
         let mut say = |promise: &str, found: String, kept: bool| {
-            all.push(Verdict { muscle: self.scene.name.clone(), promise: promise.to_owned(), found, kept });
+            all.push(Verdict {
+                muscle: self.scene.name.clone(),
+                promise: promise.to_owned(),
+                found,
+                kept,
+            });
         };
         let stable = self.lattice.time_step() < self.lattice.stability_limit();
-        say("the step is stable", format!("{:.2e} s", self.lattice.time_step()), stable);
+        say(
+            "the step is stable",
+            format!("{:.2e} s", self.lattice.time_step()),
+            stable,
+        );
         if self.is_free() && self.scene.neighbours == Neighbours::TwentySix {
             let share = self.distance() / self.lattice.shape().spacing[0];
-            say("back to 1 % of the spacing from the start", format!("{:.2} %", share * 100.0), share <= BACK);
+            say(
+                "back to 1 % of the spacing from the start",
+                format!("{:.2} %", share * 100.0),
+                share <= BACK,
+            );
         }
         all
     }
@@ -48,7 +61,10 @@ impl LatticeRun {
         let mut text = "frame,time_s,distance_from_start_m,moved_m,wall_s\n".to_owned();
         for f in &self.frames {
             let time = f.frame as f64 / self.scene.frame_rate;
-            text.push_str(&format!("{},{time},{},{},{}\n", f.frame, f.distance, f.moved, f.time_s));
+            text.push_str(&format!(
+                "{},{time},{},{},{}\n",
+                f.frame, f.distance, f.moved, f.time_s
+            ));
         }
         text
     }
@@ -72,16 +88,34 @@ impl Run for LatticeRun {
     }
 
     fn cast(&self) -> Cast {
-        let held = self.surface.vertices.iter().map(|p| f64::from(u8::from(p.z == 0.0))).collect();
-        let muscles = vec![actor(&self.scene.name, self.surface.clone(), held, &mut HashSet::new())];
-        Cast { muscles, bones: Vec::new() }
+        let held = self
+            .surface
+            .vertices
+            .iter()
+            .map(|p| f64::from(u8::from(p.z == 0.0)))
+            .collect();
+        let muscles = vec![actor(
+            &self.scene.name,
+            self.surface.clone(),
+            held,
+            &mut HashSet::new(),
+        )];
+        Cast {
+            muscles,
+            bones: Vec::new(),
+        }
     }
 
     fn snapshot(&self) -> Snapshot {
         let (x, frame) = (self.surface_at(), LatticeRun::frame(self));
         let count = x.len();
         let muscles = vec![(x, vec![Vector3::zeros(); count])];
-        Snapshot { frame, time: frame as f64 / self.scene.frame_rate, muscles, bones: Vec::new() }
+        Snapshot {
+            frame,
+            time: frame as f64 / self.scene.frame_rate,
+            muscles,
+            bones: Vec::new(),
+        }
     }
 
     fn poses(&self, _: usize) -> Vec<Isometry3<f64>> {
@@ -106,7 +140,10 @@ impl Run for LatticeRun {
     }
 
     fn account(&self) -> Account {
-        let (lattice, time_s) = (&self.lattice, self.frames.iter().map(|f| f.time_s).sum::<f64>());
+        let (lattice, time_s) = (
+            &self.lattice,
+            self.frames.iter().map(|f| f.time_s).sum::<f64>(),
+        );
         let farthest = greatest(self.frames.iter().map(|f| f.distance));
         let own = json!({
             "lattice": {
@@ -129,18 +166,33 @@ impl Run for LatticeRun {
             ("points", lattice.shape().count().to_string()),
             ("springs", lattice.spring_count().to_string()),
             ("time step [ms]", number(lattice.time_step() * 1e3)),
-            ("longest stable step [ms]", number(lattice.stability_limit() * 1e3)),
+            (
+                "longest stable step [ms]",
+                number(lattice.stability_limit() * 1e3),
+            ),
             ("steps a frame", self.steps.to_string()),
             ("damping of a point [kg/s]", number(lattice.damping())),
-            ("distance from the start, greatest [mm]", number(farthest * 1e3)),
-            ("distance from the start, end [mm]", number(self.distance() * 1e3)),
-            ("at rest at the end", if self.at_rest() { "yes" } else { "no" }.to_owned()),
+            (
+                "distance from the start, greatest [mm]",
+                number(farthest * 1e3),
+            ),
+            (
+                "distance from the start, end [mm]",
+                number(self.distance() * 1e3),
+            ),
+            (
+                "at rest at the end",
+                if self.at_rest() { "yes" } else { "no" }.to_owned(),
+            ),
             ("time of all steps [s]", number(time_s)),
         ] {
             table.row([what.to_owned(), value]);
         }
         let points = |of: fn(&crate::simulation::lattice::Measured) -> f64| {
-            self.frames.iter().map(|f| (f.frame as f64, of(f) * 1e3)).collect::<Vec<_>>()
+            self.frames
+                .iter()
+                .map(|f| (f.frame as f64, of(f) * 1e3))
+                .collect::<Vec<_>>()
         };
         Account {
             numbers: vec![
@@ -152,8 +204,10 @@ impl Run for LatticeRun {
             verdicts: self.verdicts(),
             tables: vec![table],
             plots: vec![
-                LinePlot::new("Distance from the start, greatest [mm]", "frame").with("", points(|f| f.distance)),
-                LinePlot::new("Motion in a frame, greatest [mm]", "frame").with("", points(|f| f.moved)),
+                LinePlot::new("Distance from the start, greatest [mm]", "frame")
+                    .with("", points(|f| f.distance)),
+                LinePlot::new("Motion in a frame, greatest [mm]", "frame")
+                    .with("", points(|f| f.moved)),
             ],
             measures: self.csv(),
             notes: Vec::new(),

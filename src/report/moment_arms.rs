@@ -22,8 +22,13 @@ use crate::render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, r
 const SIZE: (u32, u32) = (620, 620);
 const BONE: Rgb = [0.86, 0.83, 0.76];
 /// Colours of muscles, one after the other, that all eyes tell apart.
-const MUSCLES: [Rgb; 5] =
-    [[0.80, 0.33, 0.22], [0.17, 0.45, 0.75], [0.16, 0.55, 0.33], [0.60, 0.40, 0.60], [0.75, 0.58, 0.05]];
+const MUSCLES: [Rgb; 5] = [
+    [0.80, 0.33, 0.22],
+    [0.17, 0.45, 0.75],
+    [0.16, 0.55, 0.33],
+    [0.60, 0.40, 0.60],
+    [0.75, 0.58, 0.05],
+];
 /// Room around the muscles in a picture, as a share of their extent.
 const AROUND: f64 = 0.15;
 
@@ -48,7 +53,12 @@ pub struct Asked {
 ///
 /// # Errors
 /// A file that cannot be written.
-pub fn write_fibres(folder: &Folder, running: &Running, k: usize, series: &mut Collection) -> Result<(), FolderError> {
+pub fn write_fibres(
+    folder: &Folder,
+    running: &Running,
+    k: usize,
+    series: &mut Collection,
+) -> Result<(), FolderError> {
     let (mut points, mut lines) = (Vec::<Point3<f64>>::new(), Vec::<Vec<u32>>::new());
     let (mut of, mut stretch) = (Vec::new(), Vec::new());
     for (m, muscle) in running.muscles.iter().enumerate() {
@@ -62,8 +72,22 @@ pub fn write_fibres(folder: &Folder, running: &Running, k: usize, series: &mut C
     }
     let file = format!("frames/fibres_{k:06}.vtp");
     let point_data = vec![("muscle", of), ("length over that at rest", stretch)];
-    put(folder, &file, &PolyData { points: &points, lines: &lines, point_data, ..PolyData::default() })?;
-    series.push(Entry { time: running.angles[k].to_degrees(), part: 0, name: "fibres".to_owned(), file });
+    put(
+        folder,
+        &file,
+        &PolyData {
+            points: &points,
+            lines: &lines,
+            point_data,
+            ..PolyData::default()
+        },
+    )?;
+    series.push(Entry {
+        time: running.angles[k].to_degrees(),
+        part: 0,
+        name: "fibres".to_owned(),
+        file,
+    });
     for (b, body) in running.simulation.bodies.iter().enumerate() {
         let file = format!("frames/{}_{k:06}.vtp", file_name(&body.name));
         let data = PolyData {
@@ -72,7 +96,12 @@ pub fn write_fibres(folder: &Folder, running: &Running, k: usize, series: &mut C
             ..PolyData::default()
         };
         put(folder, &file, &data)?;
-        series.push(Entry { time: running.angles[k].to_degrees(), part: 1 + b, name: body.name.clone(), file });
+        series.push(Entry {
+            time: running.angles[k].to_degrees(),
+            part: 1 + b,
+            name: body.name.clone(),
+            file,
+        });
     }
     Ok(())
 }
@@ -87,9 +116,18 @@ fn bones(running: &Running) -> Vec<TriangleMesh> {
     let frame = running.simulation.frame() as f64;
     let posed = |(b, mesh): (usize, &TriangleMesh)| {
         let pose: Isometry3<f64> = running.simulation.pose(b, frame);
-        TriangleMesh { vertices: mesh.vertices.iter().map(|v| pose * v).collect(), triangles: mesh.triangles.clone() }
+        TriangleMesh {
+            vertices: mesh.vertices.iter().map(|v| pose * v).collect(),
+            triangles: mesh.triangles.clone(),
+        }
     };
-    running.simulation.bones.iter().enumerate().map(posed).collect()
+    running
+        .simulation
+        .bones
+        .iter()
+        .enumerate()
+        .map(posed)
+        .collect()
 }
 
 /// A picture of the fibres among the bones at the last value, seen along the joint's axis.
@@ -97,19 +135,39 @@ pub fn picture(running: &Running) -> Frame {
     let axis = running.joint.axis.into_inner();
     // From the side on which the joint lies of the bones' middle, so that the muscles are before them.
     let bones = bones(running);
-    let middle = bones.iter().flat_map(|b| &b.vertices).map(|v| v.coords).sum::<Vector3<f64>>()
+    let middle = bones
+        .iter()
+        .flat_map(|b| &b.vertices)
+        .map(|v| v.coords)
+        .sum::<Vector3<f64>>()
         / bones.iter().map(|b| b.vertices.len()).sum::<usize>().max(1) as f64;
-    let side = if axis.dot(&(running.joint.centre.coords - middle)) >= 0.0 { 1.0 } else { -1.0 };
-    let up = if axis.y.abs() < 0.9 { Vector3::y() } else { Vector3::z() };
+    let side = if axis.dot(&(running.joint.centre.coords - middle)) >= 0.0 {
+        1.0
+    } else {
+        -1.0
+    };
+    let up = if axis.y.abs() < 0.9 {
+        Vector3::y()
+    } else {
+        Vector3::z()
+    };
     let view = View::orthographic(axis * side, up);
-    let rest = running.muscles.iter().flat_map(|m| m.fibres.iter().flatten().copied());
+    let rest = running
+        .muscles
+        .iter()
+        .flat_map(|m| m.fibres.iter().flatten().copied());
     let turned: Vec<Point3<f64>> = rest
-        .flat_map(|p| [running.angles[0], running.angles[running.angles.len() - 1]].map(|q| running.joint.pose(q) * p))
+        .flat_map(|p| {
+            [running.angles[0], running.angles[running.angles.len() - 1]]
+                .map(|q| running.joint.pose(q) * p)
+        })
         .collect();
     let bounds = crate::mesh::measures::Aabb::of_points(&turned);
     let bounds = bounds.inflate(AROUND * bounds.extents().amax());
     let camera = Camera::fit(bounds.corners(), &view, Canvas::new(SIZE.0, SIZE.1));
-    let surfaces = bones.iter().map(|b| Surface::plain(&b.vertices, &b.triangles, BONE).with_opacity(0.45));
+    let surfaces = bones
+        .iter()
+        .map(|b| Surface::plain(&b.vertices, &b.triangles, BONE).with_opacity(0.45));
     let mut drawing = Drawing::of(surfaces);
     for (m, muscle) in running.muscles.iter().enumerate() {
         drawing = drawing.with_lines(Lines::new(muscle.now(), MUSCLES[m % MUSCLES.len()]));
@@ -119,7 +177,11 @@ pub fn picture(running: &Running) -> Frame {
 
 /// Everything about the sweep as JSON.
 pub fn to_json(asked: &Asked, running: &Running, arms: &[Arms]) -> Value {
-    let muscles: Vec<Value> = arms.iter().zip(&running.muscles).map(|(a, m)| of_muscle(a, m)).collect();
+    let muscles: Vec<Value> = arms
+        .iter()
+        .zip(&running.muscles)
+        .map(|(a, m)| of_muscle(a, m))
+        .collect();
     json!({
         "scene": asked.scene,
         "joint": asked.joint,
@@ -137,18 +199,20 @@ pub fn to_json(asked: &Asked, running: &Running, arms: &[Arms]) -> Value {
 }
 
 fn of_muscle(arms: &Arms, muscle: &crate::moment_arms::sweep::Crossing) -> Value {
-    let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(|((file, reference, found), straight)| {
-        json!({
-            "straight_overlap": straight,
-            "reference": file,
-            "curves": reference.names,
-            "overlap": found.as_ref().and_then(|f| f.overlap),
-            "difference_mean_m": found.as_ref().map(|f| f.difference_mean_m),
-            "difference_max_m": found.as_ref().map(|f| f.difference_max_m),
-            "range_rad": found.as_ref().map(|f| f.range_rad),
-            "sign_turned": found.as_ref().is_some_and(|f| f.turned),
-        })
-    });
+    let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(
+        |((file, reference, found), straight)| {
+            json!({
+                "straight_overlap": straight,
+                "reference": file,
+                "curves": reference.names,
+                "overlap": found.as_ref().and_then(|f| f.overlap),
+                "difference_mean_m": found.as_ref().map(|f| f.difference_mean_m),
+                "difference_max_m": found.as_ref().map(|f| f.difference_max_m),
+                "range_rad": found.as_ref().map(|f| f.range_rad),
+                "sign_turned": found.as_ref().is_some_and(|f| f.turned),
+            })
+        },
+    );
     let [least, most] = extremes(arms.mean.iter().copied()).unwrap_or([f64::NAN; 2]);
     json!({
         "muscle": arms.name,
@@ -186,7 +250,9 @@ pub fn write(
     pictures: &[(String, Frame)],
 ) -> Result<(), FolderError> {
     let path = folder.claim("fibres.pvd")?;
-    series.write(&path).map_err(|source| FolderError::Io { path, source })?;
+    series
+        .write(&path)
+        .map_err(|source| FolderError::Io { path, source })?;
     folder.write("moment_arms.csv", |w| write_means(w, arms))?;
     folder.write("fibres.csv", |w| write_each(w, arms))?;
     let json = serde_json::to_string_pretty(&to_json(asked, running, arms)).unwrap_or_default();
@@ -199,7 +265,9 @@ pub fn write(
     }
     let plots: Vec<LinePlot> = arms.iter().map(plot).chain([lengths(arms)]).collect();
     for (a, plot) in arms.iter().zip(&plots) {
-        folder.write(&format!("{}.svg", file_name(&a.name)), |w| w.write_all(plot.to_svg().as_bytes()))?;
+        folder.write(&format!("{}.svg", file_name(&a.name)), |w| {
+            w.write_all(plot.to_svg().as_bytes())
+        })?;
     }
     let report = page(asked, running, arms, plots, shown);
     folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
@@ -214,7 +282,11 @@ fn write_means(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
         for (k, angle) in a.angles.iter().enumerate() {
             let [least, most] = a.bounds(k);
             let (name, angle) = (quoted(&a.name), angle.to_degrees());
-            writeln!(w, "{name},{angle},{},{},{least},{most},{}", a.length[k], a.mean[k], a.straight[k])?;
+            writeln!(
+                w,
+                "{name},{angle},{},{},{least},{most},{}",
+                a.length[k], a.mean[k], a.straight[k]
+            )?;
         }
     }
     Ok(())
@@ -236,7 +308,11 @@ fn write_each(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
 /// A muscle's moment arms with those of others around them.
 fn plot(a: &Arms) -> LinePlot {
     let over = |values: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
-        a.angles.iter().enumerate().map(|(k, q)| (q.to_degrees(), 1e3 * values(k))).collect()
+        a.angles
+            .iter()
+            .enumerate()
+            .map(|(k, q)| (q.to_degrees(), 1e3 * values(k)))
+            .collect()
     };
     let mut plot = LinePlot::new(format!("{}: moment arm [mm]", a.name), "angle [degrees]")
         .with("mean of the fibres", over(&|k| a.mean[k]))
@@ -244,10 +320,25 @@ fn plot(a: &Arms) -> LinePlot {
         .with("greatest fibre", over(&|k| a.bounds(k)[1]))
         .with("straight lines", over(&|k| a.straight[k]));
     for (file, reference, compared) in &a.compared {
-        let sign = if compared.as_ref().is_some_and(|c| c.turned) { -1.0 } else { 1.0 };
-        for (side, name) in ["least", "greatest"].iter().enumerate().take(reference.count().min(2)) {
-            let points = a.angles.iter().filter_map(|q| Some((q.to_degrees(), 1e3 * sign * reference.at(*q)?[side])));
-            let name = if reference.count() > 1 { format!("{file}, {name}") } else { file.clone() };
+        let sign = if compared.as_ref().is_some_and(|c| c.turned) {
+            -1.0
+        } else {
+            1.0
+        };
+        for (side, name) in ["least", "greatest"]
+            .iter()
+            .enumerate()
+            .take(reference.count().min(2))
+        {
+            let points = a
+                .angles
+                .iter()
+                .filter_map(|q| Some((q.to_degrees(), 1e3 * sign * reference.at(*q)?[side])));
+            let name = if reference.count() > 1 {
+                format!("{file}, {name}")
+            } else {
+                file.clone()
+            };
             plot.series.push(Series::new(name, points));
         }
     }
@@ -257,7 +348,11 @@ fn plot(a: &Arms) -> LinePlot {
 fn lengths(arms: &[Arms]) -> LinePlot {
     let mut plot = LinePlot::new("Mean length of the fibres [mm]", "angle [degrees]");
     for a in arms {
-        let points = a.angles.iter().zip(&a.length).map(|(q, l)| (q.to_degrees(), 1e3 * l));
+        let points = a
+            .angles
+            .iter()
+            .zip(&a.length)
+            .map(|(q, l)| (q.to_degrees(), 1e3 * l));
         plot.series.push(Series::new(a.name.clone(), points));
     }
     plot
@@ -266,8 +361,15 @@ fn lengths(arms: &[Arms]) -> LinePlot {
 /// The curves in numbers.
 pub fn table(running: &Running, arms: &[Arms]) -> Table {
     let title = "Moment arms, mean of the fibres";
-    let header =
-        ["muscle", "least [mm]", "greatest [mm]", "rough (rms) [%]", "points in bone", "fibre [mm]", "area [cm2]"];
+    let header = [
+        "muscle",
+        "least [mm]",
+        "greatest [mm]",
+        "rough (rms) [%]",
+        "points in bone",
+        "fibre [mm]",
+        "area [cm2]",
+    ];
     let mut table = Table::new(title, header);
     for (a, m) in arms.iter().zip(&running.muscles) {
         let ends = extremes(a.mean.iter().copied());
@@ -287,13 +389,23 @@ pub fn table(running: &Running, arms: &[Arms]) -> Table {
 
 /// How they compare with others.
 pub fn comparisons(arms: &[Arms]) -> Table {
-    let header =
-        ["muscle", "reference", "curves", "overlap [%]", "mean difference [mm]", "greatest [mm]", "from", "to"];
+    let header = [
+        "muscle",
+        "reference",
+        "curves",
+        "overlap [%]",
+        "mean difference [mm]",
+        "greatest [mm]",
+        "from",
+        "to",
+    ];
     let mut table = Table::new("Beside others", header);
     for a in arms {
         for (file, reference, found) in &a.compared {
-            let or_dash = |v: Option<f64>, scale: f64| v.map_or("-".to_owned(), |v| number(scale * v));
-            let angle = |k: usize| or_dash(found.as_ref().map(|f| f.range_rad[k].to_degrees()), 1.0);
+            let or_dash =
+                |v: Option<f64>, scale: f64| v.map_or("-".to_owned(), |v| number(scale * v));
+            let angle =
+                |k: usize| or_dash(found.as_ref().map(|f| f.range_rad[k].to_degrees()), 1.0);
             table.row([
                 a.name.clone(),
                 file.clone(),
@@ -313,7 +425,10 @@ pub fn comparisons(arms: &[Arms]) -> Table {
 pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     let mut notes = running.simulation.notes.clone();
     if !running.left_out.is_empty() {
-        notes.push(format!("not over this joint, and left out: {}", running.left_out.join(", ")));
+        notes.push(format!(
+            "not over this joint, and left out: {}",
+            running.left_out.join(", ")
+        ));
     }
     for m in &running.muscles {
         if let Some((frame, why)) = &m.stopped {
@@ -337,10 +452,14 @@ pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
             ));
         }
     }
-    let turned = arms.iter().flat_map(|a| a.compared.iter().map(move |c| (&a.name, c)));
+    let turned = arms
+        .iter()
+        .flat_map(|a| a.compared.iter().map(move |c| (&a.name, c)));
     for (name, (file, _, found)) in turned {
         if found.as_ref().is_some_and(|f| f.turned) {
-            notes.push(format!("{name}: {file} has the other sign throughout, and is compared with its sign turned"));
+            notes.push(format!(
+                "{name}: {file} has the other sign throughout, and is compared with its sign turned"
+            ));
         }
     }
     notes
@@ -370,7 +489,10 @@ fn page(
     ];
     all.extend(notes(running, arms));
     Report {
-        title: format!("{}: moment arms about the joint {}", asked.scene, asked.joint),
+        title: format!(
+            "{}: moment arms about the joint {}",
+            asked.scene, asked.joint
+        ),
         plots_title: "Over the angle".to_owned(),
         notes: all,
         tables,

@@ -56,11 +56,21 @@ impl Carried {
             for array in arrays {
                 let here = Some(between.carried(side, &array.values, array.components));
                 match all.iter_mut().find(|c| c.name == array.name) {
-                    Some(other) if other.components != array.components => return Err(array.name.clone()),
+                    Some(other) if other.components != array.components => {
+                        return Err(array.name.clone());
+                    }
                     Some(other) => other.ends[side] = here,
                     None => {
-                        let ends = if side == 0 { [here, None] } else { [None, here] };
-                        all.push(Self { name: array.name.clone(), components: array.components, ends });
+                        let ends = if side == 0 {
+                            [here, None]
+                        } else {
+                            [None, here]
+                        };
+                        all.push(Self {
+                            name: array.name.clone(),
+                            components: array.components,
+                            ends,
+                        });
                     }
                 }
             }
@@ -213,7 +223,11 @@ impl Summary {
 
     /// How far the map of A was drawn to like places, where it was.
     fn drawn(&self) -> String {
-        if self.drawn_rad > 0.0 { format!(", the map of A drawn by {:.2} rad", self.drawn_rad) } else { String::new() }
+        if self.drawn_rad > 0.0 {
+            format!(", the map of A drawn by {:.2} rad", self.drawn_rad)
+        } else {
+            String::new()
+        }
     }
 
     /// A few lines for a terminal.
@@ -253,7 +267,16 @@ impl Morph<'_> {
     pub fn files(name: &str) -> Vec<String> {
         let file = file_name(name);
         let mut all = vec![format!("{file}.pvd"), format!("{file}.gif")];
-        all.extend(["sheet.png", "spheres.png", "measures.csv", "summary.json", "report.html"].map(str::to_owned));
+        all.extend(
+            [
+                "sheet.png",
+                "spheres.png",
+                "measures.csv",
+                "summary.json",
+                "report.html",
+            ]
+            .map(str::to_owned),
+        );
         all
     }
 
@@ -263,17 +286,37 @@ impl Morph<'_> {
         let topology = crate::mesh::Topology::of_triangles(between.kinds.len(), &between.triangles);
         let [a, b] = [0, 1].map(|side| self.side(side));
         let flipped = [a.map.flipped, b.map.flipped];
-        let at = |k: usize, of: Measure| self.shapes.get(k).map_or(0.0, |s| of(&s.places, &between.triangles));
-        let (last, euler) = (self.shapes.len().saturating_sub(1), topology.euler_characteristic());
-        let told = |c: &Carried| Told { name: c.name.clone(), components: c.components, of: c.sides() };
+        let at = |k: usize, of: Measure| {
+            self.shapes
+                .get(k)
+                .map_or(0.0, |s| of(&s.places, &between.triangles))
+        };
+        let (last, euler) = (
+            self.shapes.len().saturating_sub(1),
+            topology.euler_characteristic(),
+        );
+        let told = |c: &Carried| Told {
+            name: c.name.clone(),
+            components: c.components,
+            of: c.sides(),
+        };
         let worst = greatest([a.end_error, b.end_error]);
         let verdicts = vec![
             (
-                format!("no triangle is turned over on the sphere: {} and {} are", flipped[0], flipped[1]),
+                format!(
+                    "no triangle is turned over on the sphere: {} and {} are",
+                    flipped[0], flipped[1]
+                ),
                 flipped == [0, 0],
             ),
-            (format!("the common surface is a sphere: V - E + F = {euler}"), euler == 2),
-            (format!("both ends are met to 1e-12 of the size: {worst:.1e}"), worst <= ENDS),
+            (
+                format!("the common surface is a sphere: V - E + F = {euler}"),
+                euler == 2,
+            ),
+            (
+                format!("both ends are met to 1e-12 of the size: {worst:.1e}"),
+                worst <= ENDS,
+            ),
         ];
         Summary {
             name: self.name.clone(),
@@ -291,7 +334,12 @@ impl Morph<'_> {
             turned_rad: between.turned,
             flipped_a: flipped[0],
             flipped_b: flipped[1],
-            between: spread(&between.places[0], &between.places[1], &between.triangles, 0),
+            between: spread(
+                &between.places[0],
+                &between.places[1],
+                &between.triangles,
+                0,
+            ),
             frames: self.shapes.len(),
             volume_0: at(0, volume),
             volume_1: at(last, volume),
@@ -314,14 +362,21 @@ impl Morph<'_> {
 
     fn side(&self, side: usize) -> Side {
         let (mesh, map) = (self.meshes[side], &self.between.maps[side]);
-        let shape = if side == 0 { self.shapes.first() } else { self.shapes.last() };
+        let shape = if side == 0 {
+            self.shapes.first()
+        } else {
+            self.shapes.last()
+        };
         let size = mesh.length();
         let (mut end_error, mut end_miss) = (f64::INFINITY, f64::INFINITY);
         if let Some(shape) = shape {
             let places = shape.places.iter().zip(&self.between.places[side]);
             end_error = greatest(places.map(|(p, q)| (p - q).norm())) / size;
             let tree = SurfaceTree::new(&shape.places, &self.between.triangles);
-            let off = |p: &Point3<f64>| tree.closest(p, f64::INFINITY).map_or(f64::INFINITY, |c| c.distance);
+            let off = |p: &Point3<f64>| {
+                tree.closest(p, f64::INFINITY)
+                    .map_or(f64::INFINITY, |c| c.distance)
+            };
             end_miss = greatest(mesh.vertices.iter().map(off)) / size;
         }
         let bad = flipped(map.points(), map.triangles()).len();
@@ -352,10 +407,17 @@ impl Morph<'_> {
         for (k, shape) in self.shapes.iter().enumerate() {
             let path = format!("frames/{file}_{k:06}.vtp");
             self.put(folder, &path, shape)?;
-            series.push(Entry { time: shape.t, part: 0, name: file.clone(), file: path });
+            series.push(Entry {
+                time: shape.t,
+                part: 0,
+                name: file.clone(),
+                file: path,
+            });
         }
         let path = folder.claim(&format!("{file}.pvd"))?;
-        series.write(&path).map_err(|source| FolderError::Io { path, source })?;
+        series
+            .write(&path)
+            .map_err(|source| FolderError::Io { path, source })?;
         let drawn = pictures::Drawn::new(self, summary.length_unit)?;
         for (name, bytes) in [
             (format!("{file}.gif"), &drawn.film),
@@ -373,16 +435,28 @@ impl Morph<'_> {
 
     fn put(&self, folder: &Folder, file: &str, shape: &Shape) -> Result<(), FolderError> {
         let path = folder.claim(file)?;
-        let mut point_data: Vec<(&str, Vec<f64>)> =
-            self.data.iter().map(|c| (c.name.as_str(), c.at(shape.t))).collect();
-        for (name, values) in
-            [("origin", self.between.kinds.iter().map(|k| f64::from(*k)).collect()), ("way", self.ways())]
-        {
+        let mut point_data: Vec<(&str, Vec<f64>)> = self
+            .data
+            .iter()
+            .map(|c| (c.name.as_str(), c.at(shape.t)))
+            .collect();
+        for (name, values) in [
+            (
+                "origin",
+                self.between.kinds.iter().map(|k| f64::from(*k)).collect(),
+            ),
+            ("way", self.ways()),
+        ] {
             if point_data.iter().all(|(other, _)| *other != name) {
                 point_data.push((name, values));
             }
         }
-        let data = PolyData { points: &shape.places, triangles: &self.between.triangles, lines: &[], point_data };
+        let data = PolyData {
+            points: &shape.places,
+            triangles: &self.between.triangles,
+            lines: &[],
+            point_data,
+        };
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
     }
 
@@ -396,7 +470,13 @@ impl Morph<'_> {
         writeln!(w, "t,volume,area")?;
         for s in &self.shapes {
             let triangles = &self.between.triangles;
-            writeln!(w, "{},{},{}", s.t, volume(&s.places, triangles), area(&s.places, triangles))?;
+            writeln!(
+                w,
+                "{},{},{}",
+                s.t,
+                volume(&s.places, triangles),
+                area(&s.places, triangles)
+            )?;
         }
         Ok(())
     }
@@ -404,11 +484,18 @@ impl Morph<'_> {
     fn page(&self, summary: &Summary, drawn: pictures::Drawn) -> Report {
         let triangles = &self.between.triangles;
         let line = |of: Measure| {
-            let start = self.shapes.first().map_or(1.0, |s| of(&s.places, triangles));
-            self.shapes.iter().map(|s| (s.t, of(&s.places, triangles) / start)).collect::<Vec<(f64, f64)>>()
+            let start = self
+                .shapes
+                .first()
+                .map_or(1.0, |s| of(&s.places, triangles));
+            self.shapes
+                .iter()
+                .map(|s| (s.t, of(&s.places, triangles) / start))
+                .collect::<Vec<(f64, f64)>>()
         };
-        let plot =
-            LinePlot::new("Volume and area over those of A", "t").with("volume", line(volume)).with("area", line(area));
+        let plot = LinePlot::new("Volume and area over those of A", "t")
+            .with("volume", line(volume))
+            .with("area", line(area));
         Report {
             title: format!("{}: a morph", self.name),
             subtitle: format!("{} to {}", self.files[0], self.files[1]),
@@ -436,7 +523,12 @@ impl Morph<'_> {
     }
 }
 
-fn spread(before: &[Point3<f64>], after: &[Point3<f64>], triangles: &[[u32; 3]], flipped: usize) -> Spread {
+fn spread(
+    before: &[Point3<f64>],
+    after: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    flipped: usize,
+) -> Spread {
     let d = Distortion::of(before, after, triangles);
     Spread {
         flipped,
@@ -452,25 +544,52 @@ fn tables(summary: &Summary) -> Vec<Table> {
     let mut sides = Table::new("Surfaces", ["", "A", "B"]);
     let (a, b) = (&summary.a, &summary.b);
     sides.row(["file", &a.file, &b.file]);
-    sides.row(["vertices".to_owned(), a.vertices.to_string(), b.vertices.to_string()]);
-    sides.row(["triangles".to_owned(), a.triangles.to_string(), b.triangles.to_string()]);
-    let mut both = |what: &str, of: &dyn Fn(&Side) -> f64| sides.row([what.to_owned(), number(of(a)), number(of(b))]);
+    sides.row([
+        "vertices".to_owned(),
+        a.vertices.to_string(),
+        b.vertices.to_string(),
+    ]);
+    sides.row([
+        "triangles".to_owned(),
+        a.triangles.to_string(),
+        b.triangles.to_string(),
+    ]);
+    let mut both = |what: &str, of: &dyn Fn(&Side) -> f64| {
+        sides.row([what.to_owned(), number(of(a)), number(of(b))])
+    };
     both("area", &|s| s.area);
     both("volume", &|s| s.volume);
-    both("triangles turned over on the sphere", &|s| s.map.flipped as f64);
+    both("triangles turned over on the sphere", &|s| {
+        s.map.flipped as f64
+    });
     both("conformal distortion, median", &|s| s.map.conformal_median);
     both("conformal distortion, greatest", &|s| s.map.conformal_max);
     both("area distortion, median", &|s| s.map.area_median);
     both("area distortion, greatest", &|s| s.map.area_max);
     both("end of the blend from it, over the size", &|s| s.end_error);
-    both("its vertices from the end of the blend, over the size", &|s| s.end_miss);
+    both(
+        "its vertices from the end of the blend, over the size",
+        &|s| s.end_miss,
+    );
     let mut common = Table::new("Common surface", ["what", "value"]);
     common.row(["vertices", &summary.vertices.to_string()]);
-    common.row(["of these crossings of edges", &summary.crossings.to_string()]);
+    common.row([
+        "of these crossings of edges",
+        &summary.crossings.to_string(),
+    ]);
     common.row(["triangles", &summary.triangles.to_string()]);
-    common.row(["conformal distortion from A to B, median", &number(summary.between.conformal_median)]);
-    common.row(["area distortion from A to B, median", &number(summary.between.area_median)]);
-    common.row(["aligned by", &format!("{}{}", summary.aligned_by, summary.drawn())]);
+    common.row([
+        "conformal distortion from A to B, median",
+        &number(summary.between.conformal_median),
+    ]);
+    common.row([
+        "area distortion from A to B, median",
+        &number(summary.between.area_median),
+    ]);
+    common.row([
+        "aligned by",
+        &format!("{}{}", summary.aligned_by, summary.drawn()),
+    ]);
     let mut data = Table::new("Point data", ["array", "components", "of"]);
     for array in &summary.arrays {
         let of = if array.of == "both" {
@@ -480,7 +599,11 @@ fn tables(summary: &Summary) -> Vec<Table> {
         } else {
             "B"
         };
-        data.row([array.name.clone(), array.components.to_string(), of.to_owned()]);
+        data.row([
+            array.name.clone(),
+            array.components.to_string(),
+            of.to_owned(),
+        ]);
     }
     let mut times = Table::new("Time [s]", ["part", "seconds"]);
     let t = &summary.time_s;
@@ -494,5 +617,8 @@ fn tables(summary: &Summary) -> Vec<Table> {
     ] {
         times.row([part.to_owned(), format!("{s:.3}")]);
     }
-    [sides, common, data, times].into_iter().filter(|t| !t.rows.is_empty()).collect()
+    [sides, common, data, times]
+        .into_iter()
+        .filter(|t| !t.rows.is_empty())
+        .collect()
 }

@@ -9,8 +9,8 @@ use super::results::Shots;
 use super::turntable::{Side, Turntable};
 use crate::mesh::measures::Aabb;
 use crate::render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Surface, TextStyle, View, colour, render,
-    to_overlays,
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Surface, TextStyle,
+    View, colour, render, to_overlays,
 };
 
 /// Size of a picture [px].
@@ -53,7 +53,12 @@ impl Stage {
         let bounds = bounds.inflate(AROUND * bounds.extents().amax());
         let most = (stretch * 100.0).max(LEAST_RANGE);
         let (view, is_outside) = view(cast, first, &bounds);
-        Self { view, is_outside, focus: bounds.corners().to_vec(), range: (0.0, most) }
+        Self {
+            view,
+            is_outside,
+            focus: bounds.corners().to_vec(),
+            range: (0.0, most),
+        }
     }
 
     /// The same from three sides, each with the name of where one looks from: as it is, from the side, and from above, or
@@ -63,9 +68,15 @@ impl Stage {
         let from = self.view.from.try_normalize(0.0).unwrap_or_else(Vector3::z);
         let level = from - up * from.y;
         // Where any side did, bodies lie along the axes; else the sine of the angle to the vertical decides.
-        let ahead = level.try_normalize(1e-6).filter(|_| self.is_outside).unwrap_or_else(Vector3::z);
+        let ahead = level
+            .try_normalize(1e-6)
+            .filter(|_| self.is_outside)
+            .unwrap_or_else(Vector3::z);
         let is_level = !self.is_outside || level.norm() > 0.5;
-        let seen = |from: Vector3<f64>, up| Self { view: View::orthographic(from, up), ..self.clone() };
+        let seen = |from: Vector3<f64>, up| Self {
+            view: View::orthographic(from, up),
+            ..self.clone()
+        };
         // A flat body would be a line from straight beside or above.
         let side = seen(up.cross(&ahead) + (up + ahead) * RAISED, up);
         let third = if is_level {
@@ -73,18 +84,42 @@ impl Stage {
         } else {
             ("the front", seen(ahead + up * RAISED, up))
         };
-        [(if self.is_outside { "outside" } else { "the front" }, self.clone()), ("the side", side), third]
+        [
+            (
+                if self.is_outside {
+                    "outside"
+                } else {
+                    "the front"
+                },
+                self.clone(),
+            ),
+            ("the side", side),
+            third,
+        ]
     }
 
     /// Height over width of what is shown.
     pub fn aspect(&self) -> f64 {
-        let camera = Camera::fit(self.focus.iter().copied(), &self.view, Canvas::new(1000, 1000));
-        let pixels: Vec<[f64; 2]> = self.focus.iter().filter_map(|p| camera.pixel(p)).map(|(at, _)| at).collect();
+        let camera = Camera::fit(
+            self.focus.iter().copied(),
+            &self.view,
+            Canvas::new(1000, 1000),
+        );
+        let pixels: Vec<[f64; 2]> = self
+            .focus
+            .iter()
+            .filter_map(|p| camera.pixel(p))
+            .map(|(at, _)| at)
+            .collect();
         let [width, height] = [0, 1].map(|k| {
             let along = || pixels.iter().map(|at| at[k]);
             along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
         });
-        if width > 0.0 && height.is_finite() { height / width } else { 1.0 }
+        if width > 0.0 && height.is_finite() {
+            height / width
+        } else {
+            1.0
+        }
     }
 
     /// What the colours mean.
@@ -105,15 +140,24 @@ impl<'a> Painter<'a> {
     pub fn new(cast: &'a Cast, shots: &Shots) -> Option<Self> {
         let (first, last) = (shots.first.as_deref()?, shots.last.as_deref()?);
         let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
-        let bounds =
-            shots.all().flat_map(|s| &s.muscles).map(|(x, _)| Aabb::of_points(x)).reduce(|a, b| a.union(&b))?;
+        let bounds = shots
+            .all()
+            .flat_map(|s| &s.muscles)
+            .map(|(x, _)| Aabb::of_points(x))
+            .reduce(|a, b| a.union(&b))?;
         let covered = covered_stretch(cast, worst.muscles.iter().map(|(x, _)| x.as_slice()));
-        Some(Self { cast, stage: Stage::new(cast, first, &bounds, covered) })
+        Some(Self {
+            cast,
+            stage: Stage::new(cast, first, &bounds, covered),
+        })
     }
 
     /// A painter that shares its place and colours with others.
     pub fn on(cast: &'a Cast, stage: &Stage) -> Self {
-        Self { cast, stage: stage.clone() }
+        Self {
+            cast,
+            stage: stage.clone(),
+        }
     }
 
     /// A picture for the report.
@@ -123,7 +167,12 @@ impl<'a> Painter<'a> {
 
     /// The pictures of an animation, and the seconds that each is shown.
     pub fn animation(&self, shots: &Shots) -> (Vec<Frame>, f64) {
-        let pictures = shots.animation.shots.par_iter().map(|s| self.titled(s, SMALL, false)).collect();
+        let pictures = shots
+            .animation
+            .shots
+            .par_iter()
+            .map(|s| self.titled(s, SMALL, false))
+            .collect();
         let apart = match shots.animation.shots.as_slice() {
             [first, second, ..] => second.time - first.time,
             _ => 1.0,
@@ -137,10 +186,17 @@ impl<'a> Painter<'a> {
     /// A picture that cannot be encoded.
     pub fn turntable(&self, shots: &Shots) -> Result<Option<Turntable>, PictureError> {
         let shown = shots.of_turntable();
-        let ([first, .., last], frames) = (shown.as_slice(), shown.iter().map(|s| s.frame).collect()) else {
+        let ([first, .., last], frames) =
+            (shown.as_slice(), shown.iter().map(|s| s.frame).collect())
+        else {
             return Ok(None);
         };
-        let mut caption = format!("{} of the frames {} to {}", shown.len(), first.frame, last.frame);
+        let mut caption = format!(
+            "{} of the frames {} to {}",
+            shown.len(),
+            first.frame,
+            last.frame
+        );
         if shown.len() > last.frame - first.frame {
             caption = format!("Every frame from {} to {}", first.frame, last.frame);
         }
@@ -148,11 +204,21 @@ impl<'a> Painter<'a> {
         // One side after the other: the pictures of all would be three times the memory.
         for (name, stage) in self.stage.sides() {
             let painter = Self::on(self.cast, &stage);
-            let pictures: Vec<Frame> =
-                shown.par_iter().map(|s| painter.with_legend(s, TURNED, stage.legend())).collect();
-            sides.push(Side { name: name.to_owned(), pictures: to_overlays(&pictures)? });
+            let pictures: Vec<Frame> = shown
+                .par_iter()
+                .map(|s| painter.with_legend(s, TURNED, stage.legend()))
+                .collect();
+            sides.push(Side {
+                name: name.to_owned(),
+                pictures: to_overlays(&pictures)?,
+            });
         }
-        Ok(Some(Turntable { caption, frames, sides, size: [TURNED.0, TURNED.1] }))
+        Ok(Some(Turntable {
+            caption,
+            frames,
+            sides,
+            size: [TURNED.0, TURNED.1],
+        }))
     }
 
     fn with_legend(&self, shot: &Snapshot, size: (u32, u32), legend: Legend) -> Frame {
@@ -162,10 +228,21 @@ impl<'a> Painter<'a> {
     }
 
     fn titled(&self, shot: &Snapshot, size: (u32, u32), large: bool) -> Frame {
-        let legend = if large { self.stage.legend().large() } else { self.stage.legend() };
+        let legend = if large {
+            self.stage.legend().large()
+        } else {
+            self.stage.legend()
+        };
         let mut frame = self.with_legend(shot, size, legend);
         let title = format!("frame {}", shot.frame);
-        frame.title(&title, if large { TextStyle::Title } else { TextStyle::Small });
+        frame.title(
+            &title,
+            if large {
+                TextStyle::Title
+            } else {
+                TextStyle::Small
+            },
+        );
         frame
     }
 
@@ -174,32 +251,49 @@ impl<'a> Painter<'a> {
         let range = self.stage.range;
         let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
         let values = stretches(self.cast, shot);
-        let posed = |((_, mesh), pose): (&(String, crate::mesh::TriangleMesh), &nalgebra::Isometry3<f64>)| {
-            mesh.vertices.iter().map(|v| pose * v).collect::<Vec<Point3<f64>>>()
+        let posed = |((_, mesh), pose): (
+            &(String, crate::mesh::TriangleMesh),
+            &nalgebra::Isometry3<f64>,
+        )| {
+            mesh.vertices
+                .iter()
+                .map(|v| pose * v)
+                .collect::<Vec<Point3<f64>>>()
         };
-        let bones: Vec<Vec<Point3<f64>>> = self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
-        let surfaces = self.cast.muscles.iter().zip(&shot.muscles).zip(&values).map(|((actor, (x, _)), values)| {
-            Surface::field(x, &actor.rest.triangles, values, range, ColourMap::Viridis)
-        });
-        let around = self
+        let bones: Vec<Vec<Point3<f64>>> =
+            self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
+        let surfaces = self
             .cast
-            .bones
+            .muscles
             .iter()
-            .zip(&bones)
-            .map(|((_, mesh), x)| Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45));
+            .zip(&shot.muscles)
+            .zip(&values)
+            .map(|((actor, (x, _)), values)| {
+                Surface::field(x, &actor.rest.triangles, values, range, ColourMap::Viridis)
+            });
+        let around = self.cast.bones.iter().zip(&bones).map(|((_, mesh), x)| {
+            Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45)
+        });
         let lines: Vec<Vec<Vec<Point3<f64>>>> = self
             .cast
             .muscles
             .iter()
             .zip(&shot.muscles)
             .map(|(actor, (x, _))| {
-                let bare = actor.lines.iter().map(|line| line.iter().map(|&v| x[v as usize]).collect());
+                let bare = actor
+                    .lines
+                    .iter()
+                    .map(|line| line.iter().map(|&v| x[v as usize]).collect());
                 actor.fibres.at(x).into_iter().chain(bare).collect()
             })
             .collect();
         let mut drawing = Drawing::of(surfaces.chain(around));
         for (m, (actor, lines)) in self.cast.muscles.iter().zip(&lines).enumerate() {
-            let ink = if actor.lines.is_empty() { LINE } else { colour::MUSCLE };
+            let ink = if actor.lines.is_empty() {
+                LINE
+            } else {
+                colour::MUSCLE
+            };
             // Fibres run inside their muscle, which is the surface of the same number.
             drawing = drawing.with_lines(Lines::new(lines, ink).seen_through(m));
         }
@@ -208,10 +302,21 @@ impl<'a> Painter<'a> {
 }
 
 /// The mean absolute strain of a vertex's edges that all but a few vertices stay below, at positions of each muscle.
-pub fn covered_stretch<'a>(cast: &Cast, positions: impl IntoIterator<Item = &'a [Point3<f64>]>) -> f64 {
-    let mut all: Vec<f64> = cast.muscles.iter().zip(positions).flat_map(|(actor, x)| actor.stretch(x)).collect();
+pub fn covered_stretch<'a>(
+    cast: &Cast,
+    positions: impl IntoIterator<Item = &'a [Point3<f64>]>,
+) -> f64 {
+    let mut all: Vec<f64> = cast
+        .muscles
+        .iter()
+        .zip(positions)
+        .flat_map(|(actor, x)| actor.stretch(x))
+        .collect();
     all.sort_unstable_by(f64::total_cmp);
-    all.get((COVERED * all.len() as f64) as usize).or(all.last()).copied().unwrap_or(0.0)
+    all.get((COVERED * all.len() as f64) as usize)
+        .or(all.last())
+        .copied()
+        .unwrap_or(0.0)
 }
 
 /// Mean absolute strain of the edges at each vertex of each muscle [%].
@@ -219,7 +324,11 @@ fn stretches(cast: &Cast, shot: &Snapshot) -> Vec<Vec<f64>> {
     let percent = |(actor, (x, _)): (&super::frames::Actor, &(Vec<Point3<f64>>, _))| {
         actor.stretch(x).into_iter().map(|s| s * 100.0).collect()
     };
-    cast.muscles.iter().zip(&shot.muscles).map(percent).collect()
+    cast.muscles
+        .iter()
+        .zip(&shot.muscles)
+        .map(percent)
+        .collect()
 }
 
 /// From outside: from the bones that are near the muscles to the muscles, and a little from above; and whether that is
@@ -229,16 +338,26 @@ fn view(cast: &Cast, first: &Snapshot, bounds: &Aabb) -> (View, bool) {
         let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
         (!points.is_empty()).then(|| sum / points.len() as f64)
     };
-    let muscles: Vec<Point3<f64>> = first.muscles.iter().flat_map(|(x, _)| x.iter().copied()).collect();
-    let bones =
-        cast.bones.iter().zip(&first.bones).flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
+    let muscles: Vec<Point3<f64>> = first
+        .muscles
+        .iter()
+        .flat_map(|(x, _)| x.iter().copied())
+        .collect();
+    let bones = cast
+        .bones
+        .iter()
+        .zip(&first.bones)
+        .flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
     let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
     let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
     // Where the bones are all around, as two plates are, any side will do.
     let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
     let outward = clear.and_then(|o| o.try_normalize(0.0));
     let from = outward.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize());
-    (View::orthographic(from + Vector3::y() * RAISED, Vector3::y()), outward.is_some())
+    (
+        View::orthographic(from + Vector3::y() * RAISED, Vector3::y()),
+        outward.is_some(),
+    )
 }
 
 #[cfg(test)]
@@ -247,23 +366,51 @@ mod tests {
 
     fn stage(from: Vector3<f64>, is_outside: bool) -> Stage {
         let view = View::orthographic(from, Vector3::y());
-        Stage { view, is_outside, focus: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)], range: (0.0, 1.0) }
+        Stage {
+            view,
+            is_outside,
+            focus: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)],
+            range: (0.0, 1.0),
+        }
     }
 
     #[test]
     fn three_sides_are_nearly_at_right_angles_and_named_for_where_one_looks_from() {
         for (from, is_outside, names) in [
-            (Vector3::new(2.0, 0.3, 1.0), true, ["outside", "the side", "above"]),
-            (Vector3::new(-1.0, -0.8, 0.0), true, ["outside", "the side", "above"]),
-            (Vector3::new(0.1, 3.0, 0.2), true, ["outside", "the side", "the front"]),
-            (Vector3::new(0.0, -2.0, 0.0), true, ["outside", "the side", "the front"]),
-            (Vector3::new(0.5, 0.15, 1.0), false, ["the front", "the side", "above"]),
+            (
+                Vector3::new(2.0, 0.3, 1.0),
+                true,
+                ["outside", "the side", "above"],
+            ),
+            (
+                Vector3::new(-1.0, -0.8, 0.0),
+                true,
+                ["outside", "the side", "above"],
+            ),
+            (
+                Vector3::new(0.1, 3.0, 0.2),
+                true,
+                ["outside", "the side", "the front"],
+            ),
+            (
+                Vector3::new(0.0, -2.0, 0.0),
+                true,
+                ["outside", "the side", "the front"],
+            ),
+            (
+                Vector3::new(0.5, 0.15, 1.0),
+                false,
+                ["the front", "the side", "above"],
+            ),
             (Vector3::zeros(), true, ["outside", "the side", "above"]),
         ] {
             let sides = stage(from, is_outside).sides();
             assert_eq!(sides.each_ref().map(|(name, _)| *name), names, "{from}");
             let ways = sides.map(|(_, stage)| {
-                assert!((stage.focus.len(), stage.range) == (2, (0.0, 1.0)), "what is shown is the same");
+                assert!(
+                    (stage.focus.len(), stage.range) == (2, (0.0, 1.0)),
+                    "what is shown is the same"
+                );
                 let camera = Camera::fit(stage.focus, &stage.view, Canvas::new(100, 100));
                 (camera.towards_viewer(), camera.right_and_up()[1])
             });

@@ -18,8 +18,10 @@ const CHARACTER: f64 = 6.4;
 const LONE: f64 = 8.0;
 
 /// Colours that are told apart by all eyes, on white and on black.
-const COLOURS: [&str; 9] =
-    ["#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63", "#5c6670", "#c2185b"];
+const COLOURS: [&str; 9] = [
+    "#3b7dd8", "#e4572e", "#2a9d5c", "#b07aa1", "#e0a100", "#17a2b8", "#8d6e63", "#5c6670",
+    "#c2185b",
+];
 
 /// A line of a plot.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,7 +39,11 @@ pub struct Series {
 impl Series {
     /// A series.
     pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
-        Self { name: name.into(), points: points.into_iter().collect(), ..Self::default() }
+        Self {
+            name: name.into(),
+            points: points.into_iter().collect(),
+            ..Self::default()
+        }
     }
 
     /// The same as dots, with their spread along x and a thin line through the lowest from the left.
@@ -79,7 +85,11 @@ struct Axes {
 impl Axes {
     /// The x at the left end.
     fn first_x(&self) -> f64 {
-        if self.log_x { libm::pow(10.0, self.x.0) } else { self.x.0 }
+        if self.log_x {
+            libm::pow(10.0, self.x.0)
+        } else {
+            self.x.0
+        }
     }
 
     fn place(&self, x: f64, y: f64) -> Option<(f64, f64)> {
@@ -92,7 +102,10 @@ impl Axes {
         let across = (x - self.x.0) / (self.x.1 - self.x.0);
         let up = (y - self.y.0) / (self.y.1 - self.y.0);
         let bottom = SIZE[1] - BOTTOM;
-        let place = (LEFT + across * (SIZE[0] - LEFT - RIGHT), bottom - up * (bottom - self.top));
+        let place = (
+            LEFT + across * (SIZE[0] - LEFT - RIGHT),
+            bottom - up * (bottom - self.top),
+        );
         (place.0.is_finite() && place.1.is_finite()).then_some(place)
     }
 }
@@ -100,11 +113,19 @@ impl Axes {
 impl LinePlot {
     /// A plot without lines.
     pub fn new(title: impl Into<String>, x_label: impl Into<String>) -> Self {
-        Self { title: title.into(), x_label: x_label.into(), ..Self::default() }
+        Self {
+            title: title.into(),
+            x_label: x_label.into(),
+            ..Self::default()
+        }
     }
 
     /// Adds a line.
-    pub fn with(mut self, name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+    pub fn with(
+        mut self,
+        name: impl Into<String>,
+        points: impl IntoIterator<Item = (f64, f64)>,
+    ) -> Self {
         self.series.push(Series::new(name, points));
         self
     }
@@ -145,7 +166,11 @@ impl LinePlot {
                 self.draw_lines(&mut svg, &axes);
             }
             None => {
-                let why = if self.log_y { "nothing above zero" } else { "nothing to plot" };
+                let why = if self.log_y {
+                    "nothing above zero"
+                } else {
+                    "nothing to plot"
+                };
                 let _ = writeln!(
                     svg,
                     "<text x=\"{}\" y=\"{}\" text-anchor=\"middle\" opacity=\"0.6\">{why}</text>",
@@ -159,9 +184,19 @@ impl LinePlot {
 
     /// The names of the lines; returns where the plot begins below them.
     fn draw_key(&self, svg: &mut String) -> f64 {
-        let lines = self.series.iter().enumerate().map(|(i, s)| (&s.name, COLOURS[i % COLOURS.len()], ""));
-        let limits = self.limits.iter().map(|(name, _)| (name, "currentColor", " stroke-dasharray=\"5 4\""));
-        let entries: Vec<_> = lines.chain(limits).filter(|(name, ..)| !name.is_empty()).collect();
+        let lines = self
+            .series
+            .iter()
+            .enumerate()
+            .map(|(i, s)| (&s.name, COLOURS[i % COLOURS.len()], ""));
+        let limits = self
+            .limits
+            .iter()
+            .map(|(name, _)| (name, "currentColor", " stroke-dasharray=\"5 4\""));
+        let entries: Vec<_> = lines
+            .chain(limits)
+            .filter(|(name, ..)| !name.is_empty())
+            .collect();
         let (mut x, mut y) = (LEFT, 36.0_f64);
         for (name, colour, dash) in &entries {
             let room = 26.0 + name.chars().count() as f64 * CHARACTER + 16.0;
@@ -179,7 +214,12 @@ impl LinePlot {
             x += room;
         }
         // However many lines there are, a plot remains.
-        (if entries.is_empty() { 32.0_f64 } else { y + 14.0 }).min(SIZE[1] - BOTTOM - 60.0)
+        (if entries.is_empty() {
+            32.0_f64
+        } else {
+            y + 14.0
+        })
+        .min(SIZE[1] - BOTTOM - 60.0)
     }
 
     /// The ranges of the points that can be drawn; `None` if there are none.
@@ -187,16 +227,30 @@ impl LinePlot {
         let power = |v: f64, log: bool| if log { libm::log10(v.max(0.0)) } else { v };
         let scale = |y: f64| power(y, self.log_y);
         let points = || {
-            let bars = |s: &Series| s.bars.iter().flat_map(|(y, a, b)| [(*a, *y), (*b, *y)]).collect::<Vec<_>>();
-            let points = self.series.iter().flat_map(move |s| s.points.iter().copied().chain(bars(s)));
+            let bars = |s: &Series| {
+                s.bars
+                    .iter()
+                    .flat_map(|(y, a, b)| [(*a, *y), (*b, *y)])
+                    .collect::<Vec<_>>()
+            };
+            let points = self
+                .series
+                .iter()
+                .flat_map(move |s| s.points.iter().copied().chain(bars(s)));
             let points = points.map(|(x, y)| (power(x, self.log_x), scale(y)));
             points.filter(|(x, y)| x.abs() < 1e300 && y.abs() < 1e300)
         };
         let range = |values: &mut dyn Iterator<Item = f64>| {
-            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)))
+            values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                (low.min(v), high.max(v))
+            })
         };
         let x = range(&mut points().map(|(x, _)| x));
-        let limits = self.limits.iter().map(|(_, y)| scale(*y)).filter(|y| y.abs() < 1e300);
+        let limits = self
+            .limits
+            .iter()
+            .map(|(_, y)| scale(*y))
+            .filter(|y| y.abs() < 1e300);
         let mut y = range(&mut points().map(|(_, y)| y).chain(limits));
         if x.0 > x.1 {
             return None;
@@ -205,18 +259,43 @@ impl LinePlot {
         if !self.log_y && y.0 > 0.0 && y.0 < 0.5 * y.1 {
             y.0 = 0.0;
         }
-        let padding = if self.log_y { (0.05 * (y.1 - y.0)).max(0.3) } else { 0.05 * (y.1 - y.0) };
-        let y = (if y.0 == 0.0 && !self.log_y { 0.0 } else { y.0 - padding }, y.1 + padding);
+        let padding = if self.log_y {
+            (0.05 * (y.1 - y.0)).max(0.3)
+        } else {
+            0.05 * (y.1 - y.0)
+        };
+        let y = (
+            if y.0 == 0.0 && !self.log_y {
+                0.0
+            } else {
+                y.0 - padding
+            },
+            y.1 + padding,
+        );
         // Dots shall not lie on the rim.
-        let aside = if self.log_x { (0.03 * (x.1 - x.0)).max(0.05) } else { 0.0 };
+        let aside = if self.log_x {
+            (0.03 * (x.1 - x.0)).max(0.05)
+        } else {
+            0.0
+        };
         let x = widened((x.0 - aside, x.1 + aside));
-        Some(Axes { x, y: widened(y), log: self.log_y, log_x: self.log_x, top })
+        Some(Axes {
+            x,
+            y: widened(y),
+            log: self.log_y,
+            log_x: self.log_x,
+            top,
+        })
     }
 
     /// What lies below the bound of knowledge.
     fn draw_unknown(&self, svg: &mut String, axes: &Axes) {
-        let Some((name, bound)) = &self.unknown_below else { return };
-        let Some((_, y)) = axes.place(axes.first_x(), *bound) else { return };
+        let Some((name, bound)) = &self.unknown_below else {
+            return;
+        };
+        let Some((_, y)) = axes.place(axes.first_x(), *bound) else {
+            return;
+        };
         let bottom = SIZE[1] - BOTTOM;
         let y = y.clamp(axes.top, bottom);
         let _ = writeln!(
@@ -234,7 +313,11 @@ impl LinePlot {
         let (bottom, right) = (SIZE[1] - BOTTOM, SIZE[0] - RIGHT);
         let power = |y: f64| if axes.log { libm::pow(10.0, y) } else { y };
         let range = (power(axes.y.0), power(axes.y.1));
-        let ticks = if axes.log { Ticks::logarithmic(range, 5) } else { Ticks::linear(range, 5) };
+        let ticks = if axes.log {
+            Ticks::logarithmic(range, 5)
+        } else {
+            Ticks::linear(range, 5)
+        };
         svg.push_str("<g stroke=\"currentColor\" stroke-opacity=\"0.14\">\n");
         let reach = |x: f64| if axes.log_x { libm::pow(10.0, x) } else { x };
         let across = if axes.log_x {
@@ -243,9 +326,18 @@ impl LinePlot {
             Ticks::linear(axes.x, 8)
         };
         let first = axes.first_x();
-        let rows: Vec<_> = ticks.values.iter().filter_map(|v| axes.place(first, *v)).map(|p| p.1).collect();
-        let columns: Vec<_> =
-            across.values.iter().filter_map(|v| axes.place(*v, power(axes.y.0))).map(|p| p.0).collect();
+        let rows: Vec<_> = ticks
+            .values
+            .iter()
+            .filter_map(|v| axes.place(first, *v))
+            .map(|p| p.1)
+            .collect();
+        let columns: Vec<_> = across
+            .values
+            .iter()
+            .filter_map(|v| axes.place(*v, power(axes.y.0)))
+            .map(|p| p.0)
+            .collect();
         for y in &rows {
             let _ = writeln!(svg, "<path d=\"M{LEFT} {y:.1}H{right}\"/>");
         }
@@ -258,10 +350,19 @@ impl LinePlot {
         );
         svg.push_str("<g opacity=\"0.75\">\n");
         for (y, label) in rows.iter().zip(&ticks.labels) {
-            let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>", LEFT - 7.0, y + 4.0);
+            let _ = writeln!(
+                svg,
+                "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\">{label}</text>",
+                LEFT - 7.0,
+                y + 4.0
+            );
         }
         for (x, label) in columns.iter().zip(&across.labels) {
-            let _ = writeln!(svg, "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>", bottom + 17.0);
+            let _ = writeln!(
+                svg,
+                "<text x=\"{x:.1}\" y=\"{}\" text-anchor=\"middle\">{label}</text>",
+                bottom + 17.0
+            );
         }
         let _ = writeln!(
             svg,
@@ -313,21 +414,34 @@ fn draw_dots(svg: &mut String, axes: &Axes, series: &Series, colour: &str) {
     let mut points = series.points.clone();
     points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
     for (x, y) in points {
-        let Some(place) = axes.place(x, y).filter(|_| y < least) else { continue };
+        let Some(place) = axes.place(x, y).filter(|_| y < least) else {
+            continue;
+        };
         least = y;
-        let _ = write!(path, "{}{:.1} {:.1}", if path.is_empty() { 'M' } else { 'L' }, place.0, place.1);
+        let _ = write!(
+            path,
+            "{}{:.1} {:.1}",
+            if path.is_empty() { 'M' } else { 'L' },
+            place.0,
+            place.1
+        );
     }
     let _ = writeln!(
         svg,
         "<path d=\"{path}\" fill=\"none\" stroke=\"{colour}\" stroke-width=\"1\" stroke-opacity=\"0.7\"/>"
     );
     for (x, y) in series.points.iter().filter_map(|(x, y)| axes.place(*x, *y)) {
-        let _ =
-            writeln!(svg, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\" fill=\"{colour}\" fill-opacity=\"0.85\"/>");
+        let _ = writeln!(
+            svg,
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.6\" fill=\"{colour}\" fill-opacity=\"0.85\"/>"
+        );
     }
     for (y, low, high) in &series.bars {
         if let (Some((a, y)), Some((b, _))) = (axes.place(*low, *y), axes.place(*high, *y)) {
-            let _ = writeln!(svg, "<path d=\"M{a:.1} {y:.1}H{b:.1}\" stroke=\"{colour}\" stroke-width=\"1.5\"/>");
+            let _ = writeln!(
+                svg,
+                "<path d=\"M{a:.1} {y:.1}H{b:.1}\" stroke=\"{colour}\" stroke-width=\"1.5\"/>"
+            );
         }
     }
 }
@@ -355,8 +469,15 @@ fn thinned(places: impl Iterator<Item = Option<(f64, f64)>>) -> Vec<Option<(f64,
         let height = |i: &usize| group[*i].map_or(0.0, |p| p.1);
         let by_height = |a: &usize, b: &usize| height(a).total_cmp(&height(b));
         let ends = [0, group.len() - 1].map(Some);
-        let [lowest, highest] = [(0..group.len()).min_by(by_height), (0..group.len()).max_by(by_height)];
-        let mut chosen: Vec<usize> = ends.into_iter().chain([lowest, highest]).flatten().collect();
+        let [lowest, highest] = [
+            (0..group.len()).min_by(by_height),
+            (0..group.len()).max_by(by_height),
+        ];
+        let mut chosen: Vec<usize> = ends
+            .into_iter()
+            .chain([lowest, highest])
+            .flatten()
+            .collect();
         chosen.sort_unstable();
         chosen.dedup();
         kept.extend(chosen.into_iter().map(|i| group[i]));
@@ -378,25 +499,49 @@ mod tests {
         let points = [1.0, 2.0, f64::NAN, 3.0, 4.0, f64::INFINITY, 5.0];
         let plot = LinePlot::new("t", "x").with("a", (0..).map(f64::from).zip(points));
         assert_eq!(paths(&plot.to_svg()), 3);
-        let plot = LinePlot::new("t", "x").with("a", [(0.0, 1.0), (1.0, 0.0), (2.0, 1.0)]).logarithmic();
+        let plot = LinePlot::new("t", "x")
+            .with("a", [(0.0, 1.0), (1.0, 0.0), (2.0, 1.0)])
+            .logarithmic();
         assert_eq!(paths(&plot.to_svg()), 2);
-        assert!(LinePlot::new("t", "x").with("a", [(0.0, 0.0)]).logarithmic().to_svg().contains("nothing above zero"));
+        assert!(
+            LinePlot::new("t", "x")
+                .with("a", [(0.0, 0.0)])
+                .logarithmic()
+                .to_svg()
+                .contains("nothing above zero")
+        );
         assert!(LinePlot::new("t", "x").to_svg().contains("nothing to plot"));
     }
 
     #[test]
     fn dots_lie_inside_and_what_is_unknown_is_grey() {
-        let series = Series::new("a", [(1e-3, 1e-2), (10.0, 1e-5), (0.0, 1.0)]).dotted([(1e-2, 5e-4, 2e-3)]);
-        let plot = LinePlot { series: vec![series], ..LinePlot::new("t", "x").logarithmic_both() };
-        let svg = LinePlot { unknown_below: Some(("?<".into(), 1e-4)), ..plot.clone() }.to_svg();
-        assert_eq!(svg.matches("<circle").count(), 2, "a time of zero has no place on a logarithmic axis");
+        let series =
+            Series::new("a", [(1e-3, 1e-2), (10.0, 1e-5), (0.0, 1.0)]).dotted([(1e-2, 5e-4, 2e-3)]);
+        let plot = LinePlot {
+            series: vec![series],
+            ..LinePlot::new("t", "x").logarithmic_both()
+        };
+        let svg = LinePlot {
+            unknown_below: Some(("?<".into(), 1e-4)),
+            ..plot.clone()
+        }
+        .to_svg();
+        assert_eq!(
+            svg.matches("<circle").count(),
+            2,
+            "a time of zero has no place on a logarithmic axis"
+        );
         assert!(
             svg.contains("fill-opacity=\"0.1\"")
                 && svg.contains("?&lt;")
                 && !plot.to_svg().contains("fill-opacity=\"0.1\"")
         );
         for part in svg.split("cx=\"").skip(1) {
-            let x: f64 = part.split('"').next().and_then(|x| x.parse().ok()).expect("a number");
+            let x: f64 = part
+                .split('"')
+                .next()
+                .and_then(|x| x.parse().ok())
+                .expect("a number");
             assert!(x > LEFT && x < SIZE[0] - RIGHT, "{x}");
         }
     }
@@ -404,7 +549,10 @@ mod tests {
     #[test]
     fn every_text_is_escaped() {
         let evil = "<script>alert('&\"')</script>";
-        let svg = LinePlot::new(evil, evil).with(evil, [(0.0, 1.0)]).with_limit(evil, 2.0).to_svg();
+        let svg = LinePlot::new(evil, evil)
+            .with(evil, [(0.0, 1.0)])
+            .with_limit(evil, 2.0)
+            .to_svg();
         assert!(!svg.contains("<script"));
         assert_eq!(svg.matches("&lt;script").count(), 5);
     }
@@ -414,9 +562,18 @@ mod tests {
         let points = (0..200_000).map(|i| (f64::from(i), if i == 123_456 { 100.0 } else { 1.0 }));
         let svg = LinePlot::new("t", "x").with("a", points).to_svg();
         assert!(svg.len() < 100_000, "{}", svg.len());
-        let highest =
-            Axes { x: (0.0, 1.0), y: (0.0, 100.0 * 1.05 - 0.0), log: false, log_x: false, top: 50.0 }.place(0.0, 100.0);
-        assert!(highest.is_some_and(|(_, y)| svg.contains(&format!(" {y:.1}L"))), "{highest:?}");
+        let highest = Axes {
+            x: (0.0, 1.0),
+            y: (0.0, 100.0 * 1.05 - 0.0),
+            log: false,
+            log_x: false,
+            top: 50.0,
+        }
+        .place(0.0, 100.0);
+        assert!(
+            highest.is_some_and(|(_, y)| svg.contains(&format!(" {y:.1}L"))),
+            "{highest:?}"
+        );
     }
 
     proptest! {

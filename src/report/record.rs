@@ -33,22 +33,40 @@ pub struct Record {
 
 /// The effect as scenes and plans call it, from what its constraint is called.
 pub(super) fn effect_name(constraint: &str) -> &str {
-    if constraint == "distance" { "stretch" } else { constraint }
+    if constraint == "distance" {
+        "stretch"
+    } else {
+        constraint
+    }
 }
 
 /// The effect of a name as [`effect_name`] gives it.
 fn known_effect(name: &str) -> Option<&'static str> {
-    if name == "stretch" { Some("stretch") } else { effect_of_name(name) }
+    if name == "stretch" {
+        Some("stretch")
+    } else {
+        effect_of_name(name)
+    }
 }
 
 impl Value for FrameTimes {
     const LEAST: usize = 8 + 8 + 8 + 8;
 
     fn put(&self, to: &mut Writer) {
-        let Self { frame, step_ms, audit_ms, effects_ms } = self;
+        let Self {
+            frame,
+            step_ms,
+            audit_ms,
+            effects_ms,
+        } = self;
         to.put(frame);
         to.put(&(*step_ms, *audit_ms));
-        to.put(&effects_ms.iter().map(|(name, ms)| ((*name).to_owned(), *ms)).collect::<Vec<_>>());
+        to.put(
+            &effects_ms
+                .iter()
+                .map(|(name, ms)| ((*name).to_owned(), *ms))
+                .collect::<Vec<_>>(),
+        );
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
@@ -57,14 +75,23 @@ impl Value for FrameTimes {
         let named: Vec<(String, f64)> = from.take()?;
         let known = |(name, ms): (String, f64)| known_effect(&name).map(|name| (name, ms));
         let effects_ms = named.into_iter().map(known).collect::<Option<_>>();
-        Ok(Self { frame, step_ms, audit_ms, effects_ms: effects_ms.ok_or(from.corrupt("no effect has this name"))? })
+        Ok(Self {
+            frame,
+            step_ms,
+            audit_ms,
+            effects_ms: effects_ms.ok_or(from.corrupt("no effect has this name"))?,
+        })
     }
 }
 
 /// Seconds of each effect so far, summed over muscles.
 fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut sums = BTreeMap::new();
-    for (effect, (seconds, _)) in simulation.bodies.iter().flat_map(|b| &b.system.clock.effects) {
+    for (effect, (seconds, _)) in simulation
+        .bodies
+        .iter()
+        .flat_map(|b| &b.system.clock.effects)
+    {
         *sums.entry(effect_name(effect)).or_insert(0.0) += seconds;
     }
     sums
@@ -72,12 +99,26 @@ fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
 
 impl Record {
     /// What was recorded up to the frame at which `simulation` is, whose clocks go on from there.
-    pub fn going_on(simulation: &Simulation, measures: Vec<Measures>, times: Vec<FrameTimes>) -> Self {
-        Self { measures, times, before: effect_seconds(simulation) }
+    pub fn going_on(
+        simulation: &Simulation,
+        measures: Vec<Measures>,
+        times: Vec<FrameTimes>,
+    ) -> Self {
+        Self {
+            measures,
+            times,
+            before: effect_seconds(simulation),
+        }
     }
 
     /// Adds the frame that `simulation` has just computed, or its start, with its measures.
-    pub fn add(&mut self, simulation: &Simulation, measures: Vec<Measures>, step: Duration, audit: Duration) {
+    pub fn add(
+        &mut self,
+        simulation: &Simulation,
+        measures: Vec<Measures>,
+        step: Duration,
+        audit: Duration,
+    ) {
         let now = effect_seconds(simulation);
         if simulation.frame() > 0 {
             let ms = |(effect, seconds): (&&'static str, &f64)| {
@@ -128,12 +169,19 @@ impl Record {
     /// What the writer refuses.
     pub fn write_times(&self, w: &mut impl Write) -> io::Result<()> {
         let effects: Vec<&str> = self.before.keys().copied().collect();
-        let columns = effects.iter().map(|e| format!(",{e}_ms")).collect::<String>();
+        let columns = effects
+            .iter()
+            .map(|e| format!(",{e}_ms"))
+            .collect::<String>();
         writeln!(w, "frame,step_ms,audit_ms{columns}")?;
         for t in &self.times {
             write!(w, "{},{:.4},{:.4}", t.frame, t.step_ms, t.audit_ms)?;
             for effect in &effects {
-                write!(w, ",{:.4}", t.effects_ms.get(effect).copied().unwrap_or(0.0))?;
+                write!(
+                    w,
+                    ",{:.4}",
+                    t.effects_ms.get(effect).copied().unwrap_or(0.0)
+                )?;
             }
             writeln!(w)?;
         }
@@ -186,7 +234,11 @@ fn row(m: &Measures) -> [String; 16] {
 
 /// A text as CSV wants it.
 pub(crate) fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]
@@ -200,7 +252,9 @@ mod tests {
         // The start has no residual, and JSON no NaN.
         simulation.step_frame();
         let measures = simulation.measure();
-        let serde_json::Value::Object(fields) = serde_json::to_value(&measures[0]).unwrap() else { panic!() };
+        let serde_json::Value::Object(fields) = serde_json::to_value(&measures[0]).unwrap() else {
+            panic!()
+        };
         let mut known: Vec<&str> = fields.keys().map(String::as_str).collect();
         let mut columns = COLUMNS.to_vec();
         known.sort_unstable();

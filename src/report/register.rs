@@ -14,7 +14,10 @@ use crate::mesh::measures::{Aabb, greatest};
 use crate::morph::pose::axes;
 use crate::morph::register::Motion;
 use crate::morph::register::whole::{Laid, Residual};
-use crate::render::{Camera, Canvas, ColourMap, Drawing, Frame, Legend, Rgb, Surface, TextStyle, View, colour, render};
+use crate::render::{
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Rgb, Surface, TextStyle, View, colour,
+    render,
+};
 
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (520, 480);
@@ -140,7 +143,16 @@ impl Summary {
 impl Registration<'_> {
     /// The files that are written.
     pub fn files() -> Vec<String> {
-        ["moved.vtp", "moved.obj", "before.png", "after.png", "summary.json", "report.html"].map(str::to_owned).to_vec()
+        [
+            "moved.vtp",
+            "moved.obj",
+            "before.png",
+            "after.png",
+            "summary.json",
+            "report.html",
+        ]
+        .map(str::to_owned)
+        .to_vec()
     }
 
     /// Measures what is told.
@@ -162,7 +174,11 @@ impl Registration<'_> {
                 moved_max: moved.max,
             }
         });
-        let told = |r: Residual| Distances { rms: r.rms, median: r.median, max: r.max };
+        let told = |r: Residual| Distances {
+            rms: r.rms,
+            median: r.median,
+            max: r.max,
+        };
         let enough = format!(
             "at least two thirds of the {:.0} % asked for by --overlap lie on B: {:.1} % do",
             self.overlap * 100.0,
@@ -178,7 +194,11 @@ impl Registration<'_> {
             vertices_b: b.vertices.len(),
             triangles_b: b.triangles.len(),
             length_unit: self.unit.unwrap_or("that of the files"),
-            with: if self.motion == Motion::Rigid { "rigid" } else { "similarity" },
+            with: if self.motion == Motion::Rigid {
+                "rigid"
+            } else {
+                "similarity"
+            },
             overlap: self.overlap,
             seed: self.seed,
             matrix: std::array::from_fn(|i| std::array::from_fn(|k| rows[(i, k)])),
@@ -195,7 +215,12 @@ impl Registration<'_> {
             residual: told(laid.residual()),
             distance: told(Residual::of(laid.distances.iter().copied())),
             non_rigid: bent,
-            time_s: Seconds { read: self.read_s, start: laid.times.start, icp: laid.times.icp, bend: laid.times.bend },
+            time_s: Seconds {
+                read: self.read_s,
+                start: laid.times.start,
+                icp: laid.times.icp,
+                bend: laid.times.bend,
+            },
             verdicts: vec![
                 (enough, share >= self.overlap * 2.0 / 3.0),
                 (rest, laid.registered.converged || bent.is_some()),
@@ -209,22 +234,44 @@ impl Registration<'_> {
     /// A file that cannot be written.
     pub fn write(&self, folder: &Folder, summary: &Summary) -> Result<(), FolderError> {
         let (laid, mesh) = (self.laid, self.meshes[0]);
-        let mut point_data: Vec<(&str, Vec<f64>)> =
-            self.data.iter().map(|d| (d.name.as_str(), d.values.clone())).collect();
+        let mut point_data: Vec<(&str, Vec<f64>)> = self
+            .data
+            .iter()
+            .map(|d| (d.name.as_str(), d.values.clone()))
+            .collect();
         let mut own = vec![
             ("distance", laid.distances.clone()),
-            ("inlier", laid.inliers.iter().map(|on| f64::from(u8::from(*on))).collect()),
+            (
+                "inlier",
+                laid.inliers
+                    .iter()
+                    .map(|on| f64::from(u8::from(*on)))
+                    .collect(),
+            ),
         ];
-        own.extend(laid.bent.as_ref().map(|b| ("cluster", b.clusters.iter().map(|c| f64::from(*c)).collect())));
+        own.extend(laid.bent.as_ref().map(|b| {
+            (
+                "cluster",
+                b.clusters.iter().map(|c| f64::from(*c)).collect(),
+            )
+        }));
         for (name, values) in own {
             if point_data.iter().all(|(other, _)| *other != name) {
                 point_data.push((name, values));
             }
         }
-        let data = PolyData { points: &laid.points, triangles: &mesh.triangles, lines: &[], point_data };
+        let data = PolyData {
+            points: &laid.points,
+            triangles: &mesh.triangles,
+            lines: &[],
+            point_data,
+        };
         let path = folder.claim("moved.vtp")?;
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })?;
-        let moved = TriangleMesh { vertices: laid.points.clone(), triangles: mesh.triangles.clone() };
+        let moved = TriangleMesh {
+            vertices: laid.points.clone(),
+            triangles: mesh.triangles.clone(),
+        };
         let path = folder.claim("moved.obj")?;
         obj::write(&path, &moved, &[]).map_err(|source| FolderError::Io { path, source })?;
         let before = self.before().to_png()?;
@@ -250,7 +297,10 @@ impl Registration<'_> {
     /// A, blue, and B as they were placed.
     fn before(&self) -> Frame {
         let [a, b] = self.meshes;
-        let camera = self.camera(&[&a.vertices, &b.vertices], Canvas::new(SIZE.0, SIZE.1).with_top(26.0));
+        let camera = self.camera(
+            &[&a.vertices, &b.vertices],
+            Canvas::new(SIZE.0, SIZE.1).with_top(26.0),
+        );
         let moving = Surface::plain(&a.vertices, &a.triangles, MOVING);
         let fixed = Surface::plain(&b.vertices, &b.triangles, colour::BONE).with_opacity(0.55);
         let mut frame = render(&Drawing::of([moving, fixed]), &camera);
@@ -262,14 +312,32 @@ impl Registration<'_> {
     fn after(&self) -> Frame {
         let ([a, b], laid) = (self.meshes, self.laid);
         // Vertices without a place on B must not pale those that have one.
-        let on = laid.distances.iter().zip(&laid.inliers).filter(|(_, on)| **on).map(|(d, _)| *d);
+        let on = laid
+            .distances
+            .iter()
+            .zip(&laid.inliers)
+            .filter(|(_, on)| **on)
+            .map(|(d, _)| *d);
         let range = (0.0, greatest(on));
-        let legend = Legend::new("Distance", self.unit.unwrap_or(""), range, ColourMap::Viridis);
+        let legend = Legend::new(
+            "Distance",
+            self.unit.unwrap_or(""),
+            range,
+            ColourMap::Viridis,
+        );
         let room = legend.width();
-        let canvas = Canvas::new(SIZE.0 + room as u32, SIZE.1).with_right(room).with_top(26.0);
+        let canvas = Canvas::new(SIZE.0 + room as u32, SIZE.1)
+            .with_right(room)
+            .with_top(26.0);
         let bounds = Aabb::of_points(&b.vertices);
         let camera = self.camera(&[&laid.points, &bounds.corners()], canvas);
-        let moving = Surface::field(&laid.points, &a.triangles, &laid.distances, range, ColourMap::Viridis);
+        let moving = Surface::field(
+            &laid.points,
+            &a.triangles,
+            &laid.distances,
+            range,
+            ColourMap::Viridis,
+        );
         let fixed = Surface::plain(&b.vertices, &b.triangles, colour::BONE).with_opacity(0.15);
         let mut frame = render(&Drawing::of([moving, fixed]), &camera);
         legend.draw(&mut frame);
@@ -279,24 +347,42 @@ impl Registration<'_> {
 
     fn page(&self, summary: &Summary, before: Vec<u8>, after: Vec<u8>) -> Report {
         let mut found = Table::new("Motion", ["what", "value"]);
-        found.row(["turned [degrees]", &format!("{:.3}", summary.turned_rad.to_degrees())]);
+        found.row([
+            "turned [degrees]",
+            &format!("{:.3}", summary.turned_rad.to_degrees()),
+        ]);
         found.row(["scaled by", &number(summary.scale)]);
-        found.row(["points of the start that agree", &format!("{} of {}", summary.start_inliers, summary.start_tried)]);
+        found.row([
+            "points of the start that agree",
+            &format!("{} of {}", summary.start_inliers, summary.start_tried),
+        ]);
         found.row(["rounds of closest points", &summary.rounds.to_string()]);
         if let Some(bent) = &summary.non_rigid {
             found.row(["clusters that bend", &bent.clusters.to_string()]);
             found.row(["rounds of bending", &bent.rounds.to_string()]);
-            found.row(["moved further by bending, greatest", &number(bent.moved_max)]);
+            found.row([
+                "moved further by bending, greatest",
+                &number(bent.moved_max),
+            ]);
             found.row([
                 "neighbours turned apart, greatest [degrees]",
                 &format!("{:.2}", bent.bend_max_rad.to_degrees()),
             ]);
         }
         let mut matrix = Table::new("Matrix, for columns of positions of A", ["", "", "", ""]);
-        summary.matrix.iter().for_each(|row| matrix.row(row.map(|v| format!("{v:.9}"))));
-        let mut distances = Table::new("Distance from B", ["vertices", "rms", "median", "greatest"]);
+        summary
+            .matrix
+            .iter()
+            .for_each(|row| matrix.row(row.map(|v| format!("{v:.9}"))));
+        let mut distances =
+            Table::new("Distance from B", ["vertices", "rms", "median", "greatest"]);
         for (what, d) in [("on B", summary.residual), ("all", summary.distance)] {
-            distances.row([what.to_owned(), number(d.rms), number(d.median), number(d.max)]);
+            distances.row([
+                what.to_owned(),
+                number(d.rms),
+                number(d.median),
+                number(d.max),
+            ]);
         }
         Report {
             title: format!("{}: registration", self.name),
@@ -307,7 +393,11 @@ impl Registration<'_> {
             notes: vec![format!(
                 "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same way, and its nearest \
                  place is at no open rim.",
-                if self.unit.is_some() { "metres" } else { "the unit of the files" }
+                if self.unit.is_some() {
+                    "metres"
+                } else {
+                    "the unit of the files"
+                }
             )],
             ..Report::default()
         }

@@ -41,7 +41,11 @@ pub struct Evenly {
 impl Evenly {
     /// None yet; every `step`-th of a run as long as they are `most`.
     fn new(step: usize, most: usize) -> Self {
-        Self { shots: Vec::new(), step, most }
+        Self {
+            shots: Vec::new(),
+            step,
+            most,
+        }
     }
 
     fn add(&mut self, snapshot: &Arc<Snapshot>) {
@@ -86,7 +90,11 @@ impl Shots {
     /// The frames that a turn-table shows, the first and the last among them.
     pub fn of_turntable(&self) -> Vec<Arc<Snapshot>> {
         let mut all = self.turned.shots.clone();
-        if let Some(last) = self.last.iter().find(|last| all.last().is_none_or(|shown| shown.frame != last.frame)) {
+        if let Some(last) = self
+            .last
+            .iter()
+            .find(|last| all.last().is_none_or(|shown| shown.frame != last.frame))
+        {
             all.push(last.clone());
         }
         all
@@ -94,20 +102,38 @@ impl Shots {
 
     /// All frames that are kept; one that is kept for several pictures comes as often.
     pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<Snapshot>> {
-        let Self { first, worst, last, animation, turned } = self;
-        let single = first.iter_mut().chain(worst.iter_mut().map(|(_, shot)| shot)).chain(last);
+        let Self {
+            first,
+            worst,
+            last,
+            animation,
+            turned,
+        } = self;
+        let single = first
+            .iter_mut()
+            .chain(worst.iter_mut().map(|(_, shot)| shot))
+            .chain(last);
         single.chain(&mut animation.shots).chain(&mut turned.shots)
     }
 
     /// As [`Self::all_mut`].
     pub(super) fn all(&self) -> impl Iterator<Item = &Arc<Snapshot>> {
-        let single = self.first.iter().chain(self.worst.iter().map(|(_, shot)| shot)).chain(&self.last);
-        single.chain(&self.animation.shots).chain(&self.turned.shots)
+        let single = self
+            .first
+            .iter()
+            .chain(self.worst.iter().map(|(_, shot)| shot))
+            .chain(&self.last);
+        single
+            .chain(&self.animation.shots)
+            .chain(&self.turned.shots)
     }
 
     /// Adds a frame of muscles.
     pub(super) fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
-        self.add_stretched(snapshot, greatest(measures.iter().map(|m| m.edge_stretch_rms)));
+        self.add_stretched(
+            snapshot,
+            greatest(measures.iter().map(|m| m.edge_stretch_rms)),
+        );
     }
 
     /// Adds a frame in which edges are stretched by so much.
@@ -151,10 +177,19 @@ impl Results {
     ///
     /// # Errors
     /// The folder cannot be used.
-    pub fn begin(folder: Folder, simulation: &Simulation, animate: bool, begun: Instant) -> Result<Self, FolderError> {
+    pub fn begin(
+        folder: Folder,
+        simulation: &Simulation,
+        animate: bool,
+        begun: Instant,
+    ) -> Result<Self, FolderError> {
         let folder = Arc::new(folder);
         let cast = Arc::new(Cast::of(simulation));
-        let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), Listing::new(&cast)));
+        let writer = Some(FrameWriter::start(
+            folder.clone(),
+            cast.clone(),
+            Listing::new(&cast),
+        ));
         let shots = Shots::new(animate);
         Ok(Self {
             folder,
@@ -187,7 +222,9 @@ impl Results {
         let cast = Arc::new(Cast::of(simulation));
         let shots = gathered.shots(&cast, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&cast, simulation);
-        let folder = Arc::new(Folder::resume(root, &files, |file| !animate && file.ends_with(".gif"))?);
+        let folder = Arc::new(Folder::resume(root, &files, |file| {
+            !animate && file.ends_with(".gif")
+        })?);
         let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), listing));
         let [total, prepared] = <[f64; 2]>::from(gathered.times_s).map(seconds);
         Ok(Self {
@@ -206,23 +243,34 @@ impl Results {
 
     /// Asks for a checkpoint every so many frames and at the end, of simulations with this `fingerprint`; 0 for none.
     pub fn keep_every(&mut self, every: usize, fingerprint: Fingerprint) {
-        self.checkpoints = (every > 0).then_some(Checkpoints { every, fingerprint, last: None });
+        self.checkpoints = (every > 0).then_some(Checkpoints {
+            every,
+            fingerprint,
+            last: None,
+        });
     }
 
     /// Hands a checkpoint of the last frame to the writer where one is due, or at the `end` if there is none yet; as
     /// [`Self::frame`].
     pub fn checkpoint(&mut self, simulation: &Simulation, end: bool) -> bool {
         let frame = simulation.frame();
-        let Some(wanted) = &mut self.checkpoints else { return true };
+        let Some(wanted) = &mut self.checkpoints else {
+            return true;
+        };
         if wanted.last == Some(frame) || !(end || frame.is_multiple_of(wanted.every)) {
             return true;
         }
         wanted.last = Some(frame);
         let (total, prepared) = self.earlier;
-        let spent = ((total + self.begun.elapsed()).as_secs_f64(), (prepared + self.prepared).as_secs_f64());
+        let spent = (
+            (total + self.begun.elapsed()).as_secs_f64(),
+            (prepared + self.prepared).as_secs_f64(),
+        );
         let beside = gathered::save(simulation, &self.record, wanted.every, spent);
         let bytes = checkpoint::save(simulation, &wanted.fingerprint, &beside);
-        self.writer.as_ref().is_some_and(|w| w.push_checkpoint(bytes))
+        self.writer
+            .as_ref()
+            .is_some_and(|w| w.push_checkpoint(bytes))
     }
 
     /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
@@ -270,26 +318,34 @@ impl Results {
         };
         let pvd = format!("{}.pvd", file_name(&simulation.scene.name));
         let path = self.folder.claim(&pvd)?;
-        collection.write(&path).map_err(|source| FolderError::Io { path, source })?;
+        collection
+            .write(&path)
+            .map_err(|source| FolderError::Io { path, source })?;
         let record = &self.record;
-        self.folder.write("measures.csv", |w| record.write_measures(w))?;
+        self.folder
+            .write("measures.csv", |w| record.write_measures(w))?;
         self.folder.write("times.csv", |w| record.write_times(w))?;
         let animated = self.write_animation()?;
-        let [total, prepared, finished] =
-            [self.earlier.0 + self.begun.elapsed(), self.earlier.1 + self.prepared, finishing.elapsed()]
-                .map(|time| time.as_secs_f64());
+        let [total, prepared, finished] = [
+            self.earlier.0 + self.begun.elapsed(),
+            self.earlier.1 + self.prepared,
+            finishing.elapsed(),
+        ]
+        .map(|time| time.as_secs_f64());
         let time = Time::of(record, total, prepared, finished);
         let summary = Summary::of(simulation, record, interrupted, time, chosen);
         self.write_report(&summary, settings, animated)?;
         let json = summary.to_json();
-        self.folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        self.folder
+            .write("summary.json", |w| w.write_all(json.as_bytes()))?;
         self.folder.close()?;
         Ok(summary)
     }
 
     /// Writes the animation, if one is wanted; gives its name.
     fn write_animation(&self) -> Result<Option<String>, FolderError> {
-        let Some(painter) = Painter::new(&self.cast, &self.shots).filter(|_| !self.shots.animation.shots.is_empty())
+        let Some(painter) = Painter::new(&self.cast, &self.shots)
+            .filter(|_| !self.shots.animation.shots.is_empty())
         else {
             return Ok(None);
         };
@@ -308,12 +364,17 @@ impl Results {
     ) -> Result<(), FolderError> {
         let page = page::report(summary, &self.record, &self.cast, &self.shots, settings);
         let mut page = page.map_err(|e| self.picture_error("report.html", e))?;
-        page.notes.extend(animated.map(|name| format!("animation: {name}, beside this page")));
-        self.folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+        page.notes
+            .extend(animated.map(|name| format!("animation: {name}, beside this page")));
+        self.folder
+            .write("report.html", |w| w.write_all(page.to_html().as_bytes()))
     }
 
     fn picture_error(&self, name: &str, error: PictureError) -> FolderError {
-        FolderError::Io { path: self.folder.path().join(name), source: std::io::Error::other(error) }
+        FolderError::Io {
+            path: self.folder.path().join(name),
+            source: std::io::Error::other(error),
+        }
     }
 }
 
@@ -335,19 +396,38 @@ mod tests {
         let mut shots = Shots::new(true);
         let mut most = 0;
         for frame in 0..=100_000 {
-            let snapshot = Snapshot { frame, time: frame as f64, muscles: Vec::new(), bones: Vec::new() };
+            let snapshot = Snapshot {
+                frame,
+                time: frame as f64,
+                muscles: Vec::new(),
+                bones: Vec::new(),
+            };
             shots.add_stretched(&Arc::new(snapshot), 0.0);
             let turned = frames(&shots.of_turntable());
             most = most.max(turned.len());
-            assert!(turned.first() == Some(&0) && turned.last() == Some(&frame), "{turned:?}");
-            assert!(shots.turned.shots.len() <= MOST_TURNED && turned.len() >= (frame + 1).min(MOST_TURNED / 2));
+            assert!(
+                turned.first() == Some(&0) && turned.last() == Some(&frame),
+                "{turned:?}"
+            );
+            assert!(
+                shots.turned.shots.len() <= MOST_TURNED
+                    && turned.len() >= (frame + 1).min(MOST_TURNED / 2)
+            );
             // All but the last are as far apart as the first two.
             let even = |pair: &[usize]| pair[1] - pair[0] == turned[1];
-            assert!(turned.split_last().is_some_and(|(_, all)| all.windows(2).all(even)), "{turned:?}");
+            assert!(
+                turned
+                    .split_last()
+                    .is_some_and(|(_, all)| all.windows(2).all(even)),
+                "{turned:?}"
+            );
         }
         assert_eq!(most, MOST_TURNED + 1);
         assert!(shots.animation.shots.len() <= MOST_PICTURES);
         assert_eq!(frames(&shots.animation.shots)[..3], [0, 256, 512]);
-        assert!(Shots::new(false).animation.shots.is_empty() && Shots::new(false).of_turntable().is_empty());
+        assert!(
+            Shots::new(false).animation.shots.is_empty()
+                && Shots::new(false).of_turntable().is_empty()
+        );
     }
 }

@@ -133,7 +133,11 @@ pub fn perform(
     let (folder, cast) = (Arc::new(folder), Arc::new(run.cast()));
     let writer = FrameWriter::start(folder.clone(), cast.clone(), Listing::new(&cast));
     let prepared = wanted.begun.elapsed();
-    let mut told = Told { shots: Shots::new(wanted.animate), times: Vec::new(), failed: None };
+    let mut told = Told {
+        shots: Shots::new(wanted.animate),
+        times: Vec::new(),
+        failed: None,
+    };
     let mut writing = told.show(run, &writer);
     let mut interrupted = false;
     while writing && run.frame() < run.frames() {
@@ -159,7 +163,9 @@ pub fn perform(
     let collection = writer.finish()?;
     let name = file_name(run.name());
     let path = folder.claim(&format!("{name}.pvd"))?;
-    collection.write(&path).map_err(|source| FolderError::Io { path, source })?;
+    collection
+        .write(&path)
+        .map_err(|source| FolderError::Io { path, source })?;
     let account = run.account();
     let text = |file: &str, text: &str| folder.write(file, |w| w.write_all(text.as_bytes()));
     text("measures.csv", &account.measures)?;
@@ -181,11 +187,21 @@ pub fn perform(
         "frame_ms_median": median(told.times.clone()).unwrap_or(0.0) * 1e3,
     });
     let summary = summary(run, &account, &told, interrupted, time);
-    let page = told.page(run, &cast, &account, wanted).map_err(|e| encoded("report.html", e))?;
+    let page = told
+        .page(run, &cast, &account, wanted)
+        .map_err(|e| encoded("report.html", e))?;
     text("report.html", &page.to_html())?;
-    text("summary.json", &serde_json::to_string_pretty(&summary).unwrap_or_default())?;
+    text(
+        "summary.json",
+        &serde_json::to_string_pretty(&summary).unwrap_or_default(),
+    )?;
     folder.close()?;
-    Ok(Ended { summary, interrupted, converged, account })
+    Ok(Ended {
+        summary,
+        interrupted,
+        converged,
+        account,
+    })
 }
 
 /// What is gathered on the way.
@@ -204,12 +220,25 @@ impl Told {
         writer.push(snapshot)
     }
 
-    fn page(&self, run: &dyn Run, cast: &Cast, account: &Account, wanted: &Wanted) -> Result<Report, PictureError> {
+    fn page(
+        &self,
+        run: &dyn Run,
+        cast: &Cast,
+        account: &Account,
+        wanted: &Wanted,
+    ) -> Result<Report, PictureError> {
         let mut shown = run.pictures()?;
         let own = |caption: String| caption.replace("greatest edge stretch rms", run.worst());
-        shown.extend(pictures(cast, &self.shots)?.into_iter().map(|(caption, png)| (own(caption), png)));
+        shown.extend(
+            pictures(cast, &self.shots)?
+                .into_iter()
+                .map(|(caption, png)| (own(caption), png)),
+        );
         let mut set = Table::new("Settings", ["what", "value"]);
-        wanted.settings.iter().for_each(|(what, value)| set.row([what.clone(), value.clone()]));
+        wanted
+            .settings
+            .iter()
+            .for_each(|(what, value)| set.row([what.clone(), value.clone()]));
         let mut tables = account.tables.clone();
         tables.extend(of_effects("part", &run.plan().run, &run.plan().left_out));
         tables.push(set);
@@ -217,8 +246,17 @@ impl Told {
         let seconds = wanted.begun.elapsed().as_secs_f64();
         Ok(Report {
             title: run.name().to_owned(),
-            subtitle: format!("{} of {} frames in {seconds:.1} s", run.frame(), run.frames()),
-            verdict: account.verdicts.iter().chain(&failed(self.failed.as_deref())).map(verdict).collect(),
+            subtitle: format!(
+                "{} of {} frames in {seconds:.1} s",
+                run.frame(),
+                run.frames()
+            ),
+            verdict: account
+                .verdicts
+                .iter()
+                .chain(&failed(self.failed.as_deref()))
+                .map(verdict)
+                .collect(),
             pictures: shown,
             turntable: turntable(cast, &self.shots)?,
             plots: account.plots.clone(),
@@ -232,7 +270,12 @@ impl Told {
 /// The verdict of a frame that could not be computed.
 fn failed(why: Option<&str>) -> Option<Verdict> {
     let promise = "every frame can be computed".to_owned();
-    why.map(|why| Verdict { muscle: "all".to_owned(), promise, found: why.to_owned(), kept: false })
+    why.map(|why| Verdict {
+        muscle: "all".to_owned(),
+        promise,
+        found: why.to_owned(),
+        kept: false,
+    })
 }
 
 fn summary(run: &dyn Run, account: &Account, told: &Told, interrupted: bool, time: Value) -> Value {

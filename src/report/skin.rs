@@ -32,12 +32,27 @@ const RATE: f64 = 4.0;
 const VOLUME_HELD: f64 = 1e-6;
 
 /// A surface as it is drawn, edges by their strain.
-pub(super) fn actor(name: &str, rest: TriangleMesh, held: Vec<f64>, used: &mut HashSet<String>) -> Actor {
+pub(super) fn actor(
+    name: &str,
+    rest: TriangleMesh,
+    held: Vec<f64>,
+    used: &mut HashSet<String>,
+) -> Actor {
     let topology = Topology::new(&rest);
     let lengths = topology.edge_lengths(&rest);
-    let edges = topology.edges.iter().zip(lengths).filter(|(_, rest)| *rest > 0.0);
-    let edges = edges.map(|(&points, rest)| Distance { points, rest }).collect();
-    let attached = if held.is_empty() { vec![0.0; rest.vertices.len()] } else { held };
+    let edges = topology
+        .edges
+        .iter()
+        .zip(lengths)
+        .filter(|(_, rest)| *rest > 0.0);
+    let edges = edges
+        .map(|(&points, rest)| Distance { points, rest })
+        .collect();
+    let attached = if held.is_empty() {
+        vec![0.0; rest.vertices.len()]
+    } else {
+        held
+    };
     Actor {
         file: unused(name, used),
         fibre_file: unused(&format!("{name}_fibres"), used),
@@ -55,12 +70,22 @@ impl SkinRun {
         Insertion {
             name: self.scene.skin.name.clone(),
             skin: &self.skin,
-            implants: self.parts.iter().filter_map(|p| Some((p.ready.clone(), p.now.clone()?))).collect(),
+            implants: self
+                .parts
+                .iter()
+                .filter_map(|p| Some((p.ready.clone(), p.now.clone()?)))
+                .collect(),
             // A ball is in place of the first implant.
             numbers: self
                 .parts
                 .iter()
-                .map(|p| if p.members.is_empty() { vec![0] } else { p.members.clone() })
+                .map(|p| {
+                    if p.members.is_empty() {
+                        vec![0]
+                    } else {
+                        p.members.clone()
+                    }
+                })
                 .collect(),
             obstacles: &self.obstacles,
             curve: Vec::new(),
@@ -75,17 +100,38 @@ impl SkinRun {
         let mut all = Vec::new();
         for part in &self.parts {
             let mut say = |promise: &str, found: String, kept: bool| {
-                all.push(Verdict { muscle: part.name.clone(), promise: promise.to_owned(), found, kept });
+                all.push(Verdict {
+                    muscle: part.name.clone(),
+                    promise: promise.to_owned(),
+                    found,
+                    kept,
+                });
             };
             let unrest = part.frames.iter().filter(|f| !f.progress.converged).count();
-            say("at rest in every frame", format!("{unrest} frames are not"), unrest == 0);
-            let base = part.ready.sites().map(|(order, _)| order.implant.base).fold(f64::INFINITY, f64::min);
+            say(
+                "at rest in every frame",
+                format!("{unrest} frames are not"),
+                unrest == 0,
+            );
+            let base = part
+                .ready
+                .sites()
+                .map(|(order, _)| order.implant.base)
+                .fold(f64::INFINITY, f64::min);
             let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
             let found = format!("{:.3} mm", deep * 1e3);
             let may = deepest(base);
-            say("bodies sink into each other by at most 0.1 % of the base", found, deep <= may);
+            say(
+                "bodies sink into each other by at most 0.1 % of the base",
+                found,
+                deep <= may,
+            );
             if let Some(off) = self.volume_error(part) {
-                say("the implant's volume is kept to 1e-6", format!("{off:.1e}"), off <= VOLUME_HELD);
+                say(
+                    "the implant's volume is kept to 1e-6",
+                    format!("{off:.1e}"),
+                    off <= VOLUME_HELD,
+                );
             }
         }
         all
@@ -93,7 +139,9 @@ impl SkinRun {
 
     /// Greatest departure of implants' volumes from what they are filled with, as a share of it; `None` for a ball.
     fn volume_error(&self, part: &Part) -> Option<f64> {
-        let Under::Implants(all) = &self.scene.under else { return None };
+        let Under::Implants(all) = &self.scene.under else {
+            return None;
+        };
         let of_frame = |f: &Measured| {
             let each = part.members.iter().zip(&f.shells);
             greatest(each.map(|(k, (volume, _))| (volume / all[*k].volume_at(f.frame) - 1.0).abs()))
@@ -108,8 +156,15 @@ impl SkinRun {
 
     fn numbers(&self) -> Vec<(&'static str, f64)> {
         let areas = self.areas(self.frame());
-        let volume: f64 = self.parts.iter().filter_map(|p| p.frames.last()).map(volume_of).sum();
-        let last = |of: fn(&Measured) -> f64| greatest(self.parts.iter().filter_map(|p| p.frames.last()).map(of));
+        let volume: f64 = self
+            .parts
+            .iter()
+            .filter_map(|p| p.frames.last())
+            .map(volume_of)
+            .sum();
+        let last = |of: fn(&Measured) -> f64| {
+            greatest(self.parts.iter().filter_map(|p| p.frames.last()).map(of))
+        };
         vec![
             ("time_s", self.parts.iter().map(Part::time_s).sum()),
             ("area_before_m2", areas.before),
@@ -130,9 +185,12 @@ impl SkinRun {
     fn own_summary(&self) -> Map<String, Value> {
         let implants: Vec<Value> = match &self.scene.under {
             Under::Implants(all) => {
-                let mut each: Vec<(usize, Value)> = self.parts.iter().flat_map(json_of_part).collect();
+                let mut each: Vec<(usize, Value)> =
+                    self.parts.iter().flat_map(json_of_part).collect();
                 each.sort_by_key(|(number, _)| *number);
-                each.into_iter().map(|(k, entry)| joined(entry, json!({"name": all[k].name}))).collect()
+                each.into_iter()
+                    .map(|(k, entry)| joined(entry, json!({"name": all[k].name})))
+                    .collect()
             }
             Under::Ball(_) => Vec::new(),
         };
@@ -176,11 +234,30 @@ impl SkinRun {
         let mut text = heads.join(",") + "\n";
         for frame in 0..=self.frame() {
             for part in &self.parts {
-                let (a, row) = (areas_at(part, frame), part.frames.iter().find(|f| f.frame == frame));
+                let (a, row) = (
+                    areas_at(part, frame),
+                    part.frames.iter().find(|f| f.frame == frame),
+                );
                 let progress = row.map(|f| f.progress).unwrap_or_default();
-                let areas = [a.before, a.deformed, a.retracted.low, a.retracted.high, a.grown.low, a.grown.high];
-                let rest = [a.volume_difference, a.stretch_max, progress.pressure, progress.depth];
-                let mut cells = vec![frame.to_string(), quoted(&part.name), row.map_or(0.0, volume_of).to_string()];
+                let areas = [
+                    a.before,
+                    a.deformed,
+                    a.retracted.low,
+                    a.retracted.high,
+                    a.grown.low,
+                    a.grown.high,
+                ];
+                let rest = [
+                    a.volume_difference,
+                    a.stretch_max,
+                    progress.pressure,
+                    progress.depth,
+                ];
+                let mut cells = vec![
+                    frame.to_string(),
+                    quoted(&part.name),
+                    row.map_or(0.0, volume_of).to_string(),
+                ];
                 cells.extend(areas.iter().chain(&rest).map(f64::to_string));
                 cells.push(progress.iterations.to_string());
                 cells.push(row.is_none_or(|f| f.progress.converged).to_string());
@@ -194,10 +271,14 @@ impl SkinRun {
     fn plots(&self) -> Vec<LinePlot> {
         let frames = 0..=self.frame();
         let line = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
-            frames.clone().map(|f| (f as f64, of(&self.areas(f)))).collect()
+            frames
+                .clone()
+                .map(|f| (f as f64, of(&self.areas(f))))
+                .collect()
         };
         let cm2 = |of: fn(&Areas) -> f64| line(&move |a: &Areas| (of(a) - a.before) * 1e4);
-        let mut gained = LinePlot::new("Area gained [cm2]", "frame").with("deformed", cm2(|a| a.deformed));
+        let mut gained =
+            LinePlot::new("Area gained [cm2]", "frame").with("deformed", cm2(|a| a.deformed));
         if matches!(self.scene.under, Under::Implants(_)) {
             gained = gained
                 .with("retracted, least", cm2(|a| a.retracted.low))
@@ -221,8 +302,15 @@ fn areas_at(part: &Part, frame: usize) -> Areas {
             let layers = &part.ready.layers;
             let areas = Areas::of(layers, &layers.rest);
             // Nothing was put in: nothing remains and nothing grows.
-            let none = Interval { low: areas.before, high: areas.before };
-            Areas { retracted: none, grown: none, ..areas }
+            let none = Interval {
+                low: areas.before,
+                high: areas.before,
+            };
+            Areas {
+                retracted: none,
+                grown: none,
+                ..areas
+            }
         },
         |f| f.areas,
     )
@@ -239,7 +327,12 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     let ready = &part.ready;
     let sites: Vec<(&Order, &Isometry3<f64>)> = ready.sites().collect();
     let numbers = |k: usize| part.members.get(k).copied().unwrap_or(k);
-    let shares = |k: usize| (0..sites.len()).filter(|o| *o != k).map(|o| numbers(o) + 1).collect::<Vec<usize>>();
+    let shares = |k: usize| {
+        (0..sites.len())
+            .filter(|o| *o != k)
+            .map(|o| numbers(o) + 1)
+            .collect::<Vec<usize>>()
+    };
     let each = sites.iter().enumerate().map(|(k, (order, frame))| {
         let own = json!({
             "implant": numbers(k) + 1,
@@ -249,14 +342,22 @@ fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
             "depth_m": order.tissue.depth,
             "centre_m": frame.translation.vector.as_slice(),
         });
-        (numbers(k), joined(joined(own, json_of_frames(part, k)), json_of_region(part)))
+        (
+            numbers(k),
+            joined(joined(own, json_of_frames(part, k)), json_of_region(part)),
+        )
     });
     each.collect()
 }
 
 /// What the frames of an implant are.
 fn json_of_frames(part: &Part, shell: usize) -> Value {
-    let of = |f: &Measured| f.shells.get(shell).copied().unwrap_or((0.0, f.progress.pressure));
+    let of = |f: &Measured| {
+        f.shells
+            .get(shell)
+            .copied()
+            .unwrap_or((0.0, f.progress.pressure))
+    };
     let each = part.frames.iter().map(|f| {
         let (volume, pressure) = of(f);
         let own = json!({
@@ -321,17 +422,34 @@ impl Run for SkinRun {
                 held[vertex] = f64::from(u8::from(part.ready.layers.held[region]));
             }
         }
-        let mut muscles = vec![actor(&self.scene.skin.name, self.whole.clone(), held, &mut used)];
+        let mut muscles = vec![actor(
+            &self.scene.skin.name,
+            self.whole.clone(),
+            held,
+            &mut used,
+        )];
         for part in &self.parts {
             for ((k, shell), at) in part.members.iter().zip(&part.shells).zip(part.shells_at()) {
-                let rest = TriangleMesh { vertices: at.to_vec(), ..shell.clone() };
+                let rest = TriangleMesh {
+                    vertices: at.to_vec(),
+                    ..shell.clone()
+                };
                 // What is stretched is the skin; a pocket has no edges at rest.
-                muscles.push(Actor { edges: Vec::new(), ..actor(self.name_of(*k), rest, Vec::new(), &mut used) });
+                muscles.push(Actor {
+                    edges: Vec::new(),
+                    ..actor(self.name_of(*k), rest, Vec::new(), &mut used)
+                });
             }
         }
         let obstacles = self.scene.obstacles.iter().zip(&self.obstacles);
-        let mut bones: Vec<(String, TriangleMesh)> =
-            obstacles.map(|(o, mesh)| (unused(&format!("obstacle_{}", o.name), &mut used), mesh.clone())).collect();
+        let mut bones: Vec<(String, TriangleMesh)> = obstacles
+            .map(|(o, mesh)| {
+                (
+                    unused(&format!("obstacle_{}", o.name), &mut used),
+                    mesh.clone(),
+                )
+            })
+            .collect();
         if let Under::Ball(ball) = &self.scene.under {
             bones.push((unused("ball", &mut used), shapes::icosphere(ball.radius, 3)));
         }
@@ -344,9 +462,19 @@ impl Run for SkinRun {
             (x, vec![Vector3::zeros(); count])
         };
         let mut muscles = vec![still(self.skin_at())];
-        muscles.extend(self.parts.iter().flat_map(|p| p.shells_at()).map(|shell| still(shell.to_vec())));
+        muscles.extend(
+            self.parts
+                .iter()
+                .flat_map(|p| p.shells_at())
+                .map(|shell| still(shell.to_vec())),
+        );
         let frame = SkinRun::frame(self);
-        Snapshot { frame, time: frame as f64 / RATE, muscles, bones: self.poses(frame) }
+        Snapshot {
+            frame,
+            time: frame as f64 / RATE,
+            muscles,
+            bones: self.poses(frame),
+        }
     }
 
     fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {
@@ -358,7 +486,12 @@ impl Run for SkinRun {
     }
 
     fn stretch(&self) -> f64 {
-        greatest(self.parts.iter().filter_map(|p| p.frames.last()).map(|f| f.areas.stretch_max))
+        greatest(
+            self.parts
+                .iter()
+                .filter_map(|p| p.frames.last())
+                .map(|f| f.areas.stretch_max),
+        )
     }
 
     fn worst(&self) -> &'static str {
@@ -379,7 +512,11 @@ impl Run for SkinRun {
         let tables = if implants && self.frame() > 0 {
             let mut areas = insertion.table();
             // Here the limit is a key.
-            areas.rows.iter_mut().flatten().for_each(|cell| *cell = cell.replace("--stretch-limit", "`stretch_limit`"));
+            areas
+                .rows
+                .iter_mut()
+                .flatten()
+                .for_each(|cell| *cell = cell.replace("--stretch-limit", "`stretch_limit`"));
             vec![areas, insertion.run_table()]
         } else {
             vec![self.ball_table()]
@@ -391,7 +528,12 @@ impl Run for SkinRun {
             tables,
             plots: self.plots(),
             measures: self.csv(),
-            notes: self.notes.iter().cloned().chain(if implants { notes() } else { Vec::new() }).collect(),
+            notes: self
+                .notes
+                .iter()
+                .cloned()
+                .chain(if implants { notes() } else { Vec::new() })
+                .collect(),
         }
     }
 
@@ -401,16 +543,25 @@ impl Run for SkinRun {
         if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
             let at = self.ball_at(ball, part, SkinRun::frame(self));
             let mut round = shapes::icosphere(at.radius, 4);
-            round.vertices.iter_mut().for_each(|p| *p += at.centre.coords);
+            round
+                .vertices
+                .iter_mut()
+                .for_each(|p| *p += at.centre.coords);
             below.push(round);
         }
-        let insertion = Insertion { obstacles: &below, ..self.insertion() };
+        let insertion = Insertion {
+            obstacles: &below,
+            ..self.insertion()
+        };
         let pictures = insertion.pictures(&insertion.shown())?;
         let caption = |caption: String| match self.scene.under {
             Under::Implants(_) => caption,
             Under::Ball(_) => caption.replace("implant", "ball"),
         };
-        Ok(pictures.into_iter().map(|(_, of, png)| (caption(of), png)).collect())
+        Ok(pictures
+            .into_iter()
+            .map(|(_, of, png)| (caption(of), png))
+            .collect())
     }
 }
 
@@ -419,14 +570,32 @@ impl SkinRun {
     fn ball_table(&self) -> Table {
         let areas = self.areas(self.frame());
         let mut table = Table::new("Areas and volumes", ["what", "value"]);
-        table.row(["area before [cm2]".to_owned(), format!("{:.4}", areas.before * 1e4)]);
-        table.row(["area deformed [cm2]".to_owned(), format!("{:.4}", areas.deformed * 1e4)]);
-        table.row(["volume difference [cc]".to_owned(), format!("{:.4}", areas.volume_difference * 1e6)]);
-        table.row(["greatest stretch".to_owned(), format!("{:.3}", areas.stretch_max)]);
+        table.row([
+            "area before [cm2]".to_owned(),
+            format!("{:.4}", areas.before * 1e4),
+        ]);
+        table.row([
+            "area deformed [cm2]".to_owned(),
+            format!("{:.4}", areas.deformed * 1e4),
+        ]);
+        table.row([
+            "volume difference [cc]".to_owned(),
+            format!("{:.4}", areas.volume_difference * 1e6),
+        ]);
+        table.row([
+            "greatest stretch".to_owned(),
+            format!("{:.3}", areas.stretch_max),
+        ]);
         for part in &self.parts {
             let layers = &part.ready.layers;
-            table.row(["vertices of both layers".to_owned(), (2 * layers.count()).to_string()]);
-            table.row(["triangles of both layers".to_owned(), (2 * layers.triangles.len()).to_string()]);
+            table.row([
+                "vertices of both layers".to_owned(),
+                (2 * layers.count()).to_string(),
+            ]);
+            table.row([
+                "triangles of both layers".to_owned(),
+                (2 * layers.triangles.len()).to_string(),
+            ]);
             table.row(["springs".to_owned(), layers.springs.len().to_string()]);
             table.row(["steps".to_owned(), part.steps().to_string()]);
         }

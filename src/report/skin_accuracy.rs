@@ -21,7 +21,10 @@ impl SkinStudy {
                 "time_s": row.map(|r| r.time_s),
             })
         });
-        let left_out = self.left_out.iter().map(|(edge, method)| json!({"edge_m": edge, "method": name(*method)}));
+        let left_out = self
+            .left_out
+            .iter()
+            .map(|(edge, method)| json!({"edge_m": edge, "method": name(*method)}));
         json!({
             "scene": self.scene,
             "reference": self.row_json(&self.reference),
@@ -53,11 +56,23 @@ impl SkinStudy {
 
     /// All rows and the reference.
     pub fn table(&self) -> Table {
-        let heads =
-            ["method", "edge [mm]", "vertices", "springs", "gain [cm2]", "error [cm2]", "error [%]", "time [s]"];
+        let heads = [
+            "method",
+            "edge [mm]",
+            "vertices",
+            "springs",
+            "gain [cm2]",
+            "error [cm2]",
+            "error [%]",
+            "time [s]",
+        ];
         let mut table = Table::new("Errors and times", heads.into_iter().chain(["status"]));
         let mut add = |row: &SkinRow, state: &str| {
-            let mark = if self.is_certain(row) || state == "reference" { "" } else { ", below the uncertainty" };
+            let mark = if self.is_certain(row) || state == "reference" {
+                ""
+            } else {
+                ", below the uncertainty"
+            };
             table.row([
                 name(row.method).to_owned(),
                 format!("{:.2}", row.edge * 1e3),
@@ -77,7 +92,10 @@ impl SkinStudy {
 
     /// The fastest for each target.
     pub fn recommendation(&self) -> Table {
-        let mut table = Table::new("Recommended", ["error of the gain", "method", "edge_length", "time [s]"]);
+        let mut table = Table::new(
+            "Recommended",
+            ["error of the gain", "method", "edge_length", "time [s]"],
+        );
         for (target, row) in self.recommended() {
             let target = format!("{} %", target * 100.0);
             match row.map(|k| &self.rows[k]) {
@@ -87,7 +105,12 @@ impl SkinStudy {
                     format!("{:.2} mm", r.edge * 1e3),
                     format!("{:.2}", r.time_s),
                 ]),
-                None => table.row([target, "none of those measured".to_owned(), String::new(), String::new()]),
+                None => table.row([
+                    target,
+                    "none of those measured".to_owned(),
+                    String::new(),
+                    String::new(),
+                ]),
             }
         }
         table
@@ -103,22 +126,32 @@ impl SkinStudy {
             self.uncertainty * 1e4
         )];
         if !self.left_out.is_empty() {
-            notes.push(format!("there was no time for {} more; give it with --budget", self.left_out.len()));
+            notes.push(format!(
+                "there was no time for {} more; give it with --budget",
+                self.left_out.len()
+            ));
         }
         notes
     }
 
     fn plot(&self) -> LinePlot {
         let of = |method: Method| {
-            let rows = self.rows.iter().filter(move |r| r.method == method && r.converged);
-            let mut points: Vec<(f64, f64)> = rows.map(|r| (r.time_s, self.share(r) * 100.0)).collect();
+            let rows = self
+                .rows
+                .iter()
+                .filter(move |r| r.method == method && r.converged);
+            let mut points: Vec<(f64, f64)> =
+                rows.map(|r| (r.time_s, self.share(r) * 100.0)).collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             points
         };
         LinePlot::new("Error of the area gained [%]", "time [s]")
             .with("Newton's method", of(Method::Newton))
             .with("quasi-static", of(Method::QuasiStatic))
-            .with_limit("uncertainty", (self.uncertainty / self.reference.gain).abs() * 100.0)
+            .with_limit(
+                "uncertainty",
+                (self.uncertainty / self.reference.gain).abs() * 100.0,
+            )
             .logarithmic_both()
     }
 
@@ -129,11 +162,25 @@ impl SkinStudy {
                 .to_owned();
         let reference = std::iter::once((&self.reference, "reference"));
         for (row, state) in self.rows.iter().map(|r| (r, status(r))).chain(reference) {
-            let numbers = [row.gain, row.deformed, row.volume_difference, self.error(row), self.share(row)];
+            let numbers = [
+                row.gain,
+                row.deformed,
+                row.volume_difference,
+                self.error(row),
+                self.share(row),
+            ];
             let numbers: Vec<String> = numbers.iter().map(f64::to_string).collect();
             let (method, certain) = (name(row.method), self.is_certain(row));
-            text.push_str(&format!("{method},{},{},{},{state},", row.edge, row.vertices, row.springs));
-            text.push_str(&format!("{},{certain},{},{}\n", numbers.join(","), row.steps, row.time_s));
+            text.push_str(&format!(
+                "{method},{},{},{},{state},",
+                row.edge, row.vertices, row.springs
+            ));
+            text.push_str(&format!(
+                "{},{certain},{},{}\n",
+                numbers.join(","),
+                row.steps,
+                row.time_s
+            ));
         }
         text
     }
@@ -148,7 +195,11 @@ impl SkinStudy {
         text("work_precision.svg", self.plot().to_svg())?;
         let page = Report {
             title: format!("{}: what accuracy costs", self.scene),
-            subtitle: if self.interrupted { "interrupted".to_owned() } else { String::new() },
+            subtitle: if self.interrupted {
+                "interrupted".to_owned()
+            } else {
+                String::new()
+            },
             plots_title: "Error against time".to_owned(),
             plots: vec![self.plot()],
             tables: vec![self.recommendation(), self.table()],
@@ -156,10 +207,17 @@ impl SkinStudy {
             ..Report::default()
         };
         text("report.html", page.to_html())?;
-        text("summary.json", serde_json::to_string_pretty(&self.to_json()).unwrap_or_default())
+        text(
+            "summary.json",
+            serde_json::to_string_pretty(&self.to_json()).unwrap_or_default(),
+        )
     }
 }
 
 fn status(row: &SkinRow) -> &'static str {
-    if row.converged { "converged" } else { "not converged" }
+    if row.converged {
+        "converged"
+    } else {
+        "not converged"
+    }
 }

@@ -193,7 +193,11 @@ impl Summary {
         chosen: Option<&Chosen>,
     ) -> Self {
         let scene = &simulation.scene;
-        let muscles: Vec<_> = simulation.bodies.iter().map(|b| muscle(b, record, chosen)).collect();
+        let muscles: Vec<_> = simulation
+            .bodies
+            .iter()
+            .map(|b| muscle(b, record, chosen))
+            .collect();
         let error_estimate_m = greatest(muscles.iter().map(|m| m.error_estimate_m));
         let mut verdicts = Vec::new();
         verdicts.extend(chosen.map(verdict_of));
@@ -205,7 +209,9 @@ impl Summary {
             frames: simulation.frame(),
             frames_wanted: scene.frames,
             interrupted,
-            converged: muscles.iter().all(|m| m.frames_not_converged == 0 && m.stopped.is_none()),
+            converged: muscles
+                .iter()
+                .all(|m| m.frames_not_converged == 0 && m.stopped.is_none()),
             error_estimate_m,
             accuracy: chosen.map(|c| Delivered {
                 target_m: c.target_m,
@@ -217,10 +223,18 @@ impl Summary {
             }),
             muscles,
             time,
-            effects: Effects { run: simulation.plan.run.clone(), left_out: simulation.plan.left_out.clone() },
+            effects: Effects {
+                run: simulation.plan.run.clone(),
+                left_out: simulation.plan.left_out.clone(),
+            },
             solver: solver(&scene.solver),
             verdicts,
-            notes: simulation.notes.iter().cloned().chain(simulation.bodies.iter().filter_map(cut)).collect(),
+            notes: simulation
+                .notes
+                .iter()
+                .cloned()
+                .chain(simulation.bodies.iter().filter_map(cut))
+                .collect(),
         }
     }
 
@@ -240,7 +254,12 @@ impl Summary {
 fn cut(body: &Body) -> Option<String> {
     let (cuts, limit) = (body.system.speed_cuts, body.system.settings.speed_limit);
     let too_much = "forces, displacements or motions are too large";
-    (cuts > 0).then(|| format!("{}: velocities were cut to {limit:.0} m/s {cuts} times: {too_much}", body.name))
+    (cuts > 0).then(|| {
+        format!(
+            "{}: velocities were cut to {limit:.0} m/s {cuts} times: {too_much}",
+            body.name
+        )
+    })
 }
 
 /// The solver and its settings in one line.
@@ -253,11 +272,22 @@ fn solver(solver: &Solver) -> String {
         Solver::Pbd(s) => format!(
             "classic PBD: substeps {}, iterations {}, stretch {}, bending {}, volume {}, velocity damping {}, order {:?}, \
              tolerance {}",
-            s.substeps, s.iterations, s.stretch, s.bending, s.volume, s.velocity_damping, s.order, s.tolerance
+            s.substeps,
+            s.iterations,
+            s.stretch,
+            s.bending,
+            s.volume,
+            s.velocity_damping,
+            s.order,
+            s.tolerance
         ),
         Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => format!(
             "{}: substeps {}, iterations at most {}, tolerance {} of the force of a strain of one",
-            if matches!(solver, Solver::QuasiStatic(_)) { "quasi-static" } else { "implicit Euler" },
+            if matches!(solver, Solver::QuasiStatic(_)) {
+                "quasi-static"
+            } else {
+                "implicit Euler"
+            },
             s.substeps,
             s.iterations,
             s.tolerance
@@ -280,7 +310,13 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
     let all: Vec<&Measures> = record.of_muscle(&body.name).collect();
     let end = |f: fn(&Measures) -> f64| all.last().map_or(0.0, |m| f(m));
     let most = |f: fn(&Measures) -> usize| all.iter().map(|m| f(m)).max().unwrap_or(0);
-    let worst = all.iter().copied().reduce(|a, b| if b.edge_stretch_rms > a.edge_stretch_rms { b } else { a });
+    let worst = all.iter().copied().reduce(|a, b| {
+        if b.edge_stretch_rms > a.edge_stretch_rms {
+            b
+        } else {
+            a
+        }
+    });
     let stopped = body.stopped.as_ref().map(|(frame, broken)| Stopped {
         frame: *frame,
         effect: effect_name(broken.effect).to_owned(),
@@ -293,7 +329,11 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         triangles: body.rest.triangles.len(),
         vertices_attached: body.attached.len(),
         // At the start a muscle under pressure has not reached its target yet.
-        volume_error_max: greatest(all.iter().filter(|m| m.frame > 0).map(|m| m.volume_error.abs())),
+        volume_error_max: greatest(
+            all.iter()
+                .filter(|m| m.frame > 0)
+                .map(|m| m.volume_error.abs()),
+        ),
         volume_error_end: end(|m| m.volume_error),
         edge_stretch_rms_end: end(|m| m.edge_stretch_rms),
         edge_stretch_rms_worst: worst.map_or(0.0, |m| m.edge_stretch_rms),
@@ -309,7 +349,8 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
         residual_end_m: end(|m| m.residual_m),
         // There is no residual before the first step.
         residual_max_m,
-        error_estimate_m: chosen.map_or_else(|| body.error_estimate(residual_max_m), |c| c.expected_m),
+        error_estimate_m: chosen
+            .map_or_else(|| body.error_estimate(residual_max_m), |c| c.expected_m),
         frames_not_converged: all.iter().filter(|m| m.frame > 0 && !m.converged).count(),
         speed_cuts: body.system.speed_cuts,
         stopped,
@@ -321,34 +362,77 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
     let mut all = Vec::new();
     let mut say = |promise: &str, found: String, kept: bool| {
-        all.push(Verdict { muscle: s.name.clone(), promise: promise.to_owned(), found, kept });
+        all.push(Verdict {
+            muscle: s.name.clone(),
+            promise: promise.to_owned(),
+            found,
+            kept,
+        });
     };
     match &s.stopped {
         None => say("all numbers stay finite", "all finite".to_owned(), true),
         Some(at) => {
-            let found = format!("stopped at frame {}: {} at vertex {}", at.frame, at.effect, at.particle);
+            let found = format!(
+                "stopped at frame {}: {} at vertex {}",
+                at.frame, at.effect, at.particle
+            );
             say("all numbers stay finite", found, false);
         }
     }
     let unconverged = s.frames_not_converged;
-    say("every frame is converged", format!("{unconverged} frames are not"), unconverged == 0);
-    if plan.volume && scene.muscles[m].material.bulk.is_none() && !matches!(scene.solver, Solver::Pbd(_)) {
+    say(
+        "every frame is converged",
+        format!("{unconverged} frames are not"),
+        unconverged == 0,
+    );
+    if plan.volume
+        && scene.muscles[m].material.bulk.is_none()
+        && !matches!(scene.solver, Solver::Pbd(_))
+    {
         let kept = s.volume_error_max <= VOLUME_HELD;
-        say("volume error at most 1e-6", format!("{:.1e}", s.volume_error_max), kept);
+        say(
+            "volume error at most 1e-6",
+            format!("{:.1e}", s.volume_error_max),
+            kept,
+        );
     }
     if !plan.obstacles.is_empty() {
-        let found = format!("{} (deepest {:.4} mm)", s.vertices_inside_bones_max, s.penetration_max_m * 1e3);
-        say("no vertex deeper than 0.01 mm in a bone", found, s.vertices_inside_bones_max == 0);
+        let found = format!(
+            "{} (deepest {:.4} mm)",
+            s.vertices_inside_bones_max,
+            s.penetration_max_m * 1e3
+        );
+        say(
+            "no vertex deeper than 0.01 mm in a bone",
+            found,
+            s.vertices_inside_bones_max == 0,
+        );
         let inside = s.bone_vertices_inside_max;
-        say("no bone vertex inside the muscle", inside.to_string(), inside == 0);
+        say(
+            "no bone vertex inside the muscle",
+            inside.to_string(),
+            inside == 0,
+        );
     }
     let returned = simulation.frame() >= scene.frames && returns(simulation);
     if returned {
         let share = s.distance_from_start_rms_m / s.length_m;
-        let found = format!("{:.2} mm, {:.2} %", s.distance_from_start_rms_m * 1e3, share * 100.0);
-        say("back to 2 % of its length from the start", found, share <= RETURN_DISTANCE);
+        let found = format!(
+            "{:.2} mm, {:.2} %",
+            s.distance_from_start_rms_m * 1e3,
+            share * 100.0
+        );
+        say(
+            "back to 2 % of its length from the start",
+            found,
+            share <= RETURN_DISTANCE,
+        );
         let stretch = s.edge_stretch_rms_end;
-        say("edge stretch at the end at most 5 %", format!("{:.2} %", stretch * 100.0), stretch <= RETURN_STRETCH);
+        say(
+            "edge stretch at the end at most 5 %",
+            format!("{:.2} %", stretch * 100.0),
+            stretch <= RETURN_STRETCH,
+        );
     }
     all
 }
@@ -358,7 +442,9 @@ fn returns(simulation: &Simulation) -> bool {
     let frames = simulation.scene.frames;
     let poses = |b: usize, f: usize| simulation.pose(b, f as f64);
     let bones = 0..simulation.bones.len();
-    let moves = bones.clone().any(|b| (0..=frames).any(|f| poses(b, f) != poses(b, 0)));
+    let moves = bones
+        .clone()
+        .any(|b| (0..=frames).any(|f| poses(b, f) != poses(b, 0)));
     let near = |b: usize| {
         let apart = poses(b, 0).inverse() * poses(b, frames);
         apart.translation.vector.norm() < 1e-9 && apart.rotation.angle() < 1e-9

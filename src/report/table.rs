@@ -13,8 +13,15 @@ pub struct Table {
 
 impl Table {
     /// A table without rows.
-    pub fn new<T: Into<String>>(title: impl Into<String>, header: impl IntoIterator<Item = T>) -> Self {
-        Self { title: title.into(), header: header.into_iter().map(Into::into).collect(), rows: Vec::new() }
+    pub fn new<T: Into<String>>(
+        title: impl Into<String>,
+        header: impl IntoIterator<Item = T>,
+    ) -> Self {
+        Self {
+            title: title.into(),
+            header: header.into_iter().map(Into::into).collect(),
+            rows: Vec::new(),
+        }
     }
 
     /// Adds a row.
@@ -24,12 +31,22 @@ impl Table {
 
     /// The number of columns: that of the longest row.
     pub fn columns(&self) -> usize {
-        self.rows.iter().map(Vec::len).chain([self.header.len()]).max().unwrap_or(0)
+        self.rows
+            .iter()
+            .map(Vec::len)
+            .chain([self.header.len()])
+            .max()
+            .unwrap_or(0)
     }
 
     /// Whether a column holds nothing but numbers, perhaps with a unit after them: those are set to the right.
     pub(super) fn is_numeric(&self, column: usize) -> bool {
-        let mut cells = self.rows.iter().filter_map(|row| row.get(column)).filter(|cell| !cell.is_empty()).peekable();
+        let mut cells = self
+            .rows
+            .iter()
+            .filter_map(|row| row.get(column))
+            .filter(|cell| !cell.is_empty())
+            .peekable();
         cells.peek().is_some()
             && cells.all(|cell| {
                 let first = cell.split([' ', '%']).next().unwrap_or("");
@@ -41,14 +58,25 @@ impl Table {
     /// replaced, so that no text can steer the terminal. Characters count as one place wide.
     pub fn to_text(&self) -> String {
         let rows = || std::iter::once(&self.header).chain(&self.rows);
-        let cell = |row: &Vec<String>, column: usize| row.get(column).map(|text| tame(text)).unwrap_or_default();
+        let cell = |row: &Vec<String>, column: usize| {
+            row.get(column).map(|text| tame(text)).unwrap_or_default()
+        };
         let widths: Vec<usize> = (0..self.columns())
-            .map(|column| rows().map(|row| cell(row, column).chars().count()).max().unwrap_or(0))
+            .map(|column| {
+                rows()
+                    .map(|row| cell(row, column).chars().count())
+                    .max()
+                    .unwrap_or(0)
+            })
             .collect();
         let line = |row: &Vec<String>| {
             let cells = widths.iter().enumerate().map(|(column, width)| {
                 let text = cell(row, column);
-                if self.is_numeric(column) { format!("{text:>width$}") } else { format!("{text:<width$}") }
+                if self.is_numeric(column) {
+                    format!("{text:>width$}")
+                } else {
+                    format!("{text:<width$}")
+                }
             });
             cells.collect::<Vec<_>>().join("  ").trim_end().to_owned() + "\n"
         };
@@ -58,7 +86,12 @@ impl Table {
         }
         if !self.header.is_empty() {
             text += &line(&self.header);
-            text += &(widths.iter().map(|width| "─".repeat(*width)).collect::<Vec<_>>().join("  ") + "\n");
+            text += &(widths
+                .iter()
+                .map(|width| "─".repeat(*width))
+                .collect::<Vec<_>>()
+                .join("  ")
+                + "\n");
         }
         self.rows.iter().for_each(|row| text += &line(row));
         text
@@ -66,7 +99,9 @@ impl Table {
 }
 
 fn tame(text: &str) -> String {
-    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+    text.chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
 }
 
 #[cfg(test)]
@@ -89,7 +124,12 @@ mod tests {
     fn a_text_cannot_steer_the_terminal() {
         let mut table = Table::new("a\x1b[2Jb", [""; 0]);
         table.row(["x\ny\u{9b}31m"]);
-        assert!(table.to_text().chars().all(|c| c == '\n' || !c.is_control()));
+        assert!(
+            table
+                .to_text()
+                .chars()
+                .all(|c| c == '\n' || !c.is_control())
+        );
         assert_eq!(table.to_text().lines().count(), 2);
     }
 

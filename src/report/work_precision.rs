@@ -12,8 +12,11 @@ use crate::accuracy::candidates::HIERARCHY;
 use crate::accuracy::{Question, Row, Status, Study};
 
 /// The solvers in the order of the key, as people call them.
-const SOLVERS: [(&str, &str); 3] =
-    [("xpbd", "small-step XPBD"), ("implicit_euler", "implicit Euler"), ("quasi_static", "quasi-static")];
+const SOLVERS: [(&str, &str); 3] = [
+    ("xpbd", "small-step XPBD"),
+    ("implicit_euler", "implicit Euler"),
+    ("quasi_static", "quasi-static"),
+];
 
 /// Columns of `work_precision.csv`.
 const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,order,tolerance,contact,lanes,threads,status,certain,time_s,time_min_s,\
@@ -22,7 +25,11 @@ const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,
 
 /// A number for JSON: one that is not finite has none.
 fn number(value: f64) -> Value {
-    if value.is_finite() { json!(value) } else { Value::Null }
+    if value.is_finite() {
+        json!(value)
+    } else {
+        Value::Null
+    }
 }
 
 impl Study {
@@ -110,11 +117,24 @@ impl Study {
                 Some(other) => other.to_string(),
                 None => String::new(),
             };
-            let first =
-                ["substeps", "iterations", "order", "tolerance", "contact", "lanes", "threads"].map(setting).join(",");
+            let first = [
+                "substeps",
+                "iterations",
+                "order",
+                "tolerance",
+                "contact",
+                "lanes",
+                "threads",
+            ]
+            .map(setting)
+            .join(",");
             let e = &row.error;
-            let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]].map(|v| v.to_string()).join(",");
-            let errors = [e.rms, e.rms / self.length, e.max].map(|v| v.to_string()).join(",");
+            let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]]
+                .map(|v| v.to_string())
+                .join(",");
+            let errors = [e.rms, e.rms / self.length, e.max]
+                .map(|v| v.to_string())
+                .join(",");
             let rest = [
                 row.model_error_m,
                 row.volume_error,
@@ -145,30 +165,65 @@ impl Study {
         let fine = |row: &&Row| row.status != Status::Diverged;
         let mut series = Vec::new();
         for (name, title) in SOLVERS {
-            let rows: Vec<&Row> = self.rows.iter().filter(|r| r.candidate.name() == name).filter(fine).collect();
+            let rows: Vec<&Row> = self
+                .rows
+                .iter()
+                .filter(|r| r.candidate.name() == name)
+                .filter(fine)
+                .collect();
             if !rows.is_empty() {
                 let bars = rows.iter().filter(|r| r.repeats > 1);
                 let bars = bars.map(|r| (total(r), r.time_range_s[0], r.time_range_s[1]));
-                series.push(Series::new(title, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars));
+                series.push(
+                    Series::new(title, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars),
+                );
             }
         }
-        let front = self.front.iter().map(|i| &self.rows[*i]).map(|r| (r.time_s, total(r)));
+        let front = self
+            .front
+            .iter()
+            .map(|i| &self.rows[*i])
+            .map(|r| (r.time_s, total(r)));
         series.push(Series::new("none is better", front));
-        let limits = self.recommended.iter().map(|r| (String::new(), r.target * self.length * 1e3)).collect();
+        let limits = self
+            .recommended
+            .iter()
+            .map(|r| (String::new(), r.target * self.length * 1e3))
+            .collect();
         let bound = self.reference.uncertainty.rms * 1e3;
-        let title = format!("RMS error [mm]; dashed: 10, 1, 0.1 % of {:.0} mm", self.length * 1e3);
+        let title = format!(
+            "RMS error [mm]; dashed: 10, 1, 0.1 % of {:.0} mm",
+            self.length * 1e3
+        );
         let x = format!("time of {} frames [s]", self.frames);
         let unknown_below = Some(("below the reference's own uncertainty".to_owned(), bound));
-        LinePlot { series, limits, unknown_below, ..LinePlot::new(title, x).logarithmic_both() }
+        LinePlot {
+            series,
+            limits,
+            unknown_below,
+            ..LinePlot::new(title, x).logarithmic_both()
+        }
     }
 
     /// The recommended settings.
     pub fn recommendation(&self) -> Table {
-        let header =
-            ["accuracy", "solver", "settings", "threads", "RMS error [mm]", "model [mm]", "time [s]", "status"];
+        let header = [
+            "accuracy",
+            "solver",
+            "settings",
+            "threads",
+            "RMS error [mm]",
+            "model [mm]",
+            "time [s]",
+            "status",
+        ];
         let mut table = Table::new("What to choose", header);
         for r in &self.recommended {
-            let target = format!("{} % = {:.2} mm", r.target * 100.0, r.target * self.length * 1e3);
+            let target = format!(
+                "{} % = {:.2} mm",
+                r.target * 100.0,
+                r.target * self.length * 1e3
+            );
             let Some(row) = r.row.map(|i| &self.rows[i]) else {
                 let why = if self.reference.uncertainty.rms > r.target * self.length {
                     "the reference is not certain to this"
@@ -211,7 +266,11 @@ impl Study {
         ];
         let mut table = Table::new("Every run", header);
         for row in &self.rows {
-            let known = if self.is_certain(row) { "" } else { " (uncertain)" };
+            let known = if self.is_certain(row) {
+                ""
+            } else {
+                " (uncertain)"
+            };
             table.row([
                 row.candidate.name().to_owned(),
                 row.candidate.in_words(),
@@ -264,7 +323,10 @@ impl Study {
             None => notes.push("There is no reference of the other question: its solvers were not run.".to_owned()),
         }
         if self.frames < self.frames_of_scene {
-            let (first, last) = (self.reference.frames().iter().take(1), self.reference.frames().iter().rev().take(1));
+            let (first, last) = (
+                self.reference.frames().iter().take(1),
+                self.reference.frames().iter().rev().take(1),
+            );
             let [first, last] = [first.cloned().collect::<Vec<_>>(), last.cloned().collect()];
             notes.push(format!(
                 "Frames 1 to {} of {}, over which vertices move by {} mm RMS: more budget compares more.",
@@ -276,7 +338,11 @@ impl Study {
         if !self.left_out.is_empty() {
             // Variants in lanes, threads and ways to look for contact are told once.
             let mut names: Vec<String> = Vec::new();
-            for name in self.left_out.iter().map(|c| format!("{} ({})", c.name(), c.in_words())) {
+            for name in self
+                .left_out
+                .iter()
+                .map(|c| format!("{} ({})", c.name(), c.in_words()))
+            {
                 if !names.contains(&name) {
                     names.push(name);
                 }
@@ -295,7 +361,9 @@ impl Study {
     /// What the folder says.
     pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
         folder.write("work_precision.csv", |w| self.write_csv(w))?;
-        folder.write("work_precision.svg", |w| w.write_all(self.plot().to_svg().as_bytes()))?;
+        folder.write("work_precision.svg", |w| {
+            w.write_all(self.plot().to_svg().as_bytes())
+        })?;
         folder.write("summary.json", |w| writeln!(w, "{:#}", self.to_json()))?;
         let report = Report {
             title: format!("{}: what accuracy costs", self.scene),
@@ -304,7 +372,11 @@ impl Study {
                 self.vertices,
                 self.length * 1e3,
                 self.frames,
-                self.rows.iter().map(|r| r.candidate.threads).max().unwrap_or(1)
+                self.rows
+                    .iter()
+                    .map(|r| r.candidate.threads)
+                    .max()
+                    .unwrap_or(1)
             ),
             plots_title: "Error against time".to_owned(),
             plots: vec![self.plot()],

@@ -13,17 +13,61 @@ const LARGEST: u64 = 4 << 20;
 
 /// Each built-in scene: its name, its TOML, and what it shows, in one line.
 pub const BUILTIN: &[(&str, &str, &str)] = &[
-    ("hip", include_str!("builtin/hip.toml"), "a gluteus-like muscle over a turning femur"),
-    ("press", include_str!("builtin/press.toml"), "a muscle between two plates that close to 10 % and open again"),
-    ("distance", include_str!("builtin/distance.toml"), "a tetrahedron that swings about an edge, distance only"),
-    ("shape", include_str!("builtin/shape.toml"), "a tetrahedron that grows evenly, bending only"),
-    ("volume", include_str!("builtin/volume.toml"), "a tetrahedron that flattens, volume only"),
-    ("chain", include_str!("builtin/chain.toml"), "six points on a line, the order of a sweep"),
-    ("cube", include_str!("builtin/cube.toml"), "a soft cube that a ball presses, its volume kept"),
-    ("sheet", include_str!("builtin/sheet.toml"), "a square of skin that a ball lifts from below"),
-    ("flat-implant", include_str!("builtin/flat-implant.toml"), "flat skin over an implant of 100 cc"),
-    ("expander", include_str!("builtin/expander.toml"), "an expander under a scalp, filled in five steps"),
-    ("lattice", include_str!("builtin/lattice.toml"), "a box of points on springs, dragged and let go"),
+    (
+        "hip",
+        include_str!("builtin/hip.toml"),
+        "a gluteus-like muscle over a turning femur",
+    ),
+    (
+        "press",
+        include_str!("builtin/press.toml"),
+        "a muscle between two plates that close to 10 % and open again",
+    ),
+    (
+        "distance",
+        include_str!("builtin/distance.toml"),
+        "a tetrahedron that swings about an edge, distance only",
+    ),
+    (
+        "shape",
+        include_str!("builtin/shape.toml"),
+        "a tetrahedron that grows evenly, bending only",
+    ),
+    (
+        "volume",
+        include_str!("builtin/volume.toml"),
+        "a tetrahedron that flattens, volume only",
+    ),
+    (
+        "chain",
+        include_str!("builtin/chain.toml"),
+        "six points on a line, the order of a sweep",
+    ),
+    (
+        "cube",
+        include_str!("builtin/cube.toml"),
+        "a soft cube that a ball presses, its volume kept",
+    ),
+    (
+        "sheet",
+        include_str!("builtin/sheet.toml"),
+        "a square of skin that a ball lifts from below",
+    ),
+    (
+        "flat-implant",
+        include_str!("builtin/flat-implant.toml"),
+        "flat skin over an implant of 100 cc",
+    ),
+    (
+        "expander",
+        include_str!("builtin/expander.toml"),
+        "an expander under a scalp, filled in five steps",
+    ),
+    (
+        "lattice",
+        include_str!("builtin/lattice.toml"),
+        "a box of points on springs, dragged and let go",
+    ),
 ];
 
 /// The TOML of a built-in scene.
@@ -33,7 +77,10 @@ pub const BUILTIN: &[(&str, &str, &str)] = &[
 /// ```
 #[must_use]
 pub fn builtin(name: &str) -> Option<&'static str> {
-    BUILTIN.iter().find(|(known, ..)| *known == name).map(|&(_, toml, _)| toml)
+    BUILTIN
+        .iter()
+        .find(|(known, ..)| *known == name)
+        .map(|&(_, toml, _)| toml)
 }
 
 /// Reads a scene of muscles by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
@@ -49,7 +96,15 @@ pub fn builtin(name: &str) -> Option<&'static str> {
 /// ```
 pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
-    parse_with(&text, &name, &Surroundings { folder: &folder, variable: &paths::environment, overrides })
+    parse_with(
+        &text,
+        &name,
+        &Surroundings {
+            folder: &folder,
+            variable: &paths::environment,
+            overrides,
+        },
+    )
 }
 
 /// As [`load`], a scene of any kind.
@@ -63,7 +118,15 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
 /// ```
 pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
-    parse_content(&text, &name, &Surroundings { folder: &folder, variable: &paths::environment, overrides })
+    parse_content(
+        &text,
+        &name,
+        &Surroundings {
+            folder: &folder,
+            variable: &paths::environment,
+            overrides,
+        },
+    )
 }
 
 /// A scene's text, the name that messages give it, and the folder that its paths begin in.
@@ -78,20 +141,41 @@ pub(crate) struct Written {
 pub(crate) fn find(name_or_path: &str) -> Result<Written, SceneError> {
     let path = Path::new(name_or_path);
     let here = Path::new(".");
-    let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(here);
-    let ends_in_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let folder = path
+        .parent()
+        .filter(|f| !f.as_os_str().is_empty())
+        .unwrap_or(here);
+    let ends_in_toml = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
     if path.is_file() || ends_in_toml || (path.is_dir() && builtin(name_or_path).is_none()) {
         let text = read(path).map_err(|reason| {
-            let problem = Problem::MissingFile { path: shown_path(path), reason, hint: NO_SCENE };
+            let problem = Problem::MissingFile {
+                path: shown_path(path),
+                reason,
+                hint: NO_SCENE,
+            };
             SceneError::of_name(problem, name_or_path)
         })?;
-        return Ok(Written { text, name: name_or_path.to_owned(), folder: folder.to_owned() });
+        return Ok(Written {
+            text,
+            name: name_or_path.to_owned(),
+            folder: folder.to_owned(),
+        });
     }
     let Some(text) = builtin(name_or_path) else {
-        let problem = unknown_name("scene", name_or_path, BUILTIN.iter().map(|&(name, ..)| name));
+        let problem = unknown_name(
+            "scene",
+            name_or_path,
+            BUILTIN.iter().map(|&(name, ..)| name),
+        );
         return Err(SceneError::of_name(problem, name_or_path));
     };
-    Ok(Written { text: text.to_owned(), name: format!("{name_or_path}.toml"), folder: here.to_owned() })
+    Ok(Written {
+        text: text.to_owned(),
+        name: format!("{name_or_path}.toml"),
+        folder: here.to_owned(),
+    })
 }
 
 /// What to do where there is no scene file.
@@ -99,20 +183,25 @@ const NO_SCENE: &str = "name a scene file, or one of the scenes that `pliant sce
 
 /// The text of a file, or why there is none (`None` when it is not there).
 pub(super) fn read(path: &Path) -> Result<String, Option<String>> {
-    let reason = |e: std::io::Error| (e.kind() != std::io::ErrorKind::NotFound).then(|| e.to_string());
+    let reason =
+        |e: std::io::Error| (e.kind() != std::io::ErrorKind::NotFound).then(|| e.to_string());
     if path.is_dir() {
         return Err(Some("it is a folder".to_owned()));
     }
     let file = std::fs::File::open(path).map_err(reason)?;
     let mut bytes = Vec::new();
     // Read by size and not by the length that the system tells, which is wrong for pipes.
-    file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(reason)?;
+    file.take(LARGEST + 1)
+        .read_to_end(&mut bytes)
+        .map_err(reason)?;
     if bytes.len() as u64 > LARGEST {
         return Err(Some("it is larger than 4 MiB and so no scene".to_owned()));
     }
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let found = e.as_bytes().get(at).copied().unwrap_or_default();
-        Some(format!("byte {at} (0x{found:02x}) begins no character of UTF-8; save it as text in UTF-8"))
+        Some(format!(
+            "byte {at} (0x{found:02x}) begins no character of UTF-8; save it as text in UTF-8"
+        ))
     })
 }

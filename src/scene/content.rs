@@ -215,7 +215,11 @@ mod tests {
     #[test]
     fn volumes_are_linear_between_the_frames_given() {
         let order = Order::round(Place::Vertex(0), 0.05, 30e-6);
-        let filled = Filled { name: "a".to_owned(), order, fill: vec![(2, 10e-6), (3, 30e-6), (5, 20e-6)] };
+        let filled = Filled {
+            name: "a".to_owned(),
+            order,
+            fill: vec![(2, 10e-6), (3, 30e-6), (5, 20e-6)],
+        };
         let wanted = [0.0, 5e-6, 10e-6, 30e-6, 25e-6, 20e-6, 20e-6];
         for (frame, wanted) in wanted.into_iter().enumerate() {
             assert!((filled.volume_at(frame) - wanted).abs() <= 1e-18, "{frame}");

@@ -178,16 +178,25 @@ fn meant(nearest: Option<&str>) -> String {
 }
 
 fn missing(path: &str, reason: Option<&str>) -> String {
-    reason.map_or_else(|| format!("no file `{path}`"), |r| format!("`{path}` cannot be read: {r}"))
+    reason.map_or_else(
+        || format!("no file `{path}`"),
+        |r| format!("`{path}` cannot be read: {r}"),
+    )
 }
 
 impl Problem {
     pub(super) fn out_of_range(found: &str, allowed: &str) -> Self {
-        Self::OutOfRange { found: format!("`{}`", shown(found)), allowed: allowed.to_owned() }
+        Self::OutOfRange {
+            found: format!("`{}`", shown(found)),
+            allowed: allowed.to_owned(),
+        }
     }
 
     pub(super) fn missing(key: &str, add: impl Into<String>) -> Self {
-        Self::Missing { what: format!("`{key}`"), add: add.into() }
+        Self::Missing {
+            what: format!("`{key}`"),
+            add: add.into(),
+        }
     }
 
     /// The code of the kind, `E050` to `E069` but for meshes, which stays the same when messages change.
@@ -224,8 +233,13 @@ impl Problem {
     #[must_use]
     pub fn help(&self) -> String {
         match self {
-            Self::UnitsRequired { example, dimension, .. } => {
-                format!("write {example}; known units of {dimension}: {}", dimension.known())
+            Self::UnitsRequired {
+                example, dimension, ..
+            } => {
+                format!(
+                    "write {example}; known units of {dimension}: {}",
+                    dimension.known()
+                )
             }
             Self::OutOfRange { allowed, .. } => format!("give {allowed}"),
             Self::UnknownKey { known, .. } => format!("known keys here: {known}"),
@@ -238,7 +252,8 @@ impl Problem {
             Self::KeysOutOfOrder { .. } => "sort the keys by frame, each frame once".to_owned(),
             Self::MissingFile { hint, .. } => (*hint).to_owned(),
             Self::OutsideFolder { .. } => {
-                "write an absolute path, or one that begins with a variable such as $PLIANT_DATA".to_owned()
+                "write an absolute path, or one that begins with a variable such as $PLIANT_DATA"
+                    .to_owned()
             }
             Self::UnsetVariable { name } => format!("set it: export {name}=FOLDER"),
             Self::UnknownName { known, .. } if known.is_empty() => "there are none yet".to_owned(),
@@ -272,23 +287,47 @@ impl SceneError {
     pub(super) fn new(problem: Problem, key: &str, span: &Span, sources: &Sources) -> Self {
         let (name, text, span, own) = sources.locate(span);
         let before = text.get(..span.start).unwrap_or(&text);
-        let column = before.rsplit('\n').next().unwrap_or_default().chars().count() + 1;
+        let column = before
+            .rsplit('\n')
+            .next()
+            .unwrap_or_default()
+            .chars()
+            .count()
+            + 1;
         // The text of an override is its own name, one line, and needs no place.
         let place = own.then(|| (before.matches('\n').count() + 1, column));
         let source = NamedSource::new(name, text);
-        Self(Box::new(Placed { problem, key: key.to_owned(), source, span, place }))
+        Self(Box::new(Placed {
+            problem,
+            key: key.to_owned(),
+            source,
+            span,
+            place,
+        }))
     }
 
     /// An error of a name or a path that was given outside of any file.
     pub(super) fn of_name(problem: Problem, name: &str) -> Self {
         let source = NamedSource::new("SCENE", Arc::from(name));
-        Self(Box::new(Placed { problem, key: String::new(), source, span: 0..name.len(), place: None }))
+        Self(Box::new(Placed {
+            problem,
+            key: String::new(),
+            source,
+            span: 0..name.len(),
+            place: None,
+        }))
     }
 
     /// An error in a scene without a text.
     pub(super) fn nowhere(problem: Problem, key: &str) -> Self {
         let source = NamedSource::new("scene", Arc::from(""));
-        Self(Box::new(Placed { problem, key: key.to_owned(), source, span: 0..0, place: None }))
+        Self(Box::new(Placed {
+            problem,
+            key: key.to_owned(),
+            source,
+            span: 0..0,
+            place: None,
+        }))
     }
 
     /// What is wrong.
@@ -321,8 +360,17 @@ impl SceneError {
             Some((line, column)) => format!("{}:{line}:{column}", self.0.source.name()),
             None => self.0.source.name().to_owned(),
         };
-        let key = if self.0.key.is_empty() { String::new() } else { format!("{}: ", self.0.key) };
-        format!("{at}: error[{}]: {key}{}; {}", self.0.problem.code(), self.0.problem, self.0.problem.help())
+        let key = if self.0.key.is_empty() {
+            String::new()
+        } else {
+            format!("{}: ", self.0.key)
+        };
+        format!(
+            "{at}: error[{}]: {key}{}; {}",
+            self.0.problem.code(),
+            self.0.problem,
+            self.0.problem.help()
+        )
     }
 }
 
@@ -354,7 +402,14 @@ impl Diagnostic for SceneError {
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let label = if self.0.key.is_empty() { "here".to_owned() } else { self.0.key.clone() };
-        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(Some(label), self.0.span.clone()))))
+        let label = if self.0.key.is_empty() {
+            "here".to_owned()
+        } else {
+            self.0.key.clone()
+        };
+        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(
+            Some(label),
+            self.0.span.clone(),
+        ))))
     }
 }

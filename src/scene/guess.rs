@@ -7,12 +7,21 @@ const PLAUSIBLE: [f64; 2] = [0.01, 2.5];
 const TYPICAL: f64 = 0.25;
 
 /// Units of length that meshes come in, and their lengths [m].
-const UNITS: [(&str, f64); 5] = [("m", 1.0), ("dm", 0.1), ("cm", 0.01), ("mm", 0.001), ("in", 0.0254)];
+const UNITS: [(&str, f64); 5] = [
+    ("m", 1.0),
+    ("dm", 0.1),
+    ("cm", 0.01),
+    ("mm", 0.001),
+    ("in", 0.0254),
+];
 
 /// The units in which a longest side of `length` is that of a part of a body, the likeliest first, each with the side in
 /// metres; a guess, which is shown and never used.
 pub fn likely_units(length: f64) -> Vec<(&'static str, f64)> {
-    let mut likely: Vec<_> = UNITS.iter().map(|(name, metres)| (*name, length * metres)).collect();
+    let mut likely: Vec<_> = UNITS
+        .iter()
+        .map(|(name, metres)| (*name, length * metres))
+        .collect();
     likely.retain(|(_, side)| (PLAUSIBLE[0]..=PLAUSIBLE[1]).contains(side));
     let distance = |side: f64| libm::log(side / TYPICAL).abs();
     likely.sort_by(|a, b| distance(a.1).total_cmp(&distance(b.1)));
@@ -28,7 +37,13 @@ mod tests {
         let first = |length| likely_units(length).first().map(|(name, _)| *name);
         // A femur in metres and millimetres, nothing, a planet.
         assert_eq!(
-            [first(0.43), first(430.0), first(0.0), first(1e7), first(f64::NAN)],
+            [
+                first(0.43),
+                first(430.0),
+                first(0.0),
+                first(1e7),
+                first(f64::NAN)
+            ],
             [Some("m"), Some("mm"), None, None, None]
         );
         // A body of 17 dm might be one of 17 cm.

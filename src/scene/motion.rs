@@ -30,7 +30,10 @@ impl Motion {
     #[must_use]
     pub fn pose(&self, frame: f64) -> Isometry3<f64> {
         let next = self.keys.partition_point(|k| k.frame <= frame);
-        match (next.checked_sub(1).and_then(|last| self.keys.get(last)), self.keys.get(next)) {
+        match (
+            next.checked_sub(1).and_then(|last| self.keys.get(last)),
+            self.keys.get(next),
+        ) {
             (None, None) => Isometry3::identity(),
             (Some(only), None) | (None, Some(only)) => only.pose,
             // At a key the pose is the key's, to the bit.
@@ -58,14 +61,20 @@ fn screw_part(pose: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
     let moved = pose.translation.vector;
     // Below this, squares underflow and the direction of the axis is lost; so small a turn moves nothing.
     if sine < 1e-150 {
-        return Isometry3::from_parts(Translation3::from(moved * share), UnitQuaternion::identity());
+        return Isometry3::from_parts(
+            Translation3::from(moved * share),
+            UnitQuaternion::identity(),
+        );
     }
     let axis = Unit::new_unchecked(vector / sine);
     let half = libm::atan2(sine, cosine);
     let along = axis.as_ref() * axis.dot(&moved);
     let ratio = libm::sin(share * half) / sine;
     let across = turn(&axis, -(1.0 - share) * half) * (moved - along) * ratio;
-    Isometry3::from_parts(Translation3::from(along * share + across), turn(&axis, 2.0 * share * half))
+    Isometry3::from_parts(
+        Translation3::from(along * share + across),
+        turn(&axis, 2.0 * share * half),
+    )
 }
 
 /// Rotation by an angle \[rad\]; with libm's functions, which give the same bits on every system.
@@ -75,9 +84,17 @@ fn turn(axis: &Unit<Vector3<f64>>, angle: f64) -> UnitQuaternion<f64> {
 }
 
 /// The pose of what is turned by an angle \[rad\] about an axis through a centre \[m\].
-pub(super) fn turned(axis: &Unit<Vector3<f64>>, angle: f64, centre: &Vector3<f64>) -> Isometry3<f64> {
+pub(super) fn turned(
+    axis: &Unit<Vector3<f64>>,
+    angle: f64,
+    centre: &Vector3<f64>,
+) -> Isometry3<f64> {
     let rotation = turn(axis, angle);
-    let back = if angle == 0.0 { Vector3::zeros() } else { centre - rotation * centre };
+    let back = if angle == 0.0 {
+        Vector3::zeros()
+    } else {
+        centre - rotation * centre
+    };
     Isometry3::from_parts(Translation3::from(back), rotation)
 }
 
@@ -101,31 +118,50 @@ impl Written {
 
     /// The same axis, or no turn at all and so any axis.
     fn shares_axis(&self, other: &Self) -> bool {
-        self.axis == other.axis || self.angle == 0.0 && self.slide == 0.0 || other.angle == 0.0 && other.slide == 0.0
+        self.axis == other.axis
+            || self.angle == 0.0 && self.slide == 0.0
+            || other.angle == 0.0 && other.slide == 0.0
     }
 }
 
 /// Reads a section `[bone.motion]`.
 pub(super) fn read(section: &Section<'_>) -> Result<Motion, SceneError> {
-    let centre = section.get("centre").map(|i| i.vector(Dimension::Length)).transpose()?;
+    let centre = section
+        .get("centre")
+        .map(|i| i.vector(Dimension::Length))
+        .transpose()?;
     let axis = section.get("axis").map(|i| i.direction()).transpose()?;
-    let keys = section.need("keys", "[{ frame = 0, angle = \"0 rad\" }, { frame = 100, angle = \"1 rad\" }]")?;
+    let keys = section.need(
+        "keys",
+        "[{ frame = 0, angle = \"0 rad\" }, { frame = 100, angle = \"1 rad\" }]",
+    )?;
     let sections = section.sections("keys")?;
     if sections.is_empty() {
-        return keys.fail(Problem::EmptyList { wanted: "at least one key".to_owned() });
+        return keys.fail(Problem::EmptyList {
+            wanted: "at least one key".to_owned(),
+        });
     }
     let point = centre.unwrap_or_default();
-    let mut motion = Motion { joint: joint(section, centre, axis)?, ..Motion::default() };
+    let mut motion = Motion {
+        joint: joint(section, centre, axis)?,
+        ..Motion::default()
+    };
     let mut before: Option<Written> = None;
     for key in sections {
         let written = read_key(&key, axis)?;
         if written.angle != 0.0 && centre.is_none() {
-            return section.fail(Problem::missing("centre", "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`"));
+            return section.fail(Problem::missing(
+                "centre",
+                "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`",
+            ));
         }
         if let Some(before) = before {
             between(&before, &written, &point, &key, &mut motion)?;
         }
-        motion.keys.push(Key { frame: written.frame, pose: written.pose(&point) });
+        motion.keys.push(Key {
+            frame: written.frame,
+            pose: written.pose(&point),
+        });
         before = Some(written);
     }
     Ok(motion)
@@ -137,13 +173,23 @@ fn joint(
     centre: Option<Vector3<f64>>,
     axis: Option<Unit<Vector3<f64>>>,
 ) -> Result<Option<Joint>, SceneError> {
-    let name = section.get("joint").map(|item| item.text("hip").map(str::to_owned)).transpose()?;
+    let name = section
+        .get("joint")
+        .map(|item| item.text("hip").map(str::to_owned))
+        .transpose()?;
     match (centre, axis) {
-        (Some(centre), Some(axis)) => Ok(Some(Joint { name, centre: centre.into(), axis })),
-        (None, _) if name.is_some() => {
-            section.fail(Problem::missing("centre", "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`"))
+        (Some(centre), Some(axis)) => Ok(Some(Joint {
+            name,
+            centre: centre.into(),
+            axis,
+        })),
+        (None, _) if name.is_some() => section.fail(Problem::missing(
+            "centre",
+            "`centre = [\"0 mm\", \"0 mm\", \"0 mm\"]`",
+        )),
+        (_, None) if name.is_some() => {
+            section.fail(Problem::missing("axis", "`axis = [-1, 0, 0]`"))
         }
-        (_, None) if name.is_some() => section.fail(Problem::missing("axis", "`axis = [-1, 0, 0]`")),
         _ => Ok(None),
     }
 }
@@ -158,9 +204,15 @@ fn read_key(key: &Section<'_>, axis: Option<Unit<Vector3<f64>>>) -> Result<Writt
         None => axis,
     };
     if axis.is_none() && (angle != 0.0 || slide != 0.0) {
-        return key.fail(Problem::missing("axis", "`axis = [-1, 0, 0]` to the motion"));
+        return key.fail(Problem::missing(
+            "axis",
+            "`axis = [-1, 0, 0]` to the motion",
+        ));
     }
-    let translation = key.get("translation").map(|i| i.vector(Dimension::Length)).transpose()?;
+    let translation = key
+        .get("translation")
+        .map(|i| i.vector(Dimension::Length))
+        .transpose()?;
     Ok(Written {
         frame,
         axis: axis.unwrap_or_else(Vector3::x_axis),
@@ -179,21 +231,31 @@ fn between(
     motion: &mut Motion,
 ) -> Result<(), SceneError> {
     if after.frame <= before.frame {
-        let problem = Problem::KeysOutOfOrder { frame: after.frame, before: before.frame };
+        let problem = Problem::KeysOutOfOrder {
+            frame: after.frame,
+            before: before.frame,
+        };
         return section.need("frame", "0")?.fail(problem);
     }
     if !before.shares_axis(after) {
         let relative = before.pose(centre).inverse() * after.pose(centre);
         let wide = before.angle.abs().max(after.angle.abs()) > std::f64::consts::PI;
         if wide || relative.rotation.angle() > CLEAR_TURN {
-            return section
-                .fail(Problem::UnclearTurn { why: "the axis changes and the turn is near half a turn or more" });
+            return section.fail(Problem::UnclearTurn {
+                why: "the axis changes and the turn is near half a turn or more",
+            });
         }
         return Ok(());
     }
     // Angles are at most 1000 rad, so there are at most 1000 parts.
-    let parts = ((after.angle - before.angle).abs() / LARGEST_TURN).ceil().max(1.0);
-    let axis = if before.angle == 0.0 && before.slide == 0.0 { after.axis } else { before.axis };
+    let parts = ((after.angle - before.angle).abs() / LARGEST_TURN)
+        .ceil()
+        .max(1.0);
+    let axis = if before.angle == 0.0 && before.slide == 0.0 {
+        after.axis
+    } else {
+        before.axis
+    };
     let mut part = 1.0;
     while part < parts {
         let share = part / parts;
@@ -205,7 +267,10 @@ fn between(
             slide: mix(before.slide, after.slide),
             translation: before.translation + (after.translation - before.translation) * share,
         };
-        motion.keys.push(Key { frame: written.frame, pose: written.pose(centre) });
+        motion.keys.push(Key {
+            frame: written.frame,
+            pose: written.pose(centre),
+        });
         part += 1.0;
     }
     Ok(())
@@ -220,20 +285,48 @@ mod tests {
 
     fn off_origin(angle: f64, slide: f64) -> Isometry3<f64> {
         let axis = Unit::new_normalize(Vector3::new(1.0, -2.0, 0.5));
-        let written = Written { frame: 0.0, axis, angle, slide, translation: Vector3::zeros() };
+        let written = Written {
+            frame: 0.0,
+            axis,
+            angle,
+            slide,
+            translation: Vector3::zeros(),
+        };
         written.pose(&Vector3::new(-0.083, 0.86, -0.005))
     }
 
     fn two(first: Isometry3<f64>, last: Isometry3<f64>) -> Motion {
-        Motion { keys: vec![Key { frame: 10.0, pose: first }, Key { frame: 30.0, pose: last }], joint: None }
+        Motion {
+            keys: vec![
+                Key {
+                    frame: 10.0,
+                    pose: first,
+                },
+                Key {
+                    frame: 30.0,
+                    pose: last,
+                },
+            ],
+            joint: None,
+        }
     }
 
     #[test]
     fn half_way_of_a_turn_about_a_distant_axis_is_half_the_turn() {
         for angle in [1e-12, 1e-6, 0.1, 1.0, 2.0, 3.0, -1.0] {
             let motion = two(Isometry3::identity(), off_origin(angle, 0.0));
-            assert_relative_eq!(motion.pose(20.0), off_origin(angle / 2.0, 0.0), epsilon = 1e-15, max_relative = 1e-14);
-            assert_relative_eq!(motion.pose(15.0), off_origin(angle / 4.0, 0.0), epsilon = 1e-15, max_relative = 1e-14);
+            assert_relative_eq!(
+                motion.pose(20.0),
+                off_origin(angle / 2.0, 0.0),
+                epsilon = 1e-15,
+                max_relative = 1e-14
+            );
+            assert_relative_eq!(
+                motion.pose(15.0),
+                off_origin(angle / 4.0, 0.0),
+                epsilon = 1e-15,
+                max_relative = 1e-14
+            );
         }
     }
 
@@ -242,10 +335,18 @@ mod tests {
         let motion = two(off_origin(0.3, 0.0), off_origin(1.3, 0.02));
         for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
             let wanted = off_origin(0.3 + share, 0.02 * share);
-            assert_relative_eq!(motion.pose(10.0 + 20.0 * share), wanted, epsilon = 1e-15, max_relative = 1e-14);
+            assert_relative_eq!(
+                motion.pose(10.0 + 20.0 * share),
+                wanted,
+                epsilon = 1e-15,
+                max_relative = 1e-14
+            );
         }
         let moved = Isometry3::translation(0.1, 0.2, 0.3);
-        assert_relative_eq!(two(Isometry3::identity(), moved).pose(15.0), Isometry3::translation(0.025, 0.05, 0.075));
+        assert_relative_eq!(
+            two(Isometry3::identity(), moved).pose(15.0),
+            Isometry3::translation(0.025, 0.05, 0.075)
+        );
     }
 
     #[test]
@@ -259,7 +360,14 @@ mod tests {
             assert_eq!(motion.pose(frame), last);
         }
         assert_eq!(Motion::default().pose(3.0), Isometry3::identity());
-        assert!(motion.pose(f64::NAN).translation.vector.iter().all(|x| x.is_finite()));
+        assert!(
+            motion
+                .pose(f64::NAN)
+                .translation
+                .vector
+                .iter()
+                .all(|x| x.is_finite())
+        );
     }
 
     #[test]
@@ -267,7 +375,11 @@ mod tests {
         let pose = off_origin(1.0, 0.0);
         let other = UnitQuaternion::new_unchecked(-pose.rotation.into_inner());
         let negative = Isometry3::from_parts(pose.translation, other);
-        assert_relative_eq!(screw_part(&negative, 0.5), screw_part(&pose, 0.5), epsilon = 1e-15);
+        assert_relative_eq!(
+            screw_part(&negative, 0.5),
+            screw_part(&pose, 0.5),
+            epsilon = 1e-15
+        );
     }
 
     #[test]

@@ -24,7 +24,9 @@ impl Origin {
     #[must_use]
     pub fn error(&self, problem: Problem, key: &str) -> SceneError {
         match self.0.as_deref() {
-            Some(Written { document, sources }) => SceneError::new(problem, key, &span_of(document, key), sources),
+            Some(Written { document, sources }) => {
+                SceneError::new(problem, key, &span_of(document, key), sources)
+            }
             None => SceneError::nowhere(problem, key),
         }
     }
@@ -56,6 +58,10 @@ impl PartialEq for Origin {
 
 impl fmt::Debug for Origin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if self.0.is_some() { "Origin(text)" } else { "Origin(code)" })
+        f.write_str(if self.0.is_some() {
+            "Origin(text)"
+        } else {
+            "Origin(code)"
+        })
     }
 }

@@ -50,7 +50,15 @@ pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> D
     let sources = &*sources;
     let malformed = |message: &str| {
         let hint = "write PATH=VALUE, for example effects.contact.friction=0.3".to_owned();
-        SceneError::new(Problem::Override { message: message.to_owned(), hint }, "", &whole, sources)
+        SceneError::new(
+            Problem::Override {
+                message: message.to_owned(),
+                hint,
+            },
+            "",
+            &whole,
+            sources,
+        )
     };
     let equals = equals_sign(text).ok_or_else(|| malformed("there is no `=`"))?;
     let path = segments(&text[..equals], start).ok_or_else(|| malformed("the path is not one"))?;
@@ -64,7 +72,13 @@ pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> D
         return Ok(());
     };
     let path = in_full(path, root);
-    Change { sources, whole: whole.clone(), value, value_start }.table(root, &ROOT, &path, "")
+    Change {
+        sources,
+        whole: whole.clone(),
+        value,
+        value_start,
+    }
+    .table(root, &ROOT, &path, "")
 }
 
 /// The first `=` outside of quotes.
@@ -104,9 +118,15 @@ fn segment(written: &str, start: usize) -> Option<Segment> {
     let trimmed = written.trim();
     let start = start + (written.len() - written.trim_start().len());
     let span = start..start + trimmed.len();
-    let inner = ['"', '\''].iter().find_map(|&q| trimmed.strip_prefix(q)?.strip_suffix(q));
+    let inner = ['"', '\'']
+        .iter()
+        .find_map(|&q| trimmed.strip_prefix(q)?.strip_suffix(q));
     let text = inner.unwrap_or(trimmed).to_owned();
-    (!text.is_empty()).then_some(Segment { text, span, quoted: inner.is_some() })
+    (!text.is_empty()).then_some(Segment {
+        text,
+        span,
+        quoted: inner.is_some(),
+    })
 }
 
 /// Puts what may be left out before a path.
@@ -116,7 +136,11 @@ fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
     };
     let span = first.span.start..first.span.start;
     let put = |names: &[&str], path: Vec<Segment>| {
-        let before = names.iter().map(|n| Segment { text: (*n).to_owned(), span: span.clone(), quoted: false });
+        let before = names.iter().map(|n| Segment {
+            text: (*n).to_owned(),
+            span: span.clone(),
+            quoted: false,
+        });
         before.chain(path).collect()
     };
     let key = first.text.as_str();
@@ -130,7 +154,10 @@ fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
         return put(&["solver"], path);
     }
     let in_use = match root.get("solver").map(|e| &e.node.value) {
-        Some(Value::Table(solver)) => SOLVER.names().find(|name| solver.get(name).is_some()).unwrap_or("xpbd"),
+        Some(Value::Table(solver)) => SOLVER
+            .names()
+            .find(|name| solver.get(name).is_some())
+            .unwrap_or("xpbd"),
         _ => "xpbd",
     };
     match SOLVER.get(in_use) {
@@ -157,7 +184,11 @@ impl Change<'_> {
         let Some(kind) = schema.get(key) else {
             return self.fail(unknown_key(key, schema), above, &first.span);
         };
-        let here = if above.is_empty() { key.to_owned() } else { format!("{above}.{key}") };
+        let here = if above.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{above}.{key}")
+        };
         if rest.is_empty() {
             return self.put(table, first, kind, &here);
         }
@@ -183,24 +214,47 @@ impl Change<'_> {
     }
 
     /// Follows the path into one element of a list, or into all.
-    fn list(&self, entry: Option<&mut Entry>, schema: &Schema, path: &[Segment], here: &str, span: &Span) -> Done {
+    fn list(
+        &self,
+        entry: Option<&mut Entry>,
+        schema: &Schema,
+        path: &[Segment],
+        here: &str,
+        span: &Span,
+    ) -> Done {
         let Some((first, rest)) = path.split_first() else {
             return Ok(());
         };
-        let Some(Node { value: Value::List(list), .. }) = entry.map(|e| &mut e.node) else {
-            return self.nowhere(format!("the scene has no `{here}`"), format!("add [[{here}]] to it"), here, span);
+        let Some(Node {
+            value: Value::List(list),
+            ..
+        }) = entry.map(|e| &mut e.node)
+        else {
+            return self.nowhere(
+                format!("the scene has no `{here}`"),
+                format!("add [[{here}]] to it"),
+                here,
+                span,
+            );
         };
         let only = list.len() == 1 && !first.quoted && schema.get(&first.text).is_some();
         // A name of an element comes before a key of the same name.
         if only
             && list.iter().all(|node| name(node) != Some(&first.text))
-            && let Some(Node { value: Value::Table(table), .. }) = list.first_mut()
+            && let Some(Node {
+                value: Value::Table(table),
+                ..
+            }) = list.first_mut()
         {
             return self.table(table, schema, path, &format!("{here}.0"));
         }
         if rest.is_empty() {
             let number = first.text == "*" || first.text.parse::<usize>().is_ok();
-            if list.len() == 1 && !number && !first.quoted && list.iter().all(|node| name(node) != Some(&first.text)) {
+            if list.len() == 1
+                && !number
+                && !first.quoted
+                && list.iter().all(|node| name(node) != Some(&first.text))
+            {
                 return self.fail(unknown_key(&first.text, schema), here, &first.span);
             }
             let message = format!("`{here}.{}` is a section, not a value", shown(&first.text));
@@ -212,7 +266,11 @@ impl Change<'_> {
             Err(problem) => return self.fail(problem, here, &first.span),
         };
         for index in chosen {
-            if let Some(Node { value: Value::Table(table), .. }) = list.get_mut(index) {
+            if let Some(Node {
+                value: Value::Table(table),
+                ..
+            }) = list.get_mut(index)
+            {
                 self.table(table, schema, rest, &format!("{here}.{index}"))?;
             }
         }
@@ -230,10 +288,19 @@ impl Change<'_> {
                     table.set(key, span, self.empty_table());
                 }
             }
-            (Kind::Table(schema), name) if schema.get("xpbd").is_some() && schema.get(name).is_some() => {
+            (Kind::Table(schema), name)
+                if schema.get("xpbd").is_some() && schema.get(name).is_some() =>
+            {
                 let mut inner = Table::default();
                 inner.set(name, span.clone(), self.empty_table());
-                table.set(key, span, Node { span: self.value_span(), value: Value::Table(inner) });
+                table.set(
+                    key,
+                    span,
+                    Node {
+                        span: self.value_span(),
+                        value: Value::Table(inner),
+                    },
+                );
             }
             _ => {
                 let node = self.node(kind)?;
@@ -254,12 +321,18 @@ impl Change<'_> {
     }
 
     fn empty_table(&self) -> Node {
-        Node { span: self.whole.clone(), value: Value::Table(Table::default()) }
+        Node {
+            span: self.whole.clone(),
+            value: Value::Table(Table::default()),
+        }
     }
 
     /// The value: TOML, or a text without quotes.
     fn node(&self, kind: Kind) -> Result<Node, SceneError> {
-        let plain = || Node { span: self.value_span(), value: Value::Text(self.value.to_owned()) };
+        let plain = || Node {
+            span: self.value_span(),
+            value: Value::Text(self.value.to_owned()),
+        };
         let quoted = self.value.starts_with(['"', '\'']);
         // A name such as `7` or `true` is a text where a text is due; a quantity without a unit stays a number there
         // too, and is refused for its unit.

@@ -26,8 +26,8 @@ use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
 use super::{
-    Bone, Capsule, Content, Origin, Scene, Source, motion, overrides, parse_effects, parse_lattice, parse_muscle,
-    parse_skin, paths,
+    Bone, Capsule, Content, Origin, Scene, Source, motion, overrides, parse_effects, parse_lattice,
+    parse_muscle, parse_skin, paths,
 };
 use crate::mesh::repair;
 
@@ -49,7 +49,11 @@ impl<'a> Surroundings<'a> {
     /// A folder, the variables of the environment, no overrides.
     #[must_use]
     pub fn of(folder: &'a Path) -> Self {
-        Self { folder, variable: &paths::environment, overrides: &[] }
+        Self {
+            folder,
+            variable: &paths::environment,
+            overrides: &[],
+        }
     }
 }
 
@@ -81,7 +85,11 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
 ///
 /// # Errors
 /// The first thing that is wrong, with its place; see [`Problem`]. A scene without muscles is an error.
-pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Result<Scene, SceneError> {
+pub fn parse_with(
+    text: &str,
+    name: &str,
+    surroundings: &Surroundings<'_>,
+) -> Result<Scene, SceneError> {
     match parse_content(text, name, surroundings)? {
         Content::Muscles(scene) => Ok(*scene),
         other => Err(other.origin().error(no_muscle(), "")),
@@ -92,21 +100,37 @@ pub fn parse_with(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Re
 ///
 /// # Errors
 /// The first thing that is wrong, with its place; see [`Problem`].
-pub fn parse_content(text: &str, name: &str, surroundings: &Surroundings<'_>) -> Result<Content, SceneError> {
+pub fn parse_content(
+    text: &str,
+    name: &str,
+    surroundings: &Surroundings<'_>,
+) -> Result<Content, SceneError> {
     let mut sources = Sources::new(name, text);
     let mut document = tree::document(&sources)?;
     for text in surroundings.overrides {
         overrides::apply(text, &mut document, &mut sources)?;
     }
-    let context = Context { sources: &sources, surroundings };
-    let root = Item { context, node: &document, key: String::new() };
-    let file_stem = Path::new(name).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+    let context = Context {
+        sources: &sources,
+        surroundings,
+    };
+    let root = Item {
+        context,
+        node: &document,
+        key: String::new(),
+    };
+    let file_stem = Path::new(name)
+        .file_stem()
+        .and_then(|s| s.to_str())
+        .unwrap_or_default();
     let root = root.section(&ROOT)?;
     let name = scene_name(&root, file_stem)?;
     let content = match kind(&root)? {
         Kind::Muscles => Content::Muscles(Box::new(scene(&root, name)?)),
         Kind::Skin => Content::Staged(Staged::Skin(Box::new(parse_skin::scene(&root, name)?))),
-        Kind::Lattice => Content::Staged(Staged::Lattice(Box::new(parse_lattice::scene(&root, name)?))),
+        Kind::Lattice => Content::Staged(Staged::Lattice(Box::new(parse_lattice::scene(
+            &root, name,
+        )?))),
     };
     Ok(content.with_origin(Origin::new(document, sources)))
 }
@@ -141,7 +165,10 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
         (Kind::Lattice, [&MUSCLES, &SKIN, &[]])
     } else {
         return match SKIN.iter().find_map(|key| root.get(key)) {
-            Some(item) => item.fail(Problem::missing("skin", "a section [[skin]], under which it goes")),
+            Some(item) => item.fail(Problem::missing(
+                "skin",
+                "a section [[skin]], under which it goes",
+            )),
             // What is missing is told by the reader of muscles.
             None => Ok(Kind::Muscles),
         };
@@ -153,10 +180,15 @@ fn kind(root: &Section<'_>) -> Result<Kind, SceneError> {
     };
     if let (Some(item), false) = (root.get("accuracy"), matches!(kind, Kind::Muscles)) {
         let message = "an accuracy is for scenes of muscles".to_owned();
-        let hint = "leave it out; for skin, `pliant accuracy` tells which `edge_length` keeps an error".to_owned();
+        let hint =
+            "leave it out; for skin, `pliant accuracy` tells which `edge_length` keeps an error"
+                .to_owned();
         return item.fail(Problem::Override { message, hint });
     }
-    others.into_iter().flatten().try_for_each(|other| root.exclusive(own, other))?;
+    others
+        .into_iter()
+        .flatten()
+        .try_for_each(|other| root.exclusive(own, other))?;
     Ok(kind)
 }
 
@@ -189,7 +221,10 @@ fn scene(root: &Section<'_>, name: String) -> Result<Scene, SceneError> {
         muscles,
         effects: parse_effects::effects(root)?,
         solver: parse_effects::solver(root)?,
-        accuracy: root.get("accuracy").map(|item| parse_effects::accuracy(&item)).transpose()?,
+        accuracy: root
+            .get("accuracy")
+            .map(|item| parse_effects::accuracy(&item))
+            .transpose()?,
         origin: Origin::default(),
     })
 }
@@ -203,7 +238,12 @@ fn bones(root: &Section<'_>, taken: &mut HashSet<String>) -> Result<Vec<Bone>, S
             Some(section) => motion::read(&section)?,
             None => super::Motion::default(),
         };
-        bones.push(Bone { name, surface, repair, motion });
+        bones.push(Bone {
+            name,
+            surface,
+            repair,
+            motion,
+        });
     }
     Ok(bones)
 }
@@ -219,11 +259,20 @@ fn capsules(
         let name = unique_name(&section, taken)?;
         let bone = bones.named_by(&section)?;
         let point = |key| -> Result<_, SceneError> {
-            Ok(Point3::from(section.need(key, "[\"0 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?))
+            Ok(Point3::from(
+                section
+                    .need(key, "[\"0 mm\", \"0 mm\", \"0 mm\"]")?
+                    .vector(Dimension::Length)?,
+            ))
         };
         let segment = [point("from")?, point("to")?];
         let radius = section.need_quantity("radius", Dimension::Length, Limit::Positive)?;
-        capsules.push(Capsule { name, bone, segment, radius });
+        capsules.push(Capsule {
+            name,
+            bone,
+            segment,
+            radius,
+        });
     }
     Ok(capsules)
 }
@@ -236,7 +285,11 @@ pub(super) struct KnownBones<'a> {
 
 impl<'a> KnownBones<'a> {
     fn of(bones: &'a [Bone]) -> Self {
-        let index = bones.iter().enumerate().map(|(i, b)| (b.name.as_str(), i)).collect();
+        let index = bones
+            .iter()
+            .enumerate()
+            .map(|(i, b)| (b.name.as_str(), i))
+            .collect();
         Self { bones, index }
     }
 
@@ -246,7 +299,11 @@ impl<'a> KnownBones<'a> {
         let name = item.text("femur")?;
         match self.index.get(name) {
             Some(&index) => Ok(index),
-            None => item.fail(unknown_name("bone", name, self.bones.iter().map(|b| b.name.as_str()))),
+            None => item.fail(unknown_name(
+                "bone",
+                name,
+                self.bones.iter().map(|b| b.name.as_str()),
+            )),
         }
     }
 
@@ -294,20 +351,34 @@ pub(super) fn surface_of(section: &Section<'_>, shapes: &[&str]) -> Result<Sourc
 /// What `repair`, and the keys that go with it, ask for.
 pub(super) fn repair(section: &Section<'_>) -> Result<Option<repair::Options>, SceneError> {
     section.exclusive("shape", "repair")?;
-    let wanted = section.get("repair").map_or(Ok(false), |item| item.flag())?;
+    let wanted = section
+        .get("repair")
+        .map_or(Ok(false), |item| item.flag())?;
     let more = ["close_holes", "keep_largest", "merge_within"];
     if !wanted {
         return match more.iter().find_map(|key| section.get(key)) {
-            Some(item) => item.fail(Problem::missing("repair", "`repair = true`, which it is a part of")),
+            Some(item) => item.fail(Problem::missing(
+                "repair",
+                "`repair = true`, which it is a part of",
+            )),
             None => Ok(None),
         };
     }
     let longest = u32::try_from(repair::LONGEST_RIM).unwrap_or(u32::MAX);
-    let close_holes = section.get("close_holes").map_or(Ok(0), |item| item.whole(0, longest))?;
+    let close_holes = section
+        .get("close_holes")
+        .map_or(Ok(0), |item| item.whole(0, longest))?;
     Ok(Some(repair::Options {
-        merge_within: section.quantity_or("merge_within", Dimension::Length, Limit::NotNegative, 0.0)?,
+        merge_within: section.quantity_or(
+            "merge_within",
+            Dimension::Length,
+            Limit::NotNegative,
+            0.0,
+        )?,
         close_holes: close_holes as usize,
-        keep_largest: section.get("keep_largest").map_or(Ok(false), |item| item.flag())?,
+        keep_largest: section
+            .get("keep_largest")
+            .map_or(Ok(false), |item| item.flag())?,
     }))
 }
 
@@ -318,7 +389,11 @@ pub(super) fn file(item: &Item<'_>, section: &Section<'_>) -> Result<Source, Sce
 }
 
 /// As [`file`], where the path is only a part of the value.
-pub(super) fn file_at(text: &str, item: &Item<'_>, section: &Section<'_>) -> Result<Source, SceneError> {
+pub(super) fn file_at(
+    text: &str,
+    item: &Item<'_>,
+    section: &Section<'_>,
+) -> Result<Source, SceneError> {
     let Some(unit) = section.get("unit") else {
         return item.fail(Problem::UnitsRequired {
             found: format!("`{}`", shown(text)),
@@ -343,10 +418,17 @@ pub(super) fn shape(item: &Item<'_>, known: &[&str]) -> Result<Source, SceneErro
 }
 
 /// A name that is not yet `taken`, and is from here on.
-pub(super) fn unique_name(section: &Section<'_>, taken: &mut HashSet<String>) -> Result<String, SceneError> {
+pub(super) fn unique_name(
+    section: &Section<'_>,
+    taken: &mut HashSet<String>,
+) -> Result<String, SceneError> {
     let item = section.need("name", "\"...\"")?;
     let name = checked_name(&item)?;
-    if taken.insert(name.clone()) { Ok(name) } else { item.fail(Problem::DuplicateName { name }) }
+    if taken.insert(name.clone()) {
+        Ok(name)
+    } else {
+        item.fail(Problem::DuplicateName { name })
+    }
 }
 
 pub(super) fn checked_name(item: &Item<'_>) -> Result<String, SceneError> {

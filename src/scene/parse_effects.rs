@@ -5,7 +5,9 @@ use super::parse::unknown_name;
 use super::parse_muscle;
 use super::reader::{Item, Limit, Section};
 use super::units::Dimension;
-use super::{Accuracy, Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd};
+use super::{
+    Accuracy, Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd,
+};
 
 /// Steps a frame and sweeps a step are at most this many.
 const MOST: u32 = 1_000_000;
@@ -26,21 +28,38 @@ pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     let Some(section) = root.section("effects")? else {
         return Ok(Effects::default());
     };
-    let volume = section.section("volume")?.map(|s| -> Result<_, SceneError> {
-        Ok(Volume { pressure: s.number_or("pressure", Limit::Within(0.5, 2.0), 1.0)? })
+    let volume = section
+        .section("volume")?
+        .map(|s| -> Result<_, SceneError> {
+            Ok(Volume {
+                pressure: s.number_or("pressure", Limit::Within(0.5, 2.0), 1.0)?,
+            })
+        });
+    let anisotropy = section
+        .section("anisotropy")?
+        .map(|s| -> Result<_, SceneError> {
+            let strength = s.need("strength", "0.5")?.number(SHARE)?;
+            Ok(Anisotropy {
+                strength,
+                power: s.number_or("power", Limit::Within(1.0, 1000.0), 1.0)?,
+            })
+        });
+    let contact = section
+        .section("contact")?
+        .map(|s| -> Result<_, SceneError> {
+            let thickness = s.need_quantity("thickness", Dimension::Length, Limit::NotNegative)?;
+            Ok(ContactEffect {
+                thickness,
+                friction: s.number_or("friction", Limit::NotNegative, 0.0)?,
+            })
+        });
+    let gravity = section.section("gravity")?.map(|s| {
+        s.need("acceleration", "[\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]")?
+            .vector(Dimension::Acceleration)
     });
-    let anisotropy = section.section("anisotropy")?.map(|s| -> Result<_, SceneError> {
-        let strength = s.need("strength", "0.5")?.number(SHARE)?;
-        Ok(Anisotropy { strength, power: s.number_or("power", Limit::Within(1.0, 1000.0), 1.0)? })
-    });
-    let contact = section.section("contact")?.map(|s| -> Result<_, SceneError> {
-        let thickness = s.need_quantity("thickness", Dimension::Length, Limit::NotNegative)?;
-        Ok(ContactEffect { thickness, friction: s.number_or("friction", Limit::NotNegative, 0.0)? })
-    });
-    let gravity = section
-        .section("gravity")?
-        .map(|s| s.need("acceleration", "[\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]")?.vector(Dimension::Acceleration));
-    let damping = section.section("damping")?.map(|s| s.need_quantity("rate", Dimension::Rate, Limit::NotNegative));
+    let damping = section
+        .section("damping")?
+        .map(|s| s.need_quantity("rate", Dimension::Rate, Limit::NotNegative));
     Ok(Effects {
         stretch: section.section("stretch")?.is_some(),
         bending: section.section("bending")?.is_some(),
@@ -58,7 +77,9 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
         return Ok(Solver::Xpbd(xpbd(None)?));
     };
     for (k, first) in SOLVERS.iter().enumerate() {
-        SOLVERS[k + 1..].iter().try_for_each(|second| section.exclusive(first, second))?;
+        SOLVERS[k + 1..]
+            .iter()
+            .try_for_each(|second| section.exclusive(first, second))?;
     }
     if let Some(section) = section.section("quasi_static")? {
         return Ok(Solver::QuasiStatic(minimisation(&section)?));
@@ -77,7 +98,9 @@ pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));
     }
-    Ok(Accuracy::Length(item.quantity(Dimension::Length, Limit::Positive)?))
+    Ok(Accuracy::Length(
+        item.quantity(Dimension::Length, Limit::Positive)?,
+    ))
 }
 
 fn minimisation(section: &Section<'_>) -> Result<Minimisation, SceneError> {
@@ -116,7 +139,9 @@ fn tolerance(section: &Section<'_>) -> Result<f64, SceneError> {
 }
 
 fn count(section: Option<&Section<'_>>, key: &str, default: u32) -> Result<u32, SceneError> {
-    section.and_then(|s| s.get(key)).map_or(Ok(default), |item| item.whole(1, MOST))
+    section
+        .and_then(|s| s.get(key))
+        .map_or(Ok(default), |item| item.whole(1, MOST))
 }
 
 fn order(section: &Section<'_>) -> Result<Order, SceneError> {
@@ -126,6 +151,10 @@ fn order(section: &Section<'_>) -> Result<Order, SceneError> {
     let name = item.text("coloured")?;
     match Order::NAMES.iter().find(|(known, _)| *known == name) {
         Some(&(_, order)) => Ok(order),
-        None => item.fail(unknown_name("order", name, Order::NAMES.iter().map(|(known, _)| *known))),
+        None => item.fail(unknown_name(
+            "order",
+            name,
+            Order::NAMES.iter().map(|(known, _)| *known),
+        )),
     }
 }

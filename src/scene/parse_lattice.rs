@@ -27,13 +27,22 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
     };
     let item = section.need("points", "[12, 12, 12]")?;
     let counts = item.list("a list of three whole numbers such as [12, 12, 12]")?;
-    let points: Vec<usize> = counts.iter().map(|n| n.whole(2, 1024).map(|n| n as usize)).collect::<Read<_>>()?;
+    let points: Vec<usize> = counts
+        .iter()
+        .map(|n| n.whole(2, 1024).map(|n| n as usize))
+        .collect::<Read<_>>()?;
     let Ok(points) = <[usize; 3]>::try_from(points) else {
-        return item.fail(Problem::out_of_range("the list", "three whole numbers: the points along x, y, z"));
+        return item.fail(Problem::out_of_range(
+            "the list",
+            "three whole numbers: the points along x, y, z",
+        ));
     };
     let count: usize = points.iter().product();
     if count > MOST_POINTS {
-        return item.fail(Problem::out_of_range(&format!("{count} points"), "at most 2000000 points in all"));
+        return item.fail(Problem::out_of_range(
+            &format!("{count} points"),
+            "at most 2000000 points in all",
+        ));
     }
     let neighbours = match section.get("neighbours") {
         None => Neighbours::TwentySix,
@@ -44,7 +53,9 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
         },
     };
     let release = section.get("release");
-    let at = release.as_ref().map_or(Ok(frames.div_ceil(2)), |item| item.whole(1, 10_000_000).map(|n| n as usize))?;
+    let at = release.as_ref().map_or(Ok(frames.div_ceil(2)), |item| {
+        item.whole(1, 10_000_000).map(|n| n as usize)
+    })?;
     Ok(LatticeScene {
         name,
         frames,
@@ -52,10 +63,17 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<LatticeScene> {
         points,
         side: section.need_quantity("side", Dimension::Length, Limit::Positive)?,
         neighbours,
-        stiffness: section.quantity_or("stiffness", Dimension::Stiffness, Limit::Positive, STIFFNESS)?,
+        stiffness: section.quantity_or(
+            "stiffness",
+            Dimension::Stiffness,
+            Limit::Positive,
+            STIFFNESS,
+        )?,
         mass: section.quantity_or("mass", Dimension::Mass, Limit::Positive, MASS)?,
         damping: section.number_or("damping", Limit::Within(0.0, 10.0), 1.0)?,
-        drag: section.get("drag").map_or(Ok(Vector3::zeros()), |item| item.vector(Dimension::Length))?,
+        drag: section
+            .get("drag")
+            .map_or(Ok(Vector3::zeros()), |item| item.vector(Dimension::Length))?,
         release: at,
         origin: Origin::default(),
     })

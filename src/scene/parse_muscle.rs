@@ -18,52 +18,102 @@ const BENDING: f64 = 2e-4;
 const LIMIT: f64 = 0.1;
 
 /// One muscle whose name is already checked.
-pub(super) fn muscle(section: &Section<'_>, name: String, bones: &KnownBones<'_>) -> Result<Muscle, SceneError> {
+pub(super) fn muscle(
+    section: &Section<'_>,
+    name: String,
+    bones: &KnownBones<'_>,
+) -> Result<Muscle, SceneError> {
     let surface = surface(section)?;
     let repair = repair(section)?;
-    let edge_length = section.get("edge_length").map(|i| i.quantity(Dimension::Length, Limit::Positive)).transpose()?;
+    let edge_length = section
+        .get("edge_length")
+        .map(|i| i.quantity(Dimension::Length, Limit::Positive))
+        .transpose()?;
     let material = match section.section("material")? {
         Some(section) => material(&section)?,
-        None => Material { mass: Mass::Density(DENSITY), stretch: STRETCH, bending: BENDING, bulk: None },
+        None => Material {
+            mass: Mass::Density(DENSITY),
+            stretch: STRETCH,
+            bending: BENDING,
+            bulk: None,
+        },
     };
     let attachments = attachments(section, bones)?;
-    let fibres = section.section("fibres")?.map(|s| fibres(&s, &surface)).transpose()?;
+    let fibres = section
+        .section("fibres")?
+        .map(|s| fibres(&s, &surface))
+        .transpose()?;
     let mut forces = Vec::new();
     for section in section.sections("force")? {
         let vertices = section.need("vertices", "[0]")?.vertices()?;
-        let force = section.need("force", "[\"0 N\", \"-10 N\", \"0 N\"]")?.vector(Dimension::Force)?;
+        let force = section
+            .need("force", "[\"0 N\", \"-10 N\", \"0 N\"]")?
+            .vector(Dimension::Force)?;
         forces.push(Force { vertices, force });
     }
     let mut displacements = Vec::new();
     for section in section.sections("displace")? {
         let vertices = section.need("vertices", "[0]")?.vertices()?;
-        let by = section.need("by", "[\"1 mm\", \"0 mm\", \"0 mm\"]")?.vector(Dimension::Length)?;
+        let by = section
+            .need("by", "[\"1 mm\", \"0 mm\", \"0 mm\"]")?
+            .vector(Dimension::Length)?;
         displacements.push(Displacement { vertices, by });
     }
-    let by_index = attachments.iter().any(|a| matches!(a.area, Area::Vertices(_)));
+    let by_index = attachments
+        .iter()
+        .any(|a| matches!(a.area, Area::Vertices(_)));
     if repair.is_some() && (by_index || !forces.is_empty() || !displacements.is_empty()) {
         // A repair may drop and add vertices, so that an index would name another one.
-        let problem = Problem::Conflict { first: "repair".to_owned(), second: "vertices".to_owned() };
+        let problem = Problem::Conflict {
+            first: "repair".to_owned(),
+            second: "vertices".to_owned(),
+        };
         return section.need("repair", "true")?.fail(problem);
     }
-    Ok(Muscle { name, surface, repair, edge_length, material, attachments, fibres, forces, displacements })
+    Ok(Muscle {
+        name,
+        surface,
+        repair,
+        edge_length,
+        material,
+        attachments,
+        fibres,
+        forces,
+        displacements,
+    })
 }
 
 fn material(section: &Section<'_>) -> Result<Material, SceneError> {
     section.exclusive("density", "vertex_mass")?;
     let mass = match section.get("vertex_mass") {
         Some(item) => Mass::PerVertex(item.quantity(Dimension::Mass, Limit::Positive)?),
-        None => Mass::Density(section.quantity_or("density", Dimension::Density, Limit::Positive, DENSITY)?),
+        None => Mass::Density(section.quantity_or(
+            "density",
+            Dimension::Density,
+            Limit::Positive,
+            DENSITY,
+        )?),
     };
     Ok(Material {
         mass,
-        stretch: section.quantity_or("stretch", Dimension::Stiffness, Limit::NotNegative, STRETCH)?,
+        stretch: section.quantity_or(
+            "stretch",
+            Dimension::Stiffness,
+            Limit::NotNegative,
+            STRETCH,
+        )?,
         bending: section.quantity_or("bending", Dimension::Moment, Limit::NotNegative, BENDING)?,
-        bulk: section.get("bulk").map(|i| i.quantity(Dimension::Pressure, Limit::Positive)).transpose()?,
+        bulk: section
+            .get("bulk")
+            .map(|i| i.quantity(Dimension::Pressure, Limit::Positive))
+            .transpose()?,
     })
 }
 
-fn attachments(muscle: &Section<'_>, bones: &KnownBones<'_>) -> Result<Vec<Attachment>, SceneError> {
+fn attachments(
+    muscle: &Section<'_>,
+    bones: &KnownBones<'_>,
+) -> Result<Vec<Attachment>, SceneError> {
     let mut attachments = Vec::new();
     // Only lists can be checked here; areas need the mesh.
     let mut held = std::collections::HashMap::new();
@@ -74,7 +124,9 @@ fn attachments(muscle: &Section<'_>, bones: &KnownBones<'_>) -> Result<Vec<Attac
             for &vertex in vertices {
                 if let Some(other) = held.insert(vertex, bone) {
                     let bone = bones.name(other).to_owned();
-                    return section.need("vertices", "[0]")?.fail(Problem::HeldTwice { vertex, bone });
+                    return section
+                        .need("vertices", "[0]")?
+                        .fail(Problem::HeldTwice { vertex, bone });
                 }
             }
         }
@@ -94,11 +146,18 @@ pub(super) fn share(item: &Item<'_>) -> Result<f64, SceneError> {
         Value::Text(text) => text.clone(),
         _ => share.to_string(),
     };
-    item.fail(Problem::out_of_range(&found, "a ratio greater than zero and at most 100 %"))
+    item.fail(Problem::out_of_range(
+        &found,
+        "a ratio greater than zero and at most 100 %",
+    ))
 }
 
 fn area(section: &Section<'_>) -> Result<Area, SceneError> {
-    for (first, second) in [("near", "patch"), ("near", "vertices"), ("patch", "vertices")] {
+    for (first, second) in [
+        ("near", "patch"),
+        ("near", "vertices"),
+        ("patch", "vertices"),
+    ] {
         section.exclusive(first, second)?;
     }
     if let Some(item) = section.get("patch") {
@@ -116,7 +175,14 @@ fn area(section: &Section<'_>) -> Result<Area, SceneError> {
     };
     // These two say something about a patch only.
     for key in ["unit", "within"] {
-        section.exclusive(if section.get("near").is_some() { "near" } else { "vertices" }, key)?;
+        section.exclusive(
+            if section.get("near").is_some() {
+                "near"
+            } else {
+                "vertices"
+            },
+            key,
+        )?;
     }
     Ok(area)
 }
@@ -136,7 +202,11 @@ fn patch(item: &Item<'_>, section: &Section<'_>) -> Result<Area, SceneError> {
     };
     let source = file_at(path, item, section)?;
     let within = section.need_quantity("within", Dimension::Length, Limit::NotNegative)?;
-    Ok(Area::Patch { source, component, within })
+    Ok(Area::Patch {
+        source,
+        component,
+        within,
+    })
 }
 
 /// `lines` with its `unit`, or `shape`: a name, or `true` for that of the muscle.
@@ -153,10 +223,15 @@ fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> 
     };
     section.exclusive("shape", "unit")?;
     match (&item.node.value, muscle) {
-        (Value::Boolean(true), Source::Shape(name)) if FIBRE_SHAPES.contains(&name.as_str()) => Ok(muscle.clone()),
+        (Value::Boolean(true), Source::Shape(name)) if FIBRE_SHAPES.contains(&name.as_str()) => {
+            Ok(muscle.clone())
+        }
         (Value::Boolean(_), _) => item.fail(Problem::OutOfRange {
             found: "this".to_owned(),
-            allowed: format!("a text; only muscles of the shape {} have fibres of their own", FIBRE_SHAPES.join(", ")),
+            allowed: format!(
+                "a text; only muscles of the shape {} have fibres of their own",
+                FIBRE_SHAPES.join(", ")
+            ),
         }),
         _ => shape(&item, FIBRE_SHAPES),
     }

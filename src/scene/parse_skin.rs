@@ -38,17 +38,30 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
         return root.fail(Problem::missing("skin", "a section [[skin]]"));
     };
     if let Some(second) = sections.get(1) {
-        return second.fail(Problem::out_of_range("a second [[skin]]", "one skin a scene"));
+        return second.fail(Problem::out_of_range(
+            "a second [[skin]]",
+            "one skin a scene",
+        ));
     }
     let skin = skin(section, root)?;
     let tissue = tissue(section)?;
-    let edge = section.get("edge_length").map(|item| item.quantity(Dimension::Length, Limit::Positive)).transpose()?;
-    let frames = root.get("frames").map(|item| item.whole(1, MOST_FRAMES)).transpose()?.map(|n| n as usize);
+    let edge = section
+        .get("edge_length")
+        .map(|item| item.quantity(Dimension::Length, Limit::Positive))
+        .transpose()?;
+    let frames = root
+        .get("frames")
+        .map(|item| item.whole(1, MOST_FRAMES))
+        .transpose()?
+        .map(|n| n as usize);
     root.exclusive("ball", "implant")?;
     let (under, frames) = match root.section("ball")? {
         Some(section) => {
             root.exclusive("ball", "obstacle")?;
-            (Under::Ball(ball(&section, tissue, edge)?), frames.unwrap_or(1))
+            (
+                Under::Ball(ball(&section, tissue, edge)?),
+                frames.unwrap_or(1),
+            )
         }
         None => implants(root, tissue, edge, frames)?,
     };
@@ -56,9 +69,20 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
     let mut obstacles = Vec::new();
     for section in root.sections("obstacle")? {
         let name = unique_name(&section, &mut taken)?;
-        obstacles.push(Obstacle { name, surface: surface(&section)?, repair: repair(&section)? });
+        obstacles.push(Obstacle {
+            name,
+            surface: surface(&section)?,
+            repair: repair(&section)?,
+        });
     }
-    Ok(SkinScene { name, frames, skin, under, obstacles, origin: Origin::default() })
+    Ok(SkinScene {
+        name,
+        frames,
+        skin,
+        under,
+        obstacles,
+        origin: Origin::default(),
+    })
 }
 
 fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
@@ -70,7 +94,10 @@ fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
             cells: sheet.need("cells", "64")?.whole(4, MOST_CELLS)?,
         },
         (Source::Shape(name), ..) if name == "sheet" => {
-            return section.fail(Problem::missing("sheet", "a section [sheet] with `side` and `cells`"));
+            return section.fail(Problem::missing(
+                "sheet",
+                "a section [sheet] with `side` and `cells`",
+            ));
         }
         (_, Some(sheet), _) => {
             let (first, second) = ("sheet".to_owned(), "a skin of another shape".to_owned());
@@ -79,16 +106,28 @@ fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
         (source, None, _) => SkinSurface::Source(source),
     };
     Ok(Skin {
-        name: section.get("name").map_or(Ok("skin".to_owned()), |item| checked_name(&item))?,
+        name: section
+            .get("name")
+            .map_or(Ok("skin".to_owned()), |item| checked_name(&item))?,
         surface,
         repair: repair(section)?,
-        stretch_limit: section.number_or("stretch_limit", Limit::Within(1.0, 100.0), STRETCH_LIMIT)?,
-        method: section.get("method").map(|item| method(&item)).transpose()?,
+        stretch_limit: section.number_or(
+            "stretch_limit",
+            Limit::Within(1.0, 100.0),
+            STRETCH_LIMIT,
+        )?,
+        method: section
+            .get("method")
+            .map(|item| method(&item))
+            .transpose()?,
     })
 }
 
 fn method(item: &Item<'_>) -> Read<Method> {
-    const METHODS: [(&str, Method); 2] = [("newton", Method::Newton), ("quasi_static", Method::QuasiStatic)];
+    const METHODS: [(&str, Method); 2] = [
+        ("newton", Method::Newton),
+        ("quasi_static", Method::QuasiStatic),
+    ];
     named(item, "method", &METHODS)
 }
 
@@ -97,28 +136,55 @@ fn named<T: Copy>(item: &Item<'_>, what: &'static str, known: &[(&'static str, T
     let name = item.text(known.first().map_or("", |(name, _)| *name))?;
     match known.iter().find(|(known, _)| *known == name) {
         Some((_, thing)) => Ok(*thing),
-        None => item.fail(unknown_name(what, name, known.iter().map(|(name, _)| *name))),
+        None => item.fail(unknown_name(
+            what,
+            name,
+            known.iter().map(|(name, _)| *name),
+        )),
     }
 }
 
 fn tissue(section: &Section<'_>) -> Read<Tissue> {
     let default = Tissue::default();
     Ok(Tissue {
-        modulus: section.quantity_or("modulus", Dimension::Pressure, Limit::Positive, default.modulus)?,
-        thickness: section.quantity_or("thickness", Dimension::Length, Limit::Positive, default.thickness)?,
+        modulus: section.quantity_or(
+            "modulus",
+            Dimension::Pressure,
+            Limit::Positive,
+            default.modulus,
+        )?,
+        thickness: section.quantity_or(
+            "thickness",
+            Dimension::Length,
+            Limit::Positive,
+            default.thickness,
+        )?,
         ..default
     })
 }
 
-fn implants(root: &Section<'_>, tissue: Tissue, edge: Option<f64>, frames: Option<usize>) -> Read<(Under, usize)> {
+fn implants(
+    root: &Section<'_>,
+    tissue: Tissue,
+    edge: Option<f64>,
+    frames: Option<usize>,
+) -> Read<(Under, usize)> {
     let sections = root.sections("implant")?;
     if sections.is_empty() {
-        return root.fail(Problem::missing("implant", "a section [[implant]], or a section [ball]"));
+        return root.fail(Problem::missing(
+            "implant",
+            "a section [[implant]], or a section [ball]",
+        ));
     }
     let mut taken = HashSet::new();
     let mut all = Vec::new();
     let fills: Vec<Option<Fill>> = sections.iter().map(fill).collect::<Read<_>>()?;
-    let last = fills.iter().flatten().filter_map(|fill| fill.last()).map(|(frame, _)| *frame).max();
+    let last = fills
+        .iter()
+        .flatten()
+        .filter_map(|fill| fill.last())
+        .map(|(frame, _)| *frame)
+        .max();
     let frames = frames.or(last).unwrap_or(1);
     for (section, fill) in sections.iter().zip(fills) {
         let name = match (sections.len(), section.get("name")) {
@@ -127,10 +193,17 @@ fn implants(root: &Section<'_>, tissue: Tissue, edge: Option<f64>, frames: Optio
         };
         let fill = match fill {
             Some(fill) => fill,
-            None => vec![(frames, section.need_quantity("volume", Dimension::Volume, Limit::Positive)?)],
+            None => vec![(
+                frames,
+                section.need_quantity("volume", Dimension::Volume, Limit::Positive)?,
+            )],
         };
         let volume = fill.last().map_or(0.0, |(_, volume)| *volume);
-        all.push(Filled { name, order: order(section, tissue, edge, volume)?, fill });
+        all.push(Filled {
+            name,
+            order: order(section, tissue, edge, volume)?,
+            fill,
+        });
     }
     Ok((Under::Implants(all), frames))
 }
@@ -138,19 +211,28 @@ fn implants(root: &Section<'_>, tissue: Tissue, edge: Option<f64>, frames: Optio
 /// The frames and volumes of `fill`, if it is there.
 fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
     section.exclusive("volume", "fill")?;
-    let Some(item) = section.get("fill") else { return Ok(None) };
+    let Some(item) = section.get("fill") else {
+        return Ok(None);
+    };
     let mut fill: Fill = Vec::new();
     for key in section.sections("fill")? {
         let at = key.need("frame", "1")?;
         let frame = at.whole(1, MOST_FRAMES)? as usize;
         if let Some((before, _)) = fill.last().filter(|(before, _)| *before >= frame) {
-            return at.fail(Problem::KeysOutOfOrder { frame: frame as f64, before: *before as f64 });
+            return at.fail(Problem::KeysOutOfOrder {
+                frame: frame as f64,
+                before: *before as f64,
+            });
         }
-        fill.push((frame, key.need_quantity("volume", Dimension::Volume, Limit::Positive)?));
+        fill.push((
+            frame,
+            key.need_quantity("volume", Dimension::Volume, Limit::Positive)?,
+        ));
     }
     if fill.is_empty() {
-        return item
-            .fail(Problem::EmptyList { wanted: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned() });
+        return item.fail(Problem::EmptyList {
+            wanted: "at least one `{ frame = 1, volume = \"100 cc\" }`".to_owned(),
+        });
     }
     Ok(Some(fill))
 }
@@ -167,8 +249,14 @@ fn order(section: &Section<'_>, tissue: Tissue, edge: Option<f64>, volume: f64) 
             });
         }
     };
-    let shape = section.get("shape").map_or(Ok(Shape::Round), |item| named(&item, "shape", &Shape::ALL))?;
-    let long = section.get("long").map(|item| item.direction()).transpose()?.map(|unit| unit.into_inner());
+    let shape = section
+        .get("shape")
+        .map_or(Ok(Shape::Round), |item| named(&item, "shape", &Shape::ALL))?;
+    let long = section
+        .get("long")
+        .map(|item| item.direction())
+        .transpose()?
+        .map(|unit| unit.into_inner());
     let depth = section.quantity_or("depth", Dimension::Length, Limit::Positive, tissue.depth)?;
     let implant = Implant {
         shape,
@@ -176,16 +264,37 @@ fn order(section: &Section<'_>, tissue: Tissue, edge: Option<f64>, volume: f64) 
         volume,
         membrane: section.quantity_or("shell", Dimension::Stiffness, Limit::Positive, SILICONE)?,
     };
-    Ok(Order { place, implant, long, tissue: Tissue { depth, ..tissue }, edge })
+    Ok(Order {
+        place,
+        implant,
+        long,
+        tissue: Tissue { depth, ..tissue },
+        edge,
+    })
 }
 
 fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<Ball> {
     let radius = section.need_quantity("radius", Dimension::Length, Limit::Positive)?;
     let point = |item: Item<'_>| item.vector(Dimension::Length).map(Point3::from);
-    let to = section.get("to").map(point).transpose()?.unwrap_or_else(Point3::origin);
+    let to = section
+        .get("to")
+        .map(point)
+        .transpose()?
+        .unwrap_or_else(Point3::origin);
     let from = section.get("from").map(point).transpose()?;
     let depth = section.quantity_or("depth", Dimension::Length, Limit::Positive, tissue.depth)?;
     // The region is that of an implant as wide as the ball; its volume takes no part.
-    let order = Order { edge, ..Order::round(Place::Point(to), 2.0 * radius, radius.powi(3)) };
-    Ok(Ball { radius, from, to, order: Order { tissue: Tissue { depth, ..tissue }, ..order } })
+    let order = Order {
+        edge,
+        ..Order::round(Place::Point(to), 2.0 * radius, radius.powi(3))
+    };
+    Ok(Ball {
+        radius,
+        from,
+        to,
+        order: Order {
+            tissue: Tissue { depth, ..tissue },
+            ..order
+        },
+    })
 }

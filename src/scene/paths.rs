@@ -34,13 +34,23 @@ pub(super) fn resolve(
     variable: &dyn Fn(&str) -> Option<OsString>,
 ) -> Result<PathBuf, Problem> {
     let (path, hint) = match text.strip_prefix('$') {
-        Some(rest) => (with_variable(rest, variable)?, "check the path and the value of the variable"),
+        Some(rest) => (
+            with_variable(rest, variable)?,
+            "check the path and the value of the variable",
+        ),
         None if Path::new(text).is_absolute() => (PathBuf::from(text), "check the path"),
-        None => (inside(text, folder)?, "check the path; it is relative to the scene's folder"),
+        None => (
+            inside(text, folder)?,
+            "check the path; it is relative to the scene's folder",
+        ),
     };
     let missing = |reason: Option<&str>| {
         let reason = reason.map(str::to_owned);
-        Problem::MissingFile { path: shown_path(&path), reason, hint }
+        Problem::MissingFile {
+            path: shown_path(&path),
+            reason,
+            hint,
+        }
     };
     match std::fs::metadata(&path) {
         Ok(found) if found.is_dir() => Err(missing(Some("it is a folder"))),
@@ -51,7 +61,10 @@ pub(super) fn resolve(
 }
 
 /// `NAME/rest` or `{NAME}/rest`, the text behind the `$`.
-fn with_variable(rest: &str, variable: &dyn Fn(&str) -> Option<OsString>) -> Result<PathBuf, Problem> {
+fn with_variable(
+    rest: &str,
+    variable: &dyn Fn(&str) -> Option<OsString>,
+) -> Result<PathBuf, Problem> {
     let (name, rest) = match rest.strip_prefix('{').and_then(|r| r.split_once('}')) {
         Some(split) => split,
         None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
@@ -67,7 +80,9 @@ fn with_variable(rest: &str, variable: &dyn Fn(&str) -> Option<OsString>) -> Res
 
 /// A relative path that stays in the folder, whatever `..` it has.
 fn inside(text: &str, folder: &Path) -> Result<PathBuf, Problem> {
-    let outside = || Problem::OutsideFolder { path: shown_path(Path::new(text)) };
+    let outside = || Problem::OutsideFolder {
+        path: shown_path(Path::new(text)),
+    };
     let mut parts: Vec<&std::ffi::OsStr> = Vec::new();
     for part in Path::new(text).components() {
         match part {
@@ -98,7 +113,12 @@ mod tests {
         assert_eq!(at("a.obj"), Ok(PathBuf::from("scenes/a.obj")));
         assert_eq!(at("./b/../a.obj"), Ok(PathBuf::from("scenes/a.obj")));
         for text in ["../a.obj", "b/../../a.obj", ".."] {
-            assert_eq!(at(text), Err(Problem::OutsideFolder { path: text.to_owned() }));
+            assert_eq!(
+                at(text),
+                Err(Problem::OutsideFolder {
+                    path: text.to_owned()
+                })
+            );
         }
     }
 
@@ -106,10 +126,26 @@ mod tests {
     fn variables_are_put_in() {
         let variable = |name: &str| (name == "HERE").then(|| OsString::from("/data"));
         for text in ["HERE/a.obj", "{HERE}/a.obj", "{HERE}a.obj", "HERE//a.obj"] {
-            assert_eq!(with_variable(text, &variable), Ok(PathBuf::from("/data/a.obj")), "{text}");
+            assert_eq!(
+                with_variable(text, &variable),
+                Ok(PathBuf::from("/data/a.obj")),
+                "{text}"
+            );
         }
-        for (text, name) in [("THERE/a.obj", "THERE"), ("", ""), ("/a", ""), ("A=B/a", "A=B"), ("{HERE/a", "{HERE")] {
-            assert_eq!(with_variable(text, &variable), Err(Problem::UnsetVariable { name: name.to_owned() }), "{text}");
+        for (text, name) in [
+            ("THERE/a.obj", "THERE"),
+            ("", ""),
+            ("/a", ""),
+            ("A=B/a", "A=B"),
+            ("{HERE/a", "{HERE"),
+        ] {
+            assert_eq!(
+                with_variable(text, &variable),
+                Err(Problem::UnsetVariable {
+                    name: name.to_owned()
+                }),
+                "{text}"
+            );
         }
     }
 
@@ -117,9 +153,24 @@ mod tests {
     fn folders_and_missing_files_are_refused() {
         let none = |_: &str| None;
         let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-        assert_eq!(resolve("Cargo.toml", here, &none), Ok(here.join("Cargo.toml")));
-        assert!(matches!(resolve("src", here, &none), Err(Problem::MissingFile { reason: Some(_), .. })));
-        assert!(matches!(resolve("no.obj", here, &none), Err(Problem::MissingFile { reason: None, .. })));
-        assert!(matches!(resolve("a\0b", here, &none), Err(Problem::MissingFile { .. })));
+        assert_eq!(
+            resolve("Cargo.toml", here, &none),
+            Ok(here.join("Cargo.toml"))
+        );
+        assert!(matches!(
+            resolve("src", here, &none),
+            Err(Problem::MissingFile {
+                reason: Some(_),
+                ..
+            })
+        ));
+        assert!(matches!(
+            resolve("no.obj", here, &none),
+            Err(Problem::MissingFile { reason: None, .. })
+        ));
+        assert!(matches!(
+            resolve("a\0b", here, &none),
+            Err(Problem::MissingFile { .. })
+        ));
     }
 }

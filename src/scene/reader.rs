@@ -76,7 +76,10 @@ impl<'a> Item<'a> {
     }
 
     fn wrong_type<T>(&self, wanted: impl Into<String>) -> Read<T> {
-        self.fail(Problem::WrongType { wanted: wanted.into(), found: self.node.value.kind().to_owned() })
+        self.fail(Problem::WrongType {
+            wanted: wanted.into(),
+            found: self.node.value.kind().to_owned(),
+        })
     }
 
     pub(super) fn text(&self, example: &str) -> Read<&'a str> {
@@ -106,7 +109,10 @@ impl<'a> Item<'a> {
             Value::Text(text) => format!("`{}`", shown(text)),
             _ => format!("`{value}`"),
         };
-        self.fail(Problem::OutOfRange { found, allowed: limit.describe(what) })
+        self.fail(Problem::OutOfRange {
+            found,
+            allowed: limit.describe(what),
+        })
     }
 
     pub(super) fn flag(&self) -> Read<bool> {
@@ -119,7 +125,10 @@ impl<'a> Item<'a> {
     pub(super) fn whole(&self, low: u32, high: u32) -> Read<u32> {
         let allowed = format!("a whole number from {low} to {high}");
         match self.node.value {
-            Value::Integer(number) => match u32::try_from(number).ok().filter(|n| (low..=high).contains(n)) {
+            Value::Integer(number) => match u32::try_from(number)
+                .ok()
+                .filter(|n| (low..=high).contains(n))
+            {
                 Some(number) => Ok(number),
                 None => self.fail(Problem::out_of_range(&number.to_string(), &allowed)),
             },
@@ -136,7 +145,10 @@ impl<'a> Item<'a> {
             }
             Value::Integer(number) => number.to_string(),
             Value::Float(number) => number.to_string(),
-            _ => return self.wrong_type(format!("a {dimension} such as \"{}\"", dimension.example())),
+            _ => {
+                return self
+                    .wrong_type(format!("a {dimension} such as \"{}\"", dimension.example()));
+            }
         };
         if dimension == Dimension::Ratio {
             return self.number(limit);
@@ -147,7 +159,9 @@ impl<'a> Item<'a> {
     /// Three quantities.
     pub(super) fn vector(&self, dimension: Dimension) -> Read<Vector3<f64>> {
         let example = dimension.example();
-        let [x, y, z] = self.three(&format!("a list of three: [\"{example}\", \"{example}\", \"{example}\"]"))?;
+        let [x, y, z] = self.three(&format!(
+            "a list of three: [\"{example}\", \"{example}\", \"{example}\"]"
+        ))?;
         Ok(Vector3::new(
             x.quantity(dimension, Limit::Any)?,
             y.quantity(dimension, Limit::Any)?,
@@ -158,7 +172,11 @@ impl<'a> Item<'a> {
     /// A direction of three plain numbers, of any length but zero.
     pub(super) fn direction(&self) -> Read<Unit<Vector3<f64>>> {
         let [x, y, z] = self.three("a list of three numbers such as [-1, 0, 0]")?;
-        let vector = Vector3::new(x.number(Limit::Any)?, y.number(Limit::Any)?, z.number(Limit::Any)?);
+        let vector = Vector3::new(
+            x.number(Limit::Any)?,
+            y.number(Limit::Any)?,
+            z.number(Limit::Any)?,
+        );
         let largest = vector.amax();
         if largest == 0.0 {
             return self.fail(Problem::OutOfRange {
@@ -178,11 +196,18 @@ impl<'a> Item<'a> {
             },
             other => other.kind().to_owned(),
         };
-        self.fail(Problem::WrongType { wanted: wanted.to_owned(), found })
+        self.fail(Problem::WrongType {
+            wanted: wanted.to_owned(),
+            found,
+        })
     }
 
     fn elements(&self, list: &'a [Node]) -> Vec<Self> {
-        let item = |(at, node)| Item { context: self.context, node, key: format!("{}.{at}", self.key) };
+        let item = |(at, node)| Item {
+            context: self.context,
+            node,
+            key: format!("{}.{at}", self.key),
+        };
         list.iter().enumerate().map(item).collect()
     }
 
@@ -198,14 +223,19 @@ impl<'a> Item<'a> {
     pub(super) fn vertices(&self) -> Read<Vec<u32>> {
         let items = self.list("a list of vertices such as [0, 1]")?;
         if items.is_empty() {
-            return self.fail(Problem::EmptyList { wanted: "at least one vertex".to_owned() });
+            return self.fail(Problem::EmptyList {
+                wanted: "at least one vertex".to_owned(),
+            });
         }
         let mut seen = std::collections::HashSet::new();
         let mut vertices = Vec::with_capacity(items.len());
         for item in items {
             let vertex = item.whole(0, u32::MAX)?;
             if !seen.insert(vertex) {
-                return item.fail(Problem::out_of_range(&vertex.to_string(), "each vertex once"));
+                return item.fail(Problem::out_of_range(
+                    &vertex.to_string(),
+                    "each vertex once",
+                ));
             }
             vertices.push(vertex);
         }
@@ -217,12 +247,22 @@ impl<'a> Item<'a> {
         let Value::Table(table) = &self.node.value else {
             return self.wrong_type(format!("a section [{}]", self.key));
         };
-        let section =
-            Section { context: self.context, table, schema, span: self.node.span.clone(), key: self.key.clone() };
+        let section = Section {
+            context: self.context,
+            table,
+            schema,
+            span: self.node.span.clone(),
+            key: self.key.clone(),
+        };
         for entry in &table.entries {
             if schema.get(&entry.key).is_none() {
                 let problem = unknown_key(&entry.key, schema);
-                return Err(SceneError::new(problem, &self.key, &entry.span, self.context.sources));
+                return Err(SceneError::new(
+                    problem,
+                    &self.key,
+                    &entry.span,
+                    self.context.sources,
+                ));
             }
         }
         Ok(section)
@@ -231,22 +271,43 @@ impl<'a> Item<'a> {
 
 /// The error for a key that a table does not have.
 pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
-    let known = if schema.keys.is_empty() { "none".to_owned() } else { schema.known() };
-    Problem::UnknownKey { key: shown(key), nearest: nearest(key, schema.names()).map(str::to_owned), known }
+    let known = if schema.keys.is_empty() {
+        "none".to_owned()
+    } else {
+        schema.known()
+    };
+    Problem::UnknownKey {
+        key: shown(key),
+        nearest: nearest(key, schema.names()).map(str::to_owned),
+        known,
+    }
 }
 
 impl<'a> Section<'a> {
     /// An error of the table as a whole.
     pub(super) fn fail<T>(&self, problem: Problem) -> Read<T> {
-        Err(SceneError::new(problem, &self.key, &self.span, self.context.sources))
+        Err(SceneError::new(
+            problem,
+            &self.key,
+            &self.span,
+            self.context.sources,
+        ))
     }
 
     fn below(&self, key: &str) -> String {
-        if self.key.is_empty() { key.to_owned() } else { format!("{}.{key}", self.key) }
+        if self.key.is_empty() {
+            key.to_owned()
+        } else {
+            format!("{}.{key}", self.key)
+        }
     }
 
     fn item(&self, entry: &'a Entry) -> Item<'a> {
-        Item { context: self.context, node: &entry.node, key: self.below(&entry.key) }
+        Item {
+            context: self.context,
+            node: &entry.node,
+            key: self.below(&entry.key),
+        }
     }
 
     /// The value at a key that may be absent.
@@ -277,20 +338,31 @@ impl<'a> Section<'a> {
         match (self.get(key), self.schema.get(key)) {
             (Some(item), Some(Kind::List(schema))) => {
                 let wanted = format!("a list of sections [[{}]]", self.below(key));
-                item.list(&wanted)?.iter().map(|i| i.section(schema)).collect()
+                item.list(&wanted)?
+                    .iter()
+                    .map(|i| i.section(schema))
+                    .collect()
             }
             _ => Ok(Vec::new()),
         }
     }
 
     /// A quantity, or what holds when it is absent.
-    pub(super) fn quantity_or(&self, key: &str, dimension: Dimension, limit: Limit, default: f64) -> Read<f64> {
-        self.get(key).map_or(Ok(default), |item| item.quantity(dimension, limit))
+    pub(super) fn quantity_or(
+        &self,
+        key: &str,
+        dimension: Dimension,
+        limit: Limit,
+        default: f64,
+    ) -> Read<f64> {
+        self.get(key)
+            .map_or(Ok(default), |item| item.quantity(dimension, limit))
     }
 
     /// A quantity that must be there.
     pub(super) fn need_quantity(&self, key: &str, dimension: Dimension, limit: Limit) -> Read<f64> {
-        self.need(key, &format!("\"{}\"", dimension.example()))?.quantity(dimension, limit)
+        self.need(key, &format!("\"{}\"", dimension.example()))?
+            .quantity(dimension, limit)
     }
 
     /// A plain number, or what holds when it is absent.
@@ -301,9 +373,10 @@ impl<'a> Section<'a> {
     /// Refuses a second of two keys of which one may be there.
     pub(super) fn exclusive(&self, first: &str, second: &str) -> Read<()> {
         match (self.get(first), self.get(second)) {
-            (Some(_), Some(item)) => {
-                item.fail(Problem::Conflict { first: first.to_owned(), second: second.to_owned() })
-            }
+            (Some(_), Some(item)) => item.fail(Problem::Conflict {
+                first: first.to_owned(),
+                second: second.to_owned(),
+            }),
             _ => Ok(()),
         }
     }

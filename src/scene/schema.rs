@@ -21,7 +21,10 @@ pub(super) enum Kind {
 
 impl Schema {
     pub(super) fn get(&self, key: &str) -> Option<Kind> {
-        self.keys.iter().find(|(name, _)| *name == key).map(|&(_, kind)| kind)
+        self.keys
+            .iter()
+            .find(|(name, _)| *name == key)
+            .map(|&(_, kind)| kind)
     }
 
     pub(super) fn names(&self) -> impl Iterator<Item = &'static str> {
@@ -75,7 +78,9 @@ const SKIN: Schema = Schema {
     ],
 };
 
-const SHEET: Schema = Schema { keys: &[("side", Text), ("cells", Plain)] };
+const SHEET: Schema = Schema {
+    keys: &[("side", Text), ("cells", Plain)],
+};
 
 const IMPLANT: Schema = Schema {
     keys: &[
@@ -92,9 +97,18 @@ const IMPLANT: Schema = Schema {
     ],
 };
 
-const FILL: Schema = Schema { keys: &[("frame", Plain), ("volume", Text)] };
+const FILL: Schema = Schema {
+    keys: &[("frame", Plain), ("volume", Text)],
+};
 
-const BALL: Schema = Schema { keys: &[("radius", Text), ("from", Plain), ("to", Plain), ("depth", Text)] };
+const BALL: Schema = Schema {
+    keys: &[
+        ("radius", Text),
+        ("from", Plain),
+        ("to", Plain),
+        ("depth", Text),
+    ],
+};
 
 const OBSTACLE: Schema = Schema {
     keys: &[
@@ -136,13 +150,34 @@ const BONE: Schema = Schema {
     ],
 };
 
-const MOTION: Schema = Schema { keys: &[("joint", Plain), ("centre", Plain), ("axis", Plain), ("keys", List(&KEY))] };
+const MOTION: Schema = Schema {
+    keys: &[
+        ("joint", Plain),
+        ("centre", Plain),
+        ("axis", Plain),
+        ("keys", List(&KEY)),
+    ],
+};
 
-const KEY: Schema =
-    Schema { keys: &[("frame", Plain), ("angle", Text), ("slide", Text), ("axis", Plain), ("translation", Plain)] };
+const KEY: Schema = Schema {
+    keys: &[
+        ("frame", Plain),
+        ("angle", Text),
+        ("slide", Text),
+        ("axis", Plain),
+        ("translation", Plain),
+    ],
+};
 
-const CAPSULE: Schema =
-    Schema { keys: &[("name", Text), ("bone", Text), ("from", Plain), ("to", Plain), ("radius", Text)] };
+const CAPSULE: Schema = Schema {
+    keys: &[
+        ("name", Text),
+        ("bone", Text),
+        ("from", Plain),
+        ("to", Plain),
+        ("radius", Text),
+    ],
+};
 
 const MUSCLE: Schema = Schema {
     keys: &[
@@ -163,8 +198,15 @@ const MUSCLE: Schema = Schema {
     ],
 };
 
-const MATERIAL: Schema =
-    Schema { keys: &[("density", Text), ("vertex_mass", Text), ("stretch", Text), ("bending", Text), ("bulk", Text)] };
+const MATERIAL: Schema = Schema {
+    keys: &[
+        ("density", Text),
+        ("vertex_mass", Text),
+        ("stretch", Text),
+        ("bending", Text),
+        ("bulk", Text),
+    ],
+};
 
 const ATTACHMENT: Schema = Schema {
     keys: &[
@@ -178,11 +220,17 @@ const ATTACHMENT: Schema = Schema {
     ],
 };
 
-const FIBRES: Schema = Schema { keys: &[("lines", Text), ("unit", Text), ("shape", Plain)] };
+const FIBRES: Schema = Schema {
+    keys: &[("lines", Text), ("unit", Text), ("shape", Plain)],
+};
 
-const FORCE: Schema = Schema { keys: &[("vertices", Plain), ("force", Plain)] };
+const FORCE: Schema = Schema {
+    keys: &[("vertices", Plain), ("force", Plain)],
+};
 
-const DISPLACE: Schema = Schema { keys: &[("vertices", Plain), ("by", Plain)] };
+const DISPLACE: Schema = Schema {
+    keys: &[("vertices", Plain), ("by", Plain)],
+};
 
 /// What acts.
 pub(super) const EFFECTS: Schema = Schema {
@@ -198,11 +246,21 @@ pub(super) const EFFECTS: Schema = Schema {
 };
 
 const NOTHING: Schema = Schema { keys: &[] };
-const VOLUME: Schema = Schema { keys: &[("pressure", Plain)] };
-const ANISOTROPY: Schema = Schema { keys: &[("strength", Plain), ("power", Plain)] };
-const CONTACT: Schema = Schema { keys: &[("thickness", Text), ("friction", Plain)] };
-const GRAVITY: Schema = Schema { keys: &[("acceleration", Plain)] };
-const DAMPING: Schema = Schema { keys: &[("rate", Text)] };
+const VOLUME: Schema = Schema {
+    keys: &[("pressure", Plain)],
+};
+const ANISOTROPY: Schema = Schema {
+    keys: &[("strength", Plain), ("power", Plain)],
+};
+const CONTACT: Schema = Schema {
+    keys: &[("thickness", Text), ("friction", Plain)],
+};
+const GRAVITY: Schema = Schema {
+    keys: &[("acceleration", Plain)],
+};
+const DAMPING: Schema = Schema {
+    keys: &[("rate", Text)],
+};
 
 /// How the motion is computed.
 pub(super) const SOLVER: Schema = Schema {
@@ -214,10 +272,22 @@ pub(super) const SOLVER: Schema = Schema {
     ],
 };
 
-const MINIMISATION: Schema = Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("tolerance", Plain)] };
+const MINIMISATION: Schema = Schema {
+    keys: &[
+        ("substeps", Plain),
+        ("iterations", Plain),
+        ("tolerance", Plain),
+    ],
+};
 
-const XPBD: Schema =
-    Schema { keys: &[("substeps", Plain), ("iterations", Plain), ("order", Text), ("tolerance", Plain)] };
+const XPBD: Schema = Schema {
+    keys: &[
+        ("substeps", Plain),
+        ("iterations", Plain),
+        ("order", Text),
+        ("tolerance", Plain),
+    ],
+};
 
 const PBD: Schema = Schema {
     keys: &[

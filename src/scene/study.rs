@@ -132,9 +132,19 @@ impl StudyFile {
         let file = Path::new(path);
         let text = builtin::read(file).map_err(|reason| {
             let hint = "name a study file; `pliant study --help` has an example";
-            SceneError::of_name(Problem::MissingFile { path: shown_path(file), reason, hint }, path)
+            SceneError::of_name(
+                Problem::MissingFile {
+                    path: shown_path(file),
+                    reason,
+                    hint,
+                },
+                path,
+            )
         })?;
-        let folder = file.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = file
+            .parent()
+            .filter(|f| !f.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
         Self::parse(&text, path, folder, more, measures)
     }
 
@@ -142,12 +152,29 @@ impl StudyFile {
     ///
     /// # Errors
     /// The first thing that is wrong, with its place.
-    pub fn parse(text: &str, path: &str, folder: &Path, more: &[String], measures: &[&str]) -> Read<Self> {
+    pub fn parse(
+        text: &str,
+        path: &str,
+        folder: &Path,
+        more: &[String],
+        measures: &[&str],
+    ) -> Read<Self> {
         let sources = Sources::new(path, text);
         let document = tree::document(&sources)?;
-        let context = Context { sources: &sources, surroundings: &Surroundings::of(folder) };
-        let root = Item { context, node: &document, key: String::new() }.section(&STUDY)?;
-        let stem = Path::new(path).file_stem().and_then(|s| s.to_str()).unwrap_or_default();
+        let context = Context {
+            sources: &sources,
+            surroundings: &Surroundings::of(folder),
+        };
+        let root = Item {
+            context,
+            node: &document,
+            key: String::new(),
+        }
+        .section(&STUDY)?;
+        let stem = Path::new(path)
+            .file_stem()
+            .and_then(|s| s.to_str())
+            .unwrap_or_default();
         let name = match root.get("name") {
             Some(item) => checked_name(&item)?,
             None if name_fault(stem).is_none() => stem.to_owned(),
@@ -155,7 +182,9 @@ impl StudyFile {
         };
         let scene = root.need("scene", "\"press\"` or `scene = \"scene.toml\"")?;
         let frames = root.get("frames").map(|item| frames(&item)).transpose()?;
-        let combine = root.get("combine").map_or(Ok(Combine::All), |item| combine(&item))?;
+        let combine = root
+            .get("combine")
+            .map_or(Ok(Combine::All), |item| combine(&item))?;
         let set = changes(&root, "set")?;
         let vary_item = root.need("vary", "{ \"KEY\" = [VALUE, VALUE] }` or a section `[vary]")?;
         let vary = varied(&vary_item, combine, &set)?;
@@ -165,13 +194,20 @@ impl StudyFile {
             name,
             scene: scene.text("press")?.to_owned(),
             frames,
-            measures: root.get("measures").map(|item| known(&item, measures)).transpose()?,
+            measures: root
+                .get("measures")
+                .map(|item| known(&item, measures))
+                .transpose()?,
             combine,
             set,
             reference: changes(&root, "reference")?,
             more: more.to_vec(),
             written: find(&scene, folder)?,
-            at: Places { scene: span_of("scene"), frames: span_of("frames"), vary: span_of("vary") },
+            at: Places {
+                scene: span_of("scene"),
+                frames: span_of("frames"),
+                vary: span_of("vary"),
+            },
             vary,
             sources: sources.clone(),
         };
@@ -184,11 +220,22 @@ impl StudyFile {
     fn base(&self) -> Read<Content> {
         let scene = self.parsed(&[]).map_err(|error| self.placed(error, &[]))?;
         if scene.accuracy().is_some() {
-            let message = "the scene asks for an accuracy, but a study compares settings as they are".to_owned();
+            let message =
+                "the scene asks for an accuracy, but a study compares settings as they are"
+                    .to_owned();
             let hint = "leave it out, with `accuracy = \"off\"` below [set]".to_owned();
-            return Err(self.error(Problem::Override { message, hint }, "accuracy", &self.at.scene));
+            return Err(self.error(
+                Problem::Override { message, hint },
+                "accuracy",
+                &self.at.scene,
+            ));
         }
-        match self.frames.as_ref().and_then(|f| f.last()).filter(|&&f| f > scene.frames() && !self.varies("frames")) {
+        match self
+            .frames
+            .as_ref()
+            .and_then(|f| f.last())
+            .filter(|&&f| f > scene.frames() && !self.varies("frames"))
+        {
             Some(&frame) => Err(self.beyond(frame, scene.frames())),
             None => Ok(scene),
         }
@@ -203,7 +250,9 @@ impl StudyFile {
     /// # Errors
     /// What the scene refuses, with the place of the value in the study file.
     pub fn scene_with(&self, changes: &[&Change]) -> Read<Content> {
-        let scene = self.parsed(changes).map_err(|error| self.placed(error, changes))?;
+        let scene = self
+            .parsed(changes)
+            .map_err(|error| self.placed(error, changes))?;
         match self.frames.as_ref().and_then(|f| f.last()) {
             Some(&frame) if frame > scene.frames() => Err(self.beyond(frame, scene.frames())),
             _ => Ok(scene),
@@ -215,7 +264,11 @@ impl StudyFile {
         overrides.extend(self.more.iter().cloned());
         overrides.extend(changes.iter().map(|c| c.text()));
         let Written { text, name, folder } = &self.written;
-        let surroundings = Surroundings { folder, variable: &paths::environment, overrides: &overrides };
+        let surroundings = Surroundings {
+            folder,
+            variable: &paths::environment,
+            overrides: &overrides,
+        };
         parse_content(text, name, &surroundings)
     }
 
@@ -235,8 +288,15 @@ impl StudyFile {
     /// The error of a combination that the scene or its meshes refuse, at the first of its values.
     pub fn refused(&self, changes: &[&Change], why: &str) -> SceneError {
         let span = changes.first().map_or(&self.at.vary, |c| &c.span);
-        let all: Vec<String> = changes.iter().map(|c| format!("{} = {}", c.key, shown(&c.value))).collect();
-        let with = if all.is_empty() { "as it is".to_owned() } else { format!("with {}", all.join(", ")) };
+        let all: Vec<String> = changes
+            .iter()
+            .map(|c| format!("{} = {}", c.key, shown(&c.value)))
+            .collect();
+        let with = if all.is_empty() {
+            "as it is".to_owned()
+        } else {
+            format!("with {}", all.join(", "))
+        };
         let message = format!("the scene cannot be run {with}: {why}");
         let hint = "change one of these values, or the scene".to_owned();
         self.error(Problem::Override { message, hint }, "vary", span)
@@ -260,7 +320,11 @@ impl StudyFile {
             let key = text.split('=').next().unwrap_or_default().trim();
             if let Some(varied) = self.vary.iter().find(|v| v.key == key) {
                 let span = varied.values.first().map_or(&self.at.vary, |c| &c.span);
-                return Err(self.error(Problem::DuplicateKey { key: shown(key) }, "--set and vary", span));
+                return Err(self.error(
+                    Problem::DuplicateKey { key: shown(key) },
+                    "--set and vary",
+                    span,
+                ));
             }
         }
         Ok(())
@@ -271,15 +335,23 @@ impl StudyFile {
 fn find(item: &Item<'_>, folder: &Path) -> Read<Written> {
     let name = item.text("press")?;
     let beside = folder.join(name);
-    let ends_in_toml = beside.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
-    let path = if beside.is_file() || ends_in_toml { beside.to_string_lossy().into_owned() } else { name.to_owned() };
+    let ends_in_toml = beside
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    let path = if beside.is_file() || ends_in_toml {
+        beside.to_string_lossy().into_owned()
+    } else {
+        name.to_owned()
+    };
     builtin::find(&path).map_err(|error| item.error(error.problem().clone()))
 }
 
 fn frames(item: &Item<'_>) -> Read<Vec<usize>> {
     let items = item.list("a list of frames such as [1, 50, 100]")?;
     if items.is_empty() {
-        return item.fail(Problem::EmptyList { wanted: "at least one frame".to_owned() });
+        return item.fail(Problem::EmptyList {
+            wanted: "at least one frame".to_owned(),
+        });
     }
     if items.len() > MOST_FRAMES {
         return item.fail(Problem::OutOfRange {
@@ -307,7 +379,9 @@ fn known(item: &Item<'_>, measures: &[&str]) -> Read<Vec<String>> {
             return item.fail(unknown_name("measure", name, measures.iter().copied()));
         }
         if chosen.iter().any(|c| c == name) {
-            return item.fail(Problem::DuplicateName { name: name.to_owned() });
+            return item.fail(Problem::DuplicateName {
+                name: name.to_owned(),
+            });
         }
         chosen.push(name.to_owned());
     }
@@ -317,16 +391,31 @@ fn known(item: &Item<'_>, measures: &[&str]) -> Read<Vec<String>> {
 fn combine(item: &Item<'_>) -> Read<Combine> {
     let name = item.text(Combine::All.name())?;
     let found = Combine::ALL.into_iter().find(|c| c.name() == name);
-    found.map_or_else(|| item.fail(unknown_name("way to combine", name, Combine::ALL.iter().map(|c| c.name()))), Ok)
+    found.map_or_else(
+        || {
+            item.fail(unknown_name(
+                "way to combine",
+                name,
+                Combine::ALL.iter().map(|c| c.name()),
+            ))
+        },
+        Ok,
+    )
 }
 
 /// The changes of a section, whose keys may be dotted.
 fn changes(root: &Section<'_>, key: &str) -> Read<Vec<Change>> {
-    let Some(item) = root.get(key) else { return Ok(Vec::new()) };
+    let Some(item) = root.get(key) else {
+        return Ok(Vec::new());
+    };
     let leaf = |node: &Node| !matches!(&node.value, Value::Table(t) if !t.entries.is_empty());
     let mut all: Vec<Change> = Vec::new();
     for (key, span, node) in leaves(&item, &leaf)? {
-        let item = Item { key: format!("{}.{key}", item.key), node, ..item.clone() };
+        let item = Item {
+            key: format!("{}.{key}", item.key),
+            node,
+            ..item.clone()
+        };
         if all.iter().any(|c| c.key == key) {
             return Err(SceneError::new(
                 Problem::DuplicateKey { key: shown(&key) },
@@ -344,16 +433,27 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
     let leaf = |node: &Node| !matches!(node.value, Value::Table(_));
     let mut all: Vec<Varied> = Vec::new();
     for (key, span, node) in leaves(item, &leaf)? {
-        let list = Item { key: format!("{}.{key}", item.key), node, ..item.clone() };
+        let list = Item {
+            key: format!("{}.{key}", item.key),
+            node,
+            ..item.clone()
+        };
         // One at a time, the fixed value is that of all other runs.
         let fixed = combine == Combine::All && set.iter().any(|c| c.key == key);
         if fixed || all.iter().any(|v| v.key == key) {
             let problem = Problem::DuplicateKey { key: shown(&key) };
-            return Err(SceneError::new(problem, &list.key, &span, item.context.sources));
+            return Err(SceneError::new(
+                problem,
+                &list.key,
+                &span,
+                item.context.sources,
+            ));
         }
         let items = list.list("a list of values such as [1, 3, 10]")?;
         if items.is_empty() {
-            return list.fail(Problem::EmptyList { wanted: "at least one value".to_owned() });
+            return list.fail(Problem::EmptyList {
+                wanted: "at least one value".to_owned(),
+            });
         }
         let mut values: Vec<Change> = Vec::new();
         for value in items {
@@ -366,7 +466,10 @@ fn varied(item: &Item<'_>, combine: Combine, set: &[Change]) -> Read<Vec<Varied>
         all.push(Varied { key, values });
     }
     if all.is_empty() {
-        return item.fail(Problem::missing("vary", "a key with its values: `\"KEY\" = [VALUE, VALUE]`"));
+        return item.fail(Problem::missing(
+            "vary",
+            "a key with its values: `\"KEY\" = [VALUE, VALUE]`",
+        ));
     }
     Ok(all)
 }
@@ -386,7 +489,9 @@ fn count(item: &Item<'_>, combine: Combine, vary: &[Varied]) -> Read<()> {
     } else {
         format!("{found} combinations")
     };
-    let allowed = format!("lists with at most {MOST_COMBINATIONS} combinations, or `combine = \"one at a time\"`");
+    let allowed = format!(
+        "lists with at most {MOST_COMBINATIONS} combinations, or `combine = \"one at a time\"`"
+    );
     item.fail(Problem::OutOfRange { found, allowed })
 }
 
@@ -407,9 +512,18 @@ fn leaves<'a>(item: &Item<'a>, is_leaf: &dyn Fn(&Node) -> bool) -> Read<Vec<Leaf
 }
 
 /// The depth is bounded by that of the reader.
-fn gather<'a>(table: &'a Table, above: &str, is_leaf: &dyn Fn(&Node) -> bool, found: &mut Vec<Leaf<'a>>) {
+fn gather<'a>(
+    table: &'a Table,
+    above: &str,
+    is_leaf: &dyn Fn(&Node) -> bool,
+    found: &mut Vec<Leaf<'a>>,
+) {
     for entry in &table.entries {
-        let key = if above.is_empty() { entry.key.clone() } else { format!("{above}.{}", entry.key) };
+        let key = if above.is_empty() {
+            entry.key.clone()
+        } else {
+            format!("{above}.{}", entry.key)
+        };
         match &entry.node.value {
             Value::Table(below) if !is_leaf(&entry.node) => gather(below, &key, is_leaf, found),
             _ => found.push((key, entry.span.clone(), &entry.node)),
@@ -424,14 +538,24 @@ fn change(key: String, item: &Item<'_>) -> Read<Change> {
             Some(text) => text,
             None => {
                 let wanted = "a number, a text, true or false, a list, or a table".to_owned();
-                return item.fail(Problem::WrongType { wanted, found: "a date or time".to_owned() });
+                return item.fail(Problem::WrongType {
+                    wanted,
+                    found: "a date or time".to_owned(),
+                });
             }
         },
     };
     if value.is_empty() || value.chars().any(char::is_control) {
-        return item.fail(Problem::out_of_range(&value, "a text of one line that is not empty"));
+        return item.fail(Problem::out_of_range(
+            &value,
+            "a text of one line that is not empty",
+        ));
     }
-    Ok(Change { key, value, span: item.node.span.clone() })
+    Ok(Change {
+        key,
+        value,
+        span: item.node.span.clone(),
+    })
 }
 
 /// A value as TOML, in one line; `None` for one that holds a date.
@@ -449,11 +573,19 @@ fn toml_of(value: &Value) -> Option<String> {
             format!("[{}]", all?.join(", "))
         }
         Value::Table(table) => {
-            let bare = |key: &str| key.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
-            let key = |key: &str| {
-                if bare(key) && !key.is_empty() { Some(key.to_owned()) } else { serde_json::to_string(key).ok() }
+            let bare = |key: &str| {
+                key.chars()
+                    .all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-')
             };
-            let pair = |e: &tree::Entry| Some(format!("{} = {}", key(&e.key)?, toml_of(&e.node.value)?));
+            let key = |key: &str| {
+                if bare(key) && !key.is_empty() {
+                    Some(key.to_owned())
+                } else {
+                    serde_json::to_string(key).ok()
+                }
+            };
+            let pair =
+                |e: &tree::Entry| Some(format!("{} = {}", key(&e.key)?, toml_of(&e.node.value)?));
             let all: Option<Vec<String>> = table.entries.iter().map(pair).collect();
             format!("{{{}}}", all?.join(", "))
         }

@@ -36,7 +36,14 @@ pub(super) struct Sources {
 impl Sources {
     /// Only the scene's own text.
     pub(super) fn new(name: &str, text: &str) -> Self {
-        Self { first: Piece { name: name.into(), text: text.into(), start: 0 }, more: Vec::new() }
+        Self {
+            first: Piece {
+                name: name.into(),
+                text: text.into(),
+                start: 0,
+            },
+            more: Vec::new(),
+        }
     }
 
     /// Adds a text and returns where it begins.
@@ -44,16 +51,30 @@ impl Sources {
         let last = self.more.last().unwrap_or(&self.first);
         // One byte apart, so that the end of one text is not the start of the next.
         let start = last.start + last.text.len() + 1;
-        self.more.push(Piece { name: name.into(), text: text.into(), start });
+        self.more.push(Piece {
+            name: name.into(),
+            text: text.into(),
+            start,
+        });
         start
     }
 
     /// Name and text that a span lies in, and the span in that text; then whether that is the scene's own text.
     pub(super) fn locate(&self, span: &Span) -> (Arc<str>, Arc<str>, Span, bool) {
-        let piece = self.more.iter().rev().find(|p| p.start <= span.start).unwrap_or(&self.first);
+        let piece = self
+            .more
+            .iter()
+            .rev()
+            .find(|p| p.start <= span.start)
+            .unwrap_or(&self.first);
         let within = |at: usize| at.saturating_sub(piece.start).min(piece.text.len());
         let span = within(span.start)..within(span.end.max(span.start));
-        (piece.name.clone(), piece.text.clone(), span, piece.start == 0)
+        (
+            piece.name.clone(),
+            piece.text.clone(),
+            span,
+            piece.start == 0,
+        )
     }
 }
 
@@ -118,11 +139,19 @@ impl Table {
     pub(super) fn set(&mut self, key: &str, span: Span, node: Node) -> &mut Node {
         let at = match self.entries.iter().position(|e| e.key == key) {
             Some(at) => {
-                self.entries[at] = Entry { key: key.to_owned(), span, node };
+                self.entries[at] = Entry {
+                    key: key.to_owned(),
+                    span,
+                    node,
+                };
                 at
             }
             None => {
-                self.entries.push(Entry { key: key.to_owned(), span, node });
+                self.entries.push(Entry {
+                    key: key.to_owned(),
+                    span,
+                    node,
+                });
                 self.entries.len() - 1
             }
         };
@@ -146,8 +175,15 @@ pub(super) fn document(sources: &Sources) -> Result<Node, SceneError> {
 }
 
 /// Reads one value as TOML writes it, `None` if the text is no such value.
-pub(super) fn value(text: &str, offset: usize, sources: &Sources) -> Result<Option<Node>, SceneError> {
-    DeValue::parse(text).ok().map(|parsed| convert(&parsed, offset, 1, sources)).transpose()
+pub(super) fn value(
+    text: &str,
+    offset: usize,
+    sources: &Sources,
+) -> Result<Option<Node>, SceneError> {
+    DeValue::parse(text)
+        .ok()
+        .map(|parsed| convert(&parsed, offset, 1, sources))
+        .transpose()
 }
 
 /// The error of the TOML reader in our terms.
@@ -157,12 +193,19 @@ fn syntax(error: &toml::de::Error, text: &str, sources: &Sources) -> SceneError 
     let problem = match error.message() {
         "duplicate key" => Problem::DuplicateKey { key: shown(found) },
         message if message.contains("recursion") => Problem::TooDeep { deepest: DEEPEST },
-        message => Problem::Syntax { message: message.to_owned() },
+        message => Problem::Syntax {
+            message: message.to_owned(),
+        },
     };
     SceneError::new(problem, "", &span, sources)
 }
 
-fn convert(from: &Spanned<DeValue<'_>>, offset: usize, depth: usize, sources: &Sources) -> Result<Node, SceneError> {
+fn convert(
+    from: &Spanned<DeValue<'_>>,
+    offset: usize,
+    depth: usize,
+    sources: &Sources,
+) -> Result<Node, SceneError> {
     let span = from.span().start + offset..from.span().end + offset;
     let fail = |problem| Err(SceneError::new(problem, "", &span, sources));
     if depth > DEEPEST {
@@ -172,7 +215,12 @@ fn convert(from: &Spanned<DeValue<'_>>, offset: usize, depth: usize, sources: &S
         DeValue::String(text) => Value::Text(text.to_string()),
         DeValue::Integer(number) => match whole(number) {
             Some(number) => Value::Integer(number),
-            None => return fail(Problem::out_of_range(&number.to_string(), "a whole number of at most 63 bits")),
+            None => {
+                return fail(Problem::out_of_range(
+                    &number.to_string(),
+                    "a whole number of at most 63 bits",
+                ));
+            }
         },
         DeValue::Float(number) => match number.as_str().parse() {
             Ok(number) => Value::Float(number),
@@ -180,9 +228,11 @@ fn convert(from: &Spanned<DeValue<'_>>, offset: usize, depth: usize, sources: &S
         },
         DeValue::Boolean(flag) => Value::Boolean(*flag),
         DeValue::Datetime(_) => Value::Date,
-        DeValue::Array(list) => {
-            Value::List(list.iter().map(|v| convert(v, offset, depth + 1, sources)).collect::<Result<_, _>>()?)
-        }
+        DeValue::Array(list) => Value::List(
+            list.iter()
+                .map(|v| convert(v, offset, depth + 1, sources))
+                .collect::<Result<_, _>>()?,
+        ),
         DeValue::Table(from) => Value::Table(table(from, offset, depth + 1, sources)?),
     };
     Ok(Node { span, value })
@@ -192,12 +242,21 @@ fn whole(number: &DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(number.as_str(), number.radix()).ok()
 }
 
-fn table(from: &DeTable<'_>, offset: usize, depth: usize, sources: &Sources) -> Result<Table, SceneError> {
+fn table(
+    from: &DeTable<'_>,
+    offset: usize,
+    depth: usize,
+    sources: &Sources,
+) -> Result<Table, SceneError> {
     let mut entries = Vec::new();
     for (key, node) in from {
         let span = key.span().start + offset..key.span().end + offset;
         let node = convert(node, offset, depth, sources)?;
-        entries.push(Entry { key: key.get_ref().to_string(), span, node });
+        entries.push(Entry {
+            key: key.get_ref().to_string(),
+            span,
+            node,
+        });
     }
     // The reader sorts keys by name; errors are to name the first in the file.
     entries.sort_by_key(|e| e.span.start);

@@ -45,11 +45,19 @@ struct Unit {
 }
 
 const fn unit(names: &'static [&'static str], power: i32) -> Unit {
-    Unit { names, power, factor: 1.0 }
+    Unit {
+        names,
+        power,
+        factor: 1.0,
+    }
 }
 
 const fn scaled(names: &'static [&'static str], factor: f64) -> Unit {
-    Unit { names, power: 0, factor }
+    Unit {
+        names,
+        power: 0,
+        factor,
+    }
 }
 
 const LENGTH: &[Unit] = &[
@@ -61,20 +69,47 @@ const LENGTH: &[Unit] = &[
     unit(&["km"], 3),
     scaled(&["in"], 0.0254),
 ];
-const VOLUME: &[Unit] =
-    &[unit(&["m3"], 0), unit(&["cc", "cm3", "ml", "mL"], -6), unit(&["l", "L", "dm3"], -3), unit(&["mm3"], -9)];
-const ANGLE: &[Unit] = &[unit(&["rad"], 0), scaled(&["deg", "°"], std::f64::consts::PI / 180.0), unit(&["mrad"], -3)];
-const TIME: &[Unit] = &[unit(&["s"], 0), unit(&["ms"], -3), unit(&["us", "µs", "μs"], -6), scaled(&["min"], 60.0)];
-const RATE: &[Unit] =
-    &[unit(&["1/s", "/s", "s-1"], 0), unit(&["Hz"], 0), unit(&["kHz"], 3), unit(&["1/ms", "/ms", "ms-1"], 3)];
-const MASS: &[Unit] = &[unit(&["kg"], 0), unit(&["g"], -3), unit(&["mg"], -6), unit(&["t"], 3)];
+const VOLUME: &[Unit] = &[
+    unit(&["m3"], 0),
+    unit(&["cc", "cm3", "ml", "mL"], -6),
+    unit(&["l", "L", "dm3"], -3),
+    unit(&["mm3"], -9),
+];
+const ANGLE: &[Unit] = &[
+    unit(&["rad"], 0),
+    scaled(&["deg", "°"], std::f64::consts::PI / 180.0),
+    unit(&["mrad"], -3),
+];
+const TIME: &[Unit] = &[
+    unit(&["s"], 0),
+    unit(&["ms"], -3),
+    unit(&["us", "µs", "μs"], -6),
+    scaled(&["min"], 60.0),
+];
+const RATE: &[Unit] = &[
+    unit(&["1/s", "/s", "s-1"], 0),
+    unit(&["Hz"], 0),
+    unit(&["kHz"], 3),
+    unit(&["1/ms", "/ms", "ms-1"], 3),
+];
+const MASS: &[Unit] = &[
+    unit(&["kg"], 0),
+    unit(&["g"], -3),
+    unit(&["mg"], -6),
+    unit(&["t"], 3),
+];
 const DENSITY: &[Unit] = &[
     unit(&["kg/m3", "kg*m-3"], 0),
     unit(&["g/cm3", "g*cm-3"], 3),
     unit(&["g/ml", "g/mL"], 3),
     unit(&["kg/l", "kg/L"], 3),
 ];
-const FORCE: &[Unit] = &[unit(&["N"], 0), unit(&["mN"], -3), unit(&["uN", "µN", "μN"], -6), unit(&["kN"], 3)];
+const FORCE: &[Unit] = &[
+    unit(&["N"], 0),
+    unit(&["mN"], -3),
+    unit(&["uN", "µN", "μN"], -6),
+    unit(&["kN"], 3),
+];
 const STIFFNESS: &[Unit] = &[
     unit(&["N/m"], 0),
     unit(&["kN/m"], 3),
@@ -99,7 +134,11 @@ const PRESSURE: &[Unit] = &[
     unit(&["hPa", "mbar"], 2),
     unit(&["bar"], 5),
 ];
-const ACCELERATION: &[Unit] = &[unit(&["m/s2", "m*s-2"], 0), unit(&["mm/s2"], -3), unit(&["cm/s2"], -2)];
+const ACCELERATION: &[Unit] = &[
+    unit(&["m/s2", "m*s-2"], 0),
+    unit(&["mm/s2"], -3),
+    unit(&["cm/s2"], -2),
+];
 const RATIO: &[Unit] = &[unit(&["%"], -2), unit(&["1", ""], 0)];
 
 impl Dimension {
@@ -146,7 +185,11 @@ impl Dimension {
     /// ```
     #[must_use]
     pub fn known(self) -> String {
-        let shown: Vec<String> = self.units().iter().map(|u| u.names[0].replace('*', " ")).collect();
+        let shown: Vec<String> = self
+            .units()
+            .iter()
+            .map(|u| u.names[0].replace('*', " "))
+            .collect();
         shown.join(", ")
     }
 
@@ -241,10 +284,17 @@ impl UnitError {
         match self {
             Self::Bare { number, dimension } => {
                 let first = dimension.units()[0].names[0].replace('*', " ");
-                format!("write \"{number} {first}\"; known units of {dimension}: {}", dimension.known())
+                format!(
+                    "write \"{number} {first}\"; known units of {dimension}: {}",
+                    dimension.known()
+                )
             }
-            Self::WrongUnit { dimension, .. } => format!("known units of {dimension}: {}", dimension.known()),
-            Self::NoNumber { dimension, .. } => format!("write a {dimension} as in \"{}\"", dimension.example()),
+            Self::WrongUnit { dimension, .. } => {
+                format!("known units of {dimension}: {}", dimension.known())
+            }
+            Self::NoNumber { dimension, .. } => {
+                format!("write a {dimension} as in \"{}\"", dimension.example())
+            }
             Self::NotFinite { .. } | Self::Overflow { .. } => "write a finite number".to_owned(),
         }
     }
@@ -272,13 +322,18 @@ pub fn parse(text: &str, dimension: Dimension) -> Result<f64, UnitError> {
     let (number, rest) = split_number(trimmed).ok_or_else(|| no_number(trimmed, dimension))?;
     let rest = rest.trim();
     if rest.is_empty() && dimension != Dimension::Ratio {
-        return Err(UnitError::Bare { number: super::spelling::shown(number), dimension });
+        return Err(UnitError::Bare {
+            number: super::spelling::shown(number),
+            dimension,
+        });
     }
     let unit = find(rest, dimension)?;
     let value = shifted(number, unit.power) * unit.factor;
     let vanished = value == 0.0 && mantissa(number).bytes().any(|b| (b'1'..=b'9').contains(&b));
     if !value.is_finite() || vanished {
-        return Err(UnitError::Overflow { text: super::spelling::shown(trimmed) });
+        return Err(UnitError::Overflow {
+            text: super::spelling::shown(trimmed),
+        });
     }
     Ok(value)
 }
@@ -308,7 +363,9 @@ fn find(name: &str, dimension: Dimension) -> Result<&'static Unit, UnitError> {
     among(dimension).ok_or_else(|| UnitError::WrongUnit {
         unit: super::spelling::shown(name),
         dimension,
-        actual: Dimension::ALL.into_iter().find(|&d| !plain.is_empty() && among(d).is_some()),
+        actual: Dimension::ALL
+            .into_iter()
+            .find(|&d| !plain.is_empty() && among(d).is_some()),
     })
 }
 
@@ -317,7 +374,9 @@ fn normalised(name: &str) -> String {
     let mut plain = String::with_capacity(name.len());
     for word in name.split_whitespace() {
         // A space next to a sign that already joins two units is no product of its own.
-        let joined = plain.is_empty() || plain.ends_with(['*', '/']) || word.starts_with(['*', '·', '/', '^']);
+        let joined = plain.is_empty()
+            || plain.ends_with(['*', '/'])
+            || word.starts_with(['*', '·', '/', '^']);
         if !joined {
             plain.push('*');
         }
@@ -376,8 +435,14 @@ fn mantissa(number: &str) -> &str {
 fn shifted(number: &str, power: i32) -> f64 {
     let exponent = number.split(['e', 'E']).nth(1).unwrap_or("0");
     // Beyond i32 the value is infinite or zero whatever the power, but for mantissas of millions of digits.
-    let exponent: i64 =
-        exponent.parse::<i32>().unwrap_or(if exponent.starts_with('-') { i32::MIN } else { i32::MAX }).into();
+    let exponent: i64 = exponent
+        .parse::<i32>()
+        .unwrap_or(if exponent.starts_with('-') {
+            i32::MIN
+        } else {
+            i32::MAX
+        })
+        .into();
     let text = format!("{}e{}", mantissa(number), exponent + i64::from(power));
     text.parse().unwrap_or(f64::NAN)
 }
@@ -416,9 +481,17 @@ mod tests {
             ("0.1 l", Dimension::Volume, 1e-4),
         ];
         for (text, dimension, wanted) in cases {
-            assert_eq!(parse(text, dimension).map(f64::to_bits), Ok(f64::to_bits(wanted)), "{text}");
+            assert_eq!(
+                parse(text, dimension).map(f64::to_bits),
+                Ok(f64::to_bits(wanted)),
+                "{text}"
+            );
         }
-        assert_relative_eq!(parse("30deg", Dimension::Angle).unwrap_or(0.0), 0.5_f64.asin(), max_relative = 1e-15);
+        assert_relative_eq!(
+            parse("30deg", Dimension::Angle).unwrap_or(0.0),
+            0.5_f64.asin(),
+            max_relative = 1e-15
+        );
         assert_eq!(scale("mm", Dimension::Length), Ok(1e-3));
         assert_eq!(scale("in", Dimension::Length), Ok(0.0254));
     }
@@ -438,12 +511,42 @@ mod tests {
                 "`furlong` is not a known unit of length",
                 "known units of length: m, dm, cm, mm, um, km, in",
             ),
-            ("5 kg", Dimension::Angle, "`kg` is a unit of mass, not of angle", "known units of angle: rad, deg, mrad"),
-            ("5 m N", Dimension::Force, "`m N` is not a known unit of force", "known units of force: N, mN, uN, kN"),
-            ("long", Dimension::Length, "`long` does not begin with a number", "write a length as in \"0.5 mm\""),
-            ("", Dimension::Rate, "`` does not begin with a number", "write a rate as in \"5 1/s\""),
-            ("-inf m", Dimension::Length, "`-inf m` is not a finite number", "write a finite number"),
-            ("NaN", Dimension::Ratio, "`NaN` is not a finite number", "write a finite number"),
+            (
+                "5 kg",
+                Dimension::Angle,
+                "`kg` is a unit of mass, not of angle",
+                "known units of angle: rad, deg, mrad",
+            ),
+            (
+                "5 m N",
+                Dimension::Force,
+                "`m N` is not a known unit of force",
+                "known units of force: N, mN, uN, kN",
+            ),
+            (
+                "long",
+                Dimension::Length,
+                "`long` does not begin with a number",
+                "write a length as in \"0.5 mm\"",
+            ),
+            (
+                "",
+                Dimension::Rate,
+                "`` does not begin with a number",
+                "write a rate as in \"5 1/s\"",
+            ),
+            (
+                "-inf m",
+                Dimension::Length,
+                "`-inf m` is not a finite number",
+                "write a finite number",
+            ),
+            (
+                "NaN",
+                Dimension::Ratio,
+                "`NaN` is not a finite number",
+                "write a finite number",
+            ),
             (
                 "1e400 m",
                 Dimension::Length,
@@ -465,7 +568,11 @@ mod tests {
         ];
         for (text, dimension, message, help) in cases {
             let error = parse(text, dimension).expect_err(text);
-            assert_eq!((error.to_string().as_str(), error.help().as_str()), (message, help), "{text}");
+            assert_eq!(
+                (error.to_string().as_str(), error.help().as_str()),
+                (message, help),
+                "{text}"
+            );
         }
     }
 
@@ -473,7 +580,11 @@ mod tests {
     fn examples_are_quantities_and_no_name_means_two_units() {
         for dimension in Dimension::ALL {
             assert!(parse(dimension.example(), dimension).is_ok(), "{dimension}");
-            let mut names: Vec<&str> = dimension.units().iter().flat_map(|u| u.names.iter().copied()).collect();
+            let mut names: Vec<&str> = dimension
+                .units()
+                .iter()
+                .flat_map(|u| u.names.iter().copied())
+                .collect();
             let count = names.len();
             names.sort_unstable();
             names.dedup();

@@ -51,37 +51,67 @@ pub(super) fn read_scaled(source: &Source) -> Result<MeshFile, LoadError> {
     match source {
         Source::File { path, scale } => {
             let mut file = io::read(path).map_err(Box::new)?;
-            file.mesh.vertices.iter_mut().for_each(|v| v.coords *= *scale);
+            file.mesh
+                .vertices
+                .iter_mut()
+                .for_each(|v| v.coords *= *scale);
             Ok(file)
         }
         Source::Shape(name) => {
             let mesh = shapes::make(name).map(|s| s.mesh).unwrap_or_default();
-            Ok(MeshFile { mesh, ..MeshFile::default() })
+            Ok(MeshFile {
+                mesh,
+                ..MeshFile::default()
+            })
         }
     }
 }
 
 /// A mesh that must have triangles; `key` is the section that names it, `from` the key of a file there.
-fn surface(scene: &Scene, source: &Source, key: &str, from: &str, part: String) -> Result<TriangleMesh, LoadError> {
+fn surface(
+    scene: &Scene,
+    source: &Source,
+    key: &str,
+    from: &str,
+    part: String,
+) -> Result<TriangleMesh, LoadError> {
     let mesh = read_scaled(source)?.mesh;
     if mesh.triangles.is_empty() {
-        let fault = Fault::NoTriangles { file: name_of(source) };
-        return Err(LoadError::new(scene, &named_at(source, key, from), part, fault));
+        let fault = Fault::NoTriangles {
+            file: name_of(source),
+        };
+        return Err(LoadError::new(
+            scene,
+            &named_at(source, key, from),
+            part,
+            fault,
+        ));
     }
     Ok(mesh)
 }
 
 /// The mesh after the repair that was asked for, if any; never silently.
-pub(super) fn mended(mesh: TriangleMesh, options: Option<&repair::Options>, notes: &mut Vec<String>) -> TriangleMesh {
+pub(super) fn mended(
+    mesh: TriangleMesh,
+    options: Option<&repair::Options>,
+    notes: &mut Vec<String>,
+) -> TriangleMesh {
     let Some(options) = options else { return mesh };
     let repaired = repair::repair(&mesh, &[], options);
     if repaired.changes.is_empty() {
         notes.push("repair: nothing needed".to_owned());
         return mesh;
     }
-    notes.extend(repaired.changes.iter().map(|change| format!("repair: {}", change.message)));
+    notes.extend(
+        repaired
+            .changes
+            .iter()
+            .map(|change| format!("repair: {}", change.message)),
+    );
     let away = repair::deviation(&mesh, &repaired.mesh);
-    let mm = |distance: Option<f64>| distance.map_or_else(|| "nothing".to_owned(), |d| format!("{:.3} mm", d * 1e3));
+    let mm = |distance: Option<f64>| {
+        distance.map_or_else(|| "nothing".to_owned(), |d| format!("{:.3} mm", d * 1e3))
+    };
     notes.push(format!(
         "repair: vertices moved by at most {:.3} mm; the surface as read is at most {} from the repaired one, which is at \
          most {} from it",
@@ -107,24 +137,42 @@ impl Assets {
     /// A file that cannot be read, or that does not hold what the scene needs.
     pub fn load(scene: &Scene) -> Result<Self, LoadError> {
         let all = |count: usize| (0..count).into_par_iter();
-        let bones = || all(scene.bones.len()).map(|b| load_bone(scene, b)).collect::<Vec<_>>();
-        let muscles = || all(scene.muscles.len()).map(|m| load_muscle(scene, m)).collect::<Vec<_>>();
+        let bones = || {
+            all(scene.bones.len())
+                .map(|b| load_bone(scene, b))
+                .collect::<Vec<_>>()
+        };
+        let muscles = || {
+            all(scene.muscles.len())
+                .map(|m| load_muscle(scene, m))
+                .collect::<Vec<_>>()
+        };
         let (muscles, bones) = rayon::join(muscles, bones);
         // Of several errors always the same one is told, whichever was met first.
-        let bones: Vec<(TriangleMesh, Vec<String>)> = bones.into_iter().collect::<Result<_, _>>()?;
+        let bones: Vec<(TriangleMesh, Vec<String>)> =
+            bones.into_iter().collect::<Result<_, _>>()?;
         let muscles = muscles.into_iter().collect::<Result<Vec<_>, _>>()?;
         let patches = (0..scene.muscles.len()).map(|m| load_patches(scene, m));
         let patches: Vec<Vec<Option<TriangleMesh>>> = patches.collect::<Result<_, _>>()?;
         let (bones, bone_notes): (Vec<_>, Vec<_>) = bones.into_iter().unzip();
         let surfaces = bones.len() + patches.iter().flatten().flatten().count();
         let ready = Arc::new(Ready::new(muscles.len(), scene.capsules.len(), surfaces));
-        Ok(Self { bones, bone_notes, muscles, patches, ready })
+        Ok(Self {
+            bones,
+            bone_notes,
+            muscles,
+            patches,
+            ready,
+        })
     }
 
     /// The same meshes, of which nothing has been made yet.
     #[must_use]
     pub fn unprepared(&self) -> Self {
-        Self { ready: Arc::new(self.ready.emptied()), ..self.clone() }
+        Self {
+            ready: Arc::new(self.ready.emptied()),
+            ..self.clone()
+        }
     }
 
     /// Whether these meshes also do for `scene`, which names the same ones and may call for other effects than the scene that
@@ -136,8 +184,10 @@ impl Assets {
         for (m, (muscle, asset)) in scene.muscles.iter().zip(&self.muscles).enumerate() {
             if scene.effects.volume.is_some() && asset.edges.is_empty() {
                 let key = named_at(&muscle.surface, &format!("muscle.{m}"), "mesh");
-                let unfit = |fault| LoadError::new(scene, &key, format!("muscle `{}`", muscle.name), fault);
-                check_closed(&asset.mesh, &self.ready.rest(&asset.mesh).topology()).map_err(unfit)?;
+                let unfit =
+                    |fault| LoadError::new(scene, &key, format!("muscle `{}`", muscle.name), fault);
+                check_closed(&asset.mesh, &self.ready.rest(&asset.mesh).topology())
+                    .map_err(unfit)?;
             }
         }
         Ok(())
@@ -146,7 +196,13 @@ impl Assets {
 
 fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), LoadError> {
     let bone = &scene.bones[b];
-    let mesh = surface(scene, &bone.surface, &format!("bone.{b}"), "mesh", format!("bone `{}`", bone.name))?;
+    let mesh = surface(
+        scene,
+        &bone.surface,
+        &format!("bone.{b}"),
+        "mesh",
+        format!("bone `{}`", bone.name),
+    )?;
     let mut notes = Vec::new();
     Ok((mended(mesh, bone.repair.as_ref(), &mut notes), notes))
 }
@@ -154,17 +210,30 @@ fn load_bone(scene: &Scene, b: usize) -> Result<(TriangleMesh, Vec<String>), Loa
 fn load_patches(scene: &Scene, m: usize) -> Result<Vec<Option<TriangleMesh>>, LoadError> {
     let muscle = &scene.muscles[m];
     let patch = |(a, area): (usize, &Area)| match area {
-        Area::Patch { source, component, .. } => {
+        Area::Patch {
+            source, component, ..
+        } => {
             let part = format!("attachment of muscle `{}`", muscle.name);
             let key = format!("muscle.{m}.attachment.{a}");
             let whole = surface(scene, source, &key, "patch", part.clone())?;
-            let fault = || Fault::NoSuchComponent { file: name_of(source), wanted: component.unwrap_or(0) };
+            let fault = || Fault::NoSuchComponent {
+                file: name_of(source),
+                wanted: component.unwrap_or(0),
+            };
             let missing = || LoadError::new(scene, &format!("{key}.patch"), part, fault());
-            crate::muscles::attachments::component(&whole, *component).ok_or_else(missing).map(Some)
+            crate::muscles::attachments::component(&whole, *component)
+                .ok_or_else(missing)
+                .map(Some)
         }
         Area::Near(_) | Area::Vertices(_) => Ok(None),
     };
-    muscle.attachments.iter().map(|a| &a.area).enumerate().map(patch).collect()
+    muscle
+        .attachments
+        .iter()
+        .map(|a| &a.area)
+        .enumerate()
+        .map(patch)
+        .collect()
 }
 
 fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
@@ -183,15 +252,27 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
         file => {
             let read = read_scaled(file)?;
             notes.extend(read.warnings.iter().map(|warned| warned.to_string()));
-            (mended(read.mesh, muscle.repair.as_ref(), &mut notes), Vec::new())
+            (
+                mended(read.mesh, muscle.repair.as_ref(), &mut notes),
+                Vec::new(),
+            )
         }
     };
     if mesh.triangles.is_empty() && edges.is_empty() {
-        return Err(unfit(&mesh_key, Fault::NoTriangles { file: name_of(&muscle.surface) }));
+        return Err(unfit(
+            &mesh_key,
+            Fault::NoTriangles {
+                file: name_of(&muscle.surface),
+            },
+        ));
     }
     if let Some(length) = muscle.edge_length {
-        let refined = refine::refine(&mesh, length)
-            .map_err(|e| unfit(&format!("{key}.edge_length"), Fault::Refine { why: e.to_string() }))?;
+        let refined = refine::refine(&mesh, length).map_err(|e| {
+            unfit(
+                &format!("{key}.edge_length"),
+                Fault::Refine { why: e.to_string() },
+            )
+        })?;
         notes.push(format!(
             "refined from {} to {} vertices (edges {:.2} to {:.2} mm), {:.3} mm from the surface as read",
             mesh.vertices.len(),
@@ -214,27 +295,51 @@ fn load_muscle(scene: &Scene, m: usize) -> Result<MuscleAsset, LoadError> {
         Some(file) => {
             let read = read_scaled(file)?;
             if read.lines.is_empty() {
-                let fault = Fault::NoLines { file: name_of(file) };
-                return Err(LoadError::new(scene, &format!("{key}.fibres.lines"), format!("fibres of {part}"), fault));
+                let fault = Fault::NoLines {
+                    file: name_of(file),
+                };
+                return Err(LoadError::new(
+                    scene,
+                    &format!("{key}.fibres.lines"),
+                    format!("fibres of {part}"),
+                    fault,
+                ));
             }
             let place = |v: &u32| read.mesh.vertices[*v as usize];
-            read.lines.iter().map(|line| line.iter().map(place).collect()).collect()
+            read.lines
+                .iter()
+                .map(|line| line.iter().map(place).collect())
+                .collect()
         }
     };
-    Ok(MuscleAsset { mesh, edges, fibres, notes })
+    Ok(MuscleAsset {
+        mesh,
+        edges,
+        fibres,
+        notes,
+    })
 }
 
 /// What keeps a surface from enclosing a volume.
 fn check_closed(mesh: &TriangleMesh, topology: &Topology) -> Result<(), Fault> {
     if let edges @ [first, ..] = topology.boundary_edges().as_slice() {
-        return Err(Fault::OpenBoundary { count: edges.len(), edge: topology.edges[*first as usize] });
+        return Err(Fault::OpenBoundary {
+            count: edges.len(),
+            edge: topology.edges[*first as usize],
+        });
     }
     if let edges @ [first, ..] = topology.non_manifold_edges().as_slice() {
-        return Err(Fault::NonManifoldEdge { count: edges.len(), edge: topology.edges[*first as usize] });
+        return Err(Fault::NonManifoldEdge {
+            count: edges.len(),
+            edge: topology.edges[*first as usize],
+        });
     }
     if let edges @ [first, ..] = topology.inconsistent_edges().as_slice() {
         let triangles = topology.triangles_of_edge(*first as usize);
-        return Err(Fault::InconsistentOrientation { count: edges.len(), triangles: [triangles[0], triangles[1]] });
+        return Err(Fault::InconsistentOrientation {
+            count: edges.len(),
+            triangles: [triangles[0], triangles[1]],
+        });
     }
     match mesh.volume() {
         volume if volume > 0.0 => Ok(()),

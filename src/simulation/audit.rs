@@ -33,7 +33,11 @@ pub struct Bone<'a> {
 impl<'a> Bone<'a> {
     /// Prepares a bone; `surface` gives only the depth of what `mesh` is found to contain.
     pub fn new(mesh: &'a TriangleMesh, surface: &'a Surface) -> Self {
-        Self { inside: Inside::new(&mesh.vertices, &mesh.triangles), surface, mesh }
+        Self {
+            inside: Inside::new(&mesh.vertices, &mesh.triangles),
+            surface,
+            mesh,
+        }
     }
 }
 
@@ -52,12 +56,18 @@ pub fn examine(
             .into_par_iter()
             .with_min_len(256)
             .filter(|&v| free(v) && bone.inside.winding(&(back * x[v])) != 0)
-            .map(|v| bone.surface.closest(&(back * x[v])).map_or(0.0, |c| c.distance.abs()))
+            .map(|v| {
+                bone.surface
+                    .closest(&(back * x[v]))
+                    .map_or(0.0, |c| c.distance.abs())
+            })
             .collect();
         findings.vertices_inside += depths.iter().filter(|d| **d > DEPTH).count();
         findings.depth = greatest(depths.into_iter().chain([findings.depth]));
         let points = bone.mesh.vertices.par_iter().with_min_len(256);
-        findings.bone_vertices_inside += points.filter(|p| muscle.winding(&(pose * **p)) != 0).count();
+        findings.bone_vertices_inside += points
+            .filter(|p| muscle.winding(&(pose * **p)) != 0)
+            .count();
     }
     findings
 }

@@ -87,28 +87,52 @@ impl Body {
         if let Some(mesh) = &plan.rest {
             rest = assets.ready.rest(mesh);
         } else if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            let clear = assets.ready.clear(&rest, placed, &plan.obstacles, contact.thickness);
+            let clear = assets
+                .ready
+                .clear(&rest, placed, &plan.obstacles, contact.thickness);
             (rest, untangled) = (clear.rest.clone(), clear.done);
         }
         let (mesh, topology) = (&rest.mesh, &*rest.topology());
         let mut particles = Particles::at_rest(mesh.vertices.clone(), inverse_masses(muscle, mesh));
-        attached.iter().for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
+        attached
+            .iter()
+            .for_each(|&(v, _)| particles.inverse_mass[v as usize] = 0.0);
         let count = mesh.vertices.len();
-        plan.fixed.iter().filter(|v| (**v as usize) < count).for_each(|&v| particles.inverse_mass[v as usize] = 0.0);
+        plan.fixed
+            .iter()
+            .filter(|v| (**v as usize) < count)
+            .for_each(|&v| particles.inverse_mass[v as usize] = 0.0);
         displace(scene, m, &mut particles)?;
         let length = mesh.length();
         let numbering = &*rest.numbering();
-        let mut system = System::new(particles, settings(scene, length)).with_numbering(numbering.clone());
-        let (edges, edge_stiffness) = edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
+        let mut system =
+            System::new(particles, settings(scene, length)).with_numbering(numbering.clone());
+        let (edges, edge_stiffness) =
+            edges_of(mesh, topology, &asset.edges, muscle.material.stretch);
         let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
         let fibres = rest.fibres(&asset.fibres, &points);
         let loaded = loaded_vertices(muscle);
-        let factors = if plan.stretch { factors(scene, plan, &rest, &fibres) } else { Vec::new() };
-        let hinges =
-            if plan.bending { stiffness::hinges(mesh, topology, muscle.material.bending) } else { Default::default() };
-        let rest_volume = if topology.is_closed() { mesh.volume() } else { 0.0 };
+        let factors = if plan.stretch {
+            factors(scene, plan, &rest, &fibres)
+        } else {
+            Vec::new()
+        };
+        let hinges = if plan.bending {
+            stiffness::hinges(mesh, topology, muscle.material.bending)
+        } else {
+            Default::default()
+        };
+        let rest_volume = if topology.is_closed() {
+            mesh.volume()
+        } else {
+            0.0
+        };
         let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
-        let target_volume = if plan.volume { pressure * rest_volume } else { 0.0 };
+        let target_volume = if plan.volume {
+            pressure * rest_volume
+        } else {
+            0.0
+        };
         if plan.volume {
             system.volume = Some(volume(scene, muscle, mesh, target_volume, rest_volume));
         }
@@ -117,24 +141,58 @@ impl Body {
         let mut equilibrium = None;
         if let Solver::QuasiStatic(settings) | Solver::ImplicitEuler(settings) = scene.solver {
             let step = matches!(scene.solver, Solver::ImplicitEuler(_)).then(|| time_step(scene));
-            let k = edge_stiffness.iter().zip(&factors).map(|(k, f)| k * f).collect();
-            let edges = if plan.stretch { (edges.clone(), k) } else { Default::default() };
-            let parts = Parts { edges, hinges, volume: system.volume.clone() };
+            let k = edge_stiffness
+                .iter()
+                .zip(&factors)
+                .map(|(k, f)| k * f)
+                .collect();
+            let edges = if plan.stretch {
+                (edges.clone(), k)
+            } else {
+                Default::default()
+            };
+            let parts = Parts {
+                edges,
+                hinges,
+                volume: system.volume.clone(),
+            };
             let made = system.clock.time("equilibrium", || {
-                Equilibrium::new(parts, &system.particles, &system.forces, &scene.effects, settings, step)
+                Equilibrium::new(
+                    parts,
+                    &system.particles,
+                    &system.forces,
+                    &scene.effects,
+                    settings,
+                    step,
+                )
             });
             equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
         } else {
-            let over = || Over { order: scene.solver.order(), numbering, count, loaded: &loaded };
+            let over = || Over {
+                order: scene.solver.order(),
+                numbering,
+                count,
+                loaded: &loaded,
+            };
             if plan.stretch {
-                system.elastic.push(stretch(scene, &edges, &edge_stiffness, &factors, over()));
+                system
+                    .elastic
+                    .push(stretch(scene, &edges, &edge_stiffness, &factors, over()));
             }
             if plan.bending {
-                system.elastic.push(bending(scene, hinges.0, &hinges.1, over()));
+                system
+                    .elastic
+                    .push(bending(scene, hinges.0, &hinges.1, over()));
             }
         }
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
-            system.contacts = Some(contacts(&rest, &system.particles, placed, &plan.obstacles, contact));
+            system.contacts = Some(contacts(
+                &rest,
+                &system.particles,
+                placed,
+                &plan.obstacles,
+                contact,
+            ));
         }
         let lengths = edges.iter().map(|e| e.rest).collect();
         Ok(Self {
@@ -189,9 +247,13 @@ impl Body {
             let [a, b] = e.points.map(|p| x[p as usize]);
             let reach = (a - b).norm();
             // Not `>`, which a NaN would pass.
-            !(reach <= TORN * self.length) || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
+            !(reach <= TORN * self.length)
+                || !(a.coords.amax() * f64::EPSILON <= 1e-3 * self.edge_length)
         };
-        self.edges.iter().find(is_torn).map(|e| e.points[0] as usize)
+        self.edges
+            .iter()
+            .find(is_torn)
+            .map(|e| e.points[0] as usize)
     }
 
     /// Whether vertex `v` is not held by a bone.
@@ -222,9 +284,19 @@ impl Body {
             good,
         } = self;
         system.save(to);
-        to.put(&system.contacts.as_ref().map(|contacts| contacts.obstacles().to_vec()));
-        system.contacts.iter().for_each(|contacts| contacts.save(to));
-        equilibrium.iter().for_each(|equilibrium| equilibrium.save(to));
+        to.put(
+            &system
+                .contacts
+                .as_ref()
+                .map(|contacts| contacts.obstacles().to_vec()),
+        );
+        system
+            .contacts
+            .iter()
+            .for_each(|contacts| contacts.save(to));
+        equilibrium
+            .iter()
+            .for_each(|equilibrium| equilibrium.save(to));
         to.put(stopped);
         // A frame ends with both the same, unless somebody moved particles since.
         let differs = !same_bits(good, &system.particles);
@@ -243,11 +315,16 @@ impl Body {
     ) -> Result<(), Corrupt> {
         self.system.restore(from)?;
         self.restore_contact(from, placed, contact)?;
-        self.equilibrium.iter_mut().try_for_each(|equilibrium| equilibrium.restore(from))?;
+        self.equilibrium
+            .iter_mut()
+            .try_for_each(|equilibrium| equilibrium.restore(from))?;
         self.stopped = from.take()?;
         if from.take()? {
             self.good.restore(from)?;
-            return from.check(!same_bits(&self.good, &self.system.particles), "the same particles twice");
+            return from.check(
+                !same_bits(&self.good, &self.system.particles),
+                "the same particles twice",
+            );
         }
         self.good.clone_from(&self.system.particles);
         Ok(())
@@ -261,23 +338,44 @@ impl Body {
         contact: Option<ContactEffect>,
     ) -> Result<(), Corrupt> {
         let obstacles: Option<Vec<usize>> = from.take()?;
-        let System { contacts, particles, .. } = &mut self.system;
+        let System {
+            contacts,
+            particles,
+            ..
+        } = &mut self.system;
         if contacts.as_ref().map(Contacts::obstacles) != obstacles.as_deref() {
-            let Some((contact, obstacles)) = contact.zip(obstacles).filter(|_| !self.rest.triangles.is_empty()) else {
+            let Some((contact, obstacles)) = contact
+                .zip(obstacles)
+                .filter(|_| !self.rest.triangles.is_empty())
+            else {
                 return Err(from.corrupt("contact where there can be none"));
             };
-            let sound = obstacles.is_sorted_by(|a, b| a < b) && obstacles.iter().all(|&o| o < placed.len());
+            let sound =
+                obstacles.is_sorted_by(|a, b| a < b) && obstacles.iter().all(|&o| o < placed.len());
             from.check(sound, "contact with what is not there")?;
-            let ContactEffect { thickness, friction } = contact;
-            *contacts = Some(Contacts::new(&self.rest, particles, placed, obstacles, thickness, friction));
+            let ContactEffect {
+                thickness,
+                friction,
+            } = contact;
+            *contacts = Some(Contacts::new(
+                &self.rest, particles, placed, obstacles, thickness, friction,
+            ));
         }
-        contacts.iter_mut().try_for_each(|contacts| contacts.restore(from))
+        contacts
+            .iter_mut()
+            .try_for_each(|contacts| contacts.restore(from))
     }
 }
 
 fn same_bits(a: &Particles, b: &Particles) -> bool {
-    let same = |a: &Vector3<f64>, b: &Vector3<f64>| a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
-    let positions = a.position.iter().zip(&b.position).all(|(a, b)| same(&a.coords, &b.coords));
+    let same = |a: &Vector3<f64>, b: &Vector3<f64>| {
+        a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits())
+    };
+    let positions = a
+        .position
+        .iter()
+        .zip(&b.position)
+        .all(|(a, b)| same(&a.coords, &b.coords));
     positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
 }
 
@@ -299,13 +397,30 @@ fn contacts(
 ) -> Contacts {
     let is_at_rest = particles.position == rest.mesh.vertices;
     let near: Vec<_> = match is_at_rest {
-        true => obstacles.iter().map(|&o| (o, rest.near(&placed[o].obstacle, &placed[o].now))).collect(),
+        true => obstacles
+            .iter()
+            .map(|&o| (o, rest.near(&placed[o].obstacle, &placed[o].now)))
+            .collect(),
         false => Vec::new(),
     };
-    let of = |o: usize| near.iter().find(|(known, _)| *known == o).map(|(_, near)| near.closest.as_slice());
-    let ContactEffect { thickness, friction } = contact;
+    let of = |o: usize| {
+        near.iter()
+            .find(|(known, _)| *known == o)
+            .map(|(_, near)| near.closest.as_slice())
+    };
+    let ContactEffect {
+        thickness,
+        friction,
+    } = contact;
     let surface = Surface::clone(&rest.surface());
-    Contacts::known(surface, particles, placed, obstacles.to_vec(), (thickness, friction), of)
+    Contacts::known(
+        surface,
+        particles,
+        placed,
+        obstacles.to_vec(),
+        (thickness, friction),
+        of,
+    )
 }
 
 /// Why a muscle has no equilibrium that could be computed.
@@ -320,15 +435,24 @@ fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
 
 fn settings(scene: &Scene, length: f64) -> Settings {
     let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
-    let per_frame = if let Solver::Pbd(s) = scene.solver { s.velocity_damping } else { 1.0 };
+    let per_frame = if let Solver::Pbd(s) = scene.solver {
+        s.velocity_damping
+    } else {
+        1.0
+    };
     let dt = time_step(scene);
     let damping = scene.effects.damping.unwrap_or(0.0);
-    let velocity_factor = libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
+    let velocity_factor =
+        libm::exp(-damping * dt) * libm::pow(per_frame, 1.0 / f64::from(substeps));
     Settings {
         iterations,
         gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
         velocity_factor,
-        force_factor: if matches!(scene.solver, Solver::Pbd(_)) { velocity_factor } else { 1.0 },
+        force_factor: if matches!(scene.solver, Solver::Pbd(_)) {
+            velocity_factor
+        } else {
+            1.0
+        },
         speed_limit: SPEED_LIMIT * length,
     }
 }
@@ -338,11 +462,19 @@ fn time_step(scene: &Scene) -> f64 {
     1.0 / (scene.frame_rate * f64::from(scene.solver.substeps()))
 }
 
-fn edges_of(mesh: &TriangleMesh, topology: &Topology, extra: &[[u32; 2]], membrane: f64) -> (Vec<Distance>, Vec<f64>) {
+fn edges_of(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    extra: &[[u32; 2]],
+    membrane: f64,
+) -> (Vec<Distance>, Vec<f64>) {
     let (mut edges, mut k) = stiffness::edges(mesh, topology, membrane);
     for &points in extra {
         let [a, b] = points.map(|p| mesh.vertices[p as usize]);
-        edges.push(Distance { points, rest: (a - b).norm() });
+        edges.push(Distance {
+            points,
+            rest: (a - b).norm(),
+        });
         k.push(membrane);
     }
     (edges, k)
@@ -357,22 +489,44 @@ struct Over<'a> {
 }
 
 impl Over<'_> {
-    fn batch<C: Constraint<K>, const K: usize>(&self, constraints: Vec<C>, compliance: Vec<f64>) -> Batch<C, K> {
-        Batch::numbered(constraints, compliance, self.order, (self.numbering, self.count), self.loaded)
+    fn batch<C: Constraint<K>, const K: usize>(
+        &self,
+        constraints: Vec<C>,
+        compliance: Vec<f64>,
+    ) -> Batch<C, K> {
+        Batch::numbered(
+            constraints,
+            compliance,
+            self.order,
+            (self.numbering, self.count),
+            self.loaded,
+        )
     }
 }
 
-fn stretch(scene: &Scene, edges: &[Distance], k: &[f64], factors: &[f64], over: Over) -> Box<dyn Project> {
+fn stretch(
+    scene: &Scene,
+    edges: &[Distance],
+    k: &[f64],
+    factors: &[f64],
+    over: Over,
+) -> Box<dyn Project> {
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             // An edge without stiffness (along a fibre, at full strength) is no constraint.
-            let weighed = edges.iter().copied().zip(k.iter().zip(factors).map(|(k, f)| k * f));
+            let weighed = edges
+                .iter()
+                .copied()
+                .zip(k.iter().zip(factors).map(|(k, f)| k * f));
             let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
             Box::new(over.batch(edges, stiffness::compliance(&k)))
         }
         Solver::Pbd(s) => {
             let relaxation: Vec<f64> = factors.iter().map(|f| f * s.stretch).collect();
-            Box::new(over.batch(edges.to_vec(), vec![0.0; edges.len()]).with_relaxation(&relaxation))
+            Box::new(
+                over.batch(edges.to_vec(), vec![0.0; edges.len()])
+                    .with_relaxation(&relaxation),
+            )
         }
     }
 }
@@ -389,14 +543,22 @@ fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], over: Over) -> Box<dy
     }
 }
 
-fn volume(scene: &Scene, muscle: &Muscle, mesh: &TriangleMesh, target: f64, rest: f64) -> EnclosedVolume {
+fn volume(
+    scene: &Scene,
+    muscle: &Muscle,
+    mesh: &TriangleMesh,
+    target: f64,
+    rest: f64,
+) -> EnclosedVolume {
     let count = mesh.vertices.len();
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
             let compliance = muscle.material.bulk.map_or(0.0, |bulk| rest / bulk);
             EnclosedVolume::new(&mesh.triangles, count, target, compliance)
         }
-        Solver::Pbd(s) => EnclosedVolume::new(&mesh.triangles, count, target, 0.0).with_relaxation(s.volume),
+        Solver::Pbd(s) => {
+            EnclosedVolume::new(&mesh.triangles, count, target, 0.0).with_relaxation(s.volume)
+        }
     }
 }
 
@@ -409,9 +571,19 @@ fn attach(
 ) -> Result<Vec<Attached>, LoadError> {
     let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
     let mut choices = Vec::new();
-    for (a, (attachment, patch)) in muscle.attachments.iter().zip(&assets.patches[m]).enumerate() {
+    for (a, (attachment, patch)) in muscle
+        .attachments
+        .iter()
+        .zip(&assets.patches[m])
+        .enumerate()
+    {
         let bone = attachment.bone;
-        let part = || format!("attachment of muscle `{}` to `{}`", muscle.name, placed[bone].name);
+        let part = || {
+            format!(
+                "attachment of muscle `{}` to `{}`",
+                muscle.name, placed[bone].name
+            )
+        };
         let key = format!("muscle.{m}.attachment.{a}");
         let obstacle = match patch {
             Some(patch) => assets.ready.surface(patch) as Arc<dyn Obstacle>,
@@ -420,11 +592,16 @@ fn attach(
         let near = || rest.near(&obstacle, &placed[bone].now);
         let found = match (&attachment.area, patch) {
             (Area::Vertices(list), _) => {
-                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some())
-                    .map_err(|(at, fault)| LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault))?;
+                check_indices(list, mesh.vertices.len(), muscle.edge_length.is_some()).map_err(
+                    |(at, fault)| {
+                        LoadError::new(scene, &format!("{key}.vertices.{at}"), part(), fault)
+                    },
+                )?;
                 list.clone()
             }
-            (Area::Near(within), _) => attachments::among(&near().closest, true, *within, attachment.limit),
+            (Area::Near(within), _) => {
+                attachments::among(&near().closest, true, *within, attachment.limit)
+            }
             (Area::Patch { within, .. }, Some(_)) => {
                 attachments::among(&near().closest, false, *within, attachment.limit)
             }
@@ -436,7 +613,12 @@ fn attach(
             let nearest_mm = distances.fold(f64::INFINITY, f64::min) * 1e3;
             let area = if patch.is_some() { "within" } else { "near" };
             let fault = Fault::NothingAttached { nearest_mm };
-            return Err(LoadError::new(scene, &format!("{key}.{area}"), part(), fault));
+            return Err(LoadError::new(
+                scene,
+                &format!("{key}.{area}"),
+                part(),
+                fault,
+            ));
         }
         choices.push((bone, found));
     }
@@ -444,7 +626,10 @@ fn attach(
     let count = mesh.vertices.len();
     // A handful of points (the tetrahedron scenes) may be held by choice.
     if attached.len() as f64 > scene.most_held * count as f64 && count > 100 {
-        let fault = Fault::TooManyAttached { held: attached.len(), count };
+        let fault = Fault::TooManyAttached {
+            held: attached.len(),
+            count,
+        };
         return Err(LoadError::new(
             scene,
             &format!("muscle.{m}.attachment"),
@@ -458,14 +643,28 @@ fn attach(
 /// Refuses an index beyond the mesh, with its number in the list.
 fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize, Fault)> {
     match list.iter().position(|&v| v as usize >= count) {
-        Some(at) => Err((at, Fault::NoSuchVertex { index: list[at], count, refined })),
+        Some(at) => Err((
+            at,
+            Fault::NoSuchVertex {
+                index: list[at],
+                count,
+                refined,
+            },
+        )),
         None => Ok(()),
     }
 }
 
 fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[Placed]) -> Vec<Held> {
     let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
-    attached.iter().map(|&(vertex, bone)| Held { vertex, bone, local: local(vertex, bone) }).collect()
+    attached
+        .iter()
+        .map(|&(vertex, bone)| Held {
+            vertex,
+            bone,
+            local: local(vertex, bone),
+        })
+        .collect()
 }
 
 fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
@@ -477,8 +676,16 @@ fn inverse_masses(muscle: &Muscle, mesh: &TriangleMesh) -> Vec<f64> {
             let total: f64 = crate::mesh::sum::tree_sum(&areas);
             // An open or flat surface encloses nothing: as if it were a tenth of its size thick.
             let volume = mesh.volume();
-            let volume = if volume > 0.0 { volume } else { 0.1 * total * total.sqrt() };
-            areas.iter().map(|a| total / (density * volume * a)).map(|w| if w.is_finite() { w } else { 0.0 }).collect()
+            let volume = if volume > 0.0 {
+                volume
+            } else {
+                0.1 * total * total.sqrt()
+            };
+            areas
+                .iter()
+                .map(|a| total / (density * volume * a))
+                .map(|w| if w.is_finite() { w } else { 0.0 })
+                .collect()
         }
     }
 }
@@ -492,11 +699,21 @@ fn loaded_vertices(muscle: &Muscle) -> Vec<u32> {
 fn displace(scene: &Scene, m: usize, particles: &mut Particles) -> Result<(), LoadError> {
     let (muscle, count) = (&scene.muscles[m], particles.len());
     for (d, displacement) in muscle.displacements.iter().enumerate() {
-        check_indices(&displacement.vertices, count, muscle.edge_length.is_some()).map_err(|(at, fault)| {
-            let key = format!("muscle.{m}.displace.{d}.vertices.{at}");
-            LoadError::new(scene, &key, format!("displacement of muscle `{}`", muscle.name), fault)
-        })?;
-        displacement.vertices.iter().for_each(|&v| particles.position[v as usize] += displacement.by);
+        check_indices(&displacement.vertices, count, muscle.edge_length.is_some()).map_err(
+            |(at, fault)| {
+                let key = format!("muscle.{m}.displace.{d}.vertices.{at}");
+                LoadError::new(
+                    scene,
+                    &key,
+                    format!("displacement of muscle `{}`", muscle.name),
+                    fault,
+                )
+            },
+        )?;
+        displacement
+            .vertices
+            .iter()
+            .for_each(|&v| particles.position[v as usize] += displacement.by);
     }
     Ok(())
 }
@@ -505,10 +722,17 @@ fn forces(scene: &Scene, m: usize, count: usize) -> Result<Vec<(u32, Vector3<f64
     let muscle = &scene.muscles[m];
     let mut all = Vec::new();
     for (f, force) in muscle.forces.iter().enumerate() {
-        check_indices(&force.vertices, count, muscle.edge_length.is_some()).map_err(|(at, fault)| {
-            let key = format!("muscle.{m}.force.{f}.vertices.{at}");
-            LoadError::new(scene, &key, format!("force on muscle `{}`", muscle.name), fault)
-        })?;
+        check_indices(&force.vertices, count, muscle.edge_length.is_some()).map_err(
+            |(at, fault)| {
+                let key = format!("muscle.{m}.force.{f}.vertices.{at}");
+                LoadError::new(
+                    scene,
+                    &key,
+                    format!("force on muscle `{}`", muscle.name),
+                    fault,
+                )
+            },
+        )?;
         all.extend(force.vertices.iter().map(|&v| (v, force.force)));
     }
     Ok(all)

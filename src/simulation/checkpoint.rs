@@ -40,7 +40,9 @@ pub enum Refused {
     #[error("it is no checkpoint: it does not begin with `PLIANTCP`")]
     NoCheckpoint,
     /// Another version wrote it.
-    #[error("it was written by pliant {by} (format {format}); this is pliant {CRATE} (format {FORMAT})")]
+    #[error(
+        "it was written by pliant {by} (format {format}); this is pliant {CRATE} (format {FORMAT})"
+    )]
     Version {
         /// Version of the crate that wrote it.
         by: String,
@@ -90,7 +92,12 @@ impl std::fmt::Display for Wanted {
 /// The first few of some names.
 fn list(names: &[String]) -> String {
     const SHOWN: usize = 4;
-    let mut text = names.iter().take(SHOWN).cloned().collect::<Vec<_>>().join(", ");
+    let mut text = names
+        .iter()
+        .take(SHOWN)
+        .cloned()
+        .collect::<Vec<_>>()
+        .join(", ");
     if names.len() > SHOWN {
         text.push_str(&format!(" and {} more", names.len() - SHOWN));
     }
@@ -147,7 +154,10 @@ impl<'a> Checkpoint<'a> {
     /// They are no checkpoint, or that of another version, or damaged.
     pub fn open(bytes: &'a [u8]) -> Result<Self, Refused> {
         let body = bytes.strip_prefix(MAGIC).ok_or(Refused::NoCheckpoint)?;
-        let short = |wanted| Refused::Length { found: bytes.len(), wanted: Wanted(wanted) };
+        let short = |wanted| Refused::Length {
+            found: bytes.len(),
+            wanted: Wanted(wanted),
+        };
         let mut reader = Reader::new(body);
         let (format, by): (u32, String) = reader.take().map_err(|_| short(None))?;
         if by.len() > LONGEST_VERSION || by.chars().any(char::is_control) {
@@ -172,7 +182,11 @@ impl<'a> Checkpoint<'a> {
         let beside = reader.slice(count)?;
         reader.slice(CHECKSUM)?;
         reader.end()?;
-        Ok(Self { fingerprint, state, beside })
+        Ok(Self {
+            fingerprint,
+            state,
+            beside,
+        })
     }
 
     /// The frame after which it was written.
@@ -188,7 +202,11 @@ impl<'a> Checkpoint<'a> {
     /// # Errors
     /// It is of another scene, of a frame that is not wanted, or makes no sense; in the last case `simulation` is of no use
     /// any more.
-    pub fn restore(&self, simulation: &mut Simulation, fingerprint: &Fingerprint) -> Result<(), Refused> {
+    pub fn restore(
+        &self,
+        simulation: &mut Simulation,
+        fingerprint: &Fingerprint,
+    ) -> Result<(), Refused> {
         let differs = self.fingerprint.differs_from(fingerprint);
         if !differs.is_empty() {
             return Err(Refused::Differs(differs));

@@ -54,25 +54,51 @@ impl Equilibrium {
         settings: scene::Minimisation,
         step: Option<f64>,
     ) -> Result<Self, FactorError> {
-        let mut energy = Energy { volumes: parts.volume.into_iter().collect(), ..Energy::default() };
+        let mut energy = Energy {
+            volumes: parts.volume.into_iter().collect(),
+            ..Energy::default()
+        };
         let (edges, k) = parts.edges;
         // An edge without stiffness (along a fibre, at full strength) exerts no force.
-        let (edges, k): (Vec<_>, Vec<_>) = edges.into_iter().zip(k).filter(|(_, k)| *k > 0.0).unzip();
+        let (edges, k): (Vec<_>, Vec<_>) =
+            edges.into_iter().zip(k).filter(|(_, k)| *k > 0.0).unzip();
         if !edges.is_empty() {
-            energy.elastic.push(Box::new(Quadratic::<Distance, 2>::new(edges, k)));
+            energy
+                .elastic
+                .push(Box::new(Quadratic::<Distance, 2>::new(edges, k)));
         }
         if !parts.hinges.0.is_empty() {
-            energy.elastic.push(Box::new(Quadratic::<Bending, 4>::new(parts.hinges.0, parts.hinges.1)));
+            energy.elastic.push(Box::new(Quadratic::<Bending, 4>::new(
+                parts.hinges.0,
+                parts.hinges.1,
+            )));
         }
         energy.forces = forces(particles, loads, effects.gravity);
         energy.inertia = step.map(|dt| {
             let weight = |w: &f64| if *w > 0.0 { 1.0 / (w * dt * dt) } else { 0.0 };
             let weight = particles.inverse_mass.iter().map(weight).collect();
-            Inertia { weight, target: particles.position.clone() }
+            Inertia {
+                weight,
+                target: particles.position.clone(),
+            }
         });
-        let settings = Settings { tolerance: settings.tolerance, iterations: settings.iterations };
-        let solver = QuasiStatic::new(energy, &particles.position, &particles.inverse_mass, settings)?;
-        Ok(Self { solver, outcome: Outcome::default(), iterations: 0, residual: 0.0, scratch: particles.clone() })
+        let settings = Settings {
+            tolerance: settings.tolerance,
+            iterations: settings.iterations,
+        };
+        let solver = QuasiStatic::new(
+            energy,
+            &particles.position,
+            &particles.inverse_mass,
+            settings,
+        )?;
+        Ok(Self {
+            solver,
+            outcome: Outcome::default(),
+            iterations: 0,
+            residual: 0.0,
+            scratch: particles.clone(),
+        })
     }
 
     /// Its energy, to be changed between steps.
@@ -90,16 +116,27 @@ impl Equilibrium {
     ///
     /// # Errors
     /// A number that is not finite; the body is as it was before.
-    pub(super) fn step(&mut self, system: &mut System, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+    pub(super) fn step(
+        &mut self,
+        system: &mut System,
+        placed: &[Placed],
+        dt: f64,
+    ) -> Result<(), Broken> {
         let start = system.particles.position.clone();
         let factor = system.settings.velocity_factor;
         if let Some(inertia) = &mut self.solver.problem.energy.inertia {
-            let flown = start.iter().zip(&system.particles.velocity).map(|(x, v)| x + v * (factor * dt));
+            let flown = start
+                .iter()
+                .zip(&system.particles.velocity)
+                .map(|(x, v)| x + v * (factor * dt));
             inertia.target.clear();
             inertia.target.extend(flown);
         }
-        let held: Vec<(u32, Point3<f64>)> =
-            system.held.iter().map(|h| (h.vertex, placed[h.bone].now * h.local)).collect();
+        let held: Vec<(u32, Point3<f64>)> = system
+            .held
+            .iter()
+            .map(|h| (h.vertex, placed[h.bone].now * h.local))
+            .collect();
         let x = &mut system.particles.position;
         let outcome = match &mut system.contacts {
             None => {
@@ -107,7 +144,11 @@ impl Equilibrium {
                 self.solver.solve(x, &mut Unguarded, |_, _| true)
             }
             Some(contacts) => {
-                let mut guard = Bones { contacts, placed: placed.to_vec(), scratch: &mut self.scratch };
+                let mut guard = Bones {
+                    contacts,
+                    placed: placed.to_vec(),
+                    scratch: &mut self.scratch,
+                };
                 self.solver.follow(x, &held, &mut guard);
                 // A bone may have moved though nothing that it holds did.
                 if guard.moves() {
@@ -121,11 +162,19 @@ impl Equilibrium {
         system.particles.velocity.fill(Vector3::zeros());
         if self.solver.problem.energy.inertia.is_some() {
             let moved = system.particles.position.iter().zip(&start);
-            system.particles.velocity.iter_mut().zip(moved).for_each(|(v, (x, start))| *v = (x - start) / dt);
+            system
+                .particles
+                .velocity
+                .iter_mut()
+                .zip(moved)
+                .for_each(|(v, (x, start))| *v = (x - start) / dt);
         }
         if let Some(particle) = system.particles.first_non_finite() {
             system.particles.position = start;
-            return Err(Broken { effect: "equilibrium", particle });
+            return Err(Broken {
+                effect: "equilibrium",
+                particle,
+            });
         }
         // Not `f64::max`, which would hide a NaN.
         if !(outcome.residual <= self.residual) {
@@ -139,7 +188,13 @@ impl Equilibrium {
 
 impl State for Equilibrium {
     fn save(&self, to: &mut Writer) {
-        let Self { solver, outcome, iterations, residual, scratch: _ } = self;
+        let Self {
+            solver,
+            outcome,
+            iterations,
+            residual,
+            scratch: _,
+        } = self;
         solver.save(to);
         to.put(outcome);
         to.put(iterations);
@@ -156,13 +211,25 @@ impl State for Equilibrium {
 }
 
 /// Weight and given forces on each vertex [N]; empty where there is none.
-fn forces(particles: &Particles, loads: &[(u32, Vector3<f64>)], gravity: Option<Vector3<f64>>) -> Vec<Vector3<f64>> {
+fn forces(
+    particles: &Particles,
+    loads: &[(u32, Vector3<f64>)],
+    gravity: Option<Vector3<f64>>,
+) -> Vec<Vector3<f64>> {
     if loads.is_empty() && gravity.is_none() {
         return Vec::new();
     }
-    let weight = |w: &f64| if *w > 0.0 { gravity.unwrap_or_else(Vector3::zeros) / *w } else { Vector3::zeros() };
+    let weight = |w: &f64| {
+        if *w > 0.0 {
+            gravity.unwrap_or_else(Vector3::zeros) / *w
+        } else {
+            Vector3::zeros()
+        }
+    };
     let mut all: Vec<Vector3<f64>> = particles.inverse_mass.iter().map(weight).collect();
-    loads.iter().for_each(|&(v, force)| all[v as usize] += force);
+    loads
+        .iter()
+        .for_each(|&(v, force)| all[v as usize] += force);
     all
 }
 

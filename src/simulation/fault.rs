@@ -205,9 +205,17 @@ impl LoadError {
     /// A fault of the part that stands at `key` in the text of this origin.
     pub(super) fn at(origin: &Origin, key: &str, part: String, fault: Fault) -> Self {
         let message = format!("{part}: {fault}");
-        let problem = Problem::Unfit { code: fault.code(), message, help: fault.help() };
+        let problem = Problem::Unfit {
+            code: fault.code(),
+            message,
+            help: fault.help(),
+        };
         let placed = origin.error(problem, key);
-        Self::Unfit(Box::new(Unfit { part, fault, placed }))
+        Self::Unfit(Box::new(Unfit {
+            part,
+            fault,
+            placed,
+        }))
     }
 
     /// One line with the place, for pipes and logs: that in the mesh file, or that in the scene which names it.
@@ -230,6 +238,10 @@ impl Unfit {
     /// One line without a place, where nobody wrote the scene.
     #[must_use]
     pub fn without_place(&self) -> String {
-        format!("error[{}]: {self}; {}", self.fault.code(), self.fault.help())
+        format!(
+            "error[{}]: {self}; {}",
+            self.fault.code(),
+            self.fault.help()
+        )
     }
 }

@@ -10,7 +10,9 @@ use super::skin::Stepped;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::scene::content::LatticeScene;
-use crate::springs::lattice::{Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit};
+use crate::springs::lattice::{
+    Lattice, LatticeError, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
+};
 
 /// A step is at most this share of the longest stable one.
 const STABLE: f64 = 0.5;
@@ -59,27 +61,60 @@ impl LatticeRun {
     /// # Errors
     /// Numbers of which no lattice can be built.
     pub fn new(scene: LatticeScene) -> Result<Self, LoadError> {
-        let refused = |error| LoadError::at(&scene.origin, "lattice", "lattice".to_owned(), Fault::Lattice(error));
+        let refused = |error| {
+            LoadError::at(
+                &scene.origin,
+                "lattice",
+                "lattice".to_owned(),
+                Fault::Lattice(error),
+            )
+        };
         let most = scene.points.iter().max().copied().unwrap_or(2);
         let spacing = scene.side / (most - 1) as f64;
-        let shape = Shape { points: scene.points, origin: [0.0; 3], spacing: [spacing; 3] };
+        let shape = Shape {
+            points: scene.points,
+            origin: [0.0; 3],
+            spacing: [spacing; 3],
+        };
         let stiffness = Stiffness::Uniform(scene.stiffness);
-        let mut settings = Settings { stiffness, mass: scene.mass, ..Settings::new(scene.neighbours) };
+        let mut settings = Settings {
+            stiffness,
+            mass: scene.mass,
+            ..Settings::new(scene.neighbours)
+        };
         let damping = scene.damping * settings.damping_estimate(&shape);
         let limit = stability_limit(largest_stiffness(&shape, &settings), scene.mass, damping);
         let frame = 1.0 / scene.frame_rate;
         let steps = (frame / (STABLE * limit)).ceil().max(1.0);
         if !(steps <= MOST_STEPS) {
             let (time_step, mass, stiffness) = (frame / MOST_STEPS, scene.mass, scene.stiffness);
-            return Err(refused(LatticeError::Unstable { time_step, limit, mass, damping, stiffness }));
+            return Err(refused(LatticeError::Unstable {
+                time_step,
+                limit,
+                mass,
+                damping,
+                stiffness,
+            }));
         }
         (settings.damping, settings.time_step) = (Some(damping), Some(frame / steps));
         let mut lattice = Lattice::new(shape, settings).map_err(refused)?;
-        shape.each().filter(|p| p[2] == 0).for_each(|p| lattice.pin(p));
+        shape
+            .each()
+            .filter(|p| p[2] == 0)
+            .for_each(|p| lattice.pin(p));
         let (points, surface) = surface(&shape);
         let plan = Plan::of_lattice(&scene, &shape, steps as u32);
         let now = lattice.positions();
-        Ok(Self { scene, plan, lattice, steps: steps as u32, surface, frames: Vec::new(), points, now })
+        Ok(Self {
+            scene,
+            plan,
+            lattice,
+            steps: steps as u32,
+            surface,
+            frames: Vec::new(),
+            points,
+            now,
+        })
     }
 
     /// The last frame that was computed; 0 is the start.
@@ -90,7 +125,9 @@ impl LatticeRun {
     /// Whether it was at rest in the last frame.
     pub fn at_rest(&self) -> bool {
         let spacing = self.lattice.shape().spacing[0];
-        self.frames.last().is_some_and(|f| f.moved <= STILL * spacing)
+        self.frames
+            .last()
+            .is_some_and(|f| f.moved <= STILL * spacing)
     }
 
     /// Whether the highest layer is held and moved in a frame.
@@ -101,13 +138,19 @@ impl LatticeRun {
     /// Computes the next frame.
     pub fn step(&mut self) -> Stepped {
         let (begun, frame) = (Instant::now(), self.frame() + 1);
-        let top: Vec<[usize; 3]> = self.lattice.shape().each().filter(|p| p[2] + 1 == self.scene.points[2]).collect();
+        let top: Vec<[usize; 3]> = self
+            .lattice
+            .shape()
+            .each()
+            .filter(|p| p[2] + 1 == self.scene.points[2])
+            .collect();
         if self.drags(frame) && frame == 1 {
             top.iter().for_each(|&p| self.lattice.pin(p));
         }
         for s in 1..=self.steps {
             if self.drags(frame) {
-                let share = (f64::from(s) / f64::from(self.steps) + (frame - 1) as f64) / self.scene.release as f64;
+                let share = (f64::from(s) / f64::from(self.steps) + (frame - 1) as f64)
+                    / self.scene.release as f64;
                 self.drag(&top, self.scene.drag * share);
             }
             if let Err(error) = self.lattice.step() {
@@ -122,7 +165,12 @@ impl LatticeRun {
         let distance = greatest(shape.each().zip(&now).map(|(p, x)| apart(x, &shape.at(p))));
         let moved = greatest(self.now.iter().zip(&now).map(|(a, b)| apart(a, b)));
         self.now = now;
-        self.frames.push(Measured { frame, distance, moved, time_s: begun.elapsed().as_secs_f64() });
+        self.frames.push(Measured {
+            frame,
+            distance,
+            moved,
+            time_s: begun.elapsed().as_secs_f64(),
+        });
         Stepped::Done
     }
 
@@ -137,9 +185,14 @@ impl LatticeRun {
     pub fn continue_from(&mut self, before: &Self) {
         let (from, to) = (&before.lattice, &mut self.lattice);
         for point in from.shape().each() {
-            let [x, last] = [from.position(point), from.previous_position(point)].map(Vector3::from);
+            let [x, last] =
+                [from.position(point), from.previous_position(point)].map(Vector3::from);
             to.launch(point, x.into(), ((x - last) / from.time_step()).into());
-            if from.is_pinned(point) { to.pin(point) } else { to.release(point) }
+            if from.is_pinned(point) {
+                to.pin(point)
+            } else {
+                to.release(point)
+            }
         }
         self.now.clone_from(&before.now);
         self.frames.clone_from(&before.frames);
@@ -152,7 +205,10 @@ impl LatticeRun {
 
     /// The surface in the last frame [m].
     pub fn surface_at(&self) -> Vec<Point3<f64>> {
-        self.points.iter().map(|&p| Point3::from(self.lattice.position(p))).collect()
+        self.points
+            .iter()
+            .map(|&p| Point3::from(self.lattice.position(p)))
+            .collect()
     }
 }
 
@@ -184,7 +240,13 @@ fn surface(shape: &Shape) -> (Vec<[usize; 3]>, TriangleMesh) {
         }
     }
     let vertices = points.iter().map(|&p| Point3::from(shape.at(p))).collect();
-    (points, TriangleMesh { vertices, triangles })
+    (
+        points,
+        TriangleMesh {
+            vertices,
+            triangles,
+        },
+    )
 }
 
 #[cfg(test)]
@@ -196,7 +258,11 @@ mod tests {
 
     #[test]
     fn the_surface_of_a_box_is_closed_and_looks_outward() {
-        let shape = Shape { points: [3, 4, 5], origin: [0.0; 3], spacing: [0.1, 0.2, 0.3] };
+        let shape = Shape {
+            points: [3, 4, 5],
+            origin: [0.0; 3],
+            spacing: [0.1, 0.2, 0.3],
+        };
         let (points, mesh) = surface(&shape);
         let topology = Topology::new(&mesh);
         assert!(topology.is_closed() && topology.is_oriented());
@@ -207,14 +273,24 @@ mod tests {
     #[test]
     fn what_was_dragged_comes_back_and_six_neighbours_keep_no_shape() {
         let far = |more: &str| {
-            let changes = ["lattice.points=[5,5,5]".to_owned(), "frames=90".to_owned(), more.to_owned()];
+            let changes = [
+                "lattice.points=[5,5,5]".to_owned(),
+                "frames=90".to_owned(),
+                more.to_owned(),
+            ];
             let found = load_content("lattice", &changes).expect("a scene");
-            let Content::Staged(Staged::Lattice(scene)) = found else { panic!("a lattice") };
+            let Content::Staged(Staged::Lattice(scene)) = found else {
+                panic!("a lattice")
+            };
             let mut run = LatticeRun::new(*scene).expect("a lattice");
             while run.frame() < 90 {
                 assert_eq!(run.step(), Stepped::Done);
             }
-            (run.frames[29].distance, run.frames[89].distance, run.at_rest())
+            (
+                run.frames[29].distance,
+                run.frames[89].distance,
+                run.at_rest(),
+            )
         };
         let (dragged, end, rests) = far("lattice.neighbours=26");
         // 30 and 10 mm.

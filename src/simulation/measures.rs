@@ -53,11 +53,24 @@ pub struct Measures {
 
 impl Measures {
     /// Measures a body among bones at their poses.
-    pub(super) fn of(body: &Body, frame: usize, scene: &Scene, bones: &[(&audit::Bone<'_>, Isometry3<f64>)]) -> Self {
+    pub(super) fn of(
+        body: &Body,
+        frame: usize,
+        scene: &Scene,
+        bones: &[(&audit::Bone<'_>, Isometry3<f64>)],
+    ) -> Self {
         let x = &body.system.particles.position;
         let (edge_stretch_rms, edge_stretch_max) = stretch(body);
-        let volume = if body.rest_volume > 0.0 { crate::mesh::measures::volume(x, &body.rest.triangles) } else { 0.0 };
-        let volume_error = if body.target_volume > 0.0 { volume / body.target_volume - 1.0 } else { 0.0 };
+        let volume = if body.rest_volume > 0.0 {
+            crate::mesh::measures::volume(x, &body.rest.triangles)
+        } else {
+            0.0
+        };
+        let volume_error = if body.target_volume > 0.0 {
+            volume / body.target_volume - 1.0
+        } else {
+            0.0
+        };
         // Only a closed surface has a volume at rest.
         let closed = body.rest_volume > 0.0;
         let findings = if closed {
@@ -65,16 +78,28 @@ impl Measures {
         } else {
             Findings::default()
         };
-        let counts = body.system.contacts.as_ref().map_or(Counts::default(), |c| c.counts(x));
+        let counts = body
+            .system
+            .contacts
+            .as_ref()
+            .map_or(Counts::default(), |c| c.counts(x));
         let residual_m = match (&body.tracked, &body.equilibrium) {
             (Some(tracked), _) => tracked.outcome.residual * body.edge_length,
             (None, Some(equilibrium)) => equilibrium.residual * body.edge_length,
             (None, None) => elastic_residual(body),
         };
         let n = x.len().max(1) as f64;
-        let apart = x.iter().zip(&body.rest.vertices).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() / n;
+        let apart = x
+            .iter()
+            .zip(&body.rest.vertices)
+            .map(|(a, b)| (a - b).norm_squared())
+            .sum::<f64>()
+            / n;
         let tolerance = scene.solver.tolerance();
-        let rigid = scene.muscles.iter().any(|m| m.name == body.name && m.material.bulk.is_none());
+        let rigid = scene
+            .muscles
+            .iter()
+            .any(|m| m.name == body.name && m.material.bulk.is_none());
         let converged = body.stopped.is_none()
             && residual_m <= tolerance * body.edge_length
             && (!rigid || volume_error.abs() <= VOLUME_HELD)
@@ -84,7 +109,11 @@ impl Measures {
             time_s: frame as f64 / scene.frame_rate,
             muscle: body.name.clone(),
             volume_error,
-            volume_ratio: if body.rest_volume > 0.0 { volume / body.rest_volume } else { 0.0 },
+            volume_ratio: if body.rest_volume > 0.0 {
+                volume / body.rest_volume
+            } else {
+                0.0
+            },
             edge_stretch_rms,
             edge_stretch_max,
             penetration_m: findings.depth,
@@ -125,16 +154,38 @@ impl Value for Measures {
         to.put(frame);
         to.put(time_s);
         to.put(muscle);
-        to.put(&[*volume_error, *volume_ratio, *edge_stretch_rms, *edge_stretch_max, *penetration_m]);
-        to.put(&[*vertices_inside_bones, *bone_vertices_inside, *vertices_touching, *vertices_pinched]);
+        to.put(&[
+            *volume_error,
+            *volume_ratio,
+            *edge_stretch_rms,
+            *edge_stretch_max,
+            *penetration_m,
+        ]);
+        to.put(&[
+            *vertices_inside_bones,
+            *bone_vertices_inside,
+            *vertices_touching,
+            *vertices_pinched,
+        ]);
         to.put(&[*residual_m, *kinetic_energy_j, *distance_from_start_rms_m]);
         to.put(converged);
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let (frame, time_s, muscle) = (from.take()?, from.take()?, from.take()?);
-        let [volume_error, volume_ratio, edge_stretch_rms, edge_stretch_max, penetration_m] = from.take()?;
-        let [vertices_inside_bones, bone_vertices_inside, vertices_touching, vertices_pinched] = from.take()?;
+        let [
+            volume_error,
+            volume_ratio,
+            edge_stretch_rms,
+            edge_stretch_max,
+            penetration_m,
+        ] = from.take()?;
+        let [
+            vertices_inside_bones,
+            bone_vertices_inside,
+            vertices_touching,
+            vertices_pinched,
+        ] = from.take()?;
         let [residual_m, kinetic_energy_j, distance_from_start_rms_m] = from.take()?;
         Ok(Self {
             frame,
@@ -168,7 +219,15 @@ pub fn strain_at_vertices(edges: &[Distance], x: &[Point3<f64>]) -> Vec<f64> {
             sums[v].1 += 1;
         }
     }
-    sums.into_iter().map(|(sum, count)| if count == 0 { 0.0 } else { sum / f64::from(count) }).collect()
+    sums.into_iter()
+        .map(|(sum, count)| {
+            if count == 0 {
+                0.0
+            } else {
+                sum / f64::from(count)
+            }
+        })
+        .collect()
 }
 
 fn stretch(body: &Body) -> (f64, f64) {
@@ -187,14 +246,27 @@ fn stretch(body: &Body) -> (f64, f64) {
 }
 
 fn elastic_residual(body: &Body) -> f64 {
-    let all: Vec<Residual> =
-        body.system.residuals().into_iter().filter(|(name, _)| *name != "volume").map(|(_, r)| r).collect();
+    let all: Vec<Residual> = body
+        .system
+        .residuals()
+        .into_iter()
+        .filter(|(name, _)| *name != "volume")
+        .map(|(_, r)| r)
+        .collect();
     let count: usize = all.iter().map(|r| r.count).sum();
-    (all.iter().map(|r| r.rms * r.rms * r.count as f64).sum::<f64>() / count.max(1) as f64).sqrt()
+    (all.iter()
+        .map(|r| r.rms * r.rms * r.count as f64)
+        .sum::<f64>()
+        / count.max(1) as f64)
+        .sqrt()
 }
 
 fn kinetic_energy(body: &Body) -> f64 {
     let p = &body.system.particles;
-    let each = p.velocity.iter().zip(&p.inverse_mass).filter(|(_, w)| **w > 0.0);
+    let each = p
+        .velocity
+        .iter()
+        .zip(&p.inverse_mass)
+        .filter(|(_, w)| **w > 0.0);
     each.map(|(v, w)| 0.5 * v.norm_squared() / w).sum()
 }

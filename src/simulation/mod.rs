@@ -71,7 +71,11 @@ impl Simulation {
     /// # Errors
     /// An attachment that cannot be made.
     pub fn with(scene: Scene, assets: Assets, plan: Plan) -> Result<Self, LoadError> {
-        let surfaces: Vec<Arc<Surface>> = assets.bones.par_iter().map(|mesh| assets.ready.surface(mesh)).collect();
+        let surfaces: Vec<Arc<Surface>> = assets
+            .bones
+            .par_iter()
+            .map(|mesh| assets.ready.surface(mesh))
+            .collect();
         let mut placed = place(&scene, &surfaces);
         for (placed, capsule) in placed[scene.bones.len()..].iter_mut().zip(&scene.capsules) {
             placed.obstacle = assets.ready.capsule(capsule.segment, capsule.radius);
@@ -87,7 +91,17 @@ impl Simulation {
             notes.extend(asset.notes.iter().map(|n| format!("{}: {n}", muscle.name)));
         }
         let substeps = scene.solver.substeps();
-        Ok(Self { plan, bodies, bones: assets.bones, notes, surfaces, placed, frame: 0, substeps, scene })
+        Ok(Self {
+            plan,
+            bodies,
+            bones: assets.bones,
+            notes,
+            surfaces,
+            placed,
+            frame: 0,
+            substeps,
+            scene,
+        })
     }
 
     /// The last frame that was computed; 0 is the start.
@@ -124,9 +138,12 @@ impl Simulation {
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
         let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
-        self.bodies.par_iter_mut().filter(|body| body.stopped.is_none()).for_each(|body| {
-            step_body(body, &steps, dt, frame, thickness);
-        });
+        self.bodies
+            .par_iter_mut()
+            .filter(|body| body.stopped.is_none())
+            .for_each(|body| {
+                step_body(body, &steps, dt, frame, thickness);
+            });
         self.placed = steps.into_iter().next_back().unwrap_or_default();
         self.frame = frame;
         self.watch_reach();
@@ -140,25 +157,40 @@ impl Simulation {
             .enumerate()
             .map(|(o, placed)| {
                 let (before, now) = poses(carrier(&self.scene, o));
-                Placed { before, now, ..placed.clone() }
+                Placed {
+                    before,
+                    now,
+                    ..placed.clone()
+                }
             })
             .collect()
     }
 
     /// A muscle that leaves the box that the plan foresaw gets its contact with what it may now meet.
     fn watch_reach(&mut self) {
-        let Some(contact) = self.scene.effects.contact else { return };
+        let Some(contact) = self.scene.effects.contact else {
+            return;
+        };
         for body in &mut self.bodies {
             if body.rest.triangles.is_empty() {
                 continue;
             }
-            let mut obstacles = body.system.contacts.as_ref().map_or(Vec::new(), |c| c.obstacles().to_vec());
-            let bounds = Aabb::of_points(&body.system.particles.position).inflate(0.02 * body.length);
+            let mut obstacles = body
+                .system
+                .contacts
+                .as_ref()
+                .map_or(Vec::new(), |c| c.obstacles().to_vec());
+            let bounds =
+                Aabb::of_points(&body.system.particles.position).inflate(0.02 * body.length);
             let met: Vec<usize> = (0..self.placed.len())
                 .filter(|o| !obstacles.contains(o))
                 .filter(|&o| {
                     let placed = &self.placed[o];
-                    placed.obstacle.bounding_box().transformed(&placed.now).intersects(&bounds)
+                    placed
+                        .obstacle
+                        .bounding_box()
+                        .transformed(&placed.now)
+                        .intersects(&bounds)
                 })
                 .collect();
             if met.is_empty() {
@@ -186,17 +218,38 @@ impl Simulation {
 
     /// Measures of every muscle at the last frame, with its independent audit.
     pub fn measure(&self) -> Vec<Measures> {
-        let bones: Vec<audit::Bone<'_>> =
-            self.bones.iter().zip(&self.surfaces).map(|(mesh, surface)| audit::Bone::new(mesh, surface)).collect();
-        let posed: Vec<_> = bones.iter().enumerate().map(|(b, bone)| (bone, self.pose(b, self.frame as f64))).collect();
-        self.bodies.iter().map(|body| Measures::of(body, self.frame, &self.scene, &posed)).collect()
+        let bones: Vec<audit::Bone<'_>> = self
+            .bones
+            .iter()
+            .zip(&self.surfaces)
+            .map(|(mesh, surface)| audit::Bone::new(mesh, surface))
+            .collect();
+        let posed: Vec<_> = bones
+            .iter()
+            .enumerate()
+            .map(|(b, bone)| (bone, self.pose(b, self.frame as f64)))
+            .collect();
+        self.bodies
+            .iter()
+            .map(|body| Measures::of(body, self.frame, &self.scene, &posed))
+            .collect()
     }
 }
 
 /// What [`checkpoint`] keeps of it: whatever a later frame depends on, and nothing that depends on the clock.
 impl State for Simulation {
     fn save(&self, to: &mut Writer) {
-        let Self { scene: _, plan: _, bodies, bones: _, notes, surfaces: _, placed: _, frame, substeps: _ } = self;
+        let Self {
+            scene: _,
+            plan: _,
+            bodies,
+            bones: _,
+            notes,
+            surfaces: _,
+            placed: _,
+            frame,
+            substeps: _,
+        } = self;
         to.put(frame);
         to.list(notes);
         bodies.iter().for_each(|body| body.save(to));
@@ -214,7 +267,9 @@ impl State for Simulation {
         }
         self.frame = frame;
         let contact = self.scene.effects.contact;
-        self.bodies.iter_mut().try_for_each(|body| body.restore(from, &self.placed, contact))
+        self.bodies
+            .iter_mut()
+            .try_for_each(|body| body.restore(from, &self.placed, contact))
     }
 }
 
@@ -231,7 +286,13 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thic
     }
     if let Some(particle) = body.torn() {
         body.system.particles = body.good.clone();
-        body.stopped = Some((frame, Broken { effect: DIVERGENCE, particle }));
+        body.stopped = Some((
+            frame,
+            Broken {
+                effect: DIVERGENCE,
+                particle,
+            },
+        ));
         return;
     }
     // An equilibrium ends with contact and volume satisfied.
@@ -244,18 +305,32 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thic
 
 /// The bone that carries obstacle `o`: bones first, then capsules.
 fn carrier(scene: &Scene, o: usize) -> usize {
-    o.checked_sub(scene.bones.len()).map_or(o, |c| scene.capsules[c].bone)
+    o.checked_sub(scene.bones.len())
+        .map_or(o, |c| scene.capsules[c].bone)
 }
 
 fn place(scene: &Scene, surfaces: &[Arc<Surface>]) -> Vec<Placed> {
     let bones = scene.bones.iter().zip(surfaces).map(|(bone, surface)| {
         let pose = bone.motion.pose(0.0);
-        Placed { name: bone.name.clone(), obstacle: surface.clone() as Arc<dyn Obstacle>, before: pose, now: pose }
+        Placed {
+            name: bone.name.clone(),
+            obstacle: surface.clone() as Arc<dyn Obstacle>,
+            before: pose,
+            now: pose,
+        }
     });
     let capsules = scene.capsules.iter().map(|capsule| {
         let pose = scene.bones[capsule.bone].motion.pose(0.0);
-        let shape = Capsule { ends: capsule.segment, radius: capsule.radius };
-        Placed { name: capsule.name.clone(), obstacle: Arc::new(shape), before: pose, now: pose }
+        let shape = Capsule {
+            ends: capsule.segment,
+            radius: capsule.radius,
+        };
+        Placed {
+            name: capsule.name.clone(),
+            obstacle: Arc::new(shape),
+            before: pose,
+            now: pose,
+        }
     });
     bones.chain(capsules).collect()
 }

@@ -71,10 +71,17 @@ pub struct Plan {
 
 /// Nanoseconds a step of an edge, a hinge, a vertex of the enclosed volume, a vertex in reach of an obstacle, as the
 /// built-in hip took them on two cores: for estimates only.
-const NS: [(&str, f64); 4] = [("stretch", 16.0), ("bending", 58.0), ("volume", 60.0), ("contact", 49.0)];
+const NS: [(&str, f64); 4] = [
+    ("stretch", 16.0),
+    ("bending", 58.0),
+    ("volume", 60.0),
+    ("contact", 49.0),
+];
 
 fn nanoseconds(effect: &str) -> f64 {
-    NS.iter().find(|(name, _)| *name == effect).map_or(0.0, |(_, ns)| *ns)
+    NS.iter()
+        .find(|(name, _)| *name == effect)
+        .map_or(0.0, |(_, ns)| *ns)
 }
 
 impl Plan {
@@ -98,11 +105,21 @@ impl Plan {
         };
         let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;
         let (muscle, effect) = (muscle.to_string(), effect.to_string());
-        self.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
+        self.run.push(Planned {
+            muscle,
+            effect,
+            elements,
+            bytes,
+            ms_per_frame,
+        });
     }
 
     fn leave(&mut self, muscle: &str, effect: &str, why: impl Into<String>) {
-        self.left_out.push(LeftOut { muscle: muscle.into(), effect: effect.into(), why: why.into() });
+        self.left_out.push(LeftOut {
+            muscle: muscle.into(),
+            effect: effect.into(),
+            why: why.into(),
+        });
     }
 
     fn add_muscle(&mut self, scene: &Scene, assets: &Assets, m: usize) {
@@ -125,7 +142,9 @@ impl Plan {
         match (scene.effects.bending, bending) {
             (false, _) => self.leave(name, "bending", "the scene has no [effects.bending]"),
             (true, 0.0) => self.leave(name, "bending", "its stiffness is zero"),
-            (true, _) if hinges == 0 => self.leave(name, "bending", "no two triangles share an edge"),
+            (true, _) if hinges == 0 => {
+                self.leave(name, "bending", "no two triangles share an edge")
+            }
             (true, _) => {
                 decided.bending = true;
                 self.run(scene, name, "bending", hinges, hinges * 60);
@@ -135,12 +154,22 @@ impl Plan {
             None => self.leave(name, "volume", "the scene has no [effects.volume]"),
             Some(_) if volume == 0.0 => self.leave(name, "volume", "its stiffness is zero"),
             Some(_) if asset.mesh.triangles.is_empty() => {
-                self.leave(name, "volume", "the body has no triangles that could enclose one");
+                self.leave(
+                    name,
+                    "volume",
+                    "the body has no triangles that could enclose one",
+                );
             }
             Some(_) => {
                 decided.volume = true;
                 let n = asset.mesh.vertices.len();
-                self.run(scene, name, "volume", n, n * 52 + asset.mesh.triangles.len() * 36);
+                self.run(
+                    scene,
+                    name,
+                    "volume",
+                    n,
+                    n * 52 + asset.mesh.triangles.len() * 36,
+                );
             }
         }
         self.add_anisotropy(scene, name, asset.fibres.len(), &mut decided, edges);
@@ -148,12 +177,21 @@ impl Plan {
         self.muscles.push(decided);
     }
 
-    fn add_anisotropy(&mut self, scene: &Scene, name: &str, fibres: usize, decided: &mut MusclePlan, edges: usize) {
+    fn add_anisotropy(
+        &mut self,
+        scene: &Scene,
+        name: &str,
+        fibres: usize,
+        decided: &mut MusclePlan,
+        edges: usize,
+    ) {
         match scene.effects.anisotropy {
             None => self.leave(name, "anisotropy", "the scene has no [effects.anisotropy]"),
             Some(a) if a.strength == 0.0 => self.leave(name, "anisotropy", "its strength is zero"),
             Some(_) if fibres == 0 => self.leave(name, "anisotropy", "the muscle has no fibres"),
-            Some(_) if !decided.stretch => self.leave(name, "anisotropy", "it scales stretch, which is left out"),
+            Some(_) if !decided.stretch => {
+                self.leave(name, "anisotropy", "it scales stretch, which is left out")
+            }
             Some(_) => {
                 decided.anisotropy = true;
                 // It is in the stiffness of each edge from the start: no memory, no time of its own.
@@ -182,14 +220,22 @@ impl Plan {
             let swept = swept(scene, bone, &bounds);
             if reach.is_none_or(|r| r.intersects(&swept)) {
                 decided.obstacles.push(o);
-                let elements = if o < scene.bones.len() { n + assets.bones[o].vertices.len() } else { n };
+                let elements = if o < scene.bones.len() {
+                    n + assets.bones[o].vertices.len()
+                } else {
+                    n
+                };
                 self.run(scene, name, &effect, elements, n * 96 + elements * 8);
                 if let Some(last) = self.run.last_mut() {
                     // By vertices: what a bone's points cost goes with the muscle that they meet.
                     last.ms_per_frame = n as f64 * nanoseconds("contact") * sub_steps(scene) * 1e-6;
                 }
             } else {
-                self.leave(name, &effect, "the boxes that muscle and bone sweep never meet");
+                self.leave(
+                    name,
+                    &effect,
+                    "the boxes that muscle and bone sweep never meet",
+                );
             }
         }
     }
@@ -201,9 +247,16 @@ impl Plan {
             Some(g) if g.norm() == 0.0 => self.leave("", "gravity", "its acceleration is zero"),
             Some(_) => self.run(scene, "", "gravity", count, 0),
         }
-        let minimises = matches!(scene.solver, Solver::QuasiStatic(_) | Solver::ImplicitEuler(_));
+        let minimises = matches!(
+            scene.solver,
+            Solver::QuasiStatic(_) | Solver::ImplicitEuler(_)
+        );
         if minimises && scene.effects.contact.is_some_and(|c| c.friction > 0.0) {
-            self.leave("", "friction", "a minimum of energy knows none; `solver.xpbd` has it");
+            self.leave(
+                "",
+                "friction",
+                "a minimum of energy knows none; `solver.xpbd` has it",
+            );
         }
         match scene.effects.damping {
             None => self.leave("", "damping", "the scene has no [effects.damping]"),
@@ -223,9 +276,11 @@ fn sub_steps(scene: &Scene) -> f64 {
 /// Stiffness of stretch, bending and volume as the scene's solver takes them; only zero or not matters here.
 fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
     match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
-            (muscle.material.stretch, muscle.material.bending, muscle.material.bulk.unwrap_or(1.0))
-        }
+        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => (
+            muscle.material.stretch,
+            muscle.material.bending,
+            muscle.material.bulk.unwrap_or(1.0),
+        ),
         Solver::Pbd(s) => (s.stretch, s.bending, s.volume),
     }
 }
@@ -233,7 +288,11 @@ fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
 /// Name, carrying bone and local bounds of obstacle `o`: bones first, then capsules.
 pub(super) fn obstacle(scene: &Scene, assets: &Assets, o: usize) -> (String, usize, Aabb) {
     match o.checked_sub(scene.bones.len()) {
-        None => (scene.bones[o].name.clone(), o, assets.bones[o].bounding_box()),
+        None => (
+            scene.bones[o].name.clone(),
+            o,
+            assets.bones[o].bounding_box(),
+        ),
         Some(c) => {
             let capsule = &scene.capsules[c];
             let bounds = Aabb::of_points(&capsule.segment).inflate(capsule.radius);
@@ -248,7 +307,10 @@ fn poses(scene: &Scene, bone: usize) -> impl Iterator<Item = Isometry3<f64>> + '
 }
 
 fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
-    poses(scene, bone).map(|p| bounds.transformed(&p)).reduce(|a, b| a.union(&b)).unwrap_or(*bounds)
+    poses(scene, bone)
+        .map(|p| bounds.transformed(&p))
+        .reduce(|a, b| a.union(&b))
+        .unwrap_or(*bounds)
 }
 
 /// A box that the muscle is expected to stay in: its start, carried along with each bone that holds it, with a margin.

@@ -29,7 +29,10 @@ struct Kept<T> {
 
 impl<T> Kept<T> {
     fn new(most: usize) -> Self {
-        Self { all: Mutex::default(), most }
+        Self {
+            all: Mutex::default(),
+            most,
+        }
     }
 
     /// The one that was made of what `is` recognises, or else what `make` makes of it.
@@ -133,20 +136,38 @@ impl Ready {
 
     /// A capsule of the given ends and radius [m].
     pub fn capsule(&self, ends: [Point3<f64>; 2], radius: f64) -> Arc<Capsule> {
-        self.capsules.get(|c| c.ends == ends && c.radius == radius, || Capsule { ends, radius })
+        self.capsules.get(
+            |c| c.ends == ends && c.radius == radius,
+            || Capsule { ends, radius },
+        )
     }
 
     /// A muscle's shape.
     pub fn rest(&self, mesh: &TriangleMesh) -> Arc<Rest> {
-        self.rests.get(|rest| rest.mesh == *mesh, || Rest::new(mesh.clone(), self.obstacles))
+        self.rests.get(
+            |rest| rest.mesh == *mesh,
+            || Rest::new(mesh.clone(), self.obstacles),
+        )
     }
 
     /// A muscle's shape moved out of the obstacles to `thickness` [m], and what that did: see [`untangle::untangle`].
-    pub fn clear(&self, of: &Arc<Rest>, placed: &[Placed], obstacles: &[usize], thickness: f64) -> Arc<Clear> {
-        let near: Vec<Arc<Near>> = obstacles.iter().map(|&o| of.near(&placed[o].obstacle, &placed[o].now)).collect();
-        let same =
-            |kept: &[Arc<Near>]| kept.len() == near.len() && kept.iter().zip(&near).all(|(a, b)| Arc::ptr_eq(a, b));
-        let is = |kept: &Clear| Arc::ptr_eq(&kept.of, of) && kept.thickness == thickness && same(&kept.near);
+    pub fn clear(
+        &self,
+        of: &Arc<Rest>,
+        placed: &[Placed],
+        obstacles: &[usize],
+        thickness: f64,
+    ) -> Arc<Clear> {
+        let near: Vec<Arc<Near>> = obstacles
+            .iter()
+            .map(|&o| of.near(&placed[o].obstacle, &placed[o].now))
+            .collect();
+        let same = |kept: &[Arc<Near>]| {
+            kept.len() == near.len() && kept.iter().zip(&near).all(|(a, b)| Arc::ptr_eq(a, b))
+        };
+        let is = |kept: &Clear| {
+            Arc::ptr_eq(&kept.of, of) && kept.thickness == thickness && same(&kept.near)
+        };
         self.clear.get(is, || {
             let closest = near.iter().flat_map(|near| &near.closest);
             let mut done = untangle::overlap(closest, thickness);
@@ -157,7 +178,13 @@ impl Ready {
                 done = untangle::push_out(&mut mesh, done, placed, obstacles, thickness);
                 rest = self.rest(&mesh);
             }
-            Clear { of: of.clone(), near: near.clone(), thickness, rest, done }
+            Clear {
+                of: of.clone(),
+                near: near.clone(),
+                thickness,
+                rest,
+                done,
+            }
         })
     }
 }
@@ -208,7 +235,11 @@ impl Rest {
             let better = Numbering::new(order::permutation(&topology));
             let reach = |&[a, b]: &[u32; 2]| better.place(a).abs_diff(better.place(b));
             let bandwidth = topology.edges.iter().map(reach).max().unwrap_or(0);
-            if bandwidth < order::bandwidth(&topology) { better } else { Numbering::default() }
+            if bandwidth < order::bandwidth(&topology) {
+                better
+            } else {
+                Numbering::default()
+            }
         })
     }
 
@@ -222,8 +253,18 @@ impl Rest {
         let is = |near: &Near| Arc::ptr_eq(&near.obstacle, obstacle) && same_pose(&near.pose, pose);
         self.near.get(is, || {
             let back = pose.inverse();
-            let closest = self.mesh.vertices.par_iter().map(|v| obstacle.closest(&(back * v))).collect();
-            Near { obstacle: obstacle.clone(), pose: *pose, closest, is_guard_inside: Once::default() }
+            let closest = self
+                .mesh
+                .vertices
+                .par_iter()
+                .map(|v| obstacle.closest(&(back * v)))
+                .collect();
+            Near {
+                obstacle: obstacle.clone(),
+                pose: *pose,
+                closest,
+                is_guard_inside: Once::default(),
+            }
         })
     }
 
@@ -233,8 +274,17 @@ impl Rest {
             |fibres| fibres.lines == lines && fibres.points == points,
             || {
                 let empty = lines.is_empty() || self.mesh.triangles.is_empty();
-                let bound = if empty { BoundLines::default() } else { BoundLines::new(&self.surface(), lines) };
-                Fibres { lines: lines.to_vec(), points: points.to_vec(), bound, cosines: Once::default() }
+                let bound = if empty {
+                    BoundLines::default()
+                } else {
+                    BoundLines::new(&self.surface(), lines)
+                };
+                Fibres {
+                    lines: lines.to_vec(),
+                    points: points.to_vec(),
+                    bound,
+                    cosines: Once::default(),
+                }
             },
         )
     }
@@ -252,7 +302,9 @@ pub(super) struct Near {
 impl Near {
     /// Whether a point of the obstacle that is kept out of muscles is in the shape that this belongs to.
     fn is_guard_inside(&self, of: &Rest) -> bool {
-        *self.is_guard_inside.get(|| untangle::is_guard_inside(&of.surface(), &*self.obstacle, &self.pose))
+        *self
+            .is_guard_inside
+            .get(|| untangle::is_guard_inside(&of.surface(), &*self.obstacle, &self.pose))
     }
 }
 
@@ -270,7 +322,8 @@ impl Fibres {
     /// For each edge the cosine of its angle to the nearest fibre: see [`anisotropy::cosines`].
     pub fn cosines(&self, of: &Rest) -> Arc<Vec<Option<f64>>> {
         let x = &of.mesh.vertices;
-        self.cosines.get(|| anisotropy::cosines(x, &self.points, &self.bound.at(x)))
+        self.cosines
+            .get(|| anisotropy::cosines(x, &self.points, &self.bound.at(x)))
     }
 }
 

@@ -82,7 +82,12 @@ impl Part {
 
     /// Each vertex of the region and that of the whole skin.
     pub fn vertices(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.ready.region.vertices.iter().enumerate().map(|(v, patch)| (v, self.whole[*patch as usize] as usize))
+        self.ready
+            .region
+            .vertices
+            .iter()
+            .enumerate()
+            .map(|(v, patch)| (v, self.whole[*patch as usize] as usize))
     }
 
     /// All iterations of the solver.
@@ -136,17 +141,36 @@ impl SkinRun {
     pub fn new_while(scene: SkinScene, go_on: &dyn Fn() -> bool) -> Result<Self, LoadError> {
         let mut notes = Vec::new();
         let skin = read_skin(&scene, &mut notes)?;
-        let obstacles: Vec<TriangleMesh> =
-            (0..scene.obstacles.len()).map(|o| read_obstacle(&scene, o, &mut notes)).collect::<Result<_, _>>()?;
+        let obstacles: Vec<TriangleMesh> = (0..scene.obstacles.len())
+            .map(|o| read_obstacle(&scene, o, &mut notes))
+            .collect::<Result<_, _>>()?;
         let skin = match &scene.under {
-            Under::Implants(all) => {
-                halved_near(skin, &all.iter().map(|filled| filled.order.clone()).collect::<Vec<_>>())
-            }
+            Under::Implants(all) => halved_near(
+                skin,
+                &all.iter()
+                    .map(|filled| filled.order.clone())
+                    .collect::<Vec<_>>(),
+            ),
             Under::Ball(_) => skin,
         };
-        let (parts, whole) = Making { scene: &scene, skin: &skin, obstacles: &obstacles, go_on }.parts()?;
+        let (parts, whole) = Making {
+            scene: &scene,
+            skin: &skin,
+            obstacles: &obstacles,
+            go_on,
+        }
+        .parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
-        Ok(Self { scene, skin, obstacles, plan, parts, whole, notes, frame: 0 })
+        Ok(Self {
+            scene,
+            skin,
+            obstacles,
+            plan,
+            parts,
+            whole,
+            notes,
+            frame: 0,
+        })
     }
 
     /// The name of an implant.
@@ -174,12 +198,22 @@ impl SkinRun {
         for part in &self.parts {
             let begun = Instant::now();
             let mut heard = |p: &Progress| {
-                watch(&format!("frame {frame}, {}: round {}, moved {:.3} mm", part.name, p.rounds, p.moved * 1e3))
+                watch(&format!(
+                    "frame {frame}, {}: round {}, moved {:.3} mm",
+                    part.name,
+                    p.rounds,
+                    p.moved * 1e3
+                ))
             };
             let done = match &self.scene.under {
                 Under::Implants(all) => {
-                    let volumes: Vec<f64> = part.members.iter().map(|k| all[*k].volume_at(frame)).collect();
-                    part.ready.insert_after(part.now.as_ref(), &volumes, &mut heard)
+                    let volumes: Vec<f64> = part
+                        .members
+                        .iter()
+                        .map(|k| all[*k].volume_at(frame))
+                        .collect();
+                    part.ready
+                        .insert_after(part.now.as_ref(), &volumes, &mut heard)
                 }
                 Under::Ball(ball) => {
                     let at = |frame| self.ball_at(ball, part, frame);
@@ -198,14 +232,28 @@ impl SkinRun {
                 Ok(now) => found.push((now, begun.elapsed().as_secs_f64())),
                 Err(SkinError::Stopped) => return Stepped::Interrupted,
                 Err(error) => {
-                    return Stepped::Failed(format!("frame {frame}, {}: {error}; {}", part.name, error.help()));
+                    return Stepped::Failed(format!(
+                        "frame {frame}, {}: {error}; {}",
+                        part.name,
+                        error.help()
+                    ));
                 }
             }
         }
         for (part, (now, time_s)) in self.parts.iter_mut().zip(found) {
-            let shells = now.shells.iter().map(|shell| (shell.volume, shell.pressure)).collect();
+            let shells = now
+                .shells
+                .iter()
+                .map(|shell| (shell.volume, shell.pressure))
+                .collect();
             let (areas, progress) = (now.areas, now.progress);
-            part.frames.push(Measured { frame, shells, areas, progress, time_s });
+            part.frames.push(Measured {
+                frame,
+                shells,
+                areas,
+                progress,
+                time_s,
+            });
             part.now = Some(now);
         }
         self.frame = frame;
@@ -216,9 +264,14 @@ impl SkinRun {
     pub fn ball_at(&self, ball: &Ball, part: &Part, frame: usize) -> skin::Ball {
         let down = part.ready.frame * -Vector3::z();
         // Touching the lower layer from below.
-        let from = ball.from.unwrap_or_else(|| ball.to + down * (ball.radius + ball.order.tissue.depth));
+        let from = ball
+            .from
+            .unwrap_or_else(|| ball.to + down * (ball.radius + ball.order.tissue.depth));
         let share = frame as f64 / self.scene.frames as f64;
-        skin::Ball { centre: from + (ball.to - from) * share, radius: ball.radius }
+        skin::Ball {
+            centre: from + (ball.to - from) * share,
+            radius: ball.radius,
+        }
     }
 
     /// The whole skin in the last frame [m].
@@ -233,13 +286,31 @@ impl SkinRun {
 }
 
 /// The key of a mesh of a scene and what it is called there.
-fn mesh(scene: &SkinScene, source: &Source, key: &str, part: &str) -> Result<(TriangleMesh, Vec<String>), LoadError> {
+fn mesh(
+    scene: &SkinScene,
+    source: &Source,
+    key: &str,
+    part: &str,
+) -> Result<(TriangleMesh, Vec<String>), LoadError> {
     let read = read_scaled(source)?;
     if read.mesh.triangles.is_empty() {
-        let fault = Fault::NoTriangles { file: name_of(source) };
-        return Err(LoadError::at(&scene.origin, &named_at(source, key, "mesh"), part.to_owned(), fault));
+        let fault = Fault::NoTriangles {
+            file: name_of(source),
+        };
+        return Err(LoadError::at(
+            &scene.origin,
+            &named_at(source, key, "mesh"),
+            part.to_owned(),
+            fault,
+        ));
     }
-    Ok((read.mesh, read.warnings.iter().map(|warned| format!("{part}: {warned}")).collect()))
+    Ok((
+        read.mesh,
+        read.warnings
+            .iter()
+            .map(|warned| format!("{part}: {warned}"))
+            .collect(),
+    ))
 }
 
 fn read_skin(scene: &SkinScene, notes: &mut Vec<String>) -> Result<TriangleMesh, LoadError> {
@@ -259,7 +330,11 @@ fn read_skin(scene: &SkinScene, notes: &mut Vec<String>) -> Result<TriangleMesh,
     Ok(read)
 }
 
-fn read_obstacle(scene: &SkinScene, o: usize, notes: &mut Vec<String>) -> Result<TriangleMesh, LoadError> {
+fn read_obstacle(
+    scene: &SkinScene,
+    o: usize,
+    notes: &mut Vec<String>,
+) -> Result<TriangleMesh, LoadError> {
     let obstacle = &scene.obstacles[o];
     let part = format!("obstacle `{}`", obstacle.name);
     let (read, found) = mesh(scene, &obstacle.surface, &format!("obstacle.{o}"), &part)?;
@@ -291,42 +366,78 @@ impl Making<'_> {
             }
         };
         let ready: Vec<&Ready> = parts.iter().map(|part| &part.ready).collect();
-        let Whole { mesh: whole, vertices, .. } = Whole::of(self.skin, &ready);
-        parts.iter_mut().zip(vertices).for_each(|(part, vertices)| part.whole = vertices);
+        let Whole {
+            mesh: whole,
+            vertices,
+            ..
+        } = Whole::of(self.skin, &ready);
+        parts
+            .iter_mut()
+            .zip(vertices)
+            .for_each(|(part, vertices)| part.whole = vertices);
         Ok((parts, whole))
     }
 
     /// Implants, those that share skin together.
     fn implants(&self, all: &[Filled]) -> Result<Vec<Part>, LoadError> {
         let refused = |(k, error): (usize, SkinError)| {
-            self.refused(&format!("implant.{k}{}", key_of(&error)), format!("implant `{}`", all[k].name), error)
+            self.refused(
+                &format!("implant.{k}{}", key_of(&error)),
+                format!("implant `{}`", all[k].name),
+                error,
+            )
         };
         let orders: Vec<Order> = all.iter().map(|filled| filled.order.clone()).collect();
         let near = |members: &[usize]| -> Vec<usize> {
-            let each: BTreeSet<usize> = members.iter().flat_map(|k| self.near(&orders[*k])).collect();
+            let each: BTreeSet<usize> = members
+                .iter()
+                .flat_map(|k| self.near(&orders[*k]))
+                .collect();
             each.into_iter().collect()
         };
-        let met = |members: &[usize]| near(members).into_iter().map(|o| self.obstacles[o].clone()).collect();
+        let met = |members: &[usize]| {
+            near(members)
+                .into_iter()
+                .map(|o| self.obstacles[o].clone())
+                .collect()
+        };
         let mut parts = Vec::new();
         for (mut ready, members) in grouped(self.skin, &orders, met, self.go_on).map_err(refused)? {
             ready.method = self.scene.skin.method;
             let most = |k: &usize| {
-                let reached = all[*k].fill.iter().filter(|(at, _)| *at <= self.scene.frames).map(|(_, volume)| *volume);
+                let reached = all[*k]
+                    .fill
+                    .iter()
+                    .filter(|(at, _)| *at <= self.scene.frames)
+                    .map(|(_, volume)| *volume);
                 reached.fold(all[*k].volume_at(self.scene.frames), f64::max)
             };
             let volumes: Vec<f64> = members.iter().map(most).collect();
             for (k, volume) in members.iter().zip(&volumes) {
                 let implant = orders[*k].implant;
                 if *volume > implant.largest(ready.layers.edge) {
-                    let error = Implant { volume: *volume, ..implant }.too_large(ready.layers.edge);
+                    let error = Implant {
+                        volume: *volume,
+                        ..implant
+                    }
+                    .too_large(ready.layers.edge);
                     return Err(refused((*k, error)));
                 }
             }
-            ready.takes(&volumes).map_err(|error| refused((members[0], error)))?;
-            let shells = ready.pockets().map_err(|error| refused((members[0], error)))?;
+            ready
+                .takes(&volumes)
+                .map_err(|error| refused((members[0], error)))?;
+            let shells = ready
+                .pockets()
+                .map_err(|error| refused((members[0], error)))?;
             let names: Vec<&str> = members.iter().map(|k| all[*k].name.as_str()).collect();
             let obstacles = near(&members);
-            parts.push(Part { members, shells, obstacles, ..part(names.join(" and "), ready) });
+            parts.push(Part {
+                members,
+                shells,
+                obstacles,
+                ..part(names.join(" and "), ready)
+            });
         }
         Ok(parts)
     }
@@ -338,21 +449,35 @@ impl Making<'_> {
             Place::Point(at) => Some(at),
         };
         // What has no place is refused where the skin is made ready.
-        let Some(place) = place else { return Vec::new() };
-        let around = Aabb { min: place, max: place }.inflate(REACH * order.implant.base);
-        (0..self.obstacles.len()).filter(|&o| self.obstacles[o].bounding_box().intersects(&around)).collect()
+        let Some(place) = place else {
+            return Vec::new();
+        };
+        let around = Aabb {
+            min: place,
+            max: place,
+        }
+        .inflate(REACH * order.implant.base);
+        (0..self.obstacles.len())
+            .filter(|&o| self.obstacles[o].bounding_box().intersects(&around))
+            .collect()
     }
 
     fn refused(&self, key: &str, part: String, error: SkinError) -> LoadError {
         // What concerns the skin is told at the skin.
         let skin = match &error {
             SkinError::TooFine { .. } | SkinError::Refine(_) => Some("skin.0.edge_length"),
-            SkinError::Empty | SkinError::Mesh(_) | SkinError::NotManifold { .. } | SkinError::OneSided => {
-                Some("skin.0.mesh")
-            }
+            SkinError::Empty
+            | SkinError::Mesh(_)
+            | SkinError::NotManifold { .. }
+            | SkinError::OneSided => Some("skin.0.mesh"),
             _ => None,
         };
-        LoadError::at(&self.scene.origin, skin.unwrap_or(key), part, Fault::Skin(error))
+        LoadError::at(
+            &self.scene.origin,
+            skin.unwrap_or(key),
+            part,
+            Fault::Skin(error),
+        )
     }
 }
 
@@ -360,7 +485,9 @@ impl Making<'_> {
 fn key_of(error: &SkinError) -> &'static str {
     match error {
         SkinError::NoVertex { .. } => ".near_vertex",
-        SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => ".at",
+        SkinError::FarAway { .. } | SkinError::AtBorder { .. } | SkinError::TooCurved { .. } => {
+            ".at"
+        }
         SkinError::TooLarge { .. } | SkinError::Beyond { .. } => ".volume",
         SkinError::WrapsAround { .. } => ".base",
         _ => "",
@@ -369,5 +496,14 @@ fn key_of(error: &SkinError) -> &'static str {
 
 fn part(name: String, ready: Ready) -> Part {
     let (members, shells, obstacles, frames, whole) = Default::default();
-    Part { name, members, ready, shells, obstacles, now: None, frames, whole }
+    Part {
+        name,
+        members,
+        ready,
+        shells,
+        obstacles,
+        now: None,
+        frames,
+        whole,
+    }
 }

@@ -32,18 +32,39 @@ impl Simulation {
 
     /// Whether its obstacles are those of `other`, and where that has left them.
     fn has_obstacles_of(&self, other: &Self) -> bool {
-        let shape = |capsule: &crate::scene::Capsule| (capsule.bone, capsule.segment, capsule.radius);
-        let capsules = self.scene.capsules.iter().map(shape).eq(other.scene.capsules.iter().map(shape));
+        let shape =
+            |capsule: &crate::scene::Capsule| (capsule.bone, capsule.segment, capsule.radius);
+        let capsules = self.scene.capsules.iter().map(shape).eq(other
+            .scene
+            .capsules
+            .iter()
+            .map(shape));
         let same = |(a, b): (&Placed, &Placed)| a.obstacle.guards() == b.obstacle.guards();
-        let stays = |(b, placed): (usize, &Placed)| same_pose(&self.pose(b, self.frame as f64), &placed.now);
-        let bones = self.placed.len() == other.placed.len() && self.placed.iter().zip(&other.placed).all(same);
-        capsules && bones && other.placed.iter().take(self.scene.bones.len()).enumerate().all(stays)
+        let stays = |(b, placed): (usize, &Placed)| {
+            same_pose(&self.pose(b, self.frame as f64), &placed.now)
+        };
+        let bones = self.placed.len() == other.placed.len()
+            && self.placed.iter().zip(&other.placed).all(same);
+        capsules
+            && bones
+            && other
+                .placed
+                .iter()
+                .take(self.scene.bones.len())
+                .enumerate()
+                .all(stays)
     }
 
     /// In the next frame a bone goes from where it is to `pose`, and stays there.
     pub fn move_bone(&mut self, bone: usize, pose: Isometry3<f64>) {
-        let key = |frame: usize, pose| Key { frame: frame as f64, pose };
-        let keys = vec![key(self.frame, self.pose(bone, self.frame as f64)), key(self.frame + 1, pose)];
+        let key = |frame: usize, pose| Key {
+            frame: frame as f64,
+            pose,
+        };
+        let keys = vec![
+            key(self.frame, self.pose(bone, self.frame as f64)),
+            key(self.frame + 1, pose),
+        ];
         let joint = self.scene.bones[bone].motion.joint.take();
         self.scene.bones[bone].motion = Motion { keys, joint };
     }
@@ -63,42 +84,81 @@ impl Simulation {
         let body = &mut self.bodies[muscle];
         body.system.elastic.retain(|part| part.name() != DRAG);
         if let Some(equilibrium) = &mut body.equilibrium {
-            equilibrium.energy_mut().elastic.retain(|part| part.name() != DRAG);
+            equilibrium
+                .energy_mut()
+                .elastic
+                .retain(|part| part.name() != DRAG);
         }
     }
 }
 
 impl Body {
     /// `same` says whether the obstacles are the same.
-    fn continue_from(&mut self, other: &Self, placed: &[Placed], contact: Option<ContactEffect>, same: bool) {
+    fn continue_from(
+        &mut self,
+        other: &Self,
+        placed: &[Placed],
+        contact: Option<ContactEffect>,
+        same: bool,
+    ) {
         let (system, there) = (&mut self.system, &other.system);
-        system.particles.position.clone_from(&there.particles.position);
-        system.particles.velocity.clone_from(&there.particles.velocity);
+        system
+            .particles
+            .position
+            .clone_from(&there.particles.position);
+        system
+            .particles
+            .velocity
+            .clone_from(&there.particles.velocity);
         system.speed_cuts = there.speed_cuts;
         // Angles are known up to full turns only: what hinges remember goes on, where they are the same hinges.
         for part in &mut system.elastic {
             let (name, count) = (part.name(), part.len());
-            let Some(before) = there.elastic.iter().find(|p| p.name() == name && p.len() == count) else { continue };
+            let Some(before) = there
+                .elastic
+                .iter()
+                .find(|p| p.name() == name && p.len() == count)
+            else {
+                continue;
+            };
             let mut kept = Writer::default();
             before.save(&mut kept);
             // Of the same kind and number, so that it fits.
             let _ = part.restore(&mut Reader::new(&kept.bytes));
         }
         if let Some(equilibrium) = &mut self.equilibrium {
-            equilibrium.energy_mut().remember(&system.particles.position);
+            equilibrium
+                .energy_mut()
+                .remember(&system.particles.position);
         }
         if let (Some(contact), false) = (contact, self.rest.triangles.is_empty()) {
             let near = |system: &System| system.contacts.as_ref().map(|c| c.obstacles().to_vec());
-            let mut obstacles = [near(system), near(there)].into_iter().flatten().flatten().collect::<Vec<_>>();
+            let mut obstacles = [near(system), near(there)]
+                .into_iter()
+                .flatten()
+                .flatten()
+                .collect::<Vec<_>>();
             obstacles.sort_unstable();
             obstacles.dedup();
             if !obstacles.is_empty() {
-                let ContactEffect { thickness, friction } = contact;
+                let ContactEffect {
+                    thickness,
+                    friction,
+                } = contact;
                 // What a step that broke off has left behind is of no use.
-                let is_known = |known: &&Contacts| same && other.stopped.is_none() && known.obstacles() == obstacles;
+                let is_known = |known: &&Contacts| {
+                    same && other.stopped.is_none() && known.obstacles() == obstacles
+                };
                 let contacts = match there.contacts.as_ref().filter(is_known) {
                     Some(known) => known.with(&system.particles, placed, (thickness, friction)),
-                    None => Contacts::new(&self.rest, &system.particles, placed, obstacles, thickness, friction),
+                    None => Contacts::new(
+                        &self.rest,
+                        &system.particles,
+                        placed,
+                        obstacles,
+                        thickness,
+                        friction,
+                    ),
                 };
                 system.contacts = Some(contacts);
             }

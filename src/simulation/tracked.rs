@@ -66,22 +66,50 @@ impl Tracked {
     ///
     /// # Errors
     /// No memory.
-    pub fn new(parts: Parts<'_>, system: &System, placed: &[Placed], settings: Settings) -> Result<Self, FactorError> {
-        let Parts { edges, stiffness, tracking, bones } = parts;
+    pub fn new(
+        parts: Parts<'_>,
+        system: &System,
+        placed: &[Placed],
+        settings: Settings,
+    ) -> Result<Self, FactorError> {
+        let Parts {
+            edges,
+            stiffness,
+            tracking,
+            bones,
+        } = parts;
         let particles = &system.particles;
         let shape = particles.position.clone();
         let points: Vec<Sample> = edges.iter().map(|e| e.points).collect();
         let free = |v: &u32| particles.inverse_mass[*v as usize] > 0.0;
         let vertices = (0..shape.len() as u32).map(|v| [v, v]);
-        let samples = vertices.chain(points.iter().copied()).filter(|s| s.iter().any(free)).collect();
+        let samples = vertices
+            .chain(points.iter().copied())
+            .filter(|s| s.iter().any(free))
+            .collect();
         let press = system.contacts.as_ref().map(|contacts| {
             let stiffest = greatest(stiffness.iter().copied());
-            let bones = contacts.obstacles().iter().map(|&o| bones[o].clone()).collect();
-            Press::new(PRESS * (1.0 + tracking) * stiffest, contacts.thickness(), samples, bones)
+            let bones = contacts
+                .obstacles()
+                .iter()
+                .map(|&o| bones[o].clone())
+                .collect();
+            Press::new(
+                PRESS * (1.0 + tracking) * stiffest,
+                contacts.thickness(),
+                samples,
+                bones,
+            )
         });
-        let mut energy = Energy { volumes: system.volume.iter().cloned().collect(), press, ..Energy::default() };
+        let mut energy = Energy {
+            volumes: system.volume.iter().cloned().collect(),
+            press,
+            ..Energy::default()
+        };
         let shares = stiffness.iter().map(|k| k * tracking).collect();
-        energy.elastic.push(Box::new(Tracking::new(points, shares, shape.clone())));
+        energy
+            .elastic
+            .push(Box::new(Tracking::new(points, shares, shape.clone())));
         let tension = Tension::new(edges.to_vec(), stiffness);
         energy.elastic.push(Box::new(tension.clone()));
         let lies_on = system.contacts.as_ref().map_or_else(Vec::new, |contacts| {
@@ -90,7 +118,13 @@ impl Tracked {
             contacts.obstacles().iter().flat_map(of).collect()
         });
         let solver = Newton::new(energy, &shape, &particles.inverse_mass, settings)?;
-        Ok(Self { solver, tension, lies_on, outcome: Outcome::default(), shapes: [shape.clone(), shape] })
+        Ok(Self {
+            solver,
+            tension,
+            lies_on,
+            outcome: Outcome::default(),
+            shapes: [shape.clone(), shape],
+        })
     }
 
     /// The shape to track in the next step [m].
@@ -105,21 +139,46 @@ impl Tracked {
     pub(super) fn step(&mut self, system: &mut System, placed: &[Placed]) -> Result<(), Broken> {
         let mut x = system.particles.position.clone();
         let [last, next] = &mut self.shapes;
-        x.iter_mut().zip(next.iter().zip(last.iter())).for_each(|(x, (next, last))| *x += next - last);
-        system.held.iter().for_each(|h| x[h.vertex as usize] = placed[h.bone].now * h.local);
-        self.solver.problem.energy.elastic.iter_mut().for_each(|part| part.aim(next));
+        x.iter_mut()
+            .zip(next.iter().zip(last.iter()))
+            .for_each(|(x, (next, last))| *x += next - last);
+        system
+            .held
+            .iter()
+            .for_each(|h| x[h.vertex as usize] = placed[h.bone].now * h.local);
+        self.solver
+            .problem
+            .energy
+            .elastic
+            .iter_mut()
+            .for_each(|part| part.aim(next));
         last.copy_from_slice(next);
         self.solver.problem.energy.forces = self.support(placed);
         let obstacles = system.contacts.as_ref().map_or(&[][..], |c| c.obstacles());
         let poses: Vec<Isometry3<f64>> = obstacles.iter().map(|&o| placed[o].now).collect();
-        let stiffness = self.solver.problem.energy.press.as_ref().map(|press| press.stiffness);
+        let stiffness = self
+            .solver
+            .problem
+            .energy
+            .press
+            .as_ref()
+            .map(|press| press.stiffness);
         let done = self.rest(&mut x, &poses);
         if let (Some(press), Some(stiffness)) = (&mut self.solver.problem.energy.press, stiffness) {
             press.stiffness = stiffness;
         }
-        done.map_err(|_| Broken { effect: "equilibrium", particle: 0 })?;
-        if let Some(particle) = x.iter().position(|p| !p.coords.iter().all(|c| c.is_finite())) {
-            return Err(Broken { effect: "equilibrium", particle });
+        done.map_err(|_| Broken {
+            effect: "equilibrium",
+            particle: 0,
+        })?;
+        if let Some(particle) = x
+            .iter()
+            .position(|p| !p.coords.iter().all(|c| c.is_finite()))
+        {
+            return Err(Broken {
+                effect: "equilibrium",
+                particle,
+            });
         }
         system.particles.position = x;
         system.particles.velocity.fill(Vector3::zeros());
@@ -141,7 +200,8 @@ impl Tracked {
     /// Minimises, until no sample is in a band that was not looked at and enough is left of every band.
     fn rest(&mut self, x: &mut [Point3<f64>], poses: &[Isometry3<f64>]) -> Result<(), FactorError> {
         let (mut iterations, mut evaluations) = (0, 0);
-        let place = |solver: &mut Newton, x: &[Point3<f64>]| match &mut solver.problem.energy.press {
+        let place = |solver: &mut Newton, x: &[Point3<f64>]| match &mut solver.problem.energy.press
+        {
             Some(press) => press.place(poses.to_vec(), x, REACH * press.thickness),
             None => true,
         };
@@ -163,7 +223,12 @@ impl Tracked {
 }
 
 /// The vertices of `x` [m] nearer to an obstacle than `reach` [m], with the direction away from it in its own frame.
-fn on_obstacle(x: &[Point3<f64>], o: usize, placed: &Placed, reach: f64) -> Vec<(u32, usize, Vector3<f64>)> {
+fn on_obstacle(
+    x: &[Point3<f64>],
+    o: usize,
+    placed: &Placed,
+    reach: f64,
+) -> Vec<(u32, usize, Vector3<f64>)> {
     let back = placed.now.inverse();
     let near = |(v, x): (usize, &Point3<f64>)| {
         let found = placed.obstacle.closest(&(back * x))?;

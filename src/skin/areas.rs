@@ -8,19 +8,23 @@ use crate::mesh::sum::tree_sum_by;
 
 /// The share of the area gained over an implant that is still gained when it is taken out, as published for pigs: about
 /// 35 % \[vanrappard1988\], by shape 25 % (round), 32 % (crescent), 38 % (rectangular).
-pub const RETRACTED: Interval = Interval { low: 0.25, high: 0.38 };
+pub const RETRACTED: Interval = Interval {
+    low: 0.25,
+    high: 0.38,
+};
 
 /// Growth over elastic stretch, both as ratios of areas, as published for expanders of 60 cc under the skin of minipigs
 /// after an hour to a week \[janes2020\]: 1.03, 0.82, 0.85, 0.95.
-pub const GROWTH: Interval = Interval { low: 0.82, high: 1.03 };
+pub const GROWTH: Interval = Interval {
+    low: 0.82,
+    high: 1.03,
+};
 
 /// Where the interval of the retracted area comes from.
-pub const RETRACTED_SOURCE: &str =
-    "25 to 38 % of the gain remains: pigs, by shape (round 25, crescent 32, rectangular 38, all 35) [vanrappard1988]";
+pub const RETRACTED_SOURCE: &str = "25 to 38 % of the gain remains: pigs, by shape (round 25, crescent 32, rectangular 38, all 35) [vanrappard1988]";
 
 /// Where the interval of the grown area comes from.
-pub const GROWN_SOURCE: &str =
-    "growth is 0.82 to 1.03 times the elastic stretch: minipigs, 60 cc, an hour to a week [janes2020]";
+pub const GROWN_SOURCE: &str = "growth is 0.82 to 1.03 times the elastic stretch: minipigs, 60 cc, an hour to a week [janes2020]";
 
 /// From a lower to an upper value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -34,7 +38,10 @@ pub struct Interval {
 impl Interval {
     /// Both ends changed by a rising function.
     pub fn map(self, change: impl Fn(f64) -> f64) -> Self {
-        Self { low: change(self.low), high: change(self.high) }
+        Self {
+            low: change(self.low),
+            high: change(self.high),
+        }
     }
 }
 
@@ -59,7 +66,10 @@ impl Areas {
     /// Measures the upper layer at positions `x`.
     pub fn of(layers: &Layers, x: &[Point3<f64>]) -> Self {
         let n = layers.count();
-        let (before, deformed) = (area(&layers.rest[..n], &layers.triangles), area(&x[..n], &layers.triangles));
+        let (before, deformed) = (
+            area(&layers.rest[..n], &layers.triangles),
+            area(&x[..n], &layers.triangles),
+        );
         Self {
             volume_difference: volume_between(&layers.rest[..n], &x[..n], &layers.triangles),
             stretch_max: greatest(stretches(&layers.rest[..n], &x[..n], &layers.triangles)),
@@ -89,7 +99,10 @@ impl Areas {
 impl std::iter::Sum for Areas {
     /// Of parts of skin that have nothing in common; the stretch is the greatest.
     fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
-        let add = |a: Interval, b: Interval| Interval { low: a.low + b.low, high: a.high + b.high };
+        let add = |a: Interval, b: Interval| Interval {
+            low: a.low + b.low,
+            high: a.high + b.high,
+        };
         parts.fold(Self::default(), |sum, a| Self {
             before: sum.before + a.before,
             deformed: sum.deformed + a.deformed,
@@ -103,12 +116,16 @@ impl std::iter::Sum for Areas {
 
 /// The volume that a surface sweeps from one place to another with its rim held [m^3], outward counted positive.
 pub fn volume_between(from: &[Point3<f64>], to: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
-    let Some(origin) = from.first() else { return 0.0 };
+    let Some(origin) = from.first() else {
+        return 0.0;
+    };
     let six = |x: &[Point3<f64>], t: [u32; 3]| {
         let [a, b, c] = t.map(|v| x[v as usize] - origin);
         a.dot(&b.cross(&c))
     };
-    tree_sum_by(triangles.len(), |t| six(to, triangles[t]) - six(from, triangles[t])) / 6.0
+    tree_sum_by(triangles.len(), |t| {
+        six(to, triangles[t]) - six(from, triangles[t])
+    }) / 6.0
 }
 
 /// The greatest stretch of each triangle in any direction.
@@ -120,7 +137,9 @@ pub fn stretches(rest: &[Point3<f64>], x: &[Point3<f64>], triangles: &[[u32; 3]]
     };
     let stretch = |t: &[u32; 3]| {
         // Squares of the principal stretches are the eigenvalues of one metric by the other.
-        let Some(inverse) = metric(rest, t).try_inverse() else { return f64::NAN };
+        let Some(inverse) = metric(rest, t).try_inverse() else {
+            return f64::NAN;
+        };
         let by = inverse * metric(x, t);
         let (half, product) = (0.5 * by.trace(), by.determinant());
         (half + (half * half - product).max(0.0).sqrt()).sqrt()
@@ -134,7 +153,10 @@ mod tests {
 
     #[test]
     fn a_sum_hides_no_part_that_is_no_number() {
-        let part = |stretch_max| Areas { stretch_max, ..Areas::between(1.0, 1.2) };
+        let part = |stretch_max| Areas {
+            stretch_max,
+            ..Areas::between(1.0, 1.2)
+        };
         let both: Areas = [part(1.1), part(1.3)].into_iter().sum();
         assert!((both.gain() - 0.4).abs() <= 1e-12 && both.stretch_max == 1.3);
         for parts in [[part(1.1), part(f64::NAN)], [part(f64::NAN), part(1.1)]] {
@@ -144,12 +166,18 @@ mod tests {
 
     #[test]
     fn a_stretched_triangle_tells_its_greater_stretch() {
-        let rest = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(0.3, 1.0, 0.0)];
+        let rest = [
+            Point3::origin(),
+            Point3::new(1.0, 0.0, 0.0),
+            Point3::new(0.3, 1.0, 0.0),
+        ];
         // Stretched by 1.5 and 0.8 along axes turned by 0.4, then turned out of its plane.
         let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.4);
         let out = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), 1.0);
         let stretch = nalgebra::Vector3::new(1.5, 0.8, 1.0);
-        let x = rest.map(|p| out * (turn * Point3::from((turn.inverse() * p).coords.component_mul(&stretch))));
+        let x = rest.map(|p| {
+            out * (turn * Point3::from((turn.inverse() * p).coords.component_mul(&stretch)))
+        });
         let found = stretches(&rest, &x, &[[0, 1, 2]])[0];
         assert!((found - 1.5).abs() <= 1e-12, "{found}");
     }
@@ -157,9 +185,16 @@ mod tests {
     #[test]
     fn intervals_lie_between_before_and_deformed() {
         let areas = Areas::between(0.01, 0.014);
-        assert!((areas.retracted.low - 0.011).abs() <= 1e-12 && (areas.retracted.high - 0.01152).abs() <= 1e-12);
+        assert!(
+            (areas.retracted.low - 0.011).abs() <= 1e-12
+                && (areas.retracted.high - 0.01152).abs() <= 1e-12
+        );
         for interval in [areas.retracted, areas.grown] {
-            assert!(interval.low >= areas.before && interval.high <= areas.deformed && interval.low < interval.high);
+            assert!(
+                interval.low >= areas.before
+                    && interval.high <= areas.deformed
+                    && interval.low < interval.high
+            );
         }
         // Nothing gained: nothing retracted, nothing grown.
         let none = Areas::between(0.01, 0.01);

@@ -34,16 +34,32 @@ impl Ready {
         // Without an implant a constant factor serves, several times as fast.
         let method = self.method.unwrap_or(Method::QuasiStatic);
         let membrane = self.order.tissue.membrane();
-        let model = over_ball(self.layers.clone(), membrane, ball.centre, ball.radius, method);
+        let model = over_ball(
+            self.layers.clone(),
+            membrane,
+            ball.centre,
+            ball.radius,
+            method,
+        );
         let mut x = before.map_or_else(|| model.rest(), |(before, _)| before.x.clone());
         let up = self.frame * Vector3::z();
-        x.iter_mut().zip(self.raised(&ball)).for_each(|(p, lift)| *p += up * lift);
+        x.iter_mut()
+            .zip(self.raised(&ball))
+            .for_each(|(p, lift)| *p += up * lift);
         if let Some((_, was)) = before {
-            x.iter_mut().zip(self.raised(&was)).for_each(|(p, lift)| *p -= up * lift);
+            x.iter_mut()
+                .zip(self.raised(&was))
+                .for_each(|(p, lift)| *p -= up * lift);
         }
         let progress = model.settle(&mut x, watch)?;
         let areas = Areas::of(&self.layers, &x);
-        Ok(Inserted { shells: Vec::new(), areas, progress, coarse_gain: None, x })
+        Ok(Inserted {
+            shells: Vec::new(),
+            areas,
+            progress,
+            coarse_gain: None,
+            x,
+        })
     }
 
     /// How far a taut skin over a ball is above where it rests [m]: on the ball, and from there straight to the rim.
@@ -55,9 +71,22 @@ impl Ready {
         let places = (0..PLACES).map(|k| ball.radius * f64::from(k) / f64::from(PLACES));
         let leaves = places.fold(0.0, |best, r| if slope(r) > slope(best) { r } else { best });
         let lift = |v: usize| {
-            let away = (self.frame.inverse_transform_point(&self.layers.rest[v]).xy() - centre.xy()).norm();
-            let taut = if away < leaves { on_ball(away) } else { slope(leaves) * (rim - away) };
-            if self.layers.held[v] { 0.0 } else { taut.max(0.0) }
+            let away = (self
+                .frame
+                .inverse_transform_point(&self.layers.rest[v])
+                .xy()
+                - centre.xy())
+            .norm();
+            let taut = if away < leaves {
+                on_ball(away)
+            } else {
+                slope(leaves) * (rim - away)
+            };
+            if self.layers.held[v] {
+                0.0
+            } else {
+                taut.max(0.0)
+            }
         };
         (0..self.layers.rest.len()).map(lift).collect()
     }

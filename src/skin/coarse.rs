@@ -26,7 +26,9 @@ impl Eq for Long {}
 
 impl Ord for Long {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.0.total_cmp(&other.0).then_with(|| other.1.cmp(&self.1))
+        self.0
+            .total_cmp(&other.0)
+            .then_with(|| other.1.cmp(&self.1))
     }
 }
 
@@ -40,16 +42,28 @@ impl PartialOrd for Long {
 /// region are halved, the longest first, with every triangle beside them. Vertices keep their numbers, new ones follow; skin
 /// that is fine enough comes back as it is. What is wrong with an order is left to [`super::plan::Ready::new`].
 pub fn halved_near(mut skin: TriangleMesh, orders: &[Order]) -> TriangleMesh {
-    if skin.triangles.iter().flatten().any(|v| *v as usize >= skin.vertices.len()) {
+    if skin
+        .triangles
+        .iter()
+        .flatten()
+        .any(|v| *v as usize >= skin.vertices.len())
+    {
         return skin;
     }
     for order in orders {
         if order.check().is_err() {
             continue;
         }
-        let Ok((centre, _)) = middle(&skin, order) else { continue };
+        let Ok((centre, _)) = middle(&skin, order) else {
+            continue;
+        };
         let radius = REACH * 0.5 * order.implant.base;
-        skin = halved(skin, &centre, MARGIN * radius + 2.0 * order.edge(), LONG * radius);
+        skin = halved(
+            skin,
+            &centre,
+            MARGIN * radius + 2.0 * order.edge(),
+            LONG * radius,
+        );
     }
     skin
 }
@@ -60,7 +74,9 @@ fn key(a: u32, b: u32) -> [u32; 2] {
 
 /// Halves edges longer than `longest` [m] of triangles at most `within` [m] from a place.
 fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f64) -> TriangleMesh {
-    let length = |skin: &TriangleMesh, [a, b]: [u32; 2]| (skin.vertices[a as usize] - skin.vertices[b as usize]).norm();
+    let length = |skin: &TriangleMesh, [a, b]: [u32; 2]| {
+        (skin.vertices[a as usize] - skin.vertices[b as usize]).norm()
+    };
     let sides = |t: [u32; 3]| [key(t[0], t[1]), key(t[1], t[2]), key(t[2], t[0])];
     let near = |skin: &TriangleMesh, t: [u32; 3]| {
         let corners = t.map(|v| skin.vertices[v as usize]);
@@ -71,10 +87,15 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
         let long = sides(t).map(|side| Long(length(skin, side), side));
         // A length that is no number is nothing to halve.
         if long.iter().any(|side| side.0 > longest) && near(skin, t) {
-            open.extend(long.into_iter().filter(|side| side.0 > longest && side.0.is_finite()));
+            open.extend(
+                long.into_iter()
+                    .filter(|side| side.0 > longest && side.0.is_finite()),
+            );
         }
     };
-    skin.triangles.iter().for_each(|t| offer(&skin, *t, &mut open));
+    skin.triangles
+        .iter()
+        .for_each(|t| offer(&skin, *t, &mut open));
     if open.is_empty() {
         return skin;
     }
@@ -89,7 +110,9 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
         }
     }
     for _ in 0..MOST {
-        let Some(Long(_, side @ [a, b])) = open.pop() else { break };
+        let Some(Long(_, side @ [a, b])) = open.pop() else {
+            break;
+        };
         let ends = side.map(|v| skin.vertices[v as usize]);
         let middle = center(&ends[0], &ends[1]);
         // So short beside its coordinates that no number lies between them: that cannot be halved.
@@ -97,26 +120,40 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
             continue;
         }
         // Offered by two triangles and halved already.
-        let Some(halved) = beside.remove(&side) else { continue };
+        let Some(halved) = beside.remove(&side) else {
+            continue;
+        };
         let new = skin.vertices.len() as u32;
         skin.vertices.push(middle);
         for t in halved {
             let old = skin.triangles[t as usize];
-            let [first, second] = [(a, new), (b, new)].map(|(from, to)| old.map(|v| if v == from { to } else { v }));
+            let [first, second] =
+                [(a, new), (b, new)].map(|(from, to)| old.map(|v| if v == from { to } else { v }));
             let added = skin.triangles.len() as u32;
             skin.triangles[t as usize] = first;
             skin.triangles.push(second);
             // The triangle that was there is the one with `b` from here on.
-            for side in sides(old).into_iter().filter(|s| s.contains(&a) && !s.contains(&b)) {
-                beside.entry(side).or_default().iter_mut().filter(|o| **o == t).for_each(|o| *o = added);
+            for side in sides(old)
+                .into_iter()
+                .filter(|s| s.contains(&a) && !s.contains(&b))
+            {
+                beside
+                    .entry(side)
+                    .or_default()
+                    .iter_mut()
+                    .filter(|o| **o == t)
+                    .for_each(|o| *o = added);
             }
             for (t, corners) in [(t, first), (added, second)] {
-                sides(corners).into_iter().filter(|s| s[1] == new).for_each(|s| {
-                    let all = beside.entry(s).or_default();
-                    if !all.contains(&t) {
-                        all.push(t);
-                    }
-                });
+                sides(corners)
+                    .into_iter()
+                    .filter(|s| s[1] == new)
+                    .for_each(|s| {
+                        let all = beside.entry(s).or_default();
+                        if !all.contains(&t) {
+                            all.push(t);
+                        }
+                    });
                 offer(&skin, corners, &mut open);
             }
         }
@@ -143,9 +180,13 @@ mod tests {
         let after = halved_near(skin.clone(), &[order(place)]);
         let topology = Topology::new(&after);
         assert!(topology.is_closed() && topology.is_oriented());
-        assert!(topology.non_manifold_edges().is_empty() && topology.non_manifold_vertices(&after).is_empty());
         assert!(
-            (after.area() / skin.area() - 1.0).abs() <= 1e-12 && (after.volume() / skin.volume() - 1.0).abs() <= 1e-12
+            topology.non_manifold_edges().is_empty()
+                && topology.non_manifold_vertices(&after).is_empty()
+        );
+        assert!(
+            (after.area() / skin.area() - 1.0).abs() <= 1e-12
+                && (after.volume() / skin.volume() - 1.0).abs() <= 1e-12
         );
         assert_eq!(after.vertices[..skin.vertices.len()], skin.vertices[..]);
         let added = after.triangles.len() - skin.triangles.len();
@@ -156,9 +197,20 @@ mod tests {
             let corners = t.map(|v| after.vertices[v as usize]);
             let longest = greatest((0..3).map(|k| (corners[k] - corners[(k + 1) % 3]).norm()));
             let far = (closest_on_triangle(&place, &corners) - place).norm();
-            assert!(far > MARGIN * radius || longest <= LONG * radius, "{longest} m at {far} m");
+            assert!(
+                far > MARGIN * radius || longest <= LONG * radius,
+                "{longest} m at {far} m"
+            );
         }
-        assert!(after.triangles.iter().filter(|t| skin.triangles.contains(t)).count() * 2 >= skin.triangles.len());
+        assert!(
+            after
+                .triangles
+                .iter()
+                .filter(|t| skin.triangles.contains(t))
+                .count()
+                * 2
+                >= skin.triangles.len()
+        );
     }
 
     #[test]
@@ -167,7 +219,10 @@ mod tests {
         let top = Point3::new(0.0, 0.0, 0.05);
         assert_eq!(halved_near(skin.clone(), &[order(top)]), skin);
         let coarse = box_surface([0.1; 3], 0.1);
-        let wrong = Order { place: Place::Vertex(1_000_000), ..order(top) };
+        let wrong = Order {
+            place: Place::Vertex(1_000_000),
+            ..order(top)
+        };
         assert_eq!(halved_near(coarse.clone(), &[wrong]), coarse);
         let mut broken = coarse;
         broken.vertices[0].x = f64::INFINITY;

@@ -77,7 +77,13 @@ impl Touch {
         let fixed = |value: f64, n: Vector3<f64>, curvature| {
             let mut gradient = [Vector3::zeros(); 4];
             gradient[0] = n;
-            Some(Gap { value, points: [v; 4], gradient, count: 1, curvature })
+            Some(Gap {
+                value,
+                points: [v; 4],
+                gradient,
+                count: 1,
+                curvature,
+            })
         };
         match self.over {
             Over::Plane(origin, n) => fixed((at - origin).dot(&n), n, Matrix3::zeros()),
@@ -85,20 +91,32 @@ impl Touch {
                 let away = at - centre;
                 let distance = away.norm();
                 let n = away.try_normalize(0.0)?;
-                fixed(distance - radius, n, (Matrix3::identity() - n * n.transpose()) / distance)
+                fixed(
+                    distance - radius,
+                    n,
+                    (Matrix3::identity() - n * n.transpose()) / distance,
+                )
             }
             Over::Carried(t, w, n) => {
                 let [a, b, c] = t.map(|v| x[v as usize]);
                 let value = (at - a - (b - a) * w[1] - (c - a) * w[2]).dot(&n);
                 let gradient = [n, -n * w[0], -n * w[1], -n * w[2]];
-                Some(Gap { value, points: [v, t[0], t[1], t[2]], gradient, count: 4, curvature: Matrix3::zeros() })
+                Some(Gap {
+                    value,
+                    points: [v, t[0], t[1], t[2]],
+                    gradient,
+                    count: 4,
+                    curvature: Matrix3::zeros(),
+                })
             }
         }
     }
 
     /// The same, held back along its plane as is due to a surface of this radius [m], found at positions `x`.
     pub fn found(mut self, x: &[Point3<f64>], radius: f64) -> Self {
-        let pressed = self.gap(x).map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
+        let pressed = self
+            .gap(x)
+            .map_or(0.0, |gap| law(gap - self.lift, self.soft).1);
         self.slide = self.stiffness * pressed / radius;
         self.from = self.way(x);
         self
@@ -116,7 +134,9 @@ impl Touch {
     fn way(&self, x: &[Point3<f64>]) -> Vector3<f64> {
         let at = |v: u32| x[v as usize];
         match self.over {
-            Over::Carried([a, b, c], w, _) => at(self.vertex) - at(a) - (at(b) - at(a)) * w[1] - (at(c) - at(a)) * w[2],
+            Over::Carried([a, b, c], w, _) => {
+                at(self.vertex) - at(a) - (at(b) - at(a)) * w[1] - (at(c) - at(a)) * w[2]
+            }
             Over::Plane(origin, _) => at(self.vertex) - origin,
             Over::Ball(centre, _) => at(self.vertex) - centre,
         }
@@ -146,7 +166,16 @@ impl Touch {
 impl Touch {
     /// A contact that nothing has pressed yet.
     pub fn new(vertex: u32, on: On, over: Over, stiffness: f64, soft: f64) -> Self {
-        Self { vertex, on, over, stiffness, soft, lift: 0.0, slide: 0.0, from: Vector3::zeros() }
+        Self {
+            vertex,
+            on,
+            over,
+            stiffness,
+            soft,
+            lift: 0.0,
+            slide: 0.0,
+            from: Vector3::zeros(),
+        }
     }
 }
 
@@ -160,7 +189,11 @@ pub(super) fn law(gap: f64, soft: f64) -> (f64, f64, f64) {
         return (0.5 * gap * gap + soft * soft / 6.0, -gap, 1.0);
     }
     let in_it = soft - gap;
-    (in_it * in_it * in_it / (12.0 * soft), in_it * in_it / (4.0 * soft), in_it / (2.0 * soft))
+    (
+        in_it * in_it * in_it / (12.0 * soft),
+        in_it * in_it / (4.0 * soft),
+        in_it / (2.0 * soft),
+    )
 }
 
 /// The energy sum k g^2 / 2 over the gaps g < 0, and that of sliding.
@@ -172,8 +205,14 @@ pub struct Touching {
 
 impl Touching {
     fn pressed(&self, x: &[Point3<f64>]) -> impl Iterator<Item = (f64, f64, Gap)> {
-        let lifted = |t: &Touch, gap: Gap| Gap { value: gap.value - t.lift, ..gap };
-        let measured = self.touches.iter().filter_map(move |t| Some((t.stiffness, t.soft, lifted(t, t.measure(x)?))));
+        let lifted = |t: &Touch, gap: Gap| Gap {
+            value: gap.value - t.lift,
+            ..gap
+        };
+        let measured = self
+            .touches
+            .iter()
+            .filter_map(move |t| Some((t.stiffness, t.soft, lifted(t, t.measure(x)?))));
         measured.filter(|(_, soft, gap)| gap.value < *soft)
     }
 
@@ -183,7 +222,12 @@ impl Touching {
 
     /// How far the deepest is inside [m].
     pub fn depth(&self, x: &[Point3<f64>]) -> f64 {
-        greatest(self.touches.iter().filter_map(|t| t.gap(x)).map(|gap| (-gap).max(0.0)))
+        greatest(
+            self.touches
+                .iter()
+                .filter_map(|t| t.gap(x))
+                .map(|gap| (-gap).max(0.0)),
+        )
     }
 }
 
@@ -203,8 +247,10 @@ impl Potential for Touching {
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = Compensated::default();
-        self.pressed(x).for_each(|(k, soft, gap)| sum.add(k * law(gap.value, soft).0));
-        self.sliding().for_each(|t| sum.add(0.5 * t.slide * t.slid(x).norm_squared()));
+        self.pressed(x)
+            .for_each(|(k, soft, gap)| sum.add(k * law(gap.value, soft).0));
+        self.sliding()
+            .for_each(|t| sum.add(0.5 * t.slide * t.slid(x).norm_squared()));
         sum.total()
     }
 
@@ -233,7 +279,12 @@ impl Potential for Touching {
         }
     }
 
-    fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+    fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
         for (k, soft, gap) in self.pressed(x) {
             let (_, press, stiff) = law(gap.value, soft);
             for i in 0..gap.count {
@@ -249,7 +300,13 @@ impl Potential for Touching {
         for t in self.sliding() {
             let (weights, (points, count), along) = (t.weights(), t.points(), t.along());
             for i in 0..count {
-                (0..count).for_each(|j| add(points[i], points[j], &(along * (t.slide * weights[i] * weights[j]))));
+                (0..count).for_each(|j| {
+                    add(
+                        points[i],
+                        points[j],
+                        &(along * (t.slide * weights[i] * weights[j])),
+                    )
+                });
             }
         }
     }
@@ -260,14 +317,19 @@ impl Potential for Touching {
             for i in 0..gap.count {
                 (0..gap.count).for_each(|j| {
                     // A third: the springs hold in one direction of three.
-                    add(gap.points[i], gap.points[j], k / 3.0 * gap.gradient[i].dot(&gap.gradient[j]));
+                    add(
+                        gap.points[i],
+                        gap.points[j],
+                        k / 3.0 * gap.gradient[i].dot(&gap.gradient[j]),
+                    );
                 });
             }
         }
         for t in self.sliding() {
             let (weights, (points, count)) = (t.weights(), t.points());
             for i in 0..count {
-                (0..count).for_each(|j| add(points[i], points[j], t.slide * weights[i] * weights[j]));
+                (0..count)
+                    .for_each(|j| add(points[i], points[j], t.slide * weights[i] * weights[j]));
             }
         }
     }
@@ -309,12 +371,16 @@ impl Potential for Anchors {
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = Compensated::default();
         let square = |(v, place): &(u32, Point3<f64>)| (x[*v as usize] - place).norm_squared();
-        self.places.iter().for_each(|p| sum.add(0.5 * self.stiffness * square(p)));
+        self.places
+            .iter()
+            .for_each(|p| sum.add(0.5 * self.stiffness * square(p)));
         sum.total()
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        self.places.iter().for_each(|(v, place)| gradient[*v as usize] += (x[*v as usize] - place) * self.stiffness);
+        self.places.iter().for_each(|(v, place)| {
+            gradient[*v as usize] += (x[*v as usize] - place) * self.stiffness
+        });
         self.energy(x)
     }
 
@@ -326,7 +392,9 @@ impl Potential for Anchors {
     }
 
     fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        self.places.iter().for_each(|(v, _)| add(*v, *v, self.stiffness));
+        self.places
+            .iter()
+            .for_each(|(v, _)| add(*v, *v, self.stiffness));
     }
 
     fn force_scale(&self, _: &[Point3<f64>]) -> f64 {

@@ -59,10 +59,27 @@ impl<'a> Detector<'a> {
         let bed = model.layers.bed();
         let mut areas = vec![0.0; model.layers.count()];
         areas.extend(at_least_mean(bed.vertex_areas()));
-        areas.extend(model.implants.iter().flat_map(|i| at_least_mean(i.mesh.vertex_areas())));
-        let implants = model.implants.iter().map(|i| Surface::new(&i.mesh)).zip(model.firsts()).collect();
+        areas.extend(
+            model
+                .implants
+                .iter()
+                .flat_map(|i| at_least_mean(i.mesh.vertex_areas())),
+        );
+        let implants = model
+            .implants
+            .iter()
+            .map(|i| Surface::new(&i.mesh))
+            .zip(model.firsts())
+            .collect();
         let (lower, lifts) = (Arc::new(Topology::new(&bed)), BTreeMap::new());
-        Self { model, areas, implants, lower, soft: SOFT * model.base, lifts }
+        Self {
+            model,
+            areas,
+            implants,
+            lower,
+            soft: SOFT * model.base,
+            lifts,
+        }
     }
 
     fn stiffness(&self, v: u32, share: f64) -> f64 {
@@ -82,17 +99,34 @@ impl<'a> Detector<'a> {
         let mut touches = Vec::new();
         if let Some((centre, radius)) = self.model.ball {
             let over = Over::Ball(centre, radius);
-            let touch = |&vertex: &u32| Touch::new(vertex, On::Ball, over, self.stiffness(vertex, 1.0), self.soft);
+            let touch = |&vertex: &u32| {
+                Touch::new(
+                    vertex,
+                    On::Ball,
+                    over,
+                    self.stiffness(vertex, 1.0),
+                    self.soft,
+                )
+            };
             touches.extend(lower.iter().map(touch));
         }
         let all = x.len() as u32;
         for k in 0..self.implants.len() {
             let others = (2 * n as u32..all).filter(|v| !self.own(k).contains(v));
-            touches.extend(lower.iter().copied().chain(others).filter_map(|v| self.over_implant(k, v, x, look)));
+            touches.extend(
+                lower
+                    .iter()
+                    .copied()
+                    .chain(others)
+                    .filter_map(|v| self.over_implant(k, v, x, look)),
+            );
         }
         if n > 0 && !self.implants.is_empty() {
             let triangles = self.model.layers.triangles.clone();
-            let layer = TriangleMesh { vertices: x[n..2 * n].to_vec(), triangles };
+            let layer = TriangleMesh {
+                vertices: x[n..2 * n].to_vec(),
+                triangles,
+            };
             let layer = Sheet::with(layer, self.lower.clone());
             touches.extend((2 * n as u32..all).filter_map(|v| self.under_skin(&layer, v, x)));
         }
@@ -111,7 +145,9 @@ impl<'a> Detector<'a> {
     /// Vertices of the lower layer that are not held.
     fn lower_layer(&self) -> Vec<u32> {
         let n = self.model.layers.count() as u32;
-        (n..2 * n).filter(|v| !self.model.layers.held[*v as usize]).collect()
+        (n..2 * n)
+            .filter(|v| !self.model.layers.held[*v as usize])
+            .collect()
     }
 
     /// Vertices of an implant.
@@ -139,7 +175,9 @@ impl<'a> Detector<'a> {
         let deep = LIFTED * deepest(self.model.base);
         let mut any = false;
         for touch in self.touching(x).touches {
-            let (Some(gap), key) = (touch.gap(x), (touch.on, touch.vertex)) else { continue };
+            let (Some(gap), key) = (touch.gap(x), (touch.on, touch.vertex)) else {
+                continue;
+            };
             any |= -gap > deep;
             if -gap > deep || self.lifts.contains_key(&key) {
                 let lift = self.lifts.entry(key).or_insert(0.0);
@@ -155,7 +193,13 @@ impl<'a> Detector<'a> {
         let on = implant.nearest(&x[vertex as usize], look)?;
         let corners = implant.triangles()[on.triangle as usize].map(|v| v + first);
         let over = Over::Carried(corners, on.weights, on.closest.normal);
-        Some(Touch::new(vertex, On::Implant(k as u32), over, self.stiffness(vertex, 0.5), self.soft))
+        Some(Touch::new(
+            vertex,
+            On::Implant(k as u32),
+            over,
+            self.stiffness(vertex, 0.5),
+            self.soft,
+        ))
     }
 
     /// A vertex of an implant stays under the lower layer.
@@ -164,7 +208,13 @@ impl<'a> Detector<'a> {
         let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
         let first = self.model.layers.count() as u32;
         let over = Over::Carried(on.corners.map(|v| v + first), on.weights, -on.away(&at));
-        Some(Touch::new(vertex, On::Skin, over, self.stiffness(vertex, 0.5), self.soft))
+        Some(Touch::new(
+            vertex,
+            On::Skin,
+            over,
+            self.stiffness(vertex, 0.5),
+            self.soft,
+        ))
     }
 
     /// A vertex stays over what lies below.
@@ -172,7 +222,13 @@ impl<'a> Detector<'a> {
         let at = x[vertex as usize];
         let on = self.model.beds[bed].nearest(&at, look)?;
         let over = Over::Plane(on.point, on.away(&at));
-        Some(Touch::new(vertex, On::Bed(bed as u32), over, self.stiffness(vertex, 1.0), self.soft))
+        Some(Touch::new(
+            vertex,
+            On::Bed(bed as u32),
+            over,
+            self.stiffness(vertex, 1.0),
+            self.soft,
+        ))
     }
 }
 

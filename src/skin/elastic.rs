@@ -20,7 +20,14 @@ impl Elastic {
     /// If the numbers differ.
     pub fn new(springs: &[Distance], stiffness: &[f64]) -> Self {
         let energy = Quadratic::new(springs.to_vec(), stiffness.to_vec());
-        Self { energy, springs: springs.iter().copied().zip(stiffness.iter().copied()).collect() }
+        Self {
+            energy,
+            springs: springs
+                .iter()
+                .copied()
+                .zip(stiffness.iter().copied())
+                .collect(),
+        }
     }
 }
 
@@ -52,7 +59,12 @@ impl Potential for Elastic {
         self.energy.pairs(pair);
     }
 
-    fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+    fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
         for (spring, k) in &self.springs {
             let [a, b] = spring.points;
             let d = x[a as usize] - x[b as usize];
@@ -97,20 +109,35 @@ mod tests {
     /// Blocks of the second derivative.
     fn blocks(of: &dyn Potential, x: &[Point3<f64>], convex: bool) -> [[Matrix3<f64>; 2]; 2] {
         let mut found = [[Matrix3::zeros(); 2]; 2];
-        of.hessian(x, convex, &mut |i, j, block| found[i as usize][j as usize] += block);
+        of.hessian(x, convex, &mut |i, j, block| {
+            found[i as usize][j as usize] += block
+        });
         found
     }
 
     #[test]
     fn the_second_derivative_is_that_of_the_constraint() {
-        for (rest, to) in [(1.0, [0.3, -0.9, 1.2]), (2.0, [0.4, 0.1, 0.2]), (0.1, [0.05, 0.05, 0.05])] {
-            let springs = [Distance { points: [0, 1], rest }];
+        for (rest, to) in [
+            (1.0, [0.3, -0.9, 1.2]),
+            (2.0, [0.4, 0.1, 0.2]),
+            (0.1, [0.05, 0.05, 0.05]),
+        ] {
+            let springs = [Distance {
+                points: [0, 1],
+                rest,
+            }];
             let x = [Point3::new(0.2, 0.1, -0.3), Point3::from(to)];
-            let (own, general) = (Elastic::new(&springs, &[3.0]), Quadratic::new(springs.to_vec(), vec![3.0]));
+            let (own, general) = (
+                Elastic::new(&springs, &[3.0]),
+                Quadratic::new(springs.to_vec(), vec![3.0]),
+            );
             for convex in [false, true] {
                 let (own, general) = (blocks(&own, &x, convex), blocks(&general, &x, convex));
                 for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-                    assert!((own[i][j] - general[i][j]).norm() <= 1e-12 * general[i][j].norm(), "{rest} {convex}");
+                    assert!(
+                        (own[i][j] - general[i][j]).norm() <= 1e-12 * general[i][j].norm(),
+                        "{rest} {convex}"
+                    );
                     assert!(general[i][j].norm() > 1.0);
                 }
             }

@@ -26,8 +26,16 @@ impl Envelope {
     /// # Panics
     /// If the numbers differ.
     pub fn new(springs: Vec<Distance>, stiffness: Vec<f64>) -> Self {
-        assert_eq!(springs.len(), stiffness.len(), "one stiffness for each spring");
-        Self { springs, stiffness, alone: false }
+        assert_eq!(
+            springs.len(),
+            stiffness.len(),
+            "one stiffness for each spring"
+        );
+        Self {
+            springs,
+            stiffness,
+            alone: false,
+        }
     }
 
     /// The same without skin over it: forces are judged by what it exerts itself.
@@ -37,7 +45,10 @@ impl Envelope {
     }
 
     /// Each spring: its ends, the way from the second to the first, its length, its rest length and its stiffness.
-    fn each<'a>(&'a self, x: &'a [Point3<f64>]) -> impl Iterator<Item = ([u32; 2], Vector3<f64>, f64, f64, f64)> + 'a {
+    fn each<'a>(
+        &'a self,
+        x: &'a [Point3<f64>],
+    ) -> impl Iterator<Item = ([u32; 2], Vector3<f64>, f64, f64, f64)> + 'a {
         self.springs.iter().zip(&self.stiffness).map(|(spring, k)| {
             let [a, b] = spring.points.map(|p| x[p as usize]);
             (spring.points, a - b, (a - b).norm(), spring.rest, *k)
@@ -69,7 +80,11 @@ impl Potential for Envelope {
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         for ([a, b], d, length, rest, k) in self.each(x) {
-            let taut = if length > rest { 1.0 - rest / length } else { 0.0 };
+            let taut = if length > rest {
+                1.0 - rest / length
+            } else {
+                0.0
+            };
             let force = d * (k * (taut + GATHER));
             gradient[a as usize] += force;
             gradient[b as usize] -= force;
@@ -78,7 +93,9 @@ impl Potential for Envelope {
     }
 
     fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.springs.iter().for_each(|s| pair(s.points[0], s.points[1]));
+        self.springs
+            .iter()
+            .for_each(|s| pair(s.points[0], s.points[1]));
     }
 
     fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
@@ -99,7 +116,9 @@ impl Potential for Envelope {
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
         for ([a, b], _, length, rest, k) in self.each(x) {
             let k = k * if length >= rest { 1.0 } else { GATHER };
-            [(a, a, k), (b, b, k), (a, b, -k), (b, a, -k)].into_iter().for_each(|(i, j, k)| add(i, j, k));
+            [(a, a, k), (b, b, k), (a, b, -k), (b, a, -k)]
+                .into_iter()
+                .for_each(|(i, j, k)| add(i, j, k));
         }
     }
 
@@ -109,7 +128,10 @@ impl Potential for Envelope {
             return 0.0;
         }
         let mut sum = Compensated::default();
-        self.springs.iter().zip(&self.stiffness).for_each(|(spring, k)| sum.add((k * spring.rest).powi(2)));
+        self.springs
+            .iter()
+            .zip(&self.stiffness)
+            .for_each(|(spring, k)| sum.add((k * spring.rest).powi(2)));
         (sum.total() / self.springs.len().max(1) as f64).sqrt()
     }
 

@@ -55,7 +55,11 @@ fn not_manifold(edges: usize, vertices: usize) -> String {
         1 => Some("1 vertex joins surfaces (W012)".to_owned()),
         n => Some(format!("{n} vertices join surfaces (W012)")),
     };
-    edges.into_iter().chain(vertices).collect::<Vec<_>>().join(", ")
+    edges
+        .into_iter()
+        .chain(vertices)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// Why an implant cannot be inserted.
@@ -148,7 +152,9 @@ pub enum SkinError {
         base_cm: f64,
     },
     /// The dome of the implant hangs over what is under the skin.
-    #[error("the implant reaches beyond the skin that was taken: it bulges {bulge:.2} times as far as its rim")]
+    #[error(
+        "the implant reaches beyond the skin that was taken: it bulges {bulge:.2} times as far as its rim"
+    )]
     Beyond {
         /// Greatest width over that of the base.
         bulge: f64,
@@ -213,7 +219,9 @@ pub enum SkinError {
         fits: Option<f64>,
     },
     /// Too much for a consultation.
-    #[error("about {vertices:.1e} vertices would be needed in the region, the most allowed is {most:.0e}")]
+    #[error(
+        "about {vertices:.1e} vertices would be needed in the region, the most allowed is {most:.0e}"
+    )]
     TooFine {
         /// Estimate.
         vertices: f64,
@@ -245,7 +253,9 @@ pub enum SkinError {
     #[error("the skin could not be settled: {0}")]
     Solver(String),
     /// The wanted area is out of reach.
-    #[error("no volume up to {most_cc:.0} cc gives {wanted_cm2:.1} cm2; that volume gives {reached_cm2:.1} cm2")]
+    #[error(
+        "no volume up to {most_cc:.0} cc gives {wanted_cm2:.1} cm2; that volume gives {reached_cm2:.1} cm2"
+    )]
     OutOfReach {
         /// Gain wanted [cm^2].
         wanted_cm2: f64,
@@ -269,7 +279,9 @@ pub enum SkinError {
 
 /// What is said of a base that fits [m].
 fn smaller(fits: Option<f64>) -> String {
-    fits.map_or(String::new(), |fits| format!("; a base of {:.1} cm fits", fits * 1e2))
+    fits.map_or(String::new(), |fits| {
+        format!("; a base of {:.1} cm fits", fits * 1e2)
+    })
 }
 
 impl SkinError {
@@ -283,14 +295,24 @@ impl SkinError {
             }
             Self::NoVertex { .. } => "count vertices from 0, or give a place with --at",
             Self::FarAway { .. } => "check --at and --unit: both are in the unit of the file",
-            Self::NothingBelow => "check the obstacles and their unit, which is that of the skin; or leave them out",
-            Self::AtBorder { .. } => "move the implant away from the border, or make its base smaller",
+            Self::NothingBelow => {
+                "check the obstacles and their unit, which is that of the skin; or leave them out"
+            }
+            Self::AtBorder { .. } => {
+                "move the implant away from the border, or make its base smaller"
+            }
             Self::Beyond { .. } => "make the volume smaller or the base larger",
-            Self::TooFlat { .. } => "make the volume larger or the base smaller, and check the unit",
+            Self::TooFlat { .. } => {
+                "make the volume larger or the base smaller, and check the unit"
+            }
             Self::TooThick { .. } => "make it smaller or the base larger, and check the units",
-            Self::TooLong { .. } => "give shorter edges, or leave them out for a twentieth of the base",
+            Self::TooLong { .. } => {
+                "give shorter edges, or leave them out for a twentieth of the base"
+            }
             Self::NoDirection => "give a direction along the skin, as in 0,1,0, or leave it out",
-            Self::ObstacleIsSkin { .. } => "name what lies under the skin, such as bones; or leave it out",
+            Self::ObstacleIsSkin { .. } => {
+                "name what lies under the skin, such as bones; or leave it out"
+            }
             Self::TooLargePatch { .. } => {
                 "make --edge larger or the base larger, or refine the mesh near the implant (`coarse::halved_near` does)"
             }
@@ -305,13 +327,19 @@ impl SkinError {
             Self::Overlap { .. } => "move them apart: bases may touch, but not overlap",
             Self::Solver(_) => "make the volume smaller, or --edge larger",
             Self::OutOfReach { .. } => "make the base larger, or use several implants",
-            Self::Schedule { .. } => "give days that rise and volumes that do not fall, as in 0:30cc,7:60cc,14:100cc",
+            Self::Schedule { .. } => {
+                "give days that rise and volumes that do not fall, as in 0:30cc,7:60cc,14:100cc"
+            }
             Self::Stopped => "run it again",
         }
     }
 
     /// Checks that a number is positive and finite.
     pub(super) fn positive(what: &'static str, value: f64) -> Result<(), Self> {
-        if value > 0.0 && value.is_finite() { Ok(()) } else { Err(Self::NotPositive { what, value }) }
+        if value > 0.0 && value.is_finite() {
+            Ok(())
+        } else {
+            Err(Self::NotPositive { what, value })
+        }
     }
 }

@@ -25,7 +25,10 @@ impl Schedule {
     /// None at all, a day that is not after the one before, a volume that is not positive or falls.
     pub fn new(fillings: Vec<Filling>) -> Result<Self, SkinError> {
         if fillings.is_empty() {
-            return Err(SkinError::Schedule { step: 1, what: "there is none" });
+            return Err(SkinError::Schedule {
+                step: 1,
+                what: "there is none",
+            });
         }
         for (k, filling) in fillings.iter().enumerate() {
             SkinError::positive("the volume", filling.volume)?;
@@ -34,7 +37,9 @@ impl Schedule {
                 return wrong("its day is no number");
             }
             match k.checked_sub(1).map(|before| fillings[before]) {
-                Some(before) if filling.day <= before.day => return wrong("its day is not after the one before"),
+                Some(before) if filling.day <= before.day => {
+                    return wrong("its day is not after the one before");
+                }
                 Some(before) if filling.volume < before.volume => {
                     return wrong("its volume is less than the one before");
                 }
@@ -51,7 +56,11 @@ impl Schedule {
 
     /// The volume on a day [m^3]; before the first filling nothing.
     pub fn volume(&self, day: f64) -> f64 {
-        self.0.iter().take_while(|filling| filling.day <= day).last().map_or(0.0, |filling| filling.volume)
+        self.0
+            .iter()
+            .take_while(|filling| filling.day <= day)
+            .last()
+            .map_or(0.0, |filling| filling.volume)
     }
 }
 
@@ -72,7 +81,10 @@ impl Ready {
     /// # Errors
     /// See [`Ready::insert`].
     pub fn pockets(&self) -> Result<Vec<TriangleMesh>, SkinError> {
-        let empty: Vec<f64> = self.sites().map(|(order, _)| EMPTY * order.implant.base.powi(3)).collect();
+        let empty: Vec<f64> = self
+            .sites()
+            .map(|(order, _)| EMPTY * order.implant.base.powi(3))
+            .collect();
         self.domes(&empty)
     }
 
@@ -81,7 +93,13 @@ impl Ready {
     /// # Errors
     /// See [`Ready::insert`].
     pub fn domes(&self, volumes: &[f64]) -> Result<Vec<TriangleMesh>, SkinError> {
-        Ok(self.model(volumes)?.0.implants.into_iter().map(|implant| implant.mesh).collect())
+        Ok(self
+            .model(volumes)?
+            .0
+            .implants
+            .into_iter()
+            .map(|implant| implant.mesh)
+            .collect())
     }
 
     /// Skin over the implant after each filling.
@@ -107,22 +125,37 @@ mod tests {
     use super::*;
 
     fn schedule(steps: &[(f64, f64)]) -> Result<Schedule, SkinError> {
-        Schedule::new(steps.iter().map(|&(day, volume)| Filling { day, volume }).collect())
+        Schedule::new(
+            steps
+                .iter()
+                .map(|&(day, volume)| Filling { day, volume })
+                .collect(),
+        )
     }
 
     #[test]
     fn volumes_hold_until_the_next_filling() {
         let schedule = schedule(&[(0.0, 2e-5), (7.0, 5e-5), (14.0, 5e-5)]).unwrap();
-        for (day, wanted) in [(-1.0, 0.0), (0.0, 2e-5), (6.9, 2e-5), (7.0, 5e-5), (100.0, 5e-5)] {
+        for (day, wanted) in [
+            (-1.0, 0.0),
+            (0.0, 2e-5),
+            (6.9, 2e-5),
+            (7.0, 5e-5),
+            (100.0, 5e-5),
+        ] {
             assert_eq!(schedule.volume(day), wanted, "day {day}");
         }
     }
 
     #[test]
     fn what_is_no_schedule_is_refused() {
-        for steps in
-            [&[][..], &[(0.0, -1e-5)], &[(f64::NAN, 1e-5)], &[(1.0, 1e-5), (1.0, 2e-5)], &[(1.0, 2e-5), (2.0, 1e-5)]]
-        {
+        for steps in [
+            &[][..],
+            &[(0.0, -1e-5)],
+            &[(f64::NAN, 1e-5)],
+            &[(1.0, 1e-5), (1.0, 2e-5)],
+            &[(1.0, 2e-5), (2.0, 1e-5)],
+        ] {
             assert!(schedule(steps).is_err(), "{steps:?}");
         }
     }

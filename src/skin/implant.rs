@@ -58,16 +58,29 @@ impl Implant {
     /// How a volume that is too large for this base is refused.
     pub fn too_large(&self, edge: f64) -> SkinError {
         let (volume_cc, most_cc) = (self.volume * 1e6, self.largest(edge) * 1e6);
-        SkinError::TooLarge { volume_cc, most_cc, base_cm: self.base * 1e2 }
+        SkinError::TooLarge {
+            volume_cc,
+            most_cc,
+            base_cm: self.base * 1e2,
+        }
     }
 
     /// The largest volume [m^3] whose dome with edges of about `edge` [m] does not bulge too far beyond its base.
     pub fn largest(&self, edge: f64) -> f64 {
         let (mut low, mut high) = (0.0, 10.0 * self.base.powi(3));
         for _ in 0..40 {
-            let tried = Self { volume: 0.5 * (low + high), ..*self };
-            let fits = tried.shape_of(edge).is_some_and(|dome| tried.bulge(&dome) <= BULGE);
-            if fits { low = tried.volume } else { high = tried.volume }
+            let tried = Self {
+                volume: 0.5 * (low + high),
+                ..*self
+            };
+            let fits = tried
+                .shape_of(edge)
+                .is_some_and(|dome| tried.bulge(&dome) <= BULGE);
+            if fits {
+                low = tried.volume
+            } else {
+                high = tried.volume
+            }
         }
         low
     }
@@ -75,7 +88,11 @@ impl Implant {
     /// The volume of the dome of this height [m^3].
     pub(super) fn volume_of(&self, height: f64, edge: f64) -> f64 {
         let rings = self.rings(edge);
-        TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles(rings) }.volume()
+        TriangleMesh {
+            vertices: self.vertices(height, rings),
+            triangles: triangles(rings),
+        }
+        .volume()
     }
 
     fn rings(&self, edge: f64) -> u32 {
@@ -86,7 +103,10 @@ impl Implant {
     fn shape_of(&self, edge: f64) -> Option<TriangleMesh> {
         let rings = self.rings(edge);
         let triangles = triangles(rings);
-        let at = |height: f64| TriangleMesh { vertices: self.vertices(height, rings), triangles: triangles.clone() };
+        let at = |height: f64| TriangleMesh {
+            vertices: self.vertices(height, rings),
+            triangles: triangles.clone(),
+        };
         let (mut low, mut high) = (0.0, HIGHEST * 0.5 * self.base);
         if !(at(high).volume() >= self.volume) {
             return None;
@@ -96,7 +116,11 @@ impl Implant {
             if middle <= low || middle >= high {
                 break;
             }
-            if at(middle).volume() < self.volume { low = middle } else { high = middle }
+            if at(middle).volume() < self.volume {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         Some(at(high))
     }
@@ -115,10 +139,18 @@ impl Implant {
         let mut vertices = Vec::new();
         for k in 0..=rings {
             let angle = most * f64::from(k) / f64::from(rings);
-            let out = if k == rings { 1.0 } else { radius * libm::sin(angle) / half };
+            let out = if k == rings {
+                1.0
+            } else {
+                radius * libm::sin(angle) / half
+            };
             // 1 - cos, without cancellation where the cap is flat.
             let sine = libm::sin(0.5 * angle);
-            let z = if k == rings { 0.0 } else { height - 2.0 * radius * sine * sine };
+            let z = if k == rings {
+                0.0
+            } else {
+                height - 2.0 * radius * sine * sine
+            };
             self.ring(k, out, z, &mut vertices);
         }
         for k in (0..rings).rev() {
@@ -140,7 +172,10 @@ impl Implant {
     /// The springs of its shell, resting as `mesh` is, over vertices that begin at `first`.
     pub fn springs(&self, mesh: &TriangleMesh, first: u32) -> (Vec<Distance>, Stiffness) {
         let (springs, stiffness) = springs_of(mesh, &Topology::new(mesh), self.membrane);
-        let moved = springs.into_iter().map(|s| Distance { points: s.points.map(|p| p + first), ..s });
+        let moved = springs.into_iter().map(|s| Distance {
+            points: s.points.map(|p| p + first),
+            ..s
+        });
         (moved.collect(), stiffness)
     }
 }
@@ -155,7 +190,11 @@ fn triangles(rings: u32) -> Vec<[u32; 3]> {
     // First vertex of each ring; ring k has 6 k.
     let above = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
     let below = |k: u32| {
-        if k == rings { above(rings) } else { upper(rings) + (k + 1..rings).map(|j| 6 * j).sum::<u32>() }
+        if k == rings {
+            above(rings)
+        } else {
+            upper(rings) + (k + 1..rings).map(|j| 6 * j).sum::<u32>()
+        }
     };
     let mut all = Vec::new();
     for k in 1..=rings {
@@ -183,18 +222,36 @@ mod tests {
     use super::*;
 
     fn round(volume: f64) -> Implant {
-        Implant { shape: Shape::Round, base: 0.07, volume, membrane: SILICONE }
+        Implant {
+            shape: Shape::Round,
+            base: 0.07,
+            volume,
+            membrane: SILICONE,
+        }
     }
 
     #[test]
     fn domes_are_closed_and_have_their_volume() {
         for (name, shape) in Shape::ALL {
             for volume in [5e-6, 50e-6, 150e-6] {
-                let dome = Implant { shape, ..round(volume) }.dome(0.0035).unwrap();
+                let dome = Implant {
+                    shape,
+                    ..round(volume)
+                }
+                .dome(0.0035)
+                .unwrap();
                 let topology = Topology::new(&dome);
                 assert!(topology.is_closed() && topology.is_oriented(), "{name}");
-                assert!((dome.volume() / volume - 1.0).abs() <= 1e-12, "{name}: {}", dome.volume());
-                assert_eq!(dome.vertices.len() + dome.triangles.len() - topology.edges.len(), 2, "{name}");
+                assert!(
+                    (dome.volume() / volume - 1.0).abs() <= 1e-12,
+                    "{name}: {}",
+                    dome.volume()
+                );
+                assert_eq!(
+                    dome.vertices.len() + dome.triangles.len() - topology.edges.len(),
+                    2,
+                    "{name}"
+                );
             }
         }
     }
@@ -214,6 +271,13 @@ mod tests {
         for volume in [0.0, -1e-6, f64::NAN, f64::INFINITY, 1.0] {
             assert!(round(volume).dome(0.0035).is_err(), "{volume}");
         }
-        assert!(Implant { base: 0.0, ..round(1e-6) }.dome(0.0035).is_err());
+        assert!(
+            Implant {
+                base: 0.0,
+                ..round(1e-6)
+            }
+            .dome(0.0035)
+            .is_err()
+        );
     }
 }

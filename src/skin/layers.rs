@@ -32,7 +32,11 @@ pub struct Tissue {
 impl Default for Tissue {
     /// Assumed: 0.2 MPa, 2 mm, 5 mm deep.
     fn default() -> Self {
-        Self { modulus: 2e5, thickness: 2e-3, depth: 5e-3 }
+        Self {
+            modulus: 2e5,
+            thickness: 2e-3,
+            depth: 5e-3,
+        }
     }
 }
 
@@ -56,9 +60,17 @@ impl Tissue {
 /// Edges of a mesh at rest and the stiffness of each [N/m], of a membrane of in-plane stiffness `membrane` E t [N/m]:
 /// k = E t/(1+nu) A/c^2 + E t nu/(1-nu^2) (a^2+b^2-c^2)/(8A) at nu = 1/3, summed over the triangles of the edge of length c
 /// \[vangelder1998\]; half of what the second source prints (its erratum B02).
-pub fn springs_of(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Distance>, Stiffness) {
+pub fn springs_of(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    membrane: f64,
+) -> (Vec<Distance>, Stiffness) {
     let lengths = topology.edge_lengths(mesh);
-    let springs = topology.edges.iter().zip(&lengths).map(|(&points, &rest)| Distance { points, rest });
+    let springs = topology
+        .edges
+        .iter()
+        .zip(&lengths)
+        .map(|(&points, &rest)| Distance { points, rest });
     let mut stiffness = vec![0.0; lengths.len()];
     let mut simple = vec![0.0; lengths.len()];
     for (t, edges) in topology.triangle_edges.iter().enumerate() {
@@ -72,7 +84,13 @@ pub fn springs_of(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (V
             simple[*edge as usize] += membrane * area / square;
         }
     }
-    stiffness.iter_mut().zip(simple).for_each(|(k, simple)| *k = if *k > LEAST * simple { *k } else { LEAST * simple });
+    stiffness.iter_mut().zip(simple).for_each(|(k, simple)| {
+        *k = if *k > LEAST * simple {
+            *k
+        } else {
+            LEAST * simple
+        }
+    });
     (springs.collect(), stiffness)
 }
 
@@ -100,7 +118,10 @@ impl Layers {
         let topology = Topology::new(upper);
         let n = upper.vertices.len() as u32;
         let below = upper.vertices.iter().zip(inward).map(|(p, d)| p + d);
-        let lower = TriangleMesh { vertices: below.collect(), triangles: upper.triangles.clone() };
+        let lower = TriangleMesh {
+            vertices: below.collect(),
+            triangles: upper.triangles.clone(),
+        };
         let rim = region.rim(&topology);
         let half = 0.5 * tissue.membrane();
         let [above, under] = [upper, &lower].map(|mesh| springs_of(mesh, &topology, half));
@@ -112,21 +133,46 @@ impl Layers {
             let through = THROUGH * 0.5 * (above.1[e] + under.1[e]);
             let across = |a: u32, b: u32| {
                 let rest = (lower.vertices[b as usize] - upper.vertices[a as usize]).norm();
-                Distance { points: [a, b + n], rest }
+                Distance {
+                    points: [a, b + n],
+                    rest,
+                }
             };
-            let low = Distance { points: [a + n, b + n], rest: under.0[e].rest };
+            let low = Distance {
+                points: [a + n, b + n],
+                rest: under.0[e].rest,
+            };
             springs.extend([above.0[e], low, across(a, b), across(b, a)]);
             stiffness.extend([above.1[e], under.1[e], through, through]);
         }
         let edge = upper.median_edge_length(&topology).unwrap_or(0.0);
-        let rest = upper.vertices.iter().chain(&lower.vertices).copied().collect();
-        Self { triangles: upper.triangles.clone(), rest, held: [rim.clone(), rim].concat(), springs, stiffness, edge }
+        let rest = upper
+            .vertices
+            .iter()
+            .chain(&lower.vertices)
+            .copied()
+            .collect();
+        Self {
+            triangles: upper.triangles.clone(),
+            rest,
+            held: [rim.clone(), rim].concat(),
+            springs,
+            stiffness,
+            edge,
+        }
     }
 
     /// No skin, over an implant alone with edges of about `edge` [m].
     pub fn none(edge: f64) -> Self {
         let (triangles, rest, held, springs, stiffness) = Default::default();
-        Self { triangles, rest, held, springs, stiffness, edge }
+        Self {
+            triangles,
+            rest,
+            held,
+            springs,
+            stiffness,
+            edge,
+        }
     }
 
     /// Vertices in one layer.
@@ -142,6 +188,9 @@ impl Layers {
 
     /// The lower layer at rest as a mesh of its own.
     pub fn bed(&self) -> TriangleMesh {
-        TriangleMesh { vertices: self.rest[self.count()..].to_vec(), triangles: self.triangles.clone() }
+        TriangleMesh {
+            vertices: self.rest[self.count()..].to_vec(),
+            triangles: self.triangles.clone(),
+        }
     }
 }

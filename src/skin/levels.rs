@@ -16,14 +16,23 @@ pub struct Carried<'a> {
 impl<'a> Carried<'a> {
     /// Displacements of the vertices of a surface.
     pub fn new(surface: TriangleMesh, moved: &'a [Vector3<f64>]) -> Self {
-        Self { sheet: Sheet::new(surface), moved }
+        Self {
+            sheet: Sheet::new(surface),
+            moved,
+        }
     }
 
     /// The displacement of the nearest place.
     pub fn at(&self, p: &Point3<f64>) -> Vector3<f64> {
-        self.sheet.nearest(p, f64::INFINITY).map_or_else(Vector3::zeros, |near| {
-            near.corners.iter().zip(near.weights).map(|(v, w)| self.moved[*v as usize] * w).sum()
-        })
+        self.sheet
+            .nearest(p, f64::INFINITY)
+            .map_or_else(Vector3::zeros, |near| {
+                near.corners
+                    .iter()
+                    .zip(near.weights)
+                    .map(|(v, w)| self.moved[*v as usize] * w)
+                    .sum()
+            })
     }
 }
 
@@ -31,11 +40,22 @@ impl Layers {
     /// Where these layers lie if coarser ones of the same skin lie at `x` [m], which begins with both of them: each vertex
     /// moves as the nearest place of its layer, and what is held stays.
     pub fn follow(&self, coarse: &Layers, x: &[Point3<f64>]) -> Vec<Point3<f64>> {
-        let moved: Vec<Vector3<f64>> = coarse.rest.iter().zip(x).map(|(from, to)| to - from).collect();
+        let moved: Vec<Vector3<f64>> = coarse
+            .rest
+            .iter()
+            .zip(x)
+            .map(|(from, to)| to - from)
+            .collect();
         let (n, m) = (self.count(), coarse.count());
-        let upper = TriangleMesh { vertices: coarse.rest[..m].to_vec(), triangles: coarse.triangles.clone() };
+        let upper = TriangleMesh {
+            vertices: coarse.rest[..m].to_vec(),
+            triangles: coarse.triangles.clone(),
+        };
         // Both layers by the nearest place of the upper one: a vertex and the one under it belong together.
-        let [upper, lower] = [Carried::new(upper.clone(), &moved[..m]), Carried::new(upper, &moved[m..])];
+        let [upper, lower] = [
+            Carried::new(upper.clone(), &moved[..m]),
+            Carried::new(upper, &moved[m..]),
+        ];
         let at = |v: usize| {
             if self.held[v] {
                 return self.rest[v];

@@ -38,9 +38,17 @@ impl Order {
         self.tissue.check()?;
         SkinError::positive("the edge length", self.edge())?;
         let (base, most) = (self.implant.base, THICKEST * self.implant.base);
-        for (what, value) in [("depth", self.tissue.depth), ("thickness of the skin", self.tissue.thickness)] {
+        for (what, value) in [
+            ("depth", self.tissue.depth),
+            ("thickness of the skin", self.tissue.thickness),
+        ] {
             if value > most * (1.0 + 1e-9) {
-                return Err(SkinError::TooThick { what, value, most, base });
+                return Err(SkinError::TooThick {
+                    what,
+                    value,
+                    most,
+                    base,
+                });
             }
         }
         let is_direction = |v: &Vector3<f64>| v.norm() > 0.0 && v.norm().is_finite();
@@ -59,7 +67,11 @@ impl Order {
         self.check()?;
         let (edge, base) = (self.edge(), self.implant.base);
         let most = LONGEST_EDGE * base;
-        if edge <= most * (1.0 + 1e-9) { Ok(()) } else { Err(SkinError::TooLong { edge, most, base }) }
+        if edge <= most * (1.0 + 1e-9) {
+            Ok(())
+        } else {
+            Err(SkinError::TooLong { edge, most, base })
+        }
     }
 
     /// Refuses an obstacle of which the skin about the middle is a part, such as the skin itself.
@@ -70,11 +82,17 @@ impl Order {
         obstacles: &[TriangleMesh],
     ) -> Result<(), SkinError> {
         let (base, reach) = (self.implant.base, 0.5 * REACH * self.implant.base);
-        let near = skin.vertices.iter().filter(|p| (*p - centre).norm() <= reach);
+        let near = skin
+            .vertices
+            .iter()
+            .filter(|p| (*p - centre).norm() <= reach);
         let places: Vec<&Point3<f64>> = near.chain([centre]).collect();
         for (k, obstacle) in obstacles.iter().enumerate() {
             let tree = SurfaceTree::new(&obstacle.vertices, &obstacle.triangles);
-            let touching = places.iter().filter(|p| tree.closest(p, TOUCHES * base).is_some()).count();
+            let touching = places
+                .iter()
+                .filter(|p| tree.closest(p, TOUCHES * base).is_some())
+                .count();
             if 2 * touching > places.len() {
                 return Err(SkinError::ObstacleIsSkin { obstacle: k + 1 });
             }

@@ -52,7 +52,12 @@ pub(super) struct TakenOut {
 impl Patch<'_> {
     /// The skin about the implant and somewhat beyond, oriented, refined where it is coarse.
     pub fn taken_out(&self, go_on: &dyn Fn() -> bool) -> Result<TakenOut, SkinError> {
-        let Self { skin, places, edge, obstacles } = self;
+        let Self {
+            skin,
+            places,
+            edge,
+            obstacles,
+        } = self;
         let (skin, edge) = (*skin, *edge);
         let topology = Topology::new(skin);
         let mut all = BTreeSet::new();
@@ -65,38 +70,73 @@ impl Patch<'_> {
         let (mut mesh, mut origin) = (part.mesh, part.vertices.clone());
         // Of the skin, not of the part: where that was cut off it may touch itself.
         let has = |v: &u32| part.vertices.binary_search(v).is_ok();
-        let edges =
-            topology.non_manifold_edges().iter().filter(|e| topology.edges[**e as usize].iter().all(has)).count();
-        let vertices = topology.non_manifold_vertices(skin).iter().filter(|v| has(v)).count();
+        let edges = topology
+            .non_manifold_edges()
+            .iter()
+            .filter(|e| topology.edges[**e as usize].iter().all(has))
+            .count();
+        let vertices = topology
+            .non_manifold_vertices(skin)
+            .iter()
+            .filter(|v| has(v))
+            .count();
         if edges + vertices > 0 {
             return Err(SkinError::NotManifold { edges, vertices });
         }
-        let border = topology.boundary_edges().into_iter().map(|e| topology.edges[e as usize]).collect();
+        let border = topology
+            .boundary_edges()
+            .into_iter()
+            .map(|e| topology.edges[e as usize])
+            .collect();
         let topology = Topology::new(&mesh);
         let orientation = Orientation::new(&topology, &mesh.triangles);
         if orientation.one_sided.is_some() {
             return Err(SkinError::OneSided);
         }
-        let turn = mesh.triangles.iter_mut().zip(&orientation.turn).filter(|(_, turn)| **turn);
+        let turn = mesh
+            .triangles
+            .iter_mut()
+            .zip(&orientation.turn)
+            .filter(|(_, turn)| **turn);
         turn.for_each(|(t, _)| t.swap(1, 2));
-        let most_turned = 2 * orientation.turn.iter().filter(|turn| **turn).count() > orientation.turn.len();
+        let most_turned =
+            2 * orientation.turn.iter().filter(|turn| **turn).count() > orientation.turn.len();
         if looks_inward(&mesh, skin, most_turned, &centre, obstacles) {
             mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         }
-        if mesh.median_edge_length(&topology).is_some_and(|median| median > ENOUGH * edge) {
+        if mesh
+            .median_edge_length(&topology)
+            .is_some_and(|median| median > ENOUGH * edge)
+        {
             let (refined, kept) = refined(&mesh, edge, go_on)?;
             mesh = refined;
-            origin = kept.iter().map(|&v| if v == NONE { NONE } else { origin[v as usize] }).collect();
+            origin = kept
+                .iter()
+                .map(|&v| if v == NONE { NONE } else { origin[v as usize] })
+                .collect();
         }
         let mut inside = vec![false; skin.triangles.len()];
-        part.triangles.iter().for_each(|t| inside[*t as usize] = true);
-        let outside = (0..skin.triangles.len() as u32).filter(|t| !inside[*t as usize]).collect();
-        Ok(TakenOut { mesh, outside, origin, border })
+        part.triangles
+            .iter()
+            .for_each(|t| inside[*t as usize] = true);
+        let outside = (0..skin.triangles.len() as u32)
+            .filter(|t| !inside[*t as usize])
+            .collect();
+        Ok(TakenOut {
+            mesh,
+            outside,
+            origin,
+            border,
+        })
     }
 }
 
 /// With even triangles of the wanted edges, unless there would be too many: they are counted before they are made.
-fn refined(mesh: &TriangleMesh, edge: f64, go_on: &dyn Fn() -> bool) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
+fn refined(
+    mesh: &TriangleMesh,
+    edge: f64,
+    go_on: &dyn Fn() -> bool,
+) -> Result<(TriangleMesh, Vec<u32>), SkinError> {
     let (vertices, most) = (mesh.area() / (EVEN * edge * edge), LARGER * MOST);
     if !(vertices <= most) {
         return Err(SkinError::TooLargePatch { vertices, most });
@@ -118,8 +158,9 @@ fn looks_inward(
 ) -> bool {
     let own = nearest_vertex(mesh, centre);
     let normal = mesh.vertex_normals()[own as usize];
-    let nearest =
-        obstacles.iter().filter_map(|o| SurfaceTree::new(&o.vertices, &o.triangles).closest(centre, f64::INFINITY));
+    let nearest = obstacles
+        .iter()
+        .filter_map(|o| SurfaceTree::new(&o.vertices, &o.triangles).closest(centre, f64::INFINITY));
     if let Some(nearest) = nearest.min_by(|a, b| a.distance.total_cmp(&b.distance)) {
         return normal.dot(&(nearest.point - centre)) > 0.0;
     }
@@ -128,18 +169,37 @@ fn looks_inward(
     let middles: Vec<Vector3<f64>> = skin
         .triangles
         .iter()
-        .map(|t| t.iter().map(|v| skin.vertices[*v as usize].coords).sum::<Vector3<f64>>() / 3.0)
+        .map(|t| {
+            t.iter()
+                .map(|v| skin.vertices[*v as usize].coords)
+                .sum::<Vector3<f64>>()
+                / 3.0
+        })
         .collect();
     let all: f64 = area.iter().map(Vector3::norm).sum();
-    let middle = area.iter().zip(&middles).fold(Vector3::zeros(), |sum, (a, m)| sum + m * a.norm()) / all;
-    let about: f64 = area.iter().zip(&middles).map(|(a, m)| a.dot(&(m - middle))).sum();
-    let size: f64 = area.iter().zip(&middles).map(|(a, m)| a.norm() * (m - middle).norm()).sum();
+    let middle = area
+        .iter()
+        .zip(&middles)
+        .fold(Vector3::zeros(), |sum, (a, m)| sum + m * a.norm())
+        / all;
+    let about: f64 = area
+        .iter()
+        .zip(&middles)
+        .map(|(a, m)| a.dot(&(m - middle)))
+        .sum();
+    let size: f64 = area
+        .iter()
+        .zip(&middles)
+        .map(|(a, m)| a.norm() * (m - middle).norm())
+        .sum();
     (if turned { -about } else { about }) < -ROUND * size
 }
 
 pub(super) fn nearest_vertex(mesh: &TriangleMesh, at: &Point3<f64>) -> u32 {
     let far = |v: &u32| (mesh.vertices[*v as usize] - at).norm_squared();
-    (0..mesh.vertices.len() as u32).min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(0)
+    (0..mesh.vertices.len() as u32)
+        .min_by(|a, b| far(a).total_cmp(&far(b)))
+        .unwrap_or(0)
 }
 
 pub(super) fn normal_of(mesh: &TriangleMesh, t: &[u32; 3]) -> Vector3<f64> {

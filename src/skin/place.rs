@@ -48,22 +48,40 @@ pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>,
     let count = skin.vertices.len();
     match order.place {
         Place::Vertex(vertex) => {
-            let used = vertex < count && skin.triangles.iter().flatten().any(|v| *v as usize == vertex);
-            let at = skin.vertices.get(vertex).filter(|_| used).ok_or(SkinError::NoVertex { vertex, count })?;
+            let used = vertex < count
+                && skin
+                    .triangles
+                    .iter()
+                    .flatten()
+                    .any(|v| *v as usize == vertex);
+            let at = skin
+                .vertices
+                .get(vertex)
+                .filter(|_| used)
+                .ok_or(SkinError::NoVertex { vertex, count })?;
             Ok((*at, vertex as u32))
         }
         Place::Point(point) => {
             if !point.coords.iter().all(|c| c.is_finite()) {
-                return Err(SkinError::NotPositive { what: "the distance of --at to the skin", value: f64::NAN });
+                return Err(SkinError::NotPositive {
+                    what: "the distance of --at to the skin",
+                    value: f64::NAN,
+                });
             }
             let tree = SurfaceTree::new(&skin.vertices, &skin.triangles);
-            let closest = tree.closest(&point, f64::INFINITY).ok_or(SkinError::Empty)?;
+            let closest = tree
+                .closest(&point, f64::INFINITY)
+                .ok_or(SkinError::Empty)?;
             if closest.distance > 0.5 * order.implant.base {
-                return Err(SkinError::FarAway { distance: closest.distance });
+                return Err(SkinError::FarAway {
+                    distance: closest.distance,
+                });
             }
             let corners = skin.triangles[closest.triangle as usize];
             let far = |v: u32| (skin.vertices[v as usize] - closest.point).norm();
-            let near = corners.into_iter().min_by(|a, b| far(*a).total_cmp(&far(*b)));
+            let near = corners
+                .into_iter()
+                .min_by(|a, b| far(*a).total_cmp(&far(*b)));
             Ok((closest.point, near.unwrap_or(corners[0])))
         }
     }
@@ -82,7 +100,11 @@ pub(super) fn placed(
     let mut frame = frame(centre, &normal, order.long.as_ref());
     let mut region = around(patch, topology, seed, order, &frame);
     // Once more with the mean normal of the region: that of one vertex is a matter of chance.
-    let normals = region.mesh.triangles.iter().map(|t| normal_of(&region.mesh, t));
+    let normals = region
+        .mesh
+        .triangles
+        .iter()
+        .map(|t| normal_of(&region.mesh, t));
     let mean = normals.fold(Vector3::zeros(), |sum, n| sum + n);
     frame = self::frame(centre, &mean, order.long.as_ref());
     region = around(patch, topology, seed, order, &frame);
@@ -91,10 +113,21 @@ pub(super) fn placed(
 }
 
 /// An error that names the base that fits, where a smaller one may.
-pub(super) fn advised(error: SkinError, skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> SkinError {
+pub(super) fn advised(
+    error: SkinError,
+    skin: &TriangleMesh,
+    order: &Order,
+    obstacles: &[TriangleMesh],
+) -> SkinError {
     match error {
-        SkinError::WrapsAround { base, .. } => SkinError::WrapsAround { base, fits: fitting(skin, order, obstacles) },
-        SkinError::TooCurved { degrees, .. } => SkinError::TooCurved { degrees, fits: fitting(skin, order, obstacles) },
+        SkinError::WrapsAround { base, .. } => SkinError::WrapsAround {
+            base,
+            fits: fitting(skin, order, obstacles),
+        },
+        SkinError::TooCurved { degrees, .. } => SkinError::TooCurved {
+            degrees,
+            fits: fitting(skin, order, obstacles),
+        },
         other => other,
     }
 }
@@ -105,8 +138,20 @@ fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Op
     for _ in 0..TRIES {
         base *= SMALLER;
         let round = (base * 1e3).floor() * 1e-3;
-        let implant = Implant { base: if round > 0.0 { round } else { base }, ..order.implant };
-        if goes(skin, &Order { implant, ..order.clone() }, obstacles).is_ok() {
+        let implant = Implant {
+            base: if round > 0.0 { round } else { base },
+            ..order.implant
+        };
+        if goes(
+            skin,
+            &Order {
+                implant,
+                ..order.clone()
+            },
+            obstacles,
+        )
+        .is_ok()
+        {
             return Some(implant.base);
         }
     }
@@ -117,36 +162,59 @@ fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Op
 fn goes(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Result<(), SkinError> {
     let (centre, seed) = middle(skin, order)?;
     let radius = REACH * 0.5 * order.implant.base * MARGIN;
-    let taken =
-        Patch { skin, places: vec![(seed, centre, radius)], edge: order.edge(), obstacles }.taken_out(&|| true)?;
+    let taken = Patch {
+        skin,
+        places: vec![(seed, centre, radius)],
+        edge: order.edge(),
+        obstacles,
+    }
+    .taken_out(&|| true)?;
     placed(&taken, &Topology::new(&taken.mesh), order, &centre).map(|_| ())
 }
 
 /// The region by the rule: every triangle with a vertex within [`REACH`] times the base's outline; beyond [`NEAR`] times only as
 /// far as the skin does not turn away.
-fn around(mesh: &TriangleMesh, topology: &Topology, seed: u32, order: &Order, frame: &Isometry3<f64>) -> Region {
+fn around(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    seed: u32,
+    order: &Order,
+    frame: &Isometry3<f64>,
+) -> Region {
     let (reach, turn) = (reaches(mesh, order, frame), turns(mesh, frame));
     // Rounding must not decide about vertices just at the limit.
     let within = |v: usize| reach[v] <= REACH * (1.0 + 1e-9);
-    let mut inside: Vec<bool> = (0..reach.len()).map(|v| within(v) && (turn[v] <= TURN || reach[v] <= NEAR)).collect();
+    let mut inside: Vec<bool> = (0..reach.len())
+        .map(|v| within(v) && (turn[v] <= TURN || reach[v] <= NEAR))
+        .collect();
     // What turns away but is joined to nothing beyond is a fold within the region.
     let mut beyond: Vec<bool> = (0..reach.len()).map(|v| !within(v)).collect();
     let mut open: Vec<usize> = (0..reach.len()).filter(|v| beyond[*v]).collect();
     while let Some(v) = open.pop() {
-        for w in topology.triangles_of_vertex(v).iter().flat_map(|t| mesh.triangles[*t as usize]) {
+        for w in topology
+            .triangles_of_vertex(v)
+            .iter()
+            .flat_map(|t| mesh.triangles[*t as usize])
+        {
             if !inside[w as usize] && !std::mem::replace(&mut beyond[w as usize], true) {
                 open.push(w as usize);
             }
         }
     }
-    inside.iter_mut().zip(beyond).for_each(|(inside, beyond)| *inside |= !beyond);
+    inside
+        .iter_mut()
+        .zip(beyond)
+        .for_each(|(inside, beyond)| *inside |= !beyond);
     Region::around(mesh, topology, seed, |v| inside[v as usize])
 }
 
 /// How far each vertex is from the middle, 1 on the outline of the base.
 fn reaches(mesh: &TriangleMesh, order: &Order, frame: &Isometry3<f64>) -> Vec<f64> {
     let Implant { shape, base, .. } = order.implant;
-    mesh.vertices.iter().map(|p| shape.reach(frame.inverse_transform_point(p).xy(), base)).collect()
+    mesh.vertices
+        .iter()
+        .map(|p| shape.reach(frame.inverse_transform_point(p).xy(), base))
+        .collect()
 }
 
 /// The angle of the skin at each vertex to the normal of the middle [degrees].
@@ -160,35 +228,64 @@ fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
 /// has a vertex inside.
 fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
     let at_border = topology.boundary_edges();
-    let triangles = at_border.iter().flat_map(|e| topology.triangles_of_edge(*e as usize));
-    let nearest = triangles.flat_map(|t| patch.triangles[*t as usize]).map(|v| reach[v as usize]);
+    let triangles = at_border
+        .iter()
+        .flat_map(|e| topology.triangles_of_edge(*e as usize));
+    let nearest = triangles
+        .flat_map(|t| patch.triangles[*t as usize])
+        .map(|v| reach[v as usize]);
     // Finer triangles, as a smaller base asks for, lie nearer to the border; the rest is for the mean normal, which changes.
     SURELY * nearest.fold(f64::INFINITY, f64::min) / REACH
 }
 
 fn check_region(
     region: &Region,
-    TakenOut { mesh: patch, origin, border, .. }: &TakenOut,
+    TakenOut {
+        mesh: patch,
+        origin,
+        border,
+        ..
+    }: &TakenOut,
     topology: &Topology,
     order: &Order,
     frame: &Isometry3<f64>,
 ) -> Result<(), SkinError> {
     let mut sides = vec![false; topology.edges.len()];
-    region
-        .triangles
-        .iter()
-        .for_each(|t| topology.triangle_edges[*t as usize].iter().for_each(|e| sides[*e as usize] = true));
+    region.triangles.iter().for_each(|t| {
+        topology.triangle_edges[*t as usize]
+            .iter()
+            .for_each(|e| sides[*e as usize] = true)
+    });
     let (reach, turn) = (reaches(patch, order, frame), turns(patch, frame));
-    if topology.boundary_edges().into_iter().any(|e| sides[e as usize]) {
+    if topology
+        .boundary_edges()
+        .into_iter()
+        .any(|e| sides[e as usize])
+    {
         let chains = rim(patch, topology, origin);
-        let of_skin = chains.iter().filter(|c| border.contains(&[c.ends[0].min(c.ends[1]), c.ends[0].max(c.ends[1])]));
-        let reached = |pair: &[u32]| topology.find_edge(pair[0], pair[1]).is_some_and(|e| sides[e as usize]);
-        let edges = of_skin.flat_map(|c| c.vertices.windows(2)).filter(|pair| reached(pair)).count();
+        let of_skin = chains
+            .iter()
+            .filter(|c| border.contains(&[c.ends[0].min(c.ends[1]), c.ends[0].max(c.ends[1])]));
+        let reached = |pair: &[u32]| {
+            topology
+                .find_edge(pair[0], pair[1])
+                .is_some_and(|e| sides[e as usize])
+        };
+        let edges = of_skin
+            .flat_map(|c| c.vertices.windows(2))
+            .filter(|pair| reached(pair))
+            .count();
         // The rim of the patch is reached only by skin that goes down beside the implant.
         return Err(if edges > 0 {
-            SkinError::AtBorder { edges, fits: fits(patch, topology, &reach) * order.implant.base }
+            SkinError::AtBorder {
+                edges,
+                fits: fits(patch, topology, &reach) * order.implant.base,
+            }
         } else {
-            SkinError::WrapsAround { base: order.implant.base, fits: None }
+            SkinError::WrapsAround {
+                base: order.implant.base,
+                fits: None,
+            }
         });
     }
     // Under the implant the skin may have folds, but not turn away as a whole.
@@ -201,10 +298,17 @@ fn check_region(
     {
         let area = normal_of(patch, &t).norm();
         let degrees = greatest(t.iter().map(|v| turn[*v as usize]));
-        areas = (areas.0 + area, areas.1 + if degrees > TURN { area } else { 0.0 }, areas.2.max(degrees));
+        areas = (
+            areas.0 + area,
+            areas.1 + if degrees > TURN { area } else { 0.0 },
+            areas.2.max(degrees),
+        );
     }
     if areas.1 > FOLDED * areas.0 {
-        return Err(SkinError::TooCurved { degrees: areas.2, fits: None });
+        return Err(SkinError::TooCurved {
+            degrees: areas.2,
+            fits: None,
+        });
     }
     Ok(())
 }
@@ -215,15 +319,22 @@ pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
         let (own, other) = (a.order.implant, b.order.implant);
         (0..OUTLINE).any(|k| {
             let angle = std::f64::consts::TAU * f64::from(k) / f64::from(OUTLINE);
-            let at = own.shape.place(Point2::new(libm::cos(angle), libm::sin(angle)), own.base);
-            let at = b.frame.inverse_transform_point(&(a.frame * Point3::new(at.x, at.y, 0.0)));
+            let at = own
+                .shape
+                .place(Point2::new(libm::cos(angle), libm::sin(angle)), own.base);
+            let at = b
+                .frame
+                .inverse_transform_point(&(a.frame * Point3::new(at.x, at.y, 0.0)));
             // One far below or above is on another side of the body.
             at.z.abs() <= 0.5 * other.base && other.shape.reach(at.xy(), other.base) < 1.0 - 1e-9
         })
     };
     for (k, b) in sites.iter().enumerate() {
         if let Some(j) = sites[..k].iter().position(|a| into(a, b) || into(b, a)) {
-            return Err(SkinError::Overlap { first: j + 1, second: k + 1 });
+            return Err(SkinError::Overlap {
+                first: j + 1,
+                second: k + 1,
+            });
         }
     }
     Ok(())
@@ -231,7 +342,10 @@ pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
 
 /// Which way is down at each place: along one direction for all of an implant's skin, so that nothing folds; between several
 /// implants that of the nearer one counts more, by the fourth power of how near.
-pub(super) fn downs(places: &[Point3<f64>], sites: &[(&Order, &Isometry3<f64>)]) -> Vec<Vector3<f64>> {
+pub(super) fn downs(
+    places: &[Point3<f64>],
+    sites: &[(&Order, &Isometry3<f64>)],
+) -> Vec<Vector3<f64>> {
     let down = |frame: &Isometry3<f64>| frame * -Vector3::z();
     if let [(_, frame)] = sites {
         return vec![down(frame); places.len()];
@@ -240,7 +354,9 @@ pub(super) fn downs(places: &[Point3<f64>], sites: &[(&Order, &Isometry3<f64>)])
         let weighted = sites.iter().map(|(order, frame)| {
             let Implant { shape, base, .. } = order.implant;
             // Not without bound in the middle.
-            let reach = shape.reach(frame.inverse_transform_point(p).xy(), base).max(0.1);
+            let reach = shape
+                .reach(frame.inverse_transform_point(p).xy(), base)
+                .max(0.1);
             down(frame) / reach.powi(4)
         });
         let sum = weighted.fold(Vector3::zeros(), |sum, d| sum + d);
@@ -256,17 +372,32 @@ pub(super) fn inward(
     depth: f64,
     obstacles: &[TriangleMesh],
 ) -> Vec<Vector3<f64>> {
-    let surfaces: Vec<SurfaceTree> = obstacles.iter().map(|o| SurfaceTree::new(&o.vertices, &o.triangles)).collect();
+    let surfaces: Vec<SurfaceTree> = obstacles
+        .iter()
+        .map(|o| SurfaceTree::new(&o.vertices, &o.triangles))
+        .collect();
     let room = |p: &Point3<f64>| {
-        let each = surfaces.iter().filter_map(|s| s.closest(p, 2.0 * depth)).map(|c| c.distance);
+        let each = surfaces
+            .iter()
+            .filter_map(|s| s.closest(p, 2.0 * depth))
+            .map(|c| c.distance);
         each.fold(f64::INFINITY, f64::min)
     };
-    mesh.vertices.iter().zip(downs).map(|(p, down)| down * depth.min(ROOM * room(p)).max(0.02 * depth)).collect()
+    mesh.vertices
+        .iter()
+        .zip(downs)
+        .map(|(p, down)| down * depth.min(ROOM * room(p)).max(0.02 * depth))
+        .collect()
 }
 
 /// Whether an obstacle is under the skin over the implant, at most two bases down: one that is elsewhere would bear nothing,
 /// and the implant would sink into the body.
-pub(super) fn lies_below(layers: &Layers, frame: &Isometry3<f64>, order: &Order, obstacles: &[TriangleMesh]) -> bool {
+pub(super) fn lies_below(
+    layers: &Layers,
+    frame: &Isometry3<f64>,
+    order: &Order,
+    obstacles: &[TriangleMesh],
+) -> bool {
     let Implant { shape, base, .. } = order.implant;
     let down = frame * -Vector3::z();
     let skin = &layers.rest[..layers.count()];
@@ -278,6 +409,9 @@ pub(super) fn lies_below(layers: &Layers, frame: &Isometry3<f64>, order: &Order,
             let place = corners[0] * w[0] + corners[1] * w[1] + corners[2] * w[2];
             Some((place - p.coords).norm())
         };
-        skin.iter().filter(over).filter_map(hit).any(|far| far <= DEEPEST * base)
+        skin.iter()
+            .filter(over)
+            .filter_map(hit)
+            .any(|far| far <= DEEPEST * base)
     })
 }

@@ -56,8 +56,19 @@ pub struct Order {
 impl Order {
     /// A round implant under skin as assumed by default.
     pub fn round(place: Place, base: f64, volume: f64) -> Self {
-        let implant = Implant { shape: Shape::Round, base, volume, membrane: super::implant::SILICONE };
-        Self { place, implant, long: None, tissue: Tissue::default(), edge: None }
+        let implant = Implant {
+            shape: Shape::Round,
+            base,
+            volume,
+            membrane: super::implant::SILICONE,
+        };
+        Self {
+            place,
+            implant,
+            long: None,
+            tissue: Tissue::default(),
+            edge: None,
+        }
     }
 }
 
@@ -141,7 +152,8 @@ impl Inserted {
 
     /// What the gain may be off because edges are as long as they are [m^2]: as much as it changed from edges twice as long.
     pub fn gain_uncertainty(&self) -> Option<f64> {
-        self.coarse_gain.map(|coarse| (self.areas.gain() - coarse).abs())
+        self.coarse_gain
+            .map(|coarse| (self.areas.gain() - coarse).abs())
     }
 }
 
@@ -166,7 +178,11 @@ impl Ready {
     ///
     /// # Errors
     /// See [`SkinError`].
-    pub fn new(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Result<Self, SkinError> {
+    pub fn new(
+        skin: &TriangleMesh,
+        order: &Order,
+        obstacles: &[TriangleMesh],
+    ) -> Result<Self, SkinError> {
         Self::new_while(skin, order, obstacles, &|| true)
     }
 
@@ -195,21 +211,40 @@ impl Ready {
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, (usize, SkinError)> {
         let orders: Vec<&Order> = [first].into_iter().chain(others).collect();
-        orders.iter().enumerate().try_for_each(|(k, order)| order.check().map_err(|error| (k, error)))?;
+        orders
+            .iter()
+            .enumerate()
+            .try_for_each(|(k, order)| order.check().map_err(|error| (k, error)))?;
         let edge = shared_edge(&orders);
         let radius = |order: &Order| REACH * 0.5 * order.implant.base;
-        let area: f64 = orders.iter().map(|order| std::f64::consts::PI * radius(order) * radius(order)).sum();
+        let area: f64 = orders
+            .iter()
+            .map(|order| std::f64::consts::PI * radius(order) * radius(order))
+            .sum();
         let vertices = area / (EVEN * edge * edge);
         if vertices > MOST {
-            return Err((0, SkinError::TooFine { vertices, most: MOST }));
+            return Err((
+                0,
+                SkinError::TooFine {
+                    vertices,
+                    most: MOST,
+                },
+            ));
         }
         let mut places = Vec::new();
         for (k, order) in orders.iter().enumerate() {
             let (centre, seed) = middle(skin, order).map_err(|error| (k, error))?;
-            order.check_obstacles(skin, &centre, obstacles).map_err(|error| (k, error))?;
+            order
+                .check_obstacles(skin, &centre, obstacles)
+                .map_err(|error| (k, error))?;
             places.push((seed, centre, radius(order) * MARGIN));
         }
-        let patch = Patch { skin, places, edge, obstacles };
+        let patch = Patch {
+            skin,
+            places,
+            edge,
+            obstacles,
+        };
         let centres: Vec<Point3<f64>> = patch.places.iter().map(|(_, centre, _)| *centre).collect();
         let taken = patch.taken_out(go_on).map_err(|error| (0, error))?;
         let topology = Topology::new(&taken.mesh);
@@ -218,7 +253,10 @@ impl Ready {
             let (region, frame) = placed(&taken, &topology, order, centre)
                 .map_err(|error| (k, advised(error, skin, order, obstacles)))?;
             triangles.extend(region.triangles);
-            sites.push(Site { order: order.clone(), frame });
+            sites.push(Site {
+                order: order.clone(),
+                frame,
+            });
         }
         apart(&sites).map_err(|error| (0, error))?;
         let region = Region::of(&taken.mesh, triangles.into_iter().collect());
@@ -227,20 +265,34 @@ impl Ready {
 
     /// Both layers of a region, over what lies below.
     fn over(
-        TakenOut { mesh: patch, outside, origin, .. }: TakenOut,
+        TakenOut {
+            mesh: patch,
+            outside,
+            origin,
+            ..
+        }: TakenOut,
         region: Region,
         mut sites: Vec<Site>,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
-        let each: Vec<(&Order, &Isometry3<f64>)> = sites.iter().map(|s| (&s.order, &s.frame)).collect();
+        let each: Vec<(&Order, &Isometry3<f64>)> =
+            sites.iter().map(|s| (&s.order, &s.frame)).collect();
         let downs = downs(&region.mesh.vertices, &each);
         let tissue = sites[0].order.tissue;
-        let layers = Layers::new(&region, &tissue, &inward(&region.mesh, &downs, tissue.depth, obstacles));
+        let layers = Layers::new(
+            &region,
+            &tissue,
+            &inward(&region.mesh, &downs, tissue.depth, obstacles),
+        );
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         if free < LEAST {
             return Err(SkinError::TooCoarse { vertices: free });
         }
-        if !obstacles.is_empty() && !sites.iter().all(|s| lies_below(&layers, &s.frame, &s.order, obstacles)) {
+        if !obstacles.is_empty()
+            && !sites
+                .iter()
+                .all(|s| lies_below(&layers, &s.frame, &s.order, obstacles))
+        {
             return Err(SkinError::NothingBelow);
         }
         let longest = greatest(sites.iter().map(|s| s.order.implant.base));
@@ -248,24 +300,44 @@ impl Ready {
         let obstacles = obstacles.iter().map(facing).collect();
         let Site { order, frame } = sites.remove(0);
         let (others, coarser) = (sites, OnceLock::new());
-        Ok(Self { order, patch, outside, origin, region, layers, frame, others, method: None, obstacles, coarser })
+        Ok(Self {
+            order,
+            patch,
+            outside,
+            origin,
+            region,
+            layers,
+            frame,
+            others,
+            method: None,
+            obstacles,
+            coarser,
+        })
     }
 
     /// Each implant: its order and its frame.
     pub fn sites(&self) -> impl Iterator<Item = (&Order, &Isometry3<f64>)> {
-        [(&self.order, &self.frame)].into_iter().chain(self.others.iter().map(|s| (&s.order, &s.frame)))
+        [(&self.order, &self.frame)]
+            .into_iter()
+            .chain(self.others.iter().map(|s| (&s.order, &s.frame)))
     }
 
     /// The volume of each implant, as ordered [m^3].
     pub fn volumes(&self) -> Vec<f64> {
-        self.sites().map(|(order, _)| order.implant.volume).collect()
+        self.sites()
+            .map(|(order, _)| order.implant.volume)
+            .collect()
     }
 
     /// Brings the skin to rest over the implant filled with `volume` [m^3].
     ///
     /// # Errors
     /// An implant that is larger than the region, equations without a solution, [`SkinError::Stopped`].
-    pub fn insert(&self, volume: f64, watch: impl FnMut(&Progress) -> bool) -> Result<Inserted, SkinError> {
+    pub fn insert(
+        &self,
+        volume: f64,
+        watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Inserted, SkinError> {
         self.insert_after(None, &[volume], watch)
     }
 
@@ -290,8 +362,15 @@ impl Ready {
         watch: &mut dyn FnMut(&Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
         let (model, start) = self.model(volumes)?;
-        let Begin { likely, iterations, coarse_gain } = match earlier {
-            Some(earlier) => Begin { likely: Some(self.further(earlier, &start)?), ..Begin::default() },
+        let Begin {
+            likely,
+            iterations,
+            coarse_gain,
+        } = match earlier {
+            Some(earlier) => Begin {
+                likely: Some(self.further(earlier, &start)?),
+                ..Begin::default()
+            },
             None => self.coarsely(volumes, &start, watch)?,
         };
         let fresh = likely.is_some();
@@ -309,11 +388,28 @@ impl Ready {
             let first = first as usize;
             let vertices = first..first + implant.mesh.vertices.len();
             let triangles = implant.mesh.triangles.clone();
-            Shell { volume: volume(&x[vertices.clone()], &triangles), vertices, triangles, pressure }
+            Shell {
+                volume: volume(&x[vertices.clone()], &triangles),
+                vertices,
+                triangles,
+                pressure,
+            }
         };
-        let shells = model.implants.iter().zip(model.firsts()).zip(pressures).map(shell).collect();
+        let shells = model
+            .implants
+            .iter()
+            .zip(model.firsts())
+            .zip(pressures)
+            .map(shell)
+            .collect();
         let areas = Areas::of(&self.layers, &x);
-        Ok(Inserted { shells, areas, progress, coarse_gain, x })
+        Ok(Inserted {
+            shells,
+            areas,
+            progress,
+            coarse_gain,
+            x,
+        })
     }
 
     /// The largest volume [m^3] of the first implant whose dome does not bulge too far beyond its base.
@@ -326,7 +422,9 @@ impl Ready {
         let surfaces: Vec<Surface> = obstacles.iter().map(Surface::new).collect();
         let free = (0..x.len()).filter(|v| !self.layers.held.get(*v).copied().unwrap_or(false));
         let depth = |v: usize| {
-            let each = surfaces.iter().filter_map(|s| s.nearest(&x[v], self.order.implant.base));
+            let each = surfaces
+                .iter()
+                .filter_map(|s| s.nearest(&x[v], self.order.implant.base));
             greatest(each.map(|on| (-on.closest.distance).max(0.0)))
         };
         greatest(free.map(depth))
@@ -342,7 +440,13 @@ fn shared_edge(orders: &[&Order]) -> f64 {
 }
 
 /// A sheet that a rigid sphere pushes from below.
-pub fn over_ball(layers: Layers, membrane: f64, centre: Point3<f64>, radius: f64, method: Method) -> Model {
+pub fn over_ball(
+    layers: Layers,
+    membrane: f64,
+    centre: Point3<f64>,
+    radius: f64,
+    method: Method,
+) -> Model {
     Model {
         layers,
         membrane,

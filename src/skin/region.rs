@@ -21,7 +21,12 @@ pub struct Region {
 
 impl Region {
     /// Every triangle with at least one vertex inside, as far as they are joined to vertex `seed` by vertices inside.
-    pub fn around(mesh: &TriangleMesh, topology: &Topology, seed: u32, inside: impl Fn(u32) -> bool) -> Self {
+    pub fn around(
+        mesh: &TriangleMesh,
+        topology: &Topology,
+        seed: u32,
+        inside: impl Fn(u32) -> bool,
+    ) -> Self {
         let mut seen = vec![false; mesh.vertices.len()];
         let mut taken = vec![false; mesh.triangles.len()];
         let mut open = vec![seed];
@@ -37,26 +42,52 @@ impl Region {
                 }
             }
         }
-        Self::of(mesh, (0..mesh.triangles.len() as u32).filter(|t| taken[*t as usize]).collect())
+        Self::of(
+            mesh,
+            (0..mesh.triangles.len() as u32)
+                .filter(|t| taken[*t as usize])
+                .collect(),
+        )
     }
 
     /// The triangles named.
     pub fn of(mesh: &TriangleMesh, triangles: Vec<u32>) -> Self {
         let mut number = vec![NONE; mesh.vertices.len()];
-        triangles.iter().flat_map(|&t| mesh.triangles[t as usize]).for_each(|v| number[v as usize] = 0);
-        let vertices: Vec<u32> = (0..mesh.vertices.len() as u32).filter(|v| number[*v as usize] == 0).collect();
-        vertices.iter().enumerate().for_each(|(i, v)| number[*v as usize] = i as u32);
+        triangles
+            .iter()
+            .flat_map(|&t| mesh.triangles[t as usize])
+            .for_each(|v| number[v as usize] = 0);
+        let vertices: Vec<u32> = (0..mesh.vertices.len() as u32)
+            .filter(|v| number[*v as usize] == 0)
+            .collect();
+        vertices
+            .iter()
+            .enumerate()
+            .for_each(|(i, v)| number[*v as usize] = i as u32);
         let part = TriangleMesh {
-            vertices: vertices.iter().map(|v| mesh.vertices[*v as usize]).collect(),
-            triangles: triangles.iter().map(|t| mesh.triangles[*t as usize].map(|v| number[v as usize])).collect(),
+            vertices: vertices
+                .iter()
+                .map(|v| mesh.vertices[*v as usize])
+                .collect(),
+            triangles: triangles
+                .iter()
+                .map(|t| mesh.triangles[*t as usize].map(|v| number[v as usize]))
+                .collect(),
         };
-        Self { mesh: part, vertices, triangles }
+        Self {
+            mesh: part,
+            vertices,
+            triangles,
+        }
     }
 
     /// Which of its vertices are on its rim, and so are held.
     pub fn rim(&self, topology: &Topology) -> Vec<bool> {
         let mut held = vec![false; self.mesh.vertices.len()];
-        let ends = topology.boundary_edges().into_iter().flat_map(|e| topology.edges[e as usize]);
+        let ends = topology
+            .boundary_edges()
+            .into_iter()
+            .flat_map(|e| topology.edges[e as usize]);
         ends.for_each(|v| held[v as usize] = true);
         held
     }
@@ -64,14 +95,24 @@ impl Region {
 
 /// The frame of an implant at a place of the skin: z along the `normal` out of the body, x along `long` as far as it is
 /// across that, else along the axis of space that is most across.
-pub fn frame(at: &Point3<f64>, normal: &Vector3<f64>, long: Option<&Vector3<f64>>) -> Isometry3<f64> {
+pub fn frame(
+    at: &Point3<f64>,
+    normal: &Vector3<f64>,
+    long: Option<&Vector3<f64>>,
+) -> Isometry3<f64> {
     let z = normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
     let across = |v: &Vector3<f64>| (v - z * v.dot(&z)).try_normalize(1e-6 * v.norm());
     let axis = Vector3::ith(z.map(f64::abs).imin(), 1.0);
     // An axis of space that is most across z always has a part across it.
-    let x = long.and_then(across).or_else(|| across(&axis)).unwrap_or_else(Vector3::x);
+    let x = long
+        .and_then(across)
+        .or_else(|| across(&axis))
+        .unwrap_or_else(Vector3::x);
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, z.cross(&x), z]));
-    Isometry3::from_parts(Translation3::from(at.coords), UnitQuaternion::from_rotation_matrix(&rotation))
+    Isometry3::from_parts(
+        Translation3::from(at.coords),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    )
 }
 
 #[cfg(test)]
@@ -80,7 +121,12 @@ mod tests {
 
     #[test]
     fn frames_are_right_handed_and_look_out() {
-        for normal in [Vector3::x(), Vector3::y(), -Vector3::z(), Vector3::new(1.0, 2.0, -0.5)] {
+        for normal in [
+            Vector3::x(),
+            Vector3::y(),
+            -Vector3::z(),
+            Vector3::new(1.0, 2.0, -0.5),
+        ] {
             for long in [None, Some(Vector3::new(0.3, -1.0, 2.0)), Some(normal)] {
                 let frame = frame(&Point3::new(1.0, 2.0, 3.0), &normal, long.as_ref());
                 assert!((frame * Vector3::z() - normal.normalize()).norm() <= 1e-12);

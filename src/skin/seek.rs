@@ -26,7 +26,11 @@ impl Ready {
     ///
     /// # Errors
     /// A gain that no volume gives; see also [`Ready::insert`].
-    pub fn seek(&self, wanted: f64, mut watch: impl FnMut(&Progress) -> bool) -> Result<Inserted, SkinError> {
+    pub fn seek(
+        &self,
+        wanted: f64,
+        mut watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Inserted, SkinError> {
         SkinError::positive("the wanted area", wanted)?;
         let most = self.largest();
         let base = self.order.implant.base;
@@ -37,7 +41,8 @@ impl Ready {
         let (mut low, mut high) = ((0.0, -wanted), None::<(f64, f64)>);
         let mut last: Option<(Inserted, (f64, f64))> = None;
         for _ in 0..TRIALS {
-            let found = self.insert_after(last.as_ref().map(|(found, _)| found), &[volume], &mut watch)?;
+            let found =
+                self.insert_after(last.as_ref().map(|(found, _)| found), &[volume], &mut watch)?;
             let over = found.areas.gain() - wanted;
             if over.abs() <= MET * wanted {
                 return Ok(found);
@@ -53,28 +58,50 @@ impl Ready {
                     return Ok(found);
                 }
                 // The gain jumps there: the other end was found from elsewhere, and the skin lay otherwise.
-                if over > 0.0 { low = (0.0, -wanted) } else { high = None }
+                if over > 0.0 {
+                    low = (0.0, -wanted)
+                } else {
+                    high = None
+                }
             }
-            let slope = last.as_ref().map(|(_, before)| (over - before.1) / (volume - before.0));
-            let next = slope.filter(|slope| *slope > 0.0).map(|slope| volume - over / slope);
+            let slope = last
+                .as_ref()
+                .map(|(_, before)| (over - before.1) / (volume - before.0));
+            let next = slope
+                .filter(|slope| *slope > 0.0)
+                .map(|slope| volume - over / slope);
             last = Some((found, (volume, over)));
             volume = match high {
                 None if low.0 >= most => {
                     let (wanted_cm2, reached_cm2) = (wanted * 1e4, (wanted + low.1) * 1e4);
-                    return Err(SkinError::OutOfReach { wanted_cm2, most_cc: most * 1e6, reached_cm2 });
+                    return Err(SkinError::OutOfReach {
+                        wanted_cm2,
+                        most_cc: most * 1e6,
+                        reached_cm2,
+                    });
                 }
-                None => next.unwrap_or(f64::INFINITY).clamp(low.0, WIDER * low.0).min(most),
+                None => next
+                    .unwrap_or(f64::INFINITY)
+                    .clamp(low.0, WIDER * low.0)
+                    .min(most),
                 Some(high) => within(low, high, next),
             };
         }
-        Err(SkinError::Solver(format!("no volume gives {:.1} cm2 after {TRIALS} trials", wanted * 1e4)))
+        Err(SkinError::Solver(format!(
+            "no volume gives {:.1} cm2 after {TRIALS} trials",
+            wanted * 1e4
+        )))
     }
 
     /// Skin over each of several volumes [m^3], in their order.
     ///
     /// # Errors
     /// See [`Ready::insert`].
-    pub fn curve(&self, volumes: &[f64], mut watch: impl FnMut(&Progress) -> bool) -> Result<Vec<Inserted>, SkinError> {
+    pub fn curve(
+        &self,
+        volumes: &[f64],
+        mut watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Vec<Inserted>, SkinError> {
         let mut done: Vec<Inserted> = Vec::new();
         for volume in volumes {
             let next = self.insert_after(done.last(), &[*volume], &mut watch)?;

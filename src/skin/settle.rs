@@ -131,7 +131,11 @@ pub struct Progress {
 impl Progress {
     /// By which rule it is at rest: `force` or `exhaustion`; `None` where it is not.
     pub fn rest_by(&self) -> Option<&'static str> {
-        self.converged.then_some(if self.exhausted { "exhaustion" } else { "force" })
+        self.converged.then_some(if self.exhausted {
+            "exhaustion"
+        } else {
+            "force"
+        })
     }
 
     /// Whether it is at rest, for people.
@@ -157,7 +161,11 @@ impl Way {
     fn new(detector: &mut Detector, x: &[Point3<f64>], start: &[Point3<f64>], leash: f64) -> Self {
         let energy = detector.model.energy(detector.touching(x), start);
         let value = energy.value(x);
-        Self { energy, value, leash }
+        Self {
+            energy,
+            value,
+            leash,
+        }
     }
 
     /// Goes only so far from `before` to `x` that the energy falls with contact as it is found there: planes of before know
@@ -172,13 +180,19 @@ impl Way {
         let (end, longest) = (x.to_owned(), LEASH * detector.model.base);
         let mut share = 1.0;
         loop {
-            let leash = if share < 1.0 { share * self.leash } else { 2.0 * self.leash };
+            let leash = if share < 1.0 {
+                share * self.leash
+            } else {
+                2.0 * self.leash
+            };
             let next = Self::new(detector, x, start, leash.clamp(SHORTEST * longest, longest));
             if next.value <= self.value || share <= SHORTEST {
                 return Ok(next);
             }
             share *= 0.5;
-            x.iter_mut().zip(before.iter().zip(&end)).for_each(|(x, (a, b))| *x = a + (b - a) * share);
+            x.iter_mut()
+                .zip(before.iter().zip(&end))
+                .for_each(|(x, (a, b))| *x = a + (b - a) * share);
             detector.model.fill(x)?;
         }
     }
@@ -191,7 +205,9 @@ struct Told(Vec<(f64, f64, Vec<f64>)>);
 impl Told {
     /// Whether energy, area and each pressure differ by at most these shares between the last two of so many rounds.
     fn within(&self, rounds: usize, shares: [f64; 3]) -> bool {
-        let Some(first) = self.0.len().checked_sub(rounds) else { return false };
+        let Some(first) = self.0.len().checked_sub(rounds) else {
+            return false;
+        };
         let last = &self.0[self.0.len() - 1];
         let near = |old: f64, last: f64, share: f64| (old - last).abs() <= share * last.abs();
         self.0[first..].iter().all(|old| {
@@ -225,37 +241,77 @@ struct Descent<'a> {
 
 /// The larger by magnitude; no number is larger than any.
 fn larger(a: f64, b: f64) -> f64 {
-    if b.abs() > a.abs() || b.is_nan() { b } else { a }
+    if b.abs() > a.abs() || b.is_nan() {
+        b
+    } else {
+        a
+    }
 }
 
 impl<'a> Descent<'a> {
     fn new(model: &'a Model) -> Self {
         let held = |v: usize| model.layers.held.get(v).copied().unwrap_or(false);
-        let inverse_mass = (0..model.count()).map(|v| if held(v) { 0.0 } else { 1.0 }).collect();
+        let inverse_mass = (0..model.count())
+            .map(|v| if held(v) { 0.0 } else { 1.0 })
+            .collect();
         let (detector, progress) = (Detector::new(model), Progress::default());
-        Self { detector, newton: None, start: model.rest(), inverse_mass, progress, pressures: Vec::new() }
+        Self {
+            detector,
+            newton: None,
+            start: model.rest(),
+            inverse_mass,
+            progress,
+            pressures: Vec::new(),
+        }
     }
 
     /// Rounds until all is at rest, with contact lifted as it is.
-    fn rounds(&mut self, x: &mut [Point3<f64>], watch: &mut dyn FnMut(&Progress) -> bool) -> Result<(), SkinError> {
-        let Self { detector, newton, start, inverse_mass, progress, pressures } = self;
+    fn rounds(
+        &mut self,
+        x: &mut [Point3<f64>],
+        watch: &mut dyn FnMut(&Progress) -> bool,
+    ) -> Result<(), SkinError> {
+        let Self {
+            detector,
+            newton,
+            start,
+            inverse_mass,
+            progress,
+            pressures,
+        } = self;
         let model = detector.model;
         let mut way = Way::new(detector, x, start, LEASH * model.base);
         let mut told = Told::default();
         for _ in 0..ROUNDS {
             let before = x.to_owned();
             let outcome;
-            (outcome, *pressures) = model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
-            way = Way { energy: Energy::default(), ..way }.descend(detector, &before, x, start)?;
+            (outcome, *pressures) =
+                model.minimise(newton, way.energy, x, inverse_mass, way.leash)?;
+            way = Way {
+                energy: Energy::default(),
+                ..way
+            }
+            .descend(detector, &before, x, start)?;
             progress.rounds += 1;
             progress.iterations += outcome.iterations;
             progress.residual = outcome.residual;
             progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
             // Of an implant alone all its vertices.
-            let judged = if model.layers.count() == 0 { x.len() } else { 2 * model.layers.count() };
-            progress.moved = greatest(before.iter().zip(x.iter()).take(judged).map(|(a, b)| (a - b).norm()));
+            let judged = if model.layers.count() == 0 {
+                x.len()
+            } else {
+                2 * model.layers.count()
+            };
+            progress.moved = greatest(
+                before
+                    .iter()
+                    .zip(x.iter())
+                    .take(judged)
+                    .map(|(a, b)| (a - b).norm()),
+            );
             told.0.push((way.value, model.area(x), pressures.clone()));
-            let still = outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
+            let still =
+                outcome.converged && progress.moved <= STILL * model.layers.edge && told.steady();
             progress.exhausted = !still && told.exhausted();
             progress.converged = still || progress.exhausted;
             if progress.converged {
@@ -272,16 +328,23 @@ impl<'a> Descent<'a> {
 impl Model {
     /// Number of unknown vertices, held ones among them.
     pub fn count(&self) -> usize {
-        self.layers.rest.len() + self.implants.iter().map(|i| i.mesh.vertices.len()).sum::<usize>()
+        self.layers.rest.len()
+            + self
+                .implants
+                .iter()
+                .map(|i| i.mesh.vertices.len())
+                .sum::<usize>()
     }
 
     /// The first vertex of each implant.
     pub(super) fn firsts(&self) -> impl Iterator<Item = u32> {
-        self.implants.iter().scan(self.layers.rest.len() as u32, |next, implant| {
-            let first = *next;
-            *next += implant.mesh.vertices.len() as u32;
-            Some(first)
-        })
+        self.implants
+            .iter()
+            .scan(self.layers.rest.len() as u32, |next, implant| {
+                let first = *next;
+                *next += implant.mesh.vertices.len() as u32;
+                Some(first)
+            })
     }
 
     /// Skin and implants at rest, before they touch [m].
@@ -298,12 +361,18 @@ impl Model {
 
     /// As stiff as contact over the depth of the skin.
     fn thickness(&self) -> Thickness {
-        Thickness::new(&self.layers, FIRM * PENALTY * self.membrane / (self.base * self.base) * self.depth())
+        Thickness::new(
+            &self.layers,
+            FIRM * PENALTY * self.membrane / (self.base * self.base) * self.depth(),
+        )
     }
 
     fn energy(&self, touching: Touching, start: &[Point3<f64>]) -> Energy {
         let mut energy = Energy::default();
-        energy.elastic.push(Box::new(Elastic::new(&self.layers.springs, &self.layers.stiffness)));
+        energy.elastic.push(Box::new(Elastic::new(
+            &self.layers.springs,
+            &self.layers.stiffness,
+        )));
         if self.layers.count() > 0 {
             energy.elastic.push(Box::new(self.thickness()));
         }
@@ -313,8 +382,15 @@ impl Model {
                 shell = shell.alone();
             }
             energy.elastic.push(Box::new(shell));
-            let places = implant.pocket.iter().map(|&v| (v, start[v as usize])).collect();
-            energy.elastic.push(Box::new(Anchors { places, stiffness: POCKET * self.membrane }));
+            let places = implant
+                .pocket
+                .iter()
+                .map(|&v| (v, start[v as usize]))
+                .collect();
+            energy.elastic.push(Box::new(Anchors {
+                places,
+                stiffness: POCKET * self.membrane,
+            }));
         }
         energy.volumes = self.volumes();
         energy.elastic.push(Box::new(touching));
@@ -325,7 +401,11 @@ impl Model {
     ///
     /// # Errors
     /// No memory; equations without a solution; [`SkinError::Stopped`].
-    pub fn settle(&self, x: &mut [Point3<f64>], watch: impl FnMut(&Progress) -> bool) -> Result<Progress, SkinError> {
+    pub fn settle(
+        &self,
+        x: &mut [Point3<f64>],
+        watch: impl FnMut(&Progress) -> bool,
+    ) -> Result<Progress, SkinError> {
         self.settle_each(x, watch).map(|(progress, _)| progress)
     }
 
@@ -364,17 +444,28 @@ impl Model {
     /// The volumes of the implants, to be kept.
     fn volumes(&self) -> Vec<EnclosedVolume> {
         let volume = |(implant, first): (&Filled, u32)| {
-            let triangles: Vec<[u32; 3]> = implant.mesh.triangles.iter().map(|t| t.map(|v| v + first)).collect();
+            let triangles: Vec<[u32; 3]> = implant
+                .mesh
+                .triangles
+                .iter()
+                .map(|t| t.map(|v| v + first))
+                .collect();
             EnclosedVolume::new(&triangles, self.count(), implant.volume, 0.0)
         };
-        self.implants.iter().zip(self.firsts()).map(volume).collect()
+        self.implants
+            .iter()
+            .zip(self.firsts())
+            .map(volume)
+            .collect()
     }
 
     /// Brings the implants to their volumes: over a bed that is not flat a shell is not quite a dome.
     fn fill(&self, x: &mut [Point3<f64>]) -> Result<(), SkinError> {
         for volume in self.volumes() {
             let (_, gradient) = volume.value_and_gradient(x);
-            volume.retract(x, &gradient).map_err(|error| SkinError::Solver(error.to_string()))?;
+            volume
+                .retract(x, &gradient)
+                .map_err(|error| SkinError::Solver(error.to_string()))?;
         }
         Ok(())
     }
@@ -390,7 +481,10 @@ impl Model {
     ) -> Result<(Outcome, Vec<f64>), SkinError> {
         let failed = |error: FactorError| SkinError::Solver(error.to_string());
         if self.method == Method::QuasiStatic {
-            let settings = Settings { tolerance: TOLERANCE, iterations: INNER_QUASI_STATIC };
+            let settings = Settings {
+                tolerance: TOLERANCE,
+                iterations: INNER_QUASI_STATIC,
+            };
             let mut solver = QuasiStatic::new(energy, x, inverse_mass, settings).map_err(failed)?;
             let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
             return Ok((outcome, solver.pressures));
@@ -401,8 +495,13 @@ impl Model {
                 newton
             }
             None => {
-                let settings = Settings { tolerance: TOLERANCE, iterations: INNER };
-                newton.insert(Newton::new(energy, &self.rest(), inverse_mass, settings).map_err(failed)?)
+                let settings = Settings {
+                    tolerance: TOLERANCE,
+                    iterations: INNER,
+                };
+                newton.insert(
+                    Newton::new(energy, &self.rest(), inverse_mass, settings).map_err(failed)?,
+                )
             }
         };
         let from = x.to_owned();

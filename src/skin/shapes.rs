@@ -35,7 +35,10 @@ impl Shape {
 
     /// What it is called.
     pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, shape)| *shape == self).map_or("", |(name, _)| name)
+        Self::ALL
+            .iter()
+            .find(|(_, shape)| *shape == self)
+            .map_or("", |(name, _)| name)
     }
 
     /// The place over the base [m] of a point of the plane of which the unit disc is the base; `base` is its length [m].
@@ -47,13 +50,19 @@ impl Shape {
             Self::Rectangular => {
                 let (radius, power) = (disc.coords.norm(), power_norm(disc));
                 let stretch = if power > 0.0 { radius / power } else { 1.0 };
-                Point2::new(half * stretch * disc.x, RECTANGULAR * half * stretch * disc.y)
+                Point2::new(
+                    half * stretch * disc.x,
+                    RECTANGULAR * half * stretch * disc.y,
+                )
             }
             Self::Crescent => {
                 // The chord of the arc with its two ends is `base` long.
                 let arc = half / libm::sin(BEND);
                 let (angle, across) = (disc.x * BEND, arc * BEND * CRESCENT * disc.y);
-                Point2::new((arc + across) * libm::sin(angle), (arc + across) * libm::cos(angle) - arc)
+                Point2::new(
+                    (arc + across) * libm::sin(angle),
+                    (arc + across) * libm::cos(angle) - arc,
+                )
             }
         }
     }
@@ -64,7 +73,9 @@ impl Shape {
         match self {
             Self::Round => place.coords.norm() / half,
             Self::Oval => libm::hypot(place.x / half, place.y / (OVAL * half)),
-            Self::Rectangular => power_norm(Point2::new(place.x / half, place.y / (RECTANGULAR * half))),
+            Self::Rectangular => {
+                power_norm(Point2::new(place.x / half, place.y / (RECTANGULAR * half)))
+            }
             Self::Crescent => {
                 let arc = half / libm::sin(BEND);
                 let up = place.y + arc;
@@ -77,7 +88,10 @@ impl Shape {
 }
 
 fn power_norm(p: Point2<f64>) -> f64 {
-    libm::pow(p.x.abs().powi(CORNERS) + p.y.abs().powi(CORNERS), 1.0 / f64::from(CORNERS))
+    libm::pow(
+        p.x.abs().powi(CORNERS) + p.y.abs().powi(CORNERS),
+        1.0 / f64::from(CORNERS),
+    )
 }
 
 #[cfg(test)]
@@ -91,7 +105,10 @@ mod tests {
                 let (angle, radius) = (0.157 * f64::from(k), 0.03 * f64::from(k));
                 let disc = Point2::new(radius * angle.cos(), radius * angle.sin());
                 let reach = shape.reach(shape.place(disc, 0.07), 0.07);
-                assert!((reach - radius).abs() <= 1e-12, "{name}: {reach} for {radius}");
+                assert!(
+                    (reach - radius).abs() <= 1e-12,
+                    "{name}: {reach} for {radius}"
+                );
             }
         }
     }
@@ -100,7 +117,10 @@ mod tests {
     fn the_base_is_as_long_as_it_says() {
         for (name, shape) in Shape::ALL {
             let ends = [-1.0, 1.0].map(|x| shape.place(Point2::new(x, 0.0), 0.07).x);
-            assert!((ends[1] - ends[0] - 0.07).abs() <= 1e-15, "{name}: {ends:?}");
+            assert!(
+                (ends[1] - ends[0] - 0.07).abs() <= 1e-15,
+                "{name}: {ends:?}"
+            );
         }
     }
 }

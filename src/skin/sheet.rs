@@ -31,7 +31,12 @@ impl Place {
         if from.norm() <= 1e-6 * self.size {
             return self.outward;
         }
-        from.normalize() * if from.dot(&self.outward) < 0.0 { -1.0 } else { 1.0 }
+        from.normalize()
+            * if from.dot(&self.outward) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            }
     }
 }
 
@@ -56,7 +61,11 @@ impl Sheet {
     /// The same where its topology is known.
     pub fn with(mesh: TriangleMesh, topology: Arc<Topology>) -> Self {
         let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-        Self { mesh, topology, tree }
+        Self {
+            mesh,
+            topology,
+            tree,
+        }
     }
 
     /// The surface.
@@ -71,9 +80,16 @@ impl Sheet {
         let turned = if sheet.topology.is_closed() && sheet.topology.is_oriented() {
             mesh.volume() < 0.0
         } else {
-            let above = |p: &Point3<f64>| sheet.nearest(p, within).map(|on| (p - on.point).dot(&on.outward) >= 0.0);
+            let above = |p: &Point3<f64>| {
+                sheet
+                    .nearest(p, within)
+                    .map(|on| (p - on.point).dot(&on.outward) >= 0.0)
+            };
             let (mut over, mut under) = (0usize, 0usize);
-            outside.iter().filter_map(above).for_each(|above| if above { over += 1 } else { under += 1 });
+            outside
+                .iter()
+                .filter_map(above)
+                .for_each(|above| if above { over += 1 } else { under += 1 });
             under > over
         };
         if !turned {
@@ -89,9 +105,21 @@ impl Sheet {
         let corners = self.mesh.triangles[triangle as usize];
         let at @ [a, b, c] = corners.map(|v| self.mesh.vertices[v as usize]);
         let (weights, feature) = on_triangle(p, &at);
-        let outward = pseudo_normal(&self.mesh.triangles, &self.topology, &self.mesh.vertices, triangle, feature);
+        let outward = pseudo_normal(
+            &self.mesh.triangles,
+            &self.topology,
+            &self.mesh.vertices,
+            triangle,
+            feature,
+        );
         let point = a + (b - a) * weights[1] + (c - a) * weights[2];
-        Some(Place { point, corners, weights, outward, size: (b - a).norm() + (c - a).norm() })
+        Some(Place {
+            point,
+            corners,
+            weights,
+            outward,
+            size: (b - a).norm() + (c - a).norm(),
+        })
     }
 }
 
@@ -100,17 +128,31 @@ mod tests {
     use super::*;
 
     fn square() -> TriangleMesh {
-        let vertices = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(|[x, y]| Point3::new(x, y, 0.0)).to_vec();
-        TriangleMesh { vertices, triangles: vec![[0, 1, 2], [0, 2, 3]] }
+        let vertices = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+            .map(|[x, y]| Point3::new(x, y, 0.0))
+            .to_vec();
+        TriangleMesh {
+            vertices,
+            triangles: vec![[0, 1, 2], [0, 2, 3]],
+        }
     }
 
     #[test]
     fn weights_give_the_place_back() {
         let sheet = Sheet::new(square());
-        for p in [[0.3, 0.2, 0.1], [0.2, 0.9, -0.4], [-1.0, 0.5, 0.0], [0.5, 0.5, 0.0]].map(Point3::from) {
+        for p in [
+            [0.3, 0.2, 0.1],
+            [0.2, 0.9, -0.4],
+            [-1.0, 0.5, 0.0],
+            [0.5, 0.5, 0.0],
+        ]
+        .map(Point3::from)
+        {
             let near = sheet.nearest(&p, 2.0).expect("near");
             let corner = |k: usize| sheet.mesh.vertices[near.corners[k] as usize].coords;
-            let back = (0..3).map(|k| corner(k) * near.weights[k]).sum::<Vector3<f64>>();
+            let back = (0..3)
+                .map(|k| corner(k) * near.weights[k])
+                .sum::<Vector3<f64>>();
             assert!((back - near.point.coords).norm() <= 1e-15, "{near:?}");
         }
         assert!(sheet.nearest(&Point3::new(0.5, 0.5, 1.0), 0.9).is_none());
@@ -121,14 +163,26 @@ mod tests {
         // A roof of 20 degrees at its ridge, which looks up; beside the ridge a point is under the plane of one of its faces.
         let half = 10f64.to_radians();
         let (out, low) = (half.sin(), -half.cos());
-        let vertices =
-            [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [out, 0.0, low], [-out, 0.0, low]].map(Point3::from).to_vec();
-        let roof = TriangleMesh { vertices, triangles: vec![[1, 0, 2], [0, 1, 3]] };
+        let vertices = [
+            [0.0, -1.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [out, 0.0, low],
+            [-out, 0.0, low],
+        ]
+        .map(Point3::from)
+        .to_vec();
+        let roof = TriangleMesh {
+            vertices,
+            triangles: vec![[1, 0, 2], [0, 1, 3]],
+        };
         let sheet = Sheet::new(roof);
         for (x, up) in [(0.1, 1.0), (-0.1, 1.0)] {
             let p = Point3::new(x, 0.0, 0.1);
             let near = sheet.nearest(&p, 1.0).expect("near");
-            assert!(near.point.coords.norm() <= 1e-15 && near.away(&p).z * up > 0.0, "{near:?}");
+            assert!(
+                near.point.coords.norm() <= 1e-15 && near.away(&p).z * up > 0.0,
+                "{near:?}"
+            );
         }
         let inside = Point3::new(0.0, 0.0, -0.5);
         let near = sheet.nearest(&inside, 1.0).expect("near");
@@ -140,7 +194,11 @@ mod tests {
         let looks = |sheet: &Sheet| sheet.mesh.triangles[0] == [0, 1, 2];
         let (above, below) = (Point3::new(0.4, 0.3, 0.1), Point3::new(0.4, 0.3, -0.1));
         assert!(looks(&Sheet::facing(square(), &[above, above, below], 1.0)));
-        assert!(!looks(&Sheet::facing(square(), &[above, below, below], 1.0)));
+        assert!(!looks(&Sheet::facing(
+            square(),
+            &[above, below, below],
+            1.0
+        )));
         // What is far away has no say.
         assert!(looks(&Sheet::facing(square(), &[below], 0.01)));
     }

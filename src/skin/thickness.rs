@@ -52,7 +52,10 @@ impl Prism {
 
     fn share(&self, x: &[Point3<f64>]) -> Share {
         let (volume, gradient) = self.measure(x);
-        Share { value: volume / self.volume, gradient: gradient.map(|g| g / self.volume) }
+        Share {
+            value: volume / self.volume,
+            gradient: gradient.map(|g| g / self.volume),
+        }
     }
 }
 
@@ -70,16 +73,30 @@ impl Thickness {
         let n = layers.count() as u32;
         let prism = |t: &[u32; 3]| {
             let corners = [t[0] + n, t[1] + n, t[2] + n, t[0], t[1], t[2]];
-            let empty = Prism { corners, volume: 1.0 };
-            Prism { volume: empty.measure(&layers.rest).0, ..empty }
+            let empty = Prism {
+                corners,
+                volume: 1.0,
+            };
+            Prism {
+                volume: empty.measure(&layers.rest).0,
+                ..empty
+            }
         };
         // Without volume at rest there is none to keep.
-        let prisms = layers.triangles.iter().map(prism).filter(|p| p.volume > 0.0).collect();
+        let prisms = layers
+            .triangles
+            .iter()
+            .map(prism)
+            .filter(|p| p.volume > 0.0)
+            .collect();
         Self { prisms, stiffness }
     }
 
     /// Those that resist: stiffness [J], force and second derivative of w, the share.
-    fn pressed(&self, x: &[Point3<f64>]) -> impl Iterator<Item = (&Prism, f64, (f64, f64, f64), Share)> {
+    fn pressed(
+        &self,
+        x: &[Point3<f64>],
+    ) -> impl Iterator<Item = (&Prism, f64, (f64, f64, f64), Share)> {
         self.prisms.iter().filter_map(move |prism| {
             let share = prism.share(x);
             let w = law(share.value - MIDDLE, FIRST - MIDDLE);
@@ -167,7 +184,11 @@ mod tests {
     fn prism() -> (Thickness, Vec<Point3<f64>>) {
         let flat = [[0.0, 0.0], [1.0, 0.0], [0.2, 0.9]];
         let at = |z: f64| flat.map(|[x, y]| Point3::new(x, y, z));
-        let layers = Layers { triangles: vec![[0, 1, 2]], rest: [at(0.2), at(0.0)].concat(), ..Layers::none(1.0) };
+        let layers = Layers {
+            triangles: vec![[0, 1, 2]],
+            rest: [at(0.2), at(0.0)].concat(),
+            ..Layers::none(1.0)
+        };
         (Thickness::new(&layers, 3.0), layers.rest)
     }
 
@@ -209,8 +230,14 @@ mod tests {
     fn thick_skin_is_left_alone() {
         let (thickness, rest) = prism();
         assert_eq!(thickness.energy(&rest), 0.0);
-        let squeezed =
-            |by: f64| thickness.energy(&rest.iter().map(|p| Point3::new(p.x, p.y, p.z * by)).collect::<Vec<_>>());
+        let squeezed = |by: f64| {
+            thickness.energy(
+                &rest
+                    .iter()
+                    .map(|p| Point3::new(p.x, p.y, p.z * by))
+                    .collect::<Vec<_>>(),
+            )
+        };
         assert_eq!(squeezed(0.81), 0.0);
         assert!(squeezed(0.79) > 0.0 && squeezed(-0.79) > squeezed(0.1));
     }

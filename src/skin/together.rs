@@ -20,7 +20,8 @@ pub fn grouped(
 ) -> Result<Vec<Group>, (usize, SkinError)> {
     let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
-        let ready = Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
+        let ready =
+            Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
     // A joint patch has other edges and may reach further than those of its implants alone: until no two meet.
@@ -38,12 +39,16 @@ pub fn grouped(
                 groups.append(&mut own);
                 continue;
             }
-            let mut members: Vec<usize> = own.into_iter().flat_map(|(_, members)| members).collect();
+            let mut members: Vec<usize> =
+                own.into_iter().flat_map(|(_, members)| members).collect();
             members.sort_unstable();
             let more: Vec<Order> = members[1..].iter().map(|k| orders[*k].clone()).collect();
             let all = obstacles(&members);
             let ready = Ready::together(skin, &orders[members[0]], &more, &all, go_on);
-            groups.push((ready.map_err(|(site, error)| of_all(site, error, &members))?, members));
+            groups.push((
+                ready.map_err(|(site, error)| of_all(site, error, &members))?,
+                members,
+            ));
         }
     }
 }
@@ -53,7 +58,13 @@ fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError
     match error {
         SkinError::Overlap { first, second } => {
             let [first, second] = [first, second].map(|k| members[k - 1]);
-            (second, SkinError::Overlap { first: first + 1, second: second + 1 })
+            (
+                second,
+                SkinError::Overlap {
+                    first: first + 1,
+                    second: second + 1,
+                },
+            )
         }
         other => (members[site], other),
     }
@@ -62,7 +73,10 @@ fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError
 /// Which triangles of the skin are in the patch of an implant.
 fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
     let mut inside = vec![true; skin.triangles.len()];
-    ready.outside.iter().for_each(|t| inside[*t as usize] = false);
+    ready
+        .outside
+        .iter()
+        .for_each(|t| inside[*t as usize] = false);
     inside
 }
 
@@ -74,12 +88,17 @@ fn meeting(each: &[Vec<bool>]) -> Vec<Vec<usize>> {
         for b in 0..a {
             if group[a] != group[b] && meet(a, b) {
                 let (low, high) = (group[a].min(group[b]), group[a].max(group[b]));
-                group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
+                group
+                    .iter_mut()
+                    .filter(|g| **g == high)
+                    .for_each(|g| *g = low);
             }
         }
     }
     let firsts = (0..each.len()).filter(|k| group[*k] == *k);
-    firsts.map(|first| (first..each.len()).filter(|k| group[*k] == first).collect()).collect()
+    firsts
+        .map(|first| (first..each.len()).filter(|k| group[*k] == first).collect())
+        .collect()
 }
 
 #[cfg(test)]
@@ -88,11 +107,23 @@ mod tests {
 
     #[test]
     fn what_meets_through_others_is_one_group() {
-        let masks =
-            |all: &[&str]| all.iter().map(|m| m.bytes().map(|b| b == b'x').collect()).collect::<Vec<Vec<bool>>>();
-        assert_eq!(meeting(&masks(&["xx......", "....xx..", "......xx"])), [vec![0], vec![1], vec![2]]);
-        assert_eq!(meeting(&masks(&["xx......", "....xx..", ".xxxx...", "......xx"])), [vec![0, 1, 2], vec![3]]);
-        assert_eq!(meeting(&masks(&["xx......", "....xx..", "xx......"])), [vec![0, 2], vec![1]]);
+        let masks = |all: &[&str]| {
+            all.iter()
+                .map(|m| m.bytes().map(|b| b == b'x').collect())
+                .collect::<Vec<Vec<bool>>>()
+        };
+        assert_eq!(
+            meeting(&masks(&["xx......", "....xx..", "......xx"])),
+            [vec![0], vec![1], vec![2]]
+        );
+        assert_eq!(
+            meeting(&masks(&["xx......", "....xx..", ".xxxx...", "......xx"])),
+            [vec![0, 1, 2], vec![3]]
+        );
+        assert_eq!(
+            meeting(&masks(&["xx......", "....xx..", "xx......"])),
+            [vec![0, 2], vec![1]]
+        );
         assert!(meeting(&[]).is_empty());
     }
 }

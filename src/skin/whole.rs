@@ -40,7 +40,10 @@ pub(super) struct Chain {
 pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> Vec<Chain> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for e in topology.boundary_edges() {
-        let (edge, t) = (topology.edges[e as usize], topology.triangles_of_edge(e as usize)[0]);
+        let (edge, t) = (
+            topology.edges[e as usize],
+            topology.triangles_of_edge(e as usize)[0],
+        );
         let corners = patch.triangles[t as usize];
         let forward = (0..3).any(|k| [corners[k], corners[(k + 1) % 3]] == edge);
         let [from, to] = if forward { edge } else { [edge[1], edge[0]] };
@@ -61,7 +64,10 @@ pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> 
                 }
             }
             if kept(last) {
-                chains.push(Chain { ends: [from, last].map(|v| origin[v as usize]), vertices });
+                chains.push(Chain {
+                    ends: [from, last].map(|v| origin[v as usize]),
+                    vertices,
+                });
             }
         }
     }
@@ -96,7 +102,11 @@ impl Joining<'_> {
 
     /// The new vertices of a patch.
     fn patch(&mut self, ready: &Ready, chains: &[Chain]) -> Vec<u32> {
-        let mut names: Vec<u32> = ready.origin.iter().map(|&v| if v == NONE { NONE } else { self.kept(v) }).collect();
+        let mut names: Vec<u32> = ready
+            .origin
+            .iter()
+            .map(|&v| if v == NONE { NONE } else { self.kept(v) })
+            .collect();
         for chain in chains {
             let mut key = chain.ends;
             key.sort_unstable();
@@ -105,8 +115,12 @@ impl Joining<'_> {
             for &v in &chain.vertices[1..chain.vertices.len() - 1] {
                 let p = ready.patch.vertices[v as usize];
                 let along = (p - a).norm();
-                let there =
-                    self.split.get(&key).into_iter().flatten().find(|(at, _)| (at - along).abs() <= SAME * length);
+                let there = self
+                    .split
+                    .get(&key)
+                    .into_iter()
+                    .flatten()
+                    .find(|(at, _)| (at - along).abs() <= SAME * length);
                 names[v as usize] = match there {
                     Some((_, known)) => *known,
                     None => {
@@ -117,7 +131,11 @@ impl Joining<'_> {
                 };
             }
         }
-        for (v, name) in names.iter_mut().enumerate().filter(|(_, name)| **name == NONE) {
+        for (v, name) in names
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, name)| **name == NONE)
+        {
             *name = self.push(ready.patch.vertices[v]);
         }
         names
@@ -125,25 +143,36 @@ impl Joining<'_> {
 
     /// Vertices that are on edges of the skin, and on those into which the rim of a patch has split them.
     fn find_within(&mut self, rims: &[(Vec<Chain>, Vec<u32>)]) {
-        self.split.values_mut().for_each(|all| all.sort_by(|x, y| x.0.total_cmp(&y.0)));
+        self.split
+            .values_mut()
+            .for_each(|all| all.sort_by(|x, y| x.0.total_cmp(&y.0)));
         for (key, all) in &self.split {
             let ends = key.map(|v| self.number[v as usize]);
-            self.within.insert(ends, all.iter().map(|(_, v)| *v).collect());
+            self.within
+                .insert(ends, all.iter().map(|(_, v)| *v).collect());
         }
         for (chains, names) in rims {
             for chain in chains {
                 let mut key = chain.ends;
                 key.sort_unstable();
-                let Some(all) = self.split.get(&key) else { continue };
+                let Some(all) = self.split.get(&key) else {
+                    continue;
+                };
                 let ends = key.map(|v| self.number[v as usize]);
-                let line: Vec<u32> =
-                    [ends[0]].into_iter().chain(all.iter().map(|(_, v)| *v)).chain([ends[1]]).collect();
+                let line: Vec<u32> = [ends[0]]
+                    .into_iter()
+                    .chain(all.iter().map(|(_, v)| *v))
+                    .chain([ends[1]])
+                    .collect();
                 let at = |v: u32| line.iter().position(|w| *w == names[v as usize]);
                 for pair in chain.vertices.windows(2) {
-                    let (Some(i), Some(j)) = (at(pair[0]), at(pair[1])) else { continue };
+                    let (Some(i), Some(j)) = (at(pair[0]), at(pair[1])) else {
+                        continue;
+                    };
                     let (low, high) = (i.min(j), i.max(j));
                     if high > low + 1 {
-                        self.within.insert([line[low], line[high]], line[low + 1..high].to_vec());
+                        self.within
+                            .insert([line[low], line[high]], line[low + 1..high].to_vec());
                     }
                 }
             }
@@ -155,7 +184,10 @@ impl Joining<'_> {
         if let Some(all) = self.within.get(&[a, b]) {
             return all.clone();
         }
-        self.within.get(&[b, a]).map(|all| all.iter().rev().copied().collect()).unwrap_or_default()
+        self.within
+            .get(&[b, a])
+            .map(|all| all.iter().rev().copied().collect())
+            .unwrap_or_default()
     }
 
     /// A triangle with vertices within its sides as triangles without, each time halved at the middle of its longest such side.
@@ -171,7 +203,8 @@ impl Joining<'_> {
                 continue;
             };
             let (a, b, c) = (corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]);
-            let [side, on, back] = [k, (k + 1) % 3, (k + 2) % 3].map(|i| std::mem::take(&mut within[i]));
+            let [side, on, back] =
+                [k, (k + 1) % 3, (k + 2) % 3].map(|i| std::mem::take(&mut within[i]));
             let middle = side.len() / 2;
             let m = side[middle];
             open.push(([m, b, c], [side[middle + 1..].to_vec(), on, Vec::new()]));
@@ -185,11 +218,20 @@ impl Whole {
     /// Puts the patches of implants, of which no two share a triangle, back into their skin.
     pub fn of(skin: &TriangleMesh, parts: &[&Ready]) -> Self {
         let mut left = vec![0usize; skin.triangles.len()];
-        parts.iter().for_each(|ready| ready.outside.iter().for_each(|t| left[*t as usize] += 1));
+        parts
+            .iter()
+            .for_each(|ready| ready.outside.iter().for_each(|t| left[*t as usize] += 1));
         let number = vec![NONE; skin.vertices.len()];
-        let mut joining =
-            Joining { skin, number, vertices: Vec::new(), split: BTreeMap::new(), within: BTreeMap::new() };
-        let outside = (0..left.len()).filter(|t| left[*t] == parts.len()).map(|t| skin.triangles[t]);
+        let mut joining = Joining {
+            skin,
+            number,
+            vertices: Vec::new(),
+            split: BTreeMap::new(),
+            within: BTreeMap::new(),
+        };
+        let outside = (0..left.len())
+            .filter(|t| left[*t] == parts.len())
+            .map(|t| skin.triangles[t]);
         let outside: Vec<[u32; 3]> = outside.map(|t| t.map(|v| joining.kept(v))).collect();
         let rims: Vec<(Vec<Chain>, Vec<u32>)> = parts
             .iter()
@@ -202,29 +244,48 @@ impl Whole {
         joining.find_within(&rims);
         let (mut triangles, mut owner) = (Vec::new(), Vec::new());
         for t in outside {
-            triangles.extend(joining.halved(t, [0, 1, 2].map(|k| joining.between(t[k], t[(k + 1) % 3]))));
+            triangles.extend(
+                joining.halved(t, [0, 1, 2].map(|k| joining.between(t[k], t[(k + 1) % 3]))),
+            );
         }
         let beyond = triangles.len();
         owner.resize(beyond, NONE);
         for (part, (ready, (chains, names))) in parts.iter().zip(&rims).enumerate() {
             // Only a side on the rim is split: another one between the same two vertices would be another edge.
-            let on_rim: BTreeSet<[u32; 2]> =
-                chains.iter().flat_map(|c| c.vertices.windows(2).map(|w| [w[0], w[1]])).collect();
+            let on_rim: BTreeSet<[u32; 2]> = chains
+                .iter()
+                .flat_map(|c| c.vertices.windows(2).map(|w| [w[0], w[1]]))
+                .collect();
             let mut of_region = vec![NONE; ready.patch.triangles.len()];
-            ready.region.triangles.iter().for_each(|t| of_region[*t as usize] = part as u32);
+            ready
+                .region
+                .triangles
+                .iter()
+                .for_each(|t| of_region[*t as usize] = part as u32);
             for (t, region) in ready.patch.triangles.iter().zip(of_region) {
                 let new = t.map(|v| names[v as usize]);
                 let side = |k: usize| {
                     let rim = on_rim.contains(&[t[k], t[(k + 1) % 3]]);
-                    if rim { joining.between(new[k], new[(k + 1) % 3]) } else { Vec::new() }
+                    if rim {
+                        joining.between(new[k], new[(k + 1) % 3])
+                    } else {
+                        Vec::new()
+                    }
                 };
                 triangles.extend(joining.halved(new, [0, 1, 2].map(side)));
                 owner.resize(triangles.len(), region);
             }
         }
-        let mut mesh = TriangleMesh { vertices: joining.vertices, triangles };
+        let mut mesh = TriangleMesh {
+            vertices: joining.vertices,
+            triangles,
+        };
         orient(&mut mesh, beyond);
-        Self { mesh, vertices: rims.into_iter().map(|(_, names)| names).collect(), owner }
+        Self {
+            mesh,
+            vertices: rims.into_iter().map(|(_, names)| names).collect(),
+            owner,
+        }
     }
 }
 

@@ -30,8 +30,14 @@ pub struct Touched {
 
 impl Touched {
     fn learn(&mut self, rows: &[Row], laplacian: &mut Laplacian, unknowns: &Unknowns) {
-        let all = rows.iter().flat_map(|row| row.terms).filter(|(_, w)| *w != 0.0).map(|(v, _)| v);
-        let mut fresh: Vec<u32> = all.filter(|v| unknowns.of(*v).is_some() && !self.place.contains_key(v)).collect();
+        let all = rows
+            .iter()
+            .flat_map(|row| row.terms)
+            .filter(|(_, w)| *w != 0.0)
+            .map(|(v, _)| v);
+        let mut fresh: Vec<u32> = all
+            .filter(|v| unknowns.of(*v).is_some() && !self.place.contains_key(v))
+            .collect();
         fresh.sort_unstable();
         fresh.dedup();
         fresh.truncate(MOST_VERTICES.saturating_sub(self.vertices.len()));
@@ -41,20 +47,32 @@ impl Touched {
                 self.place.insert(v, self.vertices.len());
                 self.vertices.push(v);
                 let before = self.vertices.iter().filter_map(|w| unknowns.of(*w));
-                self.entries.push(before.map(|w| column[w as usize]).collect());
+                self.entries
+                    .push(before.map(|w| column[w as usize]).collect());
             }
         }
     }
 
     /// The rows with the factor of N A^-1 N^T; those without an unknown vertex are left out.
-    pub fn hold(&mut self, rows: Vec<Row>, laplacian: &mut Laplacian, unknowns: &Unknowns) -> Active {
+    pub fn hold(
+        &mut self,
+        rows: Vec<Row>,
+        laplacian: &mut Laplacian,
+        unknowns: &Unknowns,
+    ) -> Active {
         self.learn(&rows, laplacian, unknowns);
-        let known = |row: &Row| row.terms.iter().any(|(v, w)| *w != 0.0 && self.place.contains_key(v));
+        let known = |row: &Row| {
+            row.terms
+                .iter()
+                .any(|(v, w)| *w != 0.0 && self.place.contains_key(v))
+        };
         let rows: Vec<Row> = rows.into_iter().filter(known).collect();
         let n = rows.len();
         let weighed = |row: &Row| -> Vec<(usize, f64)> {
             let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
-            terms.filter_map(|(v, w)| self.place.get(v).map(|place| (*place, *w))).collect()
+            terms
+                .filter_map(|(v, w)| self.place.get(v).map(|place| (*place, *w)))
+                .collect()
         };
         let terms: Vec<Vec<(usize, f64)>> = rows.iter().map(weighed).collect();
         let product = |r: usize, s: usize| {
@@ -74,7 +92,10 @@ impl Touched {
             }
             matrix[(i, i)] *= 1.0 + RIDGE;
         }
-        Active { rows, factor: if n > 0 { matrix.cholesky() } else { None } }
+        Active {
+            rows,
+            factor: if n > 0 { matrix.cholesky() } else { None },
+        }
     }
 
     /// Heap memory held [bytes].
@@ -87,7 +108,11 @@ impl Touched {
     /// Appends the state: the entries themselves, for a column of the inverse may have other bits where it is solved for
     /// beside other columns.
     pub fn save(&self, to: &mut Writer) {
-        let Self { place: _, vertices, entries } = self;
+        let Self {
+            place: _,
+            vertices,
+            entries,
+        } = self;
         to.list(vertices);
         entries.iter().for_each(|entries| to.list(entries));
     }
@@ -95,13 +120,29 @@ impl Touched {
     /// Takes the state.
     pub fn restore(&mut self, from: &mut Reader<'_>, unknowns: &Unknowns) -> Result<(), Corrupt> {
         self.vertices = from.take()?;
-        from.check(self.vertices.len() <= MOST_VERTICES, "too many vertices that touched")?;
+        from.check(
+            self.vertices.len() <= MOST_VERTICES,
+            "too many vertices that touched",
+        )?;
         let is_unknown = |v: &u32| (*v as usize) < unknowns.count() && unknowns.of(*v).is_some();
-        from.check(self.vertices.iter().all(is_unknown), "a vertex touched that is not free")?;
-        self.place = self.vertices.iter().enumerate().map(|(place, v)| (*v, place)).collect();
-        from.check(self.place.len() == self.vertices.len(), "a vertex that touched stands there twice")?;
+        from.check(
+            self.vertices.iter().all(is_unknown),
+            "a vertex touched that is not free",
+        )?;
+        self.place = self
+            .vertices
+            .iter()
+            .enumerate()
+            .map(|(place, v)| (*v, place))
+            .collect();
+        from.check(
+            self.place.len() == self.vertices.len(),
+            "a vertex that touched stands there twice",
+        )?;
         // Of each vertex, with those before it and itself.
-        self.entries = (1..=self.vertices.len()).map(|n| from.exactly(n)).collect::<Result<_, _>>()?;
+        self.entries = (1..=self.vertices.len())
+            .map(|n| from.exactly(n))
+            .collect::<Result<_, _>>()?;
         Ok(())
     }
 }
@@ -139,7 +180,10 @@ impl Active {
         let known = touched.vertices.len();
         let full = known >= MOST_VERTICES;
         let learnt = |v: u32| full || unknowns.of(v).is_none() || touched.place.contains_key(&v);
-        let sound = rows.iter().flat_map(|row| row.terms).all(|(v, w)| w == 0.0 || learnt(v));
+        let sound = rows
+            .iter()
+            .flat_map(|row| row.terms)
+            .all(|(v, w)| w == 0.0 || learnt(v));
         from.check(sound, "a row of a vertex that never touched")?;
         let wanted = rows.len();
         let active = touched.hold(rows, laplacian, unknowns);
@@ -148,13 +192,21 @@ impl Active {
     }
 
     /// Applies the restricted inverse to fields, in place: no row's height changes along the result.
-    pub fn solve(&self, laplacian: &mut Laplacian, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
+    pub fn solve(
+        &self,
+        laplacian: &mut Laplacian,
+        unknowns: &Unknowns,
+        fields: &mut [&mut [Vector3<f64>]],
+    ) {
         laplacian.solve(unknowns, fields);
         let Some(factor) = &self.factor else { return };
         let mut pulls: Vec<Field> = fields
             .iter()
             .map(|field| {
-                let along = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| row.along(field)));
+                let along = DVector::from_iterator(
+                    self.rows.len(),
+                    self.rows.iter().map(|row| row.along(field)),
+                );
                 self.pull(&factor.solve(&along), field.len())
             })
             .collect();
@@ -166,9 +218,15 @@ impl Active {
     }
 
     /// The smoothest displacement that brings every row of `x` to no room at all.
-    pub fn lift(&self, x: &[Point3<f64>], laplacian: &mut Laplacian, unknowns: &Unknowns) -> Option<Field> {
+    pub fn lift(
+        &self,
+        x: &[Point3<f64>],
+        laplacian: &mut Laplacian,
+        unknowns: &Unknowns,
+    ) -> Option<Field> {
         let factor = self.factor.as_ref()?;
-        let lack = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| -row.room(x)));
+        let lack =
+            DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| -row.room(x)));
         let mut pull = self.pull(&factor.solve(&lack), x.len());
         laplacian.solve(unknowns, &mut [&mut pull]);
         Some(pull)
@@ -176,7 +234,10 @@ impl Active {
 
     fn pull(&self, factors: &DVector<f64>, count: usize) -> Field {
         let mut pull = vec![Vector3::zeros(); count];
-        self.rows.iter().zip(factors.iter()).for_each(|(row, factor)| row.spread(*factor, &mut pull));
+        self.rows
+            .iter()
+            .zip(factors.iter())
+            .for_each(|(row, factor)| row.spread(*factor, &mut pull));
         pull
     }
 }

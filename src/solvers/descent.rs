@@ -32,7 +32,10 @@ pub struct Settings {
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { tolerance: 1e-4, iterations: 500 }
+        Self {
+            tolerance: 1e-4,
+            iterations: 500,
+        }
     }
 }
 
@@ -59,7 +62,15 @@ impl Value for Outcome {
     const LEAST: usize = 4 + 4 + 4 * 8 + 1;
 
     fn put(&self, to: &mut Writer) {
-        let Self { iterations, evaluations, force, residual, energy, pressure, converged } = self;
+        let Self {
+            iterations,
+            evaluations,
+            force,
+            residual,
+            energy,
+            pressure,
+            converged,
+        } = self;
         to.put(&(*iterations, *evaluations));
         to.put(&((*force, *residual), (*energy, *pressure)));
         to.put(converged);
@@ -68,7 +79,15 @@ impl Value for Outcome {
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let (iterations, evaluations) = from.take()?;
         let ((force, residual), (energy, pressure)) = from.take()?;
-        Ok(Self { iterations, evaluations, force, residual, energy, pressure, converged: from.take()? })
+        Ok(Self {
+            iterations,
+            evaluations,
+            force,
+            residual,
+            energy,
+            pressure,
+            converged: from.take()?,
+        })
     }
 }
 
@@ -80,7 +99,8 @@ fn multipliers(
     compliance: impl Fn(usize) -> f64,
     right: impl Fn(usize) -> f64,
 ) -> Vec<f64> {
-    let entry = |i: usize, j: usize| dot(&areas[i], &spreads[j]) + if i == j { compliance(i) } else { 0.0 };
+    let entry =
+        |i: usize, j: usize| dot(&areas[i], &spreads[j]) + if i == j { compliance(i) } else { 0.0 };
     let moves: Vec<usize> = (0..areas.len()).filter(|&i| entry(i, i) > 0.0).collect();
     if moves.is_empty() {
         return vec![0.0; areas.len()];
@@ -89,7 +109,10 @@ fn multipliers(
     let right = DVector::from_fn(moves.len(), |i, _| right(moves[i]));
     let mut all = vec![0.0; areas.len()];
     if let Some(found) = matrix.lu().solve(&right) {
-        moves.iter().zip(found.iter()).for_each(|(i, m)| all[*i] = *m);
+        moves
+            .iter()
+            .zip(found.iter())
+            .for_each(|(i, m)| all[*i] = *m);
     }
     all
 }
@@ -97,7 +120,11 @@ fn multipliers(
 /// Whether a volume is at its target but for rounding, of itself and of coordinates far from the origin.
 fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
     let (excess, area) = volume.value_and_gradient(x);
-    let moved: f64 = area.iter().zip(x).map(|(a, p)| a.norm() * p.coords.norm()).sum();
+    let moved: f64 = area
+        .iter()
+        .zip(x)
+        .map(|(a, p)| a.norm() * p.coords.norm())
+        .sum();
     excess.abs() <= ROUNDED * volume.target().abs() + f64::EPSILON * moved
 }
 
@@ -151,9 +178,19 @@ pub struct Problem {
 
 impl Problem {
     /// The problem of a body that rests at `x`; vertices without inverse mass are held.
-    pub fn new(energy: Energy, x: &[Point3<f64>], inverse_mass: &[f64], settings: Settings) -> Self {
+    pub fn new(
+        energy: Energy,
+        x: &[Point3<f64>],
+        inverse_mass: &[f64],
+        settings: Settings,
+    ) -> Self {
         let force_scale = energy.force_scale(x);
-        Self { energy, settings, unknowns: Unknowns::new(inverse_mass), force_scale }
+        Self {
+            energy,
+            settings,
+            unknowns: Unknowns::new(inverse_mass),
+            force_scale,
+        }
     }
 
     /// The force [N] on a vertex that residuals are measured by.
@@ -165,55 +202,101 @@ impl Problem {
         let mut gradient = vec![Vector3::zeros(); x.len()];
         let energy = self.energy.value_and_gradient(x, &mut gradient);
         self.unknowns.release_held(&mut gradient);
-        let (excess, mut areas): (Vec<f64>, Vec<Field>) =
-            self.energy.volumes.iter().map(|volume| volume.value_and_gradient(x)).unzip();
-        areas.iter_mut().for_each(|area| self.unknowns.release_held(area));
+        let (excess, mut areas): (Vec<f64>, Vec<Field>) = self
+            .energy
+            .volumes
+            .iter()
+            .map(|volume| volume.value_and_gradient(x))
+            .unzip();
+        areas
+            .iter_mut()
+            .for_each(|area| self.unknowns.release_held(area));
         let compressed = self.of_volumes(&excess);
         let magnitude = energy + 2.0 * self.energy.negative_terms(x) + compressed;
-        State { energy: energy + compressed, magnitude, gradient, areas, excess }
+        State {
+            energy: energy + compressed,
+            magnitude,
+            gradient,
+            areas,
+            excess,
+        }
     }
 
     /// Energy of compressed volumes [J]; one without compliance is a constraint and has none.
     fn of_volumes(&self, excess: &[f64]) -> f64 {
-        self.softness(excess).zip(excess).map(|(pressure, excess)| 0.5 * excess * pressure).sum()
+        self.softness(excess)
+            .zip(excess)
+            .map(|(pressure, excess)| 0.5 * excess * pressure)
+            .sum()
     }
 
     /// The multiplier of each volume with compliance, which it has of its own; 0 of the others.
     fn softness(&self, excess: &[f64]) -> impl Iterator<Item = f64> {
-        let each = self.energy.volumes.iter().map(EnclosedVolume::compliance).zip(excess);
-        each.map(|(compliance, excess)| if compliance > 0.0 { excess / compliance } else { 0.0 })
+        let each = self
+            .energy
+            .volumes
+            .iter()
+            .map(EnclosedVolume::compliance)
+            .zip(excess);
+        each.map(|(compliance, excess)| {
+            if compliance > 0.0 {
+                excess / compliance
+            } else {
+                0.0
+            }
+        })
     }
 
     /// The volumes' multipliers, -pressure, that leave the least force.
     pub(super) fn first_multipliers(&self, state: &State) -> Vec<f64> {
-        let State { areas, gradient, .. } = state;
+        let State {
+            areas, gradient, ..
+        } = state;
         multipliers(areas, areas, |_| 0.0, |i| -dot(gradient, &areas[i]))
     }
 
     /// The direction of descent and the volumes' multipliers, -pressure: `pull` is the inverse matrix times the force,
     /// `spreads` are that times the volumes' gradients, the rows beside the matrix.
-    pub(super) fn direction(&self, state: &State, mut pull: Field, spreads: &[Field]) -> (Field, Vec<f64>) {
+    pub(super) fn direction(
+        &self,
+        state: &State,
+        mut pull: Field,
+        spreads: &[Field],
+    ) -> (Field, Vec<f64>) {
         let compliance = |i: usize| self.energy.volumes[i].compliance();
-        let found = multipliers(&state.areas, spreads, compliance, |i| state.excess[i] + dot(&state.areas[i], &pull));
-        found.iter().zip(spreads).for_each(|(m, spread)| add_scaled(&mut pull, -m, spread));
+        let found = multipliers(&state.areas, spreads, compliance, |i| {
+            state.excess[i] + dot(&state.areas[i], &pull)
+        });
+        found
+            .iter()
+            .zip(spreads)
+            .for_each(|(m, spread)| add_scaled(&mut pull, -m, spread));
         (pull, found)
     }
 
     /// Whether all volumes without compliance are at their targets but for rounding.
     pub(super) fn volumes_kept(&self, x: &[Point3<f64>]) -> bool {
-        self.energy.volumes.iter().filter(|v| v.compliance() == 0.0).all(|volume| is_kept(volume, x))
+        self.energy
+            .volumes
+            .iter()
+            .filter(|v| v.compliance() == 0.0)
+            .all(|volume| is_kept(volume, x))
     }
 
     /// Brings volumes without compliance to their targets, each along its spread; whether that can be done.
     pub(super) fn keep_volumes(&self, x: &mut [Point3<f64>], spreads: &[Field]) -> bool {
         let each = self.energy.volumes.iter().zip(spreads);
-        let rigid: Vec<(&EnclosedVolume, &Field)> = each.filter(|(v, _)| v.compliance() == 0.0).collect();
+        let rigid: Vec<(&EnclosedVolume, &Field)> =
+            each.filter(|(v, _)| v.compliance() == 0.0).collect();
         if let [(volume, spread)] = rigid[..] {
             return volume.retract(x, spread).is_ok();
         }
         // What keeps one changes the others a little.
         for _ in 0..SWEEPS {
-            if !rigid.iter().all(|(volume, spread)| volume.retract(x, spread).is_ok()) {
+            if !rigid
+                .iter()
+                .all(|(volume, spread)| volume.retract(x, spread).is_ok())
+            {
                 return false;
             }
             if rigid.iter().all(|(volume, _)| is_kept(volume, x)) {
@@ -233,8 +316,14 @@ impl Problem {
 
     /// The multipliers: a volume with compliance has its own.
     fn exact(&self, state: &State, multipliers: &[f64]) -> impl Iterator<Item = f64> {
-        let each = self.energy.volumes.iter().map(EnclosedVolume::compliance).zip(self.softness(&state.excess));
-        each.zip(multipliers).map(|((compliance, soft), free)| if compliance > 0.0 { soft } else { *free })
+        let each = self
+            .energy
+            .volumes
+            .iter()
+            .map(EnclosedVolume::compliance)
+            .zip(self.softness(&state.excess));
+        each.zip(multipliers)
+            .map(|((compliance, soft), free)| if compliance > 0.0 { soft } else { *free })
     }
 
     /// The pressure in each volume [Pa].
@@ -255,10 +344,19 @@ impl Problem {
             return Vec::new();
         }
         let force = self.force(state, multipliers);
-        rows.iter().filter(|row| row.room(x) <= touching && row.is_pressed(&force)).copied().collect()
+        rows.iter()
+            .filter(|row| row.room(x) <= touching && row.is_pressed(&force))
+            .copied()
+            .collect()
     }
 
-    pub(super) fn judge(&self, state: &State, multipliers: &[f64], holding: &[Row], outcome: &mut Outcome) {
+    pub(super) fn judge(
+        &self,
+        state: &State,
+        multipliers: &[f64],
+        holding: &[Row],
+        outcome: &mut Outcome,
+    ) {
         let mut force = self.force(state, multipliers);
         // Twice, as rows of one vertex share it.
         (0..2).for_each(|_| holding.iter().for_each(|row| row.support(&mut force)));
@@ -283,7 +381,9 @@ impl Problem {
         let soft: Vec<f64> = self.softness(&state.excess).collect();
         let along = |s: &State| {
             let pressed = soft.iter().zip(&s.areas).filter(|(m, _)| **m != 0.0);
-            pressed.fold(dot(&s.gradient, direction), |sum, (m, area)| sum + m * dot(area, direction))
+            pressed.fold(dot(&s.gradient, direction), |sum, (m, area)| {
+                sum + m * dot(area, direction)
+            })
         };
         let slope = along(state);
         if !(slope < 0.0) {
@@ -293,7 +393,11 @@ impl Problem {
         let rounding = 16.0 * f64::EPSILON * state.magnitude;
         let mut length = 1.0;
         for _ in 0..HALVINGS {
-            let mut end: Vec<Point3<f64>> = x.iter().zip(direction).map(|(x, d)| x + d * length).collect();
+            let mut end: Vec<Point3<f64>> = x
+                .iter()
+                .zip(direction)
+                .map(|(x, d)| x + d * length)
+                .collect();
             if !complete(&mut end) {
                 length *= 0.5;
                 continue;
@@ -301,14 +405,19 @@ impl Problem {
             let new = self.state(&end);
             outcome.evaluations += 1;
             let falls = new.energy <= state.energy + SUFFICIENT * length * slope;
-            let level = (new.energy - state.energy).abs() <= rounding && along(&new).abs() <= 0.9 * -slope;
+            let level =
+                (new.energy - state.energy).abs() <= rounding && along(&new).abs() <= 0.9 * -slope;
             if falls || level {
                 return Some((end, new));
             }
             // The parabola through both energies and the slope, kept between a tenth and a half.
             let over = new.energy - state.energy - length * slope;
             let best = -0.5 * slope * length * length / over;
-            length = if best.is_finite() { best.clamp(0.1 * length, 0.5 * length) } else { 0.1 * length };
+            length = if best.is_finite() {
+                best.clamp(0.1 * length, 0.5 * length)
+            } else {
+                0.1 * length
+            };
         }
         None
     }

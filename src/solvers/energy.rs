@@ -46,19 +46,34 @@ impl Energy {
     /// Energy [J] without that of volumes; writes its gradient [N].
     pub fn value_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         gradient.fill(Vector3::zeros());
-        let elastic: f64 = self.elastic.iter().map(|part| part.energy_and_gradient(x, gradient)).sum();
-        gradient.iter_mut().zip(&self.forces).for_each(|(g, f)| *g -= f);
+        let elastic: f64 = self
+            .elastic
+            .iter()
+            .map(|part| part.energy_and_gradient(x, gradient))
+            .sum();
+        gradient
+            .iter_mut()
+            .zip(&self.forces)
+            .for_each(|(g, f)| *g -= f);
         if let Some(inertia) = &self.inertia {
-            let each = gradient.iter_mut().zip(x).zip(inertia.target.iter().zip(&inertia.weight));
+            let each = gradient
+                .iter_mut()
+                .zip(x)
+                .zip(inertia.target.iter().zip(&inertia.weight));
             each.for_each(|((g, x), (target, weight))| *g += (x - target) * *weight);
         }
-        let pressed = self.press.as_ref().map_or(0.0, |press| press.energy_and_gradient(x, gradient));
+        let pressed = self
+            .press
+            .as_ref()
+            .map_or(0.0, |press| press.energy_and_gradient(x, gradient));
         elastic + pressed + self.of_loads(x)
     }
 
     /// Sum of those terms of the energy that are negative, without their sign [J]: work of the constant forces.
     pub fn negative_terms(&self, x: &[Point3<f64>]) -> f64 {
-        tree_sum_by(self.forces.len(), |i| self.forces[i].dot(&x[i].coords).max(0.0))
+        tree_sum_by(self.forces.len(), |i| {
+            self.forces[i].dot(&x[i].coords).max(0.0)
+        })
     }
 
     fn of_loads(&self, x: &[Point3<f64>]) -> f64 {
@@ -88,22 +103,36 @@ impl Energy {
         convex: bool,
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     ) {
-        self.elastic.iter().for_each(|part| part.hessian(x, convex, add));
-        self.press.iter().for_each(|press| press.hessian(x, convex, add));
+        self.elastic
+            .iter()
+            .for_each(|part| part.hessian(x, convex, add));
+        self.press
+            .iter()
+            .for_each(|press| press.hessian(x, convex, add));
         if let Some(inertia) = &self.inertia {
             let each = inertia.weight.iter().enumerate();
             each.for_each(|(i, w)| add(i as u32, i as u32, &Matrix3::from_diagonal_element(*w)));
         }
-        let each = self.volumes.iter().zip(pressures).filter(|(_, pressure)| !convex && **pressure != 0.0);
+        let each = self
+            .volumes
+            .iter()
+            .zip(pressures)
+            .filter(|(_, pressure)| !convex && **pressure != 0.0);
         each.for_each(|(volume, pressure)| volume_hessian(volume, x, -pressure, add));
     }
 
     /// Calls `add` with entries [N/m] of a constant positive semi-definite matrix over vertices that stands for the
     /// second derivative near `x` in every direction of space.
     pub fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        self.elastic.iter().for_each(|part| part.scalar_hessian(x, add));
+        self.elastic
+            .iter()
+            .for_each(|part| part.scalar_hessian(x, add));
         if let Some(inertia) = &self.inertia {
-            inertia.weight.iter().enumerate().for_each(|(i, w)| add(i as u32, i as u32, *w));
+            inertia
+                .weight
+                .iter()
+                .enumerate()
+                .for_each(|(i, w)| add(i as u32, i as u32, *w));
         }
     }
 
@@ -121,11 +150,19 @@ impl Energy {
 impl State for Energy {
     fn save(&self, to: &mut Writer) {
         // Every step sets the target of the inertia and what presses; multipliers of volumes play no part here.
-        let Self { elastic, forces: _, inertia: _, volumes: _, press: _ } = self;
+        let Self {
+            elastic,
+            forces: _,
+            inertia: _,
+            volumes: _,
+            press: _,
+        } = self;
         elastic.iter().for_each(|part| part.save(to));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        self.elastic.iter_mut().try_for_each(|part| part.restore(from))
+        self.elastic
+            .iter_mut()
+            .try_for_each(|part| part.restore(from))
     }
 }

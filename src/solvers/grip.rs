@@ -31,7 +31,13 @@ pub const DRAG: &str = "drag";
 impl Grip {
     /// A spring of `stiffness` [N/m] from `vertex` to a place [m].
     pub fn new(vertex: u32, to: Point3<f64>, stiffness: f64) -> Self {
-        Self { vertex, to, stiffness, multiplier: Vector3::zeros(), calls: 0 }
+        Self {
+            vertex,
+            to,
+            stiffness,
+            multiplier: Vector3::zeros(),
+            calls: 0,
+        }
     }
 
     /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the update of \[macklin2016\] with the
@@ -125,7 +131,11 @@ impl Potential for Grip {
     fn pairs(&self, _: &mut dyn FnMut(u32, u32)) {}
 
     fn hessian(&self, _: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        add(self.vertex, self.vertex, &Matrix3::from_diagonal_element(self.stiffness));
+        add(
+            self.vertex,
+            self.vertex,
+            &Matrix3::from_diagonal_element(self.stiffness),
+        );
     }
 
     fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
@@ -162,17 +172,30 @@ mod tests {
         // m (x - 1) / dt^2 = -k x.
         let exact = 1.0 / (1.0 + 8.0 * 0.25 / 2.0);
         for sweeps in [1, 2, 7] {
-            assert!((after(sweeps, 1.0) - exact).abs() < 4.0 * f64::EPSILON, "{}", after(sweeps, 1.0));
+            assert!(
+                (after(sweeps, 1.0) - exact).abs() < 4.0 * f64::EPSILON,
+                "{}",
+                after(sweeps, 1.0)
+            );
         }
-        assert!((after(1, 2.0) - exact).abs() > 0.1, "twice the stiffness must not pass");
+        assert!(
+            (after(1, 2.0) - exact).abs() > 0.1,
+            "twice the stiffness must not pass"
+        );
     }
 
     #[test]
     fn what_is_held_stays_and_no_stiffness_moves_nothing() {
         let mut grip = Grip::new(0, Point3::origin(), 8.0);
-        assert_eq!(grip.displacement(&Point3::new(1.0, 2.0, 3.0), 0.0, 0.5), Vector3::zeros());
+        assert_eq!(
+            grip.displacement(&Point3::new(1.0, 2.0, 3.0), 0.0, 0.5),
+            Vector3::zeros()
+        );
         let mut none = Grip::new(0, Point3::origin(), 0.0);
-        assert_eq!(none.displacement(&Point3::new(1.0, 2.0, 3.0), 1.0, 0.5), Vector3::zeros());
+        assert_eq!(
+            none.displacement(&Point3::new(1.0, 2.0, 3.0), 1.0, 0.5),
+            Vector3::zeros()
+        );
     }
 
     #[test]
@@ -190,8 +213,14 @@ mod tests {
             };
             // Of a quadratic, central differences are exact but for rounding.
             let difference = (at(0.5) - at(-0.5)) / 1.0;
-            assert!((gradient[1][k] - difference).abs() < 1e-13 * grip.energy(&x), "{k}");
-            assert!((2.0 * gradient[1][k] - difference).abs() > 1.0, "twice as much must not pass");
+            assert!(
+                (gradient[1][k] - difference).abs() < 1e-13 * grip.energy(&x),
+                "{k}"
+            );
+            assert!(
+                (2.0 * gradient[1][k] - difference).abs() > 1.0,
+                "twice as much must not pass"
+            );
         }
     }
 }

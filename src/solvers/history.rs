@@ -35,7 +35,10 @@ pub struct History {
 impl History {
     /// Remembers at most `depth` steps.
     pub fn new(depth: usize) -> Self {
-        Self { pairs: VecDeque::new(), depth }
+        Self {
+            pairs: VecDeque::new(),
+            depth,
+        }
     }
 
     /// Forgets all.
@@ -58,12 +61,20 @@ impl History {
         if self.pairs.len() == self.depth {
             self.pairs.pop_front();
         }
-        self.pairs.push_back(Pair { step, change, per_product: 1.0 / product });
+        self.pairs.push_back(Pair {
+            step,
+            change,
+            per_product: 1.0 / product,
+        });
     }
 
     /// Applies the inverse of the estimated second derivative to the fields, in place: `constant` is the inverse of what
     /// is known without history.
-    pub fn apply(&self, fields: &mut [&mut [Vector3<f64>]], constant: impl FnOnce(&mut [&mut [Vector3<f64>]])) {
+    pub fn apply(
+        &self,
+        fields: &mut [&mut [Vector3<f64>]],
+        constant: impl FnOnce(&mut [&mut [Vector3<f64>]]),
+    ) {
         let mut factors = vec![vec![0.0; self.pairs.len()]; fields.len()];
         for (field, factors) in fields.iter_mut().zip(&mut factors) {
             for (pair, factor) in self.pairs.iter().zip(factors).rev() {
@@ -82,7 +93,10 @@ impl History {
 
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
-        self.pairs.iter().map(|p| (p.step.capacity() + p.change.capacity()) * 24).sum()
+        self.pairs
+            .iter()
+            .map(|p| (p.step.capacity() + p.change.capacity()) * 24)
+            .sum()
     }
 }
 
@@ -90,14 +104,22 @@ impl Value for Pair {
     const LEAST: usize = 24;
 
     fn put(&self, to: &mut Writer) {
-        let Self { step, change, per_product } = self;
+        let Self {
+            step,
+            change,
+            per_product,
+        } = self;
         to.list(step);
         to.list(change);
         to.put(per_product);
     }
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
-        Ok(Self { step: from.take()?, change: from.take()?, per_product: from.take()? })
+        Ok(Self {
+            step: from.take()?,
+            change: from.take()?,
+            per_product: from.take()?,
+        })
     }
 }
 
@@ -113,6 +135,9 @@ impl History {
     pub fn restore(&mut self, from: &mut Reader<'_>, count: usize) -> Result<(), Corrupt> {
         self.pairs = from.take::<Vec<Pair>>()?.into();
         let sound = |pair: &Pair| pair.step.len() == count && pair.change.len() == count;
-        from.check(self.pairs.len() <= self.depth && self.pairs.iter().all(sound), "a history of another body")
+        from.check(
+            self.pairs.len() <= self.depth && self.pairs.iter().all(sound),
+            "a history of another body",
+        )
     }
 }

@@ -46,9 +46,19 @@ impl Newton {
     ) -> Result<Self, FactorError> {
         let problem = Problem::new(energy, x, inverse_mass, settings);
         let unknowns = &problem.unknowns;
-        let factor = Factor::new(unknowns.free.len(), &unknowns.pairs(|pair| problem.energy.pairs(pair)))?;
+        let factor = Factor::new(
+            unknowns.free.len(),
+            &unknowns.pairs(|pair| problem.energy.pairs(pair)),
+        )?;
         let numbers = vec![0.0; unknowns.free.len() * 3 * AT_ONCE];
-        Ok(Self { problem, factor, numbers, pressures: Vec::new(), factorisations: 0, projections: 0 })
+        Ok(Self {
+            problem,
+            factor,
+            numbers,
+            pressures: Vec::new(),
+            factorisations: 0,
+            projections: 0,
+        })
     }
 
     /// Takes another energy over the same vertices. Forces are judged as before; the order of elimination is kept where
@@ -80,7 +90,10 @@ impl Newton {
         x: &mut [Point3<f64>],
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Result<Outcome, FactorError> {
-        let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
+        let mut outcome = Outcome {
+            evaluations: 1,
+            ..Outcome::default()
+        };
         self.keep_volumes(x)?;
         let mut state = self.problem.state(x);
         let mut multipliers = self.problem.first_multipliers(&state);
@@ -88,7 +101,8 @@ impl Newton {
             self.problem.judge(&state, &multipliers, &[], &mut outcome);
             self.pressures = self.problem.pressures(&state, &multipliers);
             let more = watch(&outcome, x);
-            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more {
+            if outcome.converged || outcome.iterations >= self.problem.settings.iterations || !more
+            {
                 return Ok(outcome);
             }
             let pressures: Vec<f64> = multipliers.iter().map(|m| -m).collect();
@@ -100,7 +114,8 @@ impl Newton {
             let direction;
             (direction, multipliers) = problem.direction(&state, pull, &spreads);
             let complete = |end: &mut [Point3<f64>]| problem.keep_volumes(end, &spreads);
-            let Some((end, new)) = problem.search(x, &state, &direction, &mut outcome, complete) else {
+            let Some((end, new)) = problem.search(x, &state, &direction, &mut outcome, complete)
+            else {
                 return Ok(outcome);
             };
             outcome.iterations += 1;
@@ -127,9 +142,16 @@ impl Newton {
 
     /// Applies the inverse to fields, in place.
     fn invert<'a>(&mut self, fields: impl Iterator<Item = &'a mut Field>) {
-        let Self { problem, factor, numbers, .. } = self;
+        let Self {
+            problem,
+            factor,
+            numbers,
+            ..
+        } = self;
         let mut fields: Vec<&mut [Vector3<f64>]> = fields.map(Vec::as_mut_slice).collect();
-        fields.chunks_mut(AT_ONCE).for_each(|fields| invert(problem, factor, numbers, fields));
+        fields
+            .chunks_mut(AT_ONCE)
+            .for_each(|fields| invert(problem, factor, numbers, fields));
     }
 
     /// Factors the second derivative, projected or shifted where that is needed.
@@ -153,15 +175,19 @@ impl Newton {
     }
 
     fn assemble(&mut self, x: &[Point3<f64>], pressures: &[f64], convex: bool) {
-        let Self { problem, factor, .. } = self;
+        let Self {
+            problem, factor, ..
+        } = self;
         factor.clear();
-        problem.energy.hessian(x, pressures, convex, &mut |a, b, block| {
-            if let (Some(i), Some(j)) = (problem.unknowns.of(a), problem.unknowns.of(b))
-                && i >= j
-            {
-                factor.add(i, j, &columns(block));
-            }
-        });
+        problem
+            .energy
+            .hessian(x, pressures, convex, &mut |a, b, block| {
+                if let (Some(i), Some(j)) = (problem.unknowns.of(a), problem.unknowns.of(b))
+                    && i >= j
+                {
+                    factor.add(i, j, &columns(block));
+                }
+            });
     }
 }
 
@@ -170,7 +196,12 @@ fn columns(block: &Matrix3<f64>) -> [[f64; 3]; 3] {
 }
 
 /// Applies the inverse to fields, in place.
-fn invert(problem: &Problem, factor: &mut Factor<3>, numbers: &mut [f64], fields: &mut [&mut [Vector3<f64>]]) {
+fn invert(
+    problem: &Problem,
+    factor: &mut Factor<3>,
+    numbers: &mut [f64],
+    fields: &mut [&mut [Vector3<f64>]],
+) {
     let free = &problem.unknowns.free;
     let n = 3 * free.len();
     for (f, field) in fields.iter().enumerate() {

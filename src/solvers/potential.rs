@@ -23,7 +23,12 @@ pub trait Potential: State + Send + Sync {
     fn pairs(&self, pair: &mut dyn FnMut(u32, u32));
     /// Calls `add` with the blocks of the second derivative [N/m], by row and column; with `convex`, of its nearest
     /// positive semi-definite part, constraint by constraint.
-    fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>));
+    fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    );
     /// Calls `add` with entries [N/m] of a positive semi-definite matrix over vertices that stands for the second
     /// derivative at `x` in every direction of space.
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64));
@@ -50,8 +55,15 @@ impl<C: Constraint<K>, const K: usize> Quadratic<C, K> {
     /// # Panics
     /// If the number of stiffnesses differs from that of constraints.
     pub fn new(constraints: Vec<C>, stiffness: Vec<f64>) -> Self {
-        assert_eq!(constraints.len(), stiffness.len(), "one stiffness for each constraint");
-        Self { constraints, stiffness }
+        assert_eq!(
+            constraints.len(),
+            stiffness.len(),
+            "one stiffness for each constraint"
+        );
+        Self {
+            constraints,
+            stiffness,
+        }
     }
 
     fn each(&self) -> impl Iterator<Item = (&C, f64)> {
@@ -61,7 +73,10 @@ impl<C: Constraint<K>, const K: usize> Quadratic<C, K> {
 
 impl<C: Constraint<K>, const K: usize> State for Quadratic<C, K> {
     fn save(&self, to: &mut Writer) {
-        let Self { constraints, stiffness: _ } = self;
+        let Self {
+            constraints,
+            stiffness: _,
+        } = self;
         save_memory(constraints, to);
     }
 
@@ -90,7 +105,13 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         let mut sum = Compensated::default();
         let slots: Vec<Slot> = x.iter().map(|x| Slot([x.x, x.y, x.z, 0.0])).collect();
-        let forces = Forces { of: self, x, slots: &slots, gradient, sum: &mut sum };
+        let forces = Forces {
+            of: self,
+            x,
+            slots: &slots,
+            gradient,
+            sum: &mut sum,
+        };
         lanes::run(if C::LANES { Width::best() } else { Width::One }, forces);
         sum.total()
     }
@@ -104,7 +125,12 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
         }
     }
 
-    fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
+    fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
         for (constraint, k) in self.each() {
             let points = constraint.points();
             let at = points.map(|p| x[p as usize]);
@@ -112,9 +138,11 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
                 continue;
             }
             let c = constraint.value(&Second::variables(&at));
-            let block =
-                |i: usize, j: usize| (c.gradient[i] * c.gradient[j].transpose() + c.hessian[i][j] * c.value) * k;
-            let mut blocks: [[Matrix3<f64>; K]; K] = std::array::from_fn(|i| std::array::from_fn(|j| block(i, j)));
+            let block = |i: usize, j: usize| {
+                (c.gradient[i] * c.gradient[j].transpose() + c.hessian[i][j] * c.value) * k
+            };
+            let mut blocks: [[Matrix3<f64>; K]; K] =
+                std::array::from_fn(|i| std::array::from_fn(|j| block(i, j)));
             // A spring at rest or stretched, and any constraint that holds, has no negative curvature of its own.
             if convex && c.value != 0.0 {
                 blocks = positive_part(&blocks);
@@ -128,7 +156,9 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
         for (constraint, k) in self.each() {
             let points = constraint.points();
-            let Some((_, g)) = constraint.value_and_gradient(&points.map(|p| x[p as usize])) else { continue };
+            let Some((_, g)) = constraint.value_and_gradient(&points.map(|p| x[p as usize])) else {
+                continue;
+            };
             // The trace of each block k g_i g_j^T: a Gram matrix, hence positive semi-definite.
             for i in 0..K {
                 (0..K).for_each(|j| add(points[i], points[j], k * g[i].dot(&g[j])));
@@ -204,7 +234,11 @@ impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
             let [x, y, z, _] = N::gather(machine, self.slots, |l| these[l].points()[k]);
             at[k] = [x, y, z];
         });
-        let Several { value, gradient, usual } = C::in_lanes::<N>(these, machine, &at);
+        let Several {
+            value,
+            gradient,
+            usual,
+        } = C::in_lanes::<N>(these, machine, &at);
         if !N::all(usual) {
             return (j..j + N::COUNT).for_each(|j| self.alone(j));
         }
@@ -245,7 +279,9 @@ fn positive_part<const K: usize>(blocks: &[[Matrix3<f64>; K]; K]) -> [[Matrix3<f
     let mut split = whole.symmetric_eigen();
     split.eigenvalues.iter_mut().for_each(|v| *v = v.max(0.0));
     let whole = split.recompose();
-    std::array::from_fn(|i| std::array::from_fn(|j| whole.fixed_view::<3, 3>(3 * i, 3 * j).into_owned()))
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| whole.fixed_view::<3, 3>(3 * i, 3 * j).into_owned())
+    })
 }
 
 /// Second derivative of the enclosed volume: calls `add` with its blocks times `factor`, by row and column.

@@ -41,9 +41,21 @@ struct Touching {
 
 impl Press {
     /// A band of a stiffness [N/m] and height [m] over obstacles, for samples of a surface.
-    pub fn new(stiffness: f64, thickness: f64, samples: Vec<Sample>, obstacles: Vec<Arc<SmoothDistance>>) -> Self {
+    pub fn new(
+        stiffness: f64,
+        thickness: f64,
+        samples: Vec<Sample>,
+        obstacles: Vec<Arc<SmoothDistance>>,
+    ) -> Self {
         let poses = vec![Isometry3::identity(); obstacles.len()];
-        Self { stiffness, thickness, samples, obstacles, near: Vec::new(), poses }
+        Self {
+            stiffness,
+            thickness,
+            samples,
+            obstacles,
+            near: Vec::new(),
+            poses,
+        }
     }
 
     /// Takes note of where the obstacles are, and of the samples of `x` [m] nearer to them than `reach` [m]: others are not
@@ -51,12 +63,19 @@ impl Press {
     pub fn place(&mut self, poses: Vec<Isometry3<f64>>, x: &[Point3<f64>], reach: f64) -> bool {
         self.poses = poses;
         let count = self.obstacles.len();
-        let all = (0..self.samples.len() * count).into_par_iter().with_min_len(256);
+        let all = (0..self.samples.len() * count)
+            .into_par_iter()
+            .with_min_len(256);
         let pair = |k: usize| ((k / count) as u32, k % count);
-        let is_near =
-            |k: usize| self.distance(pair(k), x).filter(|d| d.distance < reach).map(|d| (pair(k), d.distance));
+        let is_near = |k: usize| {
+            self.distance(pair(k), x)
+                .filter(|d| d.distance < reach)
+                .map(|d| (pair(k), d.distance))
+        };
         let found: Vec<((u32, usize), f64)> = all.filter_map(is_near).collect();
-        let known = |(near, d): &((u32, usize), f64)| *d >= self.thickness || self.near.binary_search(near).is_ok();
+        let known = |(near, d): &((u32, usize), f64)| {
+            *d >= self.thickness || self.near.binary_search(near).is_ok()
+        };
         let all_known = found.iter().all(known);
         self.near = found.into_iter().map(|(near, _)| near).collect();
         all_known
@@ -70,7 +89,11 @@ impl Press {
 
     fn touching(&self, x: &[Point3<f64>]) -> Vec<Touching> {
         let touching = |&near: &(u32, usize)| {
-            let Smooth { distance, gradient, hessian } = self.distance(near, x)?;
+            let Smooth {
+                distance,
+                gradient,
+                hessian,
+            } = self.distance(near, x)?;
             let short = self.thickness - distance;
             if !(short > 0.0) {
                 return None;
@@ -78,13 +101,23 @@ impl Press {
             let turn = self.poses[near.1].rotation;
             let matrix = turn.to_rotation_matrix();
             let hessian = matrix * hessian * matrix.transpose();
-            Some(Touching { sample: self.samples[near.0 as usize], short, gradient: turn * gradient, hessian })
+            Some(Touching {
+                sample: self.samples[near.0 as usize],
+                short,
+                gradient: turn * gradient,
+                hessian,
+            })
         };
-        self.near.par_iter().with_min_len(64).filter_map(touching).collect()
+        self.near
+            .par_iter()
+            .with_min_len(64)
+            .filter_map(touching)
+            .collect()
     }
 
     fn of(&self, touching: &[Touching]) -> f64 {
-        self.stiffness / (3.0 * self.thickness) * tree_sum_by(touching.len(), |k| touching[k].short.powi(3))
+        self.stiffness / (3.0 * self.thickness)
+            * tree_sum_by(touching.len(), |k| touching[k].short.powi(3))
     }
 
     /// Energy [J] at positions `x` [m].
@@ -95,16 +128,35 @@ impl Press {
     /// Energy [J]; adds its gradient [N].
     pub fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
         let touching = self.touching(x);
-        for Touching { sample, short, gradient: up, .. } in &touching {
+        for Touching {
+            sample,
+            short,
+            gradient: up,
+            ..
+        } in &touching
+        {
             let force = up * (self.stiffness / self.thickness * short * short);
-            sample.iter().for_each(|v| gradient[*v as usize] -= force * 0.5);
+            sample
+                .iter()
+                .for_each(|v| gradient[*v as usize] -= force * 0.5);
         }
         self.of(&touching)
     }
 
     /// Calls `add` with the blocks of the second derivative [N/m]; with `convex`, without what may be indefinite.
-    pub fn hessian(&self, x: &[Point3<f64>], convex: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        for Touching { sample: [a, b], short, gradient, hessian } in self.touching(x) {
+    pub fn hessian(
+        &self,
+        x: &[Point3<f64>],
+        convex: bool,
+        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
+    ) {
+        for Touching {
+            sample: [a, b],
+            short,
+            gradient,
+            hessian,
+        } in self.touching(x)
+        {
             let mut block = gradient * gradient.transpose() * (2.0 * short);
             if !convex {
                 block -= hessian * (short * short);
@@ -133,11 +185,18 @@ mod tests {
     /// Points of which some are inside, some in the band, some beyond; samples are they and what is between some.
     fn drawn() -> (Press, Vec<Point3<f64>>) {
         let mut draw = Draw::new(9);
-        let capsule = Capsule { ends: [Point3::origin(), Point3::new(0.3, 0.0, 0.0)], radius: 0.1 };
+        let capsule = Capsule {
+            ends: [Point3::origin(), Point3::new(0.3, 0.0, 0.0)],
+            radius: 0.1,
+        };
         let pose = Isometry3::new(Vector3::new(0.1, -0.2, 0.05), Vector3::new(0.3, 1.0, -0.5));
-        let x: Vec<Point3<f64>> =
-            (0..40).map(|_| pose * Point3::from(draw.direction() * draw.between(0.05, 0.16))).collect();
-        let samples = (0..40).map(|v| [v, v]).chain((0..5).map(|v| [v, 39 - v])).collect();
+        let x: Vec<Point3<f64>> = (0..40)
+            .map(|_| pose * Point3::from(draw.direction() * draw.between(0.05, 0.16)))
+            .collect();
+        let samples = (0..40)
+            .map(|v| [v, v])
+            .chain((0..5).map(|v| [v, 39 - v]))
+            .collect();
         let smooth = Arc::new(SmoothDistance::new(&capsule, 0.01, 0.1));
         let mut press = Press::new(50.0, 0.03, samples, vec![smooth]);
         press.place(vec![pose], &x, 0.08);
@@ -154,7 +213,9 @@ mod tests {
         };
         let (here, energy) = (gradient(&x), press.energy(&x));
         let mut blocks = std::collections::BTreeMap::new();
-        press.hessian(&x, false, &mut |a, b, block| *blocks.entry((a, b)).or_insert_with(Matrix3::zeros) += block);
+        press.hessian(&x, false, &mut |a, b, block| {
+            *blocks.entry((a, b)).or_insert_with(Matrix3::zeros) += block
+        });
         let h = 1e-6;
         for v in 0..x.len() {
             for c in 0..3 {
@@ -167,17 +228,29 @@ mod tests {
                 let slope = (press.energy(&up) - press.energy(&down)) / (2.0 * h);
                 // Rounding of the energy over the step, and third derivatives.
                 let limit = 1e-15 * energy / h + 1e-4 * press.stiffness * h;
-                assert!((slope - here[v][c]).abs() <= limit, "{slope} {}", here[v][c]);
+                assert!(
+                    (slope - here[v][c]).abs() <= limit,
+                    "{slope} {}",
+                    here[v][c]
+                );
                 let (up, down) = (gradient(&up), gradient(&down));
                 for w in 0..x.len() {
                     let change = (up[w] - down[w]) / (2.0 * h);
-                    let wanted = blocks.get(&(w as u32, v as u32)).map_or_else(Vector3::zeros, |b| b.column(c).into());
-                    assert!((change - wanted).norm() <= 1e-3 * press.stiffness, "{change} {wanted}");
+                    let wanted = blocks
+                        .get(&(w as u32, v as u32))
+                        .map_or_else(Vector3::zeros, |b| b.column(c).into());
+                    assert!(
+                        (change - wanted).norm() <= 1e-3 * press.stiffness,
+                        "{change} {wanted}"
+                    );
                 }
             }
         }
         let touched = here.iter().filter(|g| g.norm() > 0.0).count();
-        assert!(touched > 5 && touched < x.len(), "control: {touched} are in the band");
+        assert!(
+            touched > 5 && touched < x.len(),
+            "control: {touched} are in the band"
+        );
         let steep = crate::mesh::measures::greatest(blocks.values().map(Matrix3::norm));
         assert!(steep > 0.1 * press.stiffness, "control: {steep}");
     }

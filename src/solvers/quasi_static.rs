@@ -80,9 +80,15 @@ impl QuasiStatic {
     }
 
     /// Moves held vertices to `held` and carries the others along smoothly, then keeps volumes and obstacles.
-    pub fn follow(&mut self, x: &mut [Point3<f64>], held: &[(u32, Point3<f64>)], guard: &mut impl Guard) {
+    pub fn follow(
+        &mut self,
+        x: &mut [Point3<f64>],
+        held: &[(u32, Point3<f64>)],
+        guard: &mut impl Guard,
+    ) {
         let mut displacement = vec![Vector3::zeros(); x.len()];
-        held.iter().for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
+        held.iter()
+            .for_each(|&(v, to)| displacement[v as usize] = to - x[v as usize]);
         if displacement.iter().all(|d| *d == Vector3::zeros()) {
             return;
         }
@@ -92,7 +98,8 @@ impl QuasiStatic {
             let flown = x.iter_mut().zip(&mut displacement).zip(&inertia.target);
             flown.for_each(|((x, d), target)| (*d, *x) = (*d - (target - *x), *target));
         }
-        self.laplacian.extend(&self.problem.unknowns, &mut displacement);
+        self.laplacian
+            .extend(&self.problem.unknowns, &mut displacement);
         x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
         // Exactly, and not by what the addition rounds to.
         held.iter().for_each(|&(v, to)| x[v as usize] = to);
@@ -114,15 +121,22 @@ impl QuasiStatic {
         guard: &mut impl Guard,
         mut watch: impl FnMut(&Outcome, &[Point3<f64>]) -> bool,
     ) -> Outcome {
-        let mut outcome = Outcome { evaluations: 1, ..Outcome::default() };
+        let mut outcome = Outcome {
+            evaluations: 1,
+            ..Outcome::default()
+        };
         self.keep_volumes(x);
         let mut state = self.problem.state(x);
         let mut multipliers = self.problem.first_multipliers(&state);
         loop {
             let rows = guard.rows();
-            let pressed = self.problem.pressed(x, &state, &multipliers, &rows, guard.touching());
+            let pressed = self
+                .problem
+                .pressed(x, &state, &multipliers, &rows, guard.touching());
             if pressed != self.active.rows() {
-                self.active = self.touched.hold(pressed, &mut self.laplacian, &self.problem.unknowns);
+                self.active =
+                    self.touched
+                        .hold(pressed, &mut self.laplacian, &self.problem.unknowns);
                 self.spreads.0.clear();
             }
             let last = outcome.iterations >= self.problem.settings.iterations;
@@ -132,14 +146,16 @@ impl QuasiStatic {
                 true => (Field::new(), self.problem.first_multipliers(&state)),
                 false => self.direction(&state),
             };
-            self.problem.judge(&state, &multipliers, self.active.rows(), &mut outcome);
+            self.problem
+                .judge(&state, &multipliers, self.active.rows(), &mut outcome);
             self.pressures = self.problem.pressures(&state, &multipliers);
             let more = watch(&outcome, x);
             if outcome.converged || last || !more {
                 self.problem.energy.remember(x);
                 return outcome;
             }
-            let Some((end, new)) = self.search(x, &state, &direction, &rows, guard, &mut outcome) else {
+            let Some((end, new)) = self.search(x, &state, &direction, &rows, guard, &mut outcome)
+            else {
                 if self.history.is_empty() {
                     return outcome;
                 }
@@ -161,9 +177,21 @@ impl QuasiStatic {
     }
 
     /// Notes a step and how the gradient of the Lagrangian changed over it, at the same multipliers.
-    fn learn(&mut self, x: &[Point3<f64>], end: &[Point3<f64>], old: &State, new: &State, multipliers: &[f64]) {
+    fn learn(
+        &mut self,
+        x: &[Point3<f64>],
+        end: &[Point3<f64>],
+        old: &State,
+        new: &State,
+        multipliers: &[f64],
+    ) {
         let step: Field = end.iter().zip(x).map(|(end, x)| end - x).collect();
-        let mut change: Field = new.gradient.iter().zip(&old.gradient).map(|(new, old)| new - old).collect();
+        let mut change: Field = new
+            .gradient
+            .iter()
+            .zip(&old.gradient)
+            .map(|(new, old)| new - old)
+            .collect();
         for (multiplier, (new, old)) in multipliers.iter().zip(new.areas.iter().zip(&old.areas)) {
             let areas = change.iter_mut().zip(new.iter().zip(old));
             areas.for_each(|(c, (new, old))| *c += (new - old) * *multiplier);
@@ -172,9 +200,18 @@ impl QuasiStatic {
     }
 
     fn direction(&mut self, state: &State) -> (Field, Vec<f64>) {
-        let Self { problem, laplacian, history, active, spreads: (spreads, age), .. } = self;
+        let Self {
+            problem,
+            laplacian,
+            history,
+            active,
+            spreads: (spreads, age),
+            ..
+        } = self;
         let invert = |laplacian: &mut Laplacian, fields: &mut [&mut [Vector3<f64>]]| {
-            history.apply(fields, |fields| active.solve(laplacian, &problem.unknowns, fields));
+            history.apply(fields, |fields| {
+                active.solve(laplacian, &problem.unknowns, fields)
+            });
         };
         let mut pull: Field = state.gradient.iter().map(|g| -g).collect();
         if state.areas.is_empty() || (*age < KEPT && !spreads.is_empty()) {
@@ -182,8 +219,11 @@ impl QuasiStatic {
             *age += 1;
         } else {
             spreads.clone_from(&state.areas);
-            let mut fields: Vec<&mut [Vector3<f64>]> =
-                [&mut pull].into_iter().chain(spreads.iter_mut()).map(Vec::as_mut_slice).collect();
+            let mut fields: Vec<&mut [Vector3<f64>]> = [&mut pull]
+                .into_iter()
+                .chain(spreads.iter_mut())
+                .map(Vec::as_mut_slice)
+                .collect();
             invert(laplacian, &mut fields);
             *age = 0;
         }
@@ -199,7 +239,14 @@ impl QuasiStatic {
         guard: &mut impl Guard,
         outcome: &mut Outcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
-        let Self { problem, laplacian, touched, active, spreads: (spreads, _), .. } = self;
+        let Self {
+            problem,
+            laplacian,
+            touched,
+            active,
+            spreads: (spreads, _),
+            ..
+        } = self;
         problem.search(x, state, direction, outcome, |end| {
             lift(problem, laplacian, touched, active, rows, end);
             guard.push(x, end);
@@ -208,30 +255,55 @@ impl QuasiStatic {
     }
 
     fn stay_over(&mut self, rows: &[Row], x: &mut [Point3<f64>]) {
-        lift(&self.problem, &mut self.laplacian, &mut self.touched, &self.active, rows, x);
+        lift(
+            &self.problem,
+            &mut self.laplacian,
+            &mut self.touched,
+            &self.active,
+            rows,
+            x,
+        );
     }
 
     /// Brings volumes without compliance to their targets, by the smoothest fields that do it.
     fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
         let volumes = &self.problem.energy.volumes;
-        let (excess, mut areas): (Vec<f64>, Vec<Field>) = volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
+        let (excess, mut areas): (Vec<f64>, Vec<Field>) =
+            volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
         // Any smooth fields do, and these are at hand; to rounding volumes hold already after `follow`.
-        let off = |(excess, volume): (&f64, &EnclosedVolume)| !(excess.abs() <= ROUNDED * volume.target().abs());
+        let off = |(excess, volume): (&f64, &EnclosedVolume)| {
+            !(excess.abs() <= ROUNDED * volume.target().abs())
+        };
         if !excess.iter().zip(volumes).any(off)
             || (!self.spreads.0.is_empty() && self.problem.keep_volumes(x, &self.spreads.0))
         {
             return;
         }
-        let mut fields: Vec<&mut [Vector3<f64>]> = areas.iter_mut().map(Vec::as_mut_slice).collect();
-        self.active.solve(&mut self.laplacian, &self.problem.unknowns, &mut fields);
+        let mut fields: Vec<&mut [Vector3<f64>]> =
+            areas.iter_mut().map(Vec::as_mut_slice).collect();
+        self.active
+            .solve(&mut self.laplacian, &self.problem.unknowns, &mut fields);
         self.problem.keep_volumes(x, &areas);
     }
 }
 
 impl state::State for QuasiStatic {
     fn save(&self, to: &mut Writer) {
-        let Self { problem, laplacian: _, history, touched, active, spreads: (spreads, age), pressures: _ } = self;
-        let Problem { energy, settings: _, unknowns: _, force_scale: _ } = problem;
+        let Self {
+            problem,
+            laplacian: _,
+            history,
+            touched,
+            active,
+            spreads: (spreads, age),
+            pressures: _,
+        } = self;
+        let Problem {
+            energy,
+            settings: _,
+            unknowns: _,
+            force_scale: _,
+        } = problem;
         energy.save(to);
         history.save(to);
         touched.save(to);
@@ -241,7 +313,15 @@ impl state::State for QuasiStatic {
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        let Self { problem, laplacian, history, touched, active, spreads: (spreads, age), pressures: _ } = self;
+        let Self {
+            problem,
+            laplacian,
+            history,
+            touched,
+            active,
+            spreads: (spreads, age),
+            pressures: _,
+        } = self;
         let count = problem.unknowns.count();
         problem.energy.restore(from)?;
         history.restore(from, count)?;
@@ -249,7 +329,10 @@ impl state::State for QuasiStatic {
         *active = Active::restore(from, touched, laplacian, &problem.unknowns, count)?;
         let all: Field = from.take()?;
         let volumes = problem.energy.volumes.len();
-        from.check(all.is_empty() || all.len() == count * volumes, "a field over another body")?;
+        from.check(
+            all.is_empty() || all.len() == count * volumes,
+            "a field over another body",
+        )?;
         *spreads = all.chunks(count.max(1)).map(<[_]>::to_vec).collect();
         *age = from.take()?;
         Ok(())
@@ -265,7 +348,11 @@ fn lift(
     rows: &[Row],
     x: &mut [Point3<f64>],
 ) {
-    let mut all: Vec<Row> = rows.iter().filter(|row| row.room(x) < 0.0).copied().collect();
+    let mut all: Vec<Row> = rows
+        .iter()
+        .filter(|row| row.room(x) < 0.0)
+        .copied()
+        .collect();
     if all.is_empty() {
         return;
     }

@@ -4,7 +4,8 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::LltError;
 use faer::perm::PermRef;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
@@ -58,20 +59,35 @@ impl<const B: usize> Factor<B> {
         let (column, row) = scalar_pattern::<B>(count, &start, &rows);
         let symbolic = match by_block.perm() {
             Some(order) if B > 1 => {
-                let (forward, inverse) = (spread::<B>(order.arrays().0), spread::<B>(order.arrays().1));
+                let (forward, inverse) =
+                    (spread::<B>(order.arrays().0), spread::<B>(order.arrays().1));
                 let order = PermRef::new_checked(&forward, &inverse, count * B);
                 analyse(count * B, &column, &row, SymmetricOrdering::Custom(order))?
             }
             _ => by_block,
         };
-        let too_large = FactorError::OutOfMemory { bytes: symbolic.len_val().saturating_mul(8) };
+        let too_large = FactorError::OutOfMemory {
+            bytes: symbolic.len_val().saturating_mul(8),
+        };
         let mut factor = Vec::new();
-        factor.try_reserve_exact(symbolic.len_val()).map_err(|_| too_large)?;
+        factor
+            .try_reserve_exact(symbolic.len_val())
+            .map_err(|_| too_large)?;
         factor.resize(symbolic.len_val(), 0.0);
         let factoring = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let solving = symbolic.solve_in_place_scratch::<f64>(MOST_COLUMNS, Par::Seq);
         let memory = MemBuffer::try_new(factoring.or(solving)).map_err(|_| too_large)?;
-        Ok(Self { count, start, rows, values: vec![0.0; row.len()], column, row, symbolic, factor, memory })
+        Ok(Self {
+            count,
+            start,
+            rows,
+            values: vec![0.0; row.len()],
+            column,
+            row,
+            symbolic,
+            factor,
+            memory,
+        })
     }
 
     /// Number of vertices.
@@ -83,7 +99,9 @@ impl<const B: usize> Factor<B> {
     pub fn covers(&self, pairs: &[[u32; 2]]) -> bool {
         let has = |&[a, b]: &[u32; 2]| {
             let column = a.min(b) as usize;
-            self.rows[self.start[column]..self.start[column + 1]].binary_search(&a.max(b)).is_ok()
+            self.rows[self.start[column]..self.start[column + 1]]
+                .binary_search(&a.max(b))
+                .is_ok()
         };
         pairs.iter().all(has)
     }
@@ -95,7 +113,12 @@ impl<const B: usize> Factor<B> {
 
     /// Heap memory held [bytes], but for the lists of the order of elimination.
     pub fn bytes(&self) -> usize {
-        (self.start.len() + self.column.len() + self.row.len() + self.values.len() + self.factor.len()) * 8
+        (self.start.len()
+            + self.column.len()
+            + self.row.len()
+            + self.values.len()
+            + self.factor.len())
+            * 8
             + self.rows.len() * 4
             + self.memory.len()
     }
@@ -117,7 +140,10 @@ impl<const B: usize> Factor<B> {
         for (c, numbers) in block.iter().enumerate() {
             let first = if k == 0 { c } else { 0 };
             let begin = self.column[j as usize * B + c] + k * B + first - c;
-            self.values[begin..begin + B - first].iter_mut().zip(&numbers[first..]).for_each(|(v, n)| *v += n);
+            self.values[begin..begin + B - first]
+                .iter_mut()
+                .zip(&numbers[first..])
+                .for_each(|(v, n)| *v += n);
         }
     }
 
@@ -157,7 +183,9 @@ impl<const B: usize> Factor<B> {
             Ok(()) => Err(FactorError::NotPositiveDefinite { unknown: 0 }),
             Err(LltError::NonPositivePivot { index }) => {
                 let unknown = self.symbolic.perm().map_or(index, |p| p.arrays().0[index]);
-                Err(FactorError::NotPositiveDefinite { unknown: unknown / B })
+                Err(FactorError::NotPositiveDefinite {
+                    unknown: unknown / B,
+                })
             }
         }
     }
@@ -167,7 +195,10 @@ impl<const B: usize> Factor<B> {
     /// # Panics
     /// If `rhs` has another length, or there are more than six columns.
     pub fn solve(&mut self, rhs: &mut [f64], columns: usize) {
-        assert!(columns <= MOST_COLUMNS, "at most {MOST_COLUMNS} right-hand sides");
+        assert!(
+            columns <= MOST_COLUMNS,
+            "at most {MOST_COLUMNS} right-hand sides"
+        );
         let rhs = MatMut::from_column_major_slice_mut(rhs, self.count * B, columns);
         let factor = LltRef::new(&self.symbolic, &self.factor);
         factor.solve_in_place_with_conj(Conj::No, rhs, Par::Seq, MemStack::new(&mut self.memory));
@@ -207,8 +238,15 @@ fn pattern(count: usize, pairs: &[[u32; 2]]) -> (Vec<usize>, Vec<u32>) {
 }
 
 /// The lower triangle by scalar columns: column c of a diagonal block begins at its own row.
-fn scalar_pattern<const B: usize>(count: usize, start: &[usize], rows: &[u32]) -> (Vec<usize>, Vec<usize>) {
-    let (mut column, mut row) = (Vec::with_capacity(count * B + 1), Vec::with_capacity(rows.len() * B * B));
+fn scalar_pattern<const B: usize>(
+    count: usize,
+    start: &[usize],
+    rows: &[u32],
+) -> (Vec<usize>, Vec<usize>) {
+    let (mut column, mut row) = (
+        Vec::with_capacity(count * B + 1),
+        Vec::with_capacity(rows.len() * B * B),
+    );
     column.push(0);
     for j in 0..count {
         for c in 0..B {
@@ -223,7 +261,10 @@ fn scalar_pattern<const B: usize>(count: usize, start: &[usize], rows: &[u32]) -
 
 /// An order of blocks as an order of their unknowns.
 fn spread<const B: usize>(order: &[usize]) -> Vec<usize> {
-    order.iter().flat_map(|&i| (0..B).map(move |c| i * B + c)).collect()
+    order
+        .iter()
+        .flat_map(|&i| (0..B).map(move |c| i * B + c))
+        .collect()
 }
 
 fn analyse(
@@ -233,6 +274,11 @@ fn analyse(
     order: SymmetricOrdering<'_, usize>,
 ) -> Result<SymbolicCholesky<usize>, FactorError> {
     let pattern = SymbolicSparseColMatRef::new_checked(n, n, column, None, row);
-    factorize_symbolic_cholesky(pattern, Side::Lower, order, CholeskySymbolicParams::default())
-        .map_err(|_| FactorError::OutOfMemory { bytes: 0 })
+    factorize_symbolic_cholesky(
+        pattern,
+        Side::Lower,
+        order,
+        CholeskySymbolicParams::default(),
+    )
+    .map_err(|_| FactorError::OutOfMemory { bytes: 0 })
 }

@@ -76,18 +76,31 @@ impl Broken {
     fn in_words(&self) -> String {
         let Self { effect, particle } = self;
         match *effect {
-            DIVERGENCE => format!("it diverged, particle {particle} was torn away from its neighbours"),
+            DIVERGENCE => {
+                format!("it diverged, particle {particle} was torn away from its neighbours")
+            }
             _ => format!("{effect} gave particle {particle} a position that is not finite"),
         }
     }
 }
 
 /// What may act on a body beside the kinds of constraints, and whatever that cannot be told apart from.
-const EFFECTS: [&str; 6] = ["motion", "contact", "volume", "equilibrium", "step", DIVERGENCE];
+const EFFECTS: [&str; 6] = [
+    "motion",
+    "contact",
+    "volume",
+    "equilibrium",
+    "step",
+    DIVERGENCE,
+];
 
 /// The effect of a name that was read.
 pub fn effect_of_name(name: &str) -> Option<&'static str> {
-    EFFECTS.iter().chain(KINDS).find(|known| **known == name).copied()
+    EFFECTS
+        .iter()
+        .chain(KINDS)
+        .find(|known| **known == name)
+        .copied()
 }
 
 impl Value for Broken {
@@ -102,7 +115,10 @@ impl Value for Broken {
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let name: String = from.take()?;
         let effect = effect_of_name(&name).ok_or(from.corrupt("no effect has this name"))?;
-        Ok(Self { effect, particle: from.take()? })
+        Ok(Self {
+            effect,
+            particle: from.take()?,
+        })
     }
 }
 
@@ -167,7 +183,10 @@ impl System {
     /// # Panics
     /// If `dt` is negative or not finite: the caller checks its settings.
     pub fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
-        assert!(dt >= 0.0 && dt.is_finite(), "a step takes a finite time, not {dt} s");
+        assert!(
+            dt >= 0.0 && dt.is_finite(),
+            "a step takes a finite time, not {dt} s"
+        );
         if dt == 0.0 {
             return Ok(());
         }
@@ -184,7 +203,10 @@ impl System {
         let found = self.advance(placed, dt, true);
         self.particles.position.clone_from(&self.start);
         self.particles.velocity.clone_from(&self.start_velocity);
-        found.and(Err(Broken { effect: "step", particle: 0 }))
+        found.and(Err(Broken {
+            effect: "step",
+            particle: 0,
+        }))
     }
 
     fn advance(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
@@ -202,7 +224,9 @@ impl System {
         }
         self.take_velocities(dt);
         if let Some(contacts) = &mut self.contacts {
-            self.clock.time("contact", || contacts.end_step(placed, &mut self.particles, dt));
+            self.clock.time("contact", || {
+                contacts.end_step(placed, &mut self.particles, dt)
+            });
         }
         self.limit_speed();
         Ok(())
@@ -225,7 +249,8 @@ impl System {
             watch_positions(&self.particles, name, watch)?;
         }
         if let Some(contacts) = &mut self.contacts {
-            self.clock.time("contact", || contacts.project(placed, &mut self.particles));
+            self.clock
+                .time("contact", || contacts.project(placed, &mut self.particles));
             self.watch("contact", watch)?;
         }
         self.project_volume(dt);
@@ -234,26 +259,47 @@ impl System {
 
     /// The volume comes last and spares what touches a bone, so that a step ends with both satisfied.
     fn project_volume(&mut self, dt: f64) {
-        let Some(volume) = &mut self.volume else { return };
-        let barred = self.contacts.as_ref().map(|contacts| contacts.barred(&self.particles.position));
+        let Some(volume) = &mut self.volume else {
+            return;
+        };
+        let barred = self
+            .contacts
+            .as_ref()
+            .map(|contacts| contacts.barred(&self.particles.position));
         let restrict = |field: &mut [Slot], sign: f64| {
             if let Some(barred) = &barred {
                 barred.restrict(field, sign);
             }
         };
         // Without a solution the volume is left as it is; the measures show it, and `unsolved` counts it.
-        let _ = self.clock.time("volume", || volume.project_along(&mut self.particles, dt, restrict));
+        let _ = self.clock.time("volume", || {
+            volume.project_along(&mut self.particles, dt, restrict)
+        });
     }
 
     fn predict(&mut self, placed: &[Placed], dt: f64) {
-        let Settings { gravity, velocity_factor, force_factor, .. } = self.settings;
+        let Settings {
+            gravity,
+            velocity_factor,
+            force_factor,
+            ..
+        } = self.settings;
         let particles = &mut self.particles;
-        particles.velocity.iter_mut().for_each(|v| *v *= velocity_factor);
+        particles
+            .velocity
+            .iter_mut()
+            .for_each(|v| *v *= velocity_factor);
         let pull = dt * force_factor;
         for &(vertex, force) in &self.forces {
-            particles.velocity[vertex as usize] += force * (particles.inverse_mass[vertex as usize] * pull);
+            particles.velocity[vertex as usize] +=
+                force * (particles.inverse_mass[vertex as usize] * pull);
         }
-        for ((x, v), w) in particles.position.iter_mut().zip(&mut particles.velocity).zip(&particles.inverse_mass) {
+        for ((x, v), w) in particles
+            .position
+            .iter_mut()
+            .zip(&mut particles.velocity)
+            .zip(&particles.inverse_mass)
+        {
             if *w > 0.0 {
                 *v += gravity * pull;
                 *x += *v * dt;
@@ -266,7 +312,12 @@ impl System {
 
     fn take_velocities(&mut self, dt: f64) {
         let particles = &mut self.particles;
-        for ((v, x), start) in particles.velocity.iter_mut().zip(&particles.position).zip(&self.start) {
+        for ((v, x), start) in particles
+            .velocity
+            .iter_mut()
+            .zip(&particles.position)
+            .zip(&self.start)
+        {
             *v = (x - start) / dt;
         }
     }
@@ -288,16 +339,30 @@ impl System {
 
     /// After the last step of a frame: contact and volume once more, each looked up afresh, until both hold.
     pub fn settle(&mut self, placed: &[Placed], depth: f64) {
-        let still: Vec<Placed> = placed.iter().map(|p| Placed { before: p.now, ..p.clone() }).collect();
+        let still: Vec<Placed> = placed
+            .iter()
+            .map(|p| Placed {
+                before: p.now,
+                ..p.clone()
+            })
+            .collect();
         let dt = self.last_dt;
         for _ in 0..8 {
-            let Some(contacts) = &mut self.contacts else { return };
+            let Some(contacts) = &mut self.contacts else {
+                return;
+            };
             self.start.clone_from(&self.particles.position);
             contacts.begin_step(&self.start);
-            self.clock.time("contact", || contacts.project(&still, &mut self.particles));
+            self.clock
+                .time("contact", || contacts.project(&still, &mut self.particles));
             self.project_volume(dt);
-            let Some(contacts) = &mut self.contacts else { return };
-            let mut copy = Particles::at_rest(self.particles.position.clone(), self.particles.inverse_mass.clone());
+            let Some(contacts) = &mut self.contacts else {
+                return;
+            };
+            let mut copy = Particles::at_rest(
+                self.particles.position.clone(),
+                self.particles.inverse_mass.clone(),
+            );
             contacts.end_step(&still, &mut copy, dt.max(f64::MIN_POSITIVE));
             if contacts.is_clear(&still, &self.particles.position, depth) {
                 return;
@@ -308,7 +373,11 @@ impl System {
     /// How far each effect is from satisfaction after the last step.
     pub fn residuals(&self) -> Vec<(&'static str, Residual)> {
         let dt = self.last_dt;
-        let mut all: Vec<_> = self.elastic.iter().map(|b| (b.name(), b.residual(&self.particles, dt))).collect();
+        let mut all: Vec<_> = self
+            .elastic
+            .iter()
+            .map(|b| (b.name(), b.residual(&self.particles, dt)))
+            .collect();
         if let Some(volume) = &self.volume {
             all.push(("volume", volume.residual(&self.particles, dt)));
         }
@@ -322,7 +391,10 @@ impl System {
         if !(dt > 0.0) {
             return Vec::new();
         }
-        let each = self.elastic.iter().map(|b| (b.name(), b.residual_at(&self.particles, dt, particle)));
+        let each = self
+            .elastic
+            .iter()
+            .map(|b| (b.name(), b.residual_at(&self.particles, dt, particle)));
         each.filter_map(|(name, off)| Some((name, off?))).collect()
     }
 }
@@ -355,8 +427,12 @@ impl State for System {
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
         self.particles.restore(from)?;
-        self.elastic.iter_mut().try_for_each(|batch| batch.restore(from))?;
-        self.volume.iter_mut().try_for_each(|volume| volume.restore(from))?;
+        self.elastic
+            .iter_mut()
+            .try_for_each(|batch| batch.restore(from))?;
+        self.volume
+            .iter_mut()
+            .try_for_each(|volume| volume.restore(from))?;
         self.speed_cuts = from.take()?;
         self.last_dt = from.take()?;
         Ok(())

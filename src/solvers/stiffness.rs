@@ -13,10 +13,19 @@ use crate::mesh::topology::Topology;
 pub fn edges(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Distance>, Vec<f64>) {
     let areas = crate::mesh::measures::triangle_areas(&mesh.vertices, &mesh.triangles);
     let lengths = topology.edge_lengths(mesh);
-    let distances = topology.edges.iter().zip(&lengths).map(|(&points, &rest)| Distance { points, rest }).collect();
+    let distances = topology
+        .edges
+        .iter()
+        .zip(&lengths)
+        .map(|(&points, &rest)| Distance { points, rest })
+        .collect();
     let stiffness = (0..topology.edges.len())
         .map(|e| {
-            let area: f64 = topology.triangles_of_edge(e).iter().map(|&t| areas[t as usize]).sum();
+            let area: f64 = topology
+                .triangles_of_edge(e)
+                .iter()
+                .map(|&t| areas[t as usize])
+                .sum();
             membrane * area / (lengths[e] * lengths[e])
         })
         .collect();
@@ -36,7 +45,10 @@ pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Be
             let area = |c: Point3<f64>| (x[1] - x[0]).cross(&(c - x[0])).norm() / 2.0;
             let both = area(x[2]) + area(x[3]);
             let weight = 3.0 * (x[1] - x[0]).norm_squared() / both;
-            (Bending::new(points, bending::dihedral(&x)), bending * weight)
+            (
+                Bending::new(points, bending::dihedral(&x)),
+                bending * weight,
+            )
         })
         // A hinge without area has no angle; it would be skipped at every sweep.
         .filter(|(hinge, stiffness)| hinge.rest.is_finite() && stiffness.is_finite())

@@ -43,7 +43,9 @@ impl Tension {
         let mut forces = vec![Vector3::zeros(); x.len()];
         for (edge, k) in self.edges.iter().zip(&self.stiffness) {
             let [a, b] = edge.points.map(|p| p as usize);
-            let along = (x[a] - x[b]).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+            let along = (x[a] - x[b])
+                .try_normalize(0.0)
+                .unwrap_or_else(Vector3::zeros);
             let force = along * (k * edge.rest / STEEPNESS);
             forces[a] += force;
             forces[b] -= force;
@@ -52,11 +54,19 @@ impl Tension {
     }
 
     fn cord(&self, e: usize, x: &[Point3<f64>]) -> Cord {
-        let Distance { points: [a, b], rest } = self.edges[e];
+        let Distance {
+            points: [a, b],
+            rest,
+        } = self.edges[e];
         let vector = x[a as usize] - x[b as usize];
         let length = vector.norm();
         let slope = self.stiffness[e] * libm::exp(STEEPNESS * (length - rest) / rest);
-        Cord { vector, length, force: slope * rest / STEEPNESS, slope }
+        Cord {
+            vector,
+            length,
+            force: slope * rest / STEEPNESS,
+            slope,
+        }
     }
 
     /// Energy of an edge [J].
@@ -82,7 +92,11 @@ impl Potential for Tension {
             let cord = self.cord(e, x);
             sum.add(self.of(e, &cord));
             // An edge without extent pulls in no direction.
-            let pull = if cord.length > 0.0 { cord.vector * (cord.force / cord.length) } else { Vector3::zeros() };
+            let pull = if cord.length > 0.0 {
+                cord.vector * (cord.force / cord.length)
+            } else {
+                Vector3::zeros()
+            };
             gradient[edge.points[0] as usize] += pull;
             gradient[edge.points[1] as usize] -= pull;
         }
@@ -90,7 +104,9 @@ impl Potential for Tension {
     }
 
     fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.edges.iter().for_each(|e| pair(e.points[0], e.points[1]));
+        self.edges
+            .iter()
+            .for_each(|e| pair(e.points[0], e.points[1]));
     }
 
     fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
@@ -101,7 +117,8 @@ impl Potential for Tension {
             }
             let unit = cord.vector / cord.length;
             let across = cord.force / cord.length;
-            let block = Matrix3::identity() * across + unit * unit.transpose() * (cord.slope - across);
+            let block =
+                Matrix3::identity() * across + unit * unit.transpose() * (cord.slope - across);
             let [a, b] = edge.points;
             add(a, a, &block);
             add(b, b, &block);
@@ -121,7 +138,12 @@ impl Potential for Tension {
     }
 
     fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        let squares: f64 = self.edges.iter().zip(&self.stiffness).map(|(e, k)| (k * e.rest).powi(2)).sum();
+        let squares: f64 = self
+            .edges
+            .iter()
+            .zip(&self.stiffness)
+            .map(|(e, k)| (k * e.rest).powi(2))
+            .sum();
         (squares / self.edges.len().max(1) as f64).sqrt()
     }
 
@@ -155,7 +177,10 @@ mod tests {
             for b in 0..a {
                 let length = (x[a as usize] - x[b as usize]).norm();
                 let share = if (a + b) % 2 == 0 { 0.8 } else { 1.25 };
-                edges.push(Distance { points: [a, b], rest: share * length });
+                edges.push(Distance {
+                    points: [a, b],
+                    rest: share * length,
+                });
             }
         }
         let stiffness = edges.iter().map(|_| draw.between(10.0, 300.0)).collect();
@@ -182,8 +207,15 @@ mod tests {
                 up[v][c] += h;
                 down[v][c] -= h;
                 let slope = (part.energy(&up) - part.energy(&down)) / (2.0 * h);
-                assert!((slope - gradient[v][c]).abs() <= 1e-8 * scale, "{slope} {}", gradient[v][c]);
-                assert!((slope - 1.001 * gradient[v][c]).abs() > 1e-8 * scale, "control");
+                assert!(
+                    (slope - gradient[v][c]).abs() <= 1e-8 * scale,
+                    "{slope} {}",
+                    gradient[v][c]
+                );
+                assert!(
+                    (slope - 1.001 * gradient[v][c]).abs() > 1e-8 * scale,
+                    "control"
+                );
                 let (mut g, mut l) = (vec![Vector3::zeros(); 6], vec![Vector3::zeros(); 6]);
                 part.energy_and_gradient(&up, &mut g);
                 part.energy_and_gradient(&down, &mut l);
@@ -204,19 +236,28 @@ mod tests {
         let x = Draw::new(5).shape(6);
         let at_rest = |e: &Distance| {
             let [a, b] = e.points.map(|p| x[p as usize]);
-            Distance { points: e.points, rest: (a - b).norm() }
+            Distance {
+                points: e.points,
+                rest: (a - b).norm(),
+            }
         };
         let edges: Vec<Distance> = part.edges.iter().map(at_rest).collect();
         let balanced = Tension::new(edges, part.stiffness.clone());
         let greatest = |x: &[Point3<f64>]| {
             let mut gradient = vec![Vector3::zeros(); 6];
             balanced.energy_and_gradient(x, &mut gradient);
-            let left = gradient.iter().zip(balanced.support(x)).map(|(g, f)| (g - f).norm());
+            let left = gradient
+                .iter()
+                .zip(balanced.support(x))
+                .map(|(g, f)| (g - f).norm());
             crate::mesh::measures::greatest(left)
         };
         let scale = balanced.force_scale(&x);
         assert!(greatest(&x) <= 1e-13 * scale, "{}", greatest(&x));
         let longer: Vec<Point3<f64>> = x.iter().map(|p| p * 1.1).collect();
-        assert!(greatest(&longer) > 0.01 * scale, "control: longer edges pull");
+        assert!(
+            greatest(&longer) > 0.01 * scale,
+            "control: longer edges pull"
+        );
     }
 }

@@ -21,15 +21,25 @@ pub struct Tracking {
 impl Tracking {
     /// Edges with a stiffness [N/m] each, over vertices that are where they should be.
     pub fn new(edges: Vec<[u32; 2]>, stiffness: Vec<f64>, target: Vec<Point3<f64>>) -> Self {
-        Self { edges, stiffness, target }
+        Self {
+            edges,
+            stiffness,
+            target,
+        }
     }
 
-    fn each<'a>(&'a self, x: &'a [Point3<f64>]) -> impl Iterator<Item = ([usize; 2], Vector3<f64>, f64)> + 'a {
+    fn each<'a>(
+        &'a self,
+        x: &'a [Point3<f64>],
+    ) -> impl Iterator<Item = ([usize; 2], Vector3<f64>, f64)> + 'a {
         let displacement = |v: usize| x[v] - self.target[v];
-        self.edges.iter().zip(&self.stiffness).map(move |(edge, k)| {
-            let [a, b] = edge.map(|v| v as usize);
-            ([a, b], displacement(a) - displacement(b), *k)
-        })
+        self.edges
+            .iter()
+            .zip(&self.stiffness)
+            .map(move |(edge, k)| {
+                let [a, b] = edge.map(|v| v as usize);
+                ([a, b], displacement(a) - displacement(b), *k)
+            })
     }
 }
 
@@ -40,7 +50,8 @@ impl Potential for Tracking {
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = Compensated::default();
-        self.each(x).for_each(|(_, d, k)| sum.add(0.5 * k * d.norm_squared()));
+        self.each(x)
+            .for_each(|(_, d, k)| sum.add(0.5 * k * d.norm_squared()));
         sum.total()
     }
 
@@ -59,7 +70,9 @@ impl Potential for Tracking {
     }
 
     fn hessian(&self, _: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        self.scalar_hessian(&[], &mut |a, b, k| add(a, b, &Matrix3::from_diagonal_element(k)));
+        self.scalar_hessian(&[], &mut |a, b, k| {
+            add(a, b, &Matrix3::from_diagonal_element(k))
+        });
     }
 
     fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
@@ -72,8 +85,15 @@ impl Potential for Tracking {
     }
 
     fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        let force = |(edge, k): (&[u32; 2], &f64)| k * (x[edge[0] as usize] - x[edge[1] as usize]).norm();
-        let squares: f64 = self.edges.iter().zip(&self.stiffness).map(force).map(|f| f * f).sum();
+        let force =
+            |(edge, k): (&[u32; 2], &f64)| k * (x[edge[0] as usize] - x[edge[1] as usize]).norm();
+        let squares: f64 = self
+            .edges
+            .iter()
+            .zip(&self.stiffness)
+            .map(force)
+            .map(|f| f * f)
+            .sum();
         (squares / self.edges.len().max(1) as f64).sqrt()
     }
 
@@ -107,7 +127,10 @@ mod tests {
         let mut draw = Draw::new(3);
         let edges = vec![[0, 1], [1, 2], [2, 3], [0, 3], [1, 3]];
         let stiffness = (0..5).map(|_| draw.between(10.0, 300.0)).collect();
-        (Tracking::new(edges, stiffness, draw.shape(4)), draw.shape(4))
+        (
+            Tracking::new(edges, stiffness, draw.shape(4)),
+            draw.shape(4),
+        )
     }
 
     #[test]
@@ -125,8 +148,15 @@ mod tests {
                 up[v][c] += h;
                 down[v][c] -= h;
                 let slope = (part.energy(&up) - part.energy(&down)) / (2.0 * h);
-                assert!((slope - gradient[v][c]).abs() <= 1e-13 * energy / h, "{slope} {}", gradient[v][c]);
-                assert!((slope - 1.01 * gradient[v][c]).abs() > 1e-13 * energy / h, "control");
+                assert!(
+                    (slope - gradient[v][c]).abs() <= 1e-13 * energy / h,
+                    "{slope} {}",
+                    gradient[v][c]
+                );
+                assert!(
+                    (slope - 1.01 * gradient[v][c]).abs() > 1e-13 * energy / h,
+                    "control"
+                );
                 let mut there = vec![Vector3::zeros(); 4];
                 part.energy_and_gradient(&up, &mut there);
                 for w in 0..4 {
@@ -140,7 +170,10 @@ mod tests {
     #[test]
     fn a_shifted_target_costs_nothing_and_is_where_it_rests() {
         let (mut part, x) = drawn();
-        let shifted: Vec<Point3<f64>> = x.iter().map(|p| p + Vector3::new(0.25, -0.5, 1.0)).collect();
+        let shifted: Vec<Point3<f64>> = x
+            .iter()
+            .map(|p| p + Vector3::new(0.25, -0.5, 1.0))
+            .collect();
         part.aim(&shifted);
         let size = greatest(x.iter().map(|p| p.coords.norm())) + 1.25;
         assert!(part.energy(&x) <= 300.0 * 5.0 * (8.0 * f64::EPSILON * size).powi(2));

@@ -24,7 +24,11 @@ impl Unknowns {
     pub fn new(inverse_mass: &[f64]) -> Self {
         let mut unknowns = Self::default();
         for (v, w) in inverse_mass.iter().enumerate() {
-            unknowns.number.push(if *w > 0.0 { unknowns.free.len() as u32 } else { HELD });
+            unknowns.number.push(if *w > 0.0 {
+                unknowns.free.len() as u32
+            } else {
+                HELD
+            });
             if *w > 0.0 {
                 unknowns.free.push(v as u32);
             }
@@ -56,7 +60,11 @@ impl Unknowns {
 
     /// Sets all but the unknowns' entries to zero.
     pub fn release_held(&self, field: &mut [Vector3<f64>]) {
-        field.iter_mut().zip(&self.number).filter(|(_, n)| **n == HELD).for_each(|(f, _)| *f = Vector3::zeros());
+        field
+            .iter_mut()
+            .zip(&self.number)
+            .filter(|(_, n)| **n == HELD)
+            .for_each(|(f, _)| *f = Vector3::zeros());
     }
 }
 
@@ -88,7 +96,9 @@ fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]
         debug_assert!(value.is_finite());
         is_held[root(&mut above, i) as usize] = true;
     }
-    (0..above.len() as u32).find(|&i| !is_held[root(&mut above, i) as usize]).map(|i| i as usize)
+    (0..above.len() as u32)
+        .find(|&i| !is_held[root(&mut above, i) as usize])
+        .map(|i| i as usize)
 }
 
 /// A constant matrix over vertices, the same in every direction of space, factored once.
@@ -104,20 +114,34 @@ impl Laplacian {
     ///
     /// # Errors
     /// Some part of the body is not connected to a held vertex and nothing else holds it; or no memory.
-    pub fn new(energy: &Energy, unknowns: &Unknowns, x: &[Point3<f64>]) -> Result<Self, FactorError> {
-        let mut factor = Factor::new(unknowns.free.len(), &unknowns.pairs(|pair| energy.pairs(pair)))?;
+    pub fn new(
+        energy: &Energy,
+        unknowns: &Unknowns,
+        x: &[Point3<f64>],
+    ) -> Result<Self, FactorError> {
+        let mut factor = Factor::new(
+            unknowns.free.len(),
+            &unknowns.pairs(|pair| energy.pairs(pair)),
+        )?;
         let mut to_held = Vec::new();
-        energy.scalar_hessian(x, &mut |a, b, value| match (unknowns.of(a), unknowns.of(b)) {
-            (Some(i), Some(j)) if i >= j => factor.add(i, j, &[[value]]),
-            (Some(i), None) => to_held.push((i, b, value)),
-            _ => {}
-        });
+        energy.scalar_hessian(
+            x,
+            &mut |a, b, value| match (unknowns.of(a), unknowns.of(b)) {
+                (Some(i), Some(j)) if i >= j => factor.add(i, j, &[[value]]),
+                (Some(i), None) => to_held.push((i, b, value)),
+                _ => {}
+            },
+        );
         if let Some(unknown) = first_loose(unknowns, energy, &to_held) {
             return Err(FactorError::NotPositiveDefinite { unknown });
         }
         factor.factorise()?;
         let numbers = vec![0.0; unknowns.free.len() * 3 * AT_ONCE];
-        Ok(Self { factor, to_held, numbers })
+        Ok(Self {
+            factor,
+            to_held,
+            numbers,
+        })
     }
 
     /// Entries of its factor.
@@ -132,7 +156,9 @@ impl Laplacian {
 
     /// Applies the inverse to fields over all vertices, in place; entries of held vertices become zero.
     pub fn solve(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
-        fields.chunks_mut(AT_ONCE).for_each(|fields| self.solve_at_once(unknowns, fields));
+        fields
+            .chunks_mut(AT_ONCE)
+            .for_each(|fields| self.solve_at_once(unknowns, fields));
     }
 
     fn solve_at_once(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
@@ -153,7 +179,11 @@ impl Laplacian {
     }
 
     /// Columns of the inverse of at most six vertices, by unknown.
-    pub fn columns(&mut self, unknowns: &Unknowns, vertices: &[u32]) -> impl Iterator<Item = &[f64]> {
+    pub fn columns(
+        &mut self,
+        unknowns: &Unknowns,
+        vertices: &[u32],
+    ) -> impl Iterator<Item = &[f64]> {
         let n = unknowns.free.len();
         let wanted = &mut self.numbers[..vertices.len() * n];
         wanted.fill(0.0);
@@ -173,6 +203,9 @@ impl Laplacian {
             pull[unknowns.free[i as usize] as usize] -= displacement[held as usize] * value;
         }
         self.solve(unknowns, &mut [&mut pull]);
-        unknowns.free.iter().for_each(|&v| displacement[v as usize] = pull[v as usize]);
+        unknowns
+            .free
+            .iter()
+            .for_each(|&v| displacement[v as usize] = pull[v as usize]);
     }
 }

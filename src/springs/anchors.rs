@@ -18,18 +18,28 @@ impl Anchors {
     ///
     /// # Errors
     /// A point out of range, a place or a parameter that is not finite.
-    pub fn new(count: usize, anchors: impl IntoIterator<Item = (u32, Point3<f64>, Hooke)>) -> Result<Self, PairError> {
+    pub fn new(
+        count: usize,
+        anchors: impl IntoIterator<Item = (u32, Point3<f64>, Hooke)>,
+    ) -> Result<Self, PairError> {
         let mut anchors: Vec<(u32, Point3<f64>, Hooke)> = anchors.into_iter().collect();
         for (spring, &(point, place, law)) in anchors.iter().enumerate() {
             if point as usize >= count {
-                return Err(PairError::OutOfRange { spring, point, count });
+                return Err(PairError::OutOfRange {
+                    spring,
+                    point,
+                    count,
+                });
             }
             if !law.is_valid() || !place.coords.iter().all(|c| c.is_finite()) {
                 return Err(PairError::Parameter { spring });
             }
         }
         let key = |&(point, place, law): &(u32, Point3<f64>, Hooke)| {
-            (point, [place.x, place.y, place.z, law.rest, law.stiffness].map(|v| (v + 0.0).to_bits()))
+            (
+                point,
+                [place.x, place.y, place.z, law.rest, law.stiffness].map(|v| (v + 0.0).to_bits()),
+            )
         };
         anchors.sort_by_key(key);
         Ok(Self { anchors })
@@ -39,11 +49,22 @@ impl Anchors {
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn where_they_are(x: &[Point3<f64>], points: &[u32], stiffness: f64) -> Result<Self, PairError> {
-        let law = Hooke { rest: 0.0, stiffness };
+    pub fn where_they_are(
+        x: &[Point3<f64>],
+        points: &[u32],
+        stiffness: f64,
+    ) -> Result<Self, PairError> {
+        let law = Hooke {
+            rest: 0.0,
+            stiffness,
+        };
         let outside = points.iter().position(|&p| p as usize >= x.len());
         if let Some(spring) = outside {
-            return Err(PairError::OutOfRange { spring, point: points[spring], count: x.len() });
+            return Err(PairError::OutOfRange {
+                spring,
+                point: points[spring],
+                count: x.len(),
+            });
         }
         Self::new(x.len(), points.iter().map(|&p| (p, x[p as usize], law)))
     }
@@ -76,7 +97,13 @@ impl Force for Anchors {
         }
     }
 
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         for &(point, place, law) in &self.anchors {
             let i = point as usize;
             product[i] += block(&law, place - x[i], p[i], definite);
@@ -86,7 +113,10 @@ impl Force for Anchors {
     fn add_row_sums(&self, x: &[Point3<f64>], sums: &mut [f64]) {
         for &(point, place, law) in &self.anchors {
             let length = (place - x[point as usize]).norm();
-            sums[point as usize] += law.slope(length).abs().max(law.tension_per_length(length).abs());
+            sums[point as usize] += law
+                .slope(length)
+                .abs()
+                .max(law.tension_per_length(length).abs());
         }
     }
 }

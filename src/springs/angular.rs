@@ -33,27 +33,41 @@ impl AngularSprings {
     ///
     /// # Errors
     /// A point out of range or twice in a spring, a parameter that is not finite or a negative rest length.
-    pub fn new(count: usize, springs: impl IntoIterator<Item = AngularSpring>) -> Result<Self, PairError> {
+    pub fn new(
+        count: usize,
+        springs: impl IntoIterator<Item = AngularSpring>,
+    ) -> Result<Self, PairError> {
         let mut springs: Vec<AngularSpring> = springs.into_iter().collect();
         for (spring, s) in springs.iter_mut().enumerate() {
             let [a, b, c] = s.points;
             s.points = [a, b.min(c), b.max(c)];
             if let Some(&point) = s.points.iter().find(|&&p| p as usize >= count) {
-                return Err(PairError::OutOfRange { spring, point, count });
+                return Err(PairError::OutOfRange {
+                    spring,
+                    point,
+                    count,
+                });
             }
             if a == b || a == c || b == c {
-                return Err(PairError::Loop { spring, point: if a == b { a } else { c } });
+                return Err(PairError::Loop {
+                    spring,
+                    point: if a == b { a } else { c },
+                });
             }
             if !s.law.is_valid() {
                 return Err(PairError::Parameter { spring });
             }
         }
         springs.sort_by(|s, t| {
-            let key = |s: &AngularSpring| [s.law.rest, s.law.stiffness].map(|v| (v + 0.0).to_bits());
+            let key =
+                |s: &AngularSpring| [s.law.rest, s.law.stiffness].map(|v| (v + 0.0).to_bits());
             s.points.cmp(&t.points).then_with(|| key(s).cmp(&key(t)))
         });
         let mut start = vec![0; count + 1];
-        springs.iter().flat_map(|s| s.points).for_each(|p| start[p as usize + 1] += 1);
+        springs
+            .iter()
+            .flat_map(|s| s.points)
+            .for_each(|p| start[p as usize + 1] += 1);
         (0..count).for_each(|i| start[i + 1] += start[i]);
         let (mut next, mut roles) = (start.clone(), vec![(0, 0); 3 * springs.len()]);
         for (s, spring) in springs.iter().enumerate() {
@@ -62,7 +76,11 @@ impl AngularSprings {
                 next[p as usize] += 1;
             }
         }
-        Ok(Self { springs, start, roles })
+        Ok(Self {
+            springs,
+            start,
+            roles,
+        })
     }
 
     /// From the point to the middle.
@@ -107,17 +125,32 @@ impl Force for AngularSprings {
         });
     }
 
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         self.gather(product, |s, share, product| {
             let [a, b, c] = s.points.map(|i| p[i as usize]);
-            *product += block(&s.law, Self::along(s.points, x), a - (b + c) * 0.5, definite) * share;
+            *product += block(
+                &s.law,
+                Self::along(s.points, x),
+                a - (b + c) * 0.5,
+                definite,
+            ) * share;
         });
     }
 
     fn add_row_sums(&self, x: &[Point3<f64>], sums: &mut [f64]) {
         self.gather(sums, |s, share, sum| {
             let length = Self::along(s.points, x).norm();
-            let most = s.law.slope(length).abs().max(s.law.tension_per_length(length).abs());
+            let most = s
+                .law
+                .slope(length)
+                .abs()
+                .max(s.law.tension_per_length(length).abs());
             // The shares of a row's three blocks add up to 2.
             *sum += 2.0 * share.abs() * most;
         });

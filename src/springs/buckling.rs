@@ -26,12 +26,20 @@ pub type Strips = Pairs<Buckling>;
 
 /// `sin y/y`.
 fn sinc(y: f64) -> f64 {
-    if y.abs() < 1e-4 { 1.0 - y * y / 6.0 } else { libm::sin(y) / y }
+    if y.abs() < 1e-4 {
+        1.0 - y * y / 6.0
+    } else {
+        libm::sin(y) / y
+    }
 }
 
 /// `cos y - sinc y`.
 fn cos_less_sinc(y: f64) -> f64 {
-    if y.abs() < 1e-2 { -y * y / 3.0 * (1.0 - y * y / 10.0) } else { libm::cos(y) - sinc(y) }
+    if y.abs() < 1e-2 {
+        -y * y / 3.0 * (1.0 - y * y / 10.0)
+    } else {
+        libm::cos(y) - sinc(y)
+    }
 }
 
 impl Buckling {
@@ -41,7 +49,11 @@ impl Buckling {
         let (mut low, mut high) = (0.0, std::f64::consts::PI);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
-            if sinc(middle) > share { low = middle } else { high = middle }
+            if sinc(middle) > share {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         0.5 * (low + high)
     }
@@ -78,7 +90,8 @@ impl Law for Buckling {
         if length >= self.rest {
             return 0.0;
         }
-        let spring = |length: f64| 0.5 * self.compression * (self.rest - length) * (self.rest - length);
+        let spring =
+            |length: f64| 0.5 * self.compression * (self.rest - length) * (self.rest - length);
         if !self.is_buckled(length) {
             return spring(length);
         }
@@ -90,13 +103,22 @@ impl Law for Buckling {
         let (mut low, mut high) = (length, self.rest);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
-            if self.is_buckled(middle) { low = middle } else { high = middle }
+            if self.is_buckled(middle) {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         spring(high) + arc(length) - arc(high)
     }
 
     fn tension(&self, length: f64) -> f64 {
-        if length >= self.rest { 0.0 } else { self.arc_tension(length).max(self.compression * (length - self.rest)) }
+        if length >= self.rest {
+            0.0
+        } else {
+            self.arc_tension(length)
+                .max(self.compression * (length - self.rest))
+        }
     }
 
     fn slope(&self, length: f64) -> f64 {

@@ -25,7 +25,13 @@ pub trait Force: Send + Sync {
     ///
     /// With `definite` parts of K that push out, such as those across a compressed spring, are left out: then K is
     /// symmetric and positive semi-definite, as the method of conjugate gradients needs it.
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]);
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    );
 
     /// Adds for each point a bound on the sum of the norms of the blocks in its row of K [N/m].
     fn add_row_sums(&self, x: &[Point3<f64>], sums: &mut [f64]);

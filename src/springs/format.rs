@@ -42,10 +42,17 @@ impl SpringFile {
     /// None for what [`read`] gave: a spring to itself, a point out of range, a stiffness that is not finite.
     pub fn springs(&self) -> Result<Springs, PairError> {
         let count = self.position.len();
-        let outside = self.springs.iter().position(|(ends, _)| ends.iter().any(|&p| p as usize >= count));
+        let outside = self
+            .springs
+            .iter()
+            .position(|(ends, _)| ends.iter().any(|&p| p as usize >= count));
         if let Some(spring) = outside {
             let [a, b] = self.springs[spring].0;
-            return Err(PairError::OutOfRange { spring, point: a.max(b), count });
+            return Err(PairError::OutOfRange {
+                spring,
+                point: a.max(b),
+                count,
+            });
         }
         let law = |&([a, b], stiffness): &([u32; 2], f64)| {
             let rest = (self.position[a as usize] - self.position[b as usize]).norm();
@@ -61,9 +68,16 @@ impl SpringFile {
 /// A file that cannot be read or is too large, and content that is not of the format, with line and column.
 pub fn read(path: &Path) -> Result<SpringFile, ReadError> {
     let name = path.display().to_string();
-    let io = |source| ReadError::Io { file: name.clone(), source };
+    let io = |source| ReadError::Io {
+        file: name.clone(),
+        source,
+    };
     let mut bytes = Vec::new();
-    File::open(path).map_err(io)?.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(io)?;
+    File::open(path)
+        .map_err(io)?
+        .take(MAX_FILE_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
     read_bytes(&bytes, &name)
 }
 
@@ -75,7 +89,10 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<SpringFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let whole = |problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, b"");
     if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(whole(Problem::TooLarge { bytes: bytes.len() as u64, limit: MAX_FILE_BYTES }));
+        return Err(whole(Problem::TooLarge {
+            bytes: bytes.len() as u64,
+            limit: MAX_FILE_BYTES,
+        }));
     }
     if bytes.trim_ascii().is_empty() {
         return Err(whole(Problem::Empty));
@@ -83,15 +100,27 @@ pub fn read_bytes(bytes: &[u8], name: &str) -> Result<SpringFile, ReadError> {
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return Err(whole(Problem::Utf16));
     }
-    let mut reader = Reader { cursor: Cursor::new(name, bytes), file: SpringFile::default() };
+    let mut reader = Reader {
+        cursor: Cursor::new(name, bytes),
+        file: SpringFile::default(),
+    };
     reader.points()?;
     reader.file.triangles = reader.section("the triangles", |r, line| r.indices(line))?;
     reader.file.springs = reader.section("the springs", Reader::spring)?;
     reader.file.fibres = reader.section("the fibres", |r, line| r.indices(line))?;
-    reader.file.origin = reader.section("the origin area", |r, line| r.indices::<1>(line).map(|[i]| i))?;
-    reader.file.insertion = reader.section("the insertion area", |r, line| r.indices::<1>(line).map(|[i]| i))?;
+    reader.file.origin = reader.section("the origin area", |r, line| {
+        r.indices::<1>(line).map(|[i]| i)
+    })?;
+    reader.file.insertion = reader.section("the insertion area", |r, line| {
+        r.indices::<1>(line).map(|[i]| i)
+    })?;
     if let Some(line) = reader.next_line()? {
-        return Err(reader.cursor.fail(Problem::Expected { what: "the end of the file" }, line));
+        return Err(reader.cursor.fail(
+            Problem::Expected {
+                what: "the end of the file",
+            },
+            line,
+        ));
     }
     Ok(reader.file)
 }
@@ -125,13 +154,23 @@ impl<'a> Reader<'a> {
 
     /// The words of a line, exactly so many.
     fn words<const N: usize>(&self, line: &'a [u8]) -> Result<[&'a [u8]; N], ReadError> {
-        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let mut words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
         let mut found = [&line[..0]; N];
         for (got, place) in found.iter_mut().enumerate() {
-            *place = words.next().ok_or_else(|| self.cursor.fail(Problem::TooFewNumbers { got, wanted: N }, line))?;
+            *place = words.next().ok_or_else(|| {
+                self.cursor
+                    .fail(Problem::TooFewNumbers { got, wanted: N }, line)
+            })?;
         }
         match words.next() {
-            Some(word) => Err(self.cursor.fail(Problem::Expected { what: "the end of the line" }, word)),
+            Some(word) => Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "the end of the line",
+                },
+                word,
+            )),
             None => Ok(found),
         }
     }
@@ -140,7 +179,9 @@ impl<'a> Reader<'a> {
         let declared = count(word, "a count").map_err(|problem| self.cursor.fail(problem, word))?;
         let possible = (self.cursor.rest().len() as u64 + 1) / shortest;
         if declared > possible {
-            return Err(self.cursor.fail(Problem::CountExceedsFile { declared, possible }, word));
+            return Err(self
+                .cursor
+                .fail(Problem::CountExceedsFile { declared, possible }, word));
         }
         Ok(declared)
     }
@@ -149,7 +190,8 @@ impl<'a> Reader<'a> {
         let line = self.line("the numbers of points")?;
         let [points, declared] = self.words(line)?;
         let size = self.size(points, SHORTEST_POINT)?;
-        let declared = count(declared, "a count").map_err(|problem| self.cursor.fail(problem, declared))?;
+        let declared =
+            count(declared, "a count").map_err(|problem| self.cursor.fail(problem, declared))?;
         if size == 0 {
             return Err(self.cursor.fail(Problem::NoVertices, points));
         }
@@ -158,15 +200,19 @@ impl<'a> Reader<'a> {
             let words: [&[u8]; 4] = self.words(line)?;
             let mut position = Point3::origin();
             for k in 0..3 {
-                position[k] = coordinate(words[k], vertex).map_err(|problem| self.cursor.fail(problem, words[k]))?;
+                position[k] = coordinate(words[k], vertex)
+                    .map_err(|problem| self.cursor.fail(problem, words[k]))?;
             }
             let surface = match words[3] {
                 b"m" => true,
                 b"i" => false,
                 word => {
-                    return Err(self
-                        .cursor
-                        .fail(Problem::Expected { what: "m (surface point) or i (inner point)" }, word));
+                    return Err(self.cursor.fail(
+                        Problem::Expected {
+                            what: "m (surface point) or i (inner point)",
+                        },
+                        word,
+                    ));
                 }
             };
             self.file.position.push(position);
@@ -174,7 +220,9 @@ impl<'a> Reader<'a> {
         }
         let marked = self.file.surface.iter().filter(|s| **s).count() as u64;
         if marked != declared {
-            let note = format!("{declared} surface points are declared, but {marked} are marked so: the marks count");
+            let note = format!(
+                "{declared} surface points are declared, but {marked} are marked so: the marks count"
+            );
             self.file.notes.push(note);
         }
         Ok(())
@@ -201,7 +249,14 @@ impl<'a> Reader<'a> {
         let index = integer(word).map_err(|problem| self.cursor.fail(problem, word))?;
         match u32::try_from(index) {
             Ok(small) if (small as usize) < count => Ok(small),
-            _ => Err(self.cursor.fail(Problem::IndexOutOfRange { index, count, from_one: false }, word)),
+            _ => Err(self.cursor.fail(
+                Problem::IndexOutOfRange {
+                    index,
+                    count,
+                    from_one: false,
+                },
+                word,
+            )),
         }
     }
 
@@ -212,7 +267,12 @@ impl<'a> Reader<'a> {
         for k in 0..N {
             found[k] = self.index(words[k])?;
             if found[..k].contains(&found[k]) {
-                return Err(self.cursor.fail(Problem::Expected { what: "different points" }, words[k]));
+                return Err(self.cursor.fail(
+                    Problem::Expected {
+                        what: "different points",
+                    },
+                    words[k],
+                ));
             }
         }
         Ok(found)
@@ -222,11 +282,21 @@ impl<'a> Reader<'a> {
         let [a, b, word]: [&[u8]; 3] = self.words(line)?;
         let ends = [self.index(a)?, self.index(b)?];
         if ends[0] == ends[1] {
-            return Err(self.cursor.fail(Problem::Expected { what: "different points" }, b));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "different points",
+                },
+                b,
+            ));
         }
         let stiffness = number(word).map_err(|problem| self.cursor.fail(problem, word))?;
         if !(stiffness > 0.0 && stiffness.is_finite()) {
-            return Err(self.cursor.fail(Problem::Expected { what: "a positive stiffness" }, word));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "a positive stiffness",
+                },
+                word,
+            ));
         }
         Ok((ends, stiffness))
     }
@@ -245,9 +315,21 @@ pub fn write(path: &Path, file: &SpringFile) -> io::Result<()> {
 /// # Errors
 /// What the writer refuses.
 pub fn write_to(w: &mut impl Write, file: &SpringFile) -> io::Result<()> {
-    writeln!(w, "{} {}", file.position.len(), file.surface.iter().filter(|s| **s).count())?;
+    writeln!(
+        w,
+        "{} {}",
+        file.position.len(),
+        file.surface.iter().filter(|s| **s).count()
+    )?;
     for (p, surface) in file.position.iter().zip(&file.surface) {
-        writeln!(w, "{:?} {:?} {:?} {}", p.x, p.y, p.z, if *surface { 'm' } else { 'i' })?;
+        writeln!(
+            w,
+            "{:?} {:?} {:?} {}",
+            p.x,
+            p.y,
+            p.z,
+            if *surface { 'm' } else { 'i' }
+        )?;
     }
     writeln!(w, "{}", file.triangles.len())?;
     for [a, b, c] in &file.triangles {

@@ -84,18 +84,31 @@ pub struct Settings {
 impl Settings {
     /// `D = 1/l0`, mass 1, damping and time step estimated.
     pub fn new(neighbours: Neighbours) -> Self {
-        Self { neighbours, stiffness: Stiffness::Reciprocal, diagonal: 1.0, mass: 1.0, damping: None, time_step: None }
+        Self {
+            neighbours,
+            stiffness: Stiffness::Reciprocal,
+            diagonal: 1.0,
+            mass: 1.0,
+            damping: None,
+            time_step: None,
+        }
     }
 
     /// What the estimate of the damping needs to know of a lattice; nothing for a single point.
     pub fn body(&self, shape: &Shape) -> Option<Body> {
         let (side, spacing) = shape.longest()?;
-        Some(Body { mass: self.mass, tension: self.stiffness.of(spacing) * spacing, side, spacing })
+        Some(Body {
+            mass: self.mass,
+            tension: self.stiffness.of(spacing) * spacing,
+            side,
+            spacing,
+        })
     }
 
     /// The damping that brings a lattice to rest soonest \[N s/m\], as far as is known: [`damping::estimate`]; 0 for a single point.
     pub fn damping_estimate(&self, shape: &Shape) -> f64 {
-        self.body(shape).map_or(0.0, |body| damping::estimate(self.neighbours, body))
+        self.body(shape)
+            .map_or(0.0, |body| damping::estimate(self.neighbours, body))
     }
 
     fn check(&self) -> Result<(), LatticeError> {
@@ -104,8 +117,10 @@ impl Settings {
         }
         value("the factor of diagonal stiffness", self.diagonal, true)?;
         value("the mass", self.mass, false)?;
-        self.damping.map_or(Ok(()), |c| value("the damping", c, true))?;
-        self.time_step.map_or(Ok(()), |dt| value("the time step", dt, false))
+        self.damping
+            .map_or(Ok(()), |c| value("the damping", c, true))?;
+        self.time_step
+            .map_or(Ok(()), |dt| value("the time step", dt, false))
     }
 }
 
@@ -144,8 +159,18 @@ impl<F: Number> Lattice<F> {
         if time_step < limit {
             return Ok(lattice);
         }
-        let (mass, damping, stiffness) = (settings.mass, lattice.damping, largest_stiffness(&shape, &settings));
-        Err(LatticeError::Unstable { time_step, limit, mass, damping, stiffness })
+        let (mass, damping, stiffness) = (
+            settings.mass,
+            lattice.damping,
+            largest_stiffness(&shape, &settings),
+        );
+        Err(LatticeError::Unstable {
+            time_step,
+            limit,
+            mass,
+            damping,
+            stiffness,
+        })
     }
 
     /// The same with any time step, to show what an unstable one does.
@@ -155,9 +180,12 @@ impl<F: Number> Lattice<F> {
     pub fn unchecked(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
         shape.check()?;
         settings.check()?;
-        let damping = settings.damping.unwrap_or_else(|| settings.damping_estimate(&shape));
+        let damping = settings
+            .damping
+            .unwrap_or_else(|| settings.damping_estimate(&shape));
         let time_step = settings.time_step.unwrap_or_else(|| {
-            let limit = stability_limit(largest_stiffness(&shape, &settings), settings.mass, damping);
+            let limit =
+                stability_limit(largest_stiffness(&shape, &settings), settings.mass, damping);
             if limit.is_finite() { limit / 2.0 } else { 1.0 }
         });
         let frame = frame(&shape, &settings, damping * time_step / settings.mass);
@@ -179,7 +207,9 @@ impl<F: Number> Lattice<F> {
             width: Width::best(),
             steps: 0,
         };
-        shape.each().for_each(|point| lattice.place(point, shape.at(point)));
+        shape
+            .each()
+            .for_each(|point| lattice.place(point, shape.at(point)));
         Ok(lattice)
     }
 
@@ -221,13 +251,20 @@ impl<F: Number> Lattice<F> {
 
     /// The time step from which on this lattice explodes \[s\].
     pub fn stability_limit(&self) -> f64 {
-        stability_limit(largest_stiffness(&self.shape, &self.settings), self.settings.mass, self.damping)
+        stability_limit(
+            largest_stiffness(&self.shape, &self.settings),
+            self.settings.mass,
+            self.damping,
+        )
     }
 
     /// Where the numbers of a point are.
     fn index(&self, [i, j, k]: [usize; 3]) -> [usize; 3] {
         let [nx, ny, nz] = self.shape.points;
-        assert!(i < nx && j < ny && k < nz, "no point {i}, {j}, {k} in a lattice of {nx} x {ny} x {nz}");
+        assert!(
+            i < nx && j < ny && k < nz,
+            "no point {i}, {j}, {k} in a lattice of {nx} x {ny} x {nz}"
+        );
         let row = k * self.frame.plane() + j * self.frame.row();
         [0, 1, 2].map(|c| row + c * self.frame.run + i)
     }
@@ -252,7 +289,10 @@ impl<F: Number> Lattice<F> {
 
     /// Positions of all points \[m\], x first.
     pub fn positions(&self) -> Vec<[f64; 3]> {
-        self.shape.each().map(|point| self.position(point)).collect()
+        self.shape
+            .each()
+            .map(|point| self.position(point))
+            .collect()
     }
 
     /// Puts a point somewhere, without speed.
@@ -285,7 +325,10 @@ impl<F: Number> Lattice<F> {
     /// Holds every point of the box's surface where it is.
     pub fn pin_surface(&mut self) {
         let shape = self.shape;
-        shape.each().filter(|&point| shape.on_surface(point)).for_each(|point| self.pin(point));
+        shape
+            .each()
+            .filter(|&point| shape.on_surface(point))
+            .for_each(|point| self.pin(point));
     }
 
     /// Whether a point is held.
@@ -313,7 +356,8 @@ impl<F: Number> Lattice<F> {
 
     /// Force on a point from outside \[N\].
     pub fn force(&self, point: [usize; 3]) -> [f64; 3] {
-        self.index(point).map(|at| self.frame.external.get(at).map_or(0.0, |f| f.to_f64()))
+        self.index(point)
+            .map(|at| self.frame.external.get(at).map_or(0.0, |f| f.to_f64()))
     }
 
     /// No forces from outside; steps are a little faster without.
@@ -334,7 +378,10 @@ impl<F: Number> Lattice<F> {
             let pattern = *known.entry(row).or_insert(next);
             of_rows.push(pattern);
             if pattern == next && patterns.len() == next as usize * run {
-                patterns.extend(row.iter().map(|&pinned| if pinned { F::default() } else { self.gain }));
+                patterns.extend(
+                    row.iter()
+                        .map(|&pinned| if pinned { F::default() } else { self.gain }),
+                );
                 patterns.resize((next as usize + 1) * run, F::default());
             }
         }
@@ -350,19 +397,34 @@ fn frame<F: Number>(shape: &Shape, settings: &Settings, lost: f64) -> Frame<F> {
     let spring = |step: [i32; 3]| {
         let found = all.iter().find(|d| d.step == step);
         let [stiffness, tension] = found.map_or([0.0; 2], |d| [d.stiffness, d.stiffness * d.rest]);
-        Spring { stiffness: F::from_f64(stiffness), tension: F::from_f64(tension) }
+        Spring {
+            stiffness: F::from_f64(stiffness),
+            tension: F::from_f64(tension),
+        }
     };
     let sloped = |step| {
         let Spring { stiffness, tension } = spring(step);
-        let masked = |value: F| (0..run).map(|i| if i + 1 < nx { value } else { F::default() }).collect();
-        Sloped { stiffness: masked(stiffness), tension: masked(tension) }
+        let masked = |value: F| {
+            (0..run)
+                .map(|i| if i + 1 < nx { value } else { F::default() })
+                .collect()
+        };
+        Sloped {
+            stiffness: masked(stiffness),
+            tension: masked(tension),
+        }
     };
     Frame {
         rows: ny,
         run,
         diagonal: settings.neighbours == Neighbours::TwentySix,
         straight: [spring([0, 1, 0]), spring([0, 0, 1]), spring([0, 1, 1])],
-        sloped: [sloped([1, 0, 0]), sloped([1, 1, 0]), sloped([1, 0, 1]), sloped([1, 1, 1])],
+        sloped: [
+            sloped([1, 0, 0]),
+            sloped([1, 1, 0]),
+            sloped([1, 0, 1]),
+            sloped([1, 1, 1]),
+        ],
         kept: F::from_f64(1.0 - lost),
         patterns: Vec::new(),
         pattern: Vec::new(),

@@ -41,12 +41,25 @@ pub struct Layers {
 ///
 /// The thickness is split evenly between the layers. Each edge with a point that is not on the rim gets a spring in each
 /// layer and two that cross between them, which resist shear and keep the layers apart: four springs an edge (errata B11).
-pub fn layers(patch: &TriangleMesh, topology: &Topology, offset: Vector3<f64>, material: LayerMaterial) -> Layers {
+pub fn layers(
+    patch: &TriangleMesh,
+    topology: &Topology,
+    offset: Vector3<f64>,
+    material: LayerMaterial,
+) -> Layers {
     let count = patch.vertices.len();
-    let edges = membrane(patch, topology, 0.5 * material.e2, material.nu, material.negative);
+    let edges = membrane(
+        patch,
+        topology,
+        0.5 * material.e2,
+        material.nu,
+        material.negative,
+    );
     let mut on_rim = vec![false; count];
     for e in topology.boundary_edges() {
-        topology.edges[e as usize].iter().for_each(|&v| on_rim[v as usize] = true);
+        topology.edges[e as usize]
+            .iter()
+            .for_each(|&v| on_rim[v as usize] = true);
     }
     let second = patch.vertices.iter().map(|p| p + offset);
     let position: Vec<Point3<f64>> = patch.vertices.iter().copied().chain(second).collect();
@@ -66,10 +79,18 @@ pub fn layers(patch: &TriangleMesh, topology: &Topology, offset: Vector3<f64>, m
         join([b, a + below], stiffness * material.diagonal);
     }
     if material.upright > 0.0 {
-        let used = (0..below).filter(|&v| !on_rim[v as usize] && !topology.triangles_of_vertex(v as usize).is_empty());
+        let used = (0..below).filter(|&v| {
+            !on_rim[v as usize] && !topology.triangles_of_vertex(v as usize).is_empty()
+        });
         used.for_each(|v| join([v, v + below], material.upright));
     }
     let rim = (0..below).filter(|&v| on_rim[v as usize]);
     let rim = rim.clone().chain(rim.map(|v| v + below)).collect();
-    Layers { position, springs, rim, count, edges }
+    Layers {
+        position,
+        springs,
+        rim,
+        count,
+        edges,
+    }
 }

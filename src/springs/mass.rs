@@ -46,7 +46,10 @@ pub fn by_area(mesh: &TriangleMesh, total: f64) -> Result<Vec<f64>, MassError> {
     let areas = mesh.vertex_areas();
     let area = tree_sum(&triangle_areas(&mesh.vertices, &mesh.triangles));
     if !(area > 0.0) {
-        return Err(MassError::Nothing { measure: "area", value: area });
+        return Err(MassError::Nothing {
+            measure: "area",
+            value: area,
+        });
     }
     positive(areas.into_iter().map(|a| total * a / area).collect())
 }
@@ -71,7 +74,10 @@ pub fn by_fan(mesh: &TriangleMesh, centre: Point3<f64>, total: f64) -> Result<Ve
     };
     let volume = tree_sum_by(mesh.triangles.len(), six) / 6.0;
     if !(volume > 0.0) {
-        return Err(MassError::Nothing { measure: "volume", value: volume });
+        return Err(MassError::Nothing {
+            measure: "volume",
+            value: volume,
+        });
     }
     let mut masses = vec![0.0; mesh.vertices.len()];
     for (t, corners) in mesh.triangles.iter().enumerate() {
@@ -85,11 +91,19 @@ pub fn by_fan(mesh: &TriangleMesh, centre: Point3<f64>, total: f64) -> Result<Ve
 ///
 /// # Errors
 /// A point out of range, tetrahedra without volume, a point without any.
-pub fn by_tetrahedra(x: &[Point3<f64>], tetrahedra: &[[u32; 4]], total: f64) -> Result<Vec<f64>, MassError> {
+pub fn by_tetrahedra(
+    x: &[Point3<f64>],
+    tetrahedra: &[[u32; 4]],
+    total: f64,
+) -> Result<Vec<f64>, MassError> {
     let count = x.len();
     for (tetrahedron, corners) in tetrahedra.iter().enumerate() {
         if let Some(&point) = corners.iter().find(|&&p| p as usize >= count) {
-            return Err(MassError::OutOfRange { tetrahedron, point, count });
+            return Err(MassError::OutOfRange {
+                tetrahedron,
+                point,
+                count,
+            });
         }
     }
     let size = |t: usize| {
@@ -98,7 +112,10 @@ pub fn by_tetrahedra(x: &[Point3<f64>], tetrahedra: &[[u32; 4]], total: f64) -> 
     };
     let volume = tree_sum_by(tetrahedra.len(), size);
     if !(volume > 0.0) {
-        return Err(MassError::Nothing { measure: "volume", value: volume });
+        return Err(MassError::Nothing {
+            measure: "volume",
+            value: volume,
+        });
     }
     let mut masses = vec![0.0; count];
     for (t, corners) in tetrahedra.iter().enumerate() {

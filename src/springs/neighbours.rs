@@ -47,7 +47,9 @@ impl Neighbours {
     /// 3 n^2 (n - 1), with 26 also 6 n (n - 1)^2 + 4 (n - 1)^3.
     pub fn springs(self, points: [usize; 3]) -> usize {
         let along = |step: &[i32; 3]| -> usize {
-            (0..3).map(|k| points[k].saturating_sub(step[k].unsigned_abs() as usize)).product()
+            (0..3)
+                .map(|k| points[k].saturating_sub(step[k].unsigned_abs() as usize))
+                .product()
         };
         self.half().iter().map(along).sum()
     }

@@ -28,7 +28,11 @@ pub trait Law: Copy + Send + Sync + 'static {
 
     /// Tension over length [N/m]; its limit or 0 at the length 0.
     fn tension_per_length(&self, length: f64) -> f64 {
-        if length > 0.0 { self.tension(length) / length } else { 0.0 }
+        if length > 0.0 {
+            self.tension(length) / length
+        } else {
+            0.0
+        }
     }
 
     /// Derivative of the tension by the length [N/m].
@@ -80,12 +84,21 @@ impl<L: Law> Pairs<L> {
     ///
     /// # Errors
     /// A point out of range, a spring from a point to itself, a parameter that the law does not take.
-    pub fn new(count: usize, springs: impl IntoIterator<Item = ([u32; 2], L)>) -> Result<Self, PairError> {
-        let springs = springs.into_iter().map(|([a, b], law)| ([a.min(b), a.max(b)], law));
+    pub fn new(
+        count: usize,
+        springs: impl IntoIterator<Item = ([u32; 2], L)>,
+    ) -> Result<Self, PairError> {
+        let springs = springs
+            .into_iter()
+            .map(|([a, b], law)| ([a.min(b), a.max(b)], law));
         let mut springs: Vec<([u32; 2], L)> = springs.collect();
         for (spring, &([a, b], law)) in springs.iter().enumerate() {
             if b as usize >= count {
-                return Err(PairError::OutOfRange { spring, point: b, count });
+                return Err(PairError::OutOfRange {
+                    spring,
+                    point: b,
+                    count,
+                });
             }
             if a == b {
                 return Err(PairError::Loop { spring, point: a });
@@ -96,7 +109,10 @@ impl<L: Law> Pairs<L> {
         }
         springs.par_sort_by(|a, b| a.0.cmp(&b.0).then_with(|| by_parameters(&a.1, &b.1)));
         let mut start = vec![0; count + 1];
-        springs.iter().flat_map(|(ends, _)| ends).for_each(|&p| start[p as usize + 1] += 1);
+        springs
+            .iter()
+            .flat_map(|(ends, _)| ends)
+            .for_each(|&p| start[p as usize + 1] += 1);
         (0..count).for_each(|i| start[i + 1] += start[i]);
         let mut next = start.clone();
         let mut around: Vec<Option<(u32, L)>> = vec![None; 2 * springs.len()];
@@ -108,7 +124,11 @@ impl<L: Law> Pairs<L> {
                 *place += 1;
             }
         }
-        Ok(Self { springs, start, around: around.into_iter().flatten().collect() })
+        Ok(Self {
+            springs,
+            start,
+            around: around.into_iter().flatten().collect(),
+        })
     }
 
     /// The springs, sorted by their points (lower first), then by their parameters.
@@ -119,7 +139,9 @@ impl<L: Law> Pairs<L> {
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
         let (spring, around) = (size_of::<([u32; 2], L)>(), size_of::<(u32, L)>());
-        self.springs.capacity() * spring + self.around.capacity() * around + self.start.capacity() * size_of::<usize>()
+        self.springs.capacity() * spring
+            + self.around.capacity() * around
+            + self.start.capacity() * size_of::<usize>()
     }
 
     /// Adds to each point what `term` gives for it and its neighbours.
@@ -127,7 +149,12 @@ impl<L: Law> Pairs<L> {
         let one = |i: usize, t: &mut T| term(i, &self.around[self.start[i]..self.start[i + 1]], t);
         if is_shared(to.len()) {
             let chunks = to.par_chunks_mut(SHARE).enumerate();
-            chunks.for_each(|(k, chunk)| chunk.iter_mut().enumerate().for_each(|(i, t)| one(k * SHARE + i, t)));
+            chunks.for_each(|(k, chunk)| {
+                chunk
+                    .iter_mut()
+                    .enumerate()
+                    .for_each(|(i, t)| one(k * SHARE + i, t))
+            });
         } else {
             to.iter_mut().enumerate().for_each(|(i, t)| one(i, t));
         }
@@ -168,7 +195,13 @@ impl<L: Law> Force for Pairs<L> {
         });
     }
 
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         self.gather(product, |i, around, product| {
             for &(j, law) in around {
                 *product += block(&law, x[j as usize] - x[i], p[i] - p[j as usize], definite);
@@ -180,14 +213,23 @@ impl<L: Law> Force for Pairs<L> {
         self.gather(sums, |i, around, sum| {
             for &(j, law) in around {
                 let length = (x[j as usize] - x[i]).norm();
-                *sum += 2.0 * law.slope(length).abs().max(law.tension_per_length(length).abs());
+                *sum += 2.0
+                    * law
+                        .slope(length)
+                        .abs()
+                        .max(law.tension_per_length(length).abs());
             }
         });
     }
 }
 
 /// `B u` with `B = slope d d^T + tension/length (1 - d d^T)`, `d` the direction of `along`.
-pub(super) fn block<L: Law>(law: &L, along: Vector3<f64>, u: Vector3<f64>, definite: bool) -> Vector3<f64> {
+pub(super) fn block<L: Law>(
+    law: &L,
+    along: Vector3<f64>,
+    u: Vector3<f64>,
+    definite: bool,
+) -> Vector3<f64> {
     let length = along.norm();
     let (mut slope, mut across) = (law.slope(length), law.tension_per_length(length));
     if definite {

@@ -12,14 +12,16 @@ use crate::mesh::topology::Topology;
 /// The two ends of each spring of a lattice, lower first, point by point.
 pub fn lattice(shape: &Shape, neighbours: Neighbours) -> impl Iterator<Item = [u32; 2]> + use<> {
     let points = shape.points;
-    (0..).zip(shape.each()).flat_map(move |(p, at): (i64, [usize; 3])| {
-        neighbours.half().iter().filter_map(move |step| {
-            let to = [0, 1, 2].map(|c| at[c] as i64 + i64::from(step[c]));
-            let inside = (0..3).all(|c| (0..points[c] as i64).contains(&to[c]));
-            let q = to[0] + points[0] as i64 * (to[1] + points[1] as i64 * to[2]);
-            inside.then_some([p.min(q) as u32, p.max(q) as u32])
+    (0..)
+        .zip(shape.each())
+        .flat_map(move |(p, at): (i64, [usize; 3])| {
+            neighbours.half().iter().filter_map(move |step| {
+                let to = [0, 1, 2].map(|c| at[c] as i64 + i64::from(step[c]));
+                let inside = (0..3).all(|c| (0..points[c] as i64).contains(&to[c]));
+                let q = to[0] + points[0] as i64 * (to[1] + points[1] as i64 * to[2]);
+                inside.then_some([p.min(q) as u32, p.max(q) as u32])
+            })
         })
-    })
 }
 
 /// Springs of a flat grid of cloth.
@@ -72,9 +74,16 @@ pub fn grid(columns: u32, rows: u32) -> GridPattern {
 /// between their other corners, which resists shear and bending at once; angular springs join each inner vertex with the
 /// opposite neighbours of its ring. `shear` is empty.
 pub fn of_mesh(mesh: &TriangleMesh, topology: &Topology) -> GridPattern {
-    let mut pattern = GridPattern { structural: topology.edges.clone(), ..GridPattern::default() };
+    let mut pattern = GridPattern {
+        structural: topology.edges.clone(),
+        ..GridPattern::default()
+    };
     // Two triangles with the same corners have no other ones to join.
-    let across = topology.hinges.iter().map(|h| [h[2], h[3]]).filter(|[a, b]| a != b);
+    let across = topology
+        .hinges
+        .iter()
+        .map(|h| [h[2], h[3]])
+        .filter(|[a, b]| a != b);
     pattern.bending = across.collect();
     for v in 0..topology.vertex_count() {
         let ring = ring(mesh, topology, v as u32);
@@ -98,21 +107,35 @@ fn ring(mesh: &TriangleMesh, topology: &Topology, v: u32) -> Vec<u32> {
             [a, b]
         });
     }
-    let Some([first, mut next]) = left.pop() else { return Vec::new() };
+    let Some([first, mut next]) = left.pop() else {
+        return Vec::new();
+    };
     let mut ring = vec![first];
     while next != first {
         ring.push(next);
-        let Some(k) = left.iter().position(|pair| pair[0] == next) else { return Vec::new() };
+        let Some(k) = left.iter().position(|pair| pair[0] == next) else {
+            return Vec::new();
+        };
         next = left.swap_remove(k)[1];
     }
     if left.is_empty() { ring } else { Vec::new() }
 }
 
 /// Angular springs of `stiffness` [N/m] that are at rest at `x`.
-pub fn angular_at_rest(x: &[Point3<f64>], triples: &[[u32; 3]], stiffness: f64) -> Vec<AngularSpring> {
+pub fn angular_at_rest(
+    x: &[Point3<f64>],
+    triples: &[[u32; 3]],
+    stiffness: f64,
+) -> Vec<AngularSpring> {
     let spring = |&points: &[u32; 3]| {
         let [a, b, c] = points.map(|p| x[p as usize]);
-        AngularSpring { points, law: Hooke { rest: (nalgebra::center(&b, &c) - a).norm(), stiffness } }
+        AngularSpring {
+            points,
+            law: Hooke {
+                rest: (nalgebra::center(&b, &c) - a).norm(),
+                stiffness,
+            },
+        }
     };
     triples.iter().map(spring).collect()
 }
@@ -125,6 +148,12 @@ pub fn at_rest<'a>(
 ) -> impl Iterator<Item = ([u32; 2], Hooke)> + 'a {
     pairs.into_iter().map(move |[a, b]| {
         let rest = (x[a as usize] - x[b as usize]).norm();
-        ([a, b], Hooke { rest, stiffness: stiffness(rest) })
+        (
+            [a, b],
+            Hooke {
+                rest,
+                stiffness: stiffness(rest),
+            },
+        )
     })
 }

@@ -25,12 +25,18 @@ impl Rest {
     /// What has no length of its own, as springs of rest length 0, is measured by the size of the system.
     pub fn share_of(system: &SpringSystem, share: f64) -> Self {
         let mut sums = vec![0.0; system.len()];
-        system.forces().iter().for_each(|f| f.add_row_sums(&system.position, &mut sums));
+        system
+            .forces()
+            .iter()
+            .for_each(|f| f.add_row_sums(&system.position, &mut sums));
         let size = Aabb::of_points(&system.position).extents().norm();
         let spacing = size / (system.len() as f64).cbrt();
         let stiffest = greatest(sums);
         let force = share * stiffest * spacing;
-        Self { force, energy: share * force * spacing * system.len() as f64 }
+        Self {
+            force,
+            energy: share * force * spacing * system.len() as f64,
+        }
     }
 }
 
@@ -100,7 +106,11 @@ pub fn settle_by(
     let is_rest = |r: &StepRecord| r.residual <= rest.force && r.energy.kinetic <= rest.energy;
     for step in 0..=steps {
         if is_rest(&last) {
-            return Settled { end: End::Rest, steps: step, last };
+            return Settled {
+                end: End::Rest,
+                steps: step,
+                last,
+            };
         }
         if step == steps {
             break;
@@ -108,14 +118,28 @@ pub fn settle_by(
         before.clone_from(&system.position);
         let dt = match advance(system) {
             Ok(dt) => dt,
-            Err(error) => return Settled { end: End::Failed(error), steps: step, last },
+            Err(error) => {
+                return Settled {
+                    end: End::Failed(error),
+                    steps: step,
+                    last,
+                };
+            }
         };
         last = record(system, step + 1, dt, &before);
         if !watch(system, &last) {
-            return Settled { end: End::Stopped, steps: step + 1, last };
+            return Settled {
+                end: End::Stopped,
+                steps: step + 1,
+                last,
+            };
         }
     }
-    Settled { end: End::Steps, steps, last }
+    Settled {
+        end: End::Steps,
+        steps,
+        last,
+    }
 }
 
 fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -> StepRecord {
@@ -124,7 +148,13 @@ fn record(system: &SpringSystem, step: usize, dt: f64, before: &[Point3<f64>]) -
     StepRecord {
         step,
         dt,
-        greatest_move: greatest(system.position.iter().zip(before).map(|(x, b)| (x - b).norm())),
+        greatest_move: greatest(
+            system
+                .position
+                .iter()
+                .zip(before)
+                .map(|(x, b)| (x - b).norm()),
+        ),
         energy: system.energy(),
         residual: greatest(force.iter().map(Vector3::norm)),
     }

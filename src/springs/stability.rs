@@ -26,7 +26,10 @@ pub struct Mode {
 impl Mode {
     /// Of one mass [kg] on one spring [N/m] with damping [N s/m].
     pub fn of(stiffness: f64, damping: f64, mass: f64) -> Self {
-        Self { square: stiffness / mass, drag: damping / mass }
+        Self {
+            square: stiffness / mass,
+            drag: damping / mass,
+        }
     }
 }
 
@@ -48,13 +51,22 @@ pub struct Stiffest {
 /// counts, which makes limits of damped systems a little too short.
 pub fn stiffest(system: &SpringSystem) -> Stiffest {
     let free = || (0..system.len()).filter(|&i| !system.pinned()[i]);
-    let lightest = free().map(|i| system.mass()[i]).fold(f64::INFINITY, f64::min);
+    let lightest = free()
+        .map(|i| system.mass()[i])
+        .fold(f64::INFINITY, f64::min);
     let mut sums = vec![0.0; system.len()];
-    system.forces().iter().for_each(|f| f.add_row_sums(&system.position, &mut sums));
+    system
+        .forces()
+        .iter()
+        .for_each(|f| f.add_row_sums(&system.position, &mut sums));
     let bound = greatest(free().map(|i| row_bound(system, &sums, i)));
     let drag = system.damping / lightest;
     let (square, products) = lanczos(system);
-    Stiffest { mode: Mode { square, drag }, bound, products }
+    Stiffest {
+        mode: Mode { square, drag },
+        bound,
+        products,
+    }
 }
 
 /// `M^-1 K` has the same eigenvalues, and row sums of K over the point's own mass bound them.
@@ -66,7 +78,10 @@ fn row_bound(system: &SpringSystem, sums: &[f64], i: usize) -> f64 {
 ///
 /// The stiffest motion and one without stiffness are looked at: between them limits of all integrators here are longer.
 pub fn limit(integrator: &dyn Integrator, stiffest: &Stiffest) -> f64 {
-    let rigid = Mode { square: 0.0, ..stiffest.mode };
+    let rigid = Mode {
+        square: 0.0,
+        ..stiffest.mode
+    };
     integrator.limit(stiffest.mode).min(integrator.limit(rigid))
 }
 
@@ -152,7 +167,11 @@ fn extreme(diagonal: &[f64], beside: &[f64]) -> f64 {
         let (mut low, mut high) = (-reach, reach);
         for _ in 0..100 {
             let middle = 0.5 * (low + high);
-            if below(middle) >= wanted { high = middle } else { low = middle }
+            if below(middle) >= wanted {
+                high = middle
+            } else {
+                low = middle
+            }
         }
         0.5 * (low + high)
     };

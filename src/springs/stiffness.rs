@@ -32,15 +32,27 @@ pub struct EdgeStiffness {
 /// The energy of an even strain is that of plane stress for the equilateral triangle at nu = 1/3; for dilation of any
 /// triangle it is `(3 - nu)/(2 (1 + nu))` times that. Not finite for a triangle without area.
 pub fn of_side([a, b, c]: [f64; 3], area: f64, e2: f64, nu: f64) -> f64 {
-    e2 / (1.0 + nu) * area / (c * c) + e2 * nu / (1.0 - nu * nu) * (a * a + b * b - c * c) / (8.0 * area)
+    e2 / (1.0 + nu) * area / (c * c)
+        + e2 * nu / (1.0 - nu * nu) * (a * a + b * b - c * c) / (8.0 * area)
 }
 
 /// The sum of [`of_side`] over the triangles of each edge; triangles without area are left out.
-pub fn membrane(mesh: &TriangleMesh, topology: &Topology, e2: f64, nu: f64, negative: Negative) -> EdgeStiffness {
+pub fn membrane(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    e2: f64,
+    nu: f64,
+    negative: Negative,
+) -> EdgeStiffness {
     let areas = triangle_areas(&mesh.vertices, &mesh.triangles);
     let lengths = topology.edge_lengths(mesh);
     let mut stiffness = vec![0.0; topology.edges.len()];
-    for (edges, area) in topology.triangle_edges.iter().zip(&areas).filter(|(_, area)| **area > 0.0) {
+    for (edges, area) in topology
+        .triangle_edges
+        .iter()
+        .zip(&areas)
+        .filter(|(_, area)| **area > 0.0)
+    {
         let sides = edges.map(|e| lengths[e as usize]);
         for k in 0..3 {
             let turned = [sides[(k + 1) % 3], sides[(k + 2) % 3], sides[k]];
@@ -52,7 +64,10 @@ pub fn membrane(mesh: &TriangleMesh, topology: &Topology, e2: f64, nu: f64, nega
     if negative == Negative::Clamp {
         found.iter().for_each(|&(e, _)| stiffness[e as usize] = 0.0);
     }
-    EdgeStiffness { stiffness, negative: found }
+    EdgeStiffness {
+        stiffness,
+        negative: found,
+    }
 }
 
 /// `E2 sum A/L^2` over the triangles of each edge [N/m] (errata M17): never negative, and without Poisson's ratio.
@@ -75,8 +90,18 @@ pub fn area_over_length(mesh: &TriangleMesh, topology: &Topology, e2: f64) -> Ve
 ///
 /// # Errors
 /// A stiffness that is not finite.
-pub fn along_edges(mesh: &TriangleMesh, topology: &Topology, stiffness: &[f64]) -> Result<Springs, PairError> {
+pub fn along_edges(
+    mesh: &TriangleMesh,
+    topology: &Topology,
+    stiffness: &[f64],
+) -> Result<Springs, PairError> {
     let rest = topology.edge_lengths(mesh);
-    let laws = rest.into_iter().zip(stiffness).map(|(rest, &stiffness)| Hooke { rest, stiffness });
-    Springs::new(mesh.vertices.len(), topology.edges.iter().copied().zip(laws))
+    let laws = rest
+        .into_iter()
+        .zip(stiffness)
+        .map(|(rest, &stiffness)| Hooke { rest, stiffness });
+    Springs::new(
+        mesh.vertices.len(),
+        topology.edges.iter().copied().zip(laws),
+    )
 }

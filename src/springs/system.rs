@@ -92,16 +92,33 @@ impl SpringSystem {
             return Err(SystemError::Empty);
         }
         if mass.len() != points {
-            return Err(SystemError::Masses { masses: mass.len(), points });
+            return Err(SystemError::Masses {
+                masses: mass.len(),
+                points,
+            });
         }
         if let Some(point) = mass.iter().position(|m| !(*m > 0.0 && m.is_finite())) {
-            return Err(SystemError::Mass { point, mass: mass[point] });
+            return Err(SystemError::Mass {
+                point,
+                mass: mass[point],
+            });
         }
-        if let Some(point) = position.iter().position(|p| !p.coords.iter().all(|c| c.is_finite())) {
+        if let Some(point) = position
+            .iter()
+            .position(|p| !p.coords.iter().all(|c| c.is_finite()))
+        {
             return Err(SystemError::NotFinite { point });
         }
         let (velocity, pinned) = (vec![Vector3::zeros(); points], vec![false; points]);
-        Ok(Self { position, velocity, damping: 0.0, load: Vec::new(), mass, pinned, forces: Vec::new() })
+        Ok(Self {
+            position,
+            velocity,
+            damping: 0.0,
+            load: Vec::new(),
+            mass,
+            pinned,
+            forces: Vec::new(),
+        })
     }
 
     /// Adds a force.
@@ -111,9 +128,11 @@ impl SpringSystem {
     pub fn add(&mut self, force: impl Force + 'static) -> Result<(), SystemError> {
         let count = self.len();
         match force.highest_point() {
-            Some(point) if point as usize >= count => {
-                Err(SystemError::OutOfRange { force: force.name(), point, count })
-            }
+            Some(point) if point as usize >= count => Err(SystemError::OutOfRange {
+                force: force.name(),
+                point,
+                count,
+            }),
             _ => {
                 self.forces.push(Box::new(force));
                 Ok(())
@@ -162,19 +181,38 @@ impl SpringSystem {
         force.clear();
         force.extend((0..self.len()).map(|i| self.load.get(i).copied().unwrap_or_default()));
         self.forces.iter().for_each(|f| f.add_force(x, force));
-        force.iter_mut().zip(&self.pinned).filter(|(_, pinned)| **pinned).for_each(|(f, _)| *f = Vector3::zeros());
+        force
+            .iter_mut()
+            .zip(&self.pinned)
+            .filter(|(_, pinned)| **pinned)
+            .for_each(|(f, _)| *f = Vector3::zeros());
     }
 
     /// Accelerations at positions `x` and velocities `v` [m/s2]; 0 for pinned points.
-    pub fn acceleration(&self, x: &[Point3<f64>], v: &[Vector3<f64>], acceleration: &mut Vec<Vector3<f64>>) {
+    pub fn acceleration(
+        &self,
+        x: &[Point3<f64>],
+        v: &[Vector3<f64>],
+        acceleration: &mut Vec<Vector3<f64>>,
+    ) {
         self.static_force(x, acceleration);
         let one = |i: usize, a: &mut Vector3<f64>| {
-            *a = if self.pinned[i] { Vector3::zeros() } else { (*a - v[i] * self.damping) / self.mass[i] };
+            *a = if self.pinned[i] {
+                Vector3::zeros()
+            } else {
+                (*a - v[i] * self.damping) / self.mass[i]
+            };
         };
         if is_shared(self.len()) {
-            acceleration.par_iter_mut().enumerate().for_each(|(i, a)| one(i, a));
+            acceleration
+                .par_iter_mut()
+                .enumerate()
+                .for_each(|(i, a)| one(i, a));
         } else {
-            acceleration.iter_mut().enumerate().for_each(|(i, a)| one(i, a));
+            acceleration
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, a)| one(i, a));
         }
     }
 
@@ -189,19 +227,37 @@ impl SpringSystem {
     ) {
         let zero = Vector3::zeros();
         free.clear();
-        free.extend(p.iter().zip(&self.pinned).map(|(p, pinned)| if *pinned { zero } else { *p }));
+        free.extend(
+            p.iter()
+                .zip(&self.pinned)
+                .map(|(p, pinned)| if *pinned { zero } else { *p }),
+        );
         product.clear();
         product.resize(self.len(), zero);
-        self.forces.iter().for_each(|f| f.add_product(x, free, definite, product));
-        product.iter_mut().zip(&self.pinned).filter(|(_, pinned)| **pinned).for_each(|(f, _)| *f = zero);
+        self.forces
+            .iter()
+            .for_each(|f| f.add_product(x, free, definite, product));
+        product
+            .iter_mut()
+            .zip(&self.pinned)
+            .filter(|(_, pinned)| **pinned)
+            .for_each(|(f, _)| *f = zero);
     }
 
     /// Energy at the present positions and velocities.
     pub fn energy(&self) -> Energy {
-        let kinetic = tree_sum_by(self.len(), |i| 0.5 * self.mass[i] * self.velocity[i].norm_squared());
+        let kinetic = tree_sum_by(self.len(), |i| {
+            0.5 * self.mass[i] * self.velocity[i].norm_squared()
+        });
         let stored = self.forces.iter().map(|f| f.energy(&self.position)).sum();
-        let loads = tree_sum_by(self.load.len().min(self.len()), |i| -self.load[i].dot(&self.position[i].coords));
-        Energy { kinetic, stored, loads }
+        let loads = tree_sum_by(self.load.len().min(self.len()), |i| {
+            -self.load[i].dot(&self.position[i].coords)
+        });
+        Energy {
+            kinetic,
+            stored,
+            loads,
+        }
     }
 
     /// The greatest force without damping on a free point [N]; NaN where one is not a number.
@@ -213,7 +269,13 @@ impl SpringSystem {
 
     /// The first point whose position or velocity is not finite.
     pub fn first_non_finite(&self) -> Option<usize> {
-        let finite = |i: usize| self.position[i].coords.iter().chain(self.velocity[i].iter()).all(|c| c.is_finite());
+        let finite = |i: usize| {
+            self.position[i]
+                .coords
+                .iter()
+                .chain(self.velocity[i].iter())
+                .all(|c| c.is_finite())
+        };
         (0..self.len()).find(|&i| !finite(i))
     }
 }

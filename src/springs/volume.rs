@@ -44,7 +44,11 @@ pub enum VolumeError {
 fn check_triangles(triangles: &[[u32; 3]], count: usize) -> Result<(), VolumeError> {
     for (triangle, corners) in triangles.iter().enumerate() {
         if let Some(&point) = corners.iter().find(|&&p| p as usize >= count) {
-            return Err(VolumeError::OutOfRange { triangle, point, count });
+            return Err(VolumeError::OutOfRange {
+                triangle,
+                point,
+                count,
+            });
         }
     }
     Ok(())
@@ -86,17 +90,36 @@ impl TrueVolume {
         }
         surface = EnclosedVolume::new(triangles, x.len(), rest, 0.0);
         if !(weight.is_empty() || weight.len() == x.len()) {
-            return Err(VolumeError::Weights { weights: weight.len(), points: x.len() });
+            return Err(VolumeError::Weights {
+                weights: weight.len(),
+                points: x.len(),
+            });
         }
         if let Some(&value) = weight.iter().find(|w| !(0.0..=1.0).contains(*w)) {
-            return Err(VolumeError::Parameter { what: "a weight", value });
+            return Err(VolumeError::Parameter {
+                what: "a weight",
+                value,
+            });
         }
         if !(bulk > 0.0 && bulk.is_finite()) {
-            return Err(VolumeError::Parameter { what: "the bulk modulus [Pa]", value: bulk });
+            return Err(VolumeError::Parameter {
+                what: "the bulk modulus [Pa]",
+                value: bulk,
+            });
         }
-        let weight = if weight.is_empty() { vec![1.0; x.len()] } else { weight.to_vec() };
+        let weight = if weight.is_empty() {
+            vec![1.0; x.len()]
+        } else {
+            weight.to_vec()
+        };
         let highest = triangles.iter().flatten().copied().max();
-        Ok(Self { surface, bulk, rest, weight, highest })
+        Ok(Self {
+            surface,
+            bulk,
+            rest,
+            weight,
+            highest,
+        })
     }
 
     /// The volume that is kept [m3].
@@ -150,7 +173,13 @@ impl Force for TrueVolume {
         }
     }
 
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         let (change, gradient) = self.surface.value_and_gradient(x);
         let pressure = -self.bulk * change / self.rest;
         // For unequal weights the symmetric part that has their geometric mean stands for K.
@@ -176,7 +205,9 @@ impl Force for TrueVolume {
         let (change, gradient) = self.surface.value_and_gradient(x);
         let pressure = (self.bulk * change / self.rest).abs();
         let all = tree_sum_by(gradient.len(), |i| gradient[i].norm());
-        sums.iter_mut().zip(&gradient).for_each(|(s, g)| *s += self.bulk / self.rest * g.norm() * all);
+        sums.iter_mut()
+            .zip(&gradient)
+            .for_each(|(s, g)| *s += self.bulk / self.rest * g.norm() * all);
         for &[a, b, c] in self.surface.triangles() {
             for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]].map(|t| t.map(|v| v as usize)) {
                 let around = (x[j] - x[i]).norm() + (x[k] - x[i]).norm();
@@ -207,13 +238,24 @@ impl CentreSprings {
     ///
     /// # Errors
     /// A triangle of points that do not exist, a surface without area, parameters out of range.
-    pub fn new(x: &[Point3<f64>], triangles: &[[u32; 3]], stiffness: f64, keep: f64) -> Result<Self, VolumeError> {
+    pub fn new(
+        x: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+        stiffness: f64,
+        keep: f64,
+    ) -> Result<Self, VolumeError> {
         check_triangles(triangles, x.len())?;
         if !(stiffness >= 0.0 && stiffness.is_finite()) {
-            return Err(VolumeError::Parameter { what: "the stiffness [N/m]", value: stiffness });
+            return Err(VolumeError::Parameter {
+                what: "the stiffness [N/m]",
+                value: stiffness,
+            });
         }
         if !(0.0..=1.0).contains(&keep) {
-            return Err(VolumeError::Parameter { what: "the weight of each length", value: keep });
+            return Err(VolumeError::Parameter {
+                what: "the weight of each length",
+                value: keep,
+            });
         }
         let areas = triangle_areas(x, triangles);
         let mean = areas.iter().sum::<f64>() / areas.len() as f64;
@@ -228,7 +270,13 @@ impl CentreSprings {
         points.sort_unstable();
         points.dedup();
         let share = points.iter().map(|&p| all[p as usize]).collect();
-        let mut springs = Self { points, share, rest: Vec::new(), stiffness, keep };
+        let mut springs = Self {
+            points,
+            share,
+            rest: Vec::new(),
+            stiffness,
+            keep,
+        };
         springs.rest = springs.spokes(x).iter().map(Vector3::norm).collect();
         Ok(springs)
     }
@@ -238,13 +286,20 @@ impl CentreSprings {
         let count = self.points.len();
         let mean = |k: usize| tree_sum_by(count, |i| x[self.points[i] as usize][k]) / count as f64;
         let centre = Point3::new(mean(0), mean(1), mean(2));
-        self.points.iter().map(|&p| x[p as usize] - centre).collect()
+        self.points
+            .iter()
+            .map(|&p| x[p as usize] - centre)
+            .collect()
     }
 
     /// D, what stands for the change of volume over the mean area [m], and d of each point [m].
     pub fn change(&self, x: &[Point3<f64>]) -> (f64, Vec<f64>) {
         let spokes = self.spokes(x);
-        let d: Vec<f64> = spokes.iter().zip(&self.rest).map(|(s, rest)| s.norm() - rest).collect();
+        let d: Vec<f64> = spokes
+            .iter()
+            .zip(&self.rest)
+            .map(|(s, rest)| s.norm() - rest)
+            .collect();
         (tree_sum_by(d.len(), |i| self.share[i] * d[i]) / 3.0, d)
     }
 }
@@ -271,15 +326,27 @@ impl Force for CentreSprings {
     fn add_force(&self, x: &[Point3<f64>], force: &mut [Vector3<f64>]) {
         let (all, d) = self.change(x);
         for (i, spoke) in self.spokes(x).iter().enumerate() {
-            let Some(u) = spoke.try_normalize(0.0) else { continue };
-            force[self.points[i] as usize] -= u * (self.share[i] * self.stiffness * (all + self.keep * d[i]));
+            let Some(u) = spoke.try_normalize(0.0) else {
+                continue;
+            };
+            force[self.points[i] as usize] -=
+                u * (self.share[i] * self.stiffness * (all + self.keep * d[i]));
         }
     }
 
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], _: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        _: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         // What is along the spokes, which is symmetric and definite; what turns them is of second order at rest.
-        let spokes: Vec<Vector3<f64>> =
-            self.spokes(x).iter().map(|s| s.try_normalize(0.0).unwrap_or_default()).collect();
+        let spokes: Vec<Vector3<f64>> = self
+            .spokes(x)
+            .iter()
+            .map(|s| s.try_normalize(0.0).unwrap_or_default())
+            .collect();
         let along = |i: usize| spokes[i].dot(&p[self.points[i] as usize]);
         let all = tree_sum_by(spokes.len(), |i| self.share[i] * along(i)) / 3.0;
         for (i, u) in spokes.iter().enumerate() {

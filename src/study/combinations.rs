@@ -136,16 +136,30 @@ impl Combinations {
     pub fn of(file: &StudyFile) -> Result<Self, SceneError> {
         let choices = choices(file);
         let short = short_names(file);
-        let scenes: Vec<Content> = choices.par_iter().map(|c| file.scene_with(&given(c))).collect::<Result<_, _>>()?;
+        let scenes: Vec<Content> = choices
+            .par_iter()
+            .map(|c| file.scene_with(&given(c)))
+            .collect::<Result<_, _>>()?;
         let scene_name = scenes.first().map(|s| s.name().to_owned());
         let mut meshes = Meshes::default();
         let mut contents = Contents::default();
         let frames = file.frames.clone().unwrap_or_else(|| looked_at(&scenes));
-        let mut made = Making { file, frames: &frames, meshes: &mut meshes, contents: &mut contents };
+        let mut made = Making {
+            file,
+            frames: &frames,
+            meshes: &mut meshes,
+            contents: &mut contents,
+        };
         let mut all: Vec<Combination> = Vec::new();
         let mut notes = Vec::new();
         for (choice, scene) in choices.iter().zip(scenes) {
-            let found = made.make(Role::Combination, label(&short, choice), choice, &given(choice), scene)?;
+            let found = made.make(
+                Role::Combination,
+                label(&short, choice),
+                choice,
+                &given(choice),
+                scene,
+            )?;
             // A value alone that the scene has anyway is the scene itself.
             if file.combine == Combine::OneAtATime
                 && let Some(base) = all.first_mut().filter(|base| base.key == found.key)
@@ -157,7 +171,10 @@ impl Combinations {
                 continue;
             }
             if let Some(same) = all.iter().find(|c| c.key == found.key) {
-                notes.push(format!("`{}` is the same scene as `{}`", found.label, same.label));
+                notes.push(format!(
+                    "`{}` is the same scene as `{}`",
+                    found.label, same.label
+                ));
             }
             all.push(found);
         }
@@ -171,7 +188,16 @@ impl Combinations {
         let varied = file.vary.iter().map(|v| v.key.clone()).zip(short).collect();
         let scene = scene_name.unwrap_or_default();
         let (name, combine) = (file.name.clone(), file.combine);
-        Ok(Self { name, scene, combine, varied, frames, measures: file.measures.clone(), all, notes })
+        Ok(Self {
+            name,
+            scene,
+            combine,
+            varied,
+            frames,
+            measures: file.measures.clone(),
+            all,
+            notes,
+        })
     }
 
     /// The rows of the study, without references.
@@ -202,17 +228,27 @@ fn choices(file: &StudyFile) -> Vec<Choice<'_>> {
                 choice[k] = Some(value);
                 choice
             };
-            let each = file.vary.iter().enumerate().flat_map(|(k, v)| v.values.iter().map(move |value| (k, value)));
-            std::iter::once(none.clone()).chain(each.map(alone)).collect()
+            let each = file
+                .vary
+                .iter()
+                .enumerate()
+                .flat_map(|(k, v)| v.values.iter().map(move |value| (k, value)));
+            std::iter::once(none.clone())
+                .chain(each.map(alone))
+                .collect()
         }
         Combine::All => {
             let mut all: Vec<Choice<'_>> = vec![Vec::new()];
             for varied in &file.vary {
                 let mut longer = Vec::with_capacity(all.len() * varied.values.len());
                 for choice in &all {
-                    longer.extend(
-                        varied.values.iter().map(|v| choice.iter().copied().chain([Some(v)]).collect::<Choice<'_>>()),
-                    );
+                    longer.extend(varied.values.iter().map(|v| {
+                        choice
+                            .iter()
+                            .copied()
+                            .chain([Some(v)])
+                            .collect::<Choice<'_>>()
+                    }));
                 }
                 all = longer;
             }
@@ -226,21 +262,42 @@ fn short_names(file: &StudyFile) -> Vec<String> {
     let last = |key: &str| key.rsplit('.').next().unwrap_or(key).to_owned();
     let ends: Vec<String> = file.vary.iter().map(|v| last(&v.key)).collect();
     let unique = |end: &String| ends.iter().filter(|e| *e == end).count() == 1;
-    file.vary.iter().zip(&ends).map(|(v, end)| if unique(end) { end.clone() } else { v.key.clone() }).collect()
+    file.vary
+        .iter()
+        .zip(&ends)
+        .map(|(v, end)| {
+            if unique(end) {
+                end.clone()
+            } else {
+                v.key.clone()
+            }
+        })
+        .collect()
 }
 
 fn label(short: &[String], choice: &Choice<'_>) -> String {
-    let pairs =
-        short.iter().zip(choice).filter_map(|(name, value)| Some(format!("{name} = {}", value.as_ref()?.value)));
+    let pairs = short
+        .iter()
+        .zip(choice)
+        .filter_map(|(name, value)| Some(format!("{name} = {}", value.as_ref()?.value)));
     pairs.collect::<Vec<_>>().join(", ")
 }
 
 /// The scene itself is called so, with the values of the lists that it has.
 fn name_base(all: &mut [Combination], short: &[String], combine: Combine) {
-    let Some(base) = all.first_mut().filter(|_| combine == Combine::OneAtATime) else { return };
-    let pairs = short.iter().zip(&base.values).filter_map(|(name, v)| Some(format!("{name} = {}", v.as_ref()?)));
+    let Some(base) = all.first_mut().filter(|_| combine == Combine::OneAtATime) else {
+        return;
+    };
+    let pairs = short
+        .iter()
+        .zip(&base.values)
+        .filter_map(|(name, v)| Some(format!("{name} = {}", v.as_ref()?)));
     let pairs: Vec<String> = pairs.collect();
-    base.label = if pairs.is_empty() { "base".to_owned() } else { format!("base ({})", pairs.join(", ")) };
+    base.label = if pairs.is_empty() {
+        "base".to_owned()
+    } else {
+        format!("base ({})", pairs.join(", "))
+    };
 }
 
 struct Making<'a> {
@@ -276,11 +333,23 @@ impl Making<'_> {
         let key = key?;
         let values = choice.iter().map(|c| c.map(|c| c.value.clone())).collect();
         let changes = changes.iter().map(|&c| c.clone()).collect();
-        Ok(Combination { role, label, values, changes, subject, key, reference: None })
+        Ok(Combination {
+            role,
+            label,
+            values,
+            changes,
+            subject,
+            key,
+            reference: None,
+        })
     }
 
     /// The run that each combination is compared with: itself with the changes of `[reference]`.
-    fn references(&mut self, all: &mut Vec<Combination>, chosen: &[Vec<&Change>]) -> Result<(), SceneError> {
+    fn references(
+        &mut self,
+        all: &mut Vec<Combination>,
+        chosen: &[Vec<&Change>],
+    ) -> Result<(), SceneError> {
         let none = vec![None; self.file.vary.len()];
         let mut known: HashMap<String, usize> = HashMap::new();
         // Rows that were put together with the first have the same reference.
@@ -289,19 +358,44 @@ impl Making<'_> {
             Combine::OneAtATime => {
                 let text = |c: &Change| (c.key.clone(), c.value.clone());
                 let of = |row: &Combination| {
-                    let set =
-                        self.file.vary.iter().zip(&row.values).filter_map(|(v, x)| Some((v.key.clone(), x.clone()?)));
+                    let set = self
+                        .file
+                        .vary
+                        .iter()
+                        .zip(&row.values)
+                        .filter_map(|(v, x)| Some((v.key.clone(), x.clone()?)));
                     let set: Vec<_> = set.collect();
-                    chosen.iter().find(|c| c.iter().map(|c| text(c)).eq(set.iter().cloned()))
+                    chosen
+                        .iter()
+                        .find(|c| c.iter().map(|c| text(c)).eq(set.iter().cloned()))
                 };
-                let rest = all.iter().enumerate().skip(1).filter_map(|(k, row)| Some((k, of(row)?)));
-                chosen.first().map(|c| (0, c)).into_iter().chain(rest).collect()
+                let rest = all
+                    .iter()
+                    .enumerate()
+                    .skip(1)
+                    .filter_map(|(k, row)| Some((k, of(row)?)));
+                chosen
+                    .first()
+                    .map(|c| (0, c))
+                    .into_iter()
+                    .chain(rest)
+                    .collect()
             }
         };
         for (k, changes) in rows {
-            let changes: Vec<&Change> = changes.iter().copied().chain(&self.file.reference).collect();
+            let changes: Vec<&Change> = changes
+                .iter()
+                .copied()
+                .chain(&self.file.reference)
+                .collect();
             let scene = self.file.scene_with(&changes)?;
-            let made = self.make(Role::Reference, format!("reference of {}", all[k].label), &none, &changes, scene)?;
+            let made = self.make(
+                Role::Reference,
+                format!("reference of {}", all[k].label),
+                &none,
+                &changes,
+                scene,
+            )?;
             let at = match known.get(&made.key) {
                 Some(&at) => at,
                 None => {
@@ -335,13 +429,34 @@ impl Meshes {
 /// A scene with all that its meshes do not depend on left out.
 fn shape_of(scene: &Scene) -> Scene {
     let mut shape = scene.clone();
-    let volume = scene.effects.volume.map(|_| crate::scene::Volume { pressure: 1.0 });
-    shape.effects = Effects { volume, ..Effects::default() };
+    let volume = scene
+        .effects
+        .volume
+        .map(|_| crate::scene::Volume { pressure: 1.0 });
+    shape.effects = Effects {
+        volume,
+        ..Effects::default()
+    };
     (shape.frames, shape.frame_rate, shape.accuracy) = (0, 0.0, None);
-    shape.solver = Solver::QuasiStatic(crate::scene::Minimisation { substeps: 1, iterations: 1, tolerance: 1.0 });
-    shape.bones.iter_mut().for_each(|bone| bone.motion = Default::default());
-    let material = Material { mass: Mass::PerVertex(1.0), stretch: 1.0, bending: 1.0, bulk: None };
-    shape.muscles.iter_mut().for_each(|muscle| muscle.material = material);
+    shape.solver = Solver::QuasiStatic(crate::scene::Minimisation {
+        substeps: 1,
+        iterations: 1,
+        tolerance: 1.0,
+    });
+    shape
+        .bones
+        .iter_mut()
+        .for_each(|bone| bone.motion = Default::default());
+    let material = Material {
+        mass: Mass::PerVertex(1.0),
+        stretch: 1.0,
+        bending: 1.0,
+        bulk: None,
+    };
+    shape
+        .muscles
+        .iter_mut()
+        .for_each(|muscle| muscle.material = material);
     shape
 }
 
@@ -349,8 +464,14 @@ fn shape_of(scene: &Scene) -> Scene {
 fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
     all.par_iter().try_for_each(|c| {
         // A scene without muscles was made ready for its plan.
-        let Subject::Muscles { scene, assets } = &c.subject else { return Ok(()) };
-        match Simulation::with((**scene).clone(), (**assets).clone(), Plan::new(scene, assets)) {
+        let Subject::Muscles { scene, assets } = &c.subject else {
+            return Ok(());
+        };
+        match Simulation::with(
+            (**scene).clone(),
+            (**assets).clone(),
+            Plan::new(scene, assets),
+        ) {
             Ok(_) => Ok(()),
             Err(error) => Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse())),
         }
@@ -359,11 +480,19 @@ fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError>
 
 /// Refuses a measure that the scene does not have.
 fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
-    let (Some(wanted), Some(first)) = (&file.measures, all.first()) else { return Ok(()) };
+    let (Some(wanted), Some(first)) = (&file.measures, all.first()) else {
+        return Ok(());
+    };
     let known: Vec<&str> = first.measures().iter().map(|(name, ..)| *name).collect();
     match wanted.iter().find(|name| !known.contains(&name.as_str())) {
         None => Ok(()),
-        Some(name) => Err(file.refused(&[], &format!("it has no measure `{name}`; there are: {}", known.join(", ")))),
+        Some(name) => Err(file.refused(
+            &[],
+            &format!(
+                "it has no measure `{name}`; there are: {}",
+                known.join(", ")
+            ),
+        )),
     }
 }
 

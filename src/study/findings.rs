@@ -22,8 +22,16 @@ pub const OF_MUSCLES: [Measure; 8] = [
     ("volume_error", "volume error", 1.0),
     ("penetration_m", "depth in bones [mm]", 1e3),
     ("edge_stretch_rms_end", "edge stretch rms, end [%]", 100.0),
-    ("edge_stretch_rms_worst", "edge stretch rms, worst [%]", 100.0),
-    ("distance_from_start_rms_m", "distance to start, end [mm]", 1e3),
+    (
+        "edge_stretch_rms_worst",
+        "edge stretch rms, worst [%]",
+        100.0,
+    ),
+    (
+        "distance_from_start_rms_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
     ("residual_m", "residual [mm]", 1e3),
     ("error_estimate_m", "error estimate [mm]", 1e3),
 ];
@@ -48,8 +56,16 @@ pub const OF_SKIN: [Measure; 13] = [
 /// Measures of scenes of a lattice.
 pub const OF_LATTICES: [Measure; 3] = [
     ("time_s", "time [s]", 1.0),
-    ("distance_from_start_max_m", "distance to start, greatest [mm]", 1e3),
-    ("distance_from_start_end_m", "distance to start, end [mm]", 1e3),
+    (
+        "distance_from_start_max_m",
+        "distance to start, greatest [mm]",
+        1e3,
+    ),
+    (
+        "distance_from_start_end_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
 ];
 
 /// The names of all measures that some scene has.
@@ -85,7 +101,9 @@ impl Row {
     }
 
     fn number(&self, measure: &str) -> f64 {
-        self.outcome.as_ref().map_or(f64::NAN, |o| o.number(measure))
+        self.outcome
+            .as_ref()
+            .map_or(f64::NAN, |o| o.number(measure))
     }
 }
 
@@ -102,11 +120,19 @@ pub struct Findings<'a> {
 
 /// A number for CSV: the shortest text that reads back to the same bits; nothing for one that is not finite.
 fn cell(value: f64) -> String {
-    if value.is_finite() { format!("{value:?}") } else { String::new() }
+    if value.is_finite() {
+        format!("{value:?}")
+    } else {
+        String::new()
+    }
 }
 
 fn finite(value: f64) -> Value {
-    if value.is_finite() { json!(value) } else { Value::Null }
+    if value.is_finite() {
+        json!(value)
+    } else {
+        Value::Null
+    }
 }
 
 /// RMS and greatest distance of all vertices; `None` where the meshes differ.
@@ -128,25 +154,52 @@ impl<'a> Findings<'a> {
                 (Some(outcome), Some(reference)) => errors(&study.frames, outcome, reference),
                 _ => vec![None; study.frames.len()],
             };
-            let both = outcome.iter().zip(&reference).flat_map(|(a, b)| a.positions.iter().zip(&b.positions));
-            if both.into_iter().any(|((_, a), (_, b))| distance(a, b).is_none()) {
+            let both = outcome
+                .iter()
+                .zip(&reference)
+                .flat_map(|(a, b)| a.positions.iter().zip(&b.positions));
+            if both
+                .into_iter()
+                .any(|((_, a), (_, b))| distance(a, b).is_none())
+            {
                 notes.push(format!(
                     "{}: its mesh is not that of its reference, so there is no error",
                     combination.label
                 ));
             }
-            notes.extend(
-                outcome
-                    .iter()
-                    .filter_map(|o| Some(format!("{}: stopped by {}", combination.label, o.stopped.as_ref()?))),
-            );
+            notes.extend(outcome.iter().filter_map(|o| {
+                Some(format!(
+                    "{}: stopped by {}",
+                    combination.label,
+                    o.stopped.as_ref()?
+                ))
+            }));
             // Positions of all runs at once may not fit into memory.
-            let outcome = outcome.map(|o| Outcome { positions: Vec::new(), ..o });
-            let Combination { role, label, values, .. } = combination.clone();
-            rows.push(Row { role, label, values, outcome, errors });
+            let outcome = outcome.map(|o| Outcome {
+                positions: Vec::new(),
+                ..o
+            });
+            let Combination {
+                role,
+                label,
+                values,
+                ..
+            } = combination.clone();
+            rows.push(Row {
+                role,
+                label,
+                values,
+                outcome,
+                errors,
+            });
         }
         let interrupted = rows.iter().any(|r| r.outcome.is_none());
-        Self { study, rows, interrupted, notes }
+        Self {
+            study,
+            rows,
+            interrupted,
+            notes,
+        }
     }
 
     fn has_errors(&self) -> bool {
@@ -154,8 +207,17 @@ impl<'a> Findings<'a> {
     }
 
     fn measures(&self) -> impl Iterator<Item = &'static Measure> + '_ {
-        let wanted = |name: &str| self.study.measures.as_ref().is_none_or(|all| all.iter().any(|m| m == name));
-        let all = self.study.all.first().map_or(&[][..], Combination::measures);
+        let wanted = |name: &str| {
+            self.study
+                .measures
+                .as_ref()
+                .is_none_or(|all| all.iter().any(|m| m == name))
+        };
+        let all = self
+            .study
+            .all
+            .first()
+            .map_or(&[][..], Combination::measures);
         all.iter().filter(move |(name, ..)| wanted(name))
     }
 
@@ -169,11 +231,28 @@ impl<'a> Findings<'a> {
         let mut table = Table::new("", heads);
         for row in &self.rows {
             let frames = row.outcome.as_ref().map_or(0, |o| o.frames);
-            let mut cells = vec![row.label.clone(), row.status().to_owned(), frames.to_string()];
-            let shown = |value: f64| if value.is_finite() { short(value) } else { "-".to_owned() };
-            cells.extend(self.measures().map(|(name, _, scale)| shown(row.number(name) * scale)));
+            let mut cells = vec![
+                row.label.clone(),
+                row.status().to_owned(),
+                frames.to_string(),
+            ];
+            let shown = |value: f64| {
+                if value.is_finite() {
+                    short(value)
+                } else {
+                    "-".to_owned()
+                }
+            };
+            cells.extend(
+                self.measures()
+                    .map(|(name, _, scale)| shown(row.number(name) * scale)),
+            );
             if self.has_errors() {
-                cells.extend(row.errors.iter().map(|e| e.map_or("-".to_owned(), |e| shown(e.rms * 1e3))));
+                cells.extend(
+                    row.errors
+                        .iter()
+                        .map(|e| e.map_or("-".to_owned(), |e| shown(e.rms * 1e3))),
+                );
             }
             table.row(cells);
         }
@@ -191,13 +270,20 @@ impl<'a> Findings<'a> {
         heads.extend(self.measures().map(|(name, ..)| (*name).to_owned()));
         if self.has_errors() {
             heads.extend(
-                self.study.frames.iter().flat_map(|f| [format!("rms_error_m_{f}"), format!("max_error_m_{f}")]),
+                self.study
+                    .frames
+                    .iter()
+                    .flat_map(|f| [format!("rms_error_m_{f}"), format!("max_error_m_{f}")]),
             );
         }
         writeln!(w, "{}", heads.join(","))?;
         for row in &self.rows {
             let mut cells = vec![quoted(&row.label), row.role.name().to_owned()];
-            cells.extend(row.values.iter().map(|v| quoted(v.as_deref().unwrap_or_default())));
+            cells.extend(
+                row.values
+                    .iter()
+                    .map(|v| quoted(v.as_deref().unwrap_or_default())),
+            );
             cells.push(row.status().to_owned());
             match &row.outcome {
                 Some(o) => cells.extend([
@@ -209,7 +295,8 @@ impl<'a> Findings<'a> {
             }
             cells.extend(self.measures().map(|(name, ..)| cell(row.number(name))));
             if self.has_errors() {
-                let both = |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
+                let both =
+                    |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
                 cells.extend(row.errors.iter().flat_map(both));
             }
             writeln!(w, "{}", cells.join(","))?;
@@ -232,7 +319,12 @@ impl<'a> Findings<'a> {
     }
 
     fn row_json(&self, row: &Row) -> Value {
-        let values = self.study.varied.iter().zip(&row.values).map(|((key, _), v)| (key.clone(), json!(v)));
+        let values = self
+            .study
+            .varied
+            .iter()
+            .zip(&row.values)
+            .map(|((key, _), v)| (key.clone(), json!(v)));
         let error = |(frame, e): (&usize, &Option<Distance>)| {
             let [rms, max] = [e.map(|e| finite(e.rms)), e.map(|e| finite(e.max))];
             json!({"frame": frame, "rms_m": rms, "max_m": max})
@@ -251,7 +343,13 @@ impl<'a> Findings<'a> {
             all[name] = finite(row.number(name));
         }
         if self.has_errors() {
-            all["errors"] = self.study.frames.iter().zip(&row.errors).map(error).collect();
+            all["errors"] = self
+                .study
+                .frames
+                .iter()
+                .zip(&row.errors)
+                .map(error)
+                .collect();
         }
         all
     }
@@ -266,15 +364,29 @@ impl<'a> Findings<'a> {
         let mut names = Vec::new();
         let pages = sheet::pages(self.study, &self.rows);
         for (k, rows) in pages.iter().enumerate() {
-            let name = if pages.len() == 1 { "sheet.png".to_owned() } else { format!("sheet-{}.png", k + 1) };
-            let Some(page) = sheet::draw(self.study, &self.rows, rows, folder.path()) else { continue };
+            let name = if pages.len() == 1 {
+                "sheet.png".to_owned()
+            } else {
+                format!("sheet-{}.png", k + 1)
+            };
+            let Some(page) = sheet::draw(self.study, &self.rows, rows, folder.path()) else {
+                continue;
+            };
             let png = page.to_png();
-            let png =
-                png.map_err(|e| FolderError::Io { path: folder.path().join(&name), source: io::Error::other(e) })?;
+            let png = png.map_err(|e| FolderError::Io {
+                path: folder.path().join(&name),
+                source: io::Error::other(e),
+            })?;
             folder.write(&name, |w| w.write_all(&png))?;
             // A page of hundreds of sheets would open in no browser.
             if k < MOST_SHOWN {
-                sheets.push((format!("{name}: same camera and colours in all pictures{}", self.explained()), png));
+                sheets.push((
+                    format!(
+                        "{name}: same camera and colours in all pictures{}",
+                        self.explained()
+                    ),
+                    png,
+                ));
             }
             names.push(name);
         }
@@ -286,7 +398,11 @@ impl<'a> Findings<'a> {
     }
 
     fn explained(&self) -> &'static str {
-        if self.has_errors() { "; below each its distance to its reference, root mean square and greatest" } else { "" }
+        if self.has_errors() {
+            "; below each its distance to its reference, root mean square and greatest"
+        } else {
+            ""
+        }
     }
 
     fn page(&self, sheets: Vec<(String, Vec<u8>)>, count: usize) -> Report {
@@ -299,17 +415,25 @@ impl<'a> Findings<'a> {
                 sheets.len()
             ));
         }
-        notes.push("times are those of steps alone, while other combinations ran beside".to_owned());
+        notes
+            .push("times are those of steps alone, while other combinations ran beside".to_owned());
         Report {
             title: format!("{}: a study of {}", study.name, study.scene),
             subtitle: format!(
                 "{ran} of {} runs; combined: {}{}",
                 self.rows.len(),
                 study.combine.name(),
-                if self.interrupted { "; not complete" } else { "" }
+                if self.interrupted {
+                    "; not complete"
+                } else {
+                    ""
+                }
             ),
             sheets,
-            tables: vec![Table { title: "Table".to_owned(), ..self.table() }],
+            tables: vec![Table {
+                title: "Table".to_owned(),
+                ..self.table()
+            }],
             notes,
             ..Report::default()
         }
@@ -321,13 +445,24 @@ const MOST_SHOWN: usize = 12;
 
 /// Three digits, which is what tables have room for.
 fn short(value: f64) -> String {
-    let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i64).clamp(0, 12) as i32 };
+    let digits = if value == 0.0 {
+        0
+    } else {
+        (2 - value.abs().log10().floor() as i64).clamp(0, 12) as i32
+    };
     let scale = libm::pow(10.0, f64::from(digits));
-    if value.abs() < 1e-3 && value != 0.0 { format!("{value:.1e}") } else { number((value * scale).round() / scale) }
+    if value.abs() < 1e-3 && value != 0.0 {
+        format!("{value:.1e}")
+    } else {
+        number((value * scale).round() / scale)
+    }
 }
 
 fn errors(frames: &[usize], outcome: &Outcome, reference: &Outcome) -> Vec<Option<Distance>> {
-    frames.iter().map(|&f| distance(outcome.at(f)?, reference.at(f)?)).collect()
+    frames
+        .iter()
+        .map(|&f| distance(outcome.at(f)?, reference.at(f)?))
+        .collect()
 }
 
 #[cfg(test)]
@@ -343,14 +478,22 @@ mod tests {
         assert!(distance(&x(f64::NAN), &x(0.0)).unwrap().rms.is_nan());
         assert!(distance(&x(0.0), &vec![vec![Point3::origin()]]).is_none());
         assert!(distance(&x(0.0), &Vec::new()).is_none());
-        assert_eq!((cell(f64::NAN), cell(0.1 + 0.2)), (String::new(), "0.30000000000000004".to_owned()));
+        assert_eq!(
+            (cell(f64::NAN), cell(0.1 + 0.2)),
+            (String::new(), "0.30000000000000004".to_owned())
+        );
     }
 
     #[test]
     fn numbers_of_tables_have_three_digits() {
-        for (value, text) in
-            [(0.0, "0"), (1.0, "1"), (12.345, "12.3"), (0.01234, "0.0123"), (123.9, "124"), (1.2e-8, "1.2e-8")]
-        {
+        for (value, text) in [
+            (0.0, "0"),
+            (1.0, "1"),
+            (12.345, "12.3"),
+            (0.01234, "0.0123"),
+            (123.9, "124"),
+            (1.2e-8, "1.2e-8"),
+        ] {
             assert_eq!(short(value), text);
         }
     }

@@ -23,7 +23,8 @@ impl Hash {
 
     fn add(&mut self, bytes: &[u8]) {
         for &byte in bytes {
-            self.0 = (self.0 ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
+            self.0 =
+                (self.0 ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
         }
     }
 }
@@ -77,7 +78,9 @@ fn files(content: &Content) -> Vec<&PathBuf> {
                 SkinSurface::Source(source) => Some(source),
                 SkinSurface::Sheet { .. } => None,
             };
-            skin.into_iter().chain(scene.obstacles.iter().map(|o| &o.surface)).collect()
+            skin.into_iter()
+                .chain(scene.obstacles.iter().map(|o| &o.surface))
+                .collect()
         }
         Content::Staged(Staged::Lattice(_)) => Vec::new(),
     };
@@ -91,7 +94,9 @@ fn sources(scene: &Scene) -> impl Iterator<Item = &Source> {
             Area::Patch { source, .. } => Some(source),
             Area::Near(_) | Area::Vertices(_) => None,
         });
-        std::iter::once(&muscle.surface).chain(&muscle.fibres).chain(patches)
+        std::iter::once(&muscle.surface)
+            .chain(&muscle.fibres)
+            .chain(patches)
     });
     bones.chain(muscles)
 }
@@ -126,19 +131,36 @@ mod tests {
     fn whatever_may_change_a_result_changes_its_key() {
         let key = |changes: &[&str], frames: &[usize]| {
             let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
-            key_of(&load_content("distance", &changes).unwrap(), frames, &mut Contents::default()).unwrap()
+            key_of(
+                &load_content("distance", &changes).unwrap(),
+                frames,
+                &mut Contents::default(),
+            )
+            .unwrap()
         };
         assert_eq!(key(&[], &[1, 2]), key(&[], &[1, 2]));
-        assert_eq!(key(&["solver.pbd.iterations=3"], &[1]), key(&["iterations=3"], &[1]), "however it is written");
+        assert_eq!(
+            key(&["solver.pbd.iterations=3"], &[1]),
+            key(&["iterations=3"], &[1]),
+            "however it is written"
+        );
         let all = [
             key(&[], &[1]),
             key(&[], &[2]),
             key(&["iterations=4"], &[1]),
             key(&["frames=7"], &[1]),
-            key(&["muscle.0.force.0.force=[\"0 N\", \"-10.000000000000002 N\", \"0 N\"]"], &[1]),
+            key(
+                &["muscle.0.force.0.force=[\"0 N\", \"-10.000000000000002 N\", \"0 N\"]"],
+                &[1],
+            ),
         ];
         for (k, one) in all.iter().enumerate() {
-            assert!(all[..k].iter().all(|other| other != one && name_of(other) != name_of(one)), "{one}");
+            assert!(
+                all[..k]
+                    .iter()
+                    .all(|other| other != one && name_of(other) != name_of(one)),
+                "{one}"
+            );
         }
     }
 }

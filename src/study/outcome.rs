@@ -34,12 +34,18 @@ pub struct Outcome {
 impl Outcome {
     /// A number by its name; NaN for one that is not there.
     pub fn number(&self, name: &str) -> f64 {
-        self.numbers.iter().find(|(known, _)| known == name).map_or(f64::NAN, |(_, value)| *value)
+        self.numbers
+            .iter()
+            .find(|(known, _)| known == name)
+            .map_or(f64::NAN, |(_, value)| *value)
     }
 
     /// The positions at a frame, if it was reached.
     pub fn at(&self, frame: usize) -> Option<&Positions> {
-        self.positions.iter().find(|(known, _)| *known == frame).map(|(_, x)| x)
+        self.positions
+            .iter()
+            .find(|(known, _)| *known == frame)
+            .map(|(_, x)| x)
     }
 
     /// How it ended, for tables.
@@ -57,7 +63,11 @@ impl Outcome {
     /// # Errors
     /// What the writer refuses.
     pub fn write(&self, key: &str, w: &mut impl Write) -> io::Result<()> {
-        let numbers: Map<String, Value> = self.numbers.iter().map(|(n, v)| (n.clone(), exact(*v))).collect();
+        let numbers: Map<String, Value> = self
+            .numbers
+            .iter()
+            .map(|(n, v)| (n.clone(), exact(*v)))
+            .collect();
         let frame = |(frame, x): &(usize, Positions)| {
             let positions: Vec<String> = x.iter().map(|x| packed(x)).collect();
             json!({"frame": frame, "positions": positions})
@@ -84,7 +94,11 @@ impl Outcome {
         }
         let whole = |name: &str| all[name].as_u64().and_then(|n| usize::try_from(n).ok());
         let at = |value: &Value| {
-            let x: Option<Positions> = value["positions"].as_array()?.iter().map(|x| unpacked(x.as_str()?)).collect();
+            let x: Option<Positions> = value["positions"]
+                .as_array()?
+                .iter()
+                .map(|x| unpacked(x.as_str()?))
+                .collect();
             Some((usize::try_from(value["frame"].as_u64()?).ok()?, x?))
         };
         Some(Self {
@@ -97,7 +111,11 @@ impl Outcome {
                 .iter()
                 .map(|(n, v)| Some((n.clone(), inexact(v)?)))
                 .collect::<Option<_>>()?,
-            positions: all["at"].as_array()?.iter().map(at).collect::<Option<_>>()?,
+            positions: all["at"]
+                .as_array()?
+                .iter()
+                .map(at)
+                .collect::<Option<_>>()?,
             bounds: match &all["bounds"] {
                 Value::Null => None,
                 packed => Some(unpacked(packed.as_str()?)?.try_into().ok()?),
@@ -129,9 +147,19 @@ fn unpacked(text: &str) -> Option<Vec<Point3<f64>>> {
     if !text.is_ascii() || !text.len().is_multiple_of(48) {
         return None;
     }
-    let number = |at: usize| Some(f64::from_bits(u64::from_str_radix(text.get(at..at + 16)?, 16).ok()?));
+    let number = |at: usize| {
+        Some(f64::from_bits(
+            u64::from_str_radix(text.get(at..at + 16)?, 16).ok()?,
+        ))
+    };
     (0..text.len() / 48)
-        .map(|p| Some(Point3::new(number(48 * p)?, number(48 * p + 16)?, number(48 * p + 32)?)))
+        .map(|p| {
+            Some(Point3::new(
+                number(48 * p)?,
+                number(48 * p + 16)?,
+                number(48 * p + 32)?,
+            ))
+        })
         .collect()
 }
 
@@ -141,13 +169,22 @@ mod tests {
     use crate::testing::Scratch;
 
     fn outcome() -> Outcome {
-        let x = vec![vec![Point3::new(0.1 + 0.2, -0.0, 5e-324), Point3::new(f64::MAX, 1.0 / 3.0, -1e-9)], Vec::new()];
+        let x = vec![
+            vec![
+                Point3::new(0.1 + 0.2, -0.0, 5e-324),
+                Point3::new(f64::MAX, 1.0 / 3.0, -1e-9),
+            ],
+            Vec::new(),
+        ];
         Outcome {
             frames: 7,
             not_converged: 2,
             stopped: Some("stretch at vertex 3 in frame 7".to_owned()),
             diverged: false,
-            numbers: vec![("time_s".to_owned(), 0.1 + 0.2), ("volume_error".to_owned(), f64::INFINITY)],
+            numbers: vec![
+                ("time_s".to_owned(), 0.1 + 0.2),
+                ("volume_error".to_owned(), f64::INFINITY),
+            ],
             positions: vec![(0, x.clone()), (7, x)],
             bounds: Some([Point3::origin(), Point3::new(1.0, 2.0, 3.0)]),
             stretch: 0.25,
@@ -170,7 +207,11 @@ mod tests {
             assert_eq!(Outcome::read(&path, "the key\n"), None, "cut at {length}");
         }
         let text = String::from_utf8(bytes).unwrap();
-        for (from, to) in [("\"3f", "\"3g"), ("\"frames\":7", "\"frames\":-7"), ("\"0.25\"", "\"much\"")] {
+        for (from, to) in [
+            ("\"3f", "\"3g"),
+            ("\"frames\":7", "\"frames\":-7"),
+            ("\"0.25\"", "\"much\""),
+        ] {
             assert!(text.contains(from), "{from}");
             std::fs::write(&path, text.replace(from, to)).unwrap();
             assert_eq!(Outcome::read(&path, "the key\n"), None, "{to}");

@@ -35,9 +35,17 @@ pub trait Watch: Sync {
 /// Combinations that have no result in the folder yet, equal ones once; all without a folder.
 pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
     let mut seen = HashSet::new();
-    let kept = |c: &Combination| folder.is_some_and(|f| Outcome::read(&f.join(c.file()), &c.key).is_some());
+    let kept = |c: &Combination| {
+        folder.is_some_and(|f| Outcome::read(&f.join(c.file()), &c.key).is_some())
+    };
     let new = |(_, c): &(usize, &Combination)| seen.insert(c.key.clone()) && !kept(c);
-    study.all.iter().enumerate().filter(new).map(|(k, _)| k).collect()
+    study
+        .all
+        .iter()
+        .enumerate()
+        .filter(new)
+        .map(|(k, _)| k)
+        .collect()
 }
 
 /// Runs the combinations `wanted`, as many at once as there are `threads`, and writes each result as it is finished.
@@ -53,7 +61,9 @@ pub fn execute(
     watch: &impl Watch,
 ) -> Result<(), FolderError> {
     // Foreign files in the way are told of before hours are spent.
-    wanted.iter().try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
+    wanted
+        .iter()
+        .try_for_each(|&k| folder.claim(&study.all[k].file()).map(|_| ()))?;
     let workers = threads.clamp(1, wanted.len().max(1));
     let (next, failed) = (AtomicUsize::new(0), Mutex::new(None));
     let has_failed = || failed.lock().map_or(true, |f| f.is_some());
@@ -62,7 +72,10 @@ pub fn execute(
             scope.spawn(|| {
                 // A pool of its own: a run that waits in a common one would take another run's work into its time.
                 // Where the system gives no threads, those at hand serve.
-                let pool = rayon::ThreadPoolBuilder::new().num_threads((threads / workers).max(1)).build().ok();
+                let pool = rayon::ThreadPoolBuilder::new()
+                    .num_threads((threads / workers).max(1))
+                    .build()
+                    .ok();
                 while let Some(&k) = wanted.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let combination = &study.all[k];
                     let goes_on = || !watch.stops() && !has_failed();
@@ -72,7 +85,9 @@ pub fn execute(
                         None => work(),
                     };
                     let Some(outcome) = outcome else { return };
-                    let write = |w: &mut std::io::BufWriter<std::fs::File>| outcome.write(&combination.key, w);
+                    let write = |w: &mut std::io::BufWriter<std::fs::File>| {
+                        outcome.write(&combination.key, w)
+                    };
                     if let Err(error) = folder.write(&combination.file(), write) {
                         if let Ok(mut failed) = failed.lock() {
                             failed.get_or_insert(error);
@@ -84,7 +99,11 @@ pub fn execute(
             });
         }
     });
-    failed.into_inner().map_or(Err(FolderError::WriterEnded), |failed| failed.map_or(Ok(()), Err))
+    failed
+        .into_inner()
+        .map_or(Err(FolderError::WriterEnded), |failed| {
+            failed.map_or(Ok(()), Err)
+        })
 }
 
 /// Runs one combination; `None` where it was ended before its last frame.
@@ -105,8 +124,18 @@ fn simulate(
     let cast = Cast::of(&simulation);
     let prepared = begun.elapsed();
     let mut record = Record::default();
-    let mut looks = Looks { frames, cast: &cast, positions: Vec::new(), stretch: 0.0 };
-    record.add(&simulation, simulation.measure(), Duration::ZERO, Duration::ZERO);
+    let mut looks = Looks {
+        frames,
+        cast: &cast,
+        positions: Vec::new(),
+        stretch: 0.0,
+    };
+    record.add(
+        &simulation,
+        simulation.measure(),
+        Duration::ZERO,
+        Duration::ZERO,
+    );
     looks.look(&simulation);
     let mut diverged = false;
     while simulation.frame() < simulation.scene.frames {
@@ -118,7 +147,11 @@ fn simulate(
         let step = before.elapsed();
         let measures = simulation.measure();
         record.add(&simulation, measures, step, before.elapsed() - step);
-        let has_diverged = |body: &Body| body.stopped.as_ref().is_some_and(|(_, why)| why.effect == DIVERGENCE);
+        let has_diverged = |body: &Body| {
+            body.stopped
+                .as_ref()
+                .is_some_and(|(_, why)| why.effect == DIVERGENCE)
+        };
         if simulation.bodies.iter().any(has_diverged) {
             diverged = true;
             break;
@@ -129,20 +162,34 @@ fn simulate(
             break;
         }
     }
-    let time = Time::of(&record, begun.elapsed().as_secs_f64(), prepared.as_secs_f64(), 0.0);
+    let time = Time::of(
+        &record,
+        begun.elapsed().as_secs_f64(),
+        prepared.as_secs_f64(),
+        0.0,
+    );
     let summary = Summary::of(&simulation, &record, false, time, None);
     let outcome = looks.outcome(&summary, &record);
-    Some(Outcome { diverged, ..outcome })
+    Some(Outcome {
+        diverged,
+        ..outcome
+    })
 }
 
 /// As [`simulate`], of a scene without muscles.
-fn perform(scene: &Staged, frames: &[usize], goes_on: &dyn Fn() -> bool, watch: &impl Watch) -> Option<Outcome> {
+fn perform(
+    scene: &Staged,
+    frames: &[usize],
+    goes_on: &dyn Fn() -> bool,
+    watch: &impl Watch,
+) -> Option<Outcome> {
     let mut run = ready(scene).ok()?;
     let cast = run.cast();
     let (mut positions, mut stretch, mut stopped) = (Vec::new(), 0.0, None);
     loop {
         if frames.contains(&run.frame()) {
-            let x: Vec<Vec<Point3<f64>>> = run.snapshot().muscles.into_iter().map(|(x, _)| x).collect();
+            let x: Vec<Vec<Point3<f64>>> =
+                run.snapshot().muscles.into_iter().map(|(x, _)| x).collect();
             stretch = greatest([stretch, covered_stretch(&cast, x.iter().map(Vec::as_slice))]);
             positions.push((run.frame(), x));
         }
@@ -167,7 +214,10 @@ fn perform(scene: &Staged, frames: &[usize], goes_on: &dyn Fn() -> bool, watch: 
         not_converged: usize::from(!run.converged()),
         stopped,
         diverged: false,
-        numbers: numbers.into_iter().map(|(name, value)| (name.to_owned(), value)).collect(),
+        numbers: numbers
+            .into_iter()
+            .map(|(name, value)| (name.to_owned(), value))
+            .collect(),
         bounds: bounds(&positions),
         positions,
         stretch,
@@ -176,8 +226,13 @@ fn perform(scene: &Staged, frames: &[usize], goes_on: &dyn Fn() -> bool, watch: 
 
 /// Least and greatest corner of all positions.
 fn bounds(positions: &[(usize, Positions)]) -> Option<[Point3<f64>; 2]> {
-    let all = positions.iter().flat_map(|(_, x)| x).filter(|x| !x.is_empty());
-    all.map(Aabb::of_points).reduce(|a, b| a.union(&b)).map(|b| [b.min, b.max])
+    let all = positions
+        .iter()
+        .flat_map(|(_, x)| x)
+        .filter(|x| !x.is_empty());
+    all.map(Aabb::of_points)
+        .reduce(|a, b| a.union(&b))
+        .map(|b| [b.min, b.max])
 }
 
 /// Gathers positions at the frames looked at.
@@ -195,14 +250,23 @@ impl Looks<'_> {
         if stopped || !self.frames.contains(&simulation.frame()) {
             return;
         }
-        let x: Vec<_> = simulation.bodies.iter().map(|b| b.system.particles.position.clone()).collect();
-        self.stretch = greatest([self.stretch, covered_stretch(self.cast, x.iter().map(Vec::as_slice))]);
+        let x: Vec<_> = simulation
+            .bodies
+            .iter()
+            .map(|b| b.system.particles.position.clone())
+            .collect();
+        self.stretch = greatest([
+            self.stretch,
+            covered_stretch(self.cast, x.iter().map(Vec::as_slice)),
+        ]);
         self.positions.push((simulation.frame(), x));
     }
 
     fn outcome(self, summary: &Summary, record: &Record) -> Outcome {
         let muscles = &summary.muscles;
-        let most = |value: fn(&crate::report::summary::MuscleSummary) -> f64| greatest(muscles.iter().map(value));
+        let most = |value: fn(&crate::report::summary::MuscleSummary) -> f64| {
+            greatest(muscles.iter().map(value))
+        };
         let steps_s = record.times.iter().map(|t| t.step_ms).sum::<f64>() * 1e-3;
         let numbers = [
             ("time_s", steps_s),
@@ -210,20 +274,28 @@ impl Looks<'_> {
             ("penetration_m", most(|m| m.penetration_max_m)),
             ("edge_stretch_rms_end", most(|m| m.edge_stretch_rms_end)),
             ("edge_stretch_rms_worst", most(|m| m.edge_stretch_rms_worst)),
-            ("distance_from_start_rms_m", most(|m| m.distance_from_start_rms_m)),
+            (
+                "distance_from_start_rms_m",
+                most(|m| m.distance_from_start_rms_m),
+            ),
             ("residual_m", most(|m| m.residual_max_m)),
             ("error_estimate_m", summary.error_estimate_m),
         ];
         let at = |m: &crate::report::summary::MuscleSummary| {
             let at = m.stopped.as_ref()?;
-            Some(format!("{} at vertex {} of {} in frame {}", at.effect, at.particle, m.name, at.frame))
+            Some(format!(
+                "{} at vertex {} of {} in frame {}",
+                at.effect, at.particle, m.name, at.frame
+            ))
         };
         Outcome {
             frames: summary.frames,
             not_converged: muscles.iter().map(|m| m.frames_not_converged).sum(),
             stopped: muscles.iter().find_map(at),
             diverged: false,
-            numbers: numbers.map(|(name, value)| (name.to_owned(), value)).to_vec(),
+            numbers: numbers
+                .map(|(name, value)| (name.to_owned(), value))
+                .to_vec(),
             bounds: bounds(&self.positions),
             positions: self.positions,
             stretch: self.stretch,

@@ -58,13 +58,23 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
     let legend = stage.legend().large();
     let tall = (f64::from(WIDTH) * stage.aspect() * 1.1).clamp(HEIGHT.0, HEIGHT.1) as u32;
     let (cell, count) = ((WIDTH as usize, tall as usize), study.frames.len());
-    let captions = if study.all.iter().any(|c| c.reference.is_some()) { 2 } else { 0 };
+    let captions = if study.all.iter().any(|c| c.reference.is_some()) {
+        2
+    } else {
+        0
+    };
     let pitch = (cell.0 + GAP, cell.1 + captions * LINE + GAP);
     let width = LABEL + count * pitch.0 + legend.width() as usize + 2 * GAP;
     let height = HEAD + page.len() * pitch.1 + GAP;
     let mut sheet = Frame::plain(width as u32, height.max(300) as u32, PAPER);
     for (c, frame) in study.frames.iter().enumerate() {
-        sheet.text((LABEL + c * pitch.0 + 4) as i64, 8, &format!("frame {frame}"), TextStyle::Title, INK);
+        sheet.text(
+            (LABEL + c * pitch.0 + 4) as i64,
+            8,
+            &format!("frame {frame}"),
+            TextStyle::Title,
+            INK,
+        );
     }
     for (r, &index) in page.iter().enumerate() {
         let top = HEAD + r * pitch.1;
@@ -73,21 +83,47 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
         let pictures = pictures(study, &study.all[index], &stage, tall, folder);
         for (c, picture) in pictures.iter().enumerate() {
             let left = LABEL + c * pitch.0;
-            sheet.paste(left, top, picture.as_ref().unwrap_or(&Frame::plain(WIDTH, tall, BLANK)));
-            for (l, (text, colour)) in caption(row, c, picture.is_some()).iter().take(captions).enumerate() {
+            sheet.paste(
+                left,
+                top,
+                picture
+                    .as_ref()
+                    .unwrap_or(&Frame::plain(WIDTH, tall, BLANK)),
+            );
+            for (l, (text, colour)) in caption(row, c, picture.is_some())
+                .iter()
+                .take(captions)
+                .enumerate()
+            {
                 let down = top + cell.1 + l * LINE;
-                sheet.text((left + 4) as i64, down as i64, text, TextStyle::Large, *colour);
+                sheet.text(
+                    (left + 4) as i64,
+                    down as i64,
+                    text,
+                    TextStyle::Large,
+                    *colour,
+                );
             }
             if picture.is_none() {
                 let text = match row.status() {
                     "stopped" | "diverged" => "ended before",
                     _ => "no picture",
                 };
-                sheet.text((left + 40) as i64, (top + cell.1 / 2 - 8) as i64, text, TextStyle::Small, SOFT);
+                sheet.text(
+                    (left + 40) as i64,
+                    (top + cell.1 / 2 - 8) as i64,
+                    text,
+                    TextStyle::Small,
+                    SOFT,
+                );
             }
         }
     }
-    let mut key = Frame::plain(legend.width() as u32 + 8, sheet.height().min(640) as u32, PAPER);
+    let mut key = Frame::plain(
+        legend.width() as u32 + 8,
+        sheet.height().min(640) as u32,
+        PAPER,
+    );
     legend.draw(&mut key);
     sheet.paste(LABEL + count * pitch.0 + GAP, 0, &key);
     Some(sheet)
@@ -97,7 +133,10 @@ pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -
 fn caption(row: &Row, column: usize, shown: bool) -> Vec<(String, Rgb)> {
     let mm = |length: f64| number((length * 1e5).round() / 1e2);
     match row.errors.get(column).copied().flatten() {
-        Some(e) => vec![(format!("rms {} mm", mm(e.rms)), INK), (format!("max {} mm", mm(e.max)), SOFT)],
+        Some(e) => vec![
+            (format!("rms {} mm", mm(e.rms)), INK),
+            (format!("max {} mm", mm(e.max)), SOFT),
+        ],
         None if row.role == Role::Reference && shown => vec![("reference".to_owned(), SOFT)],
         None => Vec::new(),
     }
@@ -112,14 +151,21 @@ fn write_label(sheet: &mut Frame, top: usize, row: &Row, height: usize) {
     if lines.len() > most {
         lines.truncate(most);
         if let Some(last) = lines.last_mut() {
-            *last = last.chars().take(fits.saturating_sub(3)).chain("...".chars()).collect();
+            *last = last
+                .chars()
+                .take(fits.saturating_sub(3))
+                .chain("...".chars())
+                .collect();
         }
     }
     let colour = match row.status() {
         "converged" => SOFT,
         _ => BAD,
     };
-    let lines = lines.iter().map(|l| (l.as_str(), INK)).chain([(row.status(), colour)]);
+    let lines = lines
+        .iter()
+        .map(|l| (l.as_str(), INK))
+        .chain([(row.status(), colour)]);
     for (l, (text, colour)) in lines.enumerate() {
         sheet.text(GAP as i64, (top + l * LINE) as i64, text, style, colour);
     }
@@ -156,14 +202,26 @@ fn wrapped(text: &str, fits: usize) -> Vec<String> {
 /// The camera and the colours of all pictures.
 fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
     // One that was ended goes wild before; it decides only where there is no other.
-    let ended = rows.iter().filter_map(|r| r.outcome.as_ref()).all(|o| o.stopped.is_some());
-    let ran = || rows.iter().filter_map(|r| r.outcome.as_ref()).filter(|o| ended || o.stopped.is_none());
-    let boxes: Vec<(Aabb, f64)> =
-        ran().filter_map(|o| o.bounds.map(|[min, max]| (Aabb { min, max }, o.stretch))).collect();
+    let ended = rows
+        .iter()
+        .filter_map(|r| r.outcome.as_ref())
+        .all(|o| o.stopped.is_some());
+    let ran = || {
+        rows.iter()
+            .filter_map(|r| r.outcome.as_ref())
+            .filter(|o| ended || o.stopped.is_none())
+    };
+    let boxes: Vec<(Aabb, f64)> = ran()
+        .filter_map(|o| o.bounds.map(|[min, max]| (Aabb { min, max }, o.stretch)))
+        .collect();
     let mut sizes: Vec<f64> = boxes.iter().map(|(b, _)| b.extents().amax()).collect();
     sizes.sort_unstable_by(f64::total_cmp);
     let median = *sizes.get(sizes.len() / 2)?;
-    let tame = || boxes.iter().filter(|(b, _)| b.extents().amax() <= WILD * median);
+    let tame = || {
+        boxes
+            .iter()
+            .filter(|(b, _)| b.extents().amax() <= WILD * median)
+    };
     let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
     let stretch = crate::mesh::measures::greatest(tame().map(|(_, s)| *s));
     let Start { cast, first, .. } = start(study.all.first()?)?;
@@ -183,14 +241,25 @@ fn start(combination: &Combination) -> Option<Start> {
             let plan = Plan::new(scene, assets);
             let simulation = Simulation::with((**scene).clone(), (**assets).clone(), plan).ok()?;
             let (cast, first) = (Cast::of(&simulation), Snapshot::of(&simulation));
-            let poses =
-                move |frame: usize| (0..simulation.bones.len()).map(|b| simulation.pose(b, frame as f64)).collect();
-            Some(Start { cast, first, poses: Box::new(poses) })
+            let poses = move |frame: usize| {
+                (0..simulation.bones.len())
+                    .map(|b| simulation.pose(b, frame as f64))
+                    .collect()
+            };
+            Some(Start {
+                cast,
+                first,
+                poses: Box::new(poses),
+            })
         }
         Subject::Staged(scene, _) => {
             let run = ready(scene).ok()?;
             let (cast, first) = (run.cast(), run.snapshot());
-            Some(Start { cast, first, poses: Box::new(move |frame| run.poses(frame)) })
+            Some(Start {
+                cast,
+                first,
+                poses: Box::new(move |frame| run.poses(frame)),
+            })
         }
     }
 }
@@ -204,8 +273,12 @@ fn pictures(
     folder: &Path,
 ) -> Vec<Option<Frame>> {
     let none = || vec![None; study.frames.len()];
-    let Some(outcome) = Outcome::read(&folder.join(combination.file()), &combination.key) else { return none() };
-    let Some(Start { cast, poses, .. }) = start(combination) else { return none() };
+    let Some(outcome) = Outcome::read(&folder.join(combination.file()), &combination.key) else {
+        return none();
+    };
+    let Some(Start { cast, poses, .. }) = start(combination) else {
+        return none();
+    };
     let painter = Painter::on(&cast, stage);
     let shot = |frame: usize, x: &Positions| Snapshot {
         frame,
@@ -214,9 +287,16 @@ fn pictures(
         muscles: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
         bones: poses(frame),
     };
-    let shots: Vec<Option<Snapshot>> = study.frames.iter().map(|&f| Some(shot(f, outcome.at(f)?))).collect();
+    let shots: Vec<Option<Snapshot>> = study
+        .frames
+        .iter()
+        .map(|&f| Some(shot(f, outcome.at(f)?)))
+        .collect();
     let canvas = Canvas::new(WIDTH, tall);
-    shots.par_iter().map(|shot| shot.as_ref().map(|s| painter.paint(s, canvas))).collect()
+    shots
+        .par_iter()
+        .map(|shot| shot.as_ref().map(|s| painter.paint(s, canvas)))
+        .collect()
 }
 
 #[cfg(test)]
@@ -225,7 +305,10 @@ mod tests {
 
     #[test]
     fn labels_are_broken_at_spaces_and_long_words_anywhere() {
-        assert_eq!(wrapped("iterations = 10, bending = 0.5", 16), ["iterations = 10,", "bending = 0.5"]);
+        assert_eq!(
+            wrapped("iterations = 10, bending = 0.5", 16),
+            ["iterations = 10,", "bending = 0.5"]
+        );
         assert_eq!(wrapped("abcdefghij k", 4), ["abcd", "efgh", "ij k"]);
         assert_eq!(wrapped("", 4), [""]);
         for fits in 1..6 {

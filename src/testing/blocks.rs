@@ -4,7 +4,12 @@ use super::loaders::{Breach, Outcome, check_reader};
 use crate::io::read_bytes;
 
 /// Words of a file, by the lowest two bits of the first byte.
-const COMPRESSORS: [&str; 4] = ["vtkZLibDataCompressor", "vtkLZ4DataCompressor", "vtkLZMADataCompressor", ""];
+const COMPRESSORS: [&str; 4] = [
+    "vtkZLibDataCompressor",
+    "vtkLZ4DataCompressor",
+    "vtkLZMADataCompressor",
+    "",
+];
 
 /// An `.xz` stream without a check of the data around chunks of LZMA2, with an index and a footer that are right.
 pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
@@ -35,8 +40,16 @@ pub(super) fn xz(chunks: &[u8]) -> Vec<u8> {
 
 /// The check sum of IEEE 802.3, bit by bit.
 fn crc32(bytes: &[u8]) -> u32 {
-    let bit = |crc: u32, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 };
-    !bytes.iter().fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
+    let bit = |crc: u32, _| {
+        if crc & 1 == 1 {
+            crc >> 1 ^ 0xedb8_8320
+        } else {
+            crc >> 1
+        }
+    };
+    !bytes
+        .iter()
+        .fold(!0, |crc, byte| (0..8).fold(crc ^ u32::from(*byte), bit))
 }
 
 /// The letters of bytes in base64, with padding.
@@ -44,7 +57,11 @@ pub(super) fn base64(bytes: &[u8]) -> Vec<u8> {
     const LETTERS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = Vec::new();
     for group in bytes.chunks(3) {
-        let word = group.iter().chain(&[0, 0]).take(3).fold(0u32, |word, &b| word << 8 | u32::from(b));
+        let word = group
+            .iter()
+            .chain(&[0, 0])
+            .take(3)
+            .fold(0u32, |word, &b| word << 8 | u32::from(b));
         let letter = |k: usize| LETTERS[(word >> (18 - 6 * k)) as usize & 63];
         text.extend((0..4).map(|k| if k <= group.len() { letter(k) } else { b'=' }));
     }
@@ -56,7 +73,11 @@ pub(super) fn base64(bytes: &[u8]) -> Vec<u8> {
 /// The first byte chooses compressor, header, byte order and encoding, the next two the size of the block.
 pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
     let at = |i: usize| bytes.get(i).copied().unwrap_or(0);
-    block_file(at(0), u64::from(at(1)) << 4 | u64::from(at(2)) & 15, bytes.get(3..).unwrap_or_default())
+    block_file(
+        at(0),
+        u64::from(at(1)) << 4 | u64::from(at(2)) & 15,
+        bytes.get(3..).unwrap_or_default(),
+    )
 }
 
 /// A VTP file of one triangle, whose points are bytes: one compressed block of a declared size.
@@ -64,16 +85,27 @@ pub(super) fn file(bytes: &[u8]) -> Vec<u8> {
 /// The two lowest bits of `choice` are the compressor (0: zlib, 1: lz4, 2: LZMA2 without its stream, 3: none), the next
 /// are 64-bit headers, big-endian numbers and base64.
 pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
-    let packed = if choice & 3 == 2 { xz(payload) } else { payload.to_vec() };
+    let packed = if choice & 3 == 2 {
+        xz(payload)
+    } else {
+        payload.to_vec()
+    };
     let (long, big, encoded) = (choice & 4 != 0, choice & 8 != 0, choice & 16 != 0);
     let number = |n: u64| {
         let little = n.to_le_bytes();
         let bytes = if long { &little[..] } else { &little[..4] };
-        if big { bytes.iter().rev().copied().collect() } else { bytes.to_vec() }
+        if big {
+            bytes.iter().rev().copied().collect()
+        } else {
+            bytes.to_vec()
+        }
     };
     let header: Vec<u8> = match choice & 3 {
         3 => number(packed.len() as u64),
-        _ => [1, size, 0, packed.len() as u64].into_iter().flat_map(number).collect(),
+        _ => [1, size, 0, packed.len() as u64]
+            .into_iter()
+            .flat_map(number)
+            .collect(),
     };
     let order = if big { "BigEndian" } else { "LittleEndian" };
     let kind = if long { "UInt64" } else { "UInt32" };
@@ -85,7 +117,13 @@ pub fn block_file(choice: u8, size: u64, payload: &[u8]) -> Vec<u8> {
          <DataArray type=\"Int8\" Name=\"offsets\">3</DataArray></Polys></Piece></PolyData>"
     )
     .into_bytes();
-    file.extend(format!("<AppendedData encoding=\"{}\">_", if encoded { "base64" } else { "raw" }).bytes());
+    file.extend(
+        format!(
+            "<AppendedData encoding=\"{}\">_",
+            if encoded { "base64" } else { "raw" }
+        )
+        .bytes(),
+    );
     if encoded {
         file.extend(base64(&header));
         file.extend(base64(&packed));
@@ -118,21 +156,36 @@ mod tests {
     #[test]
     fn each_compressor_gives_a_mesh() {
         let chunk = [&[1, 0, 8], &POINTS[..], &[0]].concat();
-        let packed =
-            [miniz_oxide::deflate::compress_to_vec_zlib(&POINTS, 6), lz4_flex::compress(&POINTS), chunk, POINTS.into()];
+        let packed = [
+            miniz_oxide::deflate::compress_to_vec_zlib(&POINTS, 6),
+            lz4_flex::compress(&POINTS),
+            chunk,
+            POINTS.into(),
+        ];
         for (choice, packed) in (0u8..).zip(packed) {
             // Without a compressor base64 is one stream with its header, which is not what this makes.
             let choices = if choice == 3 { 0..4 } else { 0..8 };
             for more in choices {
                 let bytes = whole(choice | more << 2, &packed);
-                assert_eq!(check_blocks(&bytes), Ok(Outcome::Accepted), "{choice} {more}");
-                assert_eq!(check_blocks(&bytes[..bytes.len() - 3]), Ok(Outcome::Refused), "{choice} {more}");
+                assert_eq!(
+                    check_blocks(&bytes),
+                    Ok(Outcome::Accepted),
+                    "{choice} {more}"
+                );
+                assert_eq!(
+                    check_blocks(&bytes[..bytes.len() - 3]),
+                    Ok(Outcome::Refused),
+                    "{choice} {more}"
+                );
             }
         }
     }
 
     #[test]
     fn base64_is_that_of_the_standard() {
-        assert_eq!([base64(b"f"), base64(b"fo"), base64(b"foobar")], [&b"Zg=="[..], b"Zm8=", b"Zm9vYmFy"]);
+        assert_eq!(
+            [base64(b"f"), base64(b"fo"), base64(b"foobar")],
+            [&b"Zg=="[..], b"Zm8=", b"Zm9vYmFy"]
+        );
     }
 }

@@ -13,13 +13,24 @@ pub fn check_collection(bytes: &[u8]) -> Result<Outcome, Breach> {
         Err(error) => return check_error(&error, bytes),
         Ok(collection) => collection,
     };
-    if let Some(entry) = collection.entries().iter().find(|e| !e.time.is_finite() || !is_below(&e.file)) {
-        return Err(Breach::Invalid { detail: format!("{entry:?}") });
+    if let Some(entry) = collection
+        .entries()
+        .iter()
+        .find(|e| !e.time.is_finite() || !is_below(&e.file))
+    {
+        return Err(Breach::Invalid {
+            detail: format!("{entry:?}"),
+        });
     }
     let mut text = Vec::new();
     // A vector takes all that is written.
     let _ = collection.write_to(&mut text);
-    let changed = |detail| Err(Breach::Changed { writer: "pvd", detail });
+    let changed = |detail| {
+        Err(Breach::Changed {
+            writer: "pvd",
+            detail,
+        })
+    };
     match read_bytes(&text, "a.pvd") {
         Ok(again) if again == collection => Ok(Outcome::Accepted),
         Ok(_) => changed("something else is read".to_owned()),

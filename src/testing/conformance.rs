@@ -37,13 +37,21 @@ pub fn check<T: Subject>(
     draw: &mut Draw,
 ) -> Result<(), Failure> {
     let seed = draw.seed;
-    let fail = |check, detail| Failure { subject: name.to_string(), check, seed, detail };
+    let fail = |check, detail| Failure {
+        subject: name.to_string(),
+        check,
+        seed,
+        detail,
+    };
     let Some((value, gradient)) = subject.value_and_gradient(x) else {
         return Err(fail("gradient exists", format!("undefined at {x:?}")));
     };
     // Before any comparison: a NaN hides in maxima and in negated comparisons.
     if !(value.is_finite() && gradient.iter().all(|g| g.iter().all(|c| c.is_finite()))) {
-        return Err(fail("finite", format!("C = {value}, gradient {gradient:?}")));
+        return Err(fail(
+            "finite",
+            format!("C = {value}, gradient {gradient:?}"),
+        ));
     }
     let steepest = gradient.iter().map(|g| g.amax()).fold(0.0, f64::max);
     if steepest <= 0.0 {
@@ -54,7 +62,12 @@ pub fn check<T: Subject>(
 }
 
 /// P2: each component equals the dual number's slope within its own rounding.
-fn dual_exact<T: Subject>(subject: &T, x: &[Point3<f64>], gradient: &[Vector3<f64>], value: f64) -> Result<(), String> {
+fn dual_exact<T: Subject>(
+    subject: &T,
+    x: &[Point3<f64>],
+    gradient: &[Vector3<f64>],
+    value: f64,
+) -> Result<(), String> {
     let mut point: Vec<Point3<Dual>> = x.iter().map(|p| p.map(Dual::of)).collect();
     for i in 0..x.len() {
         for axis in 0..3 {
@@ -71,7 +84,10 @@ fn dual_exact<T: Subject>(subject: &T, x: &[Point3<f64>], gradient: &[Vector3<f6
             }
             let off = (oracle.real.value - value).abs();
             if !(off <= MARGIN * f64::EPSILON * oracle.real.error) {
-                return Err(format!("value {value} differs from {} by {off:e}", oracle.real.value));
+                return Err(format!(
+                    "value {value} differs from {} by {off:e}",
+                    oracle.real.value
+                ));
             }
         }
     }
@@ -90,7 +106,14 @@ fn taylor<T: Subject>(
     for _ in 0..3 {
         let along: Vec<Vector3<f64>> = x.iter().map(|_| draw.direction()).collect();
         let slope: f64 = gradient.iter().zip(&along).map(|(g, d)| g.dot(d)).sum();
-        let at = |h: f64| subject.value(&x.iter().zip(&along).map(|(p, d)| p + d * h).collect::<Vec<_>>());
+        let at = |h: f64| {
+            subject.value(
+                &x.iter()
+                    .zip(&along)
+                    .map(|(p, d)| p + d * h)
+                    .collect::<Vec<_>>(),
+            )
+        };
         let duals: Vec<Point3<Dual>> = x.iter().map(|p| p.map(Dual::of)).collect();
         let rounding = subject.value(&duals).real.error;
         let reach = x.iter().map(|p| p.coords.amax()).fold(size, f64::max);
@@ -105,7 +128,9 @@ fn taylor<T: Subject>(
                 && previous > 64.0 * floor
                 && !(error <= previous / 3.0)
             {
-                return Err(format!("h = {h:e}: error {error:e} after {previous:e} does not fall as h^2"));
+                return Err(format!(
+                    "h = {h:e}: error {error:e} after {previous:e} does not fall as h^2"
+                ));
             }
             if k == 15 && !(error <= 1e-3 * steep + 64.0 * floor) {
                 return Err(format!("h = {h:e}: error {error:e}, slope {slope}"));
@@ -120,26 +145,42 @@ fn taylor<T: Subject>(
 ///
 /// # Errors
 /// The first check that does not hold.
-pub fn check_constraint<C: Constraint<K>, const K: usize>(seed: u64, cases: usize) -> Result<(), Failure> {
+pub fn check_constraint<C: Constraint<K>, const K: usize>(
+    seed: u64,
+    cases: usize,
+) -> Result<(), Failure> {
     let mut draw = Draw::new(seed);
     for case in 0..cases {
         let points: [u32; K] = std::array::from_fn(|k| k as u32);
         let x = draw.shape(K);
         let parameters = draw.parameters(C::PARAMETERS);
         let kind = C::from_parameters(points, &parameters);
-        let fail = |check, detail| Failure { subject: format!("{} case {case}", C::NAME), check, seed, detail };
-        translation(&kind, &x, &parameters).map_err(|d| fail("translation, bit for bit (P3)", d))?;
+        let fail = |check, detail| Failure {
+            subject: format!("{} case {case}", C::NAME),
+            check,
+            seed,
+            detail,
+        };
+        translation(&kind, &x, &parameters)
+            .map_err(|d| fail("translation, bit for bit (P3)", d))?;
         scaling(&kind, &x, &parameters).map_err(|d| fail("unit of length, bit for bit (P8)", d))?;
         balance::<C, K>(&kind, &x).map_err(|d| fail("forces and torques balance (P5, P6)", d))?;
         if C::UNIT {
             let at = kind.value_and_gradient(&std::array::from_fn(|k| x[k]));
-            at.map_or(Ok(()), |(_, g)| unit(&g)).map_err(|d| fail("gradients of length one", d))?;
+            at.map_or(Ok(()), |(_, g)| unit(&g))
+                .map_err(|d| fail("gradients of length one", d))?;
         }
         rotation(&kind, &x, &parameters, &mut draw).map_err(|d| fail("rotation (P7)", d))?;
         for scale in [1e-3, 1.0, 1e3] {
             let offset = Vector3::from_fn(|_, _| draw.between(-4.0, 4.0) * scale);
-            let moved: Vec<Point3<f64>> = x.iter().map(|p| Point3::from(p.coords * scale + offset)).collect();
-            let kind = C::from_parameters(points, &moved_parameters(C::PARAMETERS, &parameters, scale, &offset));
+            let moved: Vec<Point3<f64>> = x
+                .iter()
+                .map(|p| Point3::from(p.coords * scale + offset))
+                .collect();
+            let kind = C::from_parameters(
+                points,
+                &moved_parameters(C::PARAMETERS, &parameters, scale, &offset),
+            );
             // Close to the jump of an angle the difference quotient would straddle it: declared kink.
             if C::DEGREE == 0 && kind.value(&std::array::from_fn(|k| moved[k])).abs() > 2.5 {
                 continue;
@@ -151,7 +192,12 @@ pub fn check_constraint<C: Constraint<K>, const K: usize>(seed: u64, cases: usiz
 }
 
 /// Parameters of the same constraint after scaling and translating space.
-fn moved_parameters(kinds: &[Parameter], values: &[f64], scale: f64, offset: &Vector3<f64>) -> Vec<f64> {
+fn moved_parameters(
+    kinds: &[Parameter],
+    values: &[f64],
+    scale: f64,
+    offset: &Vector3<f64>,
+) -> Vec<f64> {
     kinds
         .iter()
         .zip(values)
@@ -168,7 +214,11 @@ fn same_bits<const K: usize>(
     a: &Option<(f64, [Vector3<f64>; K])>,
     b: &Option<(f64, [Vector3<f64>; K])>,
 ) -> Result<(), String> {
-    if a == b { Ok(()) } else { Err(format!("{a:?} against {b:?}")) }
+    if a == b {
+        Ok(())
+    } else {
+        Err(format!("{a:?} against {b:?}"))
+    }
 }
 
 fn translation<C: Constraint<K>, const K: usize>(
@@ -177,19 +227,38 @@ fn translation<C: Constraint<K>, const K: usize>(
     parameters: &[f64],
 ) -> Result<(), String> {
     let offset = Vector3::new(f64::from(1 << 25), -f64::from(1 << 24), f64::from(1 << 23));
-    let moved = C::from_parameters(kind.points(), &moved_parameters(C::PARAMETERS, parameters, 1.0, &offset));
+    let moved = C::from_parameters(
+        kind.points(),
+        &moved_parameters(C::PARAMETERS, parameters, 1.0, &offset),
+    );
     let there = std::array::from_fn(|k| x[k] + offset);
-    same_bits(&kind.value_and_gradient(&std::array::from_fn(|k| x[k])), &moved.value_and_gradient(&there))
+    same_bits(
+        &kind.value_and_gradient(&std::array::from_fn(|k| x[k])),
+        &moved.value_and_gradient(&there),
+    )
 }
 
-fn scaling<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>], parameters: &[f64]) -> Result<(), String> {
+fn scaling<C: Constraint<K>, const K: usize>(
+    kind: &C,
+    x: &[Point3<f64>],
+    parameters: &[f64],
+) -> Result<(), String> {
     let here = kind.value_and_gradient(&std::array::from_fn(|k| x[k]));
     for exponent in [-20, -10, 7, 20] {
         let scale = 2_f64.powi(exponent);
         let zero = Vector3::zeros();
-        let scaled = C::from_parameters(kind.points(), &moved_parameters(C::PARAMETERS, parameters, scale, &zero));
-        let there = scaled.value_and_gradient(&std::array::from_fn(|k| Point3::from(x[k].coords * scale)));
-        let back = there.map(|(c, g)| (c * scale.powi(-C::DEGREE), g.map(|g| g * scale.powi(1 - C::DEGREE))));
+        let scaled = C::from_parameters(
+            kind.points(),
+            &moved_parameters(C::PARAMETERS, parameters, scale, &zero),
+        );
+        let there =
+            scaled.value_and_gradient(&std::array::from_fn(|k| Point3::from(x[k].coords * scale)));
+        let back = there.map(|(c, g)| {
+            (
+                c * scale.powi(-C::DEGREE),
+                g.map(|g| g * scale.powi(1 - C::DEGREE)),
+            )
+        });
         same_bits(&here, &back)?;
     }
     Ok(())
@@ -205,7 +274,9 @@ fn unit(gradient: &[Vector3<f64>]) -> Result<(), String> {
 }
 
 fn balance<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Result<(), String> {
-    let places = C::PARAMETERS.iter().any(|p| matches!(p, Parameter::Coordinate(_) | Parameter::Direction(_)));
+    let places = C::PARAMETERS
+        .iter()
+        .any(|p| matches!(p, Parameter::Coordinate(_) | Parameter::Direction(_)));
     if places {
         // The other side of the force is the bone or the place, which is no particle.
         return Ok(());
@@ -248,17 +319,26 @@ fn rotation<C: Constraint<K>, const K: usize>(
     let y: [Point3<f64>; K] = std::array::from_fn(|k| r * x[k]);
     let duals: [Point3<Dual>; K] = std::array::from_fn(|k| x[k].map(Dual::of));
     let bound = MARGIN * f64::EPSILON * (kind.value(&duals).real.error + 16.0);
-    let (Some((c, g)), Some((d, h))) =
-        (kind.value_and_gradient(&std::array::from_fn(|k| x[k])), there.value_and_gradient(&y))
-    else {
+    let (Some((c, g)), Some((d, h))) = (
+        kind.value_and_gradient(&std::array::from_fn(|k| x[k])),
+        there.value_and_gradient(&y),
+    ) else {
         return Err("undefined".into());
     };
     // An angle next to pi may come back as -pi: the same fold.
-    let same = (c - d).abs() <= bound || (C::DEGREE == 0 && ((c - d).abs() - std::f64::consts::TAU).abs() <= bound);
+    let same = (c - d).abs() <= bound
+        || (C::DEGREE == 0 && ((c - d).abs() - std::f64::consts::TAU).abs() <= bound);
     let steepest: f64 = g.iter().map(|g| g.norm()).sum();
     let shape = 1.0 + steepest * steepest;
-    let turned = g.iter().zip(&h).all(|(g, h)| (r * g - h).norm() <= MARGIN * f64::EPSILON * shape * 16.0);
-    if same && turned { Ok(()) } else { Err(format!("C {c} and {d}, gradient {g:?} and {h:?}")) }
+    let turned = g
+        .iter()
+        .zip(&h)
+        .all(|(g, h)| (r * g - h).norm() <= MARGIN * f64::EPSILON * shape * 16.0);
+    if same && turned {
+        Ok(())
+    } else {
+        Err(format!("C {c} and {d}, gradient {g:?} and {h:?}"))
+    }
 }
 
 #[cfg(test)]
@@ -291,11 +371,18 @@ mod tests {
             if C::DEGREE == 0 {
                 parameters.fill(0.1);
             }
-            let subject = Fixed(C::from_parameters(std::array::from_fn(|k| k as u32), &parameters));
+            let subject = Fixed(C::from_parameters(
+                std::array::from_fn(|k| k as u32),
+                &parameters,
+            ));
             for &(control, how) in CONTROLS {
                 let broken = Broken { subject, how };
                 let caught = check(C::NAME, &broken, &x, 0.1, &mut draw);
-                assert!(caught.is_err(), "{}: control `{control}` was accepted", C::NAME);
+                assert!(
+                    caught.is_err(),
+                    "{}: control `{control}` was accepted",
+                    C::NAME
+                );
             }
         }
     }
@@ -306,10 +393,26 @@ mod tests {
     }
 
     fn tetrahedron(size: f64) -> (Volume, Vec<Point3<f64>>) {
-        let x = [[0.94, 0.0, -0.33], [-0.47, 0.81, -0.33], [-0.47, -0.81, -0.33], [0.0, 0.0, 1.0]];
+        let x = [
+            [0.94, 0.0, -0.33],
+            [-0.47, 0.81, -0.33],
+            [-0.47, -0.81, -0.33],
+            [0.0, 0.0, 1.0],
+        ];
         let x = x.map(|p| Point3::from(Vector3::from(p) * size)).to_vec();
-        let constraint = EnclosedVolume::new(&[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], 4, 0.4 * size.powi(3), 0.0);
-        (Volume { constraint, count: 4 }, x)
+        let constraint = EnclosedVolume::new(
+            &[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+            4,
+            0.4 * size.powi(3),
+            0.0,
+        );
+        (
+            Volume {
+                constraint,
+                count: 4,
+            },
+            x,
+        )
     }
 
     #[test]
@@ -317,9 +420,13 @@ mod tests {
         let mut draw = Draw::new(3);
         for size in [1e-3, 1.0, 1e3] {
             let (subject, x) = tetrahedron(size);
-            check("enclosed volume", &subject, &x, 0.1 * size, &mut draw).unwrap_or_else(|f| panic!("{f}"));
+            check("enclosed volume", &subject, &x, 0.1 * size, &mut draw)
+                .unwrap_or_else(|f| panic!("{f}"));
             for &(control, how) in CONTROLS {
-                let broken = Broken { subject: subject.clone(), how };
+                let broken = Broken {
+                    subject: subject.clone(),
+                    how,
+                };
                 assert!(
                     check("enclosed volume", &broken, &x, 0.1 * size, &mut draw).is_err(),
                     "control `{control}` was accepted at size {size}"
@@ -332,14 +439,19 @@ mod tests {
     fn gradients_that_are_not_of_length_one_are_rejected() {
         let g = Vector3::new(0.6, 0.0, -0.8);
         assert_eq!(unit(&[g, -g]), Ok(()));
-        assert!(unit(&[g, g * (1.0 + 1e-14)]).is_err() && unit(&[Vector3::repeat(f64::NAN)]).is_err());
+        assert!(
+            unit(&[g, g * (1.0 + 1e-14)]).is_err() && unit(&[Vector3::repeat(f64::NAN)]).is_err()
+        );
     }
 
     #[test]
     fn a_gradient_of_a_millimetre_tetrahedron_that_is_zero_is_rejected() {
         // The usual relative error with a floor of 1 accepts it.
         let (subject, x) = tetrahedron(1e-3);
-        let broken = Broken { subject, how: |g| g.fill(Vector3::zeros()) };
+        let broken = Broken {
+            subject,
+            how: |g| g.fill(Vector3::zeros()),
+        };
         assert!(check("enclosed volume", &broken, &x, 1e-4, &mut Draw::new(4)).is_err());
     }
 }

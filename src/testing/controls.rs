@@ -21,18 +21,27 @@ pub type Deed = fn(&mut [Vector3<f64>]);
 pub const CONTROLS: &[(&str, Deed)] = &[
     ("one component NaN", |g| g[0].x = f64::NAN),
     ("all NaN", |g| g.fill(Vector3::repeat(f64::NAN))),
-    ("six times too large", |g| g.iter_mut().for_each(|g| *g *= 6.0)),
-    ("wrong sign", |g| g.iter_mut().for_each(|g| *g = -*g)),
-    ("two points swapped, or two axes where there is one point", |g| {
-        if g.len() > 1 && g[0] != g[1] {
-            g.swap(0, 1);
-        } else {
-            g[0] = g[0].zxy();
-        }
+    ("six times too large", |g| {
+        g.iter_mut().for_each(|g| *g *= 6.0)
     }),
-    ("one point forgotten", |g| *g.last_mut().expect("at least one point") = Vector3::zeros()),
+    ("wrong sign", |g| g.iter_mut().for_each(|g| *g = -*g)),
+    (
+        "two points swapped, or two axes where there is one point",
+        |g| {
+            if g.len() > 1 && g[0] != g[1] {
+                g.swap(0, 1);
+            } else {
+                g[0] = g[0].zxy();
+            }
+        },
+    ),
+    ("one point forgotten", |g| {
+        *g.last_mut().expect("at least one point") = Vector3::zeros()
+    }),
     ("all zero", |g| g.fill(Vector3::zeros())),
-    ("one part in a million too large", |g| g.iter_mut().for_each(|g| *g *= 1.0 + 1e-6)),
+    ("one part in a million too large", |g| {
+        g.iter_mut().for_each(|g| *g *= 1.0 + 1e-6)
+    }),
 ];
 
 impl<T: Subject> Subject for Broken<T> {

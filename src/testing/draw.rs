@@ -64,10 +64,12 @@ impl Draw {
     /// `count` points with dyadic coordinates, no two nearer than 0.2 and no three nearly on a line.
     pub fn shape(&mut self, count: usize) -> Vec<Point3<f64>> {
         loop {
-            let x: Vec<Point3<f64>> =
-                (0..count).map(|_| Point3::new(self.dyadic(), self.dyadic(), self.dyadic())).collect();
+            let x: Vec<Point3<f64>> = (0..count)
+                .map(|_| Point3::new(self.dyadic(), self.dyadic(), self.dyadic()))
+                .collect();
             let apart = |i: usize, j: usize| (x[i] - x[j]).norm() > 0.2;
-            let bent = |i: usize, j: usize, k: usize| (x[j] - x[i]).cross(&(x[k] - x[i])).norm() > 0.1;
+            let bent =
+                |i: usize, j: usize, k: usize| (x[j] - x[i]).cross(&(x[k] - x[i])).norm() > 0.1;
             let pairs = (0..count).all(|i| (0..i).all(|j| apart(i, j)));
             if pairs && (0..count).all(|i| (0..i).all(|j| (0..j).all(|k| bent(i, j, k)))) {
                 return x;

@@ -20,20 +20,29 @@ impl Tracked {
         Self { value, error: 0.0 }
     }
     fn rounded(value: f64, inherited: f64) -> Self {
-        Self { value, error: inherited + value.abs() }
+        Self {
+            value,
+            error: inherited + value.abs(),
+        }
     }
     fn plus(self, o: Self) -> Self {
         Self::rounded(self.value + o.value, self.error + o.error)
     }
     fn times(self, o: Self) -> Self {
-        Self::rounded(self.value * o.value, self.error * o.value.abs() + o.error * self.value.abs())
+        Self::rounded(
+            self.value * o.value,
+            self.error * o.value.abs() + o.error * self.value.abs(),
+        )
     }
     fn over(self, o: Self) -> Self {
         let q = self.value / o.value;
         Self::rounded(q, (self.error + o.error * q.abs()) / o.value.abs())
     }
     fn negated(self) -> Self {
-        Self { value: -self.value, error: self.error }
+        Self {
+            value: -self.value,
+            error: self.error,
+        }
     }
 }
 
@@ -49,20 +58,29 @@ pub struct Dual {
 impl Dual {
     /// The variable itself: slope 1.
     pub fn variable(value: f64) -> Self {
-        Self { real: Tracked::exact(value), slope: Tracked::exact(1.0) }
+        Self {
+            real: Tracked::exact(value),
+            slope: Tracked::exact(1.0),
+        }
     }
 }
 
 impl Add for Dual {
     type Output = Self;
     fn add(self, o: Self) -> Self {
-        Self { real: self.real.plus(o.real), slope: self.slope.plus(o.slope) }
+        Self {
+            real: self.real.plus(o.real),
+            slope: self.slope.plus(o.slope),
+        }
     }
 }
 impl Neg for Dual {
     type Output = Self;
     fn neg(self) -> Self {
-        Self { real: self.real.negated(), slope: self.slope.negated() }
+        Self {
+            real: self.real.negated(),
+            slope: self.slope.negated(),
+        }
     }
 }
 impl Sub for Dual {
@@ -74,14 +92,20 @@ impl Sub for Dual {
 impl Mul for Dual {
     type Output = Self;
     fn mul(self, o: Self) -> Self {
-        Self { real: self.real.times(o.real), slope: self.slope.times(o.real).plus(self.real.times(o.slope)) }
+        Self {
+            real: self.real.times(o.real),
+            slope: self.slope.times(o.real).plus(self.real.times(o.slope)),
+        }
     }
 }
 impl Div for Dual {
     type Output = Self;
     fn div(self, o: Self) -> Self {
         let q = self.real.over(o.real);
-        Self { real: q, slope: self.slope.plus(q.times(o.slope).negated()).over(o.real) }
+        Self {
+            real: q,
+            slope: self.slope.plus(q.times(o.slope).negated()).over(o.real),
+        }
     }
 }
 impl AddAssign for Dual {
@@ -115,7 +139,10 @@ impl One for Dual {
 
 impl Scalar for Dual {
     fn of(value: f64) -> Self {
-        Self { real: Tracked::exact(value), slope: Tracked::exact(0.0) }
+        Self {
+            real: Tracked::exact(value),
+            slope: Tracked::exact(0.0),
+        }
     }
     fn real(self) -> f64 {
         self.real.value
@@ -123,14 +150,22 @@ impl Scalar for Dual {
     fn sqrt(self) -> Self {
         let root = self.real.value.sqrt();
         let real = Tracked::rounded(root, self.real.error / (2.0 * root));
-        Self { real, slope: self.slope.over(real.plus(real)) }
+        Self {
+            real,
+            slope: self.slope.over(real.plus(real)),
+        }
     }
     fn atan2(self, x: Self) -> Self {
         let y = self;
         let square = x.real.times(x.real).plus(y.real.times(y.real));
-        let inherited = (x.real.value.abs() * y.real.error + y.real.value.abs() * x.real.error) / square.value;
+        let inherited =
+            (x.real.value.abs() * y.real.error + y.real.value.abs() * x.real.error) / square.value;
         let real = Tracked::rounded(libm::atan2(y.real.value, x.real.value), inherited);
-        let slope = x.real.times(y.slope).plus(y.real.times(x.slope).negated()).over(square);
+        let slope = x
+            .real
+            .times(y.slope)
+            .plus(y.real.times(x.slope).negated())
+            .over(square);
         Self { real, slope }
     }
 }

@@ -28,14 +28,46 @@ pub struct Loader {
 
 /// Every reader; `any` leaves the format to the content.
 pub const LOADERS: [Loader; 8] = [
-    Loader { name: "obj", file: "a.obj", starts: &[b"v", b"f", b"l", b"o\n"] },
-    Loader { name: "ply", file: "a.ply", starts: &[b"ply\n"] },
-    Loader { name: "stl", file: "a.stl", starts: &[b""] },
-    Loader { name: "off", file: "a.off", starts: &[b"#", b"ST", b"C", b"N", b"n", b"4", b"OFF"] },
-    Loader { name: "vtk", file: "a.vtk", starts: &[b"# vtk DataFile Version "] },
-    Loader { name: "vtp", file: "a.vtp", starts: &[b"<?xml", b"<!--", b"<VTKFile"] },
-    Loader { name: "directx", file: "a.x", starts: &[b"xof "] },
-    Loader { name: "any", file: "a", starts: &[b""] },
+    Loader {
+        name: "obj",
+        file: "a.obj",
+        starts: &[b"v", b"f", b"l", b"o\n"],
+    },
+    Loader {
+        name: "ply",
+        file: "a.ply",
+        starts: &[b"ply\n"],
+    },
+    Loader {
+        name: "stl",
+        file: "a.stl",
+        starts: &[b""],
+    },
+    Loader {
+        name: "off",
+        file: "a.off",
+        starts: &[b"#", b"ST", b"C", b"N", b"n", b"4", b"OFF"],
+    },
+    Loader {
+        name: "vtk",
+        file: "a.vtk",
+        starts: &[b"# vtk DataFile Version "],
+    },
+    Loader {
+        name: "vtp",
+        file: "a.vtp",
+        starts: &[b"<?xml", b"<!--", b"<VTKFile"],
+    },
+    Loader {
+        name: "directx",
+        file: "a.x",
+        starts: &[b"xof "],
+    },
+    Loader {
+        name: "any",
+        file: "a",
+        starts: &[b""],
+    },
 ];
 
 /// How a promise was broken.
@@ -102,7 +134,9 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
         "pvd" => super::collections::check_collection(bytes),
         _ => match LOADERS.iter().find(|loader| loader.name == name) {
             Some(loader) => check_loader(loader, bytes),
-            None => Err(Breach::Unknown { name: name.to_owned() }),
+            None => Err(Breach::Unknown {
+                name: name.to_owned(),
+            }),
         },
     }
 }
@@ -113,7 +147,10 @@ pub fn check_target(name: &str, bytes: &[u8]) -> Result<Outcome, Breach> {
 /// The first promise that is broken.
 pub fn check_loader(loader: &Loader, bytes: &[u8]) -> Result<Outcome, Breach> {
     let read = |bytes: &[u8]| check_reader(bytes, |bytes| read_bytes(bytes, loader.file));
-    if let (Some(start), false) = (loader.starts.last(), loader.starts.iter().any(|start| bytes.starts_with(start))) {
+    if let (Some(start), false) = (
+        loader.starts.last(),
+        loader.starts.iter().any(|start| bytes.starts_with(start)),
+    ) {
         return read(&[start, bytes].concat());
     }
     let outcome = read(bytes)?;
@@ -135,7 +172,10 @@ fn sized_stl(bytes: &[u8]) -> Option<Vec<u8>> {
 ///
 /// # Errors
 /// The first promise that is broken.
-pub fn check_reader(bytes: &[u8], read: impl FnOnce(&[u8]) -> Result<MeshFile, ReadError>) -> Result<Outcome, Breach> {
+pub fn check_reader(
+    bytes: &[u8],
+    read: impl FnOnce(&[u8]) -> Result<MeshFile, ReadError>,
+) -> Result<Outcome, Breach> {
     match caught(|| read(bytes))? {
         Ok(file) => check_mesh(file),
         Err(error) => check_error(&error, bytes),
@@ -147,7 +187,9 @@ pub(super) fn caught<T>(deed: impl FnOnce() -> T) -> Result<T, Breach> {
     catch_unwind(AssertUnwindSafe(deed)).map_err(|payload| {
         let text = payload.downcast_ref::<String>().cloned();
         let text = text.or_else(|| payload.downcast_ref::<&str>().map(|&s| s.to_owned()));
-        Breach::Panicked { message: text.unwrap_or_default() }
+        Breach::Panicked {
+            message: text.unwrap_or_default(),
+        }
     })
 }
 
@@ -157,7 +199,11 @@ fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
     if file.mesh.triangles.is_empty() && file.lines.is_empty() {
         return invalid("neither a triangle nor a line".into());
     }
-    if let Some(line) = file.lines.iter().find(|l| l.len() < 2 || l.iter().any(|&i| i as usize >= count)) {
+    if let Some(line) = file
+        .lines
+        .iter()
+        .find(|l| l.len() < 2 || l.iter().any(|&i| i as usize >= count))
+    {
         return invalid(format!("line {line:?} of {count} vertices"));
     }
     match TriangleMesh::new(file.mesh.vertices, file.mesh.triangles) {
@@ -169,8 +215,19 @@ fn check_mesh(file: MeshFile) -> Result<Outcome, Breach> {
 pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
-    let unhelpful = |wanted| Err(Breach::Unhelpful { wanted, text: text.clone() });
-    let ReadError::Content { place, column, found, .. } = error else {
+    let unhelpful = |wanted| {
+        Err(Breach::Unhelpful {
+            wanted,
+            text: text.clone(),
+        })
+    };
+    let ReadError::Content {
+        place,
+        column,
+        found,
+        ..
+    } = error
+    else {
         return unhelpful("bytes in memory can be read");
     };
     if quoted_bytes(found) > LONGEST_TOKEN {
@@ -179,14 +236,19 @@ pub(super) fn check_error(error: &ReadError, bytes: &[u8]) -> Result<Outcome, Br
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     match *place {
         Place::Offset(offset) if offset > bytes.len() => unhelpful("an offset within the file"),
-        Place::Line(line) if !has_place(bytes, line, *column) => unhelpful("a line and a column of the file"),
+        Place::Line(line) if !has_place(bytes, line, *column) => {
+            unhelpful("a line and a column of the file")
+        }
         _ => Ok(Outcome::Refused),
     }
 }
 
 /// One printable line with a code, of a length that can be read.
 fn check_text(text: &str) -> Result<(), Breach> {
-    let code = text.split_once("error[E").and_then(|(_, rest)| rest.split_once(']')).map_or("", |(code, _)| code);
+    let code = text
+        .split_once("error[E")
+        .and_then(|(_, rest)| rest.split_once(']'))
+        .map_or("", |(code, _)| code);
     let wanted = if code.len() != 3 || !code.bytes().all(|b| b.is_ascii_digit()) {
         "a code of three digits"
     } else if text.chars().any(char::is_control) {
@@ -196,7 +258,10 @@ fn check_text(text: &str) -> Result<(), Breach> {
     } else {
         return Ok(());
     };
-    Err(Breach::Unhelpful { wanted, text: text.to_owned() })
+    Err(Breach::Unhelpful {
+        wanted,
+        text: text.to_owned(),
+    })
 }
 
 /// The fewest bytes of a file that give a quotation: an escape and a sign for damaged text stand for one byte each.
@@ -204,8 +269,16 @@ fn quoted_bytes(found: &str) -> usize {
     let mut rest = found.strip_suffix('…').unwrap_or(found);
     let mut bytes = 0;
     while let Some(c) = rest.chars().next() {
-        let escape = if c == '\\' { escape_length(&rest[1..]) } else { None };
-        bytes += if escape.is_some() || c == char::REPLACEMENT_CHARACTER { 1 } else { c.len_utf8() };
+        let escape = if c == '\\' {
+            escape_length(&rest[1..])
+        } else {
+            None
+        };
+        bytes += if escape.is_some() || c == char::REPLACEMENT_CHARACTER {
+            1
+        } else {
+            c.len_utf8()
+        };
         rest = &rest[c.len_utf8() + escape.unwrap_or(0)..];
     }
     bytes
@@ -218,7 +291,10 @@ fn escape_length(tail: &str) -> Option<usize> {
     }
     let digits = tail.strip_prefix("u{")?;
     let length = digits.find('}')?;
-    digits[..length].bytes().all(|b| b.is_ascii_hexdigit()).then_some(length + 3)
+    digits[..length]
+        .bytes()
+        .all(|b| b.is_ascii_hexdigit())
+        .then_some(length + 3)
 }
 
 /// Whether a text has a line, or had it if one more followed, and in it a column.
@@ -227,12 +303,23 @@ fn has_place(bytes: &[u8], line: usize, column: Option<u32>) -> bool {
     let mut start = 0;
     while start <= bytes.len() {
         let rest = &bytes[start..];
-        let length = rest.iter().position(|&b| b == b'\n' || b == b'\r').unwrap_or(rest.len());
+        let length = rest
+            .iter()
+            .position(|&b| b == b'\n' || b == b'\r')
+            .unwrap_or(rest.len());
         lines.push(&rest[..length]);
-        start += length + if rest[length..].starts_with(b"\r\n") { 2 } else { 1 };
+        start += length
+            + if rest[length..].starts_with(b"\r\n") {
+                2
+            } else {
+                1
+            };
     }
     let characters = |line: &[u8]| line.iter().filter(|&&b| b & 0xc0 != 0x80).count();
-    let width = line.checked_sub(1).and_then(|i| lines.get(i)).map(|line| characters(line));
+    let width = line
+        .checked_sub(1)
+        .and_then(|i| lines.get(i))
+        .map(|line| characters(line));
     match (width, column) {
         (Some(width), Some(column)) => (1..=width + 1).contains(&(column as usize)),
         (Some(_), None) => true,
@@ -250,12 +337,18 @@ pub fn check_scene(bytes: &[u8]) -> Result<Outcome, Breach> {
     let text = String::from_utf8_lossy(bytes);
     let folder = Path::new("no-such-folder");
     let nothing = |_: &str| -> Option<OsString> { None };
-    let around = Surroundings { folder, variable: &nothing, overrides: &[] };
+    let around = Surroundings {
+        folder,
+        variable: &nothing,
+        overrides: &[],
+    };
     match caught(|| parse_content(&text, "s.toml", &around))? {
         Ok(Content::Muscles(scene))
             if scene.frames == 0 || !(scene.frame_rate > 0.0 && scene.frame_rate.is_finite()) =>
         {
-            Err(Breach::Invalid { detail: format!("{} frames at {}", scene.frames, scene.frame_rate) })
+            Err(Breach::Invalid {
+                detail: format!("{} frames at {}", scene.frames, scene.frame_rate),
+            })
         }
         Ok(_) => Ok(Outcome::Accepted),
         Err(error) => caught(|| check_scene_error(&error))?,
@@ -266,12 +359,18 @@ fn check_scene_error(error: &SceneError) -> Result<Outcome, Breach> {
     let text = error.terse();
     check_text(&text)?;
     if error.place().is_none() {
-        return Err(Breach::Unhelpful { wanted: "a place", text });
+        return Err(Breach::Unhelpful {
+            wanted: "a place",
+            text,
+        });
     }
     let mut shown = String::new();
     match miette::GraphicalReportHandler::new().render_report(&mut shown, error) {
         Ok(()) => Ok(Outcome::Refused),
-        Err(_) => Err(Breach::Unhelpful { wanted: "an error that can be shown", text }),
+        Err(_) => Err(Breach::Unhelpful {
+            wanted: "an error that can be shown",
+            text,
+        }),
     }
 }
 
@@ -282,9 +381,13 @@ mod tests {
     #[test]
     fn places_beyond_the_file_are_seen() {
         let text = "é 1\r\nv\r\n".as_bytes();
-        assert!(has_place(text, 1, Some(4)) && has_place(text, 2, Some(2)) && has_place(text, 3, None));
+        assert!(
+            has_place(text, 1, Some(4)) && has_place(text, 2, Some(2)) && has_place(text, 3, None)
+        );
         assert!(has_place(text, 4, None), "behind the end");
-        assert!(!has_place(text, 1, Some(5)) && !has_place(text, 5, None) && !has_place(text, 0, None));
+        assert!(
+            !has_place(text, 1, Some(5)) && !has_place(text, 5, None) && !has_place(text, 0, None)
+        );
         assert!(!has_place(text, 1, Some(0)));
     }
 
@@ -298,7 +401,12 @@ mod tests {
     #[test]
     fn texts_that_do_not_help_are_seen() {
         assert_eq!(check_text("a: error[E011]: x"), Ok(()));
-        for text in ["a: error[E11]: x", "a: x", "a: error[E011]: x\n", "a: error[EXYZ]: x"] {
+        for text in [
+            "a: error[E11]: x",
+            "a: x",
+            "a: error[E011]: x\n",
+            "a: error[EXYZ]: x",
+        ] {
             assert!(check_text(text).is_err(), "{text}");
         }
         assert!(check_text(&format!("error[E011]{}", "x".repeat(2000))).is_err());

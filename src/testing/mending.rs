@@ -14,13 +14,24 @@ pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
     let (&[choice, holes], rest) = bytes.split_first_chunk().unwrap_or((&[0, 0], bytes));
     let (mut mesh, lines) = drawing(rest);
     // A reader leaves these out.
-    mesh.triangles.retain(|[a, b, c]| a != b && b != c && c != a);
-    let Ok(mesh) = TriangleMesh::new(mesh.vertices, mesh.triangles) else { return Ok(Outcome::Refused) };
-    if lines.iter().flatten().any(|v| *v as usize >= mesh.vertices.len()) {
+    mesh.triangles
+        .retain(|[a, b, c]| a != b && b != c && c != a);
+    let Ok(mesh) = TriangleMesh::new(mesh.vertices, mesh.triangles) else {
+        return Ok(Outcome::Refused);
+    };
+    if lines
+        .iter()
+        .flatten()
+        .any(|v| *v as usize >= mesh.vertices.len())
+    {
         return Ok(Outcome::Refused);
     }
     let options = Options {
-        merge_within: if choice & 1 == 1 { mesh.length() * f64::from(choice) / 512.0 } else { 0.0 },
+        merge_within: if choice & 1 == 1 {
+            mesh.length() * f64::from(choice) / 512.0
+        } else {
+            0.0
+        },
         close_holes: usize::from(holes % 16),
         keep_largest: choice & 2 == 2,
     };
@@ -35,22 +46,45 @@ pub fn check_repair(bytes: &[u8]) -> Result<Outcome, Breach> {
 ///
 /// # Errors
 /// The first promise that is broken.
-pub fn check_repaired(mesh: &TriangleMesh, lines: &[Vec<u32>], repaired: &Repaired) -> Result<(), Breach> {
+pub fn check_repaired(
+    mesh: &TriangleMesh,
+    lines: &[Vec<u32>],
+    repaired: &Repaired,
+) -> Result<(), Breach> {
     let broken = |detail: String| Err(Breach::Invalid { detail });
     let Repaired { mesh: after, .. } = repaired;
     if let Err(error) = TriangleMesh::new(after.vertices.clone(), after.triangles.clone()) {
         return broken(error.to_string());
     }
     let count = after.vertices.len();
-    if repaired.lines.len() != lines.len() || repaired.lines.iter().flatten().any(|v| *v as usize >= count) {
+    if repaired.lines.len() != lines.len()
+        || repaired
+            .lines
+            .iter()
+            .flatten()
+            .any(|v| *v as usize >= count)
+    {
         return broken("a line was lost or names no vertex".into());
     }
     let health = Health::with_lines(after, &repaired.lines);
     let left = [
-        ("edges with more than two triangles", health.non_manifold_edges),
-        ("vertices in which surfaces touch", health.non_manifold_vertices),
+        (
+            "edges with more than two triangles",
+            health.non_manifold_edges,
+        ),
+        (
+            "vertices in which surfaces touch",
+            health.non_manifold_vertices,
+        ),
         ("unused vertices", health.unused_vertices),
-        ("edges that disagree", if health.orientable { health.inconsistent_edges } else { 0 }),
+        (
+            "edges that disagree",
+            if health.orientable {
+                health.inconsistent_edges
+            } else {
+                0
+            },
+        ),
     ];
     if let Some((what, count)) = left.iter().find(|(_, count)| *count > 0) {
         return broken(format!("{count} {what} are left"));
@@ -60,9 +94,18 @@ pub fn check_repaired(mesh: &TriangleMesh, lines: &[Vec<u32>], repaired: &Repair
         return broken("a change was not told".into());
     }
     for change in &repaired.changes {
-        let of_vertices = [Step::MergedVertices, Step::SplitVertices, Step::ClosedHoles, Step::DroppedVertices]
-            .contains(&change.step);
-        let most = if of_vertices { mesh.vertices.len() } else { mesh.triangles.len() };
+        let of_vertices = [
+            Step::MergedVertices,
+            Step::SplitVertices,
+            Step::ClosedHoles,
+            Step::DroppedVertices,
+        ]
+        .contains(&change.step);
+        let most = if of_vertices {
+            mesh.vertices.len()
+        } else {
+            mesh.triangles.len()
+        };
         if change.count == 0 || change.elements.iter().any(|e| *e as usize >= most) {
             return broken(format!("a change that cannot be: {change:?}"));
         }

@@ -24,7 +24,9 @@ pub use conformance::{Failure, check, check_constraint};
 pub use controls::{Broken, CONTROLS};
 pub use draw::Draw;
 pub use dual::{Dual, Tracked};
-pub use loaders::{Breach, LOADERS, Loader, Outcome, check_loader, check_reader, check_scene, check_target};
+pub use loaders::{
+    Breach, LOADERS, Loader, Outcome, check_loader, check_reader, check_scene, check_target,
+};
 pub use mending::{check_repair, check_repaired};
 pub use mutations::{Mutator, dictionary};
 pub use restoring::check_state;

@@ -76,7 +76,10 @@ pub struct Mutator {
 impl Mutator {
     /// Draws from a seed and puts in words of a format now and then.
     pub fn new(seed: u64, words: Vec<Vec<u8>>) -> Self {
-        Self { draw: Draw::new(seed), words }
+        Self {
+            draw: Draw::new(seed),
+            words,
+        }
     }
 
     /// A changed file: up to six changes of one of several files, more often few than many.
@@ -139,8 +142,14 @@ impl Mutator {
     /// The bytes of one kind around a place.
     fn around(&mut self, bytes: &[u8], inside: impl Fn(u8) -> bool) -> std::ops::Range<usize> {
         let at = self.draw.index(bytes.len() + 1);
-        let start = bytes[..at].iter().rposition(|&b| !inside(b)).map_or(0, |i| i + 1);
-        let end = bytes[at..].iter().position(|&b| !inside(b)).map_or(bytes.len(), |i| at + i);
+        let start = bytes[..at]
+            .iter()
+            .rposition(|&b| !inside(b))
+            .map_or(0, |i| i + 1);
+        let end = bytes[at..]
+            .iter()
+            .position(|&b| !inside(b))
+            .map_or(bytes.len(), |i| at + i);
         start..end
     }
 
@@ -193,7 +202,11 @@ impl Mutator {
                 bytes.splice(part.end..part.end, again);
             }
             _ => {
-                let byte = if self.draw.index(2) == 0 { b' ' } else { self.draw.bits() as u8 };
+                let byte = if self.draw.index(2) == 0 {
+                    b' '
+                } else {
+                    self.draw.bits() as u8
+                };
                 bytes.extend(std::iter::repeat_n(byte, self.draw.index(300)));
             }
         }
@@ -202,7 +215,10 @@ impl Mutator {
 
 /// The words of a dictionary of libFuzzer: a line each, in quotes, with `\"`, `\\` and `\xNN`.
 pub fn dictionary(text: &str) -> Vec<Vec<u8>> {
-    text.lines().filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix('"')).map(unescape).collect()
+    text.lines()
+        .filter_map(|line| line.trim().strip_prefix('"')?.strip_suffix('"'))
+        .map(unescape)
+        .collect()
 }
 
 fn unescape(text: &str) -> Vec<u8> {
@@ -211,7 +227,9 @@ fn unescape(text: &str) -> Vec<u8> {
     while let [first, tail @ ..] = rest {
         (bytes, rest) = match (first, tail) {
             (b'\\', [b'x', digits @ ..]) if digits.len() >= 2 => {
-                let byte = std::str::from_utf8(&digits[..2]).ok().and_then(|d| u8::from_str_radix(d, 16).ok());
+                let byte = std::str::from_utf8(&digits[..2])
+                    .ok()
+                    .and_then(|d| u8::from_str_radix(d, 16).ok());
                 (push(bytes, byte.unwrap_or(b'?')), &digits[2..])
             }
             (b'\\', [escaped, tail @ ..]) => (push(bytes, *escaped), tail),
@@ -235,20 +253,33 @@ mod tests {
     fn changes_are_many_and_repeatable() {
         let files = vec![b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n".to_vec(), Vec::new()];
         let run = |seed| {
-            let mut mutator = Mutator::new(seed, dictionary("# words\nname=ignored\n\"f -1\"\n\"\\x00\\\"\"\n"));
-            (0..2000).map(|_| mutator.mutate(&files)).collect::<Vec<_>>()
+            let mut mutator = Mutator::new(
+                seed,
+                dictionary("# words\nname=ignored\n\"f -1\"\n\"\\x00\\\"\"\n"),
+            );
+            (0..2000)
+                .map(|_| mutator.mutate(&files))
+                .collect::<Vec<_>>()
         };
         let made = run(1);
         assert_eq!(made, run(1));
         assert_ne!(made, run(2));
         assert!(made.iter().collect::<HashSet<_>>().len() > 1200);
         assert!(made.iter().all(|m| m.len() <= LONGEST));
-        let holds = |part: &[u8]| made.iter().any(|m| m.windows(part.len()).any(|w| w == part));
-        assert!(holds(b"f -1") && holds(b"\0\"") && holds(b"18446744073709551616") && holds(&[0xff; 8]));
+        let holds = |part: &[u8]| {
+            made.iter()
+                .any(|m| m.windows(part.len()).any(|w| w == part))
+        };
+        assert!(
+            holds(b"f -1") && holds(b"\0\"") && holds(b"18446744073709551616") && holds(&[0xff; 8])
+        );
     }
 
     #[test]
     fn a_dictionary_is_read_as_libfuzzer_reads_it() {
-        assert_eq!(dictionary("\"a b\"\n# \"c\"\n\"\\x41\\\\\\\"\"\n"), [b"a b".to_vec(), b"A\\\"".to_vec()]);
+        assert_eq!(
+            dictionary("\"a b\"\n# \"c\"\n\"\\x41\\\\\\\"\"\n"),
+            [b"a b".to_vec(), b"A\\\"".to_vec()]
+        );
     }
 }

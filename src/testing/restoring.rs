@@ -41,7 +41,11 @@ thickness = "10 mm"
 "#;
 
 /// Settings of the solvers whose state differs.
-const SOLVERS: [&str; 3] = ["[solver.pbd]", "[solver.xpbd]\nsubsteps = 4", "[solver.implicit_euler]\niterations = 20"];
+const SOLVERS: [&str; 3] = [
+    "[solver.pbd]",
+    "[solver.xpbd]\nsubsteps = 4",
+    "[solver.implicit_euler]\niterations = 20",
+];
 
 fn small(solver: usize) -> Option<Simulation> {
     let text = format!("{SCENE}{}\n", SOLVERS[solver % SOLVERS.len()]);
@@ -52,10 +56,14 @@ fn small(solver: usize) -> Option<Simulation> {
 pub(super) fn states() -> Vec<Vec<u8>> {
     let mut all = Vec::new();
     for solver in 0..SOLVERS.len() {
-        let Some(mut simulation) = small(solver) else { continue };
+        let Some(mut simulation) = small(solver) else {
+            continue;
+        };
         for _ in 0..2 {
             (0..3).for_each(|_| simulation.step_frame());
-            let mut writer = Writer { bytes: vec![solver as u8] };
+            let mut writer = Writer {
+                bytes: vec![solver as u8],
+            };
             simulation.save(&mut writer);
             all.push(writer.bytes);
         }
@@ -69,11 +77,19 @@ pub(super) fn states() -> Vec<Vec<u8>> {
 /// # Errors
 /// The first promise that is broken.
 pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
-    let opened = caught(|| Checkpoint::open(bytes).err().map(|refused| refused.to_string()))?;
+    let opened = caught(|| {
+        Checkpoint::open(bytes)
+            .err()
+            .map(|refused| refused.to_string())
+    })?;
     check_words(opened.unwrap_or_default())?;
-    let [solver, state @ ..] = bytes else { return Ok(Outcome::Refused) };
+    let [solver, state @ ..] = bytes else {
+        return Ok(Outcome::Refused);
+    };
     let Some(mut simulation) = small(usize::from(*solver)) else {
-        return Err(Breach::Invalid { detail: "the small scene does not run".to_owned() });
+        return Err(Breach::Invalid {
+            detail: "the small scene does not run".to_owned(),
+        });
     };
     let mut from = Reader::new(state);
     let restored = caught(|| simulation.restore(&mut from).and_then(|()| from.end()))?;
@@ -86,12 +102,18 @@ pub fn check_state(bytes: &[u8]) -> Result<Outcome, Breach> {
     if writer.bytes == state {
         return Ok(Outcome::Accepted);
     }
-    Err(Breach::Changed { writer: "state", detail: "what was read is saved as other bytes".to_owned() })
+    Err(Breach::Changed {
+        writer: "state",
+        detail: "what was read is saved as other bytes".to_owned(),
+    })
 }
 
 fn check_words(text: String) -> Result<(), Breach> {
     if text.len() > 300 || text.chars().any(char::is_control) {
-        return Err(Breach::Unhelpful { wanted: "one printable line", text });
+        return Err(Breach::Unhelpful {
+            wanted: "one printable line",
+            text,
+        });
     }
     Ok(())
 }

@@ -25,7 +25,12 @@ struct Writer {
 }
 
 const WRITERS: [Writer; 9] = [
-    Writer { name: "a.obj", write: |p, (m, l)| obj::write(p, m, l), keeps_lines: true, corners: None },
+    Writer {
+        name: "a.obj",
+        write: |p, (m, l)| obj::write(p, m, l),
+        keeps_lines: true,
+        corners: None,
+    },
     Writer {
         name: "t.vtk",
         write: |p, (m, l)| vtk::write(p, m, l, vtk::Encoding::Ascii),
@@ -38,7 +43,12 @@ const WRITERS: [Writer; 9] = [
         keeps_lines: true,
         corners: None,
     },
-    Writer { name: "a.vtp", write: write_vtp, keeps_lines: true, corners: None },
+    Writer {
+        name: "a.vtp",
+        write: write_vtp,
+        keeps_lines: true,
+        corners: None,
+    },
     Writer {
         name: "t.ply",
         write: |p, (m, _)| ply::write(p, m, &[], ply::Encoding::Text),
@@ -72,7 +82,12 @@ const WRITERS: [Writer; 9] = [
 ];
 
 fn write_vtp(path: &Path, (mesh, lines): &Drawing) -> io::Result<()> {
-    let data = vtp::PolyData { points: &mesh.vertices, triangles: &mesh.triangles, lines, ..Default::default() };
+    let data = vtp::PolyData {
+        points: &mesh.vertices,
+        triangles: &mesh.triangles,
+        lines,
+        ..Default::default()
+    };
     vtp::write(path, &data)
 }
 
@@ -88,13 +103,24 @@ pub fn drawing(bytes: &[u8]) -> (TriangleMesh, Vec<Vec<u32>>) {
         2 => byte() as f64 - 128.0,
         _ => f64::from(byte() as u32) * f64::MIN_POSITIVE / 16.0,
     };
-    let vertices: Vec<Point3<f64>> =
-        (0..vertices).map(|_| Point3::new(coordinate(), coordinate(), coordinate())).collect();
+    let vertices: Vec<Point3<f64>> = (0..vertices)
+        .map(|_| Point3::new(coordinate(), coordinate(), coordinate()))
+        .collect();
     let within = vertices.len().max(1) + usize::from(byte() == 77);
     let mut index = || (byte() % within) as u32;
-    let triangles = (0..triangles).map(|_| std::array::from_fn(|_| index())).collect();
-    let lines = (0..lines).map(|_| (0..1 + index() % 5).map(|_| index()).collect()).collect();
-    (TriangleMesh { vertices, triangles }, lines)
+    let triangles = (0..triangles)
+        .map(|_| std::array::from_fn(|_| index()))
+        .collect();
+    let lines = (0..lines)
+        .map(|_| (0..1 + index() % 5).map(|_| index()).collect())
+        .collect();
+    (
+        TriangleMesh {
+            vertices,
+            triangles,
+        },
+        lines,
+    )
 }
 
 /// Writes a mesh made of bytes in every format, reads it again and compares.
@@ -113,7 +139,12 @@ pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
         match result {
             Ok(Outcome::Accepted) => outcome = Outcome::Accepted,
             Ok(Outcome::Refused) => {}
-            Err(detail) => return Err(Breach::Changed { writer: writer.name, detail }),
+            Err(detail) => {
+                return Err(Breach::Changed {
+                    writer: writer.name,
+                    detail,
+                });
+            }
         }
     }
     Ok(outcome)
@@ -121,26 +152,48 @@ pub fn check_round_trip(bytes: &[u8]) -> Result<Outcome, Breach> {
 
 /// A file of this process and thread alone.
 fn scratch(name: &str) -> PathBuf {
-    let thread: String = format!("{:?}", std::thread::current().id()).chars().filter(char::is_ascii_digit).collect();
-    std::env::temp_dir().join(format!("pliant-round-{}-{thread}-{name}", std::process::id()))
+    let thread: String = format!("{:?}", std::thread::current().id())
+        .chars()
+        .filter(char::is_ascii_digit)
+        .collect();
+    std::env::temp_dir().join(format!(
+        "pliant-round-{}-{thread}-{name}",
+        std::process::id()
+    ))
 }
 
-fn compare(writer: &Writer, drawing: &Drawing, path: &Path, done: io::Result<()>) -> Result<Outcome, String> {
+fn compare(
+    writer: &Writer,
+    drawing: &Drawing,
+    path: &Path,
+    done: io::Result<()>,
+) -> Result<Outcome, String> {
     let (mesh, lines) = drawing;
     let finite = |c: &f64| c.is_finite() && writer.corners.is_none_or(|of| of(*c).is_finite());
     let count = mesh.vertices.len();
     let within = |i: &u32| (*i as usize) < count;
     let lines: &[Vec<u32>] = if writer.keeps_lines { lines } else { &[] };
     let numbers = mesh.vertices.iter().flat_map(|v| v.iter()).all(finite);
-    let indices = mesh.triangles.iter().flatten().chain(lines.iter().flatten()).all(within);
+    let indices = mesh
+        .triangles
+        .iter()
+        .flatten()
+        .chain(lines.iter().flatten())
+        .all(within);
     let ends = lines.iter().all(|line| line.len() >= 2);
     if let Err(error) = done {
         let right = !(numbers && indices && ends);
-        return if right && !path.exists() { Ok(Outcome::Refused) } else { Err(format!("not written: {error}")) };
+        return if right && !path.exists() {
+            Ok(Outcome::Refused)
+        } else {
+            Err(format!("not written: {error}"))
+        };
     }
     let expected = Expected::of(writer, mesh, lines);
     match read(path) {
-        Ok(file) if numbers && indices && ends => expected.compare(&file, writer).map(|()| Outcome::Accepted),
+        Ok(file) if numbers && indices && ends => {
+            expected.compare(&file, writer).map(|()| Outcome::Accepted)
+        }
         Ok(_) => Err("a mesh that is none was written and read".into()),
         // The writer of frames passes on what it is given; its readers refuse it.
         Err(_) if !numbers || !ends || expected.is_empty() => Ok(Outcome::Refused),
@@ -167,13 +220,29 @@ fn differ<T: PartialEq>([a, b, c]: &[T; 3]) -> bool {
 
 impl Expected {
     fn of(writer: &Writer, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Self {
-        let vertices: Vec<[u64; 3]> = mesh.vertices.iter().map(|v| bits(v, writer.corners)).collect();
+        let vertices: Vec<[u64; 3]> = mesh
+            .vertices
+            .iter()
+            .map(|v| bits(v, writer.corners))
+            .collect();
         let place = |i: u32| vertices.get(i as usize).copied().unwrap_or_default();
-        let kept = |t: &&[u32; 3]| if writer.corners.is_some() { differ(&t.map(place)) } else { differ(t) };
+        let kept = |t: &&[u32; 3]| {
+            if writer.corners.is_some() {
+                differ(&t.map(place))
+            } else {
+                differ(t)
+            }
+        };
         let triangles: Vec<[u32; 3]> = mesh.triangles.iter().filter(kept).copied().collect();
         let corners = triangles.iter().map(|t| t.map(place)).collect();
         let degenerate = mesh.triangles.len() - triangles.len();
-        Self { corners, degenerate, triangles, lines: lines.to_vec(), vertices }
+        Self {
+            corners,
+            degenerate,
+            triangles,
+            lines: lines.to_vec(),
+            vertices,
+        }
     }
 
     /// Nothing that a reader accepts.
@@ -185,14 +254,25 @@ impl Expected {
         let vertices: Vec<[u64; 3]> = file.mesh.vertices.iter().map(|v| bits(v, None)).collect();
         let same = if writer.corners.is_some() {
             let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize]);
-            file.mesh.triangles.iter().map(corners).eq(self.corners.iter().copied())
+            file.mesh
+                .triangles
+                .iter()
+                .map(corners)
+                .eq(self.corners.iter().copied())
         } else {
             vertices == self.vertices && file.mesh.triangles == self.triangles
         };
-        if same && file.lines == self.lines && file.warnings.count(Warning::RepeatedCorner) == self.degenerate {
+        if same
+            && file.lines == self.lines
+            && file.warnings.count(Warning::RepeatedCorner) == self.degenerate
+        {
             return Ok(());
         }
-        Err(format!("{} triangles and {} lines were read", file.mesh.triangles.len(), file.lines.len()))
+        Err(format!(
+            "{} triangles and {} lines were read",
+            file.mesh.triangles.len(),
+            file.lines.len()
+        ))
     }
 }
 
@@ -203,7 +283,10 @@ mod tests {
     /// Two triangles and a line over four points with plain coordinates.
     fn plain() -> Vec<u8> {
         let mut bytes = vec![4, 2, 1];
-        bytes.extend([2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 129, 2, 129, 2, 131]);
+        bytes.extend([
+            2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 128, 2, 128, 2, 129, 2, 128, 2, 129, 2, 129,
+            2, 131,
+        ]);
         bytes.extend([0, 0, 1, 2, 1, 3, 2, 1, 0, 3]);
         bytes
     }
@@ -211,7 +294,10 @@ mod tests {
     #[test]
     fn a_plain_mesh_comes_back() {
         let (mesh, lines) = drawing(&plain());
-        assert_eq!((mesh.vertices[3], mesh.triangles.len(), lines), (Point3::new(1., 1., 3.), 2, vec![vec![0, 3]]));
+        assert_eq!(
+            (mesh.vertices[3], mesh.triangles.len(), lines),
+            (Point3::new(1., 1., 3.), 2, vec![vec![0, 3]])
+        );
         assert_eq!(check_round_trip(&plain()), Ok(Outcome::Accepted));
         assert_eq!(check_round_trip(b""), Ok(Outcome::Refused));
     }
@@ -223,8 +309,17 @@ mod tests {
             changed.0.vertices[3].x = f64::from_bits(changed.0.vertices[3].x.to_bits() + 1);
             obj::write(path, &changed.0, &changed.1)
         };
-        let broken = Writer { name: "broken.obj", write: deed, keeps_lines: true, corners: None };
-        let silent = Writer { name: "silent.obj", write: |_, _| Err(io::Error::other("no")), ..broken };
+        let broken = Writer {
+            name: "broken.obj",
+            write: deed,
+            keeps_lines: true,
+            corners: None,
+        };
+        let silent = Writer {
+            name: "silent.obj",
+            write: |_, _| Err(io::Error::other("no")),
+            ..broken
+        };
         let drawing = drawing(&plain());
         for writer in [broken, silent] {
             let path = scratch(writer.name);

@@ -22,14 +22,21 @@ impl Scratch {
     /// Where the folder for temporary files cannot be written to.
     #[must_use]
     pub fn folder() -> Self {
-        let name = format!("pliant-test-{}-{}", std::process::id(), TAKEN.fetch_add(1, Ordering::Relaxed));
+        let name = format!(
+            "pliant-test-{}-{}",
+            std::process::id(),
+            TAKEN.fetch_add(1, Ordering::Relaxed)
+        );
         let folder = std::env::temp_dir().join(name);
         // Of a process that had the same number and was killed.
         let _ = fs::remove_dir_all(&folder);
         if let Err(error) = fs::create_dir_all(&folder) {
             panic!("{}: {error}", folder.display());
         }
-        Self { path: folder.clone(), folder }
+        Self {
+            path: folder.clone(),
+            folder,
+        }
     }
 
     /// The name of a file that is not there yet, in a folder of its own.

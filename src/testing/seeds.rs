@@ -4,7 +4,12 @@ use super::blocks::base64;
 use crate::scene::builtin::BUILTIN;
 
 /// Two triangles that share an edge.
-const POINTS: [[f32; 3]; 4] = [[0., 0., 0.], [1., 0., 0.25], [1., 1.5, -0.], [-1e-3, 1., 0.]];
+const POINTS: [[f32; 3]; 4] = [
+    [0., 0., 0.],
+    [1., 0., 0.25],
+    [1., 1.5, -0.],
+    [-1e-3, 1., 0.],
+];
 
 /// The same points as text.
 const LINES: &str = "0 0 0\n1 0 .25\n1.0 15e-1 -0\n-1e-3 1 0\n";
@@ -20,12 +25,17 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
         "vtp" => vtp(),
         "directx" => directx(),
         "any" => {
-            let all = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx"].iter().flat_map(|t| seeds(t));
+            let all = ["obj", "ply", "stl", "off", "vtk", "vtp", "directx"]
+                .iter()
+                .flat_map(|t| seeds(t));
             // OFF without its keyword is known by its name alone.
             all.filter(|seed| !seed[0].is_ascii_digit()).collect()
         }
         "blocks" => blocks(),
-        "scene" => BUILTIN.iter().map(|(_, text, _)| text.as_bytes().to_vec()).collect(),
+        "scene" => BUILTIN
+            .iter()
+            .map(|(_, text, _)| text.as_bytes().to_vec())
+            .collect(),
         "write" => write(),
         "repair" => repair(),
         "state" => super::restoring::states(),
@@ -37,7 +47,8 @@ pub fn seeds(target: &str) -> Vec<Vec<u8>> {
 
 fn springs() -> Vec<Vec<u8>> {
     texts([
-        "3 2\n0 0 0 m\n1 0 0 m\n0 1 .5 i\n1\n0 1 2\n2\n0 1 1.5\n1 2 2\n1\n0 1\n1\n0\n1\n2\n".to_owned(),
+        "3 2\n0 0 0 m\n1 0 0 m\n0 1 .5 i\n1\n0 1 2\n2\n0 1 1.5\n1 2 2\n1\n0 1\n1\n0\n1\n2\n"
+            .to_owned(),
         "2 2\r\n\r\n1e3 0 0 m\r\n0 -1 0\tm\r\n0\r\n1\r\n1 0 4\r\n0\r\n0\r\n0".to_owned(),
     ])
 }
@@ -85,10 +96,22 @@ fn ply() -> Vec<Vec<u8>> {
     let mut all = texts([text, more.to_owned()]);
     for (encoding, big) in [("binary_little_endian", false), ("binary_big_endian", true)] {
         let mut bytes = ply_head(encoding, "ushort vertex_index").into_bytes();
-        bytes.extend(POINTS.iter().flatten().flat_map(|c| if big { c.to_be_bytes() } else { c.to_le_bytes() }));
+        bytes.extend(POINTS.iter().flatten().flat_map(|c| {
+            if big {
+                c.to_be_bytes()
+            } else {
+                c.to_le_bytes()
+            }
+        }));
         for face in [&[0u16, 1, 2][..], &[0, 1, 2, 3]] {
             bytes.push(face.len() as u8);
-            bytes.extend(face.iter().flat_map(|i| if big { i.to_be_bytes() } else { i.to_le_bytes() }));
+            bytes.extend(face.iter().flat_map(|i| {
+                if big {
+                    i.to_be_bytes()
+                } else {
+                    i.to_le_bytes()
+                }
+            }));
         }
         all.push(bytes);
     }
@@ -100,7 +123,9 @@ fn stl() -> Vec<Vec<u8>> {
     let mut text = String::from("solid a b\n");
     for facet in facets {
         text += "facet normal 0 0 1\nouter loop\n";
-        facet.iter().for_each(|[x, y, z]| text += &format!(" vertex {x} {y:e} {z:?}\n"));
+        facet
+            .iter()
+            .for_each(|[x, y, z]| text += &format!(" vertex {x} {y:e} {z:?}\n"));
         text += "endloop\nendfacet\n";
     }
     text += "endsolid a b\n";
@@ -118,7 +143,10 @@ fn stl() -> Vec<Vec<u8>> {
 
 fn off() -> Vec<Vec<u8>> {
     let faces = "3 0 1 2\n4 0 1 2 3 255 0 0\n2 0 1\n1 3\n";
-    let colours: String = LINES.lines().map(|line| format!("{line} 255 0 0 255\n")).collect();
+    let colours: String = LINES
+        .lines()
+        .map(|line| format!("{line} 255 0 0 255\n"))
+        .collect();
     texts([
         format!("OFF\n4 4 0\n{LINES}{faces}"),
         format!("# a\nOFF 4 4 # b\n\n{LINES}{faces}"),
@@ -129,7 +157,9 @@ fn off() -> Vec<Vec<u8>> {
 }
 
 fn vtk_text() -> Vec<Vec<u8>> {
-    let head = |version: &str, set: &str| format!("# vtk DataFile Version {version}\ntitle\nASCII\nDATASET {set}\n");
+    let head = |version: &str, set: &str| {
+        format!("# vtk DataFile Version {version}\ntitle\nASCII\nDATASET {set}\n")
+    };
     let points = format!("POINTS 4 float\n{LINES}");
     texts([
         format!(
@@ -154,11 +184,26 @@ fn vtk_text() -> Vec<Vec<u8>> {
 }
 
 fn vtk_binary() -> Vec<Vec<u8>> {
-    let points: Vec<u8> = POINTS.iter().flatten().flat_map(|c| c.to_be_bytes()).collect();
-    let whole = |numbers: &[i32]| numbers.iter().flat_map(|i| i.to_be_bytes()).collect::<Vec<u8>>();
-    let long = |numbers: &[i64]| numbers.iter().flat_map(|i| i.to_be_bytes()).collect::<Vec<u8>>();
-    let head =
-        |set: &str, version: &str| format!("# vtk DataFile Version {version}\nt\nBINARY\nDATASET {set}\n").into_bytes();
+    let points: Vec<u8> = POINTS
+        .iter()
+        .flatten()
+        .flat_map(|c| c.to_be_bytes())
+        .collect();
+    let whole = |numbers: &[i32]| {
+        numbers
+            .iter()
+            .flat_map(|i| i.to_be_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let long = |numbers: &[i64]| {
+        numbers
+            .iter()
+            .flat_map(|i| i.to_be_bytes())
+            .collect::<Vec<u8>>()
+    };
+    let head = |set: &str, version: &str| {
+        format!("# vtk DataFile Version {version}\nt\nBINARY\nDATASET {set}\n").into_bytes()
+    };
     let old = [
         &head("POLYDATA", "4.2"),
         &b"POINTS 4 float\n"[..],
@@ -207,7 +252,15 @@ fn vtp_file(root: &str, points: &str, polys: &str, tail: &str) -> Vec<u8> {
 /// The three arrays of a file as little-endian bytes: points, corners of the polygons, their ends.
 fn arrays() -> [Vec<u8>; 3] {
     let whole = |numbers: &[i32]| numbers.iter().flat_map(|i| i.to_le_bytes()).collect();
-    [POINTS.iter().flatten().flat_map(|c| c.to_le_bytes()).collect(), whole(&[0, 1, 2, 0, 1, 2, 3]), whole(&[3, 7])]
+    [
+        POINTS
+            .iter()
+            .flatten()
+            .flat_map(|c| c.to_le_bytes())
+            .collect(),
+        whole(&[0, 1, 2, 0, 1, 2, 3]),
+        whole(&[3, 7]),
+    ]
 }
 
 /// The chunks of LZMA2 of bytes that are stored and not made shorter.
@@ -217,13 +270,17 @@ fn stored(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// Types and names of the arrays.
-const ATTRIBUTES: [(&str, &str); 3] =
-    [("Float32", "NumberOfComponents=\"3\""), ("Int32", "Name=\"connectivity\""), ("Int32", "Name=\"offsets\"")];
+const ATTRIBUTES: [(&str, &str); 3] = [
+    ("Float32", "NumberOfComponents=\"3\""),
+    ("Int32", "Name=\"connectivity\""),
+    ("Int32", "Name=\"offsets\""),
+];
 
 /// The arrays of the polygons with their texts.
 fn polygons(texts: [String; 2], how: &str) -> String {
     let each = ATTRIBUTES[1..].iter().zip(texts);
-    each.map(|((kind, name), text)| array(&format!("type=\"{kind}\" {name} {how}"), &text)).collect()
+    each.map(|((kind, name), text)| array(&format!("type=\"{kind}\" {name} {how}"), &text))
+        .collect()
 }
 
 /// A way to make bytes shorter.
@@ -232,7 +289,10 @@ type Pack = fn(&[u8]) -> Vec<u8>;
 fn vtp() -> Vec<Vec<u8>> {
     let ascii = vtp_file(
         "",
-        &array("type=\"Float64\" NumberOfComponents='3' format=\"ascii\"", LINES),
+        &array(
+            "type=\"Float64\" NumberOfComponents='3' format=\"ascii\"",
+            LINES,
+        ),
         &polygons(["0 1 2 0 1 2 3".into(), "3\n7".into()], "format=\"ascii\""),
         "",
     );
@@ -240,16 +300,22 @@ fn vtp() -> Vec<Vec<u8>> {
         0 0 0 1 0 0 1 1 0 0 1 0</DataArray></Points><Lines><DataArray type='UInt8' Name='connectivity'>0 2</DataArray>\
         <DataArray type='UInt8' Name='offsets'>2</DataArray></Lines><!-- - --><Strips><DataArray type='Int64' Name='connectivity'>\
         0 1 3 2</DataArray><DataArray type='Int64' Name='offsets'>4</DataArray></Strips><Polys/></Piece>";
-    let pieces =
-        format!("<VTKFile type='PolyData' byte_order='BigEndian'><PolyData>{cells}{cells}</PolyData></VTKFile>");
+    let pieces = format!(
+        "<VTKFile type='PolyData' byte_order='BigEndian'><PolyData>{cells}{cells}</PolyData></VTKFile>"
+    );
     let pack: [(&str, Pack); 4] = [
         ("", <[u8]>::to_vec),
-        ("vtkZLibDataCompressor", |b| miniz_oxide::deflate::compress_to_vec_zlib(b, 6)),
+        ("vtkZLibDataCompressor", |b| {
+            miniz_oxide::deflate::compress_to_vec_zlib(b, 6)
+        }),
         ("vtkLZ4DataCompressor", lz4_flex::compress),
         ("vtkLZMADataCompressor", |b| super::blocks::xz(&stored(b))),
     ];
     let mut all = vec![ascii, pieces.into_bytes()];
-    all.extend(pack.iter().flat_map(|&(name, pack)| [inline(name, pack), appended(name, pack)]));
+    all.extend(
+        pack.iter()
+            .flat_map(|&(name, pack)| [inline(name, pack), appended(name, pack)]),
+    );
     all
 }
 
@@ -261,8 +327,15 @@ fn root(compressor: &str) -> String {
 fn packed(compressor: &str, pack: Pack, bytes: &[u8]) -> [Vec<u8>; 2] {
     let packed = pack(bytes);
     let (size, length) = (bytes.len() as u32, packed.len() as u32);
-    let words = if compressor.is_empty() { vec![length] } else { vec![1, size, 0, length] };
-    [words.into_iter().flat_map(u32::to_le_bytes).collect(), packed]
+    let words = if compressor.is_empty() {
+        vec![length]
+    } else {
+        vec![1, size, 0, length]
+    };
+    [
+        words.into_iter().flat_map(u32::to_le_bytes).collect(),
+        packed,
+    ]
 }
 
 /// Arrays in base64 between their tags.
@@ -270,12 +343,24 @@ fn inline(compressor: &str, pack: Pack) -> Vec<u8> {
     let [points, corners, ends] = arrays().map(|bytes| {
         let parts = packed(compressor, pack, &bytes);
         // Without a compressor header and bytes are one stream, with one each has its padding.
-        let letters = if compressor.is_empty() { base64(&parts.concat()) } else { parts.map(|b| base64(&b)).concat() };
+        let letters = if compressor.is_empty() {
+            base64(&parts.concat())
+        } else {
+            parts.map(|b| base64(&b)).concat()
+        };
         String::from_utf8_lossy(&letters).into_owned()
     });
     let how = "format=\"binary\"";
-    let points = array(&format!("type=\"Float32\" NumberOfComponents=\"3\" {how}"), &points);
-    vtp_file(&root(compressor), &points, &polygons([corners, ends], how), "")
+    let points = array(
+        &format!("type=\"Float32\" NumberOfComponents=\"3\" {how}"),
+        &points,
+    );
+    vtp_file(
+        &root(compressor),
+        &points,
+        &polygons([corners, ends], how),
+        "",
+    )
 }
 
 /// Arrays as they are, behind all tags.
@@ -283,7 +368,9 @@ fn appended(compressor: &str, pack: Pack) -> Vec<u8> {
     let mut data = Vec::new();
     let offsets = arrays().map(|bytes| {
         let start = data.len();
-        packed(compressor, pack, &bytes).iter().for_each(|part| data.extend(part));
+        packed(compressor, pack, &bytes)
+            .iter()
+            .for_each(|part| data.extend(part));
         start
     });
     let tag = |((kind, name), offset): (&(&str, &str), usize)| {
@@ -297,7 +384,10 @@ fn appended(compressor: &str, pack: Pack) -> Vec<u8> {
 }
 
 fn directx() -> Vec<Vec<u8>> {
-    let points: String = LINES.lines().map(|line| line.replace(' ', ";") + ";,\n").collect();
+    let points: String = LINES
+        .lines()
+        .map(|line| line.replace(' ', ";") + ";,\n")
+        .collect();
     let mesh = format!(
         "Mesh m {{\n4;\n{points};\n2;\n3;0,1,2;,\n4;0,1,2,3;;\nMeshNormals {{ 1; 0;0;1;; 2; 3;0,0,0;, 4;0,0,0,0;; }}\n}}\n"
     );
@@ -315,7 +405,8 @@ fn directx() -> Vec<Vec<u8>> {
 fn blocks() -> Vec<Vec<u8>> {
     let points = [0, 0, 0, 1, 0, 0, 0, 1, 0].repeat(30);
     // The same bytes by liblzma, as raw LZMA2.
-    let lzma = b"\xe0\x01\x0d\x00\x0b\x5d\x00\x00\x67\xfe\xc3\x0d\x70\xa4\x79\xc6\xe0\x00\x00".to_vec();
+    let lzma =
+        b"\xe0\x01\x0d\x00\x0b\x5d\x00\x00\x67\xfe\xc3\x0d\x70\xa4\x79\xc6\xe0\x00\x00".to_vec();
     let packed = [
         (0, miniz_oxide::deflate::compress_to_vec_zlib(&points, 6)),
         (1, lz4_flex::compress(&points)),
@@ -323,8 +414,12 @@ fn blocks() -> Vec<Vec<u8>> {
         (2, stored(&points)),
         (3, points.clone()),
     ];
-    let choices = packed.into_iter().flat_map(|(kind, packed)| [(kind, packed.clone()), (kind | 28, packed)]);
-    choices.map(|(choice, packed)| [&[choice, 16, 14], &packed[..]].concat()).collect()
+    let choices = packed
+        .into_iter()
+        .flat_map(|(kind, packed)| [(kind, packed.clone()), (kind | 28, packed)]);
+    choices
+        .map(|(choice, packed)| [&[choice, 16, 14], &packed[..]].concat())
+        .collect()
 }
 
 /// Counts, coordinates and indices for [`check_round_trip`](super::round_trip::check_round_trip).
@@ -335,7 +430,17 @@ fn write() -> Vec<Vec<u8>> {
     }
     plain.extend([0, 0, 1, 2, 1, 3, 2, 1, 0, 3]);
     let mut hard = vec![3, 1, 0];
-    for c in [0.1, -0.0, 5e-324, 1.0 / 3.0, -1e300, f64::MAX, 1e16, 123.456, 1e-7] {
+    for c in [
+        0.1,
+        -0.0,
+        5e-324,
+        1.0 / 3.0,
+        -1e300,
+        f64::MAX,
+        1e16,
+        123.456,
+        1e-7,
+    ] {
         hard.push(0);
         hard.extend(c.to_be_bytes());
     }
@@ -348,13 +453,28 @@ fn repair() -> Vec<Vec<u8>> {
     // A cube on a grid of whole numbers, and a heap of triangles over its corners.
     let corners = (0..8u8).flat_map(|k| [k & 1, k >> 1 & 1, k >> 2]);
     let cube: Vec<u8> = corners.flat_map(|c| [2, 128 + c]).collect();
-    let faces =
-        [0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2, 1, 3, 7, 1, 7, 5];
-    let heap: Vec<u8> = (0..20u8).flat_map(|k| [k % 8, (k / 2 + 1) % 8, (k / 3 + 2 + k % 5) % 8]).collect();
+    let faces = [
+        0, 2, 3, 0, 3, 1, 4, 5, 7, 4, 7, 6, 0, 1, 5, 0, 5, 4, 2, 6, 7, 2, 7, 3, 0, 4, 6, 0, 6, 2,
+        1, 3, 7, 1, 7, 5,
+    ];
+    let heap: Vec<u8> = (0..20u8)
+        .flat_map(|k| [k % 8, (k / 2 + 1) % 8, (k / 3 + 2 + k % 5) % 8])
+        .collect();
     let mesh = |options: [u8; 2], indices: &[u8]| {
-        [&options[..], &[8, (indices.len() / 3) as u8, 0], &cube, &[0], indices].concat()
+        [
+            &options[..],
+            &[8, (indices.len() / 3) as u8, 0],
+            &cube,
+            &[0],
+            indices,
+        ]
+        .concat()
     };
-    vec![mesh([0, 0], &faces), mesh([2, 8], &faces[3..]), mesh([1, 15], &heap)]
+    vec![
+        mesh([0, 0], &faces),
+        mesh([2, 8], &faces[3..]),
+        mesh([1, 15], &heap),
+    ]
 }
 
 #[cfg(test)]
@@ -365,14 +485,20 @@ mod tests {
     /// What no reader takes would only teach how to be refused.
     #[test]
     fn every_seed_is_a_mesh_or_a_scene() {
-        let targets =
-            ["obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write", "repair", "state"];
+        let targets = [
+            "obj", "ply", "stl", "off", "vtk", "vtp", "directx", "any", "blocks", "scene", "write",
+            "repair", "state",
+        ];
         for target in targets {
             let seeds = seeds(target);
             assert!(!seeds.is_empty(), "{target}");
             for seed in seeds {
                 let text = String::from_utf8_lossy(&seed);
-                assert_eq!(check_target(target, &seed), Ok(Outcome::Accepted), "{target}: {text}");
+                assert_eq!(
+                    check_target(target, &seed),
+                    Ok(Outcome::Accepted),
+                    "{target}: {text}"
+                );
             }
         }
         assert!(seeds("nothing").is_empty());

@@ -15,19 +15,38 @@ pub fn check_spring_file(bytes: &[u8]) -> Result<Outcome, Breach> {
 }
 
 fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
-    let invalid = |detail: &str| Err(Breach::Invalid { detail: detail.to_owned() });
+    let invalid = |detail: &str| {
+        Err(Breach::Invalid {
+            detail: detail.to_owned(),
+        })
+    };
     let count = file.position.len();
     let triangles = file.triangles.iter().flatten();
-    let lines = file.springs.iter().flat_map(|(ends, _)| ends).chain(file.fibres.iter().flatten());
-    let mut named = triangles.chain(lines).chain(&file.origin).chain(&file.insertion);
+    let lines = file
+        .springs
+        .iter()
+        .flat_map(|(ends, _)| ends)
+        .chain(file.fibres.iter().flatten());
+    let mut named = triangles
+        .chain(lines)
+        .chain(&file.origin)
+        .chain(&file.insertion);
     if count == 0 || file.surface.len() != count || named.any(|&p| p as usize >= count) {
         return invalid("points that do not exist");
     }
-    if !file.position.iter().flat_map(|p| p.iter()).all(|c| c.is_finite()) {
+    if !file
+        .position
+        .iter()
+        .flat_map(|p| p.iter())
+        .all(|c| c.is_finite())
+    {
         return invalid("a coordinate that is not finite");
     }
     // Finite coordinates may be further apart than a double tells: then there is no rest length.
-    let far = file.position.iter().any(|p| p.iter().any(|c| c.abs() > 1e150));
+    let far = file
+        .position
+        .iter()
+        .any(|p| p.iter().any(|c| c.abs() > 1e150));
     if !far && file.springs().is_err() {
         return invalid("springs that are none");
     }
@@ -35,10 +54,19 @@ fn check_file(file: SpringFile) -> Result<Outcome, Breach> {
     // A vector takes all that is written.
     let _ = write_to(&mut text, &file);
     // Notes are of the file as it was found.
-    let without = |file: SpringFile| SpringFile { notes: Vec::new(), ..file };
+    let without = |file: SpringFile| SpringFile {
+        notes: Vec::new(),
+        ..file
+    };
     match read_bytes(&text, "a.springs") {
         Ok(again) if without(again.clone()) == without(file.clone()) => Ok(Outcome::Accepted),
-        Ok(_) => Err(Breach::Changed { writer: "springs", detail: "something else is read".to_owned() }),
-        Err(error) => Err(Breach::Changed { writer: "springs", detail: error.terse() }),
+        Ok(_) => Err(Breach::Changed {
+            writer: "springs",
+            detail: "something else is read".to_owned(),
+        }),
+        Err(error) => Err(Breach::Changed {
+            writer: "springs",
+            detail: error.terse(),
+        }),
     }
 }

@@ -26,7 +26,9 @@ impl<C: Constraint<K>, const K: usize> Subject for Fixed<C, K> {
         self.0.value(&std::array::from_fn(|k| x[k]))
     }
     fn value_and_gradient(&self, x: &[Point3<f64>]) -> Option<(f64, Vec<Vector3<f64>>)> {
-        self.0.value_and_gradient(&std::array::from_fn(|k| x[k])).map(|(c, g)| (c, g.to_vec()))
+        self.0
+            .value_and_gradient(&std::array::from_fn(|k| x[k]))
+            .map(|(c, g)| (c, g.to_vec()))
     }
 }
 

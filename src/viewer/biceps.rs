@@ -37,8 +37,7 @@ const HALVINGS: u32 = 200;
 const ROUNDED: f64 = 1e-12;
 
 /// Every path but those of nodes.
-const PATHS: &str =
-    "length, animation, radii.N and grow_mults.N of node N from 0, frame.N, insert, min_part, max_part, caps";
+const PATHS: &str = "length, animation, radii.N and grow_mults.N of node N from 0, frame.N, insert, min_part, max_part, caps";
 
 /// A file with changes, read.
 struct Model {
@@ -77,16 +76,27 @@ fn length(value: &str, unit: f64) -> Result<f64, Refused> {
 }
 
 fn plain(path: &str, value: &str) -> Result<f64, Refused> {
-    let wanted = || Refused::Value { path: path.to_owned(), value: value.to_owned(), wanted: "a number" };
+    let wanted = || Refused::Value {
+        path: path.to_owned(),
+        value: value.to_owned(),
+        wanted: "a number",
+    };
     value.trim().parse().map_err(|_| wanted())
 }
 
 /// Puts a value at a path of the file.
 fn put(keys: &mut Table, path: &str, value: &str, unit: f64) -> Result<(), Refused> {
-    let unknown = || Refused::NoPath { path: path.to_owned(), known: PATHS };
+    let unknown = || Refused::NoPath {
+        path: path.to_owned(),
+        known: PATHS,
+    };
     let written = match path {
         "insert" => {
-            let wanted = || Refused::Value { path: path.to_owned(), value: value.to_owned(), wanted: "a whole number" };
+            let wanted = || Refused::Value {
+                path: path.to_owned(),
+                value: value.to_owned(),
+                wanted: "a whole number",
+            };
             Written::Integer(value.trim().parse::<u32>().map_err(|_| wanted())?.into())
         }
         "min_part" | "max_part" => Written::Float(plain(path, value)?),
@@ -102,7 +112,11 @@ fn put(keys: &mut Table, path: &str, value: &str, unit: f64) -> Result<(), Refus
             let all = keys.get_mut(list).and_then(Written::as_array_mut);
             let count = all.as_ref().map_or(0, |all| all.len());
             let at = all.and_then(|all| all.get_mut(index));
-            *at.ok_or(Refused::Nothing { what: "number in this list", index, count })? = Written::Float(number);
+            *at.ok_or(Refused::Nothing {
+                what: "number in this list",
+                index,
+                count,
+            })? = Written::Float(number);
             return Ok(());
         }
     };
@@ -119,19 +133,39 @@ impl Model {
         for (path, value) in changes.filter(|(path, _)| !is_of_length(path)) {
             put(&mut keys, path, value, before.unit)?;
         }
-        let muscle = file::parse(&toml::to_string(&keys).unwrap_or_default()).map_err(Refused::Geometric)?;
-        let insert = keys.get("insert").and_then(Written::as_integer).map_or(0, |n| n.max(0) as usize);
+        let muscle =
+            file::parse(&toml::to_string(&keys).unwrap_or_default()).map_err(Refused::Geometric)?;
+        let insert = keys
+            .get("insert")
+            .and_then(Written::as_integer)
+            .map_or(0, |n| n.max(0) as usize);
         let rest = muscle.chain.rest();
         let nodes = |all: &[f64]| all.iter().step_by(insert + 1).copied().collect();
-        let shape = Shape { radii: nodes(&rest.radii), growth: nodes(&rest.growth), ..rest.clone() };
-        let mut model = Self { muscle, shape, insert };
+        let shape = Shape {
+            radii: nodes(&rest.radii),
+            growth: nodes(&rest.growth),
+            ..rest.clone()
+        };
+        let mut model = Self {
+            muscle,
+            shape,
+            insert,
+        };
         // Where a radius is 0 at the longest, rounding may take it beyond that.
         let [_, most] = model.muscle.range;
-        if matches!(model.muscle.chain.clone().set_length(most), Err(ChainError::TooLong { .. })) {
+        if matches!(
+            model.muscle.chain.clone().set_length(most),
+            Err(ChainError::TooLong { .. })
+        ) {
             model.muscle.range[1] = (most * (1.0 - ROUNDED)).max(model.shape.length);
         }
         // An animation goes to both ends.
-        model.muscle.range.iter().try_for_each(|&end| model.muscle.chain.clone().set_length(end)).map_err(of_chain)?;
+        model
+            .muscle
+            .range
+            .iter()
+            .try_for_each(|&end| model.muscle.chain.clone().set_length(end))
+            .map_err(of_chain)?;
         Ok(model)
     }
 
@@ -149,7 +183,10 @@ impl Model {
                 unit: "cm",
             });
         }
-        self.muscle.chain.set_length(length.clamp(least, most)).map_err(of_chain)
+        self.muscle
+            .chain
+            .set_length(length.clamp(least, most))
+            .map_err(of_chain)
     }
 
     /// The radius that a node has at a length where it has `radius` at rest [m].
@@ -165,7 +202,11 @@ impl Model {
     fn at_rest(&self, node: usize, wanted: f64) -> Result<f64, Refused> {
         let (length, rest) = (self.muscle.chain.length(), self.shape.length);
         let outside = |low: f64, high: f64| Refused::Outside {
-            what: format!("at a length of {} cm the radius of node {}", crate::render::number(1e2 * length), node + 1),
+            what: format!(
+                "at a length of {} cm the radius of node {}",
+                crate::render::number(1e2 * length),
+                node + 1
+            ),
             value: 1e2 * wanted,
             low: 1e2 * low,
             high: 1e2 * high,
@@ -195,10 +236,18 @@ impl Model {
                 Err(ChainError::TooLong { node, .. }) => node == own,
                 Err(_) => false,
             };
-            if is_thinner { low = middle } else { high = middle }
+            if is_thinner {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         let found = self.radius_at(length, node, high).map_err(of_chain)?;
-        if (found - wanted).abs() <= ROUNDED * rest { Ok(high) } else { Err(outside(0.0, found)) }
+        if (found - wanted).abs() <= ROUNDED * rest {
+            Ok(high)
+        } else {
+            Err(outside(0.0, found))
+        }
     }
 }
 
@@ -214,15 +263,34 @@ fn is_of_length(path: &str) -> bool {
 impl Biceps {
     /// Reads a file.
     pub(super) fn new(recipe: Recipe) -> Result<Self, StartError> {
-        let refused = |why| StartError::Muscle { name: recipe.name().to_owned(), why: Box::new(why) };
+        let refused = |why| StartError::Muscle {
+            name: recipe.name().to_owned(),
+            why: Box::new(why),
+        };
         let model = Model::of(&recipe).map_err(refused)?;
         let greatest = |all: &[f64]| all.iter().copied().fold(0.0, f64::max);
-        let most = (2.0 * greatest(&model.shape.radii), (2.0 * greatest(&model.shape.growth)).max(1.0));
+        let most = (
+            2.0 * greatest(&model.shape.radii),
+            (2.0 * greatest(&model.shape.growth)).max(1.0),
+        );
         let pose = Pose::of(&model.muscle);
         let (stage, controls) = (Arc::new(stage(&pose)), Arc::default());
         let name = recipe.name().to_owned();
-        let mut biceps = Self { recipe, model, by_hand: false, frame: 0, pose, stage, controls, most, probe: None };
-        biceps.begin().map_err(|why| StartError::Muscle { name, why: Box::new(why) })?;
+        let mut biceps = Self {
+            recipe,
+            model,
+            by_hand: false,
+            frame: 0,
+            pose,
+            stage,
+            controls,
+            most,
+            probe: None,
+        };
+        biceps.begin().map_err(|why| StartError::Muscle {
+            name,
+            why: Box::new(why),
+        })?;
         Ok(biceps)
     }
 
@@ -231,12 +299,15 @@ impl Biceps {
         let (mut length_given, mut by_hand) = (None, false);
         for (path, value) in self.recipe.given() {
             match path {
-                "length" => (length_given, by_hand) = (Some(length(value, self.model.muscle.unit)?), true),
+                "length" => {
+                    (length_given, by_hand) = (Some(length(value, self.model.muscle.unit)?), true)
+                }
                 "animation" => by_hand = !is_on(value)?,
                 _ => {}
             }
         }
-        self.model.set_length(length_given.unwrap_or(self.model.shape.length))?;
+        self.model
+            .set_length(length_given.unwrap_or(self.model.shape.length))?;
         (self.frame, self.by_hand) = (0, by_hand);
         self.look();
         Ok(())
@@ -250,26 +321,68 @@ impl Biceps {
         }
         if self.pose.mesh.triangles != before.mesh.triangles {
             self.stage = Arc::new(stage(&self.pose));
-            self.probe = self.probe.filter(|(body, vertex)| *body > 0 || *vertex < self.pose.mesh.vertices.len());
+            self.probe = self
+                .probe
+                .filter(|(body, vertex)| *body > 0 || *vertex < self.pose.mesh.vertices.len());
         }
         self.controls = Arc::new(self.controls_now());
     }
 
     fn controls_now(&self) -> Vec<Control> {
-        let (Model { muscle, shape, insert }, mut list) = (&self.model, List::default());
+        let (
+            Model {
+                muscle,
+                shape,
+                insert,
+            },
+            mut list,
+        ) = (&self.model, List::default());
         let path = |path: &str| Target::Path(path.to_owned());
-        list.other("length", "animation", path("animation"), Kind::Switch, Value::On(!self.by_hand));
+        list.other(
+            "length",
+            "animation",
+            path("animation"),
+            Kind::Switch,
+            Value::On(!self.by_hand),
+        );
         let [least, most] = muscle.range.map(|l| 1e2 * l);
-        list.slider("length", "length", path("length"), 1e2 * muscle.chain.length(), Shown::even("cm", least, most));
+        list.slider(
+            "length",
+            "length",
+            path("length"),
+            1e2 * muscle.chain.length(),
+            Shown::even("cm", least, most),
+        );
         for (k, (radius, growth)) in shape.radii.iter().zip(&shape.growth).enumerate() {
             let group = format!("node {}", k + 1);
             let shown = Shown::even("cm", 0.0, 1e2 * self.most.0);
-            list.slider(&group, "radius at rest", path(&format!("radii.{k}")), 1e2 * radius, shown);
-            list.slider(&group, "growth", path(&format!("grow_mults.{k}")), *growth, Shown::even("", 0.0, self.most.1));
+            list.slider(
+                &group,
+                "radius at rest",
+                path(&format!("radii.{k}")),
+                1e2 * radius,
+                shown,
+            );
+            list.slider(
+                &group,
+                "growth",
+                path(&format!("grow_mults.{k}")),
+                *growth,
+                Shown::even("", 0.0, self.most.1),
+            );
         }
         let insert = u32::try_from(*insert).unwrap_or(u32::MAX);
-        let kind = Kind::Whole { range: (0, MOST_INSERTED.max(insert)), scale: super::panel::Scale::Linear };
-        list.other("nodes", "inserted between two", path("insert"), kind, Value::Whole(insert));
+        let kind = Kind::Whole {
+            range: (0, MOST_INSERTED.max(insert)),
+            scale: super::panel::Scale::Linear,
+        };
+        list.other(
+            "nodes",
+            "inserted between two",
+            path("insert"),
+            kind,
+            Value::Whole(insert),
+        );
         list.0
     }
 
@@ -277,7 +390,11 @@ impl Biceps {
     fn change(&mut self, recipe: Recipe) -> Result<(), Refused> {
         let (mut model, length) = (Model::of(&recipe)?, self.model.muscle.chain.length());
         let [least, most] = model.muscle.range;
-        model.set_length(if self.by_hand { length } else { length.clamp(least, most) })?;
+        model.set_length(if self.by_hand {
+            length
+        } else {
+            length.clamp(least, most)
+        })?;
         (self.recipe, self.model) = (recipe, model);
         self.look();
         Ok(())
@@ -287,7 +404,8 @@ impl Biceps {
         match path {
             "animation" => self.by_hand = !is_on(value)?,
             "length" => {
-                self.model.set_length(length(value, self.model.muscle.unit)?)?;
+                self.model
+                    .set_length(length(value, self.model.muscle.unit)?)?;
                 self.by_hand = true;
             }
             _ => return self.change(self.recipe.with(path, value)),
@@ -298,13 +416,22 @@ impl Biceps {
 
     fn move_node(&mut self, node: usize, to: &Point3<f64>) -> Result<(), Refused> {
         check_index("node", node, self.model.shape.radii.len())?;
-        to.iter().try_for_each(|c| check_number("a coordinate of the place to move to", *c, false))?;
+        to.iter()
+            .try_for_each(|c| check_number("a coordinate of the place to move to", *c, false))?;
         let radius = self.model.at_rest(node, libm::hypot(to.y, to.z))?;
-        self.change(self.recipe.with(&format!("radii.{node}"), &format!("{radius} m")))
+        self.change(
+            self.recipe
+                .with(&format!("radii.{node}"), &format!("{radius} m")),
+        )
     }
 
     fn readings(&self) -> Vec<Reading> {
-        let reading = |name, unit, value| Reading { name, of: String::new(), unit, value };
+        let reading = |name, unit, value| Reading {
+            name,
+            of: String::new(),
+            unit,
+            value,
+        };
         let (chain, pose) = (&self.model.muscle.chain, &self.pose);
         let mut all = vec![
             reading("Length", "cm", 1e2 * pose.length),
@@ -312,7 +439,10 @@ impl Biceps {
             reading("Volume error", "", pose.volume_error),
             reading("Greatest radius", "cm", 1e2 * pose.radius),
         ];
-        all.extend(pose.joint_angle.map(|angle| reading("Joint angle", "deg", angle.to_degrees())));
+        all.extend(
+            pose.joint_angle
+                .map(|angle| reading("Joint angle", "deg", angle.to_degrees())),
+        );
         all
     }
 
@@ -323,13 +453,28 @@ impl Biceps {
             volume_error: self.pose.volume_error,
             ..BodyShot::default()
         };
-        let bars = BodyShot { positions: joints(&self.pose), ..BodyShot::default() };
-        if bars.positions.is_empty() { vec![surface] } else { vec![surface, bars] }
+        let bars = BodyShot {
+            positions: joints(&self.pose),
+            ..BodyShot::default()
+        };
+        if bars.positions.is_empty() {
+            vec![surface]
+        } else {
+            vec![surface, bars]
+        }
     }
 
     fn probed(&self, (body, vertex): (usize, usize), bodies: &[BodyShot]) -> Probe {
         let at = bodies[body].positions[vertex];
-        Probe { body, vertex, values: vec![("distance from the axis", 1e2 * libm::hypot(at.y, at.z), "cm")] }
+        Probe {
+            body,
+            vertex,
+            values: vec![(
+                "distance from the axis",
+                1e2 * libm::hypot(at.y, at.z),
+                "cm",
+            )],
+        }
     }
 }
 
@@ -337,7 +482,11 @@ fn is_on(value: &str) -> Result<bool, Refused> {
     match value.trim() {
         "on" => Ok(true),
         "off" | "none" => Ok(false),
-        other => Err(Refused::Value { path: "animation".to_owned(), value: other.to_owned(), wanted: "`on` or `off`" }),
+        other => Err(Refused::Value {
+            path: "animation".to_owned(),
+            value: other.to_owned(),
+            wanted: "`on` or `off`",
+        }),
     }
 }
 
@@ -359,12 +508,25 @@ fn stage(pose: &Pose) -> Stage {
         fibres: BoundLines::default(),
     };
     let edges = Topology::new(&pose.mesh).edges;
-    let mut bodies = vec![body("muscle", Tissue::Muscle, pose.mesh.triangles.clone(), edges)];
+    let mut bodies = vec![body(
+        "muscle",
+        Tissue::Muscle,
+        pose.mesh.triangles.clone(),
+        edges,
+    )];
     let ends = joints(pose).len() as u32;
     if ends > 0 {
-        bodies.push(body("bars", Tissue::Plain, Vec::new(), (1..ends).map(|end| [end - 1, end]).collect()));
+        bodies.push(body(
+            "bars",
+            Tissue::Plain,
+            Vec::new(),
+            (1..ends).map(|end| [end - 1, end]).collect(),
+        ));
     }
-    Stage { bodies, bones: Vec::new() }
+    Stage {
+        bodies,
+        bones: Vec::new(),
+    }
 }
 
 impl Subject for Biceps {
@@ -377,7 +539,8 @@ impl Subject for Biceps {
         let (chain, parts) = (&self.model.muscle.chain, self.model.insert + 1);
         let radii = chain.radii().iter().step_by(parts).enumerate();
         // At the top of its ring, where the axis is seen from the front.
-        let at = |k: usize, radius: f64| Point3::new(chain.spacing() * (k * parts) as f64, radius, 0.0);
+        let at =
+            |k: usize, radius: f64| Point3::new(chain.spacing() * (k * parts) as f64, radius, 0.0);
         Shot {
             frame: self.frame,
             last_frame: PERIOD as usize,
@@ -385,7 +548,12 @@ impl Subject for Biceps {
             scene: None,
             controls: self.controls.clone(),
             bones: Vec::new(),
-            handles: radii.map(|(k, r)| Handle { name: format!("node {}", k + 1), at: at(k, *r) }).collect(),
+            handles: radii
+                .map(|(k, r)| Handle {
+                    name: format!("node {}", k + 1),
+                    at: at(k, *r),
+                })
+                .collect(),
             readings: self.readings(),
             probe: self.probe.map(|probe| self.probed(probe, &bodies)),
             bodies,
@@ -434,10 +602,18 @@ impl Subject for Biceps {
                 check_index("bone", *bone, 0)
             }
             Command::Drag { .. } | Command::Fix { .. } | Command::Free { .. } => {
-                Err(Refused::NotHere("a geometric muscle has no points to drag or to hold; move its nodes"))
+                Err(Refused::NotHere(
+                    "a geometric muscle has no points to drag or to hold; move its nodes",
+                ))
             }
-            Command::Seek { .. } | Command::Backwards(_) => Err(Refused::NotHere(super::ONLY_REPLAYED)),
-            Command::LetGo { .. } | Command::Pause | Command::Run | Command::Step | Command::Speed(_) => Ok(()),
+            Command::Seek { .. } | Command::Backwards(_) => {
+                Err(Refused::NotHere(super::ONLY_REPLAYED))
+            }
+            Command::LetGo { .. }
+            | Command::Pause
+            | Command::Run
+            | Command::Step
+            | Command::Speed(_) => Ok(()),
         }
     }
 }

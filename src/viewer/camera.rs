@@ -1,7 +1,8 @@
 //! A camera that turns about what it looks at: orbit, pan, roll and zoom, projection and rays.
 
 use nalgebra::{
-    Isometry3, Matrix4, Perspective3, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2, Vector3,
+    Isometry3, Matrix4, Perspective3, Point2, Point3, Translation3, Unit, UnitQuaternion, Vector2,
+    Vector3,
 };
 
 use crate::mesh::measures::Aabb;
@@ -35,15 +36,32 @@ impl Camera {
     pub fn fit(bounds: &Aabb, from: Vector3<f64>, up: Vector3<f64>) -> Self {
         let size = bounds.extents().norm();
         // What has no size is seen from a metre.
-        let size = if size.is_finite() && size > 0.0 { size } else { 1.0 };
+        let size = if size.is_finite() && size > 0.0 {
+            size
+        } else {
+            1.0
+        };
         let along = from.try_normalize(0.0).unwrap_or_else(Vector3::z);
         // Where `up` is along the view any other does.
-        let up = if along.cross(&up).norm() > 0.0 { up } else { Vector3::new(along.z, along.x, along.y) };
+        let up = if along.cross(&up).norm() > 0.0 {
+            up
+        } else {
+            Vector3::new(along.z, along.x, along.y)
+        };
         // A view looks along its -z.
         let rotation = UnitQuaternion::face_towards(&along, &up);
         let distance = 0.5 * size / libm::sin(0.5 * FIELD);
-        let camera = Self { target: nalgebra::center(&bounds.min, &bounds.max), rotation, distance, size, home: None };
-        Self { home: Some(Box::new(camera.clone())), ..camera }
+        let camera = Self {
+            target: nalgebra::center(&bounds.min, &bounds.max),
+            rotation,
+            distance,
+            size,
+            home: None,
+        };
+        Self {
+            home: Some(Box::new(camera.clone())),
+            ..camera
+        }
     }
 
     /// As fitted, in a window of this width over height: in a narrow one from further away.
@@ -60,14 +78,23 @@ impl Camera {
     /// The same distance and target from another direction.
     #[must_use]
     pub fn seen_from(&self, from: Vector3<f64>, up: Vector3<f64>) -> Self {
-        let nothing = Aabb { min: self.target, max: self.target };
-        Self { rotation: Self::fit(&nothing, from, up).rotation, ..self.clone() }
+        let nothing = Aabb {
+            min: self.target,
+            max: self.target,
+        };
+        Self {
+            rotation: Self::fit(&nothing, from, up).rotation,
+            ..self.clone()
+        }
     }
 
     /// Back to how it was fitted.
     pub fn reset(&mut self) {
         if let Some(home) = self.home.clone() {
-            *self = Self { home: Some(home.clone()), ..*home };
+            *self = Self {
+                home: Some(home.clone()),
+                ..*home
+            };
         }
     }
 
@@ -80,7 +107,10 @@ impl Camera {
     pub fn orbit(&mut self, by: Vector2<f64>) {
         let turn = by * TURN;
         let [across, up] = [Vector3::y_axis(), Vector3::x_axis()];
-        self.turn(UnitQuaternion::from_axis_angle(&across, -turn.x) * UnitQuaternion::from_axis_angle(&up, turn.y));
+        self.turn(
+            UnitQuaternion::from_axis_angle(&across, -turn.x)
+                * UnitQuaternion::from_axis_angle(&up, turn.y),
+        );
     }
 
     /// Turns about the line of sight by an angle [rad], the picture against the clock.
@@ -112,7 +142,8 @@ impl Camera {
     /// Comes nearer by a factor below 1, goes away by one above.
     pub fn zoom(&mut self, factor: f64) {
         if factor.is_finite() && factor > 0.0 {
-            self.distance = (self.distance * factor).clamp(REACH.0 * self.size, REACH.1 * self.size);
+            self.distance =
+                (self.distance * factor).clamp(REACH.0 * self.size, REACH.1 * self.size);
         }
     }
 
@@ -153,12 +184,20 @@ mod tests {
     use super::*;
 
     fn camera() -> Camera {
-        let bounds = Aabb { min: Point3::new(0.1, -0.2, 0.3), max: Point3::new(0.3, 0.2, 0.35) };
+        let bounds = Aabb {
+            min: Point3::new(0.1, -0.2, 0.3),
+            max: Point3::new(0.3, 0.2, 0.35),
+        };
         Camera::fit(&bounds, Vector3::new(1.0, 0.3, 2.0), Vector3::y())
     }
 
     fn corners() -> Vec<Point3<f64>> {
-        Aabb { min: Point3::new(0.1, -0.2, 0.3), max: Point3::new(0.3, 0.2, 0.35) }.corners().to_vec()
+        Aabb {
+            min: Point3::new(0.1, -0.2, 0.3),
+            max: Point3::new(0.3, 0.2, 0.35),
+        }
+        .corners()
+        .to_vec()
     }
 
     #[test]
@@ -166,13 +205,22 @@ mod tests {
         let camera = camera();
         let seen: Vec<_> = corners().iter().filter_map(|p| camera.project(p)).collect();
         assert_eq!(seen.len(), 8);
-        assert!(seen.iter().all(|p| p.x.abs() <= 0.5 && p.y.abs() <= 0.5), "{seen:?}");
+        assert!(
+            seen.iter().all(|p| p.x.abs() <= 0.5 && p.y.abs() <= 0.5),
+            "{seen:?}"
+        );
         assert!(seen.iter().any(|p| p.y.abs() > 0.2), "too small: {seen:?}");
-        let [low, high] = [-0.2, 0.2].map(|y| camera.project(&Point3::new(0.2, y, 0.3)).expect("seen"));
+        let [low, high] =
+            [-0.2, 0.2].map(|y| camera.project(&Point3::new(0.2, y, 0.3)).expect("seen"));
         assert!(high.y > low.y && (high.x - low.x).abs() < 0.05 * (high.y - low.y));
-        let right = camera.project(&(camera.target + camera.rotation * Vector3::x() * 0.1)).expect("seen");
+        let right = camera
+            .project(&(camera.target + camera.rotation * Vector3::x() * 0.1))
+            .expect("seen");
         assert!(right.x > 0.0 && right.y.abs() < 1e-12);
-        assert!((camera.view() * camera.target - Point3::new(0.0, 0.0, -camera.distance)).norm() < 1e-12);
+        assert!(
+            (camera.view() * camera.target - Point3::new(0.0, 0.0, -camera.distance)).norm()
+                < 1e-12
+        );
     }
 
     #[test]
@@ -190,8 +238,16 @@ mod tests {
         let p = corners()[3];
         let clip = camera.projection(1.5) * (camera.view() * p).to_homogeneous();
         let seen = camera.project(&p).expect("seen");
-        assert!((clip.x / clip.w * 0.5 * 1.5 - seen.x).abs() < 1e-12 && (clip.y / clip.w * 0.5 - seen.y).abs() < 1e-12);
-        assert!(camera.project(&(camera.eye() + camera.rotation * Vector3::z())).is_none(), "behind");
+        assert!(
+            (clip.x / clip.w * 0.5 * 1.5 - seen.x).abs() < 1e-12
+                && (clip.y / clip.w * 0.5 - seen.y).abs() < 1e-12
+        );
+        assert!(
+            camera
+                .project(&(camera.eye() + camera.rotation * Vector3::z()))
+                .is_none(),
+            "behind"
+        );
     }
 
     #[test]
@@ -212,7 +268,10 @@ mod tests {
         let near = orbited.target + orbited.rotation * Vector3::z() * 0.01;
         orbited.orbit(Vector2::new(0.01, 0.02));
         let seen = orbited.project(&near).expect("seen");
-        assert!(seen.x > 0.0 && seen.y > 0.0, "what is in front goes with the hand: {seen}");
+        assert!(
+            seen.x > 0.0 && seen.y > 0.0,
+            "what is in front goes with the hand: {seen}"
+        );
         assert!((orbited.eye() - orbited.target).norm() - camera.distance < 1e-12);
     }
 
@@ -223,7 +282,10 @@ mod tests {
         let above = camera.target + camera.rotation * Vector3::y() * 0.1;
         camera.roll(0.3);
         let seen = camera.project(&above).expect("seen");
-        assert!((libm::atan2(-seen.x, seen.y) - 0.3).abs() < 1e-9, "against the clock: {seen}");
+        assert!(
+            (libm::atan2(-seen.x, seen.y) - 0.3).abs() < 1e-9,
+            "against the clock: {seen}"
+        );
         for _ in 0..200 {
             camera.zoom(0.5);
         }
@@ -245,7 +307,11 @@ mod tests {
         for aspect in [0.3, 0.8, 2.0] {
             let mut camera = camera().in_window(aspect);
             let seen: Vec<_> = corners().iter().filter_map(|p| camera.project(p)).collect();
-            assert!(seen.iter().all(|p| p.x.abs() <= 0.5 * aspect.min(1.0) && p.y.abs() <= 0.5), "{aspect}: {seen:?}");
+            assert!(
+                seen.iter()
+                    .all(|p| p.x.abs() <= 0.5 * aspect.min(1.0) && p.y.abs() <= 0.5),
+                "{aspect}: {seen:?}"
+            );
             let fitted = camera.clone();
             camera.zoom(0.5);
             camera.reset();
@@ -255,12 +321,20 @@ mod tests {
 
     #[test]
     fn nothing_and_odd_directions_have_a_view() {
-        let nothing = Aabb { min: Point3::origin(), max: Point3::origin() };
-        for (from, up) in
-            [(Vector3::y(), Vector3::y()), (Vector3::zeros(), Vector3::y()), (Vector3::x(), Vector3::zeros())]
-        {
+        let nothing = Aabb {
+            min: Point3::origin(),
+            max: Point3::origin(),
+        };
+        for (from, up) in [
+            (Vector3::y(), Vector3::y()),
+            (Vector3::zeros(), Vector3::y()),
+            (Vector3::x(), Vector3::zeros()),
+        ] {
             let camera = Camera::fit(&nothing, from, up);
-            assert!(camera.eye().coords.iter().all(|c| c.is_finite()), "{from} {up}");
+            assert!(
+                camera.eye().coords.iter().all(|c| c.is_finite()),
+                "{from} {up}"
+            );
             assert!(camera.project(&Point3::origin()).is_some());
         }
     }

@@ -77,12 +77,19 @@ pub struct Colouring {
 impl Colouring {
     /// Nothing seen yet.
     pub fn new(field: Field) -> Self {
-        Self { field, range: (0.0, field.least()) }
+        Self {
+            field,
+            range: (0.0, field.least()),
+        }
     }
 
     /// Widens the range to hold `values`; what is no number widens nothing.
     pub fn see(&mut self, values: &[f64]) {
-        let largest = values.iter().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+        let largest = values
+            .iter()
+            .copied()
+            .filter(|v| v.is_finite())
+            .fold(0.0, f64::max);
         if largest > self.range.1 {
             self.range.1 = round_up(largest);
         }
@@ -90,19 +97,30 @@ impl Colouring {
 
     /// A colour for each value; grey for what is no number.
     pub fn colours(&self, values: &[f64]) -> Vec<Rgb> {
-        values.iter().map(|value| ColourMap::Viridis.colour(ColourMap::place(*value, self.range))).collect()
+        values
+            .iter()
+            .map(|value| ColourMap::Viridis.colour(ColourMap::place(*value, self.range)))
+            .collect()
     }
 
     /// Where on the bar of the legend, 0 to 1, which text stands.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         let ticks = Ticks::linear(self.range, 6);
-        let places = ticks.values.iter().map(|value| ColourMap::place(*value, self.range).clamp(0.0, 1.0));
+        let places = ticks
+            .values
+            .iter()
+            .map(|value| ColourMap::place(*value, self.range).clamp(0.0, 1.0));
         places.zip(ticks.labels).collect()
     }
 
     /// The legend of a picture that the software renderer makes.
     pub fn legend(&self) -> Legend {
-        Legend::new(self.field.name(), self.field.unit(), self.range, ColourMap::Viridis)
+        Legend::new(
+            self.field.name(),
+            self.field.unit(),
+            self.range,
+            ColourMap::Viridis,
+        )
     }
 
     /// A value as people read it.
@@ -115,7 +133,10 @@ impl Colouring {
 fn round_up(value: f64) -> f64 {
     let power = libm::pow(10.0, libm::log10(value).floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|digit| digit * power);
-    steps.into_iter().find(|step| *step >= value).unwrap_or(value)
+    steps
+        .into_iter()
+        .find(|step| *step >= value)
+        .unwrap_or(value)
 }
 
 #[cfg(test)]
@@ -126,7 +147,14 @@ mod tests {
     fn the_range_grows_by_round_numbers_and_never_shrinks() {
         let mut colouring = Colouring::new(Field::Stretch);
         assert_eq!(colouring.range, (0.0, 1.0));
-        for (seen, end) in [(0.3, 1.0), (1.2, 2.0), (4.0, 5.0), (1.0, 5.0), (700.0, 1000.0), (f64::NAN, 1000.0)] {
+        for (seen, end) in [
+            (0.3, 1.0),
+            (1.2, 2.0),
+            (4.0, 5.0),
+            (1.0, 5.0),
+            (700.0, 1000.0),
+            (f64::NAN, 1000.0),
+        ] {
             colouring.see(&[0.0, seen]);
             assert_eq!(colouring.range, (0.0, end), "{seen}");
         }
@@ -147,20 +175,30 @@ mod tests {
         assert_eq!(colours[1], ColourMap::Viridis.colour(0.5));
         assert_eq!(colours[2], ColourMap::Viridis.colour(1.0));
         assert_eq!(colours[3], crate::render::colour::NO_VALUE);
-        assert_eq!(colours[4], colours[2], "beyond the end there is no colour of its own");
+        assert_eq!(
+            colours[4], colours[2],
+            "beyond the end there is no colour of its own"
+        );
         assert_ne!(colours[1], colours[2]);
     }
 
     #[test]
     fn ticks_stand_where_their_numbers_are() {
-        for (field, seen) in [(Field::Stretch, 7.0), (Field::Depth, 0.3), (Field::Speed, 1234.0)] {
+        for (field, seen) in [
+            (Field::Stretch, 7.0),
+            (Field::Depth, 0.3),
+            (Field::Speed, 1234.0),
+        ] {
             let mut colouring = Colouring::new(field);
             colouring.see(&[seen]);
             let ticks = colouring.ticks();
             assert!((3..=9).contains(&ticks.len()), "{ticks:?}");
             for (place, text) in &ticks {
                 let value: f64 = text.parse().expect("a number");
-                assert!((place * colouring.range.1 - value).abs() < 1e-9 * colouring.range.1, "{text} at {place}");
+                assert!(
+                    (place * colouring.range.1 - value).abs() < 1e-9 * colouring.range.1,
+                    "{text} at {place}"
+                );
             }
             assert!(ticks.windows(2).all(|pair| pair[0].0 < pair[1].0));
         }

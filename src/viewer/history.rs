@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 
 use super::snapshot::{Reading, Shot};
+use crate::render::Ticks;
 
 /// Frames that are remembered.
 pub const KEPT: usize = 600;
@@ -55,17 +56,28 @@ impl History {
     /// Of a run whose frames come in any order.
     #[must_use]
     pub fn of_finished_run() -> Self {
-        Self { is_finished: true, ..Self::default() }
+        Self {
+            is_finished: true,
+            ..Self::default()
+        }
     }
 
     /// Remembers the readings of a shot; what came before a new start is forgotten.
     pub fn see(&mut self, shot: &Shot) {
-        let same = |(line, reading): (&Line, &Reading)| line.name == reading.name && line.of == reading.of;
-        let fits = self.lines.len() == shot.readings.len() && self.lines.iter().zip(&shot.readings).all(same);
+        let same =
+            |(line, reading): (&Line, &Reading)| line.name == reading.name && line.of == reading.of;
+        let fits = self.lines.len() == shot.readings.len()
+            && self.lines.iter().zip(&shot.readings).all(same);
         let is_reset = !self.is_finished && self.last.is_some_and(|last| shot.frame < last);
         if !fits || is_reset {
             let points = VecDeque::new;
-            let line = |r: &Reading| Line { name: r.name, of: r.of.clone(), unit: r.unit, points: points(), now: 0 };
+            let line = |r: &Reading| Line {
+                name: r.name,
+                of: r.of.clone(),
+                unit: r.unit,
+                points: points(),
+                now: 0,
+            };
             self.lines = shot.readings.iter().map(line).collect();
         }
         self.last = Some(shot.frame);
@@ -85,6 +97,40 @@ impl History {
         }
         plots
     }
+}
+
+/// Ranges of frames and of values, neither without width; values from 0 where they begin near it.
+pub fn ranges<'a>(
+    points: impl Iterator<Item = &'a (f64, f64)>,
+) -> Option<((f64, f64), (f64, f64))> {
+    let around = |(low, high): (f64, f64), v: f64| (low.min(v), high.max(v));
+    let none = (f64::INFINITY, f64::NEG_INFINITY);
+    let (x, y) = points.fold((none, none), |(x, y), point| {
+        (around(x, point.0), around(y, point.1))
+    });
+    if !(x.0.is_finite() && y.0.is_finite()) {
+        return None;
+    }
+    let is_level = y.0 == y.1;
+    let from = if y.0 > 0.0 && (y.0 < 0.5 * y.1 || is_level) {
+        0.0
+    } else {
+        y.0
+    };
+    let until = if y.1 < 0.0 && is_level { 0.0 } else { y.1 };
+    let ends = Ticks::linear((from, until), 2)
+        .values
+        .into_iter()
+        .fold((from, until), around);
+    let wide = |(low, high): (f64, f64), least: f64| {
+        if high > low {
+            (low, high)
+        } else {
+            (low, low + least)
+        }
+    };
+    // Only a line of zeros is left without width.
+    Some((wide(x, 1.0), wide(ends, 1.0)))
 }
 
 #[cfg(test)]
@@ -123,13 +169,23 @@ mod tests {
     fn frames_follow_and_a_frame_that_changed_counts_once() {
         let mut history = History::default();
         for (frame, value) in [(0, 1.0), (1, 2.0), (1, 2.5), (2, 3.0)] {
-            history.see(&shot(frame, &[("depth", "a", value), ("depth", "b", -value), ("stretch", "a", 0.0)]));
+            history.see(&shot(
+                frame,
+                &[
+                    ("depth", "a", value),
+                    ("depth", "b", -value),
+                    ("stretch", "a", 0.0),
+                ],
+            ));
         }
         assert_eq!(points(&history, 0), [(0.0, 1.0), (1.0, 2.5), (2.0, 3.0)]);
         assert_eq!(points(&history, 1)[1], (1.0, -2.5));
         let plots = history.plots();
         assert_eq!(
-            plots.iter().map(|(name, lines)| (*name, lines.len())).collect::<Vec<_>>(),
+            plots
+                .iter()
+                .map(|(name, lines)| (*name, lines.len()))
+                .collect::<Vec<_>>(),
             [("depth", 2), ("stretch", 1)]
         );
     }
@@ -155,11 +211,50 @@ mod tests {
         for frame in [4, 5, 6, 5, 4, 0, 2] {
             history.see(&shot(frame, &[("depth", "", frame as f64)]));
         }
-        assert_eq!(points(&history, 0), [0.0, 2.0, 4.0, 5.0, 6.0].map(|k| (k, k)));
+        assert_eq!(
+            points(&history, 0),
+            [0.0, 2.0, 4.0, 5.0, 6.0].map(|k| (k, k))
+        );
         assert_eq!(history.lines[0].now, 1, "where it is");
         // Backwards from far away: what is furthest goes, and never what was just seen.
-        (0..2 * KEPT).rev().for_each(|k| history.see(&shot(k, &[("depth", "", 1.0)])));
+        (0..2 * KEPT)
+            .rev()
+            .for_each(|k| history.see(&shot(k, &[("depth", "", 1.0)])));
         assert_eq!(points(&history, 0).len(), KEPT);
-        assert_eq!((history.lines[0].now, points(&history, 0)[KEPT - 1].0), (0, (KEPT - 1) as f64));
+        assert_eq!(
+            (history.lines[0].now, points(&history, 0)[KEPT - 1].0),
+            (0, (KEPT - 1) as f64)
+        );
+    }
+
+    #[test]
+    fn ranges_hold_all_points_and_level_lines_are_measured_from_zero() {
+        let of = |points: &[(f64, f64)]| ranges(points.iter());
+        assert_eq!(of(&[]), None);
+        assert_eq!(
+            of(&[(3.0, 0.0), (4.0, 0.0)]),
+            Some(((3.0, 4.0), (0.0, 1.0))),
+            "zeros"
+        );
+        for level in [2e-7, -2e-7, 40.0, -40.0] {
+            let Some((x, (low, high))) = of(&[(3.0, level), (4.0, level)]) else {
+                panic!("no range")
+            };
+            assert_eq!(x, (3.0, 4.0));
+            assert!(
+                low.min(high) <= level.min(0.0) && high >= level.max(0.0),
+                "{level}: {low} to {high}"
+            );
+            assert!(high - low <= 4.0 * level.abs(), "{level}: {low} to {high}");
+        }
+        let Some((_, (low, high))) = of(&[(0.0, 99.0), (1.0, 101.0)]) else {
+            panic!("no range")
+        };
+        assert!(low > 0.0 && low <= 99.0 && high >= 101.0, "{low} to {high}");
+        assert_eq!(
+            of(&[(5.0, 1.0)]).map(|(x, _)| x),
+            Some((5.0, 6.0)),
+            "one frame"
+        );
     }
 }

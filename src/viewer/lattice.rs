@@ -43,7 +43,9 @@ pub(super) struct Lattice {
 fn scene_of(recipe: &Recipe) -> Result<LatticeScene, Refused> {
     match recipe.content().map_err(Refused::Scene)? {
         Content::Staged(Staged::Lattice(scene)) => Ok(*scene),
-        _ => Err(Refused::NotHere("this would be no scene of a lattice any more")),
+        _ => Err(Refused::NotHere(
+            "this would be no scene of a lattice any more",
+        )),
     }
 }
 
@@ -72,8 +74,15 @@ impl Lattice {
         let surface = &self.run.surface;
         let topology = Topology::new(surface);
         let lengths = topology.edge_lengths(surface);
-        self.springs = topology.edges.iter().zip(lengths).map(|(&points, rest)| Distance { points, rest }).collect();
-        let held = (0..surface.vertices.len()).filter(|v| self.run.point_of(*v)[2] == 0).map(|v| v as u32);
+        self.springs = topology
+            .edges
+            .iter()
+            .zip(lengths)
+            .map(|(&points, rest)| Distance { points, rest })
+            .collect();
+        let held = (0..surface.vertices.len())
+            .filter(|v| self.run.point_of(*v)[2] == 0)
+            .map(|v| v as u32);
         let body = StageBody {
             name: self.run.scene.name.clone(),
             tissue: Tissue::Plain,
@@ -82,7 +91,10 @@ impl Lattice {
             edges: topology.edges,
             fibres: BoundLines::default(),
         };
-        self.stage = Arc::new(Stage { bodies: vec![body], bones: Vec::new() });
+        self.stage = Arc::new(Stage {
+            bodies: vec![body],
+            bones: Vec::new(),
+        });
         self.controls = Arc::new(controls(&self.start, &self.run.scene));
         self.probe = self.probe.filter(|v| *v < self.run.surface.vertices.len());
     }
@@ -108,9 +120,14 @@ impl Lattice {
         let [.., layer] = self.run.point_of(vertex);
         let scene = &self.run.scene;
         if layer == 0 {
-            return Err(Refused::NotHere("the scene holds the lowest layer; choose a vertex above it"));
+            return Err(Refused::NotHere(
+                "the scene holds the lowest layer; choose a vertex above it",
+            ));
         }
-        if layer + 1 == scene.points[2] && scene.drag.norm() > 0.0 && self.run.frame() < scene.release {
+        if layer + 1 == scene.points[2]
+            && scene.drag.norm() > 0.0
+            && self.run.frame() < scene.release
+        {
             return Err(Refused::NotHere(
                 "the scene drags the highest layer and has not let it go yet; choose a vertex below",
             ));
@@ -119,7 +136,8 @@ impl Lattice {
     }
 
     fn drag(&mut self, vertex: usize, to: &Point3<f64>) -> Result<(), Refused> {
-        to.iter().try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
+        to.iter()
+            .try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
         if self.dragged.is_none_or(|(known, _)| known != vertex) {
             self.let_go();
         }
@@ -129,7 +147,11 @@ impl Lattice {
     }
 
     fn let_go(&mut self) {
-        if let Some((vertex, _)) = self.dragged.take().filter(|(vertex, _)| !self.fixed.contains(vertex)) {
+        if let Some((vertex, _)) = self
+            .dragged
+            .take()
+            .filter(|(vertex, _)| !self.fixed.contains(vertex))
+        {
             self.run.lattice.release(self.run.point_of(vertex));
         }
     }
@@ -141,27 +163,54 @@ impl Lattice {
             let point = self.run.point_of(vertex);
             let from = Point3::from(self.run.lattice.position(point));
             let way = to - from;
-            let share = if way.norm() > most { most / way.norm() } else { 1.0 };
+            let share = if way.norm() > most {
+                most / way.norm()
+            } else {
+                1.0
+            };
             self.run.lattice.place(point, (from + way * share).into());
         }
-        for vertex in self.fixed.iter().copied().chain(self.dragged.map(|(vertex, _)| vertex)) {
+        for vertex in self
+            .fixed
+            .iter()
+            .copied()
+            .chain(self.dragged.map(|(vertex, _)| vertex))
+        {
             self.run.lattice.pin(self.run.point_of(vertex));
         }
     }
 
     fn velocity(&self, point: [usize; 3]) -> Vector3<f64> {
         let lattice = &self.run.lattice;
-        let moved = Vector3::from(lattice.position(point)) - Vector3::from(lattice.previous_position(point));
+        let moved = Vector3::from(lattice.position(point))
+            - Vector3::from(lattice.previous_position(point));
         moved / lattice.time_step()
     }
 
     fn readings(&self) -> Vec<Reading> {
         let (lattice, last) = (&self.run.lattice, self.run.frames.last());
-        let twice: f64 = lattice.shape().each().map(|p| self.velocity(p).norm_squared()).sum();
-        let one = |name, unit, value| Reading { name, of: String::new(), unit, value };
+        let twice: f64 = lattice
+            .shape()
+            .each()
+            .map(|p| self.velocity(p).norm_squared())
+            .sum();
+        let one = |name, unit, value| Reading {
+            name,
+            of: String::new(),
+            unit,
+            value,
+        };
         vec![
-            one("Distance from the start", "mm", last.map_or(0.0, |f| 1e3 * f.distance)),
-            one("Motion in a frame", "mm", last.map_or(0.0, |f| 1e3 * f.moved)),
+            one(
+                "Distance from the start",
+                "mm",
+                last.map_or(0.0, |f| 1e3 * f.distance),
+            ),
+            one(
+                "Motion in a frame",
+                "mm",
+                last.map_or(0.0, |f| 1e3 * f.moved),
+            ),
             one("Kinetic energy", "mJ", 0.5e3 * self.run.scene.mass * twice),
         ]
     }
@@ -172,13 +221,37 @@ fn controls(start: &LatticeScene, now: &LatticeScene) -> Vec<Control> {
     let mut list = List::default();
     let path = |key: &str| Target::Path(format!("lattice.{key}"));
     let shown = Shown::about("N/m", start.stiffness, 100.0, 1e3);
-    list.slider("lattice", "stiffness", path("stiffness"), now.stiffness, shown);
+    list.slider(
+        "lattice",
+        "stiffness",
+        path("stiffness"),
+        now.stiffness,
+        shown,
+    );
     let shown = Shown::about("g", 1e3 * start.mass, 10.0, 10.0);
-    list.slider("lattice", "mass of a point", path("mass"), 1e3 * now.mass, shown);
+    list.slider(
+        "lattice",
+        "mass of a point",
+        path("mass"),
+        1e3 * now.mass,
+        shown,
+    );
     let most = (4.0 * start.damping).clamp(2.0, 10.0);
-    list.slider("lattice", "damping", path("damping"), now.damping, Shown::even("", 0.0, most));
+    list.slider(
+        "lattice",
+        "damping",
+        path("damping"),
+        now.damping,
+        Shown::even("", 0.0, most),
+    );
     let chosen = usize::from(now.neighbours == Neighbours::TwentySix);
-    list.other("lattice", "neighbours", path("neighbours"), Kind::Choice(vec!["6", "26"]), Value::Choice(chosen));
+    list.other(
+        "lattice",
+        "neighbours",
+        path("neighbours"),
+        Kind::Choice(vec!["6", "26"]),
+        Value::Choice(chosen),
+    );
     list.0
 }
 
@@ -204,7 +277,11 @@ impl Subject for Lattice {
             values: vec![
                 ("stretch", 100.0 * body.stretch[vertex], "%"),
                 ("speed", 1e3 * body.speed[vertex], "mm/s"),
-                ("from the start", 1e3 * (body.positions[vertex] - self.run.surface.vertices[vertex]).norm(), "mm"),
+                (
+                    "from the start",
+                    1e3 * (body.positions[vertex] - self.run.surface.vertices[vertex]).norm(),
+                    "mm",
+                ),
             ],
         };
         Shot {
@@ -244,7 +321,9 @@ impl Subject for Lattice {
             }
             Command::Set { path, value } => return self.change(self.recipe.with(path, value)),
             Command::Restore { path } => return self.change(self.recipe.without(path)),
-            Command::Drag { body, vertex, to, .. } => {
+            Command::Drag {
+                body, vertex, to, ..
+            } => {
                 self.free(*body, *vertex)?;
                 return self.drag(*vertex, to);
             }
@@ -274,7 +353,9 @@ impl Subject for Lattice {
                 return check_index("bone", *bone, 0);
             }
             Command::Move { handle, .. } => return check_index("handle", *handle, 0),
-            Command::Seek { .. } | Command::Backwards(_) => return Err(Refused::NotHere(super::ONLY_REPLAYED)),
+            Command::Seek { .. } | Command::Backwards(_) => {
+                return Err(Refused::NotHere(super::ONLY_REPLAYED));
+            }
             Command::Pause | Command::Run | Command::Step | Command::Speed(_) => {}
         }
         Ok(())

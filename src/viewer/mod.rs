@@ -48,7 +48,9 @@ pub use muscles::MOST_TURN;
 pub use recipe::{Recipe, Refused, StartError};
 pub use replay::{Replay, ReplayError};
 pub use session::{Command, Pace, Session, Speed};
-pub use snapshot::{BodyShot, BoneShot, Handle, Probe, Reading, Shot, Snapshot, Stage, StageBody, Steering, Tissue};
+pub use snapshot::{
+    BodyShot, BoneShot, Handle, Probe, Reading, Shot, Snapshot, Stage, StageBody, Steering, Tissue,
+};
 pub use subject::{Advanced, Subject, Watch};
 
 /// What scenes that are computed answer to commands for frames that are.

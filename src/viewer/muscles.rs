@@ -45,7 +45,8 @@ struct Hand {
 const ACCURACY: &str = "accuracy";
 
 /// Why no choice begins.
-const NO_THREAD: &str = "the system gives no thread to choose settings in; end other programs and try again";
+const NO_THREAD: &str =
+    "the system gives no thread to choose settings in; end other programs and try again";
 
 /// A scene of muscles that runs.
 pub(super) struct Muscles {
@@ -73,7 +74,11 @@ pub(super) struct Muscles {
 
 impl Muscles {
     /// Reads the meshes of `scene` and makes it ready; each frame is computed by `step`.
-    pub(super) fn new(recipe: Recipe, scene: Scene, step: fn(&mut Simulation)) -> Result<Self, StartError> {
+    pub(super) fn new(
+        recipe: Recipe,
+        scene: Scene,
+        step: fn(&mut Simulation),
+    ) -> Result<Self, StartError> {
         let assets = Assets::load(&scene)?;
         let plan = Plan::new(&scene, &assets);
         let simulation = Simulation::with(scene.clone(), assets.clone(), plan)?;
@@ -100,7 +105,11 @@ impl Muscles {
 
     fn vertex(&self, muscle: usize, vertex: usize) -> Result<u32, Refused> {
         check_index("muscle", muscle, self.simulation.bodies.len())?;
-        check_index("vertex", vertex, self.simulation.bodies[muscle].system.particles.len())?;
+        check_index(
+            "vertex",
+            vertex,
+            self.simulation.bodies[muscle].system.particles.len(),
+        )?;
         Ok(vertex as u32)
     }
 
@@ -121,12 +130,27 @@ impl Muscles {
     }
 
     /// A simulation of a scene with the meshes at hand, at its start; one that `goes_on` keeps the muscles' shapes at rest.
-    fn made(&self, scene: &Scene, fixed: &[Vec<u32>], goes_on: bool) -> Result<Simulation, Refused> {
+    fn made(
+        &self,
+        scene: &Scene,
+        fixed: &[Vec<u32>],
+        goes_on: bool,
+    ) -> Result<Simulation, Refused> {
         let mut plan = Plan::new(scene, &self.assets);
-        plan.muscles.iter_mut().zip(fixed).for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
+        plan.muscles
+            .iter_mut()
+            .zip(fixed)
+            .for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
         if goes_on {
-            let rests = self.simulation.bodies.iter().map(|body| Some(Arc::new(body.rest.clone())));
-            plan.muscles.iter_mut().zip(rests).for_each(|(plan, rest)| plan.rest = rest);
+            let rests = self
+                .simulation
+                .bodies
+                .iter()
+                .map(|body| Some(Arc::new(body.rest.clone())));
+            plan.muscles
+                .iter_mut()
+                .zip(rests)
+                .for_each(|(plan, rest)| plan.rest = rest);
         }
         Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
     }
@@ -135,9 +159,10 @@ impl Muscles {
     fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
         let scene = recipe.checked(path, &self.scene, &self.assets)?;
         let wish = match (path, scene.accuracy) {
-            (ACCURACY, Some(accuracy)) => {
-                Some(Wish::new(&scene, &self.assets, accuracy).map_err(|_| Refused::NotHere(NO_THREAD))?)
-            }
+            (ACCURACY, Some(accuracy)) => Some(
+                Wish::new(&scene, &self.assets, accuracy)
+                    .map_err(|_| Refused::NotHere(NO_THREAD))?,
+            ),
             _ => None,
         };
         self.go_on_as(&scene, self.fixed.clone())?;
@@ -155,8 +180,11 @@ impl Muscles {
         self.came_of_it = match found {
             Err(why) => format!("no setting was chosen: {why}"),
             Ok(chosen) => {
-                let with = |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
-                let recipe = wish::changes(&chosen).iter().fold(self.recipe.clone(), with);
+                let with =
+                    |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
+                let recipe = wish::changes(&chosen)
+                    .iter()
+                    .fold(self.recipe.clone(), with);
                 match self.change("solver", recipe) {
                     Ok(()) => chosen.why,
                     Err(refused) => format!("{}; not taken: {refused}", chosen.why),
@@ -177,8 +205,14 @@ impl Muscles {
             if *steering != Steering::Motion {
                 let pose = self.simulation.pose(bone, self.simulation.frame() as f64);
                 let joint = simulation.scene.bones[bone].motion.joint.take();
-                let key = Key { frame: self.simulation.frame() as f64, pose };
-                simulation.scene.bones[bone].motion = Motion { keys: vec![key], joint };
+                let key = Key {
+                    frame: self.simulation.frame() as f64,
+                    pose,
+                };
+                simulation.scene.bones[bone].motion = Motion {
+                    keys: vec![key],
+                    joint,
+                };
             }
         }
         // After the bones: what is known of contact holds only where they are.
@@ -194,13 +228,20 @@ impl Muscles {
         Ok(())
     }
 
-    fn drag(&mut self, muscle: usize, vertex: usize, to: Point3<f64>, stiffness: Option<f64>) -> Result<(), Refused> {
+    fn drag(
+        &mut self,
+        muscle: usize,
+        vertex: usize,
+        to: Point3<f64>,
+        stiffness: Option<f64>,
+    ) -> Result<(), Refused> {
         let v = self.vertex(muscle, vertex)?;
         let body = &self.simulation.bodies[muscle];
         if body.attached.iter().any(|(held, _)| *held == v) {
             return Err(Refused::Held { vertex });
         }
-        to.iter().try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
+        to.iter()
+            .try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
         // A surface without stiffness of its own is dragged by its weight in a second.
         let surface = match self.scene.muscles[muscle].material.stretch {
             stretch if stretch > 0.0 => DRAG * stretch,
@@ -215,7 +256,11 @@ impl Muscles {
 
     fn fix(&mut self, muscle: usize, vertex: usize) -> Result<(), Refused> {
         let v = self.vertex(muscle, vertex)?;
-        if self.simulation.bodies[muscle].attached.iter().any(|(held, _)| *held == v) {
+        if self.simulation.bodies[muscle]
+            .attached
+            .iter()
+            .any(|(held, _)| *held == v)
+        {
             return Err(Refused::Held { vertex });
         }
         let mut fixed = self.fixed.clone();
@@ -232,13 +277,19 @@ impl Muscles {
         let pose = self.simulation.pose(bone, frame);
         let scene = &self.scene.bones[bone];
         let Some(joint) = &scene.motion.joint else {
-            return Err(Refused::NoJoint { bone: scene.name.clone() });
+            return Err(Refused::NoJoint {
+                bone: scene.name.clone(),
+            });
         };
         match &mut self.hands[bone] {
             Some(hand) => hand.wanted = wanted,
             none => {
                 let angle = angle(joint, &pose);
-                *none = Some(Hand { angle, wanted, offset: joint.pose(angle).inverse() * pose });
+                *none = Some(Hand {
+                    angle,
+                    wanted,
+                    offset: joint.pose(angle).inverse() * pose,
+                });
                 self.steering[bone] = Steering::Hand;
                 self.simulation.move_bone(bone, pose);
             }
@@ -254,21 +305,40 @@ impl Muscles {
             match (self.steering[bone], &mut self.hands[bone], &motion.joint) {
                 (Steering::Hand, Some(hand), Some(joint)) if hand.angle != hand.wanted => {
                     let left = hand.wanted - hand.angle;
-                    hand.angle =
-                        if left.abs() <= MOST_TURN { hand.wanted } else { hand.angle + MOST_TURN.copysign(left) };
-                    self.simulation.move_bone(bone, joint.pose(hand.angle) * hand.offset);
+                    hand.angle = if left.abs() <= MOST_TURN {
+                        hand.wanted
+                    } else {
+                        hand.angle + MOST_TURN.copysign(left)
+                    };
+                    self.simulation
+                        .move_bone(bone, joint.pose(hand.angle) * hand.offset);
                 }
                 (Steering::Return, ..) => {
-                    let (now, there) = (self.simulation.pose(bone, frame), motion.pose(frame + 1.0));
+                    let (now, there) =
+                        (self.simulation.pose(bone, frame), motion.pose(frame + 1.0));
                     if now == motion.pose(frame) {
                         self.steering[bone] = Steering::Motion;
                         self.simulation.scene.bones[bone].motion = motion.clone();
                         continue;
                     }
                     let turn = (now.inverse() * there).rotation.angle();
-                    let keys = vec![Key { frame: 0.0, pose: now }, Key { frame: 1.0, pose: there }];
-                    let share = if turn > MOST_TURN { MOST_TURN / turn } else { 1.0 };
-                    self.simulation.move_bone(bone, Motion { keys, joint: None }.pose(share));
+                    let keys = vec![
+                        Key {
+                            frame: 0.0,
+                            pose: now,
+                        },
+                        Key {
+                            frame: 1.0,
+                            pose: there,
+                        },
+                    ];
+                    let share = if turn > MOST_TURN {
+                        MOST_TURN / turn
+                    } else {
+                        1.0
+                    };
+                    self.simulation
+                        .move_bone(bone, Motion { keys, joint: None }.pose(share));
                 }
                 _ => {}
             }
@@ -298,28 +368,48 @@ impl Subject for Muscles {
             return Advanced::GivenUp;
         }
         self.steer_bones();
-        let (step, frame, simulation) = (self.step, self.simulation.frame() + 1, &mut self.simulation);
+        let (step, frame, simulation) =
+            (self.step, self.simulation.frame() + 1, &mut self.simulation);
         if let Err(panic) = catch_unwind(AssertUnwindSafe(|| step(simulation))) {
-            return Advanced::Failed(format!("frame {frame}: the simulation panicked: {}", words(&*panic)));
+            return Advanced::Failed(format!(
+                "frame {frame}: the simulation panicked: {}",
+                words(&*panic)
+            ));
         }
         let now = seconds(&self.simulation);
-        let spent = |(name, s): (&&'static str, &f64)| (*name, (s - self.clock.get(name).unwrap_or(&0.0)) * 1e3);
+        let spent = |(name, s): (&&'static str, &f64)| {
+            (*name, (s - self.clock.get(name).unwrap_or(&0.0)) * 1e3)
+        };
         self.effects = now.iter().map(spent).collect();
         self.clock = now;
-        let all_stopped = self.simulation.bodies.iter().all(|body| body.stopped.is_some());
-        if all_stopped { Advanced::Rests } else { Advanced::On }
+        let all_stopped = self
+            .simulation
+            .bodies
+            .iter()
+            .all(|body| body.stopped.is_some());
+        if all_stopped {
+            Advanced::Rests
+        } else {
+            Advanced::On
+        }
     }
 
     fn obey(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Reset => return self.reset(),
-            Command::Set { path, value } => return self.change(path, self.recipe.with(path, value)),
+            Command::Set { path, value } => {
+                return self.change(path, self.recipe.with(path, value));
+            }
             Command::Restore { path } => return self.change(path, self.recipe.without(path)),
             Command::Turn { bone, angle } => return self.turn(*bone, *angle),
             Command::Hold { bone } => {
                 check_index("bone", *bone, self.hands.len())?;
                 let pose = self.simulation.pose(*bone, self.simulation.frame() as f64);
-                let now = self.scene.bones[*bone].motion.joint.as_ref().map_or(0.0, |joint| angle(joint, &pose));
+                let now = self.scene.bones[*bone]
+                    .motion
+                    .joint
+                    .as_ref()
+                    .map_or(0.0, |joint| angle(joint, &pose));
                 return self.turn(*bone, now);
             }
             Command::ByMotion { bone } => {
@@ -328,7 +418,12 @@ impl Subject for Muscles {
                     self.steering[*bone] = Steering::Return;
                 }
             }
-            Command::Drag { body, vertex, to, stiffness } => return self.drag(*body, *vertex, *to, *stiffness),
+            Command::Drag {
+                body,
+                vertex,
+                to,
+                stiffness,
+            } => return self.drag(*body, *vertex, *to, *stiffness),
             Command::LetGo { body } => {
                 check_index("muscle", *body, self.drags.len())?;
                 self.drags[*body] = None;
@@ -347,7 +442,9 @@ impl Subject for Muscles {
                 self.probe = Some((*body, *vertex));
             }
             Command::Move { handle, .. } => check_index("handle", *handle, 0)?,
-            Command::Seek { .. } | Command::Backwards(_) => return Err(Refused::NotHere(super::ONLY_REPLAYED)),
+            Command::Seek { .. } | Command::Backwards(_) => {
+                return Err(Refused::NotHere(super::ONLY_REPLAYED));
+            }
             // The session does these itself.
             Command::Pause | Command::Run | Command::Step | Command::Speed(_) => {}
         }

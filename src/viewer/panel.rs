@@ -123,13 +123,25 @@ impl Control {
     pub fn now(&self, shot: &Shot) -> Value {
         match (&self.target, self.value) {
             (Target::Angle(bone), Value::Number(_)) => {
-                let angle = shot.bones.get(*bone).and_then(|bone| bone.angle).unwrap_or(0.0).to_degrees();
-                let Kind::Slider { range: (low, high), .. } = self.kind else { return self.value };
+                let angle = shot
+                    .bones
+                    .get(*bone)
+                    .and_then(|bone| bone.angle)
+                    .unwrap_or(0.0)
+                    .to_degrees();
+                let Kind::Slider {
+                    range: (low, high), ..
+                } = self.kind
+                else {
+                    return self.value;
+                };
                 Value::Number(angle.clamp(low, high))
             }
-            (Target::Motion(bone), _) => {
-                Value::On(shot.bones.get(*bone).is_none_or(|bone| bone.steering != Steering::Hand))
-            }
+            (Target::Motion(bone), _) => Value::On(
+                shot.bones
+                    .get(*bone)
+                    .is_none_or(|bone| bone.steering != Steering::Hand),
+            ),
             (_, value) => value,
         }
     }
@@ -141,14 +153,26 @@ impl Control {
     pub fn command(&self, value: Value) -> Result<Command, NoValue> {
         let text = self.checked(value)?;
         Ok(match (&self.target, value) {
-            (Target::Path(path), _) => Command::Set { path: path.clone(), value: text },
+            (Target::Path(path), _) => Command::Set {
+                path: path.clone(),
+                value: text,
+            },
             (Target::Vector(path, along), Value::Number(length)) => {
                 let parts = (along.as_ref() * length).map(|c| format!("\"{c} {}\"", self.unit));
-                Command::Set { path: path.clone(), value: format!("[{}]", parts.as_slice().join(", ")) }
+                Command::Set {
+                    path: path.clone(),
+                    value: format!("[{}]", parts.as_slice().join(", ")),
+                }
             }
             (Target::Section(path), Value::On(true)) => Command::Restore { path: path.clone() },
-            (Target::Section(path), _) => Command::Set { path: path.clone(), value: "off".to_owned() },
-            (Target::Angle(bone), Value::Number(angle)) => Command::Turn { bone: *bone, angle: angle.to_radians() },
+            (Target::Section(path), _) => Command::Set {
+                path: path.clone(),
+                value: "off".to_owned(),
+            },
+            (Target::Angle(bone), Value::Number(angle)) => Command::Turn {
+                bone: *bone,
+                angle: angle.to_radians(),
+            },
             (Target::Motion(bone), Value::On(true)) => Command::ByMotion { bone: *bone },
             // Held where it is: the angle of now is the one that is wanted.
             (Target::Motion(bone), _) => Command::Hold { bone: *bone },
@@ -166,29 +190,47 @@ impl Control {
             unit: self.unit,
         };
         match (&self.kind, value) {
-            (Kind::Slider { range: (low, high), .. }, Value::Number(number)) => {
+            (
+                Kind::Slider {
+                    range: (low, high), ..
+                },
+                Value::Number(number),
+            ) => {
                 // Not `<`, which a NaN would pass.
                 if !(*low <= number && number <= *high) {
                     return Err(outside(number, *low, *high));
                 }
-                Ok(if self.unit.is_empty() { number.to_string() } else { format!("{number} {}", self.unit) })
+                Ok(if self.unit.is_empty() {
+                    number.to_string()
+                } else {
+                    format!("{number} {}", self.unit)
+                })
             }
-            (Kind::Whole { range: (low, high), .. }, Value::Whole(number)) => {
+            (
+                Kind::Whole {
+                    range: (low, high), ..
+                },
+                Value::Whole(number),
+            ) => {
                 if !(low..=high).contains(&&number) {
                     return Err(outside(number.into(), (*low).into(), (*high).into()));
                 }
                 Ok(number.to_string())
             }
-            (Kind::Choice(names), Value::Choice(chosen)) => {
-                names.get(chosen).map(|name| (*name).to_owned()).ok_or_else(|| self.no_such(value))
-            }
+            (Kind::Choice(names), Value::Choice(chosen)) => names
+                .get(chosen)
+                .map(|name| (*name).to_owned())
+                .ok_or_else(|| self.no_such(value)),
             (Kind::Switch, Value::On(on)) => Ok(if on { "on" } else { "off" }.to_owned()),
             _ => Err(self.no_such(value)),
         }
     }
 
     fn no_such(&self, value: Value) -> NoValue {
-        NoValue::Kind { label: self.label.clone(), value }
+        NoValue::Kind {
+            label: self.label.clone(),
+            value,
+        }
     }
 
     /// The value at `share` (0..1) of the way from one end to the other.
@@ -196,11 +238,16 @@ impl Control {
         let share = share.clamp(0.0, 1.0);
         match &self.kind {
             Kind::Slider { range, scale } => Value::Number(between(*range, *scale, share)),
-            Kind::Whole { range: (low, high), scale } => {
+            Kind::Whole {
+                range: (low, high),
+                scale,
+            } => {
                 let value = between((f64::from(*low), f64::from(*high)), *scale, share);
                 Value::Whole((value.round() as u32).clamp(*low, *high))
             }
-            Kind::Choice(names) => Value::Choice((share * names.len().saturating_sub(1) as f64).round() as usize),
+            Kind::Choice(names) => {
+                Value::Choice((share * names.len().saturating_sub(1) as f64).round() as usize)
+            }
             Kind::Switch => Value::On(share >= 0.5),
         }
     }
@@ -213,14 +260,24 @@ impl Control {
         };
         let share = match (&self.kind, self.value) {
             (Kind::Slider { range, scale }, Value::Number(value)) => of(value, *range, *scale),
-            (Kind::Whole { range: (low, high), scale }, Value::Whole(value)) => {
-                of(value.into(), ((*low).into(), (*high).into()), *scale)
+            (
+                Kind::Whole {
+                    range: (low, high),
+                    scale,
+                },
+                Value::Whole(value),
+            ) => of(value.into(), ((*low).into(), (*high).into()), *scale),
+            (Kind::Choice(names), Value::Choice(chosen)) => {
+                chosen as f64 / names.len().saturating_sub(1).max(1) as f64
             }
-            (Kind::Choice(names), Value::Choice(chosen)) => chosen as f64 / names.len().saturating_sub(1).max(1) as f64,
             (_, Value::On(true)) => 1.0,
             _ => 0.0,
         };
-        if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
+        if share.is_finite() {
+            share.clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
     }
 }
 
@@ -240,10 +297,19 @@ pub fn controls(start: &Scene, now: &Scene) -> Vec<Control> {
     let mut list = List::default();
     list.effects(start, now);
     for (m, muscle) in now.muscles.iter().enumerate() {
-        list.muscle(m, &muscle.name, &muscle.material, &start.muscles[m].material, now);
+        list.muscle(
+            m,
+            &muscle.name,
+            &muscle.material,
+            &start.muscles[m].material,
+            now,
+        );
     }
     list.solver(now);
-    now.bones.iter().enumerate().for_each(|(b, bone)| list.bone(b, bone));
+    now.bones
+        .iter()
+        .enumerate()
+        .for_each(|(b, bone)| list.bone(b, bone));
     list.0
 }
 
@@ -260,13 +326,21 @@ pub(super) struct Shown {
 
 impl Shown {
     pub(super) fn even(unit: &'static str, low: f64, high: f64) -> Self {
-        Self { unit, range: (low, high), scale: Scale::Linear }
+        Self {
+            unit,
+            range: (low, high),
+            scale: Scale::Linear,
+        }
     }
 
     /// From a `span`th to `span` times what it was at the start; from 0 where that is no positive number.
     pub(super) fn about(unit: &'static str, start: f64, span: f64, otherwise: f64) -> Self {
         match start > 0.0 {
-            true => Self { unit, range: (start / span, start * span), scale: Scale::Logarithmic },
+            true => Self {
+                unit,
+                range: (start / span, start * span),
+                scale: Scale::Logarithmic,
+            },
             false => Self::even(unit, 0.0, otherwise),
         }
     }
@@ -282,16 +356,44 @@ impl Shown {
 }
 
 impl List {
-    pub(super) fn slider(&mut self, group: &str, label: &str, target: Target, value: f64, shown: Shown) {
+    pub(super) fn slider(
+        &mut self,
+        group: &str,
+        label: &str,
+        target: Target,
+        value: f64,
+        shown: Shown,
+    ) {
         let Shown { unit, range, scale } = shown.holding(value);
         let (group, label) = (group.to_owned(), label.to_owned());
         let kind = Kind::Slider { range, scale };
-        self.0.push(Control { group, label, unit, kind, value: Value::Number(value), target });
+        self.0.push(Control {
+            group,
+            label,
+            unit,
+            kind,
+            value: Value::Number(value),
+            target,
+        });
     }
 
-    pub(super) fn other(&mut self, group: &str, label: &str, target: Target, kind: Kind, value: Value) {
+    pub(super) fn other(
+        &mut self,
+        group: &str,
+        label: &str,
+        target: Target,
+        kind: Kind,
+        value: Value,
+    ) {
         let (group, label) = (group.to_owned(), label.to_owned());
-        self.0.push(Control { group, label, unit: "", kind, value, target });
+        self.0.push(Control {
+            group,
+            label,
+            unit: "",
+            kind,
+            value,
+            target,
+        });
     }
 
     fn switch(&mut self, effect: &str, on: bool) {
@@ -312,16 +414,36 @@ impl List {
             self.switch("volume", has.volume.is_some());
         }
         if let Some(volume) = has.volume {
-            let shown = Shown { unit: "", range: (0.5, 2.0), scale: Scale::Logarithmic };
-            self.slider("volume", "pressure", path("volume.pressure"), volume.pressure, shown);
+            let shown = Shown {
+                unit: "",
+                range: (0.5, 2.0),
+                scale: Scale::Logarithmic,
+            };
+            self.slider(
+                "volume",
+                "pressure",
+                path("volume.pressure"),
+                volume.pressure,
+                shown,
+            );
         }
         if had.anisotropy.is_some() {
             self.switch("anisotropy", has.anisotropy.is_some());
         }
         if let Some(anisotropy) = has.anisotropy {
             let (strength, power) = (path("anisotropy.strength"), path("anisotropy.power"));
-            self.slider("anisotropy", "strength", strength, anisotropy.strength, Shown::even("", 0.0, 1.0));
-            let shown = Shown { unit: "", range: (1.0, 100.0), scale: Scale::Logarithmic };
+            self.slider(
+                "anisotropy",
+                "strength",
+                strength,
+                anisotropy.strength,
+                Shown::even("", 0.0, 1.0),
+            );
+            let shown = Shown {
+                unit: "",
+                range: (1.0, 100.0),
+                scale: Scale::Logarithmic,
+            };
             self.slider("anisotropy", "power", power, anisotropy.power, shown);
         }
         if had.contact.is_some() {
@@ -330,8 +452,20 @@ impl List {
         if let Some(contact) = has.contact {
             let thickness = had.contact.map_or(0.0, |c| 1e3 * c.thickness);
             let shown = Shown::about("mm", thickness, 4.0, 1.0);
-            self.slider("contact", "thickness", path("contact.thickness"), 1e3 * contact.thickness, shown);
-            self.slider("contact", "friction", path("contact.friction"), contact.friction, Shown::even("", 0.0, 1.0));
+            self.slider(
+                "contact",
+                "thickness",
+                path("contact.thickness"),
+                1e3 * contact.thickness,
+                shown,
+            );
+            self.slider(
+                "contact",
+                "friction",
+                path("contact.friction"),
+                contact.friction,
+                Shown::even("", 0.0, 1.0),
+            );
         }
         if had.gravity.is_some() {
             self.switch("gravity", has.gravity.is_some());
@@ -339,14 +473,26 @@ impl List {
         if let (Some(began), Some(gravity)) = (had.gravity, has.gravity) {
             let along = Unit::try_new(began, 0.0).unwrap_or(-Vector3::y_axis());
             let target = Target::Vector("effects.gravity.acceleration".to_owned(), along);
-            self.slider("gravity", "acceleration", target, gravity.norm(), Shown::even("m/s2", 0.0, 20.0));
+            self.slider(
+                "gravity",
+                "acceleration",
+                target,
+                gravity.norm(),
+                Shown::even("m/s2", 0.0, 20.0),
+            );
         }
         if had.damping.is_some() {
             self.switch("damping", has.damping.is_some());
         }
         if let Some(rate) = has.damping {
             let most = (4.0 * had.damping.unwrap_or(0.0)).max(20.0);
-            self.slider("damping", "rate", path("damping.rate"), rate, Shown::even("1/s", 0.0, most));
+            self.slider(
+                "damping",
+                "rate",
+                path("damping.rate"),
+                rate,
+                Shown::even("1/s", 0.0, most),
+            );
         }
     }
 
@@ -377,9 +523,16 @@ impl List {
         }
         match (now.mass, start.mass) {
             // An equilibrium has mass only where there is weight.
-            _ if matches!(scene.solver, Solver::QuasiStatic(_)) && scene.effects.gravity.is_none() => {}
+            _ if matches!(scene.solver, Solver::QuasiStatic(_))
+                && scene.effects.gravity.is_none() => {}
             (Mass::Density(density), Mass::Density(began)) => {
-                self.slider(&group, "density", path("density"), density, Shown::about("kg/m3", began, 10.0, 1e4));
+                self.slider(
+                    &group,
+                    "density",
+                    path("density"),
+                    density,
+                    Shown::about("kg/m3", began, 10.0, 1e4),
+                );
             }
             (Mass::PerVertex(mass), Mass::PerVertex(began)) => {
                 self.slider(
@@ -402,8 +555,18 @@ impl List {
                 // One per cent where none is wished, or one in millimetres.
                 _ => 1.0,
             };
-            let shown = Shown { unit: "%", range: (0.01, 10.0), scale: Scale::Logarithmic };
-            self.slider("solver", "accuracy wished", Target::Path("accuracy".to_owned()), wished, shown);
+            let shown = Shown {
+                unit: "%",
+                range: (0.01, 10.0),
+                scale: Scale::Logarithmic,
+            };
+            self.slider(
+                "solver",
+                "accuracy wished",
+                Target::Path("accuracy".to_owned()),
+                wished,
+                shown,
+            );
         }
         let names = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
         let chosen = match scene.solver {
@@ -413,25 +576,55 @@ impl List {
             Solver::ImplicitEuler(_) => 3,
         };
         let target = Target::Path("solver".to_owned());
-        self.other("solver", "solver", target, Kind::Choice(names.to_vec()), Value::Choice(chosen));
+        self.other(
+            "solver",
+            "solver",
+            target,
+            Kind::Choice(names.to_vec()),
+            Value::Choice(chosen),
+        );
         let name = names[chosen];
         let path = |key: &str| Target::Path(format!("solver.{name}.{key}"));
         let (most_steps, most_sweeps) = match scene.solver {
             Solver::Xpbd(Xpbd { .. }) | Solver::Pbd(Pbd { .. }) => (200, 100),
-            Solver::QuasiStatic(Minimisation { .. }) | Solver::ImplicitEuler(Minimisation { .. }) => (20, 2000),
+            Solver::QuasiStatic(Minimisation { .. })
+            | Solver::ImplicitEuler(Minimisation { .. }) => (20, 2000),
         };
-        for (key, value, most) in
-            [("substeps", scene.solver.substeps(), most_steps), ("iterations", scene.solver.iterations(), most_sweeps)]
-        {
-            let kind = Kind::Whole { range: (1, most.max(value)), scale: Scale::Logarithmic };
+        for (key, value, most) in [
+            ("substeps", scene.solver.substeps(), most_steps),
+            ("iterations", scene.solver.iterations(), most_sweeps),
+        ] {
+            let kind = Kind::Whole {
+                range: (1, most.max(value)),
+                scale: Scale::Logarithmic,
+            };
             self.other("solver", key, path(key), kind, Value::Whole(value));
         }
-        let shown = Shown { unit: "", range: (1e-6, 1.0), scale: Scale::Logarithmic };
-        self.slider("solver", "tolerance", path("tolerance"), scene.solver.tolerance(), shown);
+        let shown = Shown {
+            unit: "",
+            range: (1e-6, 1.0),
+            scale: Scale::Logarithmic,
+        };
+        self.slider(
+            "solver",
+            "tolerance",
+            path("tolerance"),
+            scene.solver.tolerance(),
+            shown,
+        );
         if matches!(scene.solver, Solver::Xpbd(_) | Solver::Pbd(_)) {
             let names = Order::NAMES.map(|(name, _)| name).to_vec();
-            let order = Order::NAMES.iter().position(|(_, order)| *order == scene.solver.order()).unwrap_or(0);
-            self.other("solver", "order of a sweep", path("order"), Kind::Choice(names), Value::Choice(order));
+            let order = Order::NAMES
+                .iter()
+                .position(|(_, order)| *order == scene.solver.order())
+                .unwrap_or(0);
+            self.other(
+                "solver",
+                "order of a sweep",
+                path("order"),
+                Kind::Choice(names),
+                Value::Choice(order),
+            );
         }
         if let Solver::Pbd(pbd) = scene.solver {
             let shares = [
@@ -441,7 +634,13 @@ impl List {
                 (true, "velocity_damping", pbd.velocity_damping),
             ];
             for (_, key, value) in shares.into_iter().filter(|(acts, ..)| *acts) {
-                self.slider("solver", &key.replace('_', " "), path(key), value, Shown::even("", 0.0, 1.0));
+                self.slider(
+                    "solver",
+                    &key.replace('_', " "),
+                    path(key),
+                    value,
+                    Shown::even("", 0.0, 1.0),
+                );
             }
         }
     }
@@ -452,7 +651,19 @@ impl List {
             return;
         }
         let group = format!("bone {}", bone.name);
-        self.other(&group, "by its motion", Target::Motion(b), Kind::Switch, Value::On(true));
-        self.slider(&group, "angle", Target::Angle(b), 0.0, Shown::even("deg", -120.0, 120.0));
+        self.other(
+            &group,
+            "by its motion",
+            Target::Motion(b),
+            Kind::Switch,
+            Value::On(true),
+        );
+        self.slider(
+            &group,
+            "angle",
+            Target::Angle(b),
+            0.0,
+            Shown::even("deg", -120.0, 120.0),
+        );
     }
 }

@@ -7,7 +7,9 @@ use crate::render::number;
 use crate::scene::builtin::{self, Written};
 use crate::scene::content::Staged;
 use crate::scene::units::UnitError;
-use crate::scene::{Area, Content, Scene, SceneError, Source, Surroundings, environment, parse_content, parse_with};
+use crate::scene::{
+    Area, Content, Scene, SceneError, Source, Surroundings, environment, parse_content, parse_with,
+};
 use crate::simulation::{Assets, LoadError, Simulation};
 use crate::viewer::biceps::{Biceps, is_biceps};
 use crate::viewer::lattice::Lattice;
@@ -33,7 +35,9 @@ pub enum StartError {
         why: Box<Refused>,
     },
     /// The system gives no thread.
-    #[error("the simulation cannot have a thread of its own: {0}; end other programs and try again")]
+    #[error(
+        "the simulation cannot have a thread of its own: {0}; end other programs and try again"
+    )]
     Thread(#[from] std::io::Error),
 }
 
@@ -88,7 +92,9 @@ pub enum Refused {
         known: &'static str,
     },
     /// It asks for other meshes.
-    #[error("`{path}` changes {what}, which is made before the start; start again with --set {path}=VALUE")]
+    #[error(
+        "`{path}` changes {what}, which is made before the start; start again with --set {path}=VALUE"
+    )]
     Meshes {
         /// The path of the change.
         path: String,
@@ -163,7 +169,13 @@ impl Recipe {
     /// No such scene or file.
     pub fn find(name_or_path: &str, overrides: &[String]) -> Result<Self, SceneError> {
         let Written { text, name, folder } = builtin::find(name_or_path)?;
-        Ok(Self { text, name, folder, given: overrides.to_vec(), changes: Vec::new() })
+        Ok(Self {
+            text,
+            name,
+            folder,
+            given: overrides.to_vec(),
+            changes: Vec::new(),
+        })
     }
 
     /// The scene with all changes.
@@ -173,7 +185,11 @@ impl Recipe {
     pub fn scene(&self) -> Result<Scene, SceneError> {
         let mut overrides = self.given.clone();
         overrides.extend(self.changes());
-        let surroundings = Surroundings { folder: &self.folder, variable: &environment, overrides: &overrides };
+        let surroundings = Surroundings {
+            folder: &self.folder,
+            variable: &environment,
+            overrides: &overrides,
+        };
         parse_with(&self.text, &self.name, &surroundings)
     }
 
@@ -186,7 +202,9 @@ impl Recipe {
             return Ok(Box::new(Biceps::new(self)?));
         }
         Ok(match self.content()? {
-            Content::Muscles(scene) => Box::new(Muscles::new(self, *scene, Simulation::step_frame)?),
+            Content::Muscles(scene) => {
+                Box::new(Muscles::new(self, *scene, Simulation::step_frame)?)
+            }
             Content::Staged(Staged::Skin(scene)) => Box::new(Skin::new(self, *scene)?),
             Content::Staged(Staged::Lattice(scene)) => Box::new(Lattice::new(self, *scene)?),
         })
@@ -204,25 +222,36 @@ impl Recipe {
 
     /// Path and value of each override from the command line.
     pub(super) fn given(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.given.iter().map(|given| given.split_once('=').unwrap_or((given, "")))
+        self.given
+            .iter()
+            .map(|given| given.split_once('=').unwrap_or((given, "")))
     }
 
     /// Path and value of each change so far.
     pub(super) fn changed(&self) -> impl Iterator<Item = (&str, &str)> {
-        self.changes.iter().map(|(path, value)| (path.as_str(), value.as_str()))
+        self.changes
+            .iter()
+            .map(|(path, value)| (path.as_str(), value.as_str()))
     }
 
     /// The scene with all changes, of any kind.
     pub(super) fn content(&self) -> Result<Content, SceneError> {
         let mut overrides = self.given.clone();
         overrides.extend(self.changes());
-        let surroundings = Surroundings { folder: &self.folder, variable: &environment, overrides: &overrides };
+        let surroundings = Surroundings {
+            folder: &self.folder,
+            variable: &environment,
+            overrides: &overrides,
+        };
         parse_content(&self.text, &self.name, &surroundings)
     }
 
     /// The changes so far, each as `--set` takes it.
     pub fn changes(&self) -> Vec<String> {
-        self.changes.iter().map(|(path, value)| format!("{path}={value}")).collect()
+        self.changes
+            .iter()
+            .map(|(path, value)| format!("{path}={value}"))
+            .collect()
     }
 
     /// The same with a value at a path, in place of an earlier one there. Another solver begins with its own settings.
@@ -245,10 +274,18 @@ impl Recipe {
     }
 
     /// The scene after a change of the value at `path`, which must do with the meshes of the scene `before`.
-    pub(super) fn checked(&self, path: &str, before: &Scene, assets: &Assets) -> Result<Scene, Refused> {
+    pub(super) fn checked(
+        &self,
+        path: &str,
+        before: &Scene,
+        assets: &Assets,
+    ) -> Result<Scene, Refused> {
         let scene = self.scene().map_err(Refused::Scene)?;
         if let Some(what) = other_meshes(before, &scene) {
-            return Err(Refused::Meshes { path: path.to_owned(), what });
+            return Err(Refused::Meshes {
+                path: path.to_owned(),
+                what,
+            });
         }
         assets.suit(&scene).map_err(Refused::Load)?;
         Ok(scene)
@@ -258,46 +295,84 @@ impl Recipe {
 /// What of the meshes differs between two scenes.
 fn other_meshes(a: &Scene, b: &Scene) -> Option<&'static str> {
     let patches = |scene: &Scene| -> Vec<Option<(Source, Option<usize>)>> {
-        let areas = scene.muscles.iter().flat_map(|m| m.attachments.iter().map(|a| &a.area));
+        let areas = scene
+            .muscles
+            .iter()
+            .flat_map(|m| m.attachments.iter().map(|a| &a.area));
         let patch = |area: &Area| match area {
-            Area::Patch { source, component, .. } => Some((source.clone(), *component)),
+            Area::Patch {
+                source, component, ..
+            } => Some((source.clone(), *component)),
             Area::Near(_) | Area::Vertices(_) => None,
         };
         areas.map(patch).collect()
     };
     let bones = |scene: &Scene| -> Vec<_> {
-        scene.bones.iter().map(|b| (b.name.clone(), b.surface.clone(), b.repair)).collect()
+        scene
+            .bones
+            .iter()
+            .map(|b| (b.name.clone(), b.surface.clone(), b.repair))
+            .collect()
     };
     let muscles = |scene: &Scene| -> Vec<_> {
-        let of = |m: &crate::scene::Muscle| (m.name.clone(), m.surface.clone(), m.repair, m.attachments.len());
+        let of = |m: &crate::scene::Muscle| {
+            (
+                m.name.clone(),
+                m.surface.clone(),
+                m.repair,
+                m.attachments.len(),
+            )
+        };
         scene.muscles.iter().map(of).collect()
     };
-    let fibres = |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.fibres.clone()).collect() };
-    let lengths = |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.edge_length).collect() };
+    let fibres =
+        |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.fibres.clone()).collect() };
+    let lengths =
+        |scene: &Scene| -> Vec<_> { scene.muscles.iter().map(|m| m.edge_length).collect() };
     let differences = [
         (bones(a) != bones(b), "the bones"),
-        (a.capsules.len() != b.capsules.len(), "the number of capsules"),
+        (
+            a.capsules.len() != b.capsules.len(),
+            "the number of capsules",
+        ),
         (muscles(a) != muscles(b), "the muscles"),
         (lengths(a) != lengths(b), "the mesh of a muscle"),
         (fibres(a) != fibres(b), "the fibres"),
         (patches(a) != patches(b), "the areas of attachment"),
     ];
-    differences.into_iter().find_map(|(differs, what)| differs.then_some(what))
+    differences
+        .into_iter()
+        .find_map(|(differs, what)| differs.then_some(what))
 }
 
 /// An index that counts something there is.
 pub(super) fn check_index(what: &'static str, index: usize, count: usize) -> Result<(), Refused> {
-    if index < count { Ok(()) } else { Err(Refused::Nothing { what, index, count }) }
+    if index < count {
+        Ok(())
+    } else {
+        Err(Refused::Nothing { what, index, count })
+    }
 }
 
 /// A number that is finite, and positive where it must be.
 pub(super) fn check_number(what: &'static str, value: f64, positive: bool) -> Result<(), Refused> {
     let does = value.is_finite() && (value > 0.0 || !positive);
-    if does { Ok(()) } else { Err(Refused::Number { what, value, positive }) }
+    if does {
+        Ok(())
+    } else {
+        Err(Refused::Number {
+            what,
+            value,
+            positive,
+        })
+    }
 }
 
 /// What a panic says.
 pub(super) fn words(panic: &(dyn std::any::Any + Send)) -> String {
-    let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or(panic.downcast_ref::<&str>().copied());
     text.unwrap_or("it gave no reason").to_owned()
 }

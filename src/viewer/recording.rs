@@ -68,7 +68,9 @@ pub enum RecordingError {
         source: io::Error,
     },
     /// Its bytes are not those of a picture of its size.
-    #[error("a picture of {width} x {height} pixels cannot have {bytes} bytes; it needs three a pixel")]
+    #[error(
+        "a picture of {width} x {height} pixels cannot have {bytes} bytes; it needs three a pixel"
+    )]
     Size {
         /// Width \[px\].
         width: usize,
@@ -161,7 +163,10 @@ impl Recorder {
     }
 
     fn start_with(path: &Path, most: usize) -> Result<Self, RecordingError> {
-        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+        let ending = path
+            .extension()
+            .and_then(|e| e.to_str())
+            .map(str::to_ascii_lowercase);
         let format = match ending.as_deref() {
             Some("gif") => Format::Gif,
             Some("png" | "apng") => Format::Apng,
@@ -173,7 +178,10 @@ impl Recorder {
         // Better known now than after a minute of recording.
         let trial = path.with_added_extension(format!("{}.trial", std::process::id()));
         let tried = File::create_new(&trial).and_then(|_| fs::remove_file(&trial));
-        tried.map_err(|source| RecordingError::Write { path: path.to_owned(), source })?;
+        tried.map_err(|source| RecordingError::Write {
+            path: path.to_owned(),
+            source,
+        })?;
         let (sender, pictures) = sync_channel(WAITING);
         let (counts, own) = (Arc::<Counts>::default(), path.to_owned());
         let shared = counts.clone();
@@ -181,7 +189,14 @@ impl Recorder {
         let thread = thread.spawn(move || record(own, format, most, &pictures, &shared));
         let thread = thread.map_err(RecordingError::Thread)?;
         let begun = Instant::now();
-        Ok(Self { path: path.to_owned(), sender, thread, counts, begun, due: Duration::ZERO })
+        Ok(Self {
+            path: path.to_owned(),
+            sender,
+            thread,
+            counts,
+            begun,
+            due: Duration::ZERO,
+        })
     }
 
     /// Where the film will be.
@@ -213,12 +228,23 @@ impl Recorder {
     ///
     /// # Errors
     /// A number of bytes that does not fit.
-    pub fn push(&mut self, width: usize, height: usize, rgb: &[u8]) -> Result<Pushed, RecordingError> {
+    pub fn push(
+        &mut self,
+        width: usize,
+        height: usize,
+        rgb: &[u8],
+    ) -> Result<Pushed, RecordingError> {
         self.push_at(width, height, rgb, self.begun.elapsed())
     }
 
     /// As [`Self::push`], of a picture that was taken at a time since the start.
-    fn push_at(&mut self, width: usize, height: usize, rgb: &[u8], at: Duration) -> Result<Pushed, RecordingError> {
+    fn push_at(
+        &mut self,
+        width: usize,
+        height: usize,
+        rgb: &[u8],
+        at: Duration,
+    ) -> Result<Pushed, RecordingError> {
         check_size(width, height, rgb)?;
         if self.is_full() {
             return Ok(Pushed::Full);
@@ -228,7 +254,11 @@ impl Recorder {
         }
         // By the clock, so that rounding up to whole pictures of the window does not add up; what is late is not made up for.
         self.due = (self.due + PERIOD).max(at + PERIOD / 2);
-        match self.sender.try_send(Taken { size: [width, height], rgb: rgb.to_vec(), at }) {
+        match self.sender.try_send(Taken {
+            size: [width, height],
+            rgb: rgb.to_vec(),
+            at,
+        }) {
             Ok(()) => Ok(Pushed::Taken),
             Err(TrySendError::Full(_)) => {
                 self.counts.dropped.fetch_add(1, Ordering::Relaxed);
@@ -242,7 +272,11 @@ impl Recorder {
     pub fn stop(self) -> Recording {
         // Without a sender the thread goes on to write.
         let Self { path, thread, .. } = self;
-        Recording { path, thread: Some(thread), result: None }
+        Recording {
+            path,
+            thread: Some(thread),
+            result: None,
+        }
     }
 }
 
@@ -322,26 +356,56 @@ fn record(
         (Err(source), None) => Err(RecordingError::Write { path, source }),
         (Ok(()), None) => {
             let dropped = counts.dropped.load(Ordering::Relaxed);
-            Ok(Recorded { path, pictures: kept.len(), dropped, is_full })
+            Ok(Recorded {
+                path,
+                pictures: kept.len(),
+                dropped,
+                is_full,
+            })
         }
     }
 }
 
 fn check_size(width: usize, height: usize, rgb: &[u8]) -> Result<(), RecordingError> {
-    let needed = width.checked_mul(height).and_then(|n| n.checked_mul(3)).filter(|n| *n > 0);
-    if needed == Some(rgb.len()) { Ok(()) } else { Err(RecordingError::Size { width, height, bytes: rgb.len() }) }
+    let needed = width
+        .checked_mul(height)
+        .and_then(|n| n.checked_mul(3))
+        .filter(|n| *n > 0);
+    if needed == Some(rgb.len()) {
+        Ok(())
+    } else {
+        Err(RecordingError::Size {
+            width,
+            height,
+            bytes: rgb.len(),
+        })
+    }
 }
 
 /// Writes a picture as a PNG, whole or not at all; in place of one of that name.
 ///
 /// # Errors
 /// A number of bytes that does not fit, or a file that cannot be written.
-pub fn save_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<(), RecordingError> {
+pub fn save_png(
+    path: &Path,
+    width: usize,
+    height: usize,
+    rgb: &[u8],
+) -> Result<(), RecordingError> {
     check_size(width, height, rgb)?;
     let frame = Frame::from_rgb(width, height, rgb);
-    let png = frame.ok_or(RecordingError::Size { width, height, bytes: rgb.len() })?.to_png()?;
+    let png = frame
+        .ok_or(RecordingError::Size {
+            width,
+            height,
+            bytes: rgb.len(),
+        })?
+        .to_png()?;
     let written = write_whole(path, |w| io::Write::write_all(w, &png));
-    written.map_err(|source| RecordingError::Write { path: path.to_owned(), source })
+    written.map_err(|source| RecordingError::Write {
+        path: path.to_owned(),
+        source,
+    })
 }
 
 /// The next name that no file of a folder has: `NAME-0001.ENDING`, `NAME-0002.ENDING`, and so on behind the last.
@@ -350,13 +414,27 @@ pub fn save_png(path: &Path, width: usize, height: usize, rgb: &[u8]) -> Result<
 /// A folder that cannot be read.
 pub fn free_name(folder: &Path, name: &str, ending: &str) -> Result<PathBuf, RecordingError> {
     let name = file_name(name);
-    let refused = |source| RecordingError::Write { path: folder.to_owned(), source };
+    let refused = |source| RecordingError::Write {
+        path: folder.to_owned(),
+        source,
+    };
     let number = |file: &str| -> Option<u64> {
-        let digits = file.strip_prefix(&name)?.strip_prefix('-')?.strip_suffix(ending)?.strip_suffix('.')?;
-        digits.bytes().all(|b| b.is_ascii_digit()).then(|| digits.parse().ok())?
+        let digits = file
+            .strip_prefix(&name)?
+            .strip_prefix('-')?
+            .strip_suffix(ending)?
+            .strip_suffix('.')?;
+        digits
+            .bytes()
+            .all(|b| b.is_ascii_digit())
+            .then(|| digits.parse().ok())?
     };
     let mut last = 0;
-    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let here = if folder.as_os_str().is_empty() {
+        Path::new(".")
+    } else {
+        folder
+    };
     for entry in fs::read_dir(here).map_err(refused)? {
         let file = entry.map_err(refused)?.file_name();
         last = last.max(file.to_str().and_then(number).unwrap_or(0));

@@ -18,7 +18,9 @@ use std::sync::Arc;
 use super::panel::Control;
 use super::recipe::{Refused, check_index};
 use super::session::Command;
-use super::snapshot::{BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Steering, Tissue};
+use super::snapshot::{
+    BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Steering, Tissue,
+};
 use super::subject::{Advanced, Subject, Watch};
 use crate::io::{ReadError, pvd};
 use crate::mesh::measures::greatest;
@@ -35,7 +37,8 @@ const ROOM: usize = 256 << 20;
 const TOLD_ONE_BY_ONE: usize = 5;
 
 /// What a finished run answers to whoever wants to change it.
-const ONLY_PLAYED: &str = "a finished run is only played; run the scene to change it: pliant view SCENE";
+const ONLY_PLAYED: &str =
+    "a finished run is only played; run the scene to change it: pliant view SCENE";
 
 /// Why a run cannot be played; the text says what to do about it.
 #[derive(Debug, thiserror::Error)]
@@ -47,7 +50,9 @@ pub enum ReplayError {
     #[error("`{0}` is no folder and no .pvd; name the folder that `pliant run` wrote")]
     NotAFolder(PathBuf),
     /// The folder has no frames of a run.
-    #[error("`{0}` has no .pvd, so there are no frames to play; name a folder that `pliant run` wrote")]
+    #[error(
+        "`{0}` has no .pvd, so there are no frames to play; name a folder that `pliant run` wrote"
+    )]
     NoCollection(PathBuf),
     /// The list of the frames is not there yet.
     #[error(
@@ -116,13 +121,16 @@ impl Replay {
     /// No such folder, no collection in it or several, a damaged one, or no frame that can be shown.
     pub fn open(path: &Path) -> Result<Self, ReplayError> {
         let path = collection_of(path)?;
-        let collection = pvd::read(&path).map_err(|error| ReplayError::Collection(Box::new(error)))?;
+        let collection =
+            pvd::read(&path).map_err(|error| ReplayError::Collection(Box::new(error)))?;
         let timeline = Timeline::of(&collection);
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let (rate, is_own) = timeline.rate();
         let mut told = Told::read(&folder);
         if !is_own && timeline.moments.len() > 1 {
-            told.notes.push(format!("the times of the frames make no film; {USUAL_RATE} frames a second are shown"));
+            told.notes.push(format!(
+                "the times of the frames make no film; {USUAL_RATE} frames a second are shown"
+            ));
         }
         let mut replay = Self {
             files: Files::new(folder, timeline.parts.len(), ROOM),
@@ -141,7 +149,11 @@ impl Replay {
             return Err(ReplayError::Empty(path));
         };
         let frames = replay.timeline.moments.len();
-        replay.rewind().map_err(|error| ReplayError::NoFrame { frames, first, why: error.terse() })?;
+        replay.rewind().map_err(|error| ReplayError::NoFrame {
+            frames,
+            first,
+            why: error.terse(),
+        })?;
         Ok(replay)
     }
 
@@ -165,12 +177,17 @@ impl Replay {
             let shown = files.get((part, &parts[part]), (file, &self.timeline.files[file]))?;
             Ok((part, shown))
         };
-        match moment.shows.iter().map(get).collect::<Result<Scenery, ReadError>>() {
+        match moment
+            .shows
+            .iter()
+            .map(get)
+            .collect::<Result<Scenery, ReadError>>()
+        {
             Ok(now) => {
                 // It may have been written anew.
                 self.damaged.remove(&k);
-                let is_same =
-                    now.len() == self.now.len() && now.iter().zip(&self.now).all(|(a, b)| same_on_stage(a, b));
+                let is_same = now.len() == self.now.len()
+                    && now.iter().zip(&self.now).all(|(a, b)| same_on_stage(a, b));
                 (self.at, self.now) = (k, now);
                 if !is_same {
                     self.stage = Arc::new(self.set());
@@ -187,22 +204,30 @@ impl Replay {
 
     /// The moment behind one, or before it.
     fn next(&self, k: usize) -> Option<usize> {
-        let next = if self.backwards { k.checked_sub(1) } else { Some(k + 1) };
+        let next = if self.backwards {
+            k.checked_sub(1)
+        } else {
+            Some(k + 1)
+        };
         next.filter(|k| *k < self.timeline.moments.len())
     }
 
     fn bodies(&self) -> impl Iterator<Item = (&str, &Deformed)> {
         let name = |part: usize| self.timeline.parts[part].as_str();
-        self.now.iter().filter_map(move |(part, shown)| match &**shown {
-            Shown::Body(body) => Some((name(*part), body)),
-            Shown::Bone { .. } => None,
-        })
+        self.now
+            .iter()
+            .filter_map(move |(part, shown)| match &**shown {
+                Shown::Body(body) => Some((name(*part), body)),
+                Shown::Bone { .. } => None,
+            })
     }
 
     /// Bodies whose edges can be stretched: those of an implant have no rest lengths, and zeros in its files.
     fn stretched(&self) -> impl Iterator<Item = (&str, &Deformed)> {
-        let is_implant = |name: &str, body: &Deformed| self.tissue(name, body.shape.origin) == Tissue::Implant;
-        self.bodies().filter(move |(name, body)| !body.stretch.is_empty() && !is_implant(name, body))
+        let is_implant =
+            |name: &str, body: &Deformed| self.tissue(name, body.shape.origin) == Tissue::Implant;
+        self.bodies()
+            .filter(move |(name, body)| !body.stretch.is_empty() && !is_implant(name, body))
     }
 
     /// The stage of what is shown now.
@@ -216,10 +241,16 @@ impl Replay {
             fibres: Default::default(),
         };
         let bone = |(part, shown): &(usize, Arc<Shown>)| match &**shown {
-            Shown::Bone { own, .. } => Some((plain_name(&self.timeline.parts[*part]).to_owned(), (**own).clone())),
+            Shown::Bone { own, .. } => Some((
+                plain_name(&self.timeline.parts[*part]).to_owned(),
+                (**own).clone(),
+            )),
             Shown::Body(_) => None,
         };
-        Stage { bodies: self.bodies().map(body).collect(), bones: self.now.iter().filter_map(bone).collect() }
+        Stage {
+            bodies: self.bodies().map(body).collect(),
+            bones: self.now.iter().filter_map(bone).collect(),
+        }
     }
 
     fn tissue(&self, name: &str, origin: Origin) -> Tissue {
@@ -233,14 +264,29 @@ impl Replay {
     }
 
     fn frame(&self) -> usize {
-        self.timeline.moments.get(self.at).map_or(0, |moment| moment.frame)
+        self.timeline
+            .moments
+            .get(self.at)
+            .map_or(0, |moment| moment.frame)
     }
 
     /// Volume error, stretch and depth, named and in units as those of muscles that run.
     fn readings(&self) -> Vec<Reading> {
-        let measured = self.told.frames.get(&self.frame()).map(Vec::as_slice).unwrap_or_default();
+        let measured = self
+            .told
+            .frames
+            .get(&self.frame())
+            .map(Vec::as_slice)
+            .unwrap_or_default();
         let mut all = Vec::new();
-        let mut add = |name, of: &str, unit, value| all.push(Reading { name, of: of.to_owned(), unit, value });
+        let mut add = |name, of: &str, unit, value| {
+            all.push(Reading {
+                name,
+                of: of.to_owned(),
+                unit,
+                value,
+            })
+        };
         let stretch = |body: &Deformed| 100.0 * greatest(body.stretch.iter().copied());
         for m in measured {
             let of = self.told.bodies[m.body].as_str();
@@ -254,7 +300,11 @@ impl Replay {
                 add("Greatest depth", of, "mm", 1e3 * depth);
             }
         }
-        let is_told = |name: &str| measured.iter().any(|m| file_name(&self.told.bodies[m.body]) == name);
+        let is_told = |name: &str| {
+            measured
+                .iter()
+                .any(|m| file_name(&self.told.bodies[m.body]) == name)
+        };
         for (name, body) in self.stretched().filter(|(name, _)| !is_told(name)) {
             add("Greatest stretch", name, "%", stretch(body));
         }
@@ -273,15 +323,22 @@ impl Replay {
             ("speed", &shown.speed, 1e3, "mm/s"),
             ("depth", &shown.depth, 1e3, "mm"),
         ];
-        let value =
-            |(name, field, factor, unit): (_, &Vec<f64>, f64, _)| Some((name, factor * field.get(vertex)?, unit));
-        Some(Probe { body, vertex, values: fields.into_iter().filter_map(value).collect() })
+        let value = |(name, field, factor, unit): (_, &Vec<f64>, f64, _)| {
+            Some((name, factor * field.get(vertex)?, unit))
+        };
+        Some(Probe {
+            body,
+            vertex,
+            values: fields.into_iter().filter_map(value).collect(),
+        })
     }
 
     fn notes(&self) -> Vec<String> {
         let mut notes = self.told.notes.clone();
         let each = self.damaged.iter().take(TOLD_ONE_BY_ONE);
-        notes.extend(each.map(|(k, why)| format!("frame {}: {why}", self.timeline.moments[*k].frame)));
+        notes.extend(
+            each.map(|(k, why)| format!("frame {}: {why}", self.timeline.moments[*k].frame)),
+        );
         if let Some(more @ 1..) = self.damaged.len().checked_sub(TOLD_ONE_BY_ONE) {
             notes.push(format!("{more} more frames cannot be shown"));
         }
@@ -289,12 +346,19 @@ impl Replay {
     }
 
     fn seek(&mut self, frame: usize) -> Result<(), Refused> {
-        let last = self.timeline.moments.last().map_or(0, |moment| moment.frame);
+        let last = self
+            .timeline
+            .moments
+            .last()
+            .map_or(0, |moment| moment.frame);
         check_index("frame", frame, last.saturating_add(1))?;
         match self.timeline.nearest(frame) {
             Some(k) if k != self.at => {
                 let frame = self.timeline.moments[k].frame;
-                self.show(k).map_err(|error| Refused::Damaged { frame, why: error.terse() })
+                self.show(k).map_err(|error| Refused::Damaged {
+                    frame,
+                    why: error.terse(),
+                })
             }
             _ => Ok(()),
         }
@@ -307,7 +371,8 @@ fn same_on_stage((a, shown): &(usize, Arc<Shown>), (b, before): &(usize, Arc<Sho
         && match (&**shown, &**before) {
             (Shown::Bone { own: a, .. }, Shown::Bone { own: b, .. }) => Arc::ptr_eq(a, b),
             (Shown::Body(a), Shown::Body(b)) => {
-                a.positions.len() == b.positions.len() && (Arc::ptr_eq(&a.shape, &b.shape) || a.shape == b.shape)
+                a.positions.len() == b.positions.len()
+                    && (Arc::ptr_eq(&a.shape, &b.shape) || a.shape == b.shape)
             }
             _ => false,
         }
@@ -315,15 +380,25 @@ fn same_on_stage((a, shown): &(usize, Arc<Shown>), (b, before): &(usize, Arc<Sho
 
 /// The collection in a folder; a path to a collection is one.
 fn collection_of(path: &Path) -> Result<PathBuf, ReplayError> {
-    let is_collection = |path: &Path| path.extension().is_some_and(|e| e.eq_ignore_ascii_case("pvd"));
+    let is_collection = |path: &Path| {
+        path.extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("pvd"))
+    };
     if path.is_file() {
-        return if is_collection(path) { Ok(path.to_owned()) } else { Err(ReplayError::NotAFolder(path.to_owned())) };
+        return if is_collection(path) {
+            Ok(path.to_owned())
+        } else {
+            Err(ReplayError::NotAFolder(path.to_owned()))
+        };
     }
     let folder = |source| match source {
         ref error if std::io::Error::kind(error) == std::io::ErrorKind::NotFound => {
             ReplayError::NoFolder(path.to_owned())
         }
-        source => ReplayError::Folder { folder: path.to_owned(), source },
+        source => ReplayError::Folder {
+            folder: path.to_owned(),
+            source,
+        },
     };
     let mut found = Vec::new();
     for entry in fs::read_dir(path).map_err(folder)? {
@@ -334,12 +409,20 @@ fn collection_of(path: &Path) -> Result<PathBuf, ReplayError> {
     }
     found.sort_unstable();
     match found.len() {
-        0 if path.join(LIST).is_file() && path.join("frames").is_dir() => Err(ReplayError::Unfinished(path.to_owned())),
+        0 if path.join(LIST).is_file() && path.join("frames").is_dir() => {
+            Err(ReplayError::Unfinished(path.to_owned()))
+        }
         0 => Err(ReplayError::NoCollection(path.to_owned())),
         1 => Ok(found.swap_remove(0)),
         _ => {
-            let files = found.iter().map(|file| file.display().to_string()).collect();
-            Err(ReplayError::Several { folder: path.to_owned(), files })
+            let files = found
+                .iter()
+                .map(|file| file.display().to_string())
+                .collect();
+            Err(ReplayError::Several {
+                folder: path.to_owned(),
+                files,
+            })
         }
     }
 }
@@ -350,9 +433,16 @@ impl Subject for Replay {
     }
 
     fn shot(&mut self) -> Shot {
-        let measured = self.told.frames.get(&self.frame()).map(Vec::as_slice).unwrap_or_default();
+        let measured = self
+            .told
+            .frames
+            .get(&self.frame())
+            .map(Vec::as_slice)
+            .unwrap_or_default();
         let volume_error = |name: &str| {
-            let of = measured.iter().find(|m| file_name(&self.told.bodies[m.body]) == name);
+            let of = measured
+                .iter()
+                .find(|m| file_name(&self.told.bodies[m.body]) == name);
             of.and_then(|m| m.volume_error).unwrap_or(0.0)
         };
         let body = |(name, body): (&str, &Deformed)| BodyShot {
@@ -364,12 +454,20 @@ impl Subject for Replay {
             ..BodyShot::default()
         };
         let bone = |(_, shown): &(usize, Arc<Shown>)| match &**shown {
-            Shown::Bone { pose, .. } => Some(BoneShot { pose: *pose, angle: None, steering: Steering::Motion }),
+            Shown::Bone { pose, .. } => Some(BoneShot {
+                pose: *pose,
+                angle: None,
+                steering: Steering::Motion,
+            }),
             Shown::Body(_) => None,
         };
         Shot {
             frame: self.frame(),
-            last_frame: self.timeline.moments.last().map_or(0, |moment| moment.frame),
+            last_frame: self
+                .timeline
+                .moments
+                .last()
+                .map_or(0, |moment| moment.frame),
             stage: self.stage.clone(),
             scene: None,
             controls: self.controls.clone(),
@@ -387,7 +485,11 @@ impl Subject for Replay {
         let mut k = self.at;
         while let Some(next) = self.next(k) {
             if self.show(next).is_ok() {
-                return if self.next(next).is_some() { Advanced::On } else { Advanced::Rests };
+                return if self.next(next).is_some() {
+                    Advanced::On
+                } else {
+                    Advanced::Rests
+                };
             }
             // A damaged frame is passed over.
             if watch.is_ended() {
@@ -401,8 +503,15 @@ impl Subject for Replay {
     fn obey(&mut self, command: &Command) -> Result<(), Refused> {
         match command {
             Command::Reset => {
-                let frame = self.timeline.moments.first().map_or(0, |moment| moment.frame);
-                self.rewind().map_err(|error| Refused::Damaged { frame, why: error.terse() })
+                let frame = self
+                    .timeline
+                    .moments
+                    .first()
+                    .map_or(0, |moment| moment.frame);
+                self.rewind().map_err(|error| Refused::Damaged {
+                    frame,
+                    why: error.terse(),
+                })
             }
             Command::Seek { frame } => self.seek(*frame),
             Command::Backwards(backwards) => {
@@ -414,7 +523,10 @@ impl Subject for Replay {
                 Ok(())
             }
             Command::Probe(Some((body, vertex))) => {
-                let counts: Vec<usize> = self.bodies().map(|(_, body)| body.positions.len()).collect();
+                let counts: Vec<usize> = self
+                    .bodies()
+                    .map(|(_, body)| body.positions.len())
+                    .collect();
                 check_index("body", *body, counts.len())?;
                 check_index("vertex", *vertex, counts[*body])?;
                 self.probe = Some((*body, *vertex));

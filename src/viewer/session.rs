@@ -36,17 +36,26 @@ pub struct Pace {
 impl Pace {
     /// In real time.
     pub fn real_time() -> Self {
-        Self { running: true, speed: Speed::Share(1.0) }
+        Self {
+            running: true,
+            speed: Speed::Share(1.0),
+        }
     }
 
     /// As fast as it can.
     pub fn free() -> Self {
-        Self { running: true, speed: Speed::Free }
+        Self {
+            running: true,
+            speed: Speed::Free,
+        }
     }
 
     /// Not before it is told to.
     pub fn paused() -> Self {
-        Self { running: false, speed: Speed::Share(1.0) }
+        Self {
+            running: false,
+            speed: Speed::Share(1.0),
+        }
     }
 }
 
@@ -150,13 +159,19 @@ struct Board {
 impl Board {
     /// Holds the lock for as long as it takes to copy a pointer; a thread that panicked leaves a whole pointer behind.
     fn latest(&self) -> Arc<Snapshot> {
-        self.latest.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     fn publish(&self, snapshot: Snapshot) {
         let fresh = Arc::new(snapshot);
         // The old one is dropped after the lock.
-        let _old = std::mem::replace(&mut *self.latest.lock().unwrap_or_else(PoisonError::into_inner), fresh);
+        let _old = std::mem::replace(
+            &mut *self.latest.lock().unwrap_or_else(PoisonError::into_inner),
+            fresh,
+        );
         self.news.notify_all();
     }
 }
@@ -185,15 +200,27 @@ impl Session {
     /// # Errors
     /// No thread.
     pub fn of(subject: Box<dyn Subject>, pace: Pace) -> Result<Self, StartError> {
-        let (sent, ended) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+        let (sent, ended) = (
+            Arc::new(AtomicU64::new(0)),
+            Arc::new(AtomicBool::new(false)),
+        );
         let mut worker = Worker::new(subject, pace, (sent.clone(), ended.clone()));
-        let board = Arc::new(Board { latest: Mutex::new(Arc::new(worker.snapshot())), news: Condvar::new() });
+        let board = Arc::new(Board {
+            latest: Mutex::new(Arc::new(worker.snapshot())),
+            news: Condvar::new(),
+        });
         let (commands, received) = channel();
         let shown = board.clone();
         let thread = std::thread::Builder::new()
             .name("simulation".to_owned())
             .spawn(move || worker.run(&received, |snapshot| shown.publish(snapshot)))?;
-        Ok(Self { commands: Some(commands), sent, ended, board, thread: Some(thread) })
+        Ok(Self {
+            commands: Some(commands),
+            sent,
+            ended,
+            board,
+            thread: Some(thread),
+        })
     }
 
     /// Sends a command and returns its number, which [`Snapshot::answered`] reaches when it was done or refused.
@@ -212,15 +239,30 @@ impl Session {
     }
 
     /// The first snapshot from now on for which something holds; `None` if there is none in time.
-    pub fn wait(&self, longest: Duration, wanted: impl Fn(&Snapshot) -> bool) -> Option<Arc<Snapshot>> {
+    pub fn wait(
+        &self,
+        longest: Duration,
+        wanted: impl Fn(&Snapshot) -> bool,
+    ) -> Option<Arc<Snapshot>> {
         let end = Instant::now() + longest;
-        let mut latest = self.board.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut latest = self
+            .board
+            .latest
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         loop {
             if wanted(&latest) {
                 return Some(latest.clone());
             }
-            let left = end.checked_duration_since(Instant::now()).filter(|left| !left.is_zero())?;
-            latest = self.board.news.wait_timeout(latest, left).unwrap_or_else(PoisonError::into_inner).0;
+            let left = end
+                .checked_duration_since(Instant::now())
+                .filter(|left| !left.is_zero())?;
+            latest = self
+                .board
+                .news
+                .wait_timeout(latest, left)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
         }
     }
 }

@@ -99,7 +99,9 @@ impl Skin {
         self.controls = Arc::new(self.ranges.controls(&self.run, &self.spots));
         self.domes = shots::domes(&self.run, self.reached);
         let counts: Vec<usize> = self.seen().0.iter().map(Vec::len).collect();
-        self.probe = self.probe.filter(|(body, v)| counts.get(*body).is_some_and(|count| v < count));
+        self.probe = self
+            .probe
+            .filter(|(body, v)| counts.get(*body).is_some_and(|count| v < count));
     }
 
     /// Another run in place of this one.
@@ -111,7 +113,9 @@ impl Skin {
 
     /// The recipe with all that was asked for.
     fn wanted(&self) -> &Recipe {
-        self.moving.as_ref().map_or(&self.recipe, |moving| &moving.recipe)
+        self.moving
+            .as_ref()
+            .map_or(&self.recipe, |moving| &moving.recipe)
     }
 
     /// Another skin at the start.
@@ -129,14 +133,20 @@ impl Skin {
         let degrees = controls::degrees(path, value)?;
         let long = self.spots[implant].along(degrees.to_radians());
         let parts = [long.x, long.y, long.z].map(|c| c.to_string()).join(", ");
-        self.change(self.wanted().with(&format!("implant.{implant}.long"), &format!("[{parts}]")))
+        self.change(
+            self.wanted()
+                .with(&format!("implant.{implant}.long"), &format!("[{parts}]")),
+        )
     }
 
     fn restore(&mut self, path: &str) -> Result<(), Refused> {
         let recipe = match (controls::turned(path), path.strip_suffix(".at")) {
             (Some(implant), _) => self.wanted().without(&format!("implant.{implant}.long")),
             // A move has also removed the vertex that it was near.
-            (None, Some(implant)) => self.wanted().without(path).without(&format!("{implant}.near_vertex")),
+            (None, Some(implant)) => self
+                .wanted()
+                .without(path)
+                .without(&format!("{implant}.near_vertex")),
             _ => self.wanted().without(path),
         };
         self.change(recipe)
@@ -152,12 +162,15 @@ impl Skin {
     /// Shows an implant at the point of the skin nearest to `to`; [`Subject::advance`] makes it so.
     fn move_implant(&mut self, implant: usize, to: &Point3<f64>) -> Result<(), Refused> {
         check_index("implant", implant, self.spots.len())?;
-        to.iter().try_for_each(|c| check_number("a coordinate of the place to move to", *c, false))?;
+        to.iter()
+            .try_for_each(|c| check_number("a coordinate of the place to move to", *c, false))?;
         let shown = self.seen().0.swap_remove(0);
         let skin = &self.run.whole;
         let tree = SurfaceTree::new(&shown, &skin.triangles);
         let Some(found) = tree.closest(to, f64::INFINITY) else {
-            return Err(Refused::NotHere("the skin has no triangles to move an implant over"));
+            return Err(Refused::NotHere(
+                "the skin has no triangles to move an implant over",
+            ));
         };
         // The place of the skin at rest that is there now.
         let spot = Spot::new(&shown, &skin.triangles, found.triangle, &found.point);
@@ -177,8 +190,18 @@ impl Skin {
         // As it would be here, but in the frame of the new place.
         let normal = spot.normal(&skin.vertices);
         let turn = frame(&at, &normal, order.long.as_ref()) * self.spots[implant].frame.inverse();
-        let shell = self.domes[implant].vertices.iter().map(|p| turn * p).collect();
-        self.moving = Some(Box::new(Moving { recipe, scene, at, shell, implant }));
+        let shell = self.domes[implant]
+            .vertices
+            .iter()
+            .map(|p| turn * p)
+            .collect();
+        self.moving = Some(Box::new(Moving {
+            recipe,
+            scene,
+            at,
+            shell,
+            implant,
+        }));
         Ok(())
     }
 
@@ -221,7 +244,10 @@ impl Subject for Skin {
         if self.run.frame() >= last {
             return Advanced::Rests;
         }
-        match self.run.step(&mut |_| !(watch.is_ended() || watch.is_called())) {
+        match self
+            .run
+            .step(&mut |_| !(watch.is_ended() || watch.is_called()))
+        {
             Stepped::Done if self.run.frame() >= last => Advanced::Rests,
             Stepped::Done => Advanced::On,
             Stepped::Interrupted => Advanced::GivenUp,
@@ -250,10 +276,18 @@ impl Subject for Skin {
                 Err(Refused::NotHere("what lies under skin does not turn"))
             }
             Command::Drag { .. } | Command::Fix { .. } | Command::Free { .. } => {
-                Err(Refused::NotHere("skin at rest has no points to drag or to hold; move an implant by its handle"))
+                Err(Refused::NotHere(
+                    "skin at rest has no points to drag or to hold; move an implant by its handle",
+                ))
             }
-            Command::Seek { .. } | Command::Backwards(_) => Err(Refused::NotHere(super::ONLY_REPLAYED)),
-            Command::LetGo { .. } | Command::Pause | Command::Run | Command::Step | Command::Speed(_) => Ok(()),
+            Command::Seek { .. } | Command::Backwards(_) => {
+                Err(Refused::NotHere(super::ONLY_REPLAYED))
+            }
+            Command::LetGo { .. }
+            | Command::Pause
+            | Command::Run
+            | Command::Step
+            | Command::Speed(_) => Ok(()),
         }
     }
 }

@@ -43,8 +43,18 @@ fn shown(path: &Path) -> &str {
 
 /// Runs a scene into a folder, expects success.
 fn run_into(folder: &Path, arguments: &[&str]) -> Output {
-    let done = pliant().arg("run").args(arguments).args(["--out", shown(folder)]).output().unwrap();
-    assert_eq!(done.status.code(), Some(0), "{arguments:?}: {}", text(&done.stderr));
+    let done = pliant()
+        .arg("run")
+        .args(arguments)
+        .args(["--out", shown(folder)])
+        .output()
+        .unwrap();
+    assert_eq!(
+        done.status.code(),
+        Some(0),
+        "{arguments:?}: {}",
+        text(&done.stderr)
+    );
     done
 }
 
@@ -56,15 +66,21 @@ fn json(path: &Path) -> Value {
 fn turntable(page: &str) -> (String, String) {
     let at = page.find("<h2>Frame by frame</h2>").expect("a turn-table");
     let end = at + page[at..].find("</script>").expect("its script");
-    (page[at..end].to_owned(), format!("{}{}", &page[..at], &page[end..]))
+    (
+        page[at..end].to_owned(),
+        format!("{}{}", &page[..at], &page[end..]),
+    )
 }
 
 /// The files that a collection refers to; each must be there.
 fn referenced(folder: &Path, pvd: &str) -> Vec<String> {
     let text = fs::read_to_string(folder.join(pvd)).unwrap();
     assert!(text.ends_with("</VTKFile>\n"));
-    let files: Vec<String> =
-        text.split("file=\"").skip(1).map(|rest| rest.split('"').next().unwrap().to_owned()).collect();
+    let files: Vec<String> = text
+        .split("file=\"")
+        .skip(1)
+        .map(|rest| rest.split('"').next().unwrap().to_owned())
+        .collect();
     for file in &files {
         let bytes = fs::read(folder.join(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
         assert!(bytes.ends_with(b"</VTKFile>\n"), "{file} is not whole");
@@ -73,8 +89,10 @@ fn referenced(folder: &Path, pvd: &str) -> Vec<String> {
 }
 
 fn names_in(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    let mut names: Vec<String> = fs::read_dir(folder)
+        .unwrap()
+        .map(|e| e.unwrap().file_name().into_string().unwrap())
+        .collect();
     names.sort();
     names
 }
@@ -91,33 +109,90 @@ fn wrong_input_is_refused_with_code_2_and_a_way_out() {
     let here = shown(&scratch);
     let cases: [(&[&str], &[&str]); 19] = [
         (&["run", here], &["is a folder", "E060", "pliant scenes"]),
-        (&["run", "distance", "--out", shown(&below)], &["scene.toml` is not a folder", "--out"]),
-        (&["run", "distance", "--threads", "0"], &["--threads", "1..=1024"]),
-        (&["run", "distance", "--set", "damping.rate=nan 1/s"], &["`nan 1/s` is not a finite number"]),
-        (&["run", "--muscles", "nowhere.obj", "--unit", "mm"], &["no file `nowhere.obj`; check the path"]),
-        (&["run", "distanse"], &["there is no scene `distanse`, did you mean `distance`?", "E063"]),
+        (
+            &["run", "distance", "--out", shown(&below)],
+            &["scene.toml` is not a folder", "--out"],
+        ),
+        (
+            &["run", "distance", "--threads", "0"],
+            &["--threads", "1..=1024"],
+        ),
+        (
+            &["run", "distance", "--set", "damping.rate=nan 1/s"],
+            &["`nan 1/s` is not a finite number"],
+        ),
+        (
+            &["run", "--muscles", "nowhere.obj", "--unit", "mm"],
+            &["no file `nowhere.obj`; check the path"],
+        ),
+        (
+            &["run", "distanse"],
+            &[
+                "there is no scene `distanse`, did you mean `distance`?",
+                "E063",
+            ],
+        ),
         (&["run", "nowhere.toml"], &["no file `nowhere.toml`"]),
-        (&["run", scene], &["scene.toml:2:1: error[E052]", "did you mean `frame_rate`?"]),
-        (&["run", "distance", "--set", "substep=3"], &["unknown key `substep`", "known keys"]),
-        (&["run", "--muscles", garbage], &["do not say their length unit", "--unit mm"]),
-        (&["run", "--muscles", garbage, "--unit", "mm"], &["garbage.obj"]),
-        (&["run", "--muscles", garbage, "--unit", "parsec"], &["`parsec` is no unit of length", "mm"]),
-        (&["run", "distance", "--out", garbage], &["is not a folder", "--out"]),
+        (
+            &["run", scene],
+            &["scene.toml:2:1: error[E052]", "did you mean `frame_rate`?"],
+        ),
+        (
+            &["run", "distance", "--set", "substep=3"],
+            &["unknown key `substep`", "known keys"],
+        ),
+        (
+            &["run", "--muscles", garbage],
+            &["do not say their length unit", "--unit mm"],
+        ),
+        (
+            &["run", "--muscles", garbage, "--unit", "mm"],
+            &["garbage.obj"],
+        ),
+        (
+            &["run", "--muscles", garbage, "--unit", "parsec"],
+            &["`parsec` is no unit of length", "mm"],
+        ),
+        (
+            &["run", "distance", "--out", garbage],
+            &["is not a folder", "--out"],
+        ),
         (&["run", "distance", "--frames", "0"], &["--frames"]),
-        (&["run", "distance", "--accuracy", "1"], &["`1` has no unit", "E050"]),
-        (&["run", "distance", "--accuracy", "200 %"], &["at most 100 %", "E051"]),
-        (&["run", "distance", "--accuracy", "1 %"], &["classic PBD has no energy"]),
-        (&["accuracy", "distance", "--out", here], &["classic PBD has no energy", "--set solver=xpbd"]),
-        (&["accuracy", "distance", "--budget", "3 fortnights"], &["no unit of time", "ms, s, min, h"]),
+        (
+            &["run", "distance", "--accuracy", "1"],
+            &["`1` has no unit", "E050"],
+        ),
+        (
+            &["run", "distance", "--accuracy", "200 %"],
+            &["at most 100 %", "E051"],
+        ),
+        (
+            &["run", "distance", "--accuracy", "1 %"],
+            &["classic PBD has no energy"],
+        ),
+        (
+            &["accuracy", "distance", "--out", here],
+            &["classic PBD has no energy", "--set solver=xpbd"],
+        ),
+        (
+            &["accuracy", "distance", "--budget", "3 fortnights"],
+            &["no unit of time", "ms, s, min, h"],
+        ),
     ];
     for (arguments, wanted) in cases {
         let done = run(arguments);
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
         for part in wanted {
-            assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+            assert!(
+                message.contains(part),
+                "{arguments:?}: `{part}` is not in: {message}"
+            );
         }
-        assert!(!message.contains("panicked") && !message.contains("RUST_BACKTRACE"), "{message}");
+        assert!(
+            !message.contains("panicked") && !message.contains("RUST_BACKTRACE"),
+            "{message}"
+        );
         assert!(done.stdout.is_empty(), "{arguments:?}");
     }
     assert_eq!(fs::read_to_string(garbage).unwrap(), "v 1 2\nf 1 2 9\n");
@@ -139,7 +214,10 @@ fn every_command_has_help_with_an_example() {
         let done = run(arguments);
         assert_eq!(done.status.code(), Some(0));
         let help = text(&done.stdout);
-        assert!(help.contains("Example") && help.contains("  pliant "), "{arguments:?}: {help}");
+        assert!(
+            help.contains("Example") && help.contains("  pliant "),
+            "{arguments:?}: {help}"
+        );
     }
     assert_eq!(run(&["scenes", "show", "--help"]).status.code(), Some(0));
     assert_eq!(run(&["--version"]).status.code(), Some(0));
@@ -152,7 +230,8 @@ fn small_scenes_leave_whole_files() {
         let out = scratch.join("out");
         let done = run_into(&out, &[scene, "--frames", "5", "--json"]);
         let summary = json(&out.join("summary.json"));
-        let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
+        let printed: Value =
+            serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
         assert_eq!(printed, summary);
         check_keys(&summary);
         assert_eq!(summary["scene"], scene);
@@ -170,7 +249,11 @@ fn small_scenes_leave_whole_files() {
         }
         let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
         assert_eq!(page.matches("data:image/png;base64,").count(), 3, "{scene}");
-        assert_eq!(table.matches("src=\"data:image/png;base64,").count(), 1, "{scene}");
+        assert_eq!(
+            table.matches("src=\"data:image/png;base64,").count(),
+            1,
+            "{scene}"
+        );
         assert!(table.contains("data-frames=\"0 1 2 3 4 5\""), "{scene}");
         assert_eq!(table.matches("type=\"radio\"").count(), 3, "{scene}");
         assert!(page.contains("Effects left out") && page.ends_with("</html>\n"));
@@ -178,7 +261,15 @@ fn small_scenes_leave_whole_files() {
 }
 
 fn check_keys(summary: &Value) {
-    for key in ["scene", "frames", "converged", "muscles", "time", "effects", "notes"] {
+    for key in [
+        "scene",
+        "frames",
+        "converged",
+        "muscles",
+        "time",
+        "effects",
+        "notes",
+    ] {
         assert!(summary.get(key).is_some(), "{key}");
     }
     for key in ["total_s", "frame_ms_median", "effects_s"] {
@@ -221,7 +312,11 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
     run_into(&out, &["distance", "--frames", "2", "--animate", "gif"]);
     assert_eq!(names_in(&out.join("frames")).len(), 3 + 1);
     assert_eq!(fs::read_to_string(out.join("mine.txt")).unwrap(), "mine");
-    assert!(fs::read(out.join("distance.gif")).unwrap().starts_with(b"GIF89a"));
+    assert!(
+        fs::read(out.join("distance.gif"))
+            .unwrap()
+            .starts_with(b"GIF89a")
+    );
     // A folder with somebody else's summary is not written over.
     let theirs = scratch.join("theirs");
     fs::create_dir_all(&theirs).unwrap();
@@ -229,14 +324,25 @@ fn a_shorter_run_leaves_no_frame_of_a_longer_one_and_no_foreign_file_is_touched(
     let done = run(&["run", "distance", "--frames", "2", "--out", shown(&theirs)]);
     assert_eq!(done.status.code(), Some(2), "{}", text(&done.stderr));
     assert!(text(&done.stderr).contains("was not written by pliant"));
-    assert_eq!(fs::read_to_string(theirs.join("summary.json")).unwrap(), "theirs");
+    assert_eq!(
+        fs::read_to_string(theirs.join("summary.json")).unwrap(),
+        "theirs"
+    );
 }
 
 #[test]
 fn strict_fails_a_run_that_is_not_converged() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    let done = run(&["run", "chain", "--frames", "1", "--strict", "--out", shown(&out)]);
+    let done = run(&[
+        "run",
+        "chain",
+        "--frames",
+        "1",
+        "--strict",
+        "--out",
+        shown(&out),
+    ]);
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stdout));
     assert_eq!(json(&out.join("summary.json"))["converged"], false);
 }
@@ -251,19 +357,30 @@ fn plan_and_scenes_speak_json() {
     let scenes: Value = serde_json::from_slice(&run(&["scenes", "--json"]).stdout).unwrap();
     for scene in scenes.as_array().unwrap() {
         let name = scene["name"].as_str().unwrap();
-        let shown: Value = serde_json::from_slice(&run(&["scenes", "show", name, "--json"]).stdout).unwrap();
-        assert_eq!(shown["toml"], pliant::scene::builtin::builtin(name).unwrap());
+        let shown: Value =
+            serde_json::from_slice(&run(&["scenes", "show", name, "--json"]).stdout).unwrap();
+        assert_eq!(
+            shown["toml"],
+            pliant::scene::builtin::builtin(name).unwrap()
+        );
     }
     assert_eq!(run(&["scenes", "show", "hipp"]).status.code(), Some(2));
 }
 
 #[test]
 fn a_reader_who_leaves_early_is_no_error() {
-    let mut child =
-        pliant().args(["scenes", "show", "hip"]).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut child = pliant()
+        .args(["scenes", "show", "hip"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
     drop(child.stdout.take());
     let done = child.wait_with_output().unwrap();
-    assert_eq!((done.status.code(), text(&done.stderr)), (Some(0), String::new()));
+    assert_eq!(
+        (done.status.code(), text(&done.stderr)),
+        (Some(0), String::new())
+    );
 }
 
 #[cfg(unix)]
@@ -272,7 +389,14 @@ fn ctrl_c_ends_the_run_with_readable_files() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = pliant()
-        .args(["run", "distance", "--frames", "10000000", "--out", shown(&out)])
+        .args([
+            "run",
+            "distance",
+            "--frames",
+            "10000000",
+            "--out",
+            shown(&out),
+        ])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -282,7 +406,10 @@ fn ctrl_c_ends_the_run_with_readable_files() {
     while !third.exists() && begun.elapsed().as_secs() < 60 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let sent = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let summary = json(&out.join("summary.json"));
@@ -314,8 +441,21 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
     fs::write(&far, &text).unwrap();
     let out = scratch.join("out");
     let cases: [(&[&str], &[&str]); 3] = [
-        (&["--muscles", shown(&cut), "--unit", "mm"], &["cut.vtk: offset 0x", "copy or export it again"]),
-        (&["--muscles", &ball, "--fibre-lines", shown(&whole), "--unit", "mm"], &["fibres of", "holds no lines"]),
+        (
+            &["--muscles", shown(&cut), "--unit", "mm"],
+            &["cut.vtk: offset 0x", "copy or export it again"],
+        ),
+        (
+            &[
+                "--muscles",
+                &ball,
+                "--fibre-lines",
+                shown(&whole),
+                "--unit",
+                "mm",
+            ],
+            &["fibres of", "holds no lines"],
+        ),
         (
             &[shown(&far)],
             &[
@@ -326,21 +466,35 @@ fn a_mesh_that_cannot_be_used_says_what_to_do() {
         ),
     ];
     for (arguments, wanted) in cases {
-        let done = pliant().arg("run").args(arguments).args(["--out", shown(&out)]).output().unwrap();
+        let done = pliant()
+            .arg("run")
+            .args(arguments)
+            .args(["--out", shown(&out)])
+            .output()
+            .unwrap();
         let message = text_of_refusal(&done);
         for part in wanted {
-            assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+            assert!(
+                message.contains(part),
+                "{arguments:?}: `{part}` is not in: {message}"
+            );
         }
     }
-    assert!(!out.exists(), "nothing is written for input that is refused");
+    assert!(
+        !out.exists(),
+        "nothing is written for input that is refused"
+    );
 }
 
 /// What a command says on a terminal and its exit code; `None`, and a word on it, without Python.
 #[cfg(unix)]
 fn on_a_terminal(arguments: &[&str]) -> Option<(String, Option<i32>)> {
-    let script = "import os, pty, sys\nsys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))";
+    let script =
+        "import os, pty, sys\nsys.exit(os.waitstatus_to_exitcode(pty.spawn(sys.argv[1:])))";
     let mut python = Command::new("python3");
-    python.args(["-c", script, env!("CARGO_BIN_EXE_pliant")]).args(arguments);
+    python
+        .args(["-c", script, env!("CARGO_BIN_EXE_pliant")])
+        .args(arguments);
     match python.env("NO_COLOR", "1").stdin(Stdio::null()).output() {
         Ok(done) => Some((text(&done.stdout), done.status.code())),
         Err(_) => {
@@ -359,7 +513,14 @@ fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
     fs::write(&bytes, [0xab; 134]).unwrap();
     let terse = "line.obj:3:7: error[E011]: expected a number (found 'zero'); the file is cut off";
     let cases: [(&Path, &str, &[&str]); 2] = [
-        (&line, terse, &[" 3 | v 0 1 zero\r\n", "help: the file is cut off, damaged or of another dialect"]),
+        (
+            &line,
+            terse,
+            &[
+                " 3 | v 0 1 zero\r\n",
+                "help: the file is cut off, damaged or of another dialect",
+            ],
+        ),
         (
             &bytes,
             "bytes.stl: offset 0x50: error[E040]: ",
@@ -370,12 +531,17 @@ fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
         let arguments = ["run", "--muscles", shown(path), "--unit", "mm"];
         let message = text_of_refusal(&run(&arguments));
         assert!(message.contains(on_a_pipe), "{message}");
-        let Some((seen, code)) = on_a_terminal(&arguments) else { return };
+        let Some((seen, code)) = on_a_terminal(&arguments) else {
+            return;
+        };
         assert_eq!(code, Some(2), "{seen}");
         for part in parts {
             // The lines of the theme depend on the terminal.
             let seen = seen.replace('│', "|");
-            assert!(seen.contains(part) && !message.contains(part), "`{part}` is not in: {seen}");
+            assert!(
+                seen.contains(part) && !message.contains(part),
+                "`{part}` is not in: {seen}"
+            );
         }
     }
 }
@@ -384,7 +550,10 @@ fn on_a_terminal_an_error_of_a_mesh_shows_its_line_or_its_bytes() {
 fn text_of_refusal(done: &Output) -> String {
     let message = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2), "{message}");
-    assert!(done.stdout.is_empty() && message.lines().count() == 1, "{message}");
+    assert!(
+        done.stdout.is_empty() && message.lines().count() == 1,
+        "{message}"
+    );
     message
 }
 
@@ -395,17 +564,35 @@ fn a_stopped_body_ends_the_run_with_code_1_and_whole_files() {
     let run_with = |force: &str| {
         // 1e308 N at 1 g is an infinite velocity in the first step.
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
-        let set = ["--set", &force, "--set", "muscle.0.material.vertex_mass=1 g"];
-        pliant().args(["run", "distance", "--frames", "3", "--out", shown(&out)]).args(set).output().unwrap()
+        let set = [
+            "--set",
+            &force,
+            "--set",
+            "muscle.0.material.vertex_mass=1 g",
+        ];
+        pliant()
+            .args(["run", "distance", "--frames", "3", "--out", shown(&out)])
+            .args(set)
+            .output()
+            .unwrap()
     };
     let done = run_with("1e308 N");
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stderr));
     let words = text(&done.stdout);
-    assert!(words.contains("FAIL") && words.contains("stopped at frame 1: motion at vertex 3"), "{words}");
+    assert!(
+        words.contains("FAIL") && words.contains("stopped at frame 1: motion at vertex 3"),
+        "{words}"
+    );
     let summary = json(&out.join("summary.json"));
     let stopped = &summary["muscles"][0]["stopped"];
-    assert_eq!((&stopped["frame"], &stopped["effect"], &stopped["particle"]), (&1.into(), &"motion".into(), &3.into()));
-    assert_eq!((&summary["converged"], &summary["frames"]), (&false.into(), &1.into()));
+    assert_eq!(
+        (&stopped["frame"], &stopped["effect"], &stopped["particle"]),
+        (&1.into(), &"motion".into(), &3.into())
+    );
+    assert_eq!(
+        (&summary["converged"], &summary["frames"]),
+        (&false.into(), &1.into())
+    );
     assert_eq!(referenced(&out, "distance.pvd").len(), 2 * 2);
     // Control: a force that is only large does not stop it.
     let done = run_with("1e6 N");
@@ -420,10 +607,19 @@ fn velocities_that_were_cut_are_told_of() {
         let force = format!("muscle.0.force.0.force=['0 N', '0 N', '{force}']");
         // With no edges nothing brings the vertex back.
         let set = ["--set", &force, "--set", "effects.stretch=off"];
-        text(&run_into(&scratch.join("out"), &[&["distance", "--frames", "2"][..], &set].concat()).stdout)
+        text(
+            &run_into(
+                &scratch.join("out"),
+                &[&["distance", "--frames", "2"][..], &set].concat(),
+            )
+            .stdout,
+        )
     };
     let words = fly("1e6 N");
-    assert!(words.contains("note: muscle: velocities were cut to") && words.contains("too large"), "{words}");
+    assert!(
+        words.contains("note: muscle: velocities were cut to") && words.contains("too large"),
+        "{words}"
+    );
     assert!(!fly("10 N").contains("velocities were cut"));
 }
 
@@ -431,11 +627,22 @@ fn velocities_that_were_cut_are_told_of() {
 fn points_of(path: &Path) -> Vec<[f64; 3]> {
     let bytes = fs::read(path).unwrap();
     let head = b"<AppendedData encoding=\"raw\">";
-    let at = bytes.windows(head.len()).position(|w| w == head).expect("appended data") + head.len();
-    let at = at + bytes[at..].iter().position(|b| *b == b'_').expect("the mark before the data") + 1;
+    let at = bytes
+        .windows(head.len())
+        .position(|w| w == head)
+        .expect("appended data")
+        + head.len();
+    let at = at
+        + bytes[at..]
+            .iter()
+            .position(|b| *b == b'_')
+            .expect("the mark before the data")
+        + 1;
     let eight = |at: usize| <[u8; 8]>::try_from(&bytes[at..at + 8]).unwrap();
     let count = u64::from_le_bytes(eight(at)) as usize / 24;
-    (0..count).map(|i| [0, 1, 2].map(|k| f64::from_le_bytes(eight(at + 8 + 24 * i + 8 * k)))).collect()
+    (0..count)
+        .map(|i| [0, 1, 2].map(|k| f64::from_le_bytes(eight(at + 8 + 24 * i + 8 * k))))
+        .collect()
 }
 
 #[test]
@@ -448,22 +655,55 @@ fn fibre_lines_of_a_muscle_without_a_scene_follow_it_in_every_frame() {
     fs::write(&lines, text_of_lines).unwrap();
     let out = scratch.join("out");
     let gravity = "effects.gravity.acceleration=['0 m/s2', '-9.81 m/s2', '0 m/s2']";
-    let named = ["--muscles", &ball, "--bones", &plate, "--fibre-lines", shown(&lines), "--unit", "cm"];
-    run_into(&out, &[&named[..], &["--frames", "8", "--set", gravity, "--animate", "gif"]].concat());
-    let frames: Vec<Vec<[f64; 3]>> =
-        (0..=8).map(|f| points_of(&out.join(format!("frames/ball_fibres_{f:04}.vtp")))).collect();
+    let named = [
+        "--muscles",
+        &ball,
+        "--bones",
+        &plate,
+        "--fibre-lines",
+        shown(&lines),
+        "--unit",
+        "cm",
+    ];
+    run_into(
+        &out,
+        &[
+            &named[..],
+            &["--frames", "8", "--set", gravity, "--animate", "gif"],
+        ]
+        .concat(),
+    );
+    let frames: Vec<Vec<[f64; 3]>> = (0..=8)
+        .map(|f| points_of(&out.join(format!("frames/ball_fibres_{f:04}.vtp"))))
+        .collect();
     assert!(frames.iter().all(|points| points.len() == 6));
     let apart = |a: &[[f64; 3]], b: &[[f64; 3]]| {
-        greatest(a.iter().zip(b).flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())))
+        greatest(
+            a.iter()
+                .zip(b)
+                .flat_map(|(a, b)| (0..3).map(|k| (a[k] - b[k]).abs())),
+        )
     };
     // They begin as read, in metres, but for what binding to the nearest triangle of a coarse ball moves (its edges
     // are 2 mm long or more), and then move with the muscle from frame to frame.
     let read = [[-5e-3, 1e-3, 2e-3], [0.0, 1e-3, 3e-3], [5e-3, 1e-3, 2e-3]];
     assert!(apart(&frames[0][..3], &read) <= 2e-3, "{:?}", frames[0]);
-    assert!(frames.windows(2).all(|f| apart(&f[0], &f[1]) > 0.0), "a frame whose fibres did not move");
-    assert!(apart(&frames[0], &frames[8]) > 1e-4, "{:?} {:?}", frames[0], frames[8]);
+    assert!(
+        frames.windows(2).all(|f| apart(&f[0], &f[1]) > 0.0),
+        "a frame whose fibres did not move"
+    );
+    assert!(
+        apart(&frames[0], &frames[8]) > 1e-4,
+        "{:?} {:?}",
+        frames[0],
+        frames[8]
+    );
     assert!(referenced(&out, "ball.pvd").contains(&"frames/ball_fibres_0008.vtp".to_owned()));
-    assert!(fs::read_to_string(out.join("report.html")).unwrap().contains("pale lines: fibres"));
+    assert!(
+        fs::read_to_string(out.join("report.html"))
+            .unwrap()
+            .contains("pale lines: fibres")
+    );
     check_animation(&out.join("ball.gif"), 3);
 }
 
@@ -487,12 +727,25 @@ fn json_is_one_object_with_nothing_beside_it() {
     let scratch = Scratch::folder();
     let [ball, plate] = ball_and_box(&scratch);
     let out = scratch.join("out");
-    let named = ["--muscles", &ball, "--bones", &plate, "--unit", "cm", "--frames", "2", "--json"];
+    let named = [
+        "--muscles",
+        &ball,
+        "--bones",
+        &plate,
+        "--unit",
+        "cm",
+        "--frames",
+        "2",
+        "--json",
+    ];
     let done = run_into(&out, &named);
     let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but one object");
     assert!(printed.is_object() && !printed["muscles"].as_array().unwrap().is_empty());
     check_keys(&printed);
-    assert!(serde_json::from_slice::<Value>(&run(&["scenes"]).stdout).is_err(), "control: words are not JSON");
+    assert!(
+        serde_json::from_slice::<Value>(&run(&["scenes"]).stdout).is_err(),
+        "control: words are not JSON"
+    );
 }
 
 /// A ball of 1 cm over a box, 2 mm apart, as files without a unit.
@@ -500,13 +753,20 @@ fn ball_and_box(scratch: &Scratch) -> [String; 2] {
     let write = |name: &str, shape: &str, down: f64| {
         let mesh = shapes::make(shape).unwrap().mesh;
         let mut obj = String::new();
-        mesh.vertices.iter().for_each(|v| obj.push_str(&format!("v {:?} {:?} {:?}\n", v.x, v.y - down, v.z)));
-        mesh.triangles.iter().for_each(|t| obj.push_str(&format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1)));
+        mesh.vertices
+            .iter()
+            .for_each(|v| obj.push_str(&format!("v {:?} {:?} {:?}\n", v.x, v.y - down, v.z)));
+        mesh.triangles
+            .iter()
+            .for_each(|t| obj.push_str(&format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1)));
         let path = scratch.join(name);
         fs::write(&path, obj).unwrap();
         shown(&path).to_owned()
     };
-    [write("ball.obj", "icosphere", 0.0), write("box.obj", "box", 1.7)]
+    [
+        write("ball.obj", "icosphere", 0.0),
+        write("box.obj", "box", 1.7),
+    ]
 }
 
 #[test]
@@ -517,23 +777,46 @@ fn meshes_without_a_scene_give_the_same_bytes_for_any_number_of_threads() {
         let out = scratch.join(threads);
         let gravity = "effects.gravity.acceleration=['0 m/s2', '-9.81 m/s2', '0 m/s2']";
         let named = ["--muscles", &ball, "--bones", &plate, "--unit", "cm"];
-        run_into(&out, &[&named[..], &["--frames", "4", "--threads", threads, "--set", gravity]].concat());
+        run_into(
+            &out,
+            &[
+                &named[..],
+                &["--frames", "4", "--threads", threads, "--set", gravity],
+            ]
+            .concat(),
+        );
         out
     });
     let names = names_in(&outs[0].join("frames"));
     assert_eq!(names, names_in(&outs[1].join("frames")));
     for name in &names {
-        let [one, two] = outs.each_ref().map(|out| fs::read(out.join("frames").join(name)).unwrap());
+        let [one, two] = outs
+            .each_ref()
+            .map(|out| fs::read(out.join("frames").join(name)).unwrap());
         assert!(one == two, "{name} depends on the number of threads");
     }
-    let [one, two] = outs.each_ref().map(|out| turntable(&fs::read_to_string(out.join("report.html")).unwrap()).0);
-    assert!(one == two, "the turn-table depends on the number of threads");
+    let [one, two] = outs
+        .each_ref()
+        .map(|out| turntable(&fs::read_to_string(out.join("report.html")).unwrap()).0);
+    assert!(
+        one == two,
+        "the turn-table depends on the number of threads"
+    );
     let summary = json(&outs[0].join("summary.json"));
     let muscle = &summary["muscles"][0];
-    assert!(muscle["vertices_attached"].as_u64().unwrap() > 0, "held by the box that is 2 mm away");
-    assert!(muscle["distance_from_start_rms_m"].as_f64().unwrap() > 0.0, "it moves");
+    assert!(
+        muscle["vertices_attached"].as_u64().unwrap() > 0,
+        "held by the box that is 2 mm away"
+    );
+    assert!(
+        muscle["distance_from_start_rms_m"].as_f64().unwrap() > 0.0,
+        "it moves"
+    );
     assert_eq!(muscle["vertices_inside_bones_max"], 0);
     // The scene that was made of the meshes runs again as a file.
     let again = scratch.join("again");
-    run_into(&again, &[shown(&outs[0].join("scene.toml")), "--frames", "1"]);
+    run_into(
+        &again,
+        &[shown(&outs[0].join("scene.toml")), "--frames", "1"],
+    );
 }

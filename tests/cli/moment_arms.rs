@@ -24,16 +24,33 @@ fn the_built_in_hip() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let table = scratch.join("others.csv");
-    fs::write(&table, "# mm moment arm\nangle_deg,gluteus1_mm,gluteus2_mm\n-10,-100,0\n60,-100,0\n").expect("written");
-    let done = run(&[&SMALL[..], &["--json", "--compare", shown(&table), "--out", shown(&out)]].concat());
+    fs::write(
+        &table,
+        "# mm moment arm\nangle_deg,gluteus1_mm,gluteus2_mm\n-10,-100,0\n60,-100,0\n",
+    )
+    .expect("written");
+    let done = run(&[
+        &SMALL[..],
+        &["--json", "--compare", shown(&table), "--out", shown(&out)],
+    ]
+    .concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let said: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
     assert_eq!(said, json(&out.join("summary.json")));
     let muscle = &said["muscles"][0];
     let number = |key: &str| muscle[key].as_f64().unwrap_or(f64::NAN);
-    assert_eq!((said["values"].as_u64(), muscle["fibres"].as_u64()), (Some(7), Some(10)));
-    assert!(number("moment_arm_greatest_m") < 0.0 && number("moment_arm_least_m") > -0.1, "an extensor: {muscle}");
-    assert!(number("volume_error_max") <= 1e-9 && number("points_in_bone") == 0.0, "{muscle}");
+    assert_eq!(
+        (said["values"].as_u64(), muscle["fibres"].as_u64()),
+        (Some(7), Some(10))
+    );
+    assert!(
+        number("moment_arm_greatest_m") < 0.0 && number("moment_arm_least_m") > -0.1,
+        "an extensor: {muscle}"
+    );
+    assert!(
+        number("volume_error_max") <= 1e-9 && number("points_in_bone") == 0.0,
+        "{muscle}"
+    );
     let compared = &muscle["compared"][0];
     assert_eq!(
         (compared["reference"].as_str(), compared["overlap"].as_f64()),
@@ -41,10 +58,25 @@ fn the_built_in_hip() {
         "{compared}"
     );
     let names = names_in(&out);
-    for name in ["fibres.csv", "fibres.pvd", "gluteus.svg", "moment_arms.csv", "picture_0.png", "report.html"] {
-        assert!(names.iter().any(|n| n == name), "{name} is not in {names:?}");
+    for name in [
+        "fibres.csv",
+        "fibres.pvd",
+        "gluteus.svg",
+        "moment_arms.csv",
+        "picture_0.png",
+        "report.html",
+    ] {
+        assert!(
+            names.iter().any(|n| n == name),
+            "{name} is not in {names:?}"
+        );
     }
-    let rows = |file: &str| fs::read_to_string(out.join(file)).expect("a table").lines().count();
+    let rows = |file: &str| {
+        fs::read_to_string(out.join(file))
+            .expect("a table")
+            .lines()
+            .count()
+    };
     assert_eq!((rows("moment_arms.csv"), rows("fibres.csv")), (8, 71));
 }
 
@@ -55,24 +87,65 @@ fn what_cannot_be_is_refused() {
     let no_unit = scratch.join("no-unit.csv");
     fs::write(&no_unit, "angle_deg,gluteus\n0,1\n").expect("written");
     for (arguments, told) in [
-        (&["hip", "--joint", "knee"][..], "no joint `knee`; known: hip"),
-        (&["hip", "--joint", "hip", "--from", "20deg", "--to", "10deg"], "--from must be below --to"),
+        (
+            &["hip", "--joint", "knee"][..],
+            "no joint `knee`; known: hip",
+        ),
+        (
+            &["hip", "--joint", "hip", "--from", "20deg", "--to", "10deg"],
+            "--from must be below --to",
+        ),
         (&["hip", "--joint", "hip", "--to", "60"], "no unit"),
-        (&["hip", "--joint", "hip", "--to", "200deg"], "at most 180 degrees"),
-        (&["hip", "--joint", "hip", "--step", "0deg"], "no or too many values"),
-        (&["hip", "--joint", "hip", "--step", "20deg"], "too few to smooth over"),
-        (&["hip", "--joint", "hip", "--count", "100000"], "too many to carry"),
-        (&["hip", "--joint", "hip", "--axis", "0,0"], "expected three numbers"),
-        (&["hip", "--joint", "hip", "--compare", "nothing.csv"], "cannot read `nothing.csv`"),
+        (
+            &["hip", "--joint", "hip", "--to", "200deg"],
+            "at most 180 degrees",
+        ),
+        (
+            &["hip", "--joint", "hip", "--step", "0deg"],
+            "no or too many values",
+        ),
+        (
+            &["hip", "--joint", "hip", "--step", "20deg"],
+            "too few to smooth over",
+        ),
+        (
+            &["hip", "--joint", "hip", "--count", "100000"],
+            "too many to carry",
+        ),
+        (
+            &["hip", "--joint", "hip", "--axis", "0,0"],
+            "expected three numbers",
+        ),
+        (
+            &["hip", "--joint", "hip", "--compare", "nothing.csv"],
+            "cannot read `nothing.csv`",
+        ),
         (&["lattice", "--joint", "hip"], "this scene has none"),
         (&["hip"], "--joint"),
     ] {
         let done = run(&[&["moment-arms"], arguments, &["--out", shown(&out)]].concat());
-        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {}", text(&done.stderr));
-        assert!(text(&done.stderr).contains(told), "{arguments:?}: {}", text(&done.stderr));
+        assert_eq!(
+            done.status.code(),
+            Some(2),
+            "{arguments:?}: {}",
+            text(&done.stderr)
+        );
+        assert!(
+            text(&done.stderr).contains(told),
+            "{arguments:?}: {}",
+            text(&done.stderr)
+        );
         assert!(!out.exists(), "{arguments:?}");
     }
-    let done = run(&[&SMALL[..], &["--compare", shown(&no_unit), "--out", shown(&out)]].concat());
+    let done = run(&[
+        &SMALL[..],
+        &["--compare", shown(&no_unit), "--out", shown(&out)],
+    ]
+    .concat());
     assert_eq!(done.status.code(), Some(2));
-    assert!(text(&done.stderr).contains("does not tell the unit of column `gluteus`"), "{}", text(&done.stderr));
+    assert!(
+        text(&done.stderr).contains("does not tell the unit of column `gluteus`"),
+        "{}",
+        text(&done.stderr)
+    );
 }

@@ -14,7 +14,9 @@ use super::{Scratch, json, names_in, referenced, run, shown, text};
 
 fn stretched(times: [f64; 3]) -> TriangleMesh {
     let mut mesh = shapes::icosphere(1.0, 2);
-    mesh.vertices.iter_mut().for_each(|v| *v = Point3::new(v.x * times[0], v.y * times[1], v.z * times[2]));
+    mesh.vertices
+        .iter_mut()
+        .for_each(|v| *v = Point3::new(v.x * times[0], v.y * times[1], v.z * times[2]));
     mesh
 }
 
@@ -24,16 +26,34 @@ fn put(scratch: &Scratch, name: &str, mesh: &TriangleMesh) -> PathBuf {
     path
 }
 
-fn put_with(scratch: &Scratch, name: &str, mesh: &TriangleMesh, point_data: Vec<(&str, Vec<f64>)>) -> PathBuf {
+fn put_with(
+    scratch: &Scratch,
+    name: &str,
+    mesh: &TriangleMesh,
+    point_data: Vec<(&str, Vec<f64>)>,
+) -> PathBuf {
     let path = scratch.join(name);
-    vtp::write(&path, &PolyData { points: &mesh.vertices, triangles: &mesh.triangles, lines: &[], point_data })
-        .unwrap();
+    vtp::write(
+        &path,
+        &PolyData {
+            points: &mesh.vertices,
+            triangles: &mesh.triangles,
+            lines: &[],
+            point_data,
+        },
+    )
+    .unwrap();
     path
 }
 
 fn done(arguments: &[&str]) -> Value {
     let done = run(arguments);
-    assert_eq!(done.status.code(), Some(0), "{arguments:?}: {}", text(&done.stderr));
+    assert_eq!(
+        done.status.code(),
+        Some(0),
+        "{arguments:?}: {}",
+        text(&done.stderr)
+    );
     serde_json::from_slice(&done.stdout).unwrap_or(Value::Null)
 }
 
@@ -44,12 +64,25 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn a_morph_writes_all_its_files_and_meets_both_ends() {
     let scratch = Scratch::folder();
-    let (ball, long) = (stretched([1.0; 3]), shapes::box_surface([3.0, 1.0, 1.5], 0.5));
+    let (ball, long) = (
+        stretched([1.0; 3]),
+        shapes::box_surface([3.0, 1.0, 1.5], 0.5),
+    );
     let heat: Vec<f64> = ball.vertices.iter().map(|p| p.x).collect();
     let other: Vec<f64> = long.vertices.iter().map(|p| 10.0 + p.y).collect();
     let flow: Vec<f64> = ball.vertices.iter().flat_map(|p| [p.z, p.y, p.x]).collect();
-    let a = put_with(&scratch, "ball.vtp", &ball, vec![("heat", heat.clone()), ("flow", flow)]);
-    let b = put_with(&scratch, "box.vtp", &long, vec![("heat", other.clone()), ("depth", other.clone())]);
+    let a = put_with(
+        &scratch,
+        "ball.vtp",
+        &ball,
+        vec![("heat", heat.clone()), ("flow", flow)],
+    );
+    let b = put_with(
+        &scratch,
+        "box.vtp",
+        &long,
+        vec![("heat", other.clone()), ("depth", other.clone())],
+    );
     let out = scratch.join("out");
     for blend in ["linear", "hermite", "laplacian"] {
         let summary = done(&[
@@ -68,22 +101,45 @@ fn a_morph_writes_all_its_files_and_meets_both_ends() {
         ]);
         assert_eq!(summary, json(&out.join("summary.json")));
         assert_eq!(
-            (&summary["flipped_a"], &summary["flipped_b"], &summary["euler"]),
+            (
+                &summary["flipped_a"],
+                &summary["flipped_b"],
+                &summary["euler"]
+            ),
             (&0.into(), &0.into(), &2.into())
         );
         assert!(
-            number(&summary["a"]["end_error"]) <= 1e-12 && number(&summary["b"]["end_error"]) <= 1e-12,
+            number(&summary["a"]["end_error"]) <= 1e-12
+                && number(&summary["b"]["end_error"]) <= 1e-12,
             "{summary}"
         );
-        assert!(number(&summary["a"]["end_miss"]) <= 1e-12 && number(&summary["b"]["end_miss"]) <= 1e-12, "{summary}");
-        assert!((number(&summary["volume_1"]) / (long.volume() * 1e-6) - 1.0).abs() <= 1e-12, "{summary}");
-        assert!((number(&summary["volume_0"]) / (ball.volume() * 1e-6) - 1.0).abs() <= 1e-12, "{summary}");
+        assert!(
+            number(&summary["a"]["end_miss"]) <= 1e-12
+                && number(&summary["b"]["end_miss"]) <= 1e-12,
+            "{summary}"
+        );
+        assert!(
+            (number(&summary["volume_1"]) / (long.volume() * 1e-6) - 1.0).abs() <= 1e-12,
+            "{summary}"
+        );
+        assert!(
+            (number(&summary["volume_0"]) / (ball.volume() * 1e-6) - 1.0).abs() <= 1e-12,
+            "{summary}"
+        );
         assert!(number(&summary["a"]["map"]["conformal_median"]) >= 1.0);
         assert_eq!(summary["length_unit"], "m");
     }
     let arrays = json(&out.join("summary.json"))["arrays"].clone();
-    let of = |k: usize| (arrays[k]["name"].as_str().unwrap(), arrays[k]["of"].as_str().unwrap());
-    assert_eq!((of(0), of(1), of(2)), (("heat", "both"), ("flow", "a"), ("depth", "b")));
+    let of = |k: usize| {
+        (
+            arrays[k]["name"].as_str().unwrap(),
+            arrays[k]["of"].as_str().unwrap(),
+        )
+    };
+    assert_eq!(
+        (of(0), of(1), of(2)),
+        (("heat", "both"), ("flow", "a"), ("depth", "b"))
+    );
     let names = names_in(&out);
     for name in [
         "ball-box.gif",
@@ -95,11 +151,20 @@ fn a_morph_writes_all_its_files_and_meets_both_ends() {
         "spheres.png",
         "summary.json",
     ] {
-        assert!(names.iter().any(|n| n == name), "{name} is not in {names:?}");
+        assert!(
+            names.iter().any(|n| n == name),
+            "{name} is not in {names:?}"
+        );
     }
     let frames = referenced(&out, "ball-box.pvd");
     assert_eq!(frames.len(), 3);
-    assert_eq!(fs::read_to_string(out.join("measures.csv")).unwrap().lines().count(), 4);
+    assert_eq!(
+        fs::read_to_string(out.join("measures.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        4
+    );
     assert_frames(&out, &frames, [&ball, &long], [&heat, &other]);
 }
 
@@ -108,26 +173,44 @@ fn assert_frames(out: &Path, frames: &[String], meshes: [&TriangleMesh; 2], heat
     let [first, middle, last] = [0, 1, 2].map(|k| out.join(&frames[k]));
     let of = |path: &Path, name: &str| {
         let all = read_point_data(path).unwrap();
-        all.into_iter().find(|d| d.name == name).unwrap_or_else(|| panic!("{name} in {}", path.display())).values
+        all.into_iter()
+            .find(|d| d.name == name)
+            .unwrap_or_else(|| panic!("{name} in {}", path.display()))
+            .values
     };
     let (a, b) = (read(&first).unwrap().mesh, read(&last).unwrap().mesh);
-    assert_eq!((a.vertices.len(), &a.triangles), (b.vertices.len(), &b.triangles));
+    assert_eq!(
+        (a.vertices.len(), &a.triangles),
+        (b.vertices.len(), &b.triangles)
+    );
     let count = [meshes[0].vertices.len(), meshes[1].vertices.len()];
     let off = |found: &[Point3<f64>], wanted: &[Point3<f64>]| {
         greatest(found.iter().zip(wanted).map(|(p, q)| (p - q * 0.01).norm()))
     };
     assert!(off(&a.vertices[..count[0]], &meshes[0].vertices) <= 1e-15);
-    assert!(off(&b.vertices[count[0]..count[0] + count[1]], &meshes[1].vertices) <= 1e-15);
+    assert!(
+        off(
+            &b.vertices[count[0]..count[0] + count[1]],
+            &meshes[1].vertices
+        ) <= 1e-15
+    );
     assert_eq!(of(&first, "heat")[..count[0]], *heat[0]);
     assert_eq!(of(&last, "heat")[count[0]..count[0] + count[1]], *heat[1]);
     let (start, half, end) = (of(&first, "heat"), of(&middle, "heat"), of(&last, "heat"));
     assert!((0..half.len()).all(|i| (half[i] - 0.5 * (start[i] + end[i])).abs() <= 1e-12));
-    assert_eq!(of(&first, "flow"), of(&last, "flow"), "what one side has is carried");
+    assert_eq!(
+        of(&first, "flow"),
+        of(&last, "flow"),
+        "what one side has is carried"
+    );
     assert_eq!(of(&middle, "flow").len(), 3 * half.len());
     assert!(greatest(of(&first, "depth").iter().copied()) <= 10.75 + 1e-12);
     let kinds = of(&middle, "origin");
     assert!(
-        kinds[..count[0]].iter().all(|k| *k == 0.0) && kinds[count[0]..count[0] + count[1]].iter().all(|k| *k == 1.0)
+        kinds[..count[0]].iter().all(|k| *k == 0.0)
+            && kinds[count[0]..count[0] + count[1]]
+                .iter()
+                .all(|k| *k == 1.0)
     );
 }
 
@@ -140,13 +223,24 @@ fn pairs_meet_and_the_first_topology_is_kept() {
     // A quarter turn about z: what is to the right goes up; the last pair by coordinates.
     let nearest = |mesh: &TriangleMesh, to: [f64; 3]| {
         let square = |v: &usize| (mesh.vertices[*v] - Point3::from(to)).norm_squared();
-        (0..mesh.vertices.len()).min_by(|i, j| square(i).total_cmp(&square(j))).unwrap()
+        (0..mesh.vertices.len())
+            .min_by(|i, j| square(i).total_cmp(&square(j)))
+            .unwrap()
     };
-    let right = [nearest(&ball, [1.0, 0.0, 0.0]), nearest(&long, [0.0, 2.0, 0.0])];
-    let top = [nearest(&ball, [0.0, 0.0, 1.0]), nearest(&long, [0.0, 0.0, 1.0])];
+    let right = [
+        nearest(&ball, [1.0, 0.0, 0.0]),
+        nearest(&long, [0.0, 2.0, 0.0]),
+    ];
+    let top = [
+        nearest(&ball, [0.0, 0.0, 1.0]),
+        nearest(&long, [0.0, 0.0, 1.0]),
+    ];
     fs::write(
         &pairs,
-        format!("# right to top\n{} {}\n\n0 1 0 -1 0 0 # left\n{} {}\n", right[0], right[1], top[0], top[1]),
+        format!(
+            "# right to top\n{} {}\n\n0 1 0 -1 0 0 # left\n{} {}\n",
+            right[0], right[1], top[0], top[1]
+        ),
     )
     .unwrap();
     let out = scratch.join("out");
@@ -164,7 +258,10 @@ fn pairs_meet_and_the_first_topology_is_kept() {
         "--out",
         shown(&out),
     ]);
-    assert_eq!((&summary["pairs"], &summary["aligned_by"]), (&3.into(), &"pairs".into()));
+    assert_eq!(
+        (&summary["pairs"], &summary["aligned_by"]),
+        (&3.into(), &"pairs".into())
+    );
     assert_eq!(
         (&summary["vertices"], &summary["triangles"]),
         (&ball.vertices.len().into(), &ball.triangles.len().into())
@@ -175,7 +272,18 @@ fn pairs_meet_and_the_first_topology_is_kept() {
     let off = (last.vertices[right[0]] - long.vertices[right[1]]).norm();
     assert!(off <= 1e-9, "{off}");
     // Control: without pairs the ball is not turned.
-    done(&["morph", shown(&a), shown(&b), "--topology", "first", "--frames", "2", "--json", "--out", shown(&out)]);
+    done(&[
+        "morph",
+        shown(&a),
+        shown(&b),
+        "--topology",
+        "first",
+        "--frames",
+        "2",
+        "--json",
+        "--out",
+        shown(&out),
+    ]);
     let last = read(&out.join(&frames[1])).unwrap().mesh;
     assert!((last.vertices[right[0]] - long.vertices[right[1]]).norm() > 1.0);
 }
@@ -186,10 +294,25 @@ fn relaxation_tells_its_sweeps() {
     let a = put(&scratch, "a.obj", &stretched([1.0; 3]));
     let b = put(&scratch, "b.obj", &stretched([3.0, 1.0, 1.0]));
     let out = scratch.join("out");
-    let base = ["morph", shown(&a), shown(&b), "--frames", "2", "--json", "--out", shown(&out)];
+    let base = [
+        "morph",
+        shown(&a),
+        shown(&b),
+        "--frames",
+        "2",
+        "--json",
+        "--out",
+        shown(&out),
+    ];
     let summary = done(&[&base[..], &["--method", "relaxation"]].concat());
-    assert!(number(&summary["b"]["relaxation"]["first"]) > 10.0, "{summary}");
-    assert_eq!((&summary["flipped_b"], &summary["method"]), (&0.into(), &"relaxation".into()));
+    assert!(
+        number(&summary["b"]["relaxation"]["first"]) > 10.0,
+        "{summary}"
+    );
+    assert_eq!(
+        (&summary["flipped_b"], &summary["method"]),
+        (&0.into(), &"relaxation".into())
+    );
     assert_eq!(done(&base)["b"]["relaxation"], Value::Null);
 }
 
@@ -207,14 +330,22 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
     let open = with("open.obj", &|m| m.triangles.truncate(m.triangles.len() - 1));
     let two = with("two.obj", &|m| {
         let count = m.vertices.len() as u32;
-        m.vertices.extend(ball.vertices.iter().map(|p| Point3::new(p.x + 5.0, p.y, p.z)));
-        m.triangles.extend(ball.triangles.iter().map(|t| t.map(|v| v + count)));
+        m.vertices.extend(
+            ball.vertices
+                .iter()
+                .map(|p| Point3::new(p.x + 5.0, p.y, p.z)),
+        );
+        m.triangles
+            .extend(ball.triangles.iter().map(|t| t.map(|v| v + count)));
     });
     let turned = with("turned.obj", &|m| m.triangles[7].swap(0, 1));
-    let inside_out = with("inside_out.obj", &|m| m.triangles.iter_mut().for_each(|t| t.swap(0, 1)));
+    let inside_out = with("inside_out.obj", &|m| {
+        m.triangles.iter_mut().for_each(|t| t.swap(0, 1))
+    });
     let fin = with("fin.obj", &|m| {
         m.vertices.push(Point3::new(3.0, 0.0, 0.0));
-        m.triangles.push([m.triangles[0][0], m.triangles[0][1], 162]);
+        m.triangles
+            .push([m.triangles[0][0], m.triangles[0][1], 162]);
     });
     let few = with("few.obj", &|m| m.triangles.truncate(2));
     let ring = put(&scratch, "ring.obj", &torus());
@@ -226,25 +357,72 @@ fn surfaces_that_are_no_spheres_are_refused_with_their_place() {
                 "--close-holes` closes",
             ],
         ),
-        (&two, &["two.obj: 2 separate surfaces", "(vertex 162 is at ", "--keep-largest`"]),
-        (&turned, &["turned.obj: triangles", "turned against each other", "--repair DIR` mends it"]),
-        (&inside_out, &["inside_out.obj: the surface is inside out: its volume is -4.", "--repair DIR` turns them"]),
-        (&fin, &["fin.obj: the edge between vertices", "has 3 triangles; it must have two"]),
-        (&few, &["few.obj: 162 vertices and 2 triangles; a closed surface needs at least 4 of each"]),
-        (&ring, &["ring.obj: the surface has 1 handle (V - E + F = 0)", "cut its handles"]),
+        (
+            &two,
+            &[
+                "two.obj: 2 separate surfaces",
+                "(vertex 162 is at ",
+                "--keep-largest`",
+            ],
+        ),
+        (
+            &turned,
+            &[
+                "turned.obj: triangles",
+                "turned against each other",
+                "--repair DIR` mends it",
+            ],
+        ),
+        (
+            &inside_out,
+            &[
+                "inside_out.obj: the surface is inside out: its volume is -4.",
+                "--repair DIR` turns them",
+            ],
+        ),
+        (
+            &fin,
+            &[
+                "fin.obj: the edge between vertices",
+                "has 3 triangles; it must have two",
+            ],
+        ),
+        (
+            &few,
+            &["few.obj: 162 vertices and 2 triangles; a closed surface needs at least 4 of each"],
+        ),
+        (
+            &ring,
+            &[
+                "ring.obj: the surface has 1 handle (V - E + F = 0)",
+                "cut its handles",
+            ],
+        ),
     ];
     for (path, wanted) in cases {
         // On either side.
-        for arguments in [["morph", shown(path), shown(&good)], ["morph", shown(&good), shown(path)]] {
+        for arguments in [
+            ["morph", shown(path), shown(&good)],
+            ["morph", shown(&good), shown(path)],
+        ] {
             refused(&[&arguments[..], &["--out", shown(&out)]].concat(), wanted);
             assert!(!out.exists(), "{arguments:?}");
         }
     }
     let nowhere = scratch.join("nowhere.obj");
     refused(&["morph", shown(&nowhere), shown(&good)], &["nowhere.obj"]);
-    refused(&["morph", shown(&good), shown(&good), "--unit", "parsec"], &["`parsec` is no unit of length", "mm"]);
-    refused(&["morph", shown(&good), shown(&good), "--blend", "cubic"], &["linear, hermite, laplacian"]);
-    refused(&["morph", shown(&good), shown(&good), "--frames", "1"], &["2..=10000"]);
+    refused(
+        &["morph", shown(&good), shown(&good), "--unit", "parsec"],
+        &["`parsec` is no unit of length", "mm"],
+    );
+    refused(
+        &["morph", shown(&good), shown(&good), "--blend", "cubic"],
+        &["linear, hermite, laplacian"],
+    );
+    refused(
+        &["morph", shown(&good), shown(&good), "--frames", "1"],
+        &["2..=10000"],
+    );
     let one = put_with(&scratch, "one.vtp", &ball, vec![("heat", vec![1.0; 162])]);
     let three = put_with(&scratch, "three.vtp", &ball, vec![("heat", vec![1.0; 486])]);
     refused(
@@ -260,20 +438,49 @@ fn files_of_pairs_that_are_wrong_are_refused_with_their_line() {
     let b = put(&scratch, "b.obj", &stretched([1.0, 2.0, 1.0]));
     let pairs = scratch.join("p.txt");
     for (content, wanted) in [
-        ("0 1\n# x\n5 162\n", &["p.txt:3: there is no vertex 162 in", "b.obj", "it has 162, from 0 to 161"][..]),
-        ("0 1\n99999999999 2\n", &["p.txt:2: there is no vertex 99999999999 in", "a.obj"]),
-        ("0 1\n2 3\n0 4\n", &["p.txt:3: vertex 0 of", "a.obj is in line 1 already", "drop one of the lines"]),
-        ("0 1\n2 1\n", &["p.txt:2: vertex 1 of", "b.obj is in line 1 already"]),
-        ("0 1\n2\n", &["p.txt:2: `2` is no pair; give two vertices, counted from 0, or six coordinates"]),
+        (
+            "0 1\n# x\n5 162\n",
+            &[
+                "p.txt:3: there is no vertex 162 in",
+                "b.obj",
+                "it has 162, from 0 to 161",
+            ][..],
+        ),
+        (
+            "0 1\n99999999999 2\n",
+            &["p.txt:2: there is no vertex 99999999999 in", "a.obj"],
+        ),
+        (
+            "0 1\n2 3\n0 4\n",
+            &[
+                "p.txt:3: vertex 0 of",
+                "a.obj is in line 1 already",
+                "drop one of the lines",
+            ],
+        ),
+        (
+            "0 1\n2 1\n",
+            &["p.txt:2: vertex 1 of", "b.obj is in line 1 already"],
+        ),
+        (
+            "0 1\n2\n",
+            &["p.txt:2: `2` is no pair; give two vertices, counted from 0, or six coordinates"],
+        ),
         ("0 -1\n", &["p.txt:1: `0 -1` is no pair"]),
         ("0 1.5\n", &["p.txt:1: `0 1.5` is no pair"]),
         ("0 0 0 1 nan 0\n", &["p.txt:1: `0 0 0 1 nan 0` is no pair"]),
         ("# nothing\n", &["p.txt: no pairs"]),
     ] {
         fs::write(&pairs, content).unwrap();
-        refused(&["morph", shown(&a), shown(&b), "--pairs", shown(&pairs)], wanted);
+        refused(
+            &["morph", shown(&a), shown(&b), "--pairs", shown(&pairs)],
+            wanted,
+        );
     }
-    refused(&["morph", shown(&a), shown(&b), "--pairs", "nowhere.txt"], &["cannot read `nowhere.txt`"]);
+    refused(
+        &["morph", shown(&a), shown(&b), "--pairs", "nowhere.txt"],
+        &["cannot read `nowhere.txt`"],
+    );
 }
 
 fn refused(arguments: &[&str], wanted: &[&str]) {
@@ -281,20 +488,38 @@ fn refused(arguments: &[&str], wanted: &[&str]) {
     let message = text(&done.stderr);
     assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
     for part in wanted {
-        assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+        assert!(
+            message.contains(part),
+            "{arguments:?}: `{part}` is not in: {message}"
+        );
     }
-    assert!(done.stdout.is_empty() && !message.contains("panicked"), "{message}");
+    assert!(
+        done.stdout.is_empty() && !message.contains("panicked"),
+        "{message}"
+    );
 }
 
 fn torus() -> TriangleMesh {
     let (m, n) = (8, 6);
     let at = |i: u32, j: u32| (i % m) * n + j % n;
-    let pair =
-        |i: u32, j: u32| [[at(i, j), at(i + 1, j), at(i + 1, j + 1)], [at(i, j), at(i + 1, j + 1), at(i, j + 1)]];
+    let pair = |i: u32, j: u32| {
+        [
+            [at(i, j), at(i + 1, j), at(i + 1, j + 1)],
+            [at(i, j), at(i + 1, j + 1), at(i, j + 1)],
+        ]
+    };
     let triangles = (0..m * n).flat_map(|k| pair(k / n, k % n)).collect();
     let place = |k: u32| {
-        let [u, v] = [(k / n, m), (k % n, n)].map(|(i, n)| std::f64::consts::TAU * f64::from(i) / f64::from(n));
-        Point3::new((3.0 + v.cos()) * u.cos(), (3.0 + v.cos()) * u.sin(), v.sin())
+        let [u, v] = [(k / n, m), (k % n, n)]
+            .map(|(i, n)| std::f64::consts::TAU * f64::from(i) / f64::from(n));
+        Point3::new(
+            (3.0 + v.cos()) * u.cos(),
+            (3.0 + v.cos()) * u.sin(),
+            v.sin(),
+        )
     };
-    TriangleMesh { vertices: (0..m * n).map(place).collect(), triangles }
+    TriangleMesh {
+        vertices: (0..m * n).map(place).collect(),
+        triangles,
+    }
 }

@@ -20,7 +20,10 @@ const BUDGET: &str = "--virtual-time-budget=10000";
 fn browser() -> Option<PathBuf> {
     let folders: Vec<PathBuf> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
     let names = ["chromium", "chromium-browser", "google-chrome"];
-    names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
+    names
+        .iter()
+        .flat_map(|name| folders.iter().map(move |folder| folder.join(name)))
+        .find(|path| path.is_file())
 }
 
 /// Opens pages, with a profile that goes with the test.
@@ -34,9 +37,24 @@ impl Browser<'_> {
     fn open(&self, page: &Path, more: &[&str]) -> (String, String) {
         let [said, log] = ["said", "log"].map(|name| self.scratch.join(name));
         let mut child = Command::new(&self.program)
-            .args(["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"])
-            .args(["--enable-logging=stderr", "--v=0", "--hide-scrollbars", "--force-device-scale-factor=1", BUDGET])
-            .arg(format!("--user-data-dir={}", shown(&self.scratch.join("profile"))))
+            .args([
+                "--headless=new",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-dev-shm-usage",
+                "--no-first-run",
+            ])
+            .args([
+                "--enable-logging=stderr",
+                "--v=0",
+                "--hide-scrollbars",
+                "--force-device-scale-factor=1",
+                BUDGET,
+            ])
+            .arg(format!(
+                "--user-data-dir={}",
+                shown(&self.scratch.join("profile"))
+            ))
             .args(more)
             .arg(format!("file://{}", shown(page)))
             .stdin(Stdio::null())
@@ -51,9 +69,14 @@ impl Browser<'_> {
             match child.try_wait().unwrap() {
                 Some(status) => break status,
                 None if begun.elapsed() > PATIENCE => {
-                    let _ = Command::new("kill").args(["-KILL", "--", &format!("-{}", child.id())]).status();
+                    let _ = Command::new("kill")
+                        .args(["-KILL", "--", &format!("-{}", child.id())])
+                        .status();
                     let _ = child.wait();
-                    panic!("no end after {PATIENCE:?}: {}", text(&fs::read(&log).unwrap()));
+                    panic!(
+                        "no end after {PATIENCE:?}: {}",
+                        text(&fs::read(&log).unwrap())
+                    );
                 }
                 None => std::thread::sleep(Duration::from_millis(20)),
             }
@@ -66,14 +89,23 @@ impl Browser<'_> {
     /// What a page writes on its console. Nothing is an error only: the log does not tell them apart.
     fn console(&self, page: &Path) -> Vec<String> {
         let (_, log) = self.open(page, &["--dump-dom"]);
-        log.lines().filter(|line| line.contains(":CONSOLE")).map(str::to_owned).collect()
+        log.lines()
+            .filter(|line| line.contains(":CONSOLE"))
+            .map(str::to_owned)
+            .collect()
     }
 
     /// What a page looks like.
     fn screenshot(&self, page: &Path) -> Vec<[u8; 3]> {
         let path = self.scratch.join("shot.png");
         let _ = fs::remove_file(&path);
-        self.open(page, &[&format!("--screenshot={}", shown(&path)), "--window-size=900,2400"]);
+        self.open(
+            page,
+            &[
+                &format!("--screenshot={}", shown(&path)),
+                "--window-size=900,2400",
+            ],
+        );
         let mut decoder = png::Decoder::new(std::io::BufReader::new(File::open(&path).unwrap()));
         decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::STRIP_16);
         let mut reader = decoder.read_info().unwrap();
@@ -82,7 +114,10 @@ impl Browser<'_> {
         assert_eq!((info.width, info.height), (900, 2400));
         let size = info.color_type.samples();
         assert!(size >= 3, "{info:?}");
-        bytes.chunks_exact(size).map(|p| [p[0], p[1], p[2]]).collect()
+        bytes
+            .chunks_exact(size)
+            .map(|p| [p[0], p[1], p[2]])
+            .collect()
     }
 
     /// What [`DRIVER`] found on a copy of a page.
@@ -90,14 +125,20 @@ impl Browser<'_> {
         let page = self.scratch.join("driven.html");
         fs::write(&page, with_script(html, DRIVER)).unwrap();
         let (dom, log) = self.open(&page, &["--dump-dom"]);
-        let found = dom.split("<pre id=\"found\">").nth(1).unwrap_or_else(|| panic!("the driver did not run: {log}"));
+        let found = dom
+            .split("<pre id=\"found\">")
+            .nth(1)
+            .unwrap_or_else(|| panic!("the driver did not run: {log}"));
         serde_json::from_str(found.split("</pre>").next().unwrap()).unwrap()
     }
 }
 
 /// A page with one more script, which its policy has to let run.
 fn with_script(html: &str, script: &str) -> String {
-    let at = html.find("script-src 'sha256-").expect("a policy with the script's hash") + "script-src ".len();
+    let at = html
+        .find("script-src 'sha256-")
+        .expect("a policy with the script's hash")
+        + "script-src ".len();
     let end = at + html[at..].find('"').unwrap();
     let html = format!("{}'unsafe-inline'{}", &html[..at], &html[end..]);
     html.replace("</body>", &format!("<script>{script}</script></body>"))
@@ -160,25 +201,54 @@ fn faults(found: &Value, frames: &[usize]) -> Vec<String> {
             faults.push(what)
         }
     };
-    check(found["canvas"] == true && found["controls"] == true && found["still"] == false, format!("shown: {found}"));
+    check(
+        found["canvas"] == true && found["controls"] == true && found["still"] == false,
+        format!("shown: {found}"),
+    );
     let sides = found["sides"].as_array().unwrap();
     check(sides.len() == 3, format!("{} sides", sides.len()));
     let mut pictures = HashSet::new();
     for states in sides.iter().map(|states| states.as_array().unwrap()) {
-        let [all @ .., back] = states.as_slice() else { panic!("{states:?}") };
-        let told: Vec<String> = frames.iter().map(|frame| format!("frame {frame}")).collect();
-        check(all.iter().map(|s| s["told"].as_str().unwrap()).eq(&told), format!("told: {all:?}"));
+        let [all @ .., back] = states.as_slice() else {
+            panic!("{states:?}")
+        };
+        let told: Vec<String> = frames
+            .iter()
+            .map(|frame| format!("frame {frame}"))
+            .collect();
+        check(
+            all.iter().map(|s| s["told"].as_str().unwrap()).eq(&told),
+            format!("told: {all:?}"),
+        );
         let own: HashSet<i64> = all.iter().map(|s| s["picture"].as_i64().unwrap()).collect();
-        check(own.len() == frames.len(), format!("{} pictures of {} frames", own.len(), frames.len()));
-        check(*back == all[0], format!("back at the first: {back}, {}", all[0]));
+        check(
+            own.len() == frames.len(),
+            format!("{} pictures of {} frames", own.len(), frames.len()),
+        );
+        check(
+            *back == all[0],
+            format!("back at the first: {back}, {}", all[0]),
+        );
         pictures.extend(own);
     }
-    check(pictures.len() == 3 * frames.len(), format!("{} pictures from all sides", pictures.len()));
-    let labels: HashSet<&str> = sides.iter().filter_map(|states| states[0]["label"].as_str()).collect();
+    check(
+        pictures.len() == 3 * frames.len(),
+        format!("{} pictures from all sides", pictures.len()),
+    );
+    let labels: HashSet<&str> = sides
+        .iter()
+        .filter_map(|states| states[0]["label"].as_str())
+        .collect();
     check(labels.len() == 3, format!("{labels:?}"));
     let played = &found["played"];
-    check(played["values"].as_u64().unwrap() >= 3, format!("play: {played}"));
-    check(played["called"] == "Pause" && played["after"] == "Play" && played["stopped"] == true, format!("{played}"));
+    check(
+        played["values"].as_u64().unwrap() >= 3,
+        format!("play: {played}"),
+    );
+    check(
+        played["called"] == "Pause" && played["after"] == "Play" && played["stopped"] == true,
+        format!("{played}"),
+    );
     faults
 }
 
@@ -200,10 +270,27 @@ fn the_report_works_in_a_browser() {
     let [ball, plate] = ball_and_box(&scratch);
     let out = scratch.join("out");
     let gravity = "effects.gravity.acceleration=['0 m/s2', '-9.81 m/s2', '0 m/s2']";
-    run_into(&out, &["--muscles", &ball, "--bones", &plate, "--unit", "cm", "--frames", "25", "--set", gravity]);
+    run_into(
+        &out,
+        &[
+            "--muscles",
+            &ball,
+            "--bones",
+            &plate,
+            "--unit",
+            "cm",
+            "--frames",
+            "25",
+            "--set",
+            gravity,
+        ],
+    );
     let page = out.join("report.html");
     let html = fs::read_to_string(&page).unwrap();
-    let browser = Browser { program, scratch: &scratch };
+    let browser = Browser {
+        program,
+        scratch: &scratch,
+    };
     let console = browser.console(&page);
     assert!(console.is_empty(), "{console:?}");
     // Every second of 0 to 25, because there are too many, and the last.
@@ -225,8 +312,14 @@ fn the_report_works_in_a_browser() {
         fs::write(&page, with_script(&html, script)).unwrap();
         browser.screenshot(&page)
     };
-    assert!(other(HALF_WAY) != still, "the slider moved, and nothing that is seen");
-    assert!(other("") == still, "control: two screenshots of one page differ");
+    assert!(
+        other(HALF_WAY) != still,
+        "the slider moved, and nothing that is seen"
+    );
+    assert!(
+        other("") == still,
+        "control: two screenshots of one page differ"
+    );
 
     // Controls. A script that fails, one that the policy does not know, a slider that is dead, a page with nothing on it.
     let altered = |from: &str, to: &str| {
@@ -236,12 +329,34 @@ fn the_report_works_in_a_browser() {
     };
     let broken = scratch.join("broken.html");
     fs::write(&broken, with_script(&html, "nowhere();")).unwrap();
-    assert!(browser.console(&broken).iter().any(|line| line.contains("nowhere")), "{:?}", browser.console(&broken));
+    assert!(
+        browser
+            .console(&broken)
+            .iter()
+            .any(|line| line.contains("nowhere")),
+        "{:?}",
+        browser.console(&broken)
+    );
     fs::write(&broken, altered("'use strict';", "'use strict'; ")).unwrap();
-    assert!(!browser.console(&broken).is_empty(), "a script that the policy does not know ran");
-    let wrong =
-        faults(&browser.driven(&altered("slider.addEventListener('input'", "slider.addEventListener('x'")), &frames);
-    assert!(wrong.iter().any(|fault| fault.contains("1 pictures of")), "{wrong:?}");
-    fs::write(&broken, "<!doctype html><title>nothing</title><h1>Report</h1>").unwrap();
+    assert!(
+        !browser.console(&broken).is_empty(),
+        "a script that the policy does not know ran"
+    );
+    let wrong = faults(
+        &browser.driven(&altered(
+            "slider.addEventListener('input'",
+            "slider.addEventListener('x'",
+        )),
+        &frames,
+    );
+    assert!(
+        wrong.iter().any(|fault| fault.contains("1 pictures of")),
+        "{wrong:?}"
+    );
+    fs::write(
+        &broken,
+        "<!doctype html><title>nothing</title><h1>Report</h1>",
+    )
+    .unwrap();
     assert!(colours(&browser.screenshot(&broken)) <= MANY);
 }

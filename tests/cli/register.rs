@@ -18,10 +18,14 @@ fn body(turn: Vector3<f64>) -> TriangleMesh {
     let turn = nalgebra::UnitQuaternion::from_scaled_axis(turn);
     for v in &mut mesh.vertices {
         let p = turn * *v;
-        let bump = |c: [f64; 3], high: f64, sharp: f64| high * (-(p - Point3::from(c)).norm_squared() * sharp).exp();
-        let r =
-            1.0 + bump([1.0, 0.0, 0.0], 0.8, 4.0) + bump([0.0, 0.8, 0.6], 0.5, 6.0) + bump([-0.6, -0.8, 0.0], 0.4, 8.0)
-                - bump([0.0, -0.6, 0.8], 0.3, 5.0);
+        let bump = |c: [f64; 3], high: f64, sharp: f64| {
+            high * (-(p - Point3::from(c)).norm_squared() * sharp).exp()
+        };
+        let r = 1.0
+            + bump([1.0, 0.0, 0.0], 0.8, 4.0)
+            + bump([0.0, 0.8, 0.6], 0.5, 6.0)
+            + bump([-0.6, -0.8, 0.0], 0.4, 8.0)
+            - bump([0.0, -0.6, 0.8], 0.3, 5.0);
         *v = Point3::new(p.x * r * 1.6, p.y * r, p.z * r * 0.8);
     }
     mesh
@@ -34,7 +38,10 @@ fn put(scratch: &Scratch, name: &str, mesh: &TriangleMesh) -> PathBuf {
 }
 
 fn moved(mesh: &TriangleMesh, by: &Similarity3<f64>) -> TriangleMesh {
-    TriangleMesh { vertices: mesh.vertices.iter().map(|p| by * p).collect(), triangles: mesh.triangles.clone() }
+    TriangleMesh {
+        vertices: mesh.vertices.iter().map(|p| by * p).collect(),
+        triangles: mesh.triangles.clone(),
+    }
 }
 
 fn number(value: &Value) -> f64 {
@@ -45,7 +52,11 @@ fn number(value: &Value) -> f64 {
 fn a_known_similarity_is_found_and_told_as_a_matrix() {
     let scratch = Scratch::folder();
     let fixed = body(Vector3::zeros());
-    let known = Similarity3::new(Vector3::new(4.0, -2.0, 1.0), Vector3::new(1.0, 2.0, -0.7), 1.7);
+    let known = Similarity3::new(
+        Vector3::new(4.0, -2.0, 1.0),
+        Vector3::new(1.0, 2.0, -0.7),
+        1.7,
+    );
     // Other vertices of the same shape.
     let moving = moved(&body(Vector3::new(0.3, 0.2, 0.5)), &known.inverse());
     let heat: Vec<f64> = (0..642).map(f64::from).collect();
@@ -58,29 +69,74 @@ fn a_known_similarity_is_found_and_told_as_a_matrix() {
     };
     vtp::write(&a, &data).unwrap();
     let (b, out) = (put(&scratch, "b.obj", &fixed), scratch.join("out"));
-    let base = ["register", shown(&a), shown(&b), "--overlap", "0.8", "--json", "--out", shown(&out)];
+    let base = [
+        "register",
+        shown(&a),
+        shown(&b),
+        "--overlap",
+        "0.8",
+        "--json",
+        "--out",
+        shown(&out),
+    ];
     let done = run(&[&base[..], &["--with", "similarity"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let summary = json(&out.join("summary.json"));
-    assert_eq!(serde_json::from_slice::<Value>(&done.stdout).unwrap(), summary);
+    assert_eq!(
+        serde_json::from_slice::<Value>(&done.stdout).unwrap(),
+        summary
+    );
     let matrix = Matrix4::from_fn(|i, k| number(&summary["matrix"][i][k]));
     let place = |p: &Point3<f64>| Point3::from_homogeneous(matrix * p.to_homogeneous()).unwrap();
     let size = number(&summary["size"]);
-    let off = greatest(moving.vertices.iter().map(|p| (place(p) - known * p).norm())) / size;
+    let off = greatest(
+        moving
+            .vertices
+            .iter()
+            .map(|p| (place(p) - known * p).norm()),
+    ) / size;
     assert!(off <= 2e-3, "{off}");
     assert!((number(&summary["scale"]) / 1.7 - 1.0).abs() <= 2e-3);
-    assert!(number(&summary["inlier_share"]) > 0.95 && number(&summary["residual"]["rms"]) <= 3e-3 * size, "{summary}");
-    assert_eq!((&summary["non_rigid"], &summary["converged"]), (&Value::Null, &true.into()));
+    assert!(
+        number(&summary["inlier_share"]) > 0.95
+            && number(&summary["residual"]["rms"]) <= 3e-3 * size,
+        "{summary}"
+    );
+    assert_eq!(
+        (&summary["non_rigid"], &summary["converged"]),
+        (&Value::Null, &true.into())
+    );
     let names = names_in(&out);
-    for name in ["after.png", "before.png", "moved.obj", "moved.vtp", "report.html", "summary.json"] {
-        assert!(names.iter().any(|n| n == name), "{name} is not in {names:?}");
+    for name in [
+        "after.png",
+        "before.png",
+        "moved.obj",
+        "moved.vtp",
+        "report.html",
+        "summary.json",
+    ] {
+        assert!(
+            names.iter().any(|n| n == name),
+            "{name} is not in {names:?}"
+        );
     }
     let there = read(&out.join("moved.vtp")).unwrap().mesh;
     assert_eq!(there.triangles, moving.triangles);
-    assert!(greatest(there.vertices.iter().zip(&moving.vertices).map(|(q, p)| (q - place(p)).norm())) <= 1e-12 * size);
+    assert!(
+        greatest(
+            there
+                .vertices
+                .iter()
+                .zip(&moving.vertices)
+                .map(|(q, p)| (q - place(p)).norm())
+        ) <= 1e-12 * size
+    );
     let arrays = read_point_data(&out.join("moved.vtp")).unwrap();
     let named: Vec<&str> = arrays.iter().map(|d| d.name.as_str()).collect();
-    assert_eq!((named.as_slice(), &arrays[0].values), (&["heat", "distance", "inlier"][..], &heat));
+    assert_eq!(
+        (named.as_slice(), &arrays[0].values),
+        (&["heat", "distance", "inlier"][..], &heat)
+    );
     // Control: without a scale it does not fit, and says so; into the same folder, whose files are our own.
     let done = run(&base);
     assert_eq!(done.status.code(), Some(1), "{}", text(&done.stdout));
@@ -100,20 +156,39 @@ fn bending_comes_nearer_than_any_motion() {
         v.y += 0.06 * v.x * v.x;
         v.z *= 1.0 + 0.05 * v.x;
     }
-    let (a, b, out) = (put(&scratch, "a.obj", &bent), put(&scratch, "b.obj", &fixed), scratch.join("out"));
-    let base = ["register", shown(&a), shown(&b), "--overlap", "0.3", "--json", "--out", shown(&out)];
+    let (a, b, out) = (
+        put(&scratch, "a.obj", &bent),
+        put(&scratch, "b.obj", &fixed),
+        scratch.join("out"),
+    );
+    let base = [
+        "register",
+        shown(&a),
+        shown(&b),
+        "--overlap",
+        "0.3",
+        "--json",
+        "--out",
+        shown(&out),
+    ];
     let rms = |arguments: &[&str]| {
         let done = run(arguments);
         assert!(done.status.code() < Some(2), "{}", text(&done.stderr));
         let summary = json(&out.join("summary.json"));
-        (number(&summary["distance"]["rms"]) / number(&summary["size"]), summary)
+        (
+            number(&summary["distance"]["rms"]) / number(&summary["size"]),
+            summary,
+        )
     };
     let (rigid, _) = rms(&base);
     let (soft, summary) = rms(&[&base[..], &["--non-rigid", "--clusters", "60"]].concat());
     println!("distance over the size: {rigid:e} by a motion, {soft:e} bent");
     assert!(rigid > 4e-3 && soft < 0.3 * rigid, "{rigid} {soft}");
     assert_eq!(summary["non_rigid"]["clusters"], 60);
-    assert!(number(&summary["non_rigid"]["bend_max_rad"]) > 0.0 && number(&summary["non_rigid"]["bend_max_rad"]) < 1.0);
+    assert!(
+        number(&summary["non_rigid"]["bend_max_rad"]) > 0.0
+            && number(&summary["non_rigid"]["bend_max_rad"]) < 1.0
+    );
     let clusters = read_point_data(&out.join("moved.vtp")).unwrap();
     let cluster = clusters.iter().find(|d| d.name == "cluster").unwrap();
     assert_eq!(greatest(cluster.values.iter().copied()), 59.0);
@@ -127,26 +202,57 @@ fn what_cannot_be_registered_is_refused() {
     let few = scratch.join("few.obj");
     fs::write(&few, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let spot = scratch.join("spot.obj");
-    fs::write(&spot, "v 1 1 1\nv 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\nf 1 2 4\n").unwrap();
+    fs::write(
+        &spot,
+        "v 1 1 1\nv 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\nf 1 2 4\n",
+    )
+    .unwrap();
     let lines = scratch.join("lines.obj");
     fs::write(&lines, "v 0 0 0\nv 1 0 0\nl 1 2\n").unwrap();
     let cases: [(&[&str], &[&str]); 8] = [
-        (&[shown(&few), shown(&good)], &["few.obj: 3 vertices and 1 triangles; at least 4 and 1 are needed"]),
-        (&[shown(&good), shown(&spot)], &["spot.obj: all 4 vertices lie in one place"]),
-        (&[shown(&lines), shown(&good)], &["lines.obj: no triangles; give a surface"]),
+        (
+            &[shown(&few), shown(&good)],
+            &["few.obj: 3 vertices and 1 triangles; at least 4 and 1 are needed"],
+        ),
+        (
+            &[shown(&good), shown(&spot)],
+            &["spot.obj: all 4 vertices lie in one place"],
+        ),
+        (
+            &[shown(&lines), shown(&good)],
+            &["lines.obj: no triangles; give a surface"],
+        ),
         (&["nowhere.obj", shown(&good)], &["nowhere.obj"]),
-        (&[shown(&good), shown(&good), "--overlap", "2"], &["expected a share from 0.05 to 1"]),
-        (&[shown(&good), shown(&good), "--clusters", "20"], &["--non-rigid"]),
-        (&[shown(&good), shown(&good), "--with", "affine"], &["rigid, similarity"]),
-        (&[shown(&good), shown(&good), "--unit", "parsec"], &["`parsec` is no unit of length"]),
+        (
+            &[shown(&good), shown(&good), "--overlap", "2"],
+            &["expected a share from 0.05 to 1"],
+        ),
+        (
+            &[shown(&good), shown(&good), "--clusters", "20"],
+            &["--non-rigid"],
+        ),
+        (
+            &[shown(&good), shown(&good), "--with", "affine"],
+            &["rigid, similarity"],
+        ),
+        (
+            &[shown(&good), shown(&good), "--unit", "parsec"],
+            &["`parsec` is no unit of length"],
+        ),
     ];
     for (arguments, wanted) in cases {
         let done = run(&[&["register"], arguments, &["--out", shown(&out)]].concat());
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
         for part in wanted {
-            assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+            assert!(
+                message.contains(part),
+                "{arguments:?}: `{part}` is not in: {message}"
+            );
         }
-        assert!(done.stdout.is_empty() && !out.exists() && !message.contains("panicked"), "{arguments:?}: {message}");
+        assert!(
+            done.stdout.is_empty() && !out.exists() && !message.contains("panicked"),
+            "{arguments:?}: {message}"
+        );
     }
 }

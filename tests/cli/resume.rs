@@ -12,7 +12,11 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     for entry in fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()) {
         let name = entry.file_name().unwrap().to_str().unwrap().to_owned();
         if entry.is_dir() {
-            all.extend(files(&entry).into_iter().map(|(below, bytes)| (format!("{name}/{below}"), bytes)));
+            all.extend(
+                files(&entry)
+                    .into_iter()
+                    .map(|(below, bytes)| (format!("{name}/{below}"), bytes)),
+            );
         } else {
             all.insert(name, fs::read(&entry).unwrap());
         }
@@ -21,7 +25,12 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 /// Files that tell of times.
-const TIMED: [&str; 4] = ["times.csv", "summary.json", "report.html", "checkpoint.pliant"];
+const TIMED: [&str; 4] = [
+    "times.csv",
+    "summary.json",
+    "report.html",
+    "checkpoint.pliant",
+];
 
 /// The turn-table of a run's page, which tells of no times as the rest of the page does.
 fn turned(folder: &Path) -> String {
@@ -37,9 +46,17 @@ fn same(a: &Path, b: &Path) -> bool {
         assert!(summary.as_object_mut().unwrap().remove("time").is_some());
         summary
     };
-    let rows = |folder: &Path| fs::read_to_string(folder.join("times.csv")).unwrap().lines().count();
+    let rows = |folder: &Path| {
+        fs::read_to_string(folder.join("times.csv"))
+            .unwrap()
+            .lines()
+            .count()
+    };
     let differs = |name: &&String| !TIMED.contains(&name.as_str()) && fa[*name] != fb[*name];
-    fa.keys().find(differs).is_none() && turned(a) == turned(b) && timeless(a) == timeless(b) && rows(a) == rows(b)
+    fa.keys().find(differs).is_none()
+        && turned(a) == turned(b)
+        && timeless(a) == timeless(b)
+        && rows(a) == rows(b)
 }
 
 #[test]
@@ -47,11 +64,26 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     let scratch = Scratch::folder();
     let [whole, again, earlier] = ["whole", "again", "earlier"].map(|name| scratch.join(name));
     // Two bones that move, so that some of their files are named by several frames; fibres have files of their own.
-    let joint = ["bone.0.motion.centre=['0 m','0 m','0 m']", "bone.0.motion.axis=[-1,0,0]"];
+    let joint = [
+        "bone.0.motion.centre=['0 m','0 m','0 m']",
+        "bone.0.motion.axis=[-1,0,0]",
+    ];
     let keys = "bone.0.motion.keys=[{frame=3,angle='0 rad'},{frame=9,angle='1 rad'}]";
-    let scene = ["distance", "--set", joint[0], "--set", joint[1], "--set", keys];
+    let scene = [
+        "distance", "--set", joint[0], "--set", joint[1], "--set", keys,
+    ];
     let go = |folder: &Path, more: &[&str]| run_into(folder, &[&scene[..], more].concat());
-    go(&whole, &["--frames", "14", "--checkpoint-every", "5", "--animate", "gif"]);
+    go(
+        &whole,
+        &[
+            "--frames",
+            "14",
+            "--checkpoint-every",
+            "5",
+            "--animate",
+            "gif",
+        ],
+    );
     let list = fs::read_to_string(whole.join("pliant-files.txt")).unwrap();
     assert!(list.contains("\ncheckpoint.pliant\n"), "{list}");
 
@@ -64,10 +96,18 @@ fn a_run_that_goes_on_leaves_the_files_of_one_that_never_stopped() {
     // Killed after frame 11: of the last checkpoint, at 5, there are frames too many, half a file, and no tables.
     go(&earlier, &["--frames", "5", "--checkpoint-every", "5"]);
     go(&again, &["--frames", "11", "--animate", "gif"]);
-    fs::copy(earlier.join("checkpoint.pliant"), again.join("checkpoint.pliant")).unwrap();
+    fs::copy(
+        earlier.join("checkpoint.pliant"),
+        again.join("checkpoint.pliant"),
+    )
+    .unwrap();
     fs::write(again.join("frames/muscle_0012.vtp.part"), "half").unwrap();
     let list = fs::read_to_string(again.join("pliant-files.txt")).unwrap();
-    fs::write(again.join("pliant-files.txt"), list + "checkpoint.pliant\nframes/muscle_0012.vtp\n").unwrap();
+    fs::write(
+        again.join("pliant-files.txt"),
+        list + "checkpoint.pliant\nframes/muscle_0012.vtp\n",
+    )
+    .unwrap();
     fs::remove_file(again.join("summary.json")).unwrap();
     go(&again, &["--frames", "14", "--resume", "--animate", "gif"]);
     assert!(same(&whole, &again));
@@ -91,28 +131,66 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
     let out = scratch.join("out");
     let refuse = |arguments: &[&str], wanted: &[&str]| {
         let before = out.exists().then(|| files(&out));
-        let done = pliant().arg("run").args(arguments).args(["--out", shown(&out)]).output().unwrap();
+        let done = pliant()
+            .arg("run")
+            .args(arguments)
+            .args(["--out", shown(&out)])
+            .output()
+            .unwrap();
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {message}");
         for part in wanted {
-            assert!(message.contains(part), "{arguments:?}: `{part}` is not in: {message}");
+            assert!(
+                message.contains(part),
+                "{arguments:?}: `{part}` is not in: {message}"
+            );
         }
-        assert!(!message.contains("panicked") && message.contains("error: "), "{message}");
-        assert!(before == out.exists().then(|| files(&out)), "{arguments:?}: files changed");
+        assert!(
+            !message.contains("panicked") && message.contains("error: "),
+            "{message}"
+        );
+        assert!(
+            before == out.exists().then(|| files(&out)),
+            "{arguments:?}: files changed"
+        );
     };
-    refuse(&["distance", "--resume"], &["there is no checkpoint", "--checkpoint-every N", "--out"]);
-    refuse(&["distance", "--checkpoint-every", "0"], &["--checkpoint-every", "1..=10000000"]);
-    refuse(&["hip", "--accuracy", "1 %", "--checkpoint-every", "5"], &["measured times", "leave accuracy out"]);
-    run_into(&out, &["distance", "--frames", "4", "--checkpoint-every", "2"]);
+    refuse(
+        &["distance", "--resume"],
+        &["there is no checkpoint", "--checkpoint-every N", "--out"],
+    );
+    refuse(
+        &["distance", "--checkpoint-every", "0"],
+        &["--checkpoint-every", "1..=10000000"],
+    );
+    refuse(
+        &["hip", "--accuracy", "1 %", "--checkpoint-every", "5"],
+        &["measured times", "leave accuracy out"],
+    );
+    run_into(
+        &out,
+        &["distance", "--frames", "4", "--checkpoint-every", "2"],
+    );
     let resume = ["distance", "--frames", "6", "--resume"];
     let with = |more: &[&'static str]| [&resume[..], more].concat();
-    refuse(&with(&["--set", "iterations=7"]), &["another simulation, which differs in `solver`; ", "--set"]);
-    refuse(&["volume", "--frames", "6", "--resume"], &["the name of the scene", "without --resume"]);
-    refuse(&["distance", "--frames", "3", "--resume"], &["of frame 4, beyond the last wanted, 3", "--frames"]);
+    refuse(
+        &with(&["--set", "iterations=7"]),
+        &["another simulation, which differs in `solver`; ", "--set"],
+    );
+    refuse(
+        &["volume", "--frames", "6", "--resume"],
+        &["the name of the scene", "without --resume"],
+    );
+    refuse(
+        &["distance", "--frames", "3", "--resume"],
+        &["of frame 4, beyond the last wanted, 3", "--frames"],
+    );
     let frame = out.join("frames/muscle_0002.vtp");
     let kept = fs::read(&frame).unwrap();
     fs::remove_file(&frame).unwrap();
-    refuse(&resume, &["muscle_0002.vtp` is missing", "without --resume"]);
+    refuse(
+        &resume,
+        &["muscle_0002.vtp` is missing", "without --resume"],
+    );
     fs::write(&frame, &kept).unwrap();
     let checkpoint = out.join("checkpoint.pliant");
     let kept = fs::read(&checkpoint).unwrap();
@@ -125,16 +203,27 @@ fn what_cannot_go_on_is_refused_and_nothing_is_lost() {
         (b"solid\n".to_vec(), "it is no checkpoint"),
     ] {
         fs::write(&checkpoint, bytes).unwrap();
-        refuse(&resume, &[wanted, "checkpoint.pliant", "begin anew without --resume"]);
+        refuse(
+            &resume,
+            &[wanted, "checkpoint.pliant", "begin anew without --resume"],
+        );
     }
-    let version = kept.windows(5).position(|w| w == env!("CARGO_PKG_VERSION").as_bytes()).unwrap();
+    let version = kept
+        .windows(5)
+        .position(|w| w == env!("CARGO_PKG_VERSION").as_bytes())
+        .unwrap();
     let mut older = kept.clone();
     older[version] = b'X';
     fs::write(&checkpoint, older).unwrap();
     refuse(&resume, &["written by pliant X", "go on with that version"]);
     fs::remove_file(&checkpoint).unwrap();
     fs::create_dir(&checkpoint).unwrap();
-    let done = pliant().arg("run").args(resume).args(["--out", shown(&out)]).output().unwrap();
+    let done = pliant()
+        .arg("run")
+        .args(resume)
+        .args(["--out", shown(&out)])
+        .output()
+        .unwrap();
     assert_eq!(done.status.code(), Some(2));
     fs::remove_dir(&checkpoint).unwrap();
     // Control: as it was written, it goes on.
@@ -151,7 +240,16 @@ fn ctrl_c_leaves_a_checkpoint_of_the_last_frame() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = pliant()
-        .args(["run", "distance", "--frames", "10000000", "--checkpoint-every", "10000000", "--out", shown(&out)])
+        .args([
+            "run",
+            "distance",
+            "--frames",
+            "10000000",
+            "--checkpoint-every",
+            "10000000",
+            "--out",
+            shown(&out),
+        ])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .spawn()
@@ -161,12 +259,27 @@ fn ctrl_c_leaves_a_checkpoint_of_the_last_frame() {
     while !third.exists() && begun.elapsed().as_secs() < 60 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    assert!(super::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    assert!(
+        super::Command::new("kill")
+            .args(["-INT", &child.id().to_string()])
+            .status()
+            .unwrap()
+            .success()
+    );
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let last = json(&out.join("summary.json"))["frames"].as_u64().unwrap();
     let frames = (last + 2).to_string();
     run_into(&out, &["distance", "--frames", &frames, "--resume"]);
     let whole = scratch.join("whole");
-    run_into(&whole, &["distance", "--frames", &frames, "--checkpoint-every", "10000000"]);
+    run_into(
+        &whole,
+        &[
+            "distance",
+            "--frames",
+            &frames,
+            "--checkpoint-every",
+            "10000000",
+        ],
+    );
     assert!(same(&whole, &out));
 }

@@ -7,19 +7,40 @@ use serde_json::Value;
 
 use super::{Scratch, json, names_in, pliant, referenced, run, shown, text};
 
-const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/lattice-5x5x5.springs");
+const FILE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/examples/lattice-5x5x5.springs"
+);
 
 #[test]
 fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    let arguments = ["springs", FILE, "--mass", "1", "--dt", "0.05", "--every", "100", "--out", shown(&out), "--json"];
+    let arguments = [
+        "springs",
+        FILE,
+        "--mass",
+        "1",
+        "--dt",
+        "0.05",
+        "--every",
+        "100",
+        "--out",
+        shown(&out),
+        "--json",
+    ];
     let done = run(&arguments);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let said: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(said, json(&out.join("summary.json")));
-    assert_eq!((said["points"].as_u64(), said["springs"].as_u64()), (Some(125), Some(300)));
-    assert_eq!((said["points_held"].as_u64(), said["at_rest"].as_bool()), (Some(98), Some(true)));
+    assert_eq!(
+        (said["points"].as_u64(), said["springs"].as_u64()),
+        (Some(125), Some(300))
+    );
+    assert_eq!(
+        (said["points_held"].as_u64(), said["at_rest"].as_bool()),
+        (Some(98), Some(true))
+    );
     let number = |key: &str| said[key].as_f64().unwrap();
     // (7.2) for n = 5, m = 1; the limit 4/(d + sqrt(d^2 + 4 k)) with k = 14.47.
     assert!((number("damping_ns_m") - 4.9).abs() <= 5e-3);
@@ -27,17 +48,37 @@ fn the_shipped_file_comes_to_rest_and_leaves_its_results() {
     assert!((number("stability_limit_s") - 4.0 / (d + (d * d + 4.0 * 14.47).sqrt())).abs() <= 1e-3);
     assert!(number("residual_force_n") <= number("residual_force_allowed_n"));
     let names = names_in(&out);
-    for name in
-        ["start.vtp", "end.vtp", "start.png", "end.png", "measures.csv", "report.html", "lattice-5x5x5.pvd", "frames"]
-    {
-        assert!(names.iter().any(|n| n == name), "{name} is not among {names:?}");
+    for name in [
+        "start.vtp",
+        "end.vtp",
+        "start.png",
+        "end.png",
+        "measures.csv",
+        "report.html",
+        "lattice-5x5x5.pvd",
+        "frames",
+    ] {
+        assert!(
+            names.iter().any(|n| n == name),
+            "{name} is not among {names:?}"
+        );
     }
     let steps = said["steps"].as_u64().unwrap();
-    assert_eq!(referenced(&out, "lattice-5x5x5.pvd").len() as u64, 1 + steps / 100);
+    assert_eq!(
+        referenced(&out, "lattice-5x5x5.pvd").len() as u64,
+        1 + steps / 100
+    );
     let rows = fs::read_to_string(out.join("measures.csv")).unwrap();
-    assert!(rows.starts_with("step,time_s,dt_s,greatest_move_m,") && rows.lines().count() as u64 == steps + 1);
+    assert!(
+        rows.starts_with("step,time_s,dt_s,greatest_move_m,")
+            && rows.lines().count() as u64 == steps + 1
+    );
     let page = fs::read_to_string(out.join("report.html")).unwrap();
-    assert!(page.contains("at rest after") && page.contains("<svg") && page.matches("data:image/png").count() == 2);
+    assert!(
+        page.contains("at rest after")
+            && page.contains("<svg")
+            && page.matches("data:image/png").count() == 2
+    );
     let pictures = ["start.png", "end.png"].map(|name| fs::read(out.join(name)).unwrap());
     assert!(pictures.iter().all(|png| png.starts_with(b"\x89PNG")) && pictures[0] != pictures[1]);
 }
@@ -47,7 +88,14 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let of = |more: &[&str]| {
-        let fixed = ["springs", "--lattice", "4x4x5", "--out", shown(&out), "--json"];
+        let fixed = [
+            "springs",
+            "--lattice",
+            "4x4x5",
+            "--out",
+            shown(&out),
+            "--json",
+        ];
         let done = pliant().args(fixed).args(more).output().unwrap();
         let mut said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
         said["wall_s"] = 0.into();
@@ -60,7 +108,10 @@ fn lattices_and_threads_give_the_same_and_every_integrator_gets_there() {
     for name in ["semi-implicit", "explicit", "rk4", "bdf2", "implicit"] {
         let (code, said) = of(&["--integrator", name]);
         assert_eq!(code, Some(0), "{name}: {said}");
-        assert_eq!(said["stability_limit_s"].is_null(), name == "implicit" || name == "bdf2");
+        assert_eq!(
+            said["stability_limit_s"].is_null(),
+            name == "implicit" || name == "bdf2"
+        );
     }
     assert_eq!(of(&["--adaptive", "--dt", "3"]).0, Some(0));
     // Too few steps: a result that fails.
@@ -75,7 +126,17 @@ fn ctrl_c_ends_a_long_run_with_what_there_is() {
     let out = scratch.join("out");
     // A step that is far too short to get anywhere.
     let mut child = pliant()
-        .args(["springs", "--lattice", "12x12x12", "--dt", "1e-9", "--steps", "10000000", "--every", "5"])
+        .args([
+            "springs",
+            "--lattice",
+            "12x12x12",
+            "--dt",
+            "1e-9",
+            "--steps",
+            "10000000",
+            "--every",
+            "5",
+        ])
         .args(["--out", shown(&out)])
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -86,16 +147,35 @@ fn ctrl_c_ends_a_long_run_with_what_there_is() {
     while !tenth.exists() && begun.elapsed().as_secs() < 60 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let sent = Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let summary = json(&out.join("summary.json"));
     assert_eq!(summary["at_rest"], false);
-    assert!(summary["end"].as_str().unwrap().starts_with("stopped after"), "{}", summary["end"]);
+    assert!(
+        summary["end"]
+            .as_str()
+            .unwrap()
+            .starts_with("stopped after"),
+        "{}",
+        summary["end"]
+    );
     let steps = summary["steps"].as_u64().unwrap();
     assert!(steps >= 10 && out.join("end.vtp").exists() && out.join("report.html").exists());
-    assert_eq!(referenced(&out, "lattice-12x12x12-6.pvd").len() as u64, 1 + steps / 5);
-    assert_eq!(fs::read_to_string(out.join("measures.csv")).unwrap().lines().count() as u64, 1 + steps.min(20_000));
+    assert_eq!(
+        referenced(&out, "lattice-12x12x12-6.pvd").len() as u64,
+        1 + steps / 5
+    );
+    assert_eq!(
+        fs::read_to_string(out.join("measures.csv"))
+            .unwrap()
+            .lines()
+            .count() as u64,
+        1 + steps.min(20_000)
+    );
 }
 
 #[test]
@@ -105,32 +185,61 @@ fn what_cannot_be_run_is_refused_before_anything_is_written() {
     let file = scratch.join("bad.springs");
     fs::write(&file, "2 1\n0 0 0 m\n1 0 0 x\n").unwrap();
     let cases: [(&[&str], &str); 15] = [
-        (&[shown(&file)], "bad.springs:3:7: error[E042]: expected m (surface point) or i"),
+        (
+            &[shown(&file)],
+            "bad.springs:3:7: error[E042]: expected m (surface point) or i",
+        ),
         (&["no-such.springs"], "error[E060]"),
         (&[FILE, "--dt", "0.5"], "verlet needs less than 0."),
-        (&[FILE, "--integrator", "explicit", "--damping", "0"], "no step is stable without damping"),
+        (
+            &[FILE, "--integrator", "explicit", "--damping", "0"],
+            "no step is stable without damping",
+        ),
         (&[FILE, "--mass", "-1"], "expected a positive number"),
         (&[FILE, "--shrink", "1"], "expected a share"),
         (&[FILE, "--integrator", "euler"], "possible values"),
         (&["--lattice", "5x5"], "expected three numbers of points"),
         (&["--lattice", "1x5x5"], "at least 2 points"),
-        (&["--lattice", "99999x99999x99999"], "at most 1073741824 points in all"),
-        (&["--lattice", "1020x1020x1020", "--neighbours", "26"], "GiB of memory"),
+        (
+            &["--lattice", "99999x99999x99999"],
+            "at most 1073741824 points in all",
+        ),
+        (
+            &["--lattice", "1020x1020x1020", "--neighbours", "26"],
+            "GiB of memory",
+        ),
         (&["--lattice", "5x5x5", "--neighbours", "7"], "6 or 26"),
         (&[FILE, "--neighbours", "26"], "cannot be used with"),
-        (&["--lattice", "5x5x5", "--mass", "1e-300"], "give a greater --mass"),
-        (&["--lattice", "5x5x5", "--side", "1e200"], "a parameter that its law does not take"),
+        (
+            &["--lattice", "5x5x5", "--mass", "1e-300"],
+            "give a greater --mass",
+        ),
+        (
+            &["--lattice", "5x5x5", "--side", "1e200"],
+            "a parameter that its law does not take",
+        ),
     ];
     for (arguments, expected) in cases {
-        let done = pliant().arg("springs").args(arguments).args(["--out", shown(&out)]).output().unwrap();
+        let done = pliant()
+            .arg("springs")
+            .args(arguments)
+            .args(["--out", shown(&out)])
+            .output()
+            .unwrap();
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(expected) && !said.contains("panicked"), "{arguments:?}: {said}");
+        assert!(
+            said.contains(expected) && !said.contains("panicked"),
+            "{arguments:?}: {said}"
+        );
     }
     assert!(!out.exists());
     let done = run(&["springs"]);
     let said = text(&done.stderr);
-    assert!(done.status.code() == Some(2) && said.contains("name a file") && said.contains("--lattice"), "{said}");
+    assert!(
+        done.status.code() == Some(2) && said.contains("name a file") && said.contains("--lattice"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -138,25 +247,58 @@ fn steps_that_are_not_enough_are_told_how_many_would_be() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let of = |more: &[&str]| {
-        let done = pliant().args(["springs", "--out", shown(&out), "--json"]).args(more).output().unwrap();
+        let done = pliant()
+            .args(["springs", "--out", shown(&out), "--json"])
+            .args(more)
+            .output()
+            .unwrap();
         let said: Value = serde_json::from_slice(&done.stdout).unwrap_or_default();
         (done.status.code(), said, text(&done.stderr))
     };
     let lattice = ["--lattice", "14x14x14", "--steps"];
     let (code, said, _) = of(&[&lattice[..], &["60"]].concat());
     assert_eq!(code, Some(1), "{said}");
-    let hint = said["notes"].as_array().unwrap().last().unwrap().as_str().unwrap().to_owned();
-    let steps = hint.split("--steps ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().to_owned();
+    let hint = said["notes"]
+        .as_array()
+        .unwrap()
+        .last()
+        .unwrap()
+        .as_str()
+        .unwrap()
+        .to_owned();
+    let steps = hint
+        .split("--steps ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next())
+        .unwrap()
+        .to_owned();
     assert!(steps.parse::<u32>().unwrap() > 60, "{hint}");
     let (code, said, _) = of(&[&lattice[..], &[&steps]].concat());
     assert_eq!(code, Some(0), "{hint} {said}");
     // Without damping it is said at once, and few steps are made.
     let (code, said, heard) = of(&["--lattice", "5x5x5", "--damping", "0"]);
-    assert_eq!((code, said["steps"].as_u64()), (Some(1), Some(1000)), "{said}");
-    assert!(heard.starts_with("note: without damping nothing comes to rest"), "{heard}");
+    assert_eq!(
+        (code, said["steps"].as_u64()),
+        (Some(1), Some(1000)),
+        "{said}"
+    );
+    assert!(
+        heard.starts_with("note: without damping nothing comes to rest"),
+        "{heard}"
+    );
     let (_, said, _) = of(&["--lattice", "5x5x5", "--damping", "0", "--steps", "30"]);
     assert_eq!(said["steps"].as_u64(), Some(30));
     // An integrator that damps by itself gets there.
-    let (code, _, heard) = of(&["--lattice", "4x4x4", "--damping", "0", "--integrator", "implicit"]);
-    assert!(code == Some(0) && !heard.contains("without damping"), "{heard}");
+    let (code, _, heard) = of(&[
+        "--lattice",
+        "4x4x4",
+        "--damping",
+        "0",
+        "--integrator",
+        "implicit",
+    ]);
+    assert!(
+        code == Some(0) && !heard.contains("without damping"),
+        "{heard}"
+    );
 }

@@ -7,10 +7,20 @@ use serde_json::Value;
 use super::{Scratch, json, names_in, pliant, referenced, run, run_into, shown, text, turntable};
 
 /// The flat implant on a mesh that takes a second.
-const SMALL: [&str; 6] = ["flat-implant", "--set", "sheet.cells=32", "--set", "skin.edge_length=6.25 mm", "--set"];
+const SMALL: [&str; 6] = [
+    "flat-implant",
+    "--set",
+    "sheet.cells=32",
+    "--set",
+    "skin.edge_length=6.25 mm",
+    "--set",
+];
 
 fn number(value: &Value, path: &str) -> f64 {
-    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}: {value}"))
+    value
+        .pointer(path)
+        .and_then(Value::as_f64)
+        .unwrap_or_else(|| panic!("{path}: {value}"))
 }
 
 /// The summary of a run, printed and kept alike.
@@ -18,15 +28,27 @@ fn summary(arguments: &[&str]) -> (Scratch, Value) {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let done = run_into(&out, &[arguments, &["--json"]].concat());
-    let printed: Value = serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
+    let printed: Value =
+        serde_json::from_slice(&done.stdout).expect("nothing but JSON on standard output");
     assert_eq!(printed, json(&out.join("summary.json")));
-    assert_eq!((&printed["interrupted"], &printed["converged"]), (&Value::Bool(false), &Value::Bool(true)));
+    assert_eq!(
+        (&printed["interrupted"], &printed["converged"]),
+        (&Value::Bool(false), &Value::Bool(true))
+    );
     for key in ["run", "left_out"] {
-        assert!(printed["effects"][key].as_array().is_some_and(|all| !all.is_empty()), "{key}");
+        assert!(
+            printed["effects"][key]
+                .as_array()
+                .is_some_and(|all| !all.is_empty()),
+            "{key}"
+        );
     }
     assert!(number(&printed, "/time/total_s") > 0.0);
     let verdicts = printed["verdicts"].as_array().unwrap();
-    assert!(!verdicts.is_empty() && verdicts.iter().all(|v| v["kept"] == true), "{verdicts:?}");
+    assert!(
+        !verdicts.is_empty() && verdicts.iter().all(|v| v["kept"] == true),
+        "{verdicts:?}"
+    );
     (scratch, printed)
 }
 
@@ -42,7 +64,10 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
     assert!((4.0..=16.3).contains(&gain), "{gain} cm2");
     for span in ["retracted", "grown"] {
         let [low, high] = ["low", "high"].map(|end| of(&format!("/area_{span}_m2/{end}")));
-        assert!(of("/area_before_m2") <= low && low < high && high <= of("/area_deformed_m2"), "{span}");
+        assert!(
+            of("/area_before_m2") <= low && low < high && high <= of("/area_deformed_m2"),
+            "{span}"
+        );
     }
     assert!((of("/implant_volume_m3") / 50e-6 - 1.0).abs() <= 1e-6);
     assert!(of("/volume_difference_m3") >= 0.995 * 50e-6 && of("/stretch_max") > 1.0);
@@ -54,40 +79,89 @@ fn a_flat_implant_has_areas_frames_and_pictures() {
     // The skin and the implant, before and after.
     assert_eq!(referenced(&out, "flat-implant.pvd").len(), 4);
     assert_eq!(names_in(&out.join("frames")).len(), 4);
-    assert_eq!(fs::read_to_string(out.join("measures.csv")).unwrap().lines().count(), 3);
+    assert_eq!(
+        fs::read_to_string(out.join("measures.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        3
+    );
     let (table, page) = turntable(&fs::read_to_string(out.join("report.html")).unwrap());
     assert_eq!(page.matches("data:image/png;base64,").count(), 6);
     assert!(table.contains("data-frames=\"0 1\"") && table.matches("data-pictures").count() == 3);
     assert!(page.contains("area retracted [cm2]") && page.contains("Effects left out"));
-    let skin = pliant::io::read(&out.join("frames/skin_0001.vtp")).unwrap().mesh;
+    let skin = pliant::io::read(&out.join("frames/skin_0001.vtp"))
+        .unwrap()
+        .mesh;
     let highest = skin.vertices.iter().map(|p| p.z).fold(0.0, f64::max);
     assert!((0.01..0.06).contains(&highest), "{highest} m");
 }
 
 #[test]
 fn an_expander_is_filled_step_by_step_over_its_skull() {
-    let arguments = ["expander", "--frames", "2", "--set", "skin.edge_length=6 mm", "--animate", "gif"];
+    let arguments = [
+        "expander",
+        "--frames",
+        "2",
+        "--set",
+        "skin.edge_length=6 mm",
+        "--animate",
+        "gif",
+    ];
     let (scratch, found) = summary(&arguments);
     let frames = found["implants"][0]["frames"].as_array().unwrap();
-    let volumes: Vec<f64> = frames.iter().map(|f| number(f, "/implant_volume_m3") * 1e6).collect();
+    let volumes: Vec<f64> = frames
+        .iter()
+        .map(|f| number(f, "/implant_volume_m3") * 1e6)
+        .collect();
     assert!(
-        volumes.len() == 2 && (volumes[0] - 10.0).abs() <= 1e-4 && (volumes[1] - 20.0).abs() <= 1e-4,
+        volumes.len() == 2
+            && (volumes[0] - 10.0).abs() <= 1e-4
+            && (volumes[1] - 20.0).abs() <= 1e-4,
         "{volumes:?}"
     );
-    let areas: Vec<f64> = frames.iter().map(|f| number(f, "/area_deformed_m2")).collect();
-    assert!(number(&found, "/area_before_m2") < areas[0] && areas[0] < areas[1], "{areas:?}");
+    let areas: Vec<f64> = frames
+        .iter()
+        .map(|f| number(f, "/area_deformed_m2"))
+        .collect();
+    assert!(
+        number(&found, "/area_before_m2") < areas[0] && areas[0] < areas[1],
+        "{areas:?}"
+    );
     // The skull ends at 84 mm; the shell may sink in by a thousandth of its base of 6 cm.
     let out = scratch.join("out");
-    let shell = pliant::io::read(&out.join("frames/expander_0002.vtp")).unwrap().mesh;
-    let lowest = shell.vertices.iter().map(|p| p.coords.norm()).fold(f64::INFINITY, f64::min);
+    let shell = pliant::io::read(&out.join("frames/expander_0002.vtp"))
+        .unwrap()
+        .mesh;
+    let lowest = shell
+        .vertices
+        .iter()
+        .map(|p| p.coords.norm())
+        .fold(f64::INFINITY, f64::min);
     assert!(lowest >= 0.084 - 2e-4, "{lowest} m");
-    assert!(fs::read(out.join("expander.gif")).unwrap().starts_with(b"GIF8"));
-    assert!(referenced(&out, "expander.pvd").iter().any(|f| f.contains("obstacle_skull")));
+    assert!(
+        fs::read(out.join("expander.gif"))
+            .unwrap()
+            .starts_with(b"GIF8")
+    );
+    assert!(
+        referenced(&out, "expander.pvd")
+            .iter()
+            .any(|f| f.contains("obstacle_skull"))
+    );
 }
 
 #[test]
 fn a_ball_lifts_a_sheet() {
-    let arguments = ["sheet", "--frames", "3", "--set", "sheet.cells=24", "--set", "skin.edge_length=0.5 mm"];
+    let arguments = [
+        "sheet",
+        "--frames",
+        "3",
+        "--set",
+        "sheet.cells=24",
+        "--set",
+        "skin.edge_length=0.5 mm",
+    ];
     let (scratch, found) = summary(&arguments);
     let of = |path: &str| number(&found, &format!("/ball{path}"));
     // A cone from the rim to the ball, and a cap of it, have 1.29 times the area of the rim's circle where that is 3.82 mm
@@ -96,7 +170,11 @@ fn a_ball_lifts_a_sheet() {
     assert!((1.15..1.29).contains(&stretched), "{stretched}");
     assert!(found["implants"].as_array().unwrap().is_empty());
     let names = names_in(&scratch.join("out").join("frames"));
-    assert_eq!(names.iter().filter(|n| n.starts_with("ball_")).count(), 4, "{names:?}");
+    assert_eq!(
+        names.iter().filter(|n| n.starts_with("ball_")).count(),
+        4,
+        "{names:?}"
+    );
 }
 
 #[test]
@@ -107,13 +185,23 @@ fn a_soft_cube_keeps_its_volume_under_a_ball() {
     let cube = &json(&out.join("summary.json"))["muscles"][0];
     // The source loses half of a percent.
     assert!(number(cube, "/volume_error_max") <= 1e-3);
-    assert!(number(cube, "/edge_stretch_rms_end") >= 0.01, "control: nothing was pressed");
+    assert!(
+        number(cube, "/edge_stretch_rms_end") >= 0.01,
+        "control: nothing was pressed"
+    );
     assert_eq!(cube["vertices"], 386);
 }
 
 #[test]
 fn a_lattice_that_was_dragged_comes_back() {
-    let set = ["--set", "lattice.points=[4,5,6]", "--set", "lattice.release=10", "--frames", "60"];
+    let set = [
+        "--set",
+        "lattice.points=[4,5,6]",
+        "--set",
+        "lattice.release=10",
+        "--frames",
+        "60",
+    ];
     let (scratch, found) = summary(&[&["lattice"][..], &set].concat());
     let of = |path: &str| number(&found, &format!("/lattice/{path}"));
     assert_eq!((of("points"), of("neighbours")), (120.0, 26.0));
@@ -127,30 +215,57 @@ fn the_plan_tells_what_runs_and_why_the_rest_does_not() {
     let done = run(&["plan", "expander"]);
     let said = text(&done.stdout);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    for part in ["two layers of skin", "volume of the implant", "contact with skull", "Left out", "gravity", "friction"]
-    {
+    for part in [
+        "two layers of skin",
+        "volume of the implant",
+        "contact with skull",
+        "Left out",
+        "gravity",
+        "friction",
+    ] {
         assert!(said.contains(part), "`{part}` is not in: {said}");
     }
     let plan = |more: &[&str]| -> Value {
         let done = run(&[&["plan"], more, &["--json"]].concat());
         serde_json::from_slice(&done.stdout).unwrap_or_else(|_| panic!("{}", text(&done.stderr)))
     };
-    let has = |list: &Value, effect: &str| list.as_array().unwrap().iter().any(|row| row["effect"] == effect);
+    let has = |list: &Value, effect: &str| {
+        list.as_array()
+            .unwrap()
+            .iter()
+            .any(|row| row["effect"] == effect)
+    };
     let flat = plan(&["flat-implant"]);
-    assert!(has(&flat["run"], "contact with what was under the skin") && has(&flat["left_out"], "growth"));
+    assert!(
+        has(&flat["run"], "contact with what was under the skin")
+            && has(&flat["left_out"], "growth")
+    );
     // The source's count.
-    let layers = flat["run"].as_array().unwrap().iter().find(|row| row["effect"] == "two layers of skin").unwrap();
+    let layers = flat["run"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|row| row["effect"] == "two layers of skin")
+        .unwrap();
     assert_eq!(layers["elements"], 11140);
     let sheet = plan(&["sheet"]);
-    let layers = sheet["run"].as_array().unwrap().iter().find(|row| row["effect"] == "two layers of skin").unwrap();
+    let layers = sheet["run"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .find(|row| row["effect"] == "two layers of skin")
+        .unwrap();
     assert_eq!(layers["elements"], 22176);
     // An obstacle out of reach is left out.
     let scratch = Scratch::folder();
     let scene = scratch.join("far.toml");
     let far = FLAT.to_owned() + "[[obstacle]]\nname = 'far'\nmesh = 'far.obj'\nunit = 'm'\n";
     fs::write(&scene, far).unwrap();
-    fs::write(scratch.join("far.obj"), "v 5 0 0\nv 6 0 0\nv 5 1 0\nv 5 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
-        .unwrap();
+    fs::write(
+        scratch.join("far.obj"),
+        "v 5 0 0\nv 6 0 0\nv 5 1 0\nv 5 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n",
+    )
+    .unwrap();
     let found = plan(&[shown(&scene)]);
     assert!(has(&found["left_out"], "contact with far") && !has(&found["run"], "contact with far"));
     assert!(has(&plan(&["lattice"])["run"], "springs"));
@@ -163,35 +278,84 @@ fn a_study_compares_volumes() {
     let study = "scene = 'flat-implant'\nmeasures = ['area_gain_m2', 'stretch_max']\n[set]\n\
                  'sheet.cells' = 32\n'skin.edge_length' = '6.25 mm'\n[vary]\n'implant.volume' = ['40 cc', '60cc', '80 cc']\n";
     fs::write(&file, study).unwrap();
-    let done = pliant().args(["study", shown(&file), "--out", shown(&out), "--json"]).output().unwrap();
+    let done = pliant()
+        .args(["study", shown(&file), "--out", shown(&out), "--json"])
+        .output()
+        .unwrap();
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     let rows = found["rows"].as_array().unwrap();
-    let gains: Vec<f64> = rows.iter().map(|row| number(row, "/area_gain_m2") * 1e4).collect();
-    assert!(gains.len() == 3 && gains[0] < gains[1] && gains[1] < gains[2], "{gains:?}");
-    assert!(rows.iter().all(|row| row["status"] == "converged" && row.get("volume_error").is_none()));
+    let gains: Vec<f64> = rows
+        .iter()
+        .map(|row| number(row, "/area_gain_m2") * 1e4)
+        .collect();
+    assert!(
+        gains.len() == 3 && gains[0] < gains[1] && gains[1] < gains[2],
+        "{gains:?}"
+    );
+    assert!(
+        rows.iter()
+            .all(|row| row["status"] == "converged" && row.get("volume_error").is_none())
+    );
     assert!(out.join("sheet.png").is_file());
     // Nothing is left to run.
-    let again = pliant().args(["study", shown(&file), "--out", shown(&out), "--dry-run", "--json"]).output().unwrap();
-    assert!(!text(&again.stdout).contains("to run"), "{}", text(&again.stdout));
+    let again = pliant()
+        .args([
+            "study",
+            shown(&file),
+            "--out",
+            shown(&out),
+            "--dry-run",
+            "--json",
+        ])
+        .output()
+        .unwrap();
+    assert!(
+        !text(&again.stdout).contains("to run"),
+        "{}",
+        text(&again.stdout)
+    );
     fs::write(&file, study.replace("stretch_max", "residual_m")).unwrap();
-    let refused = pliant().args(["study", shown(&file), "--out", shown(&out)]).output().unwrap();
+    let refused = pliant()
+        .args(["study", shown(&file), "--out", shown(&out)])
+        .output()
+        .unwrap();
     assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("it has no measure `residual_m`"), "{}", text(&refused.stderr));
+    assert!(
+        text(&refused.stderr).contains("it has no measure `residual_m`"),
+        "{}",
+        text(&refused.stderr)
+    );
 }
 
 #[test]
 fn accuracy_compares_meshes_and_methods() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
-    let set = ["--set", "sheet.cells=20", "--set", "skin.edge_length=10 mm", "--budget", "4s"];
-    let done = run(&[&["accuracy", "flat-implant", "--json", "--out", shown(&out)], &set[..]].concat());
+    let set = [
+        "--set",
+        "sheet.cells=20",
+        "--set",
+        "skin.edge_length=10 mm",
+        "--budget",
+        "4s",
+    ];
+    let done = run(&[
+        &["accuracy", "flat-implant", "--json", "--out", shown(&out)],
+        &set[..],
+    ]
+    .concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(found, json(&out.join("summary.json")));
     let rows = found["rows"].as_array().unwrap();
     let edge = number(&found, "/reference/edge_m");
-    assert!(!rows.is_empty() && rows.iter().all(|r| r["method"] != "newton" || number(r, "/edge_m") > edge));
+    assert!(
+        !rows.is_empty()
+            && rows
+                .iter()
+                .all(|r| r["method"] != "newton" || number(r, "/edge_m") > edge)
+    );
     assert!(number(&found, "/uncertainty_m2") > 0.0);
     for row in rows {
         let error = number(row, "/area_gain_m2") - number(&found, "/reference/area_gain_m2");
@@ -224,40 +388,109 @@ fn wrong_scenes_say_where_and_what_to_change() {
         assert!(FLAT.contains(from), "{from}");
         FLAT.replacen(from, to, 1)
     };
-    refused(&with("base", "bass"), &["s.toml:8:1: error[E052]: implant.0: unknown key `bass`, did you mean `base`?"]);
+    refused(
+        &with("base", "bass"),
+        &["s.toml:8:1: error[E052]: implant.0: unknown key `bass`, did you mean `base`?"],
+    );
     let orphan = FLAT.split("[[implant]]").nth(1).unwrap();
-    refused(&format!("[[implant]]{orphan}"), &["s.toml:1:1: error[E055]", "`skin` is missing", "[[skin]]"]);
-    refused(&with("'50 cc'", "'-50 cc'"), &["s.toml:9:10: error[E051]", "give a volume greater than zero"]);
-    refused(&with("'50 cc'", "'50 cm'"), &["s.toml:9:10: error[E058]", "`cm` is a unit of length, not of volume"]);
+    refused(
+        &format!("[[implant]]{orphan}"),
+        &["s.toml:1:1: error[E055]", "`skin` is missing", "[[skin]]"],
+    );
+    refused(
+        &with("'50 cc'", "'-50 cc'"),
+        &[
+            "s.toml:9:10: error[E051]",
+            "give a volume greater than zero",
+        ],
+    );
+    refused(
+        &with("'50 cc'", "'50 cm'"),
+        &[
+            "s.toml:9:10: error[E058]",
+            "`cm` is a unit of length, not of volume",
+        ],
+    );
     refused(
         &with("'50 cc'", "'9 l'"),
-        &["s.toml:9:10: error[E076]", "larger than the region", "make the volume smaller"],
+        &[
+            "s.toml:9:10: error[E076]",
+            "larger than the region",
+            "make the volume smaller",
+        ],
     );
     let both = format!("{FLAT}[[muscle]]\nname = 'm'\nshape = 'tetrahedron'\n");
-    refused(&both, &["error[E056]", "`muscle` and `skin` exclude each other"]);
-    let missing = with("shape = 'sheet'\n[sheet]\nside = '20 cm'\ncells = 24\n", "mesh = 'nowhere.obj'\nunit = 'm'\n");
+    refused(
+        &both,
+        &["error[E056]", "`muscle` and `skin` exclude each other"],
+    );
+    let missing = with(
+        "shape = 'sheet'\n[sheet]\nside = '20 cm'\ncells = 24\n",
+        "mesh = 'nowhere.obj'\nunit = 'm'\n",
+    );
     refused(&missing, &["no file", "nowhere.obj"]);
-    refused(&with("'0 mm', '0 mm', '0 mm'", "'9 cm', '0 mm', '0 mm'"), &["s.toml:7:6: error[E076]", "border"]);
-    refused(&with("'0 mm', '0 mm', '0 mm'", "'0 m', '0 m', '1 m'"), &["error[E076]", "check `at` and `unit`"]);
-    refused(&with("cells = 24", "cells = 2"), &["s.toml:5:9: error[E051]", "from 4 to 1024"]);
-    refused(&format!("{FLAT}[effects.gravity]\n"), &["`skin` and `effects` exclude each other"]);
-    let unsorted = with("volume = '50 cc'", "fill = [{ frame = 2, volume = '9 cc' }, { frame = 2, volume = '8 cc' }]");
-    refused(&unsorted, &["error[E059]", "frame 2 does not come after frame 2"]);
+    refused(
+        &with("'0 mm', '0 mm', '0 mm'", "'9 cm', '0 mm', '0 mm'"),
+        &["s.toml:7:6: error[E076]", "border"],
+    );
+    refused(
+        &with("'0 mm', '0 mm', '0 mm'", "'0 m', '0 m', '1 m'"),
+        &["error[E076]", "check `at` and `unit`"],
+    );
+    refused(
+        &with("cells = 24", "cells = 2"),
+        &["s.toml:5:9: error[E051]", "from 4 to 1024"],
+    );
+    refused(
+        &format!("{FLAT}[effects.gravity]\n"),
+        &["`skin` and `effects` exclude each other"],
+    );
+    let unsorted = with(
+        "volume = '50 cc'",
+        "fill = [{ frame = 2, volume = '9 cc' }, { frame = 2, volume = '8 cc' }]",
+    );
+    refused(
+        &unsorted,
+        &["error[E059]", "frame 2 does not come after frame 2"],
+    );
     refused(
         "frames = 9\nframe_rate = '60 Hz'\n[lattice]\npoints = [4, 4]\nside = '1 cm'\n",
         &["s.toml:4:10", "x, y, z"],
     );
     for (arguments, wanted) in [
-        (&["run", "flat-implant", "--checkpoint-every", "1"][..], "leave --checkpoint-every and --resume out"),
-        (&["run", "flat-implant", "--accuracy", "1 %"], "`pliant accuracy` tells which `edge_length`"),
+        (
+            &["run", "flat-implant", "--checkpoint-every", "1"][..],
+            "leave --checkpoint-every and --resume out",
+        ),
+        (
+            &["run", "flat-implant", "--accuracy", "1 %"],
+            "`pliant accuracy` tells which `edge_length`",
+        ),
         (&["accuracy", "lattice"], "varies `lattice.points`"),
-        (&["accuracy", "flat-implant", "--frames", "3"], "leave --frames out"),
-        (&["run", "sheet", "--set", "implant.volume=1cc"], "the scene has no `implant`"),
-        (&["run", "sheet", "--set", "skin.depth=1mm"], "unknown key `depth`"),
+        (
+            &["accuracy", "flat-implant", "--frames", "3"],
+            "leave --frames out",
+        ),
+        (
+            &["run", "sheet", "--set", "implant.volume=1cc"],
+            "the scene has no `implant`",
+        ),
+        (
+            &["run", "sheet", "--set", "skin.depth=1mm"],
+            "unknown key `depth`",
+        ),
     ] {
-        let done = pliant().args(arguments).current_dir(&scratch).output().unwrap();
+        let done = pliant()
+            .args(arguments)
+            .current_dir(&scratch)
+            .output()
+            .unwrap();
         assert_eq!(done.status.code(), Some(2), "{arguments:?}");
-        assert!(text(&done.stderr).contains(wanted), "{arguments:?}: {}", text(&done.stderr));
+        assert!(
+            text(&done.stderr).contains(wanted),
+            "{arguments:?}: {}",
+            text(&done.stderr)
+        );
     }
 }
 
@@ -267,7 +500,16 @@ fn what_was_interrupted_has_not_converged() {
     let scratch = Scratch::folder();
     let out = scratch.join("out");
     let mut child = super::pliant()
-        .args(["run", "expander", "--frames", "500", "--set", "skin.edge_length=6 mm", "--out", shown(&out)])
+        .args([
+            "run",
+            "expander",
+            "--frames",
+            "500",
+            "--set",
+            "skin.edge_length=6 mm",
+            "--out",
+            shown(&out),
+        ])
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .spawn()
@@ -277,11 +519,17 @@ fn what_was_interrupted_has_not_converged() {
     while !first.exists() && begun.elapsed().as_secs() < 120 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let summary = json(&out.join("summary.json"));
     let frames = summary["frames"].as_u64().unwrap();
     assert!((1..500).contains(&frames), "{frames} frames");
-    assert_eq!((&summary["interrupted"], &summary["converged"]), (&Value::Bool(true), &Value::Bool(false)));
+    assert_eq!(
+        (&summary["interrupted"], &summary["converged"]),
+        (&Value::Bool(true), &Value::Bool(false))
+    );
 }

@@ -46,7 +46,11 @@ fn written(scratch: &Scratch, study: &str) -> String {
 }
 
 fn study(file: &str, out: &Path, more: &[&str]) -> String {
-    let done = pliant().args(["study", file, "--out", shown(out)]).args(more).output().unwrap();
+    let done = pliant()
+        .args(["study", file, "--out", shown(out)])
+        .args(more)
+        .output()
+        .unwrap();
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     text(&done.stdout)
 }
@@ -55,13 +59,21 @@ fn study(file: &str, out: &Path, more: &[&str]) -> String {
 fn to_run(file: &str, out: &Path, more: &[&str]) -> usize {
     let said = study(file, out, &[&["--dry-run", "--json"], more].concat());
     let rows: Value = serde_json::from_str(&said).unwrap();
-    rows["rows"].as_array().unwrap().iter().filter(|r| r["state"] == "to run").count()
+    rows["rows"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|r| r["state"] == "to run")
+        .count()
 }
 
 /// All files of a folder but the page's and the runs', by name.
 fn results(out: &Path) -> BTreeMap<String, Vec<u8>> {
-    let all = names_in(out).into_iter().filter(|n| n != "runs" && n != "pliant-files.txt");
-    all.map(|n| (n.clone(), fs::read(out.join(&n)).unwrap())).collect()
+    let all = names_in(out)
+        .into_iter()
+        .filter(|n| n != "runs" && n != "pliant-files.txt");
+    all.map(|n| (n.clone(), fs::read(out.join(&n)).unwrap()))
+        .collect()
 }
 
 #[test]
@@ -70,7 +82,17 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     let file = written(&scratch, STUDY);
     let out = scratch.join("out");
     let printed = study(&file, &out, &["--json", "--threads", "1"]);
-    assert_eq!(names_in(&out), ["pliant-files.txt", "report.html", "runs", "sheet.png", "study.csv", "study.json"]);
+    assert_eq!(
+        names_in(&out),
+        [
+            "pliant-files.txt",
+            "report.html",
+            "runs",
+            "sheet.png",
+            "study.csv",
+            "study.json"
+        ]
+    );
     let table: Value = serde_json::from_str(&printed).unwrap();
     assert_eq!(table, json(&out.join("study.json")));
     let rows = table["rows"].as_array().unwrap();
@@ -80,19 +102,35 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     assert_eq!(rows[1]["values"]["solver.pbd.stretch"], "1");
     let rms = |row: usize, frame: usize| rows[row]["errors"][frame]["rms_m"].as_f64().unwrap();
     assert_eq!(rms(0, 0), 0.0, "all start alike");
-    assert!(rms(1, 2) > rms(3, 2) && rms(3, 2) > 0.0, "more iterations are nearer: {} {}", rms(1, 2), rms(3, 2));
+    assert!(
+        rms(1, 2) > rms(3, 2) && rms(3, 2) > 0.0,
+        "more iterations are nearer: {} {}",
+        rms(1, 2),
+        rms(3, 2)
+    );
     let csv = fs::read_to_string(out.join("study.csv")).unwrap();
     assert_eq!(csv.lines().count(), 7);
     // Commas within quotes stand between no columns.
-    let columns = |l: &str| l.split('"').step_by(2).map(|part| part.matches(',').count()).sum::<usize>();
+    let columns = |l: &str| {
+        l.split('"')
+            .step_by(2)
+            .map(|part| part.matches(',').count())
+            .sum::<usize>()
+    };
     let counts: Vec<usize> = csv.lines().map(columns).collect();
-    assert!(counts.iter().all(|&c| c == counts[0] && c > 8), "{counts:?}\n{csv}");
+    assert!(
+        counts.iter().all(|&c| c == counts[0] && c > 8),
+        "{counts:?}\n{csv}"
+    );
     let whole = results(&out);
 
     // Some runs are lost, a table is damaged: what is left is taken, the rest is run, to the same bytes.
     let runs = names_in(&out.join("runs"));
     assert_eq!((runs.len(), to_run(&file, &out, &[])), (6, 0));
-    let kept = fs::metadata(out.join("runs").join(&runs[0])).unwrap().modified().unwrap();
+    let kept = fs::metadata(out.join("runs").join(&runs[0]))
+        .unwrap()
+        .modified()
+        .unwrap();
     for lost in &runs[3..] {
         fs::remove_file(out.join("runs").join(lost)).unwrap();
     }
@@ -100,11 +138,28 @@ fn a_study_has_a_row_for_each_combination_and_goes_on_where_it_was() {
     fs::write(out.join("study.csv"), "").unwrap();
     assert_eq!(to_run(&file, &out, &[]), 4);
     study(&file, &out, &["--threads", "3"]);
-    assert!(results(&out) == whole, "a study that went on has other bytes");
-    assert_eq!(fs::metadata(out.join("runs").join(&runs[0])).unwrap().modified().unwrap(), kept, "was run again");
+    assert!(
+        results(&out) == whole,
+        "a study that went on has other bytes"
+    );
+    assert_eq!(
+        fs::metadata(out.join("runs").join(&runs[0]))
+            .unwrap()
+            .modified()
+            .unwrap(),
+        kept,
+        "was run again"
+    );
     study(&file, &out, &["--fresh"]);
     assert!(results(&out) == whole && names_in(&out.join("runs")) == runs);
-    assert!(fs::metadata(out.join("runs").join(&runs[0])).unwrap().modified().unwrap() != kept, "was not run again");
+    assert!(
+        fs::metadata(out.join("runs").join(&runs[0]))
+            .unwrap()
+            .modified()
+            .unwrap()
+            != kept,
+        "was not run again"
+    );
 }
 
 #[test]
@@ -116,7 +171,10 @@ fn nothing_that_has_changed_is_taken_from_an_old_result() {
     let before = results(&out);
     assert_eq!(to_run(&file, &out, &[]), 0);
     assert_eq!(to_run(&file, &out, &["--fresh"]), 6);
-    assert_eq!(to_run(&file, &out, &["--set", "solver.pbd.velocity_damping=0.98"]), 6);
+    assert_eq!(
+        to_run(&file, &out, &["--set", "solver.pbd.velocity_damping=0.98"]),
+        6
+    );
     // Another value: two combinations are new, the references are not.
     fs::write(&file, STUDY.replace("[1, 3]", "[1, 4]")).unwrap();
     assert_eq!(to_run(&file, &out, &[]), 2);
@@ -126,7 +184,11 @@ fn nothing_that_has_changed_is_taken_from_an_old_result() {
     // The contents of a mesh count, and neither its age nor its length.
     fs::write(scratch.join("muscle.obj"), MESH).unwrap();
     assert_eq!(to_run(&file, &out, &[]), 0);
-    fs::write(scratch.join("muscle.obj"), MESH.replace("v 0 0 1", "v 0 0 2")).unwrap();
+    fs::write(
+        scratch.join("muscle.obj"),
+        MESH.replace("v 0 0 1", "v 0 0 2"),
+    )
+    .unwrap();
     assert_eq!(to_run(&file, &out, &[]), 6);
     study(&file, &out, &[]);
     let after = results(&out);
@@ -139,14 +201,27 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
     // 1e308 N is an infinite velocity at 1 g in the first step; at 1 kg it is cut, and the edges are torn.
     let vary = "[vary]\n\"muscle.0.material.vertex_mass\" = [\"1 g\", \"1 kg\"]\n\"muscle.0.force.0.force\" =";
     let forces = "[[\"0 N\", \"-10 N\", \"0 N\"], [\"0 N\", \"-1e308 N\", \"1e308 N\"]]";
-    let file = written(&scratch, &format!("scene = \"scene.toml\"\nframes = [0, 12]\n{vary} {forces}\n"));
+    let file = written(
+        &scratch,
+        &format!("scene = \"scene.toml\"\nframes = [0, 12]\n{vary} {forces}\n"),
+    );
     let out = scratch.join("out");
     study(&file, &out, &[]);
     let rows = json(&out.join("study.json"))["rows"].clone();
     let status = |row: usize| rows[row]["status"].as_str().unwrap();
-    assert_eq!((rows.as_array().unwrap().len(), status(1), status(3)), (4, "stopped", "diverged"));
-    assert!(status(0).ends_with("converged") && status(2) == "converged", "controls: {rows}");
-    assert!(rows[1]["stopped"].as_str().unwrap().contains("in frame 1"), "{}", rows[1]);
+    assert_eq!(
+        (rows.as_array().unwrap().len(), status(1), status(3)),
+        (4, "stopped", "diverged")
+    );
+    assert!(
+        status(0).ends_with("converged") && status(2) == "converged",
+        "controls: {rows}"
+    );
+    assert!(
+        rows[1]["stopped"].as_str().unwrap().contains("in frame 1"),
+        "{}",
+        rows[1]
+    );
     let mine = out.join("runs/mine.json");
     fs::write(&mine, "mine").unwrap();
     fs::write(out.join("mine.csv"), "mine").unwrap();
@@ -159,7 +234,10 @@ fn a_combination_that_is_stopped_is_a_row_and_foreign_files_stay() {
 #[test]
 fn ctrl_c_keeps_what_is_finished() {
     let scratch = Scratch::folder();
-    let file = written(&scratch, "scene = \"scene.toml\"\nframes = [1]\n[vary]\n\"frames\" = [5, 10000000]\n");
+    let file = written(
+        &scratch,
+        "scene = \"scene.toml\"\nframes = [1]\n[vary]\n\"frames\" = [5, 10000000]\n",
+    );
     let out = scratch.join("out");
     let mut child = pliant()
         .args(["study", &file, "--out", shown(&out), "--threads", "2"])
@@ -169,19 +247,30 @@ fn ctrl_c_keeps_what_is_finished() {
         .unwrap();
     let begun = std::time::Instant::now();
     let finished = || {
-        fs::read_dir(out.join("runs"))
-            .is_ok_and(|d| d.flatten().any(|e| e.path().extension().is_some_and(|x| x == "json")))
+        fs::read_dir(out.join("runs")).is_ok_and(|d| {
+            d.flatten()
+                .any(|e| e.path().extension().is_some_and(|x| x == "json"))
+        })
     };
     while !finished() && begun.elapsed().as_secs() < 60 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
-    let sent = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let sent = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status()
+        .unwrap();
     assert!(sent.success());
     assert_eq!(child.wait().unwrap().code(), Some(130));
     let table = json(&out.join("study.json"));
     assert_eq!(table["interrupted"], true);
     assert_eq!(table["rows"][0]["frames"], 5);
-    assert_eq!((table["rows"][1]["status"].as_str(), &table["rows"][1]["frames"]), (Some("not run"), &Value::Null));
+    assert_eq!(
+        (
+            table["rows"][1]["status"].as_str(),
+            &table["rows"][1]["frames"]
+        ),
+        (Some("not run"), &Value::Null)
+    );
     assert_eq!(to_run(&file, &out, &[]), 1);
 }
 
@@ -191,20 +280,47 @@ fn wrong_studies_are_refused_before_anything_runs() {
     let good = written(&scratch, STUDY);
     let out = scratch.join("out");
     let cases: [(&str, &[&str]); 8] = [
-        ("scene = \"nowhere.toml\"\n[vary]\niterations = [1]\n", &["s.toml:1:9: error[E060]", "nowhere.toml"]),
-        ("scene = \"scene.toml\"\n[vary]\niterations = [1, 0]\n", &["s.toml:3:18: error[E051]", "`0` is not allowed"]),
-        ("scene = \"scene.toml\"\n[vary]\niterations = []\n", &["s.toml:3:14: error[E065]", "the list is empty"]),
-        ("scene = \"scene.toml\"\nframes = [13]\n[vary]\niterations = [1]\n", &["s.toml:2:10: error[E051]", "0 to 12"]),
-        ("scene = \"scene.toml\"\n[varry]\niterations = [1]\n", &["s.toml:2:2: error[E052]", "did you mean `vary`"]),
+        (
+            "scene = \"nowhere.toml\"\n[vary]\niterations = [1]\n",
+            &["s.toml:1:9: error[E060]", "nowhere.toml"],
+        ),
+        (
+            "scene = \"scene.toml\"\n[vary]\niterations = [1, 0]\n",
+            &["s.toml:3:18: error[E051]", "`0` is not allowed"],
+        ),
+        (
+            "scene = \"scene.toml\"\n[vary]\niterations = []\n",
+            &["s.toml:3:14: error[E065]", "the list is empty"],
+        ),
+        (
+            "scene = \"scene.toml\"\nframes = [13]\n[vary]\niterations = [1]\n",
+            &["s.toml:2:10: error[E051]", "0 to 12"],
+        ),
+        (
+            "scene = \"scene.toml\"\n[varry]\niterations = [1]\n",
+            &["s.toml:2:2: error[E052]", "did you mean `vary`"],
+        ),
         (
             "scene = \"scene.toml\"\n[vary]\n\"muscle.0.force.0.vertices\" = [[3], [7]]\n",
-            &["s.toml:3:", "error[E068]", "E020", "the scene cannot be run"],
+            &[
+                "s.toml:3:",
+                "error[E068]",
+                "E020",
+                "the scene cannot be run",
+            ],
         ),
         (
             "scene = \"scene.toml\"\n[vary]\n\"muscle.0.mesh\" = [\"muscle.obj\", \"s.toml\"]\n",
-            &["s.toml:3:", "error[E068]", "the scene cannot be run with muscle.0.mesh = s.toml"],
+            &[
+                "s.toml:3:",
+                "error[E068]",
+                "the scene cannot be run with muscle.0.mesh = s.toml",
+            ],
         ),
-        ("scene = \"distance\"\n[vary]\nframes = [5, 9]\n[set]\nframes = 7\n", &["s.toml:3:1: error[E053]"]),
+        (
+            "scene = \"distance\"\n[vary]\nframes = [5, 9]\n[set]\nframes = 7\n",
+            &["s.toml:3:1: error[E053]"],
+        ),
     ];
     for (study, wanted) in cases {
         fs::write(&good, study).unwrap();
@@ -212,14 +328,27 @@ fn wrong_studies_are_refused_before_anything_runs() {
         let message = text(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{study}: {message}");
         for part in wanted {
-            assert!(message.contains(part), "{study}: `{part}` is not in: {message}");
+            assert!(
+                message.contains(part),
+                "{study}: `{part}` is not in: {message}"
+            );
         }
-        assert!(done.stdout.is_empty() && !message.contains("panicked"), "{message}");
+        assert!(
+            done.stdout.is_empty() && !message.contains("panicked"),
+            "{message}"
+        );
     }
     for arguments in [&["study", "nowhere.toml"][..], &["study", shown(&scratch)]] {
         let done = run(arguments);
         assert_eq!(done.status.code(), Some(2));
-        assert!(text(&done.stderr).contains("E060"), "{}", text(&done.stderr));
+        assert!(
+            text(&done.stderr).contains("E060"),
+            "{}",
+            text(&done.stderr)
+        );
     }
-    assert!(!out.exists(), "a study that is refused has written something");
+    assert!(
+        !out.exists(),
+        "a study that is refused has written something"
+    );
 }

@@ -6,7 +6,9 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use nalgebra::{Point3, Vector3};
-use pliant::accuracy::{self, Distance, Options, Question, Row, Status, Study, StudyError, Watch, choose, measure};
+use pliant::accuracy::{
+    self, Distance, Options, Question, Row, Status, Study, StudyError, Watch, choose, measure,
+};
 use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
 use pliant::scene::{Accuracy, Scene, Solver, parse};
@@ -39,15 +41,20 @@ impl Watch for Impatient {
 
 /// A tube of 100 mm with both ends held by bones, one of which turns by 20 degrees in six frames.
 fn scene(name: &str, solver: &str) -> (Scene, Assets) {
-    let folder = std::env::temp_dir().join(format!("pliant-accuracy-{}-{name}", std::process::id()));
+    let folder =
+        std::env::temp_dir().join(format!("pliant-accuracy-{}-{name}", std::process::id()));
     fs::create_dir_all(&folder).expect("a folder for the test");
     let muscle = tube(0.012, 0.1, 16);
     let far = |at: f64| {
         let mut ball = icosphere(0.005, 1);
-        ball.vertices.iter_mut().for_each(|p| *p += Vector3::new(0.0, 0.0, at));
+        ball.vertices
+            .iter_mut()
+            .for_each(|p| *p += Vector3::new(0.0, 0.0, at));
         ball
     };
-    let save = |file: &str, mesh| pliant::io::write(&folder.join(file), mesh, &[], Encoding::Text).expect("written");
+    let save = |file: &str, mesh| {
+        pliant::io::write(&folder.join(file), mesh, &[], Encoding::Text).expect("written")
+    };
     save("muscle.obj", &muscle);
     let (fixed, moving) = (far(-1.0), far(1.0));
     save("fixed.obj", &fixed);
@@ -58,7 +65,12 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
     let middle = bounds.center().map(|c| format!("'{c} m'"));
     let across = if axis == 0 { [0, 1, 0] } else { [1, 0, 0] };
     let held = |wanted: fn(f64) -> bool| {
-        let all = muscle.vertices.iter().enumerate().filter(|(_, p)| wanted(along(p))).map(|(v, _)| v.to_string());
+        let all = muscle
+            .vertices
+            .iter()
+            .enumerate()
+            .filter(|(_, p)| wanted(along(p)))
+            .map(|(v, _)| v.to_string());
         all.collect::<Vec<_>>().join(", ")
     };
     let (low, high) = (held(|s| s < 0.04), held(|s| s > 0.96));
@@ -84,20 +96,32 @@ fn scene(name: &str, solver: &str) -> (Scene, Assets) {
 
 fn study(name: &str, solver: &str) -> Study {
     let (scene, assets) = scene(name, solver);
-    let options = Options { budget: Duration::from_secs(20), frames: Some(3), threads: 1 };
+    let options = Options {
+        budget: Duration::from_secs(20),
+        frames: Some(3),
+        threads: 1,
+    };
     measure(&scene, &assets, options, &mut Quiet).expect("a study")
 }
 
 /// Of a motion, measured once for all tests that look at it.
-static MOTION: LazyLock<Study> = LazyLock::new(|| study("motion", "[solver.xpbd]\nsubsteps = 20\n"));
+static MOTION: LazyLock<Study> =
+    LazyLock::new(|| study("motion", "[solver.xpbd]\nsubsteps = 20\n"));
 
 fn of<'a>(study: &'a Study, solver: &'a str) -> impl Iterator<Item = &'a Row> {
-    study.rows.iter().filter(move |row| row.candidate.name() == solver)
+    study
+        .rows
+        .iter()
+        .filter(move |row| row.candidate.name() == solver)
 }
 
 fn with_one_sweep(study: &Study, substeps: u32) -> &Row {
-    let wanted = |row: &&Row| row.candidate.solver.substeps() == substeps && row.candidate.solver.iterations() == 1;
-    of(study, "xpbd").find(wanted).expect("that many substeps are tried")
+    let wanted = |row: &&Row| {
+        row.candidate.solver.substeps() == substeps && row.candidate.solver.iterations() == 1
+    };
+    of(study, "xpbd")
+        .find(wanted)
+        .expect("that many substeps are tried")
 }
 
 #[test]
@@ -105,25 +129,44 @@ fn errors_of_a_motion_fall_towards_its_reference() {
     let study = &*MOTION;
     assert_eq!((study.question, study.frames), (Question::Motion, 3));
     let uncertainty = study.reference.uncertainty.rms;
-    assert!(uncertainty <= 0.01 * study.length, "{uncertainty:e}: {:?}", study.reference.steps);
+    assert!(
+        uncertainty <= 0.01 * study.length,
+        "{uncertainty:e}: {:?}",
+        study.reference.steps
+    );
     for name in ["xpbd", "implicit_euler", "quasi_static"] {
         assert!(of(study, name).next().is_some(), "no row of {name}");
     }
-    let errors: Vec<f64> = [4, 16, 64].map(|n| with_one_sweep(study, n).error.rms).into();
+    let errors: Vec<f64> = [4, 16, 64]
+        .map(|n| with_one_sweep(study, n).error.rms)
+        .into();
     assert!(errors.windows(2).all(|e| e[1] < e[0]), "{errors:?}");
     // Two methods that know nothing of each other tend to the same motion.
     let apart = with_one_sweep(study, 256).error.rms;
-    assert!(apart <= errors[0] / 10.0 + uncertainty, "{apart:e} for {uncertainty:e} and {errors:?}");
-    assert!(study.model_distance_m > 10.0 * uncertainty, "an equilibrium is no motion: {:e}", study.model_distance_m);
+    assert!(
+        apart <= errors[0] / 10.0 + uncertainty,
+        "{apart:e} for {uncertainty:e} and {errors:?}"
+    );
+    assert!(
+        study.model_distance_m > 10.0 * uncertainty,
+        "an equilibrium is no motion: {:e}",
+        study.model_distance_m
+    );
     for row in &study.rows {
         assert!(row.volume_error <= 1e-6, "{row:?}");
         let own = Question::of(&row.candidate.solver) == Some(study.question);
         assert_eq!(row.model_error_m == 0.0, own, "{row:?}");
     }
     let chosen = &study.recommended[0];
-    let row = &study.rows[chosen.row.expect("something is within a tenth of the length")];
+    let row = &study.rows[chosen
+        .row
+        .expect("something is within a tenth of the length")];
     assert!(row.error.rms + row.model_error_m <= chosen.target * study.length);
-    for other in study.rows.iter().filter(|r| accuracy::choice::reaches(r, chosen.target * study.length)) {
+    for other in study
+        .rows
+        .iter()
+        .filter(|r| accuracy::choice::reaches(r, chosen.target * study.length))
+    {
         assert!(row.time_s <= other.time_s, "{other:?} is faster");
     }
 }
@@ -136,12 +179,15 @@ fn errors_of_an_equilibrium_fall_with_its_tolerance() {
         Solver::QuasiStatic(s) if s.iterations > 100 => Some(s.tolerance),
         _ => None,
     };
-    let mut rows: Vec<(f64, f64)> =
-        of(&study, "quasi_static").filter_map(|r| Some((tolerance(r)?, r.error.rms))).collect();
+    let mut rows: Vec<(f64, f64)> = of(&study, "quasi_static")
+        .filter_map(|r| Some((tolerance(r)?, r.error.rms)))
+        .collect();
     rows.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (first, last) = (rows[0].1, rows[rows.len() - 1].1);
     assert!(rows.len() >= 4 && last <= first / 10.0, "{rows:?}");
-    assert!(of(&study, "quasi_static").all(|r| r.model_error_m == 0.0 && r.status != Status::Diverged));
+    assert!(
+        of(&study, "quasi_static").all(|r| r.model_error_m == 0.0 && r.status != Status::Diverged)
+    );
 }
 
 #[test]
@@ -155,10 +201,17 @@ fn a_study_has_the_form_that_was_promised() {
         }
         assert!(row["solver"].is_string() && row["settings"].is_object());
         let status = row["status"].as_str().expect("a status");
-        assert!(["converged", "not converged", "diverged"].contains(&status), "{status}");
+        assert!(
+            ["converged", "not converged", "diverged"].contains(&status),
+            "{status}"
+        );
     }
-    let targets: Vec<f64> =
-        json["recommended"].as_array().expect("a list").iter().filter_map(|r| r["target"].as_f64()).collect();
+    let targets: Vec<f64> = json["recommended"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|r| r["target"].as_f64())
+        .collect();
     assert_eq!(targets, [0.1, 0.01, 0.001]);
     let mut csv = Vec::new();
     study.write_csv(&mut csv).expect("memory");
@@ -174,8 +227,12 @@ fn a_study_has_the_form_that_was_promised() {
 fn a_wrong_reference_is_seen() {
     let study = &*MOTION;
     let shift = Vector3::repeat(0.01 * study.length);
-    let moved: Vec<Vec<Point3<f64>>> =
-        study.reference.frames().iter().map(|frame| frame.iter().map(|p| p + shift).collect()).collect();
+    let moved: Vec<Vec<Point3<f64>>> = study
+        .reference
+        .frames()
+        .iter()
+        .map(|frame| frame.iter().map(|p| p + shift).collect())
+        .collect();
     let distance = Distance::between(study.reference.frames(), &moved);
     assert!((distance.rms - shift.norm()).abs() <= T4 * shift.norm());
     assert!(worst([(distance.max - distance.rms).abs()]) <= T4 * shift.norm());
@@ -184,24 +241,58 @@ fn a_wrong_reference_is_seen() {
 #[test]
 fn an_accuracy_is_kept_or_said_to_be_missed() {
     let (scene, assets) = scene("chosen", "[solver.xpbd]\nsubsteps = 20\n");
-    let pick = |accuracy| choose(&scene, &assets, accuracy, Duration::from_secs(8), 1, &mut Quiet).expect("a choice");
+    let pick = |accuracy| {
+        choose(
+            &scene,
+            &assets,
+            accuracy,
+            Duration::from_secs(8),
+            1,
+            &mut Quiet,
+        )
+        .expect("a choice")
+    };
     let kept = pick(Accuracy::Share(0.02));
-    assert!(kept.is_kept() && kept.expected_m <= 0.02 * 0.1, "{}", kept.why);
+    assert!(
+        kept.is_kept() && kept.expected_m <= 0.02 * 0.1,
+        "{}",
+        kept.why
+    );
     assert!(kept.why.starts_with("the fastest"), "{}", kept.why);
     let missed = pick(Accuracy::Length(1e-12));
-    assert!(!missed.is_kept() && missed.why.starts_with("none of"), "{}", missed.why);
-    assert!(missed.expected_m < kept.expected_m, "the most accurate is taken: {} for {}", missed.why, kept.why);
+    assert!(
+        !missed.is_kept() && missed.why.starts_with("none of"),
+        "{}",
+        missed.why
+    );
+    assert!(
+        missed.expected_m < kept.expected_m,
+        "the most accurate is taken: {} for {}",
+        missed.why,
+        kept.why
+    );
 }
 
 #[test]
 fn what_has_no_energy_or_no_time_is_refused() {
     let (pbd, assets) = scene("refused", "[solver.pbd]\n");
-    let options = Options { budget: Duration::from_secs(5), frames: Some(2), threads: 1 };
-    assert!(matches!(measure(&pbd, &assets, options, &mut Quiet), Err(StudyError::NoEnergy)));
+    let options = Options {
+        budget: Duration::from_secs(5),
+        frames: Some(2),
+        threads: 1,
+    };
+    assert!(matches!(
+        measure(&pbd, &assets, options, &mut Quiet),
+        Err(StudyError::NoEnergy)
+    ));
     let (xpbd, assets) = scene("stopped", "[solver.xpbd]\n");
     let stopped = measure(&xpbd, &assets, options, &mut Impatient(1));
     assert!(matches!(stopped, Err(StudyError::NoReference(why)) if why.contains("interrupted")));
     let late = measure(&xpbd, &assets, options, &mut Impatient(12)).expect("what there is");
-    assert!(late.interrupted && !late.left_out.is_empty(), "{} rows", late.rows.len());
+    assert!(
+        late.interrupted && !late.left_out.is_empty(),
+        "{} rows",
+        late.rows.len()
+    );
     assert!(late.to_json()["interrupted"] == Value::Bool(true));
 }

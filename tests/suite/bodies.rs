@@ -12,14 +12,25 @@ use pliant::solvers::{Settings, System};
 
 /// No gravity, no damping, no limit.
 pub fn settings(iterations: u32) -> Settings {
-    Settings { iterations, gravity: Vector3::zeros(), velocity_factor: 1.0, force_factor: 1.0, speed_limit: f64::MAX }
+    Settings {
+        iterations,
+        gravity: Vector3::zeros(),
+        velocity_factor: 1.0,
+        force_factor: 1.0,
+        speed_limit: f64::MAX,
+    }
 }
 
 /// Edges of a mesh at rest.
 pub fn edges(mesh: &TriangleMesh) -> Vec<Distance> {
     let topology = Topology::new(mesh);
     let lengths = topology.edge_lengths(mesh);
-    topology.edges.iter().zip(&lengths).map(|(&points, &rest)| Distance { points, rest }).collect()
+    topology
+        .edges
+        .iter()
+        .zip(&lengths)
+        .map(|(&points, &rest)| Distance { points, rest })
+        .collect()
 }
 
 /// Hinges of a mesh at rest.
@@ -45,26 +56,63 @@ pub fn elastic(mesh: &TriangleMesh, mass: f64, compliance: [f64; 3], iterations:
     let count = mesh.vertices.len();
     let particles = Particles::at_rest(mesh.vertices.clone(), vec![1.0 / mass; count]);
     let mut system = System::new(particles, settings(iterations));
-    system.elastic.push(Box::new(batch(edges(mesh), compliance[0], Order::Coloured, count)));
-    system.elastic.push(Box::new(batch(hinges(mesh), compliance[1], Order::Coloured, count)));
-    system.volume = Some(EnclosedVolume::new(&mesh.triangles, count, mesh.volume(), compliance[2]));
+    system.elastic.push(Box::new(batch(
+        edges(mesh),
+        compliance[0],
+        Order::Coloured,
+        count,
+    )));
+    system.elastic.push(Box::new(batch(
+        hinges(mesh),
+        compliance[1],
+        Order::Coloured,
+        count,
+    )));
+    system.volume = Some(EnclosedVolume::new(
+        &mesh.triangles,
+        count,
+        mesh.volume(),
+        compliance[2],
+    ));
     system
 }
 
 /// A chain along -z from the origin, `links` long with `length` [m] each; particle 0 is held.
-pub fn chain(links: usize, length: f64, mass: impl Fn(usize) -> f64, compliance: f64, iterations: u32) -> System {
-    let position = (0..=links).map(|i| Point3::new(0.0, 0.0, -length * i as f64)).collect();
-    let inverse = (0..=links).map(|i| if i == 0 { 0.0 } else { 1.0 / mass(i) }).collect();
+pub fn chain(
+    links: usize,
+    length: f64,
+    mass: impl Fn(usize) -> f64,
+    compliance: f64,
+    iterations: u32,
+) -> System {
+    let position = (0..=links)
+        .map(|i| Point3::new(0.0, 0.0, -length * i as f64))
+        .collect();
+    let inverse = (0..=links)
+        .map(|i| if i == 0 { 0.0 } else { 1.0 / mass(i) })
+        .collect();
     let mut system = System::new(Particles::at_rest(position, inverse), settings(iterations));
-    let all: Vec<Distance> = (0..links as u32).map(|i| Distance { points: [i, i + 1], rest: length }).collect();
-    system.elastic.push(Box::new(batch(all, compliance, Order::Stored, links + 1)));
+    let all: Vec<Distance> = (0..links as u32)
+        .map(|i| Distance {
+            points: [i, i + 1],
+            rest: length,
+        })
+        .collect();
+    system
+        .elastic
+        .push(Box::new(batch(all, compliance, Order::Stored, links + 1)));
     system
 }
 
 /// An obstacle at rest at the origin.
 pub fn still(mesh: &TriangleMesh) -> Placed {
     let obstacle: Arc<dyn Obstacle> = Arc::new(Surface::new(mesh));
-    Placed { name: "bone".into(), obstacle, before: Isometry3::identity(), now: Isometry3::identity() }
+    Placed {
+        name: "bone".into(),
+        obstacle,
+        before: Isometry3::identity(),
+        now: Isometry3::identity(),
+    }
 }
 
 /// The bits of all positions and velocities.

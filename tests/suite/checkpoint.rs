@@ -23,7 +23,11 @@ static MESHES: Mutex<BTreeMap<String, Assets>> = Mutex::new(BTreeMap::new());
 
 fn made(scene: &Scene) -> Simulation {
     let bones = scene.bones.iter().map(|b| &b.surface).collect::<Vec<_>>();
-    let muscles = scene.muscles.iter().map(|m| (&m.surface, m.edge_length, &m.fibres)).collect::<Vec<_>>();
+    let muscles = scene
+        .muscles
+        .iter()
+        .map(|m| (&m.surface, m.edge_length, &m.fibres))
+        .collect::<Vec<_>>();
     let key = format!("{bones:?} {muscles:?}");
     let mut all = MESHES.lock().unwrap_or_else(PoisonError::into_inner);
     let load = || Assets::load(scene).unwrap_or_else(|e| panic!("{}", e.terse()));
@@ -65,15 +69,33 @@ fn check(scene: &Scene, seed: u64) -> Simulation {
             kept = Some(checkpoint(&straight));
         }
     }
-    let places = |s: &Simulation| s.bodies.iter().map(|b| b.system.particles.position.clone()).collect::<Vec<_>>();
-    assert_ne!(places(&straight), places(&made(scene)), "nothing moves: the test would show little");
+    let places = |s: &Simulation| {
+        s.bodies
+            .iter()
+            .map(|b| b.system.particles.position.clone())
+            .collect::<Vec<_>>()
+    };
+    assert_ne!(
+        places(&straight),
+        places(&made(scene)),
+        "nothing moves: the test would show little"
+    );
     let kept = kept.expect("the frame of the checkpoint");
-    let mut again = resumed(scene, &kept).unwrap_or_else(|e| panic!("{}, seed {seed}: {e}", scene.name));
+    let mut again =
+        resumed(scene, &kept).unwrap_or_else(|e| panic!("{}, seed {seed}: {e}", scene.name));
     assert_eq!(again.frame(), stop);
-    assert!(checkpoint(&again) == kept, "{}, seed {seed}: saved, loaded and saved again it differs", scene.name);
+    assert!(
+        checkpoint(&again) == kept,
+        "{}, seed {seed}: saved, loaded and saved again it differs",
+        scene.name
+    );
     for (frame, state) in states.iter().enumerate().skip(stop + 1) {
         again.step_frame();
-        assert!(bytes_of(&again) == *state, "{}, seed {seed}: from {stop}, frame {frame} differs", scene.name);
+        assert!(
+            bytes_of(&again) == *state,
+            "{}, seed {seed}: from {stop}, frame {frame} differs",
+            scene.name
+        );
     }
     let numbers = |s: &Simulation| format!("{:?}", s.measure());
     assert_eq!(numbers(&again), numbers(&straight), "{}", scene.name);
@@ -84,10 +106,19 @@ fn check(scene: &Scene, seed: u64) -> Simulation {
 fn p44_tetrahedra_and_the_chain() {
     for seed in 0..2 {
         check(&scene("distance", &["frames=12"]), seed);
-        check(&scene("distance", &["frames=12", "solver=xpbd", "effects.damping.rate=1 1/s"]), seed);
+        check(
+            &scene(
+                "distance",
+                &["frames=12", "solver=xpbd", "effects.damping.rate=1 1/s"],
+            ),
+            seed,
+        );
         check(&scene("shape", &["frames=12"]), seed);
         check(&scene("volume", &["frames=12"]), seed);
-        check(&scene("chain", &["frames=6", "pbd.velocity_damping=0.9"]), seed);
+        check(
+            &scene("chain", &["frames=6", "pbd.velocity_damping=0.9"]),
+            seed,
+        );
     }
 }
 
@@ -103,7 +134,11 @@ fn hip(more: &[&str]) -> Scene {
 }
 
 fn touching(simulation: &Simulation) -> usize {
-    simulation.measure().iter().map(|m| m.vertices_touching).sum()
+    simulation
+        .measure()
+        .iter()
+        .map(|m| m.vertices_touching)
+        .sum()
 }
 
 #[test]
@@ -114,21 +149,48 @@ fn p44_hip_by_small_steps() {
 
 #[test]
 fn p44_hip_at_equilibrium() {
-    assert!(touching(&check(&hip(&["solver=quasi_static", "quasi_static.iterations=60"]), 3)) > 0);
-    assert!(touching(&check(&hip(&["solver=implicit_euler", "implicit_euler.iterations=40"]), 4)) > 0);
+    assert!(
+        touching(&check(
+            &hip(&["solver=quasi_static", "quasi_static.iterations=60"]),
+            3
+        )) > 0
+    );
+    assert!(
+        touching(&check(
+            &hip(&["solver=implicit_euler", "implicit_euler.iterations=40"]),
+            4
+        )) > 0
+    );
 }
 
 #[test]
 fn p44_press() {
     let keys = |sign: f64| {
-        let key = |frame: u32, y: f64| format!("{{frame={frame},translation=['0 mm','{} mm','0 mm']}}", sign * y);
+        let key = |frame: u32, y: f64| {
+            format!(
+                "{{frame={frame},translation=['0 mm','{} mm','0 mm']}}",
+                sign * y
+            )
+        };
         format!("[{},{}]", key(0, 32.0), key(8, 20.0))
     };
     let [upper, lower] = [("upper plate", 1.0), ("lower plate", -1.0)]
         .map(|(name, sign)| format!("bone.'{name}'.motion.keys={}", keys(sign)));
-    let small = ["frames=8", "muscle.0.edge_length=14 mm", "substeps=12", &upper, &lower];
+    let small = [
+        "frames=8",
+        "muscle.0.edge_length=14 mm",
+        "substeps=12",
+        &upper,
+        &lower,
+    ];
     assert!(touching(&check(&scene("press", &small), 7)) > 0);
-    let small = ["frames=8", "muscle.0.edge_length=14 mm", "solver=implicit_euler", &upper, &lower];
+    let small = [
+        "frames=8",
+        "muscle.0.edge_length=14 mm",
+        "solver=implicit_euler",
+        &upper,
+        &lower,
+    ];
     assert!(touching(&check(&scene("press", &small), 8)) > 0);
 }
 
@@ -136,12 +198,15 @@ fn p44_press() {
 fn fallen(solver: &str) -> Scene {
     let count = {
         let text = two_muscles("", solver);
-        let scene = parse(&text, "s.toml", Path::new(".")).unwrap_or_else(|e| panic!("{}", e.terse()));
+        let scene =
+            parse(&text, "s.toml", Path::new(".")).unwrap_or_else(|e| panic!("{}", e.terse()));
         made(&scene).bodies[1].rest.vertices.len()
     };
     let all: Vec<u32> = (0..count as u32).collect();
-    let moved = format!("[[muscle.displace]]\nvertices = {all:?}\nby = [\"0 mm\", \"-83 mm\", \"0 mm\"]\n");
-    parse(&two_muscles(&moved, solver), "s.toml", Path::new(".")).unwrap_or_else(|e| panic!("{}", e.terse()))
+    let moved =
+        format!("[[muscle.displace]]\nvertices = {all:?}\nby = [\"0 mm\", \"-83 mm\", \"0 mm\"]\n");
+    parse(&two_muscles(&moved, solver), "s.toml", Path::new("."))
+        .unwrap_or_else(|e| panic!("{}", e.terse()))
 }
 
 fn two_muscles(displace: &str, solver: &str) -> String {
@@ -204,8 +269,15 @@ fn p44_several_muscles_and_contact_that_the_plan_did_not_foresee() {
     let before: Vec<usize> = made(&scene).plan.muscles[1].obstacles.clone();
     for seed in 0..2 {
         let end = check(&scene, 40 + seed);
-        let after = end.bodies[1].system.contacts.as_ref().map_or(&[][..], |c| c.obstacles());
-        assert!(before.len() < after.len(), "{before:?} {after:?}: no contact came up");
+        let after = end.bodies[1]
+            .system
+            .contacts
+            .as_ref()
+            .map_or(&[][..], |c| c.obstacles());
+        assert!(
+            before.len() < after.len(),
+            "{before:?} {after:?}: no contact came up"
+        );
         assert!(end.notes.iter().any(|note| note.contains("left the box")));
     }
     check(&fallen("[solver.implicit_euler]\niterations = 30"), 50);
@@ -214,7 +286,10 @@ fn p44_several_muscles_and_contact_that_the_plan_did_not_foresee() {
 #[test]
 fn p44_a_stopped_muscle_stays_stopped() {
     let force = "muscle.0.force.0.force=['0 N', '0 N', '1e308 N']";
-    let scene = scene("distance", &["frames=3", force, "muscle.0.material.vertex_mass=1 g"]);
+    let scene = scene(
+        "distance",
+        &["frames=3", force, "muscle.0.material.vertex_mass=1 g"],
+    );
     let mut simulation = made(&scene);
     simulation.step_frame();
     let stopped = simulation.bodies[0].stopped.clone();
@@ -233,7 +308,10 @@ fn p44_lanes_and_threads_do_not_matter() {
     (0..2).for_each(|_| straight.step_frame());
     let kept = checkpoint(&straight);
     straight.step_frame();
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("a pool");
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(3)
+        .build()
+        .expect("a pool");
     let mut again = resumed(&scene, &kept).expect("its own checkpoint");
     let batches = again.bodies.iter_mut().flat_map(|b| &mut b.system.elastic);
     batches.for_each(|batch| batch.set_width(pliant::constraints::Width::One));
@@ -255,20 +333,33 @@ fn p44_control_what_is_forgotten_or_changed_shows() {
     let mut forgetful = resumed(&scene, &kept).expect("its own checkpoint");
     forgetful.bodies[0].system.contacts = made(&scene).bodies.remove(0).system.contacts;
     forgetful.step_frame();
-    assert!(bytes_of(&forgetful) != wanted, "contact was forgotten and nothing differs");
+    assert!(
+        bytes_of(&forgetful) != wanted,
+        "contact was forgotten and nothing differs"
+    );
     // A low bit of one position, but above what the rounding of a step may swallow, with a checksum that fits.
     let x = straight_position(&kept, &particles);
     let mut changed = kept[..kept.len() - CHECKSUM].to_vec();
     changed[x + 1] ^= 1;
-    assert!(matches!(resumed(&scene, &[&changed, &kept[kept.len() - CHECKSUM..]].concat()), Err(Refused::Checksum)));
+    assert!(matches!(
+        resumed(&scene, &[&changed, &kept[kept.len() - CHECKSUM..]].concat()),
+        Err(Refused::Checksum)
+    ));
     let mut other = resumed(&scene, &seal(changed)).expect("a state as good as any");
     other.step_frame();
-    assert!(bytes_of(&other) != wanted, "a changed position leads to the same bytes");
+    assert!(
+        bytes_of(&other) != wanted,
+        "a changed position leads to the same bytes"
+    );
 }
 
 /// Where the first coordinate of the first free vertex stands.
 fn straight_position(kept: &[u8], particles: &pliant::particles::Particles) -> usize {
-    let free = particles.inverse_mass.iter().position(|w| *w > 0.0).expect("a free vertex");
+    let free = particles
+        .inverse_mass
+        .iter()
+        .position(|w| *w > 0.0)
+        .expect("a free vertex");
     let bits = particles.position[free].x.to_le_bytes();
     kept.windows(8).position(|w| w == bits).expect("its bits")
 }
@@ -279,21 +370,34 @@ fn p44_every_cut_and_every_flipped_bit_is_refused() {
     let mut simulation = made(&scene);
     simulation.step_frame();
     let kept = checkpoint(&simulation);
-    assert!(resumed(&scene, &kept).is_ok(), "control: the bytes as they are");
+    assert!(
+        resumed(&scene, &kept).is_ok(),
+        "control: the bytes as they are"
+    );
     for end in 0..kept.len() {
         assert!(Checkpoint::open(&kept[..end]).is_err(), "cut at {end}");
     }
     let longer = [&kept[..], &[0]].concat();
-    assert!(matches!(Checkpoint::open(&longer), Err(Refused::Length { .. })));
+    assert!(matches!(
+        Checkpoint::open(&longer),
+        Err(Refused::Length { .. })
+    ));
     for at in 0..kept.len() {
         for bit in 0..8 {
             let mut flipped = kept.clone();
             flipped[at] ^= 1 << bit;
-            assert!(Checkpoint::open(&flipped).is_err(), "bit {bit} of byte {at}");
+            assert!(
+                Checkpoint::open(&flipped).is_err(),
+                "bit {bit} of byte {at}"
+            );
         }
     }
     // A large one, at drawn places.
-    let hip = hip(&["solver=quasi_static", "quasi_static.iterations=20", "frames=2"]);
+    let hip = hip(&[
+        "solver=quasi_static",
+        "quasi_static.iterations=20",
+        "frames=2",
+    ]);
     let mut simulation = made(&hip);
     simulation.step_frame();
     let kept = checkpoint(&simulation);
@@ -302,7 +406,11 @@ fn p44_every_cut_and_every_flipped_bit_is_refused() {
         let mut flipped = kept.clone();
         flipped[draw.index(kept.len())] ^= 1 << draw.index(8);
         assert!(Checkpoint::open(&flipped).is_err(), "seed {}", draw.seed);
-        assert!(Checkpoint::open(&kept[..draw.index(kept.len())]).is_err(), "seed {}", draw.seed);
+        assert!(
+            Checkpoint::open(&kept[..draw.index(kept.len())]).is_err(),
+            "seed {}",
+            draw.seed
+        );
     }
 }
 
@@ -312,27 +420,43 @@ fn p44_other_versions_and_other_scenes_are_refused_by_name() {
     let of = |scene: &Scene| checkpoint(&made(scene));
     let base = scene_of(&[]);
     let kept = of(&base);
-    assert_eq!(Checkpoint::open(b"# vtk DataFile").unwrap_err(), Refused::NoCheckpoint);
+    assert_eq!(
+        Checkpoint::open(b"# vtk DataFile").unwrap_err(),
+        Refused::NoCheckpoint
+    );
     // An older crate, and an older format.
     let version = env!("CARGO_PKG_VERSION");
-    let at = kept.windows(version.len()).position(|w| w == version.as_bytes()).expect("the version");
+    let at = kept
+        .windows(version.len())
+        .position(|w| w == version.as_bytes())
+        .expect("the version");
     let mut older = kept[..kept.len() - CHECKSUM].to_vec();
     older[at + version.len() - 1] = b'~';
     let text = Checkpoint::open(&seal(older)).unwrap_err().to_string();
     assert!(
-        text.contains("was written by pliant 0.1.~") && text.contains(&format!("this is pliant {version}")),
+        text.contains("was written by pliant 0.1.~")
+            && text.contains(&format!("this is pliant {version}")),
         "{text}"
     );
     let mut older = kept[..kept.len() - CHECKSUM].to_vec();
     older[8] = 0;
     let text = Checkpoint::open(&seal(older)).unwrap_err().to_string();
-    assert!(text.contains("(format 0)") && text.contains("(format 1)"), "{text}");
+    assert!(
+        text.contains("(format 0)") && text.contains("(format 1)"),
+        "{text}"
+    );
     // A longer run of the same is none other; a shorter one lacks the frame.
     assert!(resumed(&scene_of(&["frames=9"]), &kept).is_ok());
     let mut later = made(&base);
     (0..2).for_each(|_| later.step_frame());
     let error = resumed(&scene_of(&["frames=1"]), &checkpoint(&later)).err();
-    assert_eq!(error, Some(Refused::Beyond { frame: 2, frames: 1 }));
+    assert_eq!(
+        error,
+        Some(Refused::Beyond {
+            frame: 2,
+            frames: 1
+        })
+    );
     let differs = |scene: &Scene, kept: &[u8]| match resumed(scene, kept) {
         Err(Refused::Differs(names)) => names.join("; "),
         other => panic!("{:?}", other.err()),
@@ -343,20 +467,42 @@ fn p44_other_versions_and_other_scenes_are_refused_by_name() {
         ("frame_rate=61 Hz", "`frame_rate`"),
         ("name=other", "the name of the scene"),
         ("effects.damping.rate=2 1/s", "`effects`"),
-        ("muscle.0.material.vertex_mass=2 g", "the material of muscle `muscle`"),
-        ("muscle.0.force.0.force=['0 N', '0 N', '1 N']", "the forces on muscle `muscle`"),
+        (
+            "muscle.0.material.vertex_mass=2 g",
+            "the material of muscle `muscle`",
+        ),
+        (
+            "muscle.0.force.0.force=['0 N', '0 N', '1 N']",
+            "the forces on muscle `muscle`",
+        ),
     ];
     for (change, name) in others {
         let found = differs(&scene_of(&[change]), &kept);
         assert!(found.contains(name), "{change}: {found}");
     }
-    let hip = |more: &str| scene("hip", &["frames=100", "muscle.0.edge_length=12 mm", "substeps=2", more]);
+    let hip = |more: &str| {
+        scene(
+            "hip",
+            &[
+                "frames=100",
+                "muscle.0.edge_length=12 mm",
+                "substeps=2",
+                more,
+            ],
+        )
+    };
     let kept = of(&hip("iterations=1"));
     let others = [
         ("contact.thickness=0.6 mm", "`effects`"),
         ("muscle.0.edge_length=11 mm", "the mesh of muscle `gluteus`"),
-        ("bone.femur.motion.axis=[1,0,0]", "the motion of bone `femur`"),
-        ("muscle.0.attachment.0.near=6 mm", "the attachments of muscle `gluteus`"),
+        (
+            "bone.femur.motion.axis=[1,0,0]",
+            "the motion of bone `femur`",
+        ),
+        (
+            "muscle.0.attachment.0.near=6 mm",
+            "the attachments of muscle `gluteus`",
+        ),
     ];
     for (change, name) in others {
         let found = differs(&hip(change), &kept);

@@ -17,10 +17,20 @@ use crate::tolerances::{T6, T13, cases};
 
 /// A free triangle of 1 kg corners at `x`, with contact.
 fn lone(x: [Point3<f64>; 3], placed: &[Placed], thickness: f64, friction: f64) -> System {
-    let mesh = TriangleMesh { vertices: x.to_vec(), triangles: vec![[0, 1, 2]] };
+    let mesh = TriangleMesh {
+        vertices: x.to_vec(),
+        triangles: vec![[0, 1, 2]],
+    };
     let mut system = System::new(Particles::at_rest(x.to_vec(), vec![1.0; 3]), settings(1));
     let obstacles = (0..placed.len()).collect();
-    system.contacts = Some(Contacts::new(&mesh, &system.particles, placed, obstacles, thickness, friction));
+    system.contacts = Some(Contacts::new(
+        &mesh,
+        &system.particles,
+        placed,
+        obstacles,
+        thickness,
+        friction,
+    ));
     system
 }
 
@@ -37,15 +47,32 @@ fn shots(
     let mut crossed = 0;
     for _ in 0..count {
         // What begins inside may leave by either side: another is drawn, the count stays.
-        let outside =
-            |p: &Vector3<f64>| placed[0].obstacle.closest(&Point3::from(*p)).is_some_and(|c| c.distance > 0.0);
+        let outside = |p: &Vector3<f64>| {
+            placed[0]
+                .obstacle
+                .closest(&Point3::from(*p))
+                .is_some_and(|c| c.distance > 0.0)
+        };
         let mut from = draw.direction() * draw.between(1.2, 2.0);
         while !outside(&from) {
             from = draw.direction() * draw.between(1.2, 2.0);
         }
-        let mesh = TriangleMesh { vertices: vec![Point3::from(from)], triangles: Vec::new() };
-        let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), vec![1.0]), settings(1));
-        system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], thickness, 0.0));
+        let mesh = TriangleMesh {
+            vertices: vec![Point3::from(from)],
+            triangles: Vec::new(),
+        };
+        let mut system = System::new(
+            Particles::at_rest(mesh.vertices.clone(), vec![1.0]),
+            settings(1),
+        );
+        system.contacts = Some(Contacts::new(
+            &mesh,
+            &system.particles,
+            &placed,
+            vec![0],
+            thickness,
+            0.0,
+        ));
         if !guarded {
             system.contacts = None;
         }
@@ -57,7 +84,10 @@ fn shots(
             system.step(&placed, 1.0).expect("finite");
             if wrong(&before, &system.particles.position[0]) {
                 if guarded {
-                    println!("seed {}: {before:?} to {:?}", draw.seed, system.particles.position[0]);
+                    println!(
+                        "seed {}: {before:?} to {:?}",
+                        draw.seed, system.particles.position[0]
+                    );
                 }
                 crossed += 1;
                 break;
@@ -74,7 +104,10 @@ fn p31_nothing_tunnels_through_a_sphere() {
     let wrong = |_: &Point3<f64>, x: &Point3<f64>| inside.winding(x) != 0;
     let count = cases(3000);
     assert_eq!(shots(&bone, 2e-3, true, count, wrong), 0);
-    assert!(shots(&bone, 2e-3, false, 300, wrong) > 10, "control: without contact some end inside");
+    assert!(
+        shots(&bone, 2e-3, false, 300, wrong) > 10,
+        "control: without contact some end inside"
+    );
 }
 
 #[test]
@@ -82,13 +115,17 @@ fn p31_nothing_tunnels_through_a_thin_plate() {
     let bone = box_surface([8.0, 8.0, 8e-4], 4.0);
     // The plate is wider than any path of three units from within 2: through the middle plane is through the plate.
     let wrong = |before: &Point3<f64>, x: &Point3<f64>| {
-        let within = x.x.abs() < 4.0 && x.y.abs() < 4.0 && before.x.abs() < 4.0 && before.y.abs() < 4.0;
+        let within =
+            x.x.abs() < 4.0 && x.y.abs() < 4.0 && before.x.abs() < 4.0 && before.y.abs() < 4.0;
         // To end inside is as wrong as to pass.
         within && (before.z.signum() != x.z.signum() || x.z.abs() < 4e-4)
     };
     let count = cases(3000);
     assert_eq!(shots(&bone, 2e-4, true, count, wrong), 0);
-    assert!(shots(&bone, 2e-4, false, 300, wrong) > 10, "control: without contact some pass");
+    assert!(
+        shots(&bone, 2e-4, false, 300, wrong) > 10,
+        "control: without contact some pass"
+    );
 }
 
 /// A soft block over a wide box whose top is at z = 0.
@@ -96,13 +133,22 @@ fn resting(guarded: bool) -> (System, Vec<Placed>, TriangleMesh) {
     let mut bone = box_surface([4.0, 4.0, 1.0], 2.0);
     bone.vertices.iter_mut().for_each(|p| p.z -= 0.5);
     let mut mesh = box_surface([0.2, 0.2, 0.1], 0.05);
-    mesh.vertices.iter_mut().for_each(|p| *p += Vector3::new(0.3, 0.2, 0.055));
+    mesh.vertices
+        .iter_mut()
+        .for_each(|p| *p += Vector3::new(0.3, 0.2, 0.055));
     let placed = vec![still(&bone)];
     let mut system = elastic(&mesh, 1e-3, [1e-2, 1e2, 0.0], 1);
     system.settings.gravity = Vector3::new(0.0, 0.0, -9.81);
     system.settings.velocity_factor = 0.98;
     if guarded {
-        system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 1e-3, 0.5));
+        system.contacts = Some(Contacts::new(
+            &mesh,
+            &system.particles,
+            &placed,
+            vec![0],
+            1e-3,
+            0.5,
+        ));
     }
     (system, placed, mesh)
 }
@@ -110,13 +156,27 @@ fn resting(guarded: bool) -> (System, Vec<Placed>, TriangleMesh) {
 #[test]
 fn p32_a_resting_block_stays_on_its_plane() {
     let (mut system, placed, mesh) = resting(true);
-    let centre =
-        |s: &System| s.particles.position.iter().map(|p| p.coords).sum::<Vector3<f64>>() / mesh.vertices.len() as f64;
+    let centre = |s: &System| {
+        s.particles
+            .position
+            .iter()
+            .map(|p| p.coords)
+            .sum::<Vector3<f64>>()
+            / mesh.vertices.len() as f64
+    };
     let mut settled = Vector3::zeros();
     for step in 0..900 {
         system.step(&placed, 1.0 / 300.0).expect("finite");
-        let lowest = system.particles.position.iter().map(|p| p.z).fold(f64::MAX, f64::min);
-        assert!(finite(&system.particles) && lowest >= -T13 * 0.2, "step {step}: {lowest:e}");
+        let lowest = system
+            .particles
+            .position
+            .iter()
+            .map(|p| p.z)
+            .fold(f64::MAX, f64::min);
+        assert!(
+            finite(&system.particles) && lowest >= -T13 * 0.2,
+            "step {step}: {lowest:e}"
+        );
         let kept = volume(&system.particles.position, &mesh.triangles) / mesh.volume() - 1.0;
         assert!(kept.abs() <= T6, "step {step}: volume off by {kept:e}");
         if step == 600 {
@@ -128,7 +188,10 @@ fn p32_a_resting_block_stays_on_its_plane() {
     assert!(drift.norm() <= T13 * 0.2, "{drift:?}");
     let (mut falling, placed, _) = resting(false);
     (0..100).for_each(|_| falling.step(&placed, 1.0 / 300.0).expect("finite"));
-    assert!(falling.particles.position.iter().any(|p| p.z < -T13), "control: without contact it falls through");
+    assert!(
+        falling.particles.position.iter().any(|p| p.z < -T13),
+        "control: without contact it falls through"
+    );
 }
 
 #[test]
@@ -136,21 +199,43 @@ fn p33_a_deep_start_is_untangled() {
     let bone = icosphere(1.0, 3);
     let placed = [still(&bone)];
     let inside = Inside::new(&bone.vertices, &bone.triangles);
-    let count = |mesh: &TriangleMesh| mesh.vertices.iter().filter(|p| inside.winding(p) != 0).count();
+    let count = |mesh: &TriangleMesh| {
+        mesh.vertices
+            .iter()
+            .filter(|p| inside.winding(p) != 0)
+            .count()
+    };
     for depth in [0.05, 0.2] {
         let mut mesh = icosphere(0.5, 2);
         mesh.vertices.iter_mut().for_each(|p| p.z += 1.5 - depth);
         assert!(count(&mesh) > 0, "control: the start overlaps");
         let report = untangle(&mut mesh, &placed, &[0], 0.01);
-        assert!(report.overlap > 0.5 * depth && report.moved > 0.0 && report.moved <= 1.0, "{report:?}");
+        assert!(
+            report.overlap > 0.5 * depth && report.moved > 0.0 && report.moved <= 1.0,
+            "{report:?}"
+        );
         assert_eq!(count(&mesh), 0, "depth {depth}: {report:?}");
-        assert!(mesh.vertices.iter().all(|p| p.coords.iter().all(|c| c.is_finite())));
+        assert!(
+            mesh.vertices
+                .iter()
+                .all(|p| p.coords.iter().all(|c| c.is_finite()))
+        );
         // What was moved out does not fly off.
         let mut system = elastic(&mesh, 1e-3, [1e-3, 1e1, 0.0], 1);
-        system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 0.01, 0.0));
+        system.contacts = Some(Contacts::new(
+            &mesh,
+            &system.particles,
+            &placed,
+            vec![0],
+            0.01,
+            0.0,
+        ));
         (0..50).for_each(|_| system.step(&placed, 1e-3).expect("finite"));
         let fastest = crate::tolerances::worst(system.particles.velocity.iter().map(|v| v.norm()));
-        assert!(finite(&system.particles) && fastest <= 1.0, "depth {depth}: {fastest} m/s");
+        assert!(
+            finite(&system.particles) && fastest <= 1.0,
+            "depth {depth}: {fastest} m/s"
+        );
     }
     let mut clear = icosphere(0.5, 1);
     clear.vertices.iter_mut().for_each(|p| p.z += 3.0);
@@ -164,12 +249,25 @@ fn p34_closing_plates_cross_nothing_silently() {
     let plate = box_surface([4.0, 4.0, 1.0], 2.0);
     let at = |gap: f64, side: f64| Isometry3::translation(0.0, 0.0, side * (0.5 + gap / 2.0));
     let placed = |before: f64, now: f64| -> Vec<Placed> {
-        [1.0, -1.0].map(|s| Placed { before: at(before, s), now: at(now, s), ..still(&plate) }).to_vec()
+        [1.0, -1.0]
+            .map(|s| Placed {
+                before: at(before, s),
+                now: at(now, s),
+                ..still(&plate)
+            })
+            .to_vec()
     };
     let mesh = icosphere(0.1, 2);
     let mut system = elastic(&mesh, 1e-3, [1e-1, 1e2, 0.0], 1);
     system.settings.velocity_factor = 0.9;
-    system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed(0.21, 0.21), vec![0, 1], 1e-3, 0.0));
+    system.contacts = Some(Contacts::new(
+        &mesh,
+        &system.particles,
+        &placed(0.21, 0.21),
+        vec![0, 1],
+        1e-3,
+        0.0,
+    ));
     let mut gap = 0.21;
     let mut worst_pinched = 0;
     while gap > 1e-3 {
@@ -179,18 +277,38 @@ fn p34_closing_plates_cross_nothing_silently() {
         system.settle(&placed(gap, next), 1e-7);
         gap = next;
         assert!(finite(&system.particles), "gap {gap}");
-        let counts = system.contacts.as_ref().expect("contact").counts(&system.particles.position);
+        let counts = system
+            .contacts
+            .as_ref()
+            .expect("contact")
+            .counts(&system.particles.position);
         worst_pinched = worst_pinched.max(counts.pinched);
-        let out = system.particles.position.iter().filter(|p| p.z.abs() > gap / 2.0 + 2.0 * T13).count();
-        let depth = system.particles.position.iter().map(|p| p.z.abs() - gap / 2.0).fold(f64::MIN, f64::max);
+        let out = system
+            .particles
+            .position
+            .iter()
+            .filter(|p| p.z.abs() > gap / 2.0 + 2.0 * T13)
+            .count();
+        let depth = system
+            .particles
+            .position
+            .iter()
+            .map(|p| p.z.abs() - gap / 2.0)
+            .fold(f64::MIN, f64::max);
         // No vertex is in a plate unless the pinched ones are counted.
-        assert!(out == 0 || counts.pinched > 0, "gap {gap}: {out} vertices in a plate by {depth:e}, none pinched");
+        assert!(
+            out == 0 || counts.pinched > 0,
+            "gap {gap}: {out} vertices in a plate by {depth:e}, none pinched"
+        );
         if gap >= 0.021 {
             assert_eq!(out, 0, "gap {gap}: vertices in a plate");
         }
         assert!(volume(&system.particles.position, &mesh.triangles).is_finite());
     }
-    assert!(worst_pinched > 0, "control: plates that nearly touch pinch something");
+    assert!(
+        worst_pinched > 0,
+        "control: plates that nearly touch pinch something"
+    );
 }
 
 #[test]
@@ -207,24 +325,41 @@ fn friction_holds_below_its_angle_and_lets_go_above() {
         system.particles.position[0].x - 0.3
     };
     // A second of sliding: g (sin - mu cos) / 2.
-    let free = |friction: f64, slope: f64| 9.81 * (slope.atan().sin() - friction * slope.atan().cos()) / 2.0;
+    let free = |friction: f64, slope: f64| {
+        9.81 * (slope.atan().sin() - friction * slope.atan().cos()) / 2.0
+    };
     for (friction, slope) in [(0.0, 0.5), (0.3, 0.5), (0.45, 0.5)] {
         let (found, expected) = (slid(friction, slope), free(friction, slope));
         // First order in the step of 1/500 of the time.
-        assert!((found - expected).abs() <= 0.02 * free(0.0, slope), "friction {friction}: {found} for {expected}");
+        assert!(
+            (found - expected).abs() <= 0.02 * free(0.0, slope),
+            "friction {friction}: {found} for {expected}"
+        );
     }
     for friction in [0.55, 1.0] {
         let found = slid(friction, 0.5);
         // It creeps by no more than what one step slides.
-        assert!(found.abs() <= 0.02 * free(0.0, 0.5), "friction {friction}: slid {found}");
+        assert!(
+            found.abs() <= 0.02 * free(0.0, 0.5),
+            "friction {friction}: slid {found}"
+        );
     }
 }
 
 /// A needle whose tip points down at a coarse triangle.
 fn needle(tip: f64) -> (TriangleMesh, Isometry3<f64>) {
-    let vertices =
-        [[0.0, 0.0, 0.0], [0.02, 0.0, 1.0], [-0.01, 0.02, 1.0], [-0.01, -0.02, 1.0]].map(Point3::from).to_vec();
-    let mesh = TriangleMesh { vertices, triangles: vec![[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]] };
+    let vertices = [
+        [0.0, 0.0, 0.0],
+        [0.02, 0.0, 1.0],
+        [-0.01, 0.02, 1.0],
+        [-0.01, -0.02, 1.0],
+    ]
+    .map(Point3::from)
+    .to_vec();
+    let mesh = TriangleMesh {
+        vertices,
+        triangles: vec![[0, 2, 1], [0, 3, 2], [0, 1, 3], [1, 2, 3]],
+    };
     assert!(mesh.volume() > 0.0);
     (mesh, Isometry3::translation(0.05, 0.03, tip))
 }
@@ -237,12 +372,23 @@ fn a_needle_is_kept_out_of_a_coarse_muscle() {
         system.settings.velocity_factor = 0.95;
         let at = |tip: f64, before: f64| {
             let (bone, pose) = needle(tip);
-            vec![Placed { before: needle(before).1, now: pose, ..still(&bone) }]
+            vec![Placed {
+                before: needle(before).1,
+                now: pose,
+                ..still(&bone)
+            }]
         };
         let mut tip = 0.25;
         if guarded {
             let placed = at(tip, tip);
-            system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 5e-3, 0.0));
+            system.contacts = Some(Contacts::new(
+                &mesh,
+                &system.particles,
+                &placed,
+                vec![0],
+                5e-3,
+                0.0,
+            ));
         }
         let mut deepest = 0;
         for _ in 0..100 {
@@ -273,20 +419,33 @@ fn the_audit_finds_what_was_planted() {
         UnitQuaternion::from_scaled_axis(Vector3::new(0.2, 0.5, 0.1)),
     );
     let mut mesh = icosphere(0.5, 2);
-    mesh.vertices.iter_mut().for_each(|p| *p = pose * (*p + Vector3::new(0.0, 0.0, 1.6)));
-    let look = |x: &[Point3<f64>], free: bool| audit::examine(x, &mesh.triangles, &|_| free, &[(&audited, pose)]);
+    mesh.vertices
+        .iter_mut()
+        .for_each(|p| *p = pose * (*p + Vector3::new(0.0, 0.0, 1.6)));
+    let look = |x: &[Point3<f64>], free: bool| {
+        audit::examine(x, &mesh.triangles, &|_| free, &[(&audited, pose)])
+    };
     assert_eq!(look(&mesh.vertices, true), audit::Findings::default());
     let mut planted = mesh.vertices.clone();
     planted[7] = pose * Point3::new(0.0, 0.0, 0.9);
     let found = look(&planted, true);
     assert_eq!(found.vertices_inside, 1);
     assert!(found.depth > 0.05 && found.depth < 0.1, "{}", found.depth);
-    assert_eq!(look(&planted, false).vertices_inside, 0, "held vertices may be inside");
+    assert_eq!(
+        look(&planted, false).vertices_inside,
+        0,
+        "held vertices may be inside"
+    );
     // The muscle swallows one bone vertex and none of its own vertices enter the bone.
     let tip = pose * bone.vertices[0];
     let around = icosphere(0.02, 1);
     let swallowed: Vec<Point3<f64>> = around.vertices.iter().map(|p| tip + p.coords).collect();
-    let found = audit::examine(&swallowed, &around.triangles, &|_| true, &[(&audited, pose)]);
+    let found = audit::examine(
+        &swallowed,
+        &around.triangles,
+        &|_| true,
+        &[(&audited, pose)],
+    );
     assert_eq!(found.bone_vertices_inside, 1);
 }
 
@@ -302,12 +461,18 @@ fn clearance_is_a_bound_from_below_and_not_far_below() {
         // From a good guess as from a bad one: any point of the surface bounds the distance from above.
         let known = bone.vertices[draw.index(bone.vertices.len())];
         let (lower, point) = surface.clearance(&p, &known);
-        assert!(lower <= exact * (1.0 + 1e-12) && exact <= 1.2 * lower * (1.0 + 1e-12), "{lower} for {exact}");
+        assert!(
+            lower <= exact * (1.0 + 1e-12) && exact <= 1.2 * lower * (1.0 + 1e-12),
+            "{lower} for {exact}"
+        );
         // What it leaves for the next time is on the surface, so it is no nearer than the nearest.
         assert!((point - p).norm() >= exact * (1.0 - 1e-12));
         loose += usize::from(lower < 0.95 * exact);
     }
-    assert!(loose > 0, "control: a bound that is the distance itself saves nothing");
+    assert!(
+        loose > 0,
+        "control: a bound that is the distance itself saves nothing"
+    );
 }
 
 /// A vertex known only by a tiny ball over the bone, out of which its row lifted it, was put back by every later step
@@ -321,19 +486,39 @@ fn a_vertex_hardly_over_a_bone_is_not_stuck_there() {
     for _ in 0..200 {
         let thickness = draw.decades(-4.0, -2.0);
         let height = thickness * draw.decades(-6.0, -3.0);
-        let mesh = TriangleMesh { vertices: vec![Point3::new(0.3, 0.2, height)], triangles: Vec::new() };
-        let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), vec![1.0]), settings(1));
-        system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], thickness, 0.0));
+        let mesh = TriangleMesh {
+            vertices: vec![Point3::new(0.3, 0.2, height)],
+            triangles: Vec::new(),
+        };
+        let mut system = System::new(
+            Particles::at_rest(mesh.vertices.clone(), vec![1.0]),
+            settings(1),
+        );
+        system.contacts = Some(Contacts::new(
+            &mesh,
+            &system.particles,
+            &placed,
+            vec![0],
+            thickness,
+            0.0,
+        ));
         system.step(&placed, 1.0).expect("finite");
-        assert!((system.particles.position[0].z - thickness).abs() <= 1e-9 * thickness, "its row lifts it");
-        let lift =
-            Vector3::new(draw.between(-1.0, 1.0), draw.between(-1.0, 1.0), 1.0) * thickness * draw.decades(-2.0, 2.0);
+        assert!(
+            (system.particles.position[0].z - thickness).abs() <= 1e-9 * thickness,
+            "its row lifts it"
+        );
+        let lift = Vector3::new(draw.between(-1.0, 1.0), draw.between(-1.0, 1.0), 1.0)
+            * thickness
+            * draw.decades(-2.0, 2.0);
         let before = system.particles.position[0];
         for _ in 0..3 {
             system.particles.velocity.fill(lift);
             system.step(&placed, 1.0).expect("finite");
         }
         let gone = (system.particles.position[0] - before).dot(&lift) / lift.norm_squared();
-        assert!((gone - 3.0).abs() <= 1e-9, "went {gone} of 3 lifts from {height:e} at thickness {thickness:e}");
+        assert!(
+            (gone - 3.0).abs() <= 1e-9,
+            "went {gone} of 3 lifts from {height:e} at thickness {thickness:e}"
+        );
     }
 }

@@ -16,25 +16,41 @@ use crate::bodies::{batch, bits, edges, elastic, finite, hinges, still};
 const PARALLEL: usize = 262_144;
 
 fn with_threads<T: Send>(threads: usize, deed: impl FnOnce() -> T + Send) -> T {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool").install(deed)
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .expect("a pool")
+        .install(deed)
 }
 
 /// 163,842 vertices in an order that makes blocks, shaken so that every constraint has something to do.
 fn shaken() -> (TriangleMesh, Vec<Point3<f64>>) {
     let mesh = icosphere(1.0, 7);
-    shake(order::apply(&mesh, &order::permutation(&Topology::new(&mesh))))
+    shake(order::apply(
+        &mesh,
+        &order::permutation(&Topology::new(&mesh)),
+    ))
 }
 
 fn shake(mesh: TriangleMesh) -> (TriangleMesh, Vec<Point3<f64>>) {
     let mut draw = Draw::new(42);
-    let moved = mesh.vertices.iter().map(|p| p + draw.direction() * 0.003).collect();
+    let moved = mesh
+        .vertices
+        .iter()
+        .map(|p| p + draw.direction() * 0.003)
+        .collect();
     (mesh, moved)
 }
 
 fn sweep(batches: &mut [Box<dyn Project>], x: &[Point3<f64>]) -> Vec<u64> {
-    let mut particles = Particles::at_rest(x.to_vec(), (0..x.len()).map(|i| 1.0 + (i % 7) as f64).collect());
+    let mut particles = Particles::at_rest(
+        x.to_vec(),
+        (0..x.len()).map(|i| 1.0 + (i % 7) as f64).collect(),
+    );
     for _ in 0..3 {
-        batches.iter_mut().for_each(|b| b.project(&mut particles, 0.01));
+        batches
+            .iter_mut()
+            .for_each(|b| b.project(&mut particles, 0.01));
     }
     assert!(finite(&particles));
     bits(&particles)
@@ -76,8 +92,13 @@ fn p42_order_within_a_colour_changes_no_bit() {
             }
         }
         assert_ne!(shuffled, coloured.constraints());
-        let mut other: Vec<Box<dyn Project>> = vec![Box::new(batch(shuffled, 1e-6, Order::Stored, x.len()))];
-        assert!(with_threads(1, || sweep(&mut other, &x)) == reference, "seed {}", draw.seed);
+        let mut other: Vec<Box<dyn Project>> =
+            vec![Box::new(batch(shuffled, 1e-6, Order::Stored, x.len()))];
+        assert!(
+            with_threads(1, || sweep(&mut other, &x)) == reference,
+            "seed {}",
+            draw.seed
+        );
     }
 }
 
@@ -89,10 +110,22 @@ fn p42_a_numbering_moves_memory_and_no_bit() {
     let numbering = Numbering::new(permutation.clone());
     let place = |p: u32| numbering.place(p);
     let there = edges(&mesh);
-    let anew = there.iter().map(|e| Distance { points: e.points.map(place), ..*e }).collect();
+    let anew = there
+        .iter()
+        .map(|e| Distance {
+            points: e.points.map(place),
+            ..*e
+        })
+        .collect();
     let compliance = vec![1e-6; there.len()];
     let over = (&numbering, x.len());
-    let mut numbered = Batch::numbered(there.clone(), compliance.clone(), Order::Coloured, over, &[]);
+    let mut numbered = Batch::numbered(
+        there.clone(),
+        compliance.clone(),
+        Order::Coloured,
+        over,
+        &[],
+    );
     let run = |batch: &mut dyn Project, x: &[Point3<f64>], order: &[u32]| {
         let masses = (0..x.len()).map(|i| 1.0 + (order[i] % 7) as f64).collect();
         let mut particles = Particles::at_rest(x.to_vec(), masses);
@@ -102,18 +135,22 @@ fn p42_a_numbering_moves_memory_and_no_bit() {
     let straight: Vec<u32> = (0..x.len() as u32).collect();
     let kept = run(&mut numbered, &x, &straight);
     let moved: Vec<Point3<f64>> = permutation.iter().map(|&p| x[p as usize]).collect();
-    let mut batch: Batch<Distance, 2> = Batch::new(anew, compliance.clone(), Order::Coloured, x.len(), &[]);
+    let mut batch: Batch<Distance, 2> =
+        Batch::new(anew, compliance.clone(), Order::Coloured, x.len(), &[]);
     let other = run(&mut batch, &moved, &permutation);
     assert!((0..x.len()).all(|p| kept[p] == other[place(p as u32) as usize]));
     // Control: without the numbering the blocks are others, and so are the bits.
-    let mut plain: Batch<Distance, 2> = Batch::new(there, compliance, Order::Coloured, x.len(), &[]);
+    let mut plain: Batch<Distance, 2> =
+        Batch::new(there, compliance, Order::Coloured, x.len(), &[]);
     assert!(run(&mut plain, &x, &straight) != kept);
 }
 
 /// Whether two constraints of a range share a particle.
 fn shares<C: Constraint<K>, const K: usize>(all: &[C], count: usize) -> bool {
     let mut seen = vec![false; count];
-    all.iter().flat_map(|c| c.points()).any(|p| std::mem::replace(&mut seen[p as usize], true))
+    all.iter()
+        .flat_map(|c| c.points())
+        .any(|p| std::mem::replace(&mut seen[p as usize], true))
 }
 
 #[test]
@@ -121,29 +158,52 @@ fn p42_no_two_constraints_of_a_colour_share_a_particle() {
     let (mesh, x) = shaken();
     let stretch: Batch<Distance, 2> = batch(edges(&mesh), 0.0, Order::Coloured, x.len());
     let bending = batch(hinges(&mesh), 0.0, Order::Coloured, x.len());
-    assert!(stretch.schedule().colours.iter().all(|r| !shares(&stretch.constraints()[r.clone()], x.len())));
-    assert!(bending.schedule().colours.iter().all(|r| !shares(&bending.constraints()[r.clone()], x.len())));
-    assert!(shares(&edges(&mesh), x.len()), "control: edges of a mesh share vertices");
+    assert!(
+        stretch
+            .schedule()
+            .colours
+            .iter()
+            .all(|r| !shares(&stretch.constraints()[r.clone()], x.len()))
+    );
+    assert!(
+        bending
+            .schedule()
+            .colours
+            .iter()
+            .all(|r| !shares(&bending.constraints()[r.clone()], x.len()))
+    );
+    assert!(
+        shares(&edges(&mesh), x.len()),
+        "control: edges of a mesh share vertices"
+    );
 }
 
 #[test]
 fn p43_sums_are_the_same_and_near_the_exact_one() {
     let mut draw = Draw::new(43);
     for cancel in [false, true] {
-        let mut values: Vec<f64> = (0..200_000).map(|_| draw.between(0.5, 1.5) * draw.decades(-8.0, 8.0)).collect();
+        let mut values: Vec<f64> = (0..200_000)
+            .map(|_| draw.between(0.5, 1.5) * draw.decades(-8.0, 8.0))
+            .collect();
         if cancel {
             let opposite: Vec<f64> = values.iter().map(|v| -v).collect();
             values.extend(opposite);
             values.push(1e-3);
         }
-        let sums: Vec<u64> = [1, 2, 3, 8].map(|t| with_threads(t, || tree_sum(&values).to_bits())).to_vec();
+        let sums: Vec<u64> = [1, 2, 3, 8]
+            .map(|t| with_threads(t, || tree_sum(&values).to_bits()))
+            .to_vec();
         assert!(sums.iter().all(|s| *s == sums[0]), "seed {}", draw.seed);
         let exact = {
             // Two-sum compensation: exact to an ulp of the condition seen here.
             let (mut sum, mut lost) = (0.0_f64, 0.0_f64);
             for &v in &values {
                 let next = sum + v;
-                lost += if sum.abs() >= v.abs() { (sum - next) + v } else { (v - next) + sum };
+                lost += if sum.abs() >= v.abs() {
+                    (sum - next) + v
+                } else {
+                    (v - next) + sum
+                };
                 sum = next;
             }
             sum + lost
@@ -166,14 +226,28 @@ fn p42_a_whole_body_with_contact() {
             let placed = [still(&bone)];
             let mut system = elastic(&mesh, 1e-3, [1e-4, 1e1, 0.0], 1);
             system.settings.gravity = Vector3::new(0.1, 0.0, -9.81);
-            system.contacts = Some(Contacts::new(&mesh, &system.particles, &placed, vec![0], 0.005, 0.3));
+            system.contacts = Some(Contacts::new(
+                &mesh,
+                &system.particles,
+                &placed,
+                vec![0],
+                0.005,
+                0.3,
+            ));
             (0..80).for_each(|_| system.step(&placed, 0.004).expect("finite"));
-            let counts = system.contacts.as_ref().expect("contact").counts(&system.particles.position);
+            let counts = system
+                .contacts
+                .as_ref()
+                .expect("contact")
+                .counts(&system.particles.position);
             (bits(&system.particles), counts)
         })
     };
     let reference = run(1);
-    assert!(reference.1.touching > 0, "nothing touches: the test would show little");
+    assert!(
+        reference.1.touching > 0,
+        "nothing touches: the test would show little"
+    );
     for threads in [2, 8] {
         let other = run(threads);
         assert_eq!(other.1, reference.1);

@@ -26,14 +26,20 @@ enum Read {
 
 /// E/E0 - 1 after each step of a mass of 1 kg on a force of -x [N], let go at 1 m; `omega_dt` is the step [s].
 fn drift(omega_dt: f64, read: Read, velocity_factor: f64) -> Vec<f64> {
-    let mut system = System::new(Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![1.0]), settings(1));
+    let mut system = System::new(
+        Particles::at_rest(vec![Point3::new(1.0, 0.0, 0.0)], vec![1.0]),
+        settings(1),
+    );
     system.settings.velocity_factor = velocity_factor;
     if read == Read::Verlet {
         system.particles.velocity[0].x = 0.5 * omega_dt;
     }
     let mut energies = Vec::with_capacity(STEPS);
     for _ in 0..STEPS {
-        let (x, before) = (system.particles.position[0].x, system.particles.velocity[0].x);
+        let (x, before) = (
+            system.particles.position[0].x,
+            system.particles.velocity[0].x,
+        );
         system.forces = vec![(0, Vector3::new(-x, 0.0, 0.0))];
         system.step(&[], omega_dt).expect("finite");
         let after = system.particles.velocity[0].x;
@@ -51,13 +57,25 @@ fn greatest(drift: &[f64]) -> f64 {
 
 /// Slope of the means of 100 blocks, over its standard error.
 fn trend(drift: &[f64]) -> f64 {
-    let means: Vec<f64> = drift.chunks(STEPS / 100).map(|b| b.iter().sum::<f64>() / b.len() as f64).collect();
+    let means: Vec<f64> = drift
+        .chunks(STEPS / 100)
+        .map(|b| b.iter().sum::<f64>() / b.len() as f64)
+        .collect();
     let n = means.len() as f64;
     let middle = means.iter().sum::<f64>() / n;
     let at = |k: usize| k as f64 - 0.5 * (n - 1.0);
     let width: f64 = (0..means.len()).map(|k| at(k).powi(2)).sum();
-    let slope = means.iter().enumerate().map(|(k, m)| at(k) * (m - middle)).sum::<f64>() / width;
-    let left: f64 = means.iter().enumerate().map(|(k, m)| (m - middle - slope * at(k)).powi(2)).sum();
+    let slope = means
+        .iter()
+        .enumerate()
+        .map(|(k, m)| at(k) * (m - middle))
+        .sum::<f64>()
+        / width;
+    let left: f64 = means
+        .iter()
+        .enumerate()
+        .map(|(k, m)| (m - middle - slope * at(k)).powi(2))
+        .sum();
     slope / (left / (n - 2.0) / width).sqrt()
 }
 
@@ -69,11 +87,22 @@ fn p38_symplectic_euler_keeps_its_energy() {
         let half = 0.5 * omega_dt;
         let exact = half / (1.0 - half);
         let (off, steep) = (greatest(&found), trend(&found));
-        println!("symplectic Euler, omega dt {omega_dt}: energy off by {off:.6}, trend {steep:.2} standard errors");
+        println!(
+            "symplectic Euler, omega dt {omega_dt}: energy off by {off:.6}, trend {steep:.2} standard errors"
+        );
         assert!(off <= exact * (1.0 + 1e-9), "omega dt {omega_dt}: {off}");
-        assert!(omega_dt > 0.09 || off <= half * HIGHER_ORDER, "omega dt {omega_dt}: {off}");
-        assert!(off >= 0.9 * half, "nothing happened at omega dt {omega_dt}: {off}");
-        assert!(steep.abs() <= 3.0, "omega dt {omega_dt}: a trend of {steep} standard errors");
+        assert!(
+            omega_dt > 0.09 || off <= half * HIGHER_ORDER,
+            "omega dt {omega_dt}: {off}"
+        );
+        assert!(
+            off >= 0.9 * half,
+            "nothing happened at omega dt {omega_dt}: {off}"
+        );
+        assert!(
+            steep.abs() <= 3.0,
+            "omega dt {omega_dt}: a trend of {steep} standard errors"
+        );
     }
 }
 
@@ -83,12 +112,20 @@ fn p38_verlet_keeps_its_energy_to_second_order() {
         let found = drift(omega_dt, Read::Verlet, 1.0);
         let bound = 0.25 * omega_dt * omega_dt;
         let (off, steep) = (greatest(&found), trend(&found));
-        println!("Verlet, omega dt {omega_dt}: energy off by {off:.3e}, trend {steep:.2} standard errors");
+        println!(
+            "Verlet, omega dt {omega_dt}: energy off by {off:.3e}, trend {steep:.2} standard errors"
+        );
         assert!(off <= bound * HIGHER_ORDER, "omega dt {omega_dt}: {off:e}");
-        assert!(off >= 0.9 * bound, "nothing happened at omega dt {omega_dt}: {off:e}");
+        assert!(
+            off >= 0.9 * bound,
+            "nothing happened at omega dt {omega_dt}: {off:e}"
+        );
         // With the mean velocity the energy is at most that of the start.
         assert!(worst(found.iter().map(|e| e.max(0.0))) <= T1 * (STEPS as f64).sqrt());
-        assert!(steep.abs() <= 3.0, "omega dt {omega_dt}: a trend of {steep} standard errors");
+        assert!(
+            steep.abs() <= 3.0,
+            "omega dt {omega_dt}: a trend of {steep} standard errors"
+        );
     }
 }
 
@@ -99,7 +136,11 @@ fn a_drift_is_seen() {
     // A damping that leaves the energy within the bound is a trend all the same.
     let damped = drift(omega_dt, Read::Euler, 1.0 - 1e-8);
     assert!(greatest(&damped) <= bound, "{}", greatest(&damped));
-    assert!(!(trend(&damped).abs() <= 3.0), "control: {} standard errors", trend(&damped));
+    assert!(
+        !(trend(&damped).abs() <= 3.0),
+        "control: {} standard errors",
+        trend(&damped)
+    );
     // Implicit Euler loses the energy, explicit Euler gains it.
     let mut spring = chain(1, 10.0, |_| 1.0, 1.0, 1);
     spring.particles.position[1].z = -11.0;
@@ -115,5 +156,8 @@ fn a_drift_is_seen() {
     assert!(!(greatest(&implicit) <= bound));
     assert!(!(greatest(&explicit) <= bound));
     // Symplectic Euler does not keep what Verlet keeps.
-    assert!(!(greatest(&drift(omega_dt, Read::Euler, 1.0)) <= 0.25 * omega_dt * omega_dt * HIGHER_ORDER));
+    assert!(
+        !(greatest(&drift(omega_dt, Read::Euler, 1.0))
+            <= 0.25 * omega_dt * omega_dt * HIGHER_ORDER)
+    );
 }

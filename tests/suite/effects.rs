@@ -57,17 +57,31 @@ fn folder() -> &'static PathBuf {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("effects");
         std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
         let put = |name: &str, mesh: &TriangleMesh, lines: &[Vec<u32>]| {
-            write(&folder.join(name), mesh, lines, Encoding::Ascii).expect("the folder of tests can be written");
+            write(&folder.join(name), mesh, lines, Encoding::Ascii)
+                .expect("the folder of tests can be written");
         };
         let down = |mut mesh: TriangleMesh, by: f64| {
             mesh.vertices.iter_mut().for_each(|v| v.y -= by);
             mesh
         };
         put("ball.vtk", &icosphere(0.01, 2), &[]);
-        put("plate.vtk", &down(box_surface([0.1, 0.01, 0.1], 0.05), 0.016), &[]);
+        put(
+            "plate.vtk",
+            &down(box_surface([0.1, 0.01, 0.1], 0.05), 0.016),
+            &[],
+        );
         put("far.vtk", &down(box_surface([0.1; 3], 0.05), 1.0), &[]);
-        let points = (-4..=4).map(|i| nalgebra::Point3::new(0.002 * f64::from(i), 0.0, 0.004)).collect();
-        put("fibres.vtk", &TriangleMesh { vertices: points, triangles: Vec::new() }, &[(0..9).collect()]);
+        let points = (-4..=4)
+            .map(|i| nalgebra::Point3::new(0.002 * f64::from(i), 0.0, 0.004))
+            .collect();
+        put(
+            "fibres.vtk",
+            &TriangleMesh {
+                vertices: points,
+                triangles: Vec::new(),
+            },
+            &[(0..9).collect()],
+        );
         folder
     })
 }
@@ -80,7 +94,10 @@ fn scene(wish: &Wish) -> String {
         toml += &bone("plate");
     }
     toml += "[[muscle]]\nname = 'ball'\nmesh = 'ball.vtk'\nunit = 'm'\n[muscle.material]\n";
-    let (stretch, bending) = (stiffness(wish.stretch, "300"), stiffness(wish.bending, "1e-4"));
+    let (stretch, bending) = (
+        stiffness(wish.stretch, "300"),
+        stiffness(wish.bending, "1e-4"),
+    );
     toml += &format!("stretch = '{stretch} N/m'\nbending = '{bending} N m'\n");
     toml += "[[muscle.attachment]]\nbone = 'far'\nvertices = [0, 1]\n";
     if wish.fibres {
@@ -88,14 +105,27 @@ fn scene(wish: &Wish) -> String {
     }
     let mut effect = |asked: Asked, name: &str, void: &str, on: &str| {
         if asked != Absent {
-            toml += &format!("[effects.{name}]\n{}\n", if asked == Void { void } else { on });
+            toml += &format!(
+                "[effects.{name}]\n{}\n",
+                if asked == Void { void } else { on }
+            );
         }
     };
     effect(wish.stretch, "stretch", "", "");
     effect(wish.bending, "bending", "", "");
     effect(wish.volume, "volume", "", "");
-    effect(wish.anisotropy, "anisotropy", "strength = 0", "strength = 0.5");
-    effect(wish.contact, "contact", "thickness = '1 mm'", "thickness = '1 mm'");
+    effect(
+        wish.anisotropy,
+        "anisotropy",
+        "strength = 0",
+        "strength = 0.5",
+    );
+    effect(
+        wish.contact,
+        "contact",
+        "thickness = '1 mm'",
+        "thickness = '1 mm'",
+    );
     let gravity = |g: &str| format!("acceleration = ['0 m/s2', '{g} m/s2', '0 m/s2']");
     effect(wish.gravity, "gravity", &gravity("0"), &gravity("-9.81"));
     effect(wish.damping, "damping", "rate = '0 1/s'", "rate = '5 1/s'");
@@ -103,7 +133,9 @@ fn scene(wish: &Wish) -> String {
     if wish.volume == Void {
         let on = |asked: Asked| u8::from(asked == On);
         let (stretch, bending) = (on(wish.stretch), on(wish.bending));
-        toml += &format!("[solver.pbd]\nstretch = {stretch}\nbending = {bending}\nvolume = 0\nvelocity_damping = 1\n");
+        toml += &format!(
+            "[solver.pbd]\nstretch = {stretch}\nbending = {bending}\nvolume = 0\nvelocity_damping = 1\n"
+        );
     }
     toml
 }
@@ -126,18 +158,36 @@ struct Traces {
 }
 
 fn traces(wish: &Wish) -> Traces {
-    let around = Surroundings { folder: folder(), variable: &|_| None, overrides: &[] };
+    let around = Surroundings {
+        folder: folder(),
+        variable: &|_| None,
+        overrides: &[],
+    };
     let parsed = parse_with(&scene(wish), "effects.toml", &around);
-    let mut sim = Simulation::new(parsed.unwrap_or_else(|e| panic!("{}", e.terse()))).expect("a scene that runs");
+    let mut sim = Simulation::new(parsed.unwrap_or_else(|e| panic!("{}", e.terse())))
+        .expect("a scene that runs");
     (0..2).for_each(|_| sim.step_frame());
     let body = &sim.bodies[0];
     let system = &body.system;
     let mut digest = std::hash::DefaultHasher::new();
     bits(&system.particles).hash(&mut digest);
-    let held = [system.volume.as_ref().map_or(0, |v| v.bytes()), system.contacts.as_ref().map_or(0, |c| c.bytes())];
+    let held = [
+        system.volume.as_ref().map_or(0, |v| v.bytes()),
+        system.contacts.as_ref().map_or(0, |c| c.bytes()),
+    ];
     Traces {
-        planned: sim.plan.run.iter().map(|p| (p.effect.clone(), p.bytes)).collect(),
-        calls: system.clock.effects.iter().map(|(name, (_, calls))| (*name, *calls)).collect(),
+        planned: sim
+            .plan
+            .run
+            .iter()
+            .map(|p| (p.effect.clone(), p.bytes))
+            .collect(),
+        calls: system
+            .clock
+            .effects
+            .iter()
+            .map(|(name, (_, calls))| (*name, *calls))
+            .collect(),
         bytes: system.elastic.iter().map(|b| b.bytes()).chain(held).sum(),
         gravity: system.settings.gravity.into(),
         velocity_factor: system.settings.velocity_factor,
@@ -152,8 +202,42 @@ fn asked() -> impl Strategy<Value = Asked> {
 }
 
 fn wish() -> impl Strategy<Value = Wish> {
-    let effects = (asked(), asked(), asked(), asked(), asked(), asked(), asked(), any::<bool>());
-    effects.prop_map(|(stretch, bending, volume, anisotropy, contact, gravity, damping, fibres)| Wish {
+    let effects = (
+        asked(),
+        asked(),
+        asked(),
+        asked(),
+        asked(),
+        asked(),
+        asked(),
+        any::<bool>(),
+    );
+    effects.prop_map(
+        |(stretch, bending, volume, anisotropy, contact, gravity, damping, fibres)| Wish {
+            stretch,
+            bending,
+            volume,
+            anisotropy,
+            contact,
+            gravity,
+            damping,
+            fibres,
+        },
+    )
+}
+
+/// The same wish with each vain part left out. A wish for the classic solver stays one, to be compared with its like.
+fn plain(wish: &Wish) -> Wish {
+    let only = |asked: Asked| if asked == On { On } else { Absent };
+    let anisotropy = if wish.fibres && wish.stretch == On {
+        only(wish.anisotropy)
+    } else {
+        Absent
+    };
+    let volume = wish.volume;
+    let [stretch, bending] = [only(wish.stretch), only(wish.bending)];
+    let [contact, gravity, damping] = [only(wish.contact), only(wish.gravity), only(wish.damping)];
+    Wish {
         stretch,
         bending,
         volume,
@@ -161,18 +245,8 @@ fn wish() -> impl Strategy<Value = Wish> {
         contact,
         gravity,
         damping,
-        fibres,
-    })
-}
-
-/// The same wish with each vain part left out. A wish for the classic solver stays one, to be compared with its like.
-fn plain(wish: &Wish) -> Wish {
-    let only = |asked: Asked| if asked == On { On } else { Absent };
-    let anisotropy = if wish.fibres && wish.stretch == On { only(wish.anisotropy) } else { Absent };
-    let volume = wish.volume;
-    let [stretch, bending] = [only(wish.stretch), only(wish.bending)];
-    let [contact, gravity, damping] = [only(wish.contact), only(wish.gravity), only(wish.damping)];
-    Wish { stretch, bending, volume, anisotropy, contact, gravity, damping, fibres: wish.fibres }
+        fibres: wish.fibres,
+    }
 }
 
 proptest! {
@@ -210,15 +284,56 @@ proptest! {
 /// Negative control: each effect, asked for really, leaves traces that the property would see.
 #[test]
 fn an_effect_that_acts_leaves_a_trace() {
-    let moving = Wish { gravity: On, stretch: On, fibres: true, ..NOTHING };
+    let moving = Wish {
+        gravity: On,
+        stretch: On,
+        fibres: true,
+        ..NOTHING
+    };
     let still = traces(&moving);
     let with: [(&str, Wish); 6] = [
-        ("bending", Wish { bending: On, ..moving }),
-        ("volume", Wish { volume: On, ..moving }),
-        ("anisotropy", Wish { anisotropy: On, ..moving }),
-        ("contact", Wish { contact: On, ..moving }),
-        ("damping", Wish { damping: On, ..moving }),
-        ("gravity", Wish { gravity: Absent, ..moving }),
+        (
+            "bending",
+            Wish {
+                bending: On,
+                ..moving
+            },
+        ),
+        (
+            "volume",
+            Wish {
+                volume: On,
+                ..moving
+            },
+        ),
+        (
+            "anisotropy",
+            Wish {
+                anisotropy: On,
+                ..moving
+            },
+        ),
+        (
+            "contact",
+            Wish {
+                contact: On,
+                ..moving
+            },
+        ),
+        (
+            "damping",
+            Wish {
+                damping: On,
+                ..moving
+            },
+        ),
+        (
+            "gravity",
+            Wish {
+                gravity: Absent,
+                ..moving
+            },
+        ),
     ];
     for (name, wish) in with {
         let found = traces(&wish);
@@ -227,5 +342,8 @@ fn an_effect_that_acts_leaves_a_trace() {
     }
     // Without effects nothing is called but nothing is broken either: the ball rests.
     let nothing = traces(&NOTHING);
-    assert_eq!((nothing.bytes, nothing.calls.len(), nothing.planned.len()), (0, 0, 0));
+    assert_eq!(
+        (nothing.bytes, nothing.calls.len(), nothing.planned.len()),
+        (0, 0, 0)
+    );
 }

@@ -12,7 +12,10 @@ use crate::tolerances::{T6, T7, T14, worst};
 
 fn scaled(mesh: &TriangleMesh, by: f64) -> Particles {
     let count = mesh.vertices.len();
-    Particles::at_rest(mesh.vertices.iter().map(|p| p * by).collect(), vec![1.0; count])
+    Particles::at_rest(
+        mesh.vertices.iter().map(|p| p * by).collect(),
+        vec![1.0; count],
+    )
 }
 
 /// One linear step x += w g (-C / sum w g^2) with value and gradient times the given factors.
@@ -21,17 +24,29 @@ fn linear_step(mesh: &TriangleMesh, particles: &mut Particles, value: f64, gradi
     let (v, g) = closed.value_and_gradient(&particles.position);
     let c = v * value - mesh.volume();
     let weight: f64 = g.iter().map(|g| (g * gradient).norm_squared()).sum();
-    particles.position.iter_mut().zip(&g).for_each(|(x, g)| *x += g * gradient * (-c / weight));
+    particles
+        .position
+        .iter_mut()
+        .zip(&g)
+        .for_each(|(x, g)| *x += g * gradient * (-c / weight));
 }
 
 #[test]
 fn numbers_of_the_tetrahedron() {
     let mesh = tetrahedron();
     assert!((mesh.volume() - 0.513_200).abs() <= T14);
-    assert!(edges(&mesh).iter().all(|e| (e.rest - 1.632_993).abs() <= T14));
+    assert!(
+        edges(&mesh)
+            .iter()
+            .all(|e| (e.rest - 1.632_993).abs() <= T14)
+    );
     for hinge in crate::bodies::hinges(&mesh) {
         // A ridge: signed angle 109.4712 degrees, between outward normals; 70.5288 between the faces.
-        assert!((hinge.rest.abs().to_degrees() - 109.471_2).abs() <= 1e2 * T14, "{}", hinge.rest.to_degrees());
+        assert!(
+            (hinge.rest.abs().to_degrees() - 109.471_2).abs() <= 1e2 * T14,
+            "{}",
+            hinge.rest.to_degrees()
+        );
         assert!((180.0 - hinge.rest.abs().to_degrees() - 70.528_8).abs() <= 1e2 * T14);
     }
 }
@@ -43,10 +58,20 @@ fn a_linear_projection_gives_the_printed_numbers_and_ours_lands_at_once() {
     let digits = [5e-4, 5e-6, 5e-6, 5e-9];
     let mut linear = scaled(&mesh, 1.1);
     let mut kind = scaled(&mesh, 1.1);
-    let tet = TetrahedronVolume { points: [0, 1, 2, 3], rest: 0.0 };
-    let sign = pliant::constraints::Constraint::value(&tet, &std::array::from_fn(|k| mesh.vertices[k])).signum();
+    let tet = TetrahedronVolume {
+        points: [0, 1, 2, 3],
+        rest: 0.0,
+    };
+    let sign =
+        pliant::constraints::Constraint::value(&tet, &std::array::from_fn(|k| mesh.vertices[k]))
+            .signum();
     let rest = sign * mesh.volume();
-    let mut one = batch(vec![TetrahedronVolume { rest, ..tet }], 0.0, Order::Stored, 4);
+    let mut one = batch(
+        vec![TetrahedronVolume { rest, ..tet }],
+        0.0,
+        Order::Stored,
+        4,
+    );
     for (expected, digit) in printed.into_iter().zip(digits) {
         for particles in [&linear, &kind] {
             let ratio = volume(&particles.position, &mesh.triangles) / mesh.volume();
@@ -57,7 +82,9 @@ fn a_linear_projection_gives_the_printed_numbers_and_ours_lands_at_once() {
     }
     for scale in [0.3, 0.9, 1.1, 3.0] {
         let mut exact = scaled(&mesh, scale);
-        EnclosedVolume::new(&mesh.triangles, 4, mesh.volume(), 0.0).project(&mut exact, 1.0).expect("a root");
+        EnclosedVolume::new(&mesh.triangles, 4, mesh.volume(), 0.0)
+            .project(&mut exact, 1.0)
+            .expect("a root");
         let off = volume(&exact.position, &mesh.triangles) / mesh.volume() - 1.0;
         assert!(off.abs() <= T7, "from scale {scale}: {off:e}");
     }
@@ -92,21 +119,29 @@ fn p36_the_volume_is_kept_through_twisting() {
         let target = pressure * mesh.volume();
         system.volume = Some(EnclosedVolume::new(&mesh.triangles, count, target, 0.0));
         let end = mesh.vertices.iter().map(|p| p.x).fold(0.0, f64::max);
-        let ends: Vec<usize> = (0..count).filter(|&v| mesh.vertices[v].x.abs() > end - 1e-9).collect();
-        ends.iter().for_each(|&v| system.particles.inverse_mass[v] = 0.0);
+        let ends: Vec<usize> = (0..count)
+            .filter(|&v| mesh.vertices[v].x.abs() > end - 1e-9)
+            .collect();
+        ends.iter()
+            .for_each(|&v| system.particles.inverse_mass[v] = 0.0);
         let mut errors = Vec::new();
         for step in 0..1000 {
             // One end turns to half a turn and back, twice.
             let angle = 1.5 * (f64::from(step) * 0.0126).sin();
             for &v in ends.iter().filter(|&&v| mesh.vertices[v].x > 0.0) {
                 system.particles.position[v] =
-                    nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle) * mesh.vertices[v];
+                    nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), angle)
+                        * mesh.vertices[v];
             }
             system.step(&[], 0.002).expect("finite");
             assert!(finite(&system.particles));
             errors.push((volume(&system.particles.position, &mesh.triangles) / target - 1.0).abs());
         }
-        assert!(worst(errors.iter().copied()) <= T6, "pressure {pressure}: {}", worst(errors));
+        assert!(
+            worst(errors.iter().copied()) <= T6,
+            "pressure {pressure}: {}",
+            worst(errors)
+        );
     }
 }
 
@@ -143,15 +178,25 @@ fn a_finite_bulk_modulus_balances_the_pressure_applied() {
             }
             closed.begin_step();
             closed.project(&mut particles, dt).expect("a root");
-            velocity.iter_mut().enumerate().for_each(|(k, v)| *v = (particles.position[k] - start[k]) / dt);
+            velocity
+                .iter_mut()
+                .enumerate()
+                .for_each(|(k, v)| *v = (particles.position[k] - start[k]) / dt);
         }
         assert!(finite(&particles));
         volume(&particles.position, &mesh.triangles) / v0 - 1.0
     };
     // p = -K (V/V0 - 1).
     let strain = settle(v0 / bulk);
-    assert!((-bulk * strain / pressure - 1.0).abs() <= T6, "{}", -bulk * strain);
-    assert!(!((-bulk * settle(6.0 * v0 / bulk) / pressure - 1.0).abs() <= T6), "control: six times softer");
+    assert!(
+        (-bulk * strain / pressure - 1.0).abs() <= T6,
+        "{}",
+        -bulk * strain
+    );
+    assert!(
+        !((-bulk * settle(6.0 * v0 / bulk) / pressure - 1.0).abs() <= T6),
+        "control: six times softer"
+    );
 }
 
 #[test]

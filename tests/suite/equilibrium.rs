@@ -2,7 +2,9 @@
 
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use pliant::constraints::second::Second;
-use pliant::constraints::{Bending, Constraint, Distance, EnclosedVolume, ForEachKind, for_each_kind};
+use pliant::constraints::{
+    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, for_each_kind,
+};
 use pliant::contact::Row;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
@@ -26,7 +28,12 @@ struct Derivatives {
 }
 
 /// Largest error of a Hessian by central differences of the gradient with step `h`, over its largest entry.
-fn hessian_error<C: Constraint<K>, const K: usize>(c: &C, x: &[Point3<f64>; K], second: &Second<K>, h: f64) -> f64 {
+fn hessian_error<C: Constraint<K>, const K: usize>(
+    c: &C,
+    x: &[Point3<f64>; K],
+    second: &Second<K>,
+    h: f64,
+) -> f64 {
     let gradient = |x: &[Point3<f64>; K]| c.value_and_gradient(x).expect("a regular shape").1;
     let size = worst(second.hessian.iter().flatten().map(|b| b.abs().max())).max(1.0);
     let mut errors = Vec::new();
@@ -60,10 +67,23 @@ impl ForEachKind for Derivatives {
             let (value, gradient) = constraint.value_and_gradient(&x).expect("a regular shape");
             let second = constraint.value(&Second::variables(&x));
             let steep = worst(gradient.iter().map(Vector3::norm)).max(1.0);
-            let apart = worst(gradient.iter().zip(&second.gradient).map(|(a, b)| (a - b).norm()));
+            let apart = worst(
+                gradient
+                    .iter()
+                    .zip(&second.gradient)
+                    .map(|(a, b)| (a - b).norm()),
+            );
             // A hinge's gradient is divided by heights of 0.1 and more, each rounding by as much.
-            assert!((second.value - value).abs() <= 100.0 * T2, "{}: value", C::NAME);
-            assert!(apart <= 100.0 * T2 * steep, "{}: gradient off by {apart:e}", C::NAME);
+            assert!(
+                (second.value - value).abs() <= 100.0 * T2,
+                "{}: value",
+                C::NAME
+            );
+            assert!(
+                apart <= 100.0 * T2 * steep,
+                "{}: gradient off by {apart:e}",
+                C::NAME
+            );
             let [coarse, fine] = [1e-3, 5e-4].map(|h| hessian_error(&constraint, &x, &second, h));
             // A Hessian of zero, or of a constraint of second degree, has no error that could fall.
             if coarse > 1e-9 {
@@ -80,7 +100,10 @@ impl ForEachKind for Derivatives {
 
 #[test]
 fn second_derivatives_of_every_constraint_are_those_of_its_gradient() {
-    let mut all = Derivatives { draw: Draw::new(11), kinds: 0 };
+    let mut all = Derivatives {
+        draw: Draw::new(11),
+        kinds: 0,
+    };
     for_each_kind(&mut all);
     assert_eq!(all.kinds, pliant::constraints::KINDS.len());
     // Control: a Hessian with two points exchanged is noticed.
@@ -102,7 +125,11 @@ impl Tube {
         let mesh = make("tube").expect("a shape").mesh;
         let middle = mesh.bounding_box().center();
         let far = |p: &Point3<f64>| (*p - middle).amax() > 0.7;
-        let inverse_mass = mesh.vertices.iter().map(|p| if far(p) { 0.0 } else { 1.0 }).collect();
+        let inverse_mass = mesh
+            .vertices
+            .iter()
+            .map(|p| if far(p) { 0.0 } else { 1.0 })
+            .collect();
         Self { mesh, inverse_mass }
     }
 
@@ -113,8 +140,16 @@ impl Tube {
         let (hinges, b) = stiffness::hinges(&self.mesh, &topology, 0.5);
         let count = self.mesh.vertices.len();
         Energy {
-            elastic: vec![Box::new(Quadratic::<_, 2>::new(edges, k)), Box::new(Quadratic::<_, 4>::new(hinges, b))],
-            volumes: vec![EnclosedVolume::new(&self.mesh.triangles, count, self.mesh.volume(), compliance)],
+            elastic: vec![
+                Box::new(Quadratic::<_, 2>::new(edges, k)),
+                Box::new(Quadratic::<_, 4>::new(hinges, b)),
+            ],
+            volumes: vec![EnclosedVolume::new(
+                &self.mesh.triangles,
+                count,
+                self.mesh.volume(),
+                compliance,
+            )],
             ..Energy::default()
         }
     }
@@ -123,14 +158,40 @@ impl Tube {
     fn held(&self, pose: &Isometry3<f64>, both: bool) -> Vec<(u32, Point3<f64>)> {
         let middle = self.mesh.bounding_box().center();
         let along = self.mesh.bounding_box().extents().imax();
-        let each = self.mesh.vertices.iter().enumerate().filter(|(v, _)| self.inverse_mass[*v] == 0.0);
-        each.map(|(v, p)| (v as u32, if both || p[along] > middle[along] { pose * p } else { *p })).collect()
+        let each = self
+            .mesh
+            .vertices
+            .iter()
+            .enumerate()
+            .filter(|(v, _)| self.inverse_mass[*v] == 0.0);
+        each.map(|(v, p)| {
+            (
+                v as u32,
+                if both || p[along] > middle[along] {
+                    pose * p
+                } else {
+                    *p
+                },
+            )
+        })
+        .collect()
     }
 
-    fn quasi_static(&self, pose: &Isometry3<f64>, both: bool, compliance: f64, tolerance: f64) -> Vec<Point3<f64>> {
-        let settings = Settings { tolerance, iterations: 3000 };
+    fn quasi_static(
+        &self,
+        pose: &Isometry3<f64>,
+        both: bool,
+        compliance: f64,
+        tolerance: f64,
+    ) -> Vec<Point3<f64>> {
+        let settings = Settings {
+            tolerance,
+            iterations: 3000,
+        };
         let energy = self.energy(compliance);
-        let mut solver = QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("held");
+        let mut solver =
+            QuasiStatic::new(energy, &self.mesh.vertices, &self.inverse_mass, settings)
+                .expect("held");
         let mut x = self.mesh.vertices.clone();
         solver.follow(&mut x, &self.held(pose, both), &mut Unguarded);
         let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
@@ -139,9 +200,13 @@ impl Tube {
     }
 
     fn newton(&self, start: &[Point3<f64>], compliance: f64) -> Vec<Point3<f64>> {
-        let settings = Settings { tolerance: 1e-10, iterations: 60 };
+        let settings = Settings {
+            tolerance: 1e-10,
+            iterations: 60,
+        };
         let energy = self.energy(compliance);
-        let mut solver = Newton::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("memory");
+        let mut solver =
+            Newton::new(energy, &self.mesh.vertices, &self.inverse_mass, settings).expect("memory");
         let mut x = start.to_vec();
         let outcome = solver.solve(&mut x, |_, _| true).expect("held");
         assert!(outcome.converged, "{outcome:?}");
@@ -164,9 +229,15 @@ fn two_solvers_find_one_equilibrium_and_keep_the_volume() {
     let length = tube.mesh.length();
     for compliance in [0.0, 1e-6] {
         let quasi_static = tube.quasi_static(&bent(), false, compliance, 1e-9);
-        let newton = tube.newton(&tube.quasi_static(&bent(), false, compliance, 1e-2), compliance);
+        let newton = tube.newton(
+            &tube.quasi_static(&bent(), false, compliance, 1e-2),
+            compliance,
+        );
         let off = apart(&quasi_static, &newton);
-        assert!(off <= T15 * length, "compliance {compliance}: {off:e} m apart");
+        assert!(
+            off <= T15 * length,
+            "compliance {compliance}: {off:e} m apart"
+        );
         // Control: a solution stopped early is further away.
         let early = tube.quasi_static(&bent(), false, compliance, 1e-3);
         assert!(!(apart(&early, &newton) <= T15 * length));
@@ -185,20 +256,32 @@ fn a_body_carried_rigidly_is_not_deformed() {
     let carried: Vec<Point3<f64>> = tube.mesh.vertices.iter().map(|p| bent() * p).collect();
     let x = tube.quasi_static(&bent(), true, 0.0, 1e-11);
     let off = apart(&x, &carried);
-    assert!(off <= T15 * tube.mesh.length(), "{off:e} m from the carried shape");
-    assert!(!(apart(&x, &tube.mesh.vertices) <= T15), "control: it was carried");
+    assert!(
+        off <= T15 * tube.mesh.length(),
+        "{off:e} m from the carried shape"
+    );
+    assert!(
+        !(apart(&x, &tube.mesh.vertices) <= T15),
+        "control: it was carried"
+    );
 }
 
 #[test]
 fn an_equilibrium_has_the_same_bits_for_any_number_of_threads() {
     let tube = Tube::new();
     let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("a pool");
         pool.install(|| tube.quasi_static(&bent(), false, 0.0, 1e-4))
     };
     let one = run(1);
     assert!([2, 8].into_iter().all(|threads| run(threads) == one));
-    assert!(tube.quasi_static(&bent(), false, 0.0, 1e-5) != one, "control: another tolerance has other bits");
+    assert!(
+        tube.quasi_static(&bent(), false, 0.0, 1e-5) != one,
+        "control: another tolerance has other bits"
+    );
 }
 
 /// A floor at a height, as a guard of single vertices.
@@ -209,8 +292,15 @@ struct Floor {
 impl Guard for Floor {
     fn rows(&self) -> Vec<Row> {
         let origin = Point3::new(0.0, self.height, 0.0);
-        let row = |v| Row { terms: [(v, 1.0), (v, 0.0), (v, 0.0)], normal: Vector3::y(), origin, distance: 0.0 };
-        (0..make("tube").expect("a shape").mesh.vertices.len() as u32).map(row).collect()
+        let row = |v| Row {
+            terms: [(v, 1.0), (v, 0.0), (v, 0.0)],
+            normal: Vector3::y(),
+            origin,
+            distance: 0.0,
+        };
+        (0..make("tube").expect("a shape").mesh.vertices.len() as u32)
+            .map(row)
+            .collect()
     }
     fn touching(&self) -> f64 {
         1e-9
@@ -225,15 +315,26 @@ impl Guard for Floor {
 fn a_tube_on_a_floor_balances_its_weight() {
     let tube = Tube::new();
     let bottom = tube.mesh.bounding_box().min.y;
-    let mut floor = Floor { height: bottom - 0.01 };
+    let mut floor = Floor {
+        height: bottom - 0.01,
+    };
     let weight = Vector3::new(0.0, -0.2, 0.0);
-    let energy = || Energy { forces: vec![weight; tube.mesh.vertices.len()], ..tube.energy(1e-6) };
-    let settings = Settings { tolerance: 1e-9, iterations: 3000 };
+    let energy = || Energy {
+        forces: vec![weight; tube.mesh.vertices.len()],
+        ..tube.energy(1e-6)
+    };
+    let settings = Settings {
+        tolerance: 1e-9,
+        iterations: 3000,
+    };
     let mut x = tube.mesh.vertices.clone();
-    let mut solver = QuasiStatic::new(energy(), &x.clone(), &tube.inverse_mass, settings).expect("held");
+    let mut solver =
+        QuasiStatic::new(energy(), &x.clone(), &tube.inverse_mass, settings).expect("held");
     let outcome = solver.solve(&mut x, &mut floor, |_, _| true);
     assert!(outcome.converged, "{outcome:?}");
-    let down: Vec<usize> = (0..x.len()).filter(|v| x[*v].y <= floor.height && tube.inverse_mass[*v] > 0.0).collect();
+    let down: Vec<usize> = (0..x.len())
+        .filter(|v| x[*v].y <= floor.height && tube.inverse_mass[*v] > 0.0)
+        .collect();
     assert!(down.len() >= 3, "{} vertices touch the floor", down.len());
     assert!(x.iter().all(|p| p.y >= floor.height));
     // What the floor bears: the force on each vertex that touches points down, on all others there is none.
@@ -245,39 +346,73 @@ fn a_tube_on_a_floor_balances_its_weight() {
     for v in (0..x.len()).filter(|v| tube.inverse_mass[*v] > 0.0) {
         let scale = 1e-6 * solver.problem.force_scale();
         if down.contains(&v) {
-            assert!(force(v).y <= scale && force(v).xz().norm() <= scale, "vertex {v}: {}", force(v));
+            assert!(
+                force(v).y <= scale && force(v).xz().norm() <= scale,
+                "vertex {v}: {}",
+                force(v)
+            );
         } else {
             assert!(force(v).norm() <= scale, "vertex {v}: {}", force(v));
         }
     }
     // Without a floor it hangs lower.
     let mut free = tube.mesh.vertices.clone();
-    assert!(solver.solve(&mut free, &mut Unguarded, |_, _| true).converged);
-    assert!(free.iter().any(|p| p.y < floor.height - 1e-3), "control: the floor bears nothing");
+    assert!(
+        solver
+            .solve(&mut free, &mut Unguarded, |_, _| true)
+            .converged
+    );
+    assert!(
+        free.iter().any(|p| p.y < floor.height - 1e-3),
+        "control: the floor bears nothing"
+    );
 }
 
 #[test]
 fn what_nothing_holds_is_an_error() {
     let tube = Tube::new();
     let free = vec![1.0; tube.mesh.vertices.len()];
-    let made = QuasiStatic::new(tube.energy(0.0), &tube.mesh.vertices, &free, Settings::default());
-    assert!(matches!(made.err(), Some(FactorError::NotPositiveDefinite { .. })));
+    let made = QuasiStatic::new(
+        tube.energy(0.0),
+        &tube.mesh.vertices,
+        &free,
+        Settings::default(),
+    );
+    assert!(matches!(
+        made.err(),
+        Some(FactorError::NotPositiveDefinite { .. })
+    ));
 }
 
 #[test]
 fn a_factor_solves_and_tells_what_is_not_positive_definite() {
     let mut draw = Draw::new(5);
-    let (n, pairs) = (40_u32, (0..39).map(|i| [i, i + 1]).chain([[0, 20], [7, 33]]).collect::<Vec<_>>());
+    let (n, pairs) = (
+        40_u32,
+        (0..39)
+            .map(|i| [i, i + 1])
+            .chain([[0, 20], [7, 33]])
+            .collect::<Vec<_>>(),
+    );
     let mut factor = Factor::<3>::new(n as usize, &pairs).expect("memory");
     let mut dense = nalgebra::DMatrix::<f64>::zeros(120, 120);
     let mut add = |i: u32, j: u32, block: Matrix3<f64>, factor: &mut Factor<3>| {
-        factor.add(i, j, &std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)])));
+        factor.add(
+            i,
+            j,
+            &std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)])),
+        );
         let (r, c) = (3 * i as usize, 3 * j as usize);
         dense.view_mut((r, c), (3, 3)).copy_from(&block);
         dense.view_mut((c, r), (3, 3)).copy_from(&block.transpose());
     };
     for &[a, b] in &pairs {
-        add(b, a, Matrix3::from_fn(|_, _| draw.between(-1.0, 1.0)), &mut factor);
+        add(
+            b,
+            a,
+            Matrix3::from_fn(|_, _| draw.between(-1.0, 1.0)),
+            &mut factor,
+        );
     }
     (0..n).for_each(|i| add(i, i, Matrix3::from_diagonal_element(20.0), &mut factor));
     factor.factorise().expect("diagonally dominant");
@@ -287,44 +422,89 @@ fn a_factor_solves_and_tells_what_is_not_positive_definite() {
     let left = &dense * nalgebra::DMatrix::from_column_slice(120, 2, &found) - &right;
     assert!(left.amax() <= T7, "residual {:e}", left.amax());
     factor.add_diagonal(17, -100.0);
-    assert!(matches!(factor.factorise(), Err(FactorError::NotPositiveDefinite { .. })));
+    assert!(matches!(
+        factor.factorise(),
+        Err(FactorError::NotPositiveDefinite { .. })
+    ));
     factor.add_diagonal(17, f64::NAN);
     assert!(factor.factorise().is_err());
 }
 
 /// Two tubes side by side, the second moved by `apart` [m], joined by springs of `joined` [N/m] between vertices of the same
 /// number, with these shares of their volumes kept inside.
-fn two_tubes(apart: f64, joined: f64, shares: [f64; 2], away: f64) -> (Energy, Vec<Point3<f64>>, Vec<f64>) {
+fn two_tubes(
+    apart: f64,
+    joined: f64,
+    shares: [f64; 2],
+    away: f64,
+) -> (Energy, Vec<Point3<f64>>, Vec<f64>) {
     let mut tube = Tube::new();
-    tube.mesh.vertices.iter_mut().for_each(|p| *p += Vector3::repeat(away));
+    tube.mesh
+        .vertices
+        .iter_mut()
+        .for_each(|p| *p += Vector3::repeat(away));
     let count = tube.mesh.vertices.len() as u32;
     let second = |[a, b]: [u32; 2]| [a + count, b + count];
     let topology = Topology::new(&tube.mesh);
     let (edges, k) = stiffness::edges(&tube.mesh, &topology, 300.0);
-    let both = edges.iter().copied().chain(edges.iter().map(|e| Distance { points: second(e.points), ..*e }));
-    let between = (0..count).map(|v| Distance { points: [v, v + count], rest: apart });
+    let both = edges.iter().copied().chain(edges.iter().map(|e| Distance {
+        points: second(e.points),
+        ..*e
+    }));
+    let between = (0..count).map(|v| Distance {
+        points: [v, v + count],
+        rest: apart,
+    });
     let stiffness = [k.clone(), k, vec![joined; count as usize]].concat();
     let aside = Vector3::z() * apart;
-    let x: Vec<Point3<f64>> =
-        tube.mesh.vertices.iter().copied().chain(tube.mesh.vertices.iter().map(|p| p + aside)).collect();
-    let triangles: Vec<[u32; 3]> = tube.mesh.triangles.iter().map(|t| t.map(|v| v + count)).collect();
+    let x: Vec<Point3<f64>> = tube
+        .mesh
+        .vertices
+        .iter()
+        .copied()
+        .chain(tube.mesh.vertices.iter().map(|p| p + aside))
+        .collect();
+    let triangles: Vec<[u32; 3]> = tube
+        .mesh
+        .triangles
+        .iter()
+        .map(|t| t.map(|v| v + count))
+        .collect();
     let volumes = [&tube.mesh.triangles, &triangles].into_iter().zip(shares);
-    let volumes = volumes.map(|(t, share)| EnclosedVolume::new(t, x.len(), share * tube.mesh.volume(), 0.0)).collect();
+    let volumes = volumes
+        .map(|(t, share)| EnclosedVolume::new(t, x.len(), share * tube.mesh.volume(), 0.0))
+        .collect();
     let (hinges, b) = stiffness::hinges(&tube.mesh, &topology, 0.5);
-    let more = hinges.iter().map(|h| Bending { points: h.points.map(|v| v + count), ..*h });
+    let more = hinges.iter().map(|h| Bending {
+        points: h.points.map(|v| v + count),
+        ..*h
+    });
     let hinges = hinges.iter().copied().chain(more).collect();
     let springs = Quadratic::<_, 2>::new(both.chain(between).collect(), stiffness);
-    let elastic: Vec<Box<dyn Potential>> =
-        vec![Box::new(springs), Box::new(Quadratic::<_, 4>::new(hinges, b.repeat(2)))];
+    let elastic: Vec<Box<dyn Potential>> = vec![
+        Box::new(springs),
+        Box::new(Quadratic::<_, 4>::new(hinges, b.repeat(2))),
+    ];
     let inverse_mass = tube.inverse_mass.repeat(2);
-    (Energy { elastic, volumes, ..Energy::default() }, x, inverse_mass)
+    (
+        Energy {
+            elastic,
+            volumes,
+            ..Energy::default()
+        },
+        x,
+        inverse_mass,
+    )
 }
 
 #[test]
 fn several_volumes_are_kept_at_once() {
     let shares = [1.1, 0.97];
     let tube = Tube::new();
-    let settings = Settings { tolerance: 1e-9, iterations: 5000 };
+    let settings = Settings {
+        tolerance: 1e-9,
+        iterations: 5000,
+    };
     let solve = |joined: f64| {
         let (energy, mut x, inverse_mass) = two_tubes(1.0, joined, shares, 0.0);
         let start = x.clone();
@@ -333,7 +513,9 @@ fn several_volumes_are_kept_at_once() {
         assert!(first.solve(&mut x, &mut Unguarded, |_, _| true).converged);
         let kept = |x: &[Point3<f64>]| -> Vec<f64> {
             let (one, two) = x.split_at(x.len() / 2);
-            [one, two].map(|x| volume(x, &tube.mesh.triangles) / tube.mesh.volume()).to_vec()
+            [one, two]
+                .map(|x| volume(x, &tube.mesh.triangles) / tube.mesh.volume())
+                .to_vec()
         };
         assert!(worst(kept(&x).iter().zip(shares).map(|(a, b)| (a - b).abs())) <= T2);
         let quasi = x.clone();
@@ -342,22 +524,40 @@ fn several_volumes_are_kept_at_once() {
         let outcome = newton.solve(&mut x, |_, _| true).expect("a factor");
         assert!(outcome.converged, "{outcome:?}");
         assert!(worst(kept(&x).iter().zip(shares).map(|(a, b)| (a - b).abs())) <= T2);
-        assert!(worst(quasi.iter().zip(&x).map(|(a, b)| (a - b).norm())) <= T15 * tube.mesh.length());
-        assert!(newton.pressures[0] > 0.0 && newton.pressures[1] < 0.0, "{:?}", newton.pressures);
+        assert!(
+            worst(quasi.iter().zip(&x).map(|(a, b)| (a - b).norm())) <= T15 * tube.mesh.length()
+        );
+        assert!(
+            newton.pressures[0] > 0.0 && newton.pressures[1] < 0.0,
+            "{:?}",
+            newton.pressures
+        );
         (x, newton.pressures)
     };
     let (apart, free) = solve(0.0);
     let (joined, pressed) = solve(3.0);
     // Joined, each feels the other.
-    assert!((free[0] - pressed[0]).abs() > 1e-3 * free[0], "{free:?}, {pressed:?}");
+    assert!(
+        (free[0] - pressed[0]).abs() > 1e-3 * free[0],
+        "{free:?}, {pressed:?}"
+    );
     assert!(worst(apart.iter().zip(&joined).map(|(a, b)| (a - b).norm())) > 1e-4);
     // Alone, each is as if there were no other.
     let (mut energy, mut x, inverse_mass) = two_tubes(1.0, 0.0, shares, 0.0);
     energy.volumes.truncate(1);
     let mut newton = Newton::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
     x.copy_from_slice(&apart);
-    assert!(newton.solve(&mut x, |_, _| true).expect("a factor").converged);
-    assert!((newton.pressures[0] / free[0] - 1.0).abs() <= 1e-4, "{free:?}, {:?}", newton.pressures);
+    assert!(
+        newton
+            .solve(&mut x, |_, _| true)
+            .expect("a factor")
+            .converged
+    );
+    assert!(
+        (newton.pressures[0] / free[0] - 1.0).abs() <= 1e-4,
+        "{free:?}, {:?}",
+        newton.pressures
+    );
 }
 
 #[test]
@@ -365,11 +565,18 @@ fn several_volumes_are_kept_far_from_the_origin() {
     // There one volume is known only to more than its own rounding; a search that asks for less finds nothing.
     let pressures = [0.0, 50.0].map(|away| {
         let (energy, mut x, inverse_mass) = two_tubes(1.0, 3.0, [1.1, 0.97], away);
-        let settings = Settings { tolerance: 1e-8, iterations: 3000 };
-        let mut solver = QuasiStatic::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
+        let settings = Settings {
+            tolerance: 1e-8,
+            iterations: 3000,
+        };
+        let mut solver =
+            QuasiStatic::new(energy, &x.clone(), &inverse_mass, settings).expect("held");
         let outcome = solver.solve(&mut x, &mut Unguarded, |_, _| true);
         assert!(outcome.converged, "{away} m: {outcome:?}");
         solver.pressures[0]
     });
-    assert!((pressures[1] / pressures[0] - 1.0).abs() <= 1e-4, "{pressures:?}");
+    assert!(
+        (pressures[1] / pressures[0] - 1.0).abs() <= 1e-4,
+        "{pressures:?}"
+    );
 }

@@ -6,12 +6,17 @@ use pliant::simulation::skin::{SkinRun, Stepped};
 
 /// The flat implant on a coarse mesh, run to its last frame.
 fn run(changes: &[&str]) -> SkinRun {
-    of("flat-implant", &[&["sheet.cells=24", "skin.edge_length=8.4 mm"], changes].concat())
+    of(
+        "flat-implant",
+        &[&["sheet.cells=24", "skin.edge_length=8.4 mm"], changes].concat(),
+    )
 }
 
 fn of(scene: &str, changes: &[&str]) -> SkinRun {
     let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
-    let Ok(Content::Staged(Staged::Skin(scene))) = load_content(scene, &changes) else { panic!("no skin") };
+    let Ok(Content::Staged(Staged::Skin(scene))) = load_content(scene, &changes) else {
+        panic!("no skin")
+    };
     let mut run = SkinRun::new(*scene).expect("a scene that runs");
     while run.frame() < run.scene.frames {
         assert_eq!(run.step(&mut |_| true), Stepped::Done);
@@ -28,18 +33,35 @@ fn gain(run: &SkinRun) -> f64 {
 fn a_fill_by_steps_ends_where_one_filling_does() {
     let at_once = gain(&run(&["implant.volume=60cc"]));
     let steps = run(&["implant.volume=60cc", "frames=3"]);
-    let volumes: Vec<f64> = steps.parts[0].frames.iter().map(|f| f.shells[0].0 * 1e6).collect();
-    assert!(volumes.iter().zip([20.0, 40.0, 60.0]).all(|(v, w)| (v - w).abs() <= 1e-6 * w), "{volumes:?}");
+    let volumes: Vec<f64> = steps.parts[0]
+        .frames
+        .iter()
+        .map(|f| f.shells[0].0 * 1e6)
+        .collect();
+    assert!(
+        volumes
+            .iter()
+            .zip([20.0, 40.0, 60.0])
+            .all(|(v, w)| (v - w).abs() <= 1e-6 * w),
+        "{volumes:?}"
+    );
     // An area may still change by a thousandth in a round where all counts as at rest, which is up to a fiftieth of its gain.
     let found = gain(&steps);
-    assert!((found / at_once - 1.0).abs() <= 0.03, "{found} and {at_once} cm2");
+    assert!(
+        (found / at_once - 1.0).abs() <= 0.03,
+        "{found} and {at_once} cm2"
+    );
     let less = gain(&run(&["implant.volume=50cc"]));
-    assert!(!((less / at_once - 1.0).abs() <= 0.03), "control: {less} and {at_once} cm2");
+    assert!(
+        !((less / at_once - 1.0).abs() <= 0.03),
+        "control: {less} and {at_once} cm2"
+    );
 }
 
 #[test]
 fn an_implant_that_is_emptied_gives_its_skin_back() {
-    let schedule = "implant.fill=[{ frame = 1, volume = \"60 cc\" }, { frame = 2, volume = \"20 cc\" }]";
+    let schedule =
+        "implant.fill=[{ frame = 1, volume = \"60 cc\" }, { frame = 2, volume = \"20 cc\" }]";
     let down = gain(&run(&["implant.volume=off", schedule]));
     let up = gain(&run(&["implant.volume=20cc"]));
     // As above; a small gain is a smaller share of the area.
@@ -50,7 +72,9 @@ fn an_implant_that_is_emptied_gives_its_skin_back() {
 fn a_frame_that_is_given_up_leaves_the_last_one() {
     let mut run = run(&["implant.volume=60cc", "frames=2"]);
     run.scene.frames = 3;
-    let Under::Implants(implants) = &mut run.scene.under else { panic!("no implants") };
+    let Under::Implants(implants) = &mut run.scene.under else {
+        panic!("no implants")
+    };
     implants[0].fill.push((3, 90e-6));
     let before = run.skin_at();
     assert_eq!(run.step(&mut |_| false), Stepped::Interrupted);
@@ -63,9 +87,18 @@ fn a_ball_that_comes_up_by_steps_ends_where_it_comes_at_once() {
     let (at_once, steps) = (up(&[]), up(&["frames=4"]));
     // At once the skin starts from a coarser one, by steps from the frame before; both are at rest to a thousandth of the area,
     // which is three times the gain.
-    assert!((steps / at_once - 1.0).abs() <= 3e-3, "{steps} and {at_once} cm2");
+    assert!(
+        (steps / at_once - 1.0).abs() <= 3e-3,
+        "{steps} and {at_once} cm2"
+    );
     let newton = up(&["skin.method=newton"]);
-    assert!((newton / at_once - 1.0).abs() <= 3e-3, "{newton} and {at_once} cm2");
+    assert!(
+        (newton / at_once - 1.0).abs() <= 3e-3,
+        "{newton} and {at_once} cm2"
+    );
     let lower = up(&["ball.to=[\"0 mm\", \"0 mm\", \"-0.1 mm\"]"]);
-    assert!(!((lower / at_once - 1.0).abs() <= 3e-3), "control: {lower} and {at_once} cm2");
+    assert!(
+        !((lower / at_once - 1.0).abs() <= 3e-3),
+        "control: {lower} and {at_once} cm2"
+    );
 }

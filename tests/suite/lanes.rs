@@ -2,7 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Lane, Order, Parameter, Project, Scalar, Several, Width,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Lane, Order, Parameter, Project, Scalar,
+    Several, Width,
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
@@ -16,7 +17,11 @@ const DT: f64 = 0.01;
 fn odd_body() -> (pliant::mesh::TriangleMesh, Particles) {
     let mesh = icosphere(1.0, 4);
     let mut draw = Draw::new(4242);
-    let mut x: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| p + draw.direction() * 0.02).collect();
+    let mut x: Vec<Point3<f64>> = mesh
+        .vertices
+        .iter()
+        .map(|p| p + draw.direction() * 0.02)
+        .collect();
     for (t, &[a, b, c]) in mesh.triangles.iter().enumerate() {
         let [a, b, c] = [a, b, c].map(|v| v as usize);
         match t % 97 {
@@ -29,13 +34,23 @@ fn odd_body() -> (pliant::mesh::TriangleMesh, Particles) {
         }
     }
     let inverse_mass = mesh.vertices.iter().enumerate();
-    let inverse_mass = inverse_mass.map(|(i, p)| if p.x > 0.75 { 0.0 } else { 1.0 + (i % 7) as f64 }).collect();
+    let inverse_mass = inverse_mass
+        .map(|(i, p)| {
+            if p.x > 0.75 {
+                0.0
+            } else {
+                1.0 + (i % 7) as f64
+            }
+        })
+        .collect();
     (mesh, Particles::at_rest(x, inverse_mass))
 }
 
 /// Compliances of all kinds, none and infinite among them.
 fn compliance(count: usize) -> Vec<f64> {
-    (0..count).map(|i| [0.0, 1e-6, 1e-2, f64::INFINITY, 3.0][i % 5]).collect()
+    (0..count)
+        .map(|i| [0.0, 1e-6, 1e-2, f64::INFINITY, 3.0][i % 5])
+        .collect()
 }
 
 /// All that a sweep leaves behind, as bits.
@@ -46,7 +61,11 @@ struct Left {
     skipped: u64,
 }
 
-fn swept<C: Constraint<K>, const K: usize>(all: &[C], body: &Particles, width: Width) -> (Left, Vec<C>) {
+fn swept<C: Constraint<K>, const K: usize>(
+    all: &[C],
+    body: &Particles,
+    width: Width,
+) -> (Left, Vec<C>) {
     let factors: Vec<f64> = (0..all.len()).map(|i| [1.0, 0.3, 0.0][i % 3]).collect();
     let compliance = compliance(all.len());
     let batch = Batch::new(all.to_vec(), compliance, Order::Coloured, body.len(), &[]);
@@ -60,14 +79,28 @@ fn swept<C: Constraint<K>, const K: usize>(all: &[C], body: &Particles, width: W
     }
     assert!(finite(&particles));
     let multipliers = batch.multipliers().iter().map(|m| m.to_bits()).collect();
-    (Left { particles: bits(&particles), multipliers, skipped: batch.skipped() }, batch.constraints().to_vec())
+    (
+        Left {
+            particles: bits(&particles),
+            multipliers,
+            skipped: batch.skipped(),
+        },
+        batch.constraints().to_vec(),
+    )
 }
 
 /// Whether all widths leave what one by one leaves; the numbers of skipped projections and the constraints then.
-fn same<C: Constraint<K> + PartialEq, const K: usize>(all: &[C], body: &Particles) -> (bool, u64, Vec<C>) {
+fn same<C: Constraint<K> + PartialEq, const K: usize>(
+    all: &[C],
+    body: &Particles,
+) -> (bool, u64, Vec<C>) {
     let (one, constraints) = swept(all, body, Width::One);
-    let others = Width::available().iter().map(|&width| swept(all, body, width));
-    let same = others.into_iter().all(|(left, then)| left == one && then == constraints);
+    let others = Width::available()
+        .iter()
+        .map(|&width| swept(all, body, width));
+    let same = others
+        .into_iter()
+        .all(|(left, then)| left == one && then == constraints);
     (same, one.skipped, constraints)
 }
 
@@ -78,8 +111,14 @@ fn p42_lanes_change_no_bit_of_edges() {
     // Of a colour's last places, fewer than lanes, and with a particle twice in a constraint.
     let (same_bits, skipped, _) = same(&all, &body);
     assert!(same_bits);
-    assert!(skipped > 4, "no edge without length or mass: the test would show little");
-    all.push(Distance { points: [5, 5], rest: 0.1 });
+    assert!(
+        skipped > 4,
+        "no edge without length or mass: the test would show little"
+    );
+    all.push(Distance {
+        points: [5, 5],
+        rest: 0.1,
+    });
     assert!(same(&all, &body).0, "an edge from a particle to itself");
 }
 
@@ -93,8 +132,14 @@ fn p42_lanes_change_no_bit_of_hinges() {
     }
     let (same_bits, skipped, then) = same(&all, &body);
     assert!(same_bits);
-    assert!(skipped > 4, "no degenerate hinge and none held: the test would show little");
-    assert!(then.iter().any(|h| h.last.abs() > std::f64::consts::PI), "no angle beyond half a turn");
+    assert!(
+        skipped > 4,
+        "no degenerate hinge and none held: the test would show little"
+    );
+    assert!(
+        then.iter().any(|h| h.last.abs() > std::f64::consts::PI),
+        "no angle beyond half a turn"
+    );
     let [a, b, c, _] = all[0].points;
     all.push(Bending::new([a, b, c, c], 0.5));
     assert!(same(&all, &body).0, "both tips are one particle");
@@ -106,7 +151,11 @@ fn p42_lanes_change_no_bit_of_ordinary_bodies() {
     for level in [0, 1, 3] {
         let mesh = icosphere(0.1, level);
         let mut draw = Draw::new(7);
-        let x = mesh.vertices.iter().map(|p| p + draw.direction() * 2e-4).collect();
+        let x = mesh
+            .vertices
+            .iter()
+            .map(|p| p + draw.direction() * 2e-4)
+            .collect();
         let body = Particles::at_rest(x, vec![2.0; mesh.vertices.len()]);
         let (stretch, bending) = (same(&edges(&mesh), &body), same(&hinges(&mesh), &body));
         assert!(stretch.0 && bending.0, "level {level}");
@@ -120,7 +169,13 @@ fn p42_lanes_change_no_bit_of_extreme_sizes() {
     for scale in [1e-150, 1e-90, 1e-3, 1e3, 1e60] {
         let x: Vec<Point3<f64>> = body.position.iter().map(|p| p * scale).collect();
         let body = Particles::at_rest(x, body.inverse_mass.clone());
-        let stretch: Vec<Distance> = edges(&mesh).iter().map(|e| Distance { rest: e.rest * scale, ..*e }).collect();
+        let stretch: Vec<Distance> = edges(&mesh)
+            .iter()
+            .map(|e| Distance {
+                rest: e.rest * scale,
+                ..*e
+            })
+            .collect();
         assert!(same(&stretch, &body).0, "scale {scale:e}");
     }
     for scale in [1e-30, 1e-3, 1e3, 1e30] {
@@ -128,7 +183,10 @@ fn p42_lanes_change_no_bit_of_extreme_sizes() {
         let body = Particles::at_rest(x, body.inverse_mass.clone());
         let (left, _) = swept(&hinges(&mesh), &body, Width::One);
         for &width in Width::available() {
-            assert!(swept(&hinges(&mesh), &body, width).0 == left, "scale {scale:e}, {width}");
+            assert!(
+                swept(&hinges(&mesh), &body, width).0 == left,
+                "scale {scale:e}, {width}"
+            );
         }
     }
 }
@@ -138,10 +196,13 @@ fn p42_lanes_change_no_bit_of_the_volume() {
     let (mesh, body) = odd_body();
     let run = |width: Width| {
         let count = mesh.vertices.len();
-        let mut volume = EnclosedVolume::new(&mesh.triangles, count, 0.93 * mesh.volume(), 1e-7).with_width(width);
+        let mut volume = EnclosedVolume::new(&mesh.triangles, count, 0.93 * mesh.volume(), 1e-7)
+            .with_width(width);
         let mut particles = body.clone();
         for _ in 0..3 {
-            volume.project(&mut particles, DT).expect("a sphere can be inflated");
+            volume
+                .project(&mut particles, DT)
+                .expect("a sphere can be inflated");
         }
         bits(&particles)
     };
@@ -180,7 +241,8 @@ impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
             at.iter_mut().for_each(|p| p.reverse());
         }
         let rest = N::each(machine, |l| these[l].0.rest);
-        let mut found = Distance::in_lanes::<N>(&these.iter().map(|w| w.0).collect::<Vec<_>>(), machine, &at);
+        let mut found =
+            Distance::in_lanes::<N>(&these.iter().map(|w| w.0).collect::<Vec<_>>(), machine, &at);
         if N::COUNT > 1 && HOW == 1 {
             found.gradient.iter_mut().for_each(|g| g.reverse());
         }
@@ -192,7 +254,8 @@ impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
         if N::COUNT > 1 && HOW == 3 {
             let last = N::COUNT - 1;
             // Another constraint's rest length in one lane.
-            found.value = found.value + rest - N::each(machine, |l| these[l - usize::from(l == last)].0.rest);
+            found.value =
+                found.value + rest - N::each(machine, |l| these[l - usize::from(l == last)].0.rest);
         }
         found
     }

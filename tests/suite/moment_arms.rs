@@ -42,8 +42,18 @@ fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
         at[along] += sign * (0.5 * bounds.extents()[along] + 0.009);
         moved(icosphere(0.01, 3), at)
     };
-    for (file, mesh) in [("muscle", muscle.clone()), ("upper", end(-1.0)), ("lower", end(1.0))] {
-        io::write(&path.join(format!("{file}.obj")), &mesh, &[], io::Encoding::Text).expect("written");
+    for (file, mesh) in [
+        ("muscle", muscle.clone()),
+        ("upper", end(-1.0)),
+        ("lower", end(1.0)),
+    ] {
+        io::write(
+            &path.join(format!("{file}.obj")),
+            &mesh,
+            &[],
+            io::Encoding::Text,
+        )
+        .expect("written");
     }
     let mut axis = [0, 0, 0];
     let mut centre = bounds.center().coords;
@@ -68,9 +78,21 @@ fn scene(name: &str, change: impl Fn(String) -> String) -> (Folder, Scene) {
 }
 
 fn sweep(from: f64, to: f64) -> Sweep {
-    let fibres = pliant::fibres::harmonic::Options { count: 12, points: 9 };
+    let fibres = pliant::fibres::harmonic::Options {
+        count: 12,
+        points: 9,
+    };
     let (joint, by) = ("hinge".to_owned(), By::Spread);
-    Sweep { joint, axis: None, from, to, step: 0.02, frames: 1, fibres, by }
+    Sweep {
+        joint,
+        axis: None,
+        from,
+        to,
+        step: 0.02,
+        frames: 1,
+        fibres,
+        by,
+    }
 }
 
 fn swept(scene: Scene, sweep: &Sweep) -> Running {
@@ -99,11 +121,22 @@ fn a_straight_muscle_has_its_distance_to_the_axis() {
         // The chord of a fibre is its tangent but for how it spreads from its area.
         assert!((arm[3] - wanted).abs() <= T22 * ARM, "{} {wanted}", arm[3]);
     }
-    assert!((middle - 1.05 * ARM).abs() > T22 * ARM, "control: another distance is not taken for it");
+    assert!(
+        (middle - 1.05 * ARM).abs() > T22 * ARM,
+        "control: another distance is not taken for it"
+    );
     // Fibres of a straight muscle are nearly straight.
-    assert!((arms.straight[3] - arms.mean[3]).abs() <= T22 * ARM, "{}", arms.straight[3]);
+    assert!(
+        (arms.straight[3] - arms.mean[3]).abs() <= T22 * ARM,
+        "{}",
+        arms.straight[3]
+    );
     assert_eq!(running.muscles[0].unconverged, 0);
-    assert!(running.muscles[0].volume_error <= T9, "{}", running.muscles[0].volume_error);
+    assert!(
+        running.muscles[0].volume_error <= T9,
+        "{}",
+        running.muscles[0].volume_error
+    );
 }
 
 /// What is held goes with its bone, and the rest depends on the angle alone, not on where the sweep began.
@@ -114,19 +147,37 @@ fn the_shape_depends_on_the_angle_alone() {
     let long = swept(first, &sweep(-0.2, 0.2));
     let short = swept(second, &sweep(0.0, 0.2));
     let [long_last, short_last] = [&long, &short].map(|r| r.muscles[0].now());
-    let apart = long_last.iter().flatten().zip(short_last.iter().flatten()).map(|(a, b)| (a - b).norm());
+    let apart = long_last
+        .iter()
+        .flatten()
+        .zip(short_last.iter().flatten())
+        .map(|(a, b)| (a - b).norm());
     // Both equilibria are found to forces below 1e-8 of the scale; over the muscle's length that adds up.
     let apart = greatest(apart) / 0.12;
     assert!(apart <= T23, "{apart}");
-    let other = long.muscles[0].fibres.iter().flatten().zip(short_last.iter().flatten()).map(|(a, b)| (a - b).norm());
-    assert!(greatest(other) / 0.12 > 1e-2, "control: at another angle it is elsewhere");
+    let other = long.muscles[0]
+        .fibres
+        .iter()
+        .flatten()
+        .zip(short_last.iter().flatten())
+        .map(|(a, b)| (a - b).norm());
+    assert!(
+        greatest(other) / 0.12 > 1e-2,
+        "control: at another angle it is elsewhere"
+    );
     let pose: Isometry3<f64> = long.joint.pose(0.2);
     // An end is left within 2e-6 of the length of its area, and what is so near goes with it but for the strain there.
     let near = 1e-5 * 0.12;
     for (rest, now) in long.muscles[0].fibres.iter().zip(long_last) {
         assert!((rest[0] - now[0]).norm() <= near, "ends at rest stay");
-        assert!((rest[8] - now[8]).norm() > 1e2 * near, "control: it does go");
-        assert!((pose * rest[8] - now[8]).norm() <= near, "ends that turn go with the bone");
+        assert!(
+            (rest[8] - now[8]).norm() > 1e2 * near,
+            "control: it does go"
+        );
+        assert!(
+            (pose * rest[8] - now[8]).norm() <= near,
+            "ends that turn go with the bone"
+        );
     }
 }
 
@@ -140,41 +191,109 @@ fn what_cannot_be_swept_says_why() {
         }
     };
     let same = |text: String| text;
-    let named = |joint: &str| Sweep { joint: joint.to_owned(), ..sweep(0.0, 0.1) };
-    assert!(refused(&same, &named("knee")).to_string().contains("no joint `knee`; known: hinge"));
-    assert!(matches!(refused(&same, &sweep(0.1, 0.0)), SweepError::Range(_)));
-    assert!(matches!(refused(&same, &Sweep { step: f64::NAN, ..sweep(0.0, 0.1) }), SweepError::Range(_)));
-    assert!(matches!(refused(&same, &sweep(-4.0, 0.1)), SweepError::Range(_)));
-    let one_side =
-        |text: String| text.replacen("bone = \"lower\"\nnear = \"6 mm\"", "bone = \"upper\"\nnear = \"8 mm\"", 1);
-    assert!(matches!(refused(&one_side, &sweep(0.0, 0.1)), SweepError::NothingCrosses(_)));
+    let named = |joint: &str| Sweep {
+        joint: joint.to_owned(),
+        ..sweep(0.0, 0.1)
+    };
+    assert!(
+        refused(&same, &named("knee"))
+            .to_string()
+            .contains("no joint `knee`; known: hinge")
+    );
+    assert!(matches!(
+        refused(&same, &sweep(0.1, 0.0)),
+        SweepError::Range(_)
+    ));
+    assert!(matches!(
+        refused(
+            &same,
+            &Sweep {
+                step: f64::NAN,
+                ..sweep(0.0, 0.1)
+            }
+        ),
+        SweepError::Range(_)
+    ));
+    assert!(matches!(
+        refused(&same, &sweep(-4.0, 0.1)),
+        SweepError::Range(_)
+    ));
+    let one_side = |text: String| {
+        text.replacen(
+            "bone = \"lower\"\nnear = \"6 mm\"",
+            "bone = \"upper\"\nnear = \"8 mm\"",
+            1,
+        )
+    };
+    assert!(matches!(
+        refused(&one_side, &sweep(0.0, 0.1)),
+        SweepError::NothingCrosses(_)
+    ));
     let (_folder, taken) = scene("taken", same);
-    assert!(Running::new(taken, &named("lower")).is_ok(), "control: a bone's name will do");
+    assert!(
+        Running::new(taken, &named("lower")).is_ok(),
+        "control: a bone's name will do"
+    );
 }
 
 /// Four muscles of the right hip: every angle comes to rest, nothing is in a bone, and the gluteus extends where the psoas
 /// flexes.
 #[test]
 fn the_real_hip() {
-    let data = pliant::scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
+    let data =
+        pliant::scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     if data.is_none() {
         println!("skipped: 1 test, because there is no folder of measured data");
         return;
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/right-hip-muscles.toml");
-    let scene = pliant::scene::builtin::load(path.to_str().expect("a plain name"), &[]).expect("a scene");
-    let fibres = pliant::fibres::harmonic::Options { count: 40, points: 15 };
-    let sweep = Sweep { joint: "hip".to_owned(), step: 0.1, fibres, ..sweep(-0.2, 1.0) };
+    let scene =
+        pliant::scene::builtin::load(path.to_str().expect("a plain name"), &[]).expect("a scene");
+    let fibres = pliant::fibres::harmonic::Options {
+        count: 40,
+        points: 15,
+    };
+    let sweep = Sweep {
+        joint: "hip".to_owned(),
+        step: 0.1,
+        fibres,
+        ..sweep(-0.2, 1.0)
+    };
     let running = swept(scene, &sweep);
     assert_eq!(running.muscles.len(), 4);
     for muscle in &running.muscles {
-        assert_eq!((muscle.unconverged, muscle.points_in_bone), (0, 0), "{}", muscle.name);
-        assert!(muscle.vertex_depth <= 0.0, "{}: {}", muscle.name, muscle.vertex_depth);
-        assert!(muscle.volume_error <= T9, "{}: {}", muscle.name, muscle.volume_error);
+        assert_eq!(
+            (muscle.unconverged, muscle.points_in_bone),
+            (0, 0),
+            "{}",
+            muscle.name
+        );
+        assert!(
+            muscle.vertex_depth <= 0.0,
+            "{}: {}",
+            muscle.name,
+            muscle.vertex_depth
+        );
+        assert!(
+            muscle.volume_error <= T9,
+            "{}: {}",
+            muscle.name,
+            muscle.volume_error
+        );
         let flexes = muscle.name == "iliacus" || muscle.name == "psoas";
         let arms = Arms::new(muscle, &running, 0);
-        assert!(arms.mean.iter().all(|r| (*r > 0.0) == flexes), "{}: {:?}", muscle.name, arms.mean);
+        assert!(
+            arms.mean.iter().all(|r| (*r > 0.0) == flexes),
+            "{}: {:?}",
+            muscle.name,
+            arms.mean
+        );
         // The muscle of a subject is within a hand of the joint it moves.
-        assert!(arms.mean.iter().all(|r| r.abs() > 0.01 && r.abs() < 0.1), "{}: {:?}", muscle.name, arms.mean);
+        assert!(
+            arms.mean.iter().all(|r| r.abs() > 0.01 && r.abs() < 0.1),
+            "{}: {:?}",
+            muscle.name,
+            arms.mean
+        );
     }
 }

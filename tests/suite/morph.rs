@@ -31,7 +31,10 @@ fn tube(segments: u32, rings: u32, length: f64) -> TriangleMesh {
         triangles.push([low, at(0, j + 1), at(0, j)]);
         triangles.push([high, at(rings - 1, j), at(rings - 1, j + 1)]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A ball of radius 1, `times` as long along x.

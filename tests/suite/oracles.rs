@@ -19,20 +19,37 @@ fn orders(errors: &[f64]) -> Vec<f64> {
 
 /// Errors with three digits each.
 fn powers(errors: &[f64]) -> String {
-    errors.iter().map(|e| format!("{e:.2e}")).collect::<Vec<_>>().join(", ")
+    errors
+        .iter()
+        .map(|e| format!("{e:.2e}"))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// How far the observed orders of the two finest pairs are from `expected`; NaN if one is no number.
 fn off_order(errors: &[f64], expected: f64) -> f64 {
     let all = orders(errors);
-    crate::tolerances::worst(all[all.len().saturating_sub(2)..].iter().map(|o| (o - expected).abs()))
+    crate::tolerances::worst(
+        all[all.len().saturating_sub(2)..]
+            .iter()
+            .map(|o| (o - expected).abs()),
+    )
 }
 
 #[test]
 fn an_order_that_is_not_there_is_seen() {
     use crate::tolerances::T4;
     assert!(off_order(&[1.0, 0.25, 0.0625], 2.0) <= T4);
-    assert!(!(off_order(&[1.0, 0.5, 0.25], 2.0) <= T4), "control: order one");
-    assert!(!(off_order(&[1.0, 0.25, 0.25], 2.0) <= T4), "control: an error that stays");
-    assert!(!(off_order(&[1.0, f64::NAN, 0.25], 2.0) <= T4), "control: no number");
+    assert!(
+        !(off_order(&[1.0, 0.5, 0.25], 2.0) <= T4),
+        "control: order one"
+    );
+    assert!(
+        !(off_order(&[1.0, 0.25, 0.25], 2.0) <= T4),
+        "control: an error that stays"
+    );
+    assert!(
+        !(off_order(&[1.0, f64::NAN, 0.25], 2.0) <= T4),
+        "control: no number"
+    );
 }

@@ -10,7 +10,8 @@ use std::path::{Path, PathBuf};
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content};
 use pliant::scene::content::{Staged, Under};
 use pliant::scene::{
-    self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source, Surroundings, parse_content,
+    self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source,
+    Surroundings, parse_content,
 };
 use pliant::skin::implant::SILICONE;
 use pliant::skin::layers::Tissue;
@@ -32,7 +33,14 @@ shape = "tetrahedron"
 fn folder() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("scene");
     std::fs::create_dir_all(&folder).expect("the folder of tests can be written");
-    for name in ["femur.obj", "gluteus.obj", "patch.obj", "fibres.vtk", "skin.obj", "ribs.obj"] {
+    for name in [
+        "femur.obj",
+        "gluteus.obj",
+        "patch.obj",
+        "fibres.vtk",
+        "skin.obj",
+        "ribs.obj",
+    ] {
         std::fs::write(folder.join(name), "").expect("the folder of tests can be written");
     }
     folder
@@ -46,7 +54,11 @@ fn variable(name: &str) -> Option<OsString> {
 fn read_with(text: &str, overrides: &[&str]) -> Result<Scene, SceneError> {
     let overrides: Vec<String> = overrides.iter().map(|&o| o.to_owned()).collect();
     let folder = folder();
-    let around = Surroundings { folder: &folder, variable: &variable, overrides: &overrides };
+    let around = Surroundings {
+        folder: &folder,
+        variable: &variable,
+        overrides: &overrides,
+    };
     scene::parse_with(text, "s.toml", &around)
 }
 
@@ -76,28 +88,70 @@ fn with(more: &str) -> String {
 #[test]
 fn the_layout_of_the_documentation_is_a_scene() {
     let scene = read(include_str!("../../src/scene/layout.toml")).expect("the layout is a scene");
-    assert_eq!((scene.name.as_str(), scene.frames, scene.frame_rate), ("right-hip", 300, 60.0));
+    assert_eq!(
+        (scene.name.as_str(), scene.frames, scene.frame_rate),
+        ("right-hip", 300, 60.0)
+    );
     assert_eq!(scene.bones[0].motion.keys.len(), 4);
     assert_eq!(scene.capsules[0].radius, 0.03);
     let muscle = &scene.muscles[0];
-    assert_eq!(muscle.surface, Source::File { path: folder().join("gluteus.obj"), scale: 1e-3 });
-    assert_eq!((muscle.edge_length, muscle.material.bulk), (Some(0.004), Some(20e3)));
-    assert_eq!((muscle.material.mass, muscle.material.stretch), (Mass::Density(1060.0), 300.0));
+    assert_eq!(
+        muscle.surface,
+        Source::File {
+            path: folder().join("gluteus.obj"),
+            scale: 1e-3
+        }
+    );
+    assert_eq!(
+        (muscle.edge_length, muscle.material.bulk),
+        (Some(0.004), Some(20e3))
+    );
+    assert_eq!(
+        (muscle.material.mass, muscle.material.stretch),
+        (Mass::Density(1060.0), 300.0)
+    );
     let areas: Vec<&Area> = muscle.attachments.iter().map(|a| &a.area).collect();
-    assert!(matches!(areas[..], [Area::Near(_), Area::Patch { component: Some(0), .. }, Area::Vertices(_)]));
-    assert_eq!(muscle.attachments.iter().map(|a| a.limit).collect::<Vec<_>>(), [0.05, 0.1, 0.1]);
+    assert!(matches!(
+        areas[..],
+        [
+            Area::Near(_),
+            Area::Patch {
+                component: Some(0),
+                ..
+            },
+            Area::Vertices(_)
+        ]
+    ));
+    assert_eq!(
+        muscle
+            .attachments
+            .iter()
+            .map(|a| a.limit)
+            .collect::<Vec<_>>(),
+        [0.05, 0.1, 0.1]
+    );
     assert_eq!(scene.effects.gravity.map(|g| g.y), Some(-9.81));
-    assert_eq!(scene.effects.anisotropy.map(|a| (a.strength, a.power)), Some((0.5, 1.0)));
+    assert_eq!(
+        scene.effects.anisotropy.map(|a| (a.strength, a.power)),
+        Some((0.5, 1.0))
+    );
     // The layout states the defaults of the solver.
     let default = read(SMALL).expect("the small scene is one");
     assert_eq!(default.solver, scene.solver);
-    assert_eq!((default.name.as_str(), default.effects), ("s", scene::Effects::default()));
+    assert_eq!(
+        (default.name.as_str(), default.effects),
+        ("s", scene::Effects::default())
+    );
 }
 
 /// The layout of one of the scenes without muscles.
 fn staged(text: &str) -> Staged {
     let (folder, variable) = (folder(), |_: &str| None);
-    let around = Surroundings { folder: &folder, variable: &variable, overrides: &[] };
+    let around = Surroundings {
+        folder: &folder,
+        variable: &variable,
+        overrides: &[],
+    };
     match parse_content(text, "s.toml", &around).unwrap_or_else(|e| panic!("{e:?}")) {
         Content::Staged(scene) => scene,
         Content::Muscles(_) => panic!("a scene of muscles"),
@@ -106,38 +160,62 @@ fn staged(text: &str) -> Staged {
 
 #[test]
 fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
-    let Staged::Skin(scene) = staged(include_str!("../../src/scene/layout-skin.toml")) else { panic!("no skin") };
-    assert_eq!((scene.name.as_str(), scene.frames, scene.obstacles.len()), ("flat", 3, 1));
-    let Under::Implants(implants) = &scene.under else { panic!("no implants") };
+    let Staged::Skin(scene) = staged(include_str!("../../src/scene/layout-skin.toml")) else {
+        panic!("no skin")
+    };
+    assert_eq!(
+        (scene.name.as_str(), scene.frames, scene.obstacles.len()),
+        ("flat", 3, 1)
+    );
+    let Under::Implants(implants) = &scene.under else {
+        panic!("no implants")
+    };
     let volumes = |k: usize| [1, 2, 3].map(|frame| (implants[k].volume_at(frame) * 1e7).round());
-    assert_eq!((volumes(0), volumes(1)), ([333.0, 667.0, 1000.0], [100.0, 250.0, 400.0]));
+    assert_eq!(
+        (volumes(0), volumes(1)),
+        ([333.0, 667.0, 1000.0], [100.0, 250.0, 400.0])
+    );
     // It states the defaults.
     let [tissue, default] = [implants[0].order.tissue, Tissue::default()];
-    assert_eq!((tissue, implants[0].order.implant.membrane), (default, SILICONE));
+    assert_eq!(
+        (tissue, implants[0].order.implant.membrane),
+        (default, SILICONE)
+    );
     assert_eq!(implants[1].order.place, Place::Vertex(911));
     let Staged::Lattice(scene) = staged(include_str!("../../src/scene/layout-lattice.toml")) else {
         panic!("no lattice")
     };
-    assert_eq!((scene.points, scene.neighbours, scene.release), ([12; 3], Neighbours::TwentySix, 30));
+    assert_eq!(
+        (scene.points, scene.neighbours, scene.release),
+        ([12; 3], Neighbours::TwentySix, 30)
+    );
 }
 
 #[test]
 fn a_key_of_the_only_element_needs_no_number() {
     let volume = |change: &str| {
-        let Content::Staged(Staged::Skin(scene)) = load_content("flat-implant", &[change.to_owned()]).expect("a scene")
+        let Content::Staged(Staged::Skin(scene)) =
+            load_content("flat-implant", &[change.to_owned()]).expect("a scene")
         else {
             panic!("no skin")
         };
-        let Under::Implants(implants) = &scene.under else { panic!("no implants") };
+        let Under::Implants(implants) = &scene.under else {
+            panic!("no implants")
+        };
         implants[0].order.implant.volume
     };
-    for change in ["implant.volume=50cc", "implant.0.volume=50 cc", "implant.*.volume=0.05 l"] {
+    for change in [
+        "implant.volume=50cc",
+        "implant.0.volume=50 cc",
+        "implant.*.volume=0.05 l",
+    ] {
         assert!((volume(change) - 50e-6).abs() <= 1e-18, "{change}");
     }
     // Where there are two, it has to be said which.
     let error = load_content("hip", &["bone.shape=hip-femur".to_owned()]).expect_err("two bones");
     assert!(
-        error.terse().contains("there is no element `shape`") || error.terse().contains("is a section"),
+        error.terse().contains("there is no element `shape`")
+            || error.terse().contains("is a section"),
         "{error:?}"
     );
 }
@@ -145,7 +223,12 @@ fn a_key_of_the_only_element_needs_no_number() {
 #[test]
 fn a_scene_without_muscles_is_none_of_muscles() {
     let error = load("flat-implant", &[]).expect_err("no muscles");
-    assert!(error.terse().ends_with("error[E055]: `muscle` is missing; add a section [[muscle]]"), "{error:?}");
+    assert!(
+        error
+            .terse()
+            .ends_with("error[E055]: `muscle` is missing; add a section [[muscle]]"),
+        "{error:?}"
+    );
 }
 
 #[test]
@@ -165,7 +248,9 @@ fn on_a_terminal_an_error_shows_its_line_and_a_caret() {
     let error = read(&with("[effects.contact]\ntickness = '1 mm'\n")).expect_err("refused");
     let mut shown = String::new();
     let handler = miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::none());
-    handler.render_report(&mut shown, &error).expect("a text can be written");
+    handler
+        .render_report(&mut shown, &error)
+        .expect("a text can be written");
     let wanted = "E052
 
   x unknown key `tickness`, did you mean `thickness`?
@@ -178,7 +263,10 @@ fn on_a_terminal_an_error_shows_its_line_and_a_caret() {
   help: known keys here: thickness, friction
 ";
     assert_eq!(shown, wanted);
-    assert_eq!((error.key(), error.place(), error.problem().code()), ("effects.contact", Some((10, 1)), "E052"));
+    assert_eq!(
+        (error.key(), error.place(), error.problem().code()),
+        ("effects.contact", Some((10, 1)), "E052")
+    );
 }
 
 /// The message of an override of a built-in scene that must be refused.
@@ -197,24 +285,48 @@ fn changed(name: &str, overrides: &[&str]) -> Scene {
 
 #[test]
 fn overrides_change_what_they_name() {
-    let friction = |overrides: &[&str]| changed("hip", overrides).effects.contact.map(|c| c.friction);
+    let friction = |overrides: &[&str]| {
+        changed("hip", overrides)
+            .effects
+            .contact
+            .map(|c| c.friction)
+    };
     assert_eq!(friction(&[]), Some(0.0));
     assert_eq!(friction(&["effects.contact.friction=0.3"]), Some(0.3));
-    assert_eq!(friction(&["contact.friction = 0.3", "contact.friction=0.4"]), Some(0.4));
+    assert_eq!(
+        friction(&["contact.friction = 0.3", "contact.friction=0.4"]),
+        Some(0.4)
+    );
     assert_eq!(friction(&["effects.contact=none"]), None);
     assert_eq!(friction(&["contact=off"]), None);
-    assert_eq!(friction(&["contact=off", "contact.thickness=1 mm"]), Some(0.0));
+    assert_eq!(
+        friction(&["contact=off", "contact.thickness=1 mm"]),
+        Some(0.0)
+    );
     for path in ["0", "gluteus", "*", "\"gluteus\"", "'gluteus'"] {
         let scene = changed("hip", &[&format!("muscle.{path}.edge_length=3 mm")]);
         assert_eq!(scene.muscles[0].edge_length, Some(0.003), "{path}");
     }
-    assert_eq!(changed("hip", &["muscle.0.edge_length=\"3 mm\""]).muscles[0].edge_length, Some(0.003));
+    assert_eq!(
+        changed("hip", &["muscle.0.edge_length=\"3 mm\""]).muscles[0].edge_length,
+        Some(0.003)
+    );
     assert_eq!(changed("hip", &["name=7"]).name, "7");
     assert_eq!(changed("hip", &["frames=7"]).frames, 7);
-    let y = changed("hip", &["gravity.acceleration=['0 m/s2', '-1 m/s2', '0 m/s2']"]).effects.gravity.map(|g| g.y);
+    let y = changed(
+        "hip",
+        &["gravity.acceleration=['0 m/s2', '-1 m/s2', '0 m/s2']"],
+    )
+    .effects
+    .gravity
+    .map(|g| g.y);
     assert_eq!(y, Some(-1.0));
     assert!(changed("shape", &["stretch=on"]).effects.stretch);
-    assert!(changed("hip", &["muscle.0.fibres=off"]).muscles[0].fibres.is_none());
+    assert!(
+        changed("hip", &["muscle.0.fibres=off"]).muscles[0]
+            .fibres
+            .is_none()
+    );
     let both = changed("hip", &["muscle.0.attachment.*.limit=2 %"]);
     assert!(both.muscles[0].attachments.iter().all(|a| a.limit == 0.02));
 }
@@ -227,17 +339,56 @@ fn overrides_change_the_solver() {
         Solver::ImplicitEuler(q) => ("implicit_euler", q.substeps, q.iterations, Order::default()),
         Solver::QuasiStatic(q) => ("quasi_static", q.substeps, q.iterations, Order::default()),
     };
-    assert_eq!(steps("hip", &["substeps=40"]), ("xpbd", 40, 1, Order::Coloured));
-    assert_eq!(steps("hip", &["solver.xpbd.substeps=40"]), ("xpbd", 40, 1, Order::Coloured));
-    assert_eq!(steps("chain", &["order=stored"]), ("pbd", 1, 1, Order::Stored));
-    assert_eq!(steps("hip", &["solver=pbd"]), ("pbd", 1, 3, Order::Coloured));
-    assert_eq!(steps("hip", &["solver=pbd", "iterations=10"]), ("pbd", 1, 10, Order::Coloured));
-    assert_eq!(steps("chain", &["solver=none"]), ("xpbd", 20, 1, Order::Coloured));
-    assert_eq!(steps("hip", &["solver.xpbd=none", "pbd.iterations=5"]), ("pbd", 1, 5, Order::Coloured));
-    let rest = changed("hip", &["solver=quasi_static", "iterations=7", "tolerance=0.001"]).solver;
-    assert_eq!(rest, Solver::QuasiStatic(Minimisation { substeps: 1, iterations: 7, tolerance: 0.001 }));
+    assert_eq!(
+        steps("hip", &["substeps=40"]),
+        ("xpbd", 40, 1, Order::Coloured)
+    );
+    assert_eq!(
+        steps("hip", &["solver.xpbd.substeps=40"]),
+        ("xpbd", 40, 1, Order::Coloured)
+    );
+    assert_eq!(
+        steps("chain", &["order=stored"]),
+        ("pbd", 1, 1, Order::Stored)
+    );
+    assert_eq!(
+        steps("hip", &["solver=pbd"]),
+        ("pbd", 1, 3, Order::Coloured)
+    );
+    assert_eq!(
+        steps("hip", &["solver=pbd", "iterations=10"]),
+        ("pbd", 1, 10, Order::Coloured)
+    );
+    assert_eq!(
+        steps("chain", &["solver=none"]),
+        ("xpbd", 20, 1, Order::Coloured)
+    );
+    assert_eq!(
+        steps("hip", &["solver.xpbd=none", "pbd.iterations=5"]),
+        ("pbd", 1, 5, Order::Coloured)
+    );
+    let rest = changed(
+        "hip",
+        &["solver=quasi_static", "iterations=7", "tolerance=0.001"],
+    )
+    .solver;
+    assert_eq!(
+        rest,
+        Solver::QuasiStatic(Minimisation {
+            substeps: 1,
+            iterations: 7,
+            tolerance: 0.001
+        })
+    );
     let steps = changed("hip", &["solver=implicit_euler", "substeps=4"]).solver;
-    assert_eq!(steps, Solver::ImplicitEuler(Minimisation { substeps: 4, iterations: 500, tolerance: 2e-4 }));
+    assert_eq!(
+        steps,
+        Solver::ImplicitEuler(Minimisation {
+            substeps: 4,
+            iterations: 500,
+            tolerance: 2e-4
+        })
+    );
 }
 
 #[test]
@@ -264,16 +415,31 @@ fn wrong_overrides_name_themselves() {
             "error[E050]: effects.contact.thickness: `2` has no unit; \
           write \"2 m\"; known units of length: m, dm, cm, mm, um, km, in",
         ),
-        ("contact", "error[E068]: there is no `=`; write PATH=VALUE, for example effects.contact.friction=0.3"),
-        ("=3", "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3"),
-        ("a..b=3", "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3"),
-        ("frames= ", "error[E068]: there is no value; write PATH=VALUE, for example effects.contact.friction=0.3"),
+        (
+            "contact",
+            "error[E068]: there is no `=`; write PATH=VALUE, for example effects.contact.friction=0.3",
+        ),
+        (
+            "=3",
+            "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3",
+        ),
+        (
+            "a..b=3",
+            "error[E068]: the path is not one; write PATH=VALUE, for example effects.contact.friction=0.3",
+        ),
+        (
+            "frames= ",
+            "error[E068]: there is no value; write PATH=VALUE, for example effects.contact.friction=0.3",
+        ),
         (
             "contact=0.3",
             "error[E068]: effects.contact: `effects.contact` is a section, not a value; \
           give a key below it, or `on`, or `off` to remove it",
         ),
-        ("frames.x=3", "error[E068]: frames: `frames` is a single value; nothing is below it; write frames=VALUE"),
+        (
+            "frames.x=3",
+            "error[E068]: frames: `frames` is a single value; nothing is below it; write frames=VALUE",
+        ),
         (
             "muscle.1.edge_length=3 mm",
             "error[E051]: muscle: the number 1 is not allowed here; \
@@ -289,8 +455,14 @@ fn wrong_overrides_name_themselves() {
             "error[E068]: muscle: `muscle.0` is a section, not a value; name one of its keys: name, mesh, \
           shape, unit, repair, close_holes, keep_largest, merge_within, edge_length, material, attachment, fibres, force, displace",
         ),
-        ("capsule.0.radius=3 mm", "error[E068]: capsule: the scene has no `capsule`; add [[capsule]] to it"),
-        ("solver.pbd=on", "error[E056]: solver.pbd: `xpbd` and `pbd` exclude each other; keep either `xpbd` or `pbd`"),
+        (
+            "capsule.0.radius=3 mm",
+            "error[E068]: capsule: the scene has no `capsule`; add [[capsule]] to it",
+        ),
+        (
+            "solver.pbd=on",
+            "error[E056]: solver.pbd: `xpbd` and `pbd` exclude each other; keep either `xpbd` or `pbd`",
+        ),
         (
             "gravity=on",
             "error[E055]: effects.gravity: `acceleration` is missing; \
@@ -298,11 +470,21 @@ fn wrong_overrides_name_themselves() {
         ),
     ];
     for (text, message) in cases {
-        assert_eq!(refused_override("hip", text), format!("--set {text}: {message}"));
+        assert_eq!(
+            refused_override("hip", text),
+            format!("--set {text}: {message}")
+        );
     }
     // An error of the file is placed in the file, whatever is overridden.
-    let error = read_with(&spoilt("frames = 3", "frames = 0"), &["contact.thickness=1 mm"]).expect_err("refused");
-    assert!(error.terse().starts_with("s.toml:1:10: error[E051]"), "{error:?}");
+    let error = read_with(
+        &spoilt("frames = 3", "frames = 0"),
+        &["contact.thickness=1 mm"],
+    )
+    .expect_err("refused");
+    assert!(
+        error.terse().starts_with("s.toml:1:10: error[E051]"),
+        "{error:?}"
+    );
 }
 
 #[test]
@@ -315,15 +497,31 @@ fn every_built_in_is_a_scene_of_its_name() {
     let scene = changed("hip", &[]);
     let reach = scene.bones[1].motion.pose(100.0).rotation.scaled_axis();
     assert!((reach + nalgebra::Vector3::x()).norm() < 1e-15, "{reach}");
-    assert_eq!(scene.bones[1].motion.pose(250.0), nalgebra::Isometry3::identity());
-    assert_eq!(scene.muscles[0].fibres, Some(Source::Shape("hip-gluteus".to_owned())));
+    assert_eq!(
+        scene.bones[1].motion.pose(250.0),
+        nalgebra::Isometry3::identity()
+    );
+    assert_eq!(
+        scene.muscles[0].fibres,
+        Some(Source::Shape("hip-gluteus".to_owned()))
+    );
     let scene = changed("press", &[]);
     let gap = |frame: f64| {
         let y = |bone: usize| scene.bones[bone].motion.pose(frame).translation.y;
         y(0) - y(1) - 0.02
     };
-    for (frame, wanted) in [(0.0, 0.044), (50.0, 0.0242), (100.0, 0.0044), (200.0, 0.044), (300.0, 0.044)] {
-        assert!((gap(frame) - wanted).abs() < 1e-15, "{frame}: {}", gap(frame));
+    for (frame, wanted) in [
+        (0.0, 0.044),
+        (50.0, 0.0242),
+        (100.0, 0.0044),
+        (200.0, 0.044),
+        (300.0, 0.044),
+    ] {
+        assert!(
+            (gap(frame) - wanted).abs() < 1e-15,
+            "{frame}: {}",
+            gap(frame)
+        );
     }
 }
 
@@ -342,11 +540,21 @@ fn a_name_is_a_file_or_a_built_in() {
     let file = folder().join("calf.toml");
     std::fs::write(&file, SMALL).expect("the folder of tests can be written");
     let name = file.to_str().expect("the folder of tests has a plain name");
-    assert_eq!(load(name, &[]).map(|s| s.name).ok().as_deref(), Some("calf"));
+    assert_eq!(
+        load(name, &[]).map(|s| s.name).ok().as_deref(),
+        Some("calf")
+    );
     let binary = folder().join("binary.toml");
     std::fs::write(&binary, *b"name = \"caf\xe9\"").expect("the folder of tests can be written");
-    let message = terse(binary.to_str().expect("the folder of tests has a plain name"));
-    assert!(message.contains("cannot be read: byte 11 (0xe9) begins no character of UTF-8; save"), "{message}");
+    let message = terse(
+        binary
+            .to_str()
+            .expect("the folder of tests has a plain name"),
+    );
+    assert!(
+        message.contains("cannot be read: byte 11 (0xe9) begins no character of UTF-8; save"),
+        "{message}"
+    );
 }
 
 /// As many bones and muscles, each muscle held by its own bone.
@@ -354,7 +562,12 @@ fn crowd(count: usize) -> String {
     let mut text = "frames = 3\nframe_rate = '60 Hz'\n".to_owned();
     (0..count).for_each(|i| text += &format!("[[bone]]\nname = 'bone {i}'\nshape = 'hip-femur'\n"));
     let held = |i| format!("[[muscle.attachment]]\nbone = 'bone {i}'\nvertices = [0]\n");
-    (0..count).for_each(|i| text += &format!("[[muscle]]\nname = 'muscle {i}'\nshape = 'chain'\n{}", held(i)));
+    (0..count).for_each(|i| {
+        text += &format!(
+            "[[muscle]]\nname = 'muscle {i}'\nshape = 'chain'\n{}",
+            held(i)
+        )
+    });
     text
 }
 
@@ -364,12 +577,23 @@ fn names_are_told_apart_and_found_among_20_000() {
     let text = crowd(10_000);
     let scene = read(&text).expect("a scene");
     assert_eq!((scene.bones.len(), scene.muscles.len()), (10_000, 10_000));
-    assert!(scene.muscles.iter().enumerate().all(|(i, m)| m.attachments[0].bone == i));
+    assert!(
+        scene
+            .muscles
+            .iter()
+            .enumerate()
+            .all(|(i, m)| m.attachments[0].bone == i)
+    );
     let misspelt = terse(&text.replacen("bone = 'bone 7'", "bone = 'bonne 7'", 1));
-    assert!(misspelt.ends_with("bone 10, bone 11 and 9988 more") && misspelt.len() < 300, "{misspelt}");
+    assert!(
+        misspelt.ends_with("bone 10, bone 11 and 9988 more") && misspelt.len() < 300,
+        "{misspelt}"
+    );
     let lines = text.lines().count();
     assert_eq!(
-        terse(&format!("{text}[[muscle]]\nname = 'muscle 9999'\nshape = 'chain'\n")),
+        terse(&format!(
+            "{text}[[muscle]]\nname = 'muscle 9999'\nshape = 'chain'\n"
+        )),
         format!(
             "s.toml:{}:8: error[E064]: muscle.10000.name: the name `muscle 9999` is given twice; \
              give each its own name",
@@ -380,7 +604,10 @@ fn names_are_told_apart_and_found_among_20_000() {
     let small = crowd(2);
     assert!(read(&small.replace("'muscle 1'", "'bone 1'")).is_ok());
     assert!(terse(&format!("{small}[[capsule]]\nname = 'bone 1'\n")).contains("E064"));
-    assert!(terse(&small.replace("'bone 1'\nvertices", "'bone 2'\nvertices")).contains("there is no bone `bone 2`"));
+    assert!(
+        terse(&small.replace("'bone 1'\nvertices", "'bone 2'\nvertices"))
+            .contains("there is no bone `bone 2`")
+    );
 }
 
 #[test]
@@ -390,9 +617,15 @@ fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
     let motion = &read(&spoilt("[[muscle]]", motion)).expect("a scene").bones[0].motion;
     // A quarter of the way is half a turn about the centre, and a quarter of the slide.
     let point = motion.pose(12.5) * nalgebra::Point3::origin();
-    assert!((point - nalgebra::Point3::new(2.0, 0.0, 0.002)).norm() < 1e-14, "{point}");
+    assert!(
+        (point - nalgebra::Point3::new(2.0, 0.0, 0.002)).norm() < 1e-14,
+        "{point}"
+    );
     let eighth = motion.pose(11.25) * nalgebra::Point3::origin();
-    assert!((eighth - nalgebra::Point3::new(1.0, -1.0, 0.001)).norm() < 1e-14, "{eighth}");
+    assert!(
+        (eighth - nalgebra::Point3::new(1.0, -1.0, 0.001)).norm() < 1e-14,
+        "{eighth}"
+    );
 }
 
 #[test]
@@ -400,16 +633,28 @@ fn the_examples_are_scenes_where_the_data_are() {
     let data = scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
     let (mut read, mut skipped) = (0, 0);
-    for (name, muscles) in [("right-hip-gluteus-maximus", 1), ("right-hip", 3), ("right-hip-muscles", 4)] {
+    for (name, muscles) in [
+        ("right-hip-gluteus-maximus", 1),
+        ("right-hip", 3),
+        ("right-hip-muscles", 4),
+    ] {
         let path = examples.join(name).with_extension("toml");
         if data.is_none() {
             skipped += 1;
             continue;
         }
-        let scene = load(path.to_str().expect("a plain name"), &[]).unwrap_or_else(|e| panic!("{e:?}"));
-        assert_eq!((scene.name.as_str(), scene.bones.len(), scene.muscles.len()), (name, 3, muscles));
+        let scene =
+            load(path.to_str().expect("a plain name"), &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        assert_eq!(
+            (scene.name.as_str(), scene.bones.len(), scene.muscles.len()),
+            (name, 3, muscles)
+        );
         for muscle in &scene.muscles {
-            assert!(muscle.attachments.iter().map(|a| a.limit).sum::<f64>() <= 0.1 + 1e-12, "{}", muscle.name);
+            assert!(
+                muscle.attachments.iter().map(|a| a.limit).sum::<f64>() <= 0.1 + 1e-12,
+                "{}",
+                muscle.name
+            );
         }
         read += 1;
     }

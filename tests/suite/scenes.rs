@@ -28,9 +28,15 @@ fn distance_keeps_the_edges_of_a_swinging_tetrahedron() {
     // Largest of 600 frames in the digest; its own run differs in the order of the edges, so 1.5 times is allowed.
     for (iterations, digest) in [(1, 2.0e-3), (3, 1.0e-4), (10, 8.5e-8)] {
         let error = edge_error(&[&format!("iterations={iterations}")]);
-        assert!(error <= 1.5 * digest, "{iterations} iterations: {error:e} for {digest:e}");
+        assert!(
+            error <= 1.5 * digest,
+            "{iterations} iterations: {error:e} for {digest:e}"
+        );
     }
-    assert!(!(edge_error(&["pbd.stretch=0.5", "iterations=3"]) <= 1.5e-4), "control: soft edges are as good");
+    assert!(
+        !(edge_error(&["pbd.stretch=0.5", "iterations=3"]) <= 1.5e-4),
+        "control: soft edges are as good"
+    );
 }
 
 #[test]
@@ -42,13 +48,20 @@ fn shape_grows_evenly() {
         sim.step_frame();
         let body = &sim.bodies[0];
         let x = &body.system.particles.position;
-        let lengths = body.edges.iter().map(|e| (x[e.points[0] as usize] - x[e.points[1] as usize]).norm());
+        let lengths = body
+            .edges
+            .iter()
+            .map(|e| (x[e.points[0] as usize] - x[e.points[1] as usize]).norm());
         let ratios: Vec<f64> = lengths.map(|l| l / start).collect();
         let spread = worst(ratios.iter().map(|r| (r / ratios[0] - 1.0).abs()));
         assert!(spread <= 1e-4, "frame {frame}: {ratios:?}");
         if let Some((_, ratio)) = expected.iter().find(|(f, _)| *f == frame) {
             // Three printed digits, and the residual of three sweeps.
-            assert!((ratios[0] - ratio).abs() <= 2e-3 * ratio, "frame {frame}: {} for {ratio}", ratios[0]);
+            assert!(
+                (ratios[0] - ratio).abs() <= 2e-3 * ratio,
+                "frame {frame}: {} for {ratio}",
+                ratios[0]
+            );
         }
     }
 }
@@ -62,9 +75,15 @@ fn volume_flattens_at_constant_volume() {
         let body = &sim.bodies[0];
         let x = &body.system.particles.position;
         let v = volume(x, &body.rest.triangles);
-        assert!((v / body.rest_volume - 1.0).abs() <= T7, "frame {frame}: {v}");
+        assert!(
+            (v / body.rest_volume - 1.0).abs() <= T7,
+            "frame {frame}: {v}"
+        );
         let thickness = 3.0 * v / area(x, &body.rest.triangles);
-        assert!(thickness < last, "frame {frame}: thickness {last} to {thickness}");
+        assert!(
+            thickness < last,
+            "frame {frame}: thickness {last} to {thickness}"
+        );
         last = thickness;
     }
     assert!(last < 0.3, "hardly flatter: {last}");
@@ -72,7 +91,10 @@ fn volume_flattens_at_constant_volume() {
     (0..60).for_each(|_| off.step_frame());
     let body = &off.bodies[0];
     let v = volume(&body.system.particles.position, &body.rest.triangles);
-    assert!(!((v / body.rest_volume - 1.0).abs() <= T7), "control: the volume is kept without its effect");
+    assert!(
+        !((v / body.rest_volume - 1.0).abs() <= T7),
+        "control: the volume is kept without its effect"
+    );
 }
 
 #[test]
@@ -92,5 +114,8 @@ fn chain_shows_the_order_of_a_sweep() {
     let found = errors(&[]);
     assert!(off(&found, &loaded) <= T10, "{found:?}");
     let stored = errors(&["order=stored"]);
-    assert!(off(&stored, &[0.0, 0.0, 0.0, 0.5, 0.0]) <= T10, "{stored:?}");
+    assert!(
+        off(&stored, &[0.0, 0.0, 0.0, 0.5, 0.0]) <= T10,
+        "{stored:?}"
+    );
 }

@@ -36,10 +36,21 @@ fn sunk(ready: &Ready, done: &Inserted, x: &[Point3<f64>]) -> f64 {
     let n = ready.layers.count();
     let into = |own: &Shell| {
         let vertices = x[own.vertices.clone()].to_vec();
-        let surface = Surface::new(&TriangleMesh { vertices, triangles: own.triangles.clone() });
+        let surface = Surface::new(&TriangleMesh {
+            vertices,
+            triangles: own.triangles.clone(),
+        });
         let lower = (n..2 * n).filter(|v| !ready.layers.held[*v]);
-        let others = done.shells.iter().filter(|o| o.vertices != own.vertices).flat_map(|o| o.vertices.clone());
-        let depth = |v: usize| surface.nearest(&x[v], f64::MAX).map_or(f64::NAN, |on| (-on.closest.distance).max(0.0));
+        let others = done
+            .shells
+            .iter()
+            .filter(|o| o.vertices != own.vertices)
+            .flat_map(|o| o.vertices.clone());
+        let depth = |v: usize| {
+            surface
+                .nearest(&x[v], f64::MAX)
+                .map_or(f64::NAN, |on| (-on.closest.distance).max(0.0))
+        };
         greatest(lower.chain(others).map(depth))
     };
     greatest(done.shells.iter().map(into))
@@ -47,8 +58,15 @@ fn sunk(ready: &Ready, done: &Inserted, x: &[Point3<f64>]) -> f64 {
 
 /// The region over a sphere of 2.5 mm under a sheet of 1 cm.
 fn small_sheet(n: u32) -> Ready {
-    let tissue = Tissue { depth: 1e-4, ..Tissue::default() };
-    let order = Order { tissue, edge: Some(2.5e-4), ..Order::round(CENTRE, 5e-3, 1e-8) };
+    let tissue = Tissue {
+        depth: 1e-4,
+        ..Tissue::default()
+    };
+    let order = Order {
+        tissue,
+        edge: Some(2.5e-4),
+        ..Order::round(CENTRE, 5e-3, 1e-8)
+    };
     Ready::new(&sheet(n, 0.01), &order, &[]).expect("a region")
 }
 
@@ -61,7 +79,11 @@ fn region_of_the_sheets_is_that_of_the_source() {
     ];
     for (n, counts, before) in table {
         let layers = small_sheet(n).layers;
-        let found = [2 * layers.count(), 2 * layers.triangles.len(), layers.springs.len()];
+        let found = [
+            2 * layers.count(),
+            2 * layers.triangles.len(),
+            layers.springs.len(),
+        ];
         assert_eq!(found, counts, "{n} cells");
         let cm2 = area(&layers.rest[..layers.count()], &layers.triangles) * 1e4;
         // Half of the last digit given.
@@ -76,16 +98,32 @@ type Lying = (Layers, Vec<Point3<f64>>);
 fn over_sphere(n: u32, coarser: Option<&Lying>) -> (f64, Progress, Lying) {
     let ready = small_sheet(n);
     let radius = 2.5e-3;
-    let method = if n > 64 { Method::QuasiStatic } else { Method::Newton };
-    let model = over_ball(ready.layers, ready.order.tissue.membrane(), Point3::origin(), radius, method);
+    let method = if n > 64 {
+        Method::QuasiStatic
+    } else {
+        Method::Newton
+    };
+    let model = over_ball(
+        ready.layers,
+        ready.order.tissue.membrane(),
+        Point3::origin(),
+        radius,
+        method,
+    );
     let mut x = match coarser {
         Some((layers, x)) => model.layers.follow(layers, x),
         None => lifted(&model, radius),
     };
     let progress = model.settle(&mut x, |_| true).expect("at rest");
     let count = model.layers.count();
-    let middle: Vec<Point3<f64>> = (0..count).map(|v| nalgebra::center(&x[v], &x[v + count])).collect();
-    (area(&middle, &model.layers.triangles) * 1e4, progress, (model.layers, x))
+    let middle: Vec<Point3<f64>> = (0..count)
+        .map(|v| nalgebra::center(&x[v], &x[v + count]))
+        .collect();
+    (
+        area(&middle, &model.layers.triangles) * 1e4,
+        progress,
+        (model.layers, x),
+    )
 }
 
 /// Skin on a sphere and from there straight to its rim.
@@ -94,10 +132,17 @@ fn lifted(model: &Model, radius: f64) -> Vec<Point3<f64>> {
     let lift = |p: &Point3<f64>| {
         let out = p.coords.xy().norm();
         let straight = (rim - out).max(0.0) * radius / (rim * rim - radius * radius).sqrt();
-        if out < radius * radius / rim { (radius * radius - out * out).sqrt() } else { straight }
+        if out < radius * radius / rim {
+            (radius * radius - out * out).sqrt()
+        } else {
+            straight
+        }
     };
     let mut x = model.rest();
-    let free = x.iter_mut().zip(&model.layers.held).filter(|(_, held)| !**held);
+    let free = x
+        .iter_mut()
+        .zip(&model.layers.held)
+        .filter(|(_, held)| !**held);
     free.for_each(|(p, _)| p.z += lift(p));
     x
 }
@@ -112,31 +157,57 @@ fn sheets_over_a_sphere_have_the_area_of_an_axisymmetric_membrane() {
         // Both layers together are one membrane halfway between them: half of the depth further from the sphere, and its
         // rim as much below the sheet.
         let rim = (before * 1e-4 / std::f64::consts::PI).sqrt();
-        let (wanted, left) = axisymmetric::area(Membrane { rim, sphere: 2.5e-3 + 5e-5, height: 5e-5 });
-        println!("{n} cells: before {before} cm2, after {after:.4}, axisymmetric {:.4}; {progress:?}", wanted * 1e4);
+        let (wanted, left) = axisymmetric::area(Membrane {
+            rim,
+            sphere: 2.5e-3 + 5e-5,
+            height: 5e-5,
+        });
+        println!(
+            "{n} cells: before {before} cm2, after {after:.4}, axisymmetric {:.4}; {progress:?}",
+            wanted * 1e4
+        );
         assert!(left <= 1e-4, "{left}");
-        assert!((after / (wanted * 1e4) - 1.0).abs() <= 0.02, "{n} cells: {after} cm2, axisymmetric {wanted} m2");
+        assert!(
+            (after / (wanted * 1e4) - 1.0).abs() <= 0.02,
+            "{n} cells: {after} cm2, axisymmetric {wanted} m2"
+        );
         found.push(after);
         coarser = Some(lying);
     }
-    let spread = greatest(found.iter().copied()) / found.iter().copied().fold(f64::INFINITY, f64::min) - 1.0;
+    let spread =
+        greatest(found.iter().copied()) / found.iter().copied().fold(f64::INFINITY, f64::min) - 1.0;
     assert!(spread <= 0.04, "{found:?}");
 }
 
 #[test]
 fn flat_implants_gain_what_geometry_allows() {
     let skin = sheet(64, 0.2);
-    for (volume, least, most) in [(50e-6, 4.0, 16.3), (100e-6, 14.5, 44.3), (150e-6, 27.9, 72.2)] {
+    for (volume, least, most) in [
+        (50e-6, 4.0, 16.3),
+        (100e-6, 14.5, 44.3),
+        (150e-6, 27.9, 72.2),
+    ] {
         // Not over a vertex: there the counts are the source's.
         let order = Order::round(Place::Point(Point3::new(0.0014, 0.0, 0.0)), 0.07, volume);
         let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
-        assert_eq!([2 * ready.layers.count(), ready.layers.springs.len()], [2016, 11140]);
+        assert_eq!(
+            [2 * ready.layers.count(), ready.layers.springs.len()],
+            [2016, 11140]
+        );
         let gain = done.areas.gain() * 1e4;
         assert!(done.progress.converged);
         assert!((least..=most).contains(&gain), "{gain} cm2");
-        assert!(done.areas.volume_difference >= 0.995 * volume, "{}", done.areas.volume_difference);
+        assert!(
+            done.areas.volume_difference >= 0.995 * volume,
+            "{}",
+            done.areas.volume_difference
+        );
         assert!((done.volume() / volume - 1.0).abs() <= 1e-9);
-        assert!(done.progress.depth <= 1e-3 * 0.07, "{}", done.progress.depth);
+        assert!(
+            done.progress.depth <= 1e-3 * 0.07,
+            "{}",
+            done.progress.depth
+        );
     }
 }
 
@@ -148,13 +219,21 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
         x.clone_from(&mesh.vertices);
     }
     let (springs, stiffness) = springs_of(&mesh, &Topology::new(&mesh), SILICONE);
-    let pocket = (0..mesh.vertices.len() as u32).filter(|v| mesh.vertices[*v as usize].z == 0.0).collect();
+    let pocket = (0..mesh.vertices.len() as u32)
+        .filter(|v| mesh.vertices[*v as usize].z == 0.0)
+        .collect();
     let volume = mesh.volume();
     let ball = sphere(12, 11, 0.01, Point3::new(0.01, 0.01, low + 0.01));
     let model = Model {
         layers: Layers::none(0.0025),
         membrane: SILICONE,
-        implants: vec![Filled { mesh, springs, stiffness, volume, pocket }],
+        implants: vec![Filled {
+            mesh,
+            springs,
+            stiffness,
+            volume,
+            pocket,
+        }],
         beds: vec![Sheet::new(sheet(4, 0.2)), Sheet::new(ball)],
         ball: None,
         base: 0.02,
@@ -174,16 +253,31 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
     let mut x = Vec::new();
     for step in 1..=8 {
         let (model, progress) = pressed_cube(&mut x, 0.02 - 0.0005 * f64::from(step));
-        let volume = TriangleMesh { vertices: x.clone(), triangles: mesh.triangles.clone() }.volume();
+        let volume = TriangleMesh {
+            vertices: x.clone(),
+            triangles: mesh.triangles.clone(),
+        }
+        .volume();
         // The source loses 0.4 and 0.5 %.
         assert!((volume / 8e-6 - 1.0).abs() <= 1e-9, "step {step}: {volume}");
-        assert!(progress.converged && progress.depth <= 1e-3 * model.base, "step {step}: {progress:?}");
+        assert!(
+            progress.converged && progress.depth <= 1e-3 * model.base,
+            "step {step}: {progress:?}"
+        );
     }
     // It is no rigid cube: where it is pressed it gives way, and bulges elsewhere. Without friction the middle slides off the
     // lowest point of the sphere, but stays on it: between its circle and its facets, 3.4 % of the radius further in.
-    let pressed = mesh.vertices.iter().position(|p| *p == Point3::new(0.01, 0.01, 0.02)).expect("a middle");
+    let pressed = mesh
+        .vertices
+        .iter()
+        .position(|p| *p == Point3::new(0.01, 0.01, 0.02))
+        .expect("a middle");
     let out = (x[pressed] - Point3::new(0.01, 0.01, 0.026)).norm() / 0.01;
-    assert!((0.965..=1.005).contains(&out) && x[pressed].z <= 0.017, "{out}, {}", x[pressed]);
+    assert!(
+        (0.965..=1.005).contains(&out) && x[pressed].z <= 0.017,
+        "{out}, {}",
+        x[pressed]
+    );
     let widest = greatest(x.iter().map(|p| (p.x - 0.01).abs().max((p.y - 0.01).abs())));
     assert!(widest >= 0.0105, "{widest}");
 }
@@ -191,10 +285,18 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
 #[test]
 fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
     let (skin, order) = (sheet(40, 0.2), Order::round(CENTRE, 0.07, 80e-6));
-    let order = Order { edge: Some(0.005), ..order };
+    let order = Order {
+        edge: Some(0.005),
+        ..order
+    };
     let ready = Ready::new(&skin, &order, &[]).expect("a region");
     let filling = |day, volume| Filling { day, volume };
-    let schedule = Schedule::new(vec![filling(0.0, 30e-6), filling(7.0, 60e-6), filling(14.0, 80e-6)]).expect("rising");
+    let schedule = Schedule::new(vec![
+        filling(0.0, 30e-6),
+        filling(7.0, 60e-6),
+        filling(14.0, 80e-6),
+    ])
+    .expect("rising");
     let filled = ready.fill(&schedule, |_| true).expect("settled");
     let gains: Vec<f64> = filled.iter().map(|done| done.areas.gain()).collect();
     assert!(
@@ -205,18 +307,34 @@ fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
     assert!(gains[0] < gains[1] && gains[1] < gains[2], "{gains:?}");
     let at_once = ready.insert(80e-6, |_| true).expect("settled").areas.gain();
     // Both are at rest to a thousandth of the area, which is some fifteen times the gain.
-    assert!((gains[2] / at_once - 1.0).abs() <= 0.01, "{} and {at_once} m2", gains[2]);
+    assert!(
+        (gains[2] / at_once - 1.0).abs() <= 0.01,
+        "{} and {at_once} m2",
+        gains[2]
+    );
 }
 
 #[test]
 fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
     let skin = sheet(24, 0.2);
-    let order = Order { edge: Some(8e-3), ..Order::round(CENTRE, 0.07, 6e-5) };
+    let order = Order {
+        edge: Some(8e-3),
+        ..Order::round(CENTRE, 0.07, 6e-5)
+    };
     let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
     assert!(done.progress.converged, "{:?}", done.progress);
     let point = |volume, converged| {
-        let progress = Progress { converged, ..done.progress };
-        Point { implant: 1, day: None, volume, areas: done.areas, progress }
+        let progress = Progress {
+            converged,
+            ..done.progress
+        };
+        Point {
+            implant: 1,
+            day: None,
+            volume,
+            areas: done.areas,
+            progress,
+        }
     };
     let all = |curve: Vec<Point>, limit: f64, interrupted: bool| {
         let implants = vec![(ready.clone(), done.clone())];
@@ -238,12 +356,26 @@ fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not
     };
     let (kept, json) = all(vec![point(4e-5, true), point(6e-5, true)], 1.01, false);
     assert_eq!((kept, &json["converged"]), (vec![true, true], &true.into()));
-    assert!(json["area_over_limit_m2"].as_f64().is_some_and(|area| area > 1e-4), "{json}");
+    assert!(
+        json["area_over_limit_m2"]
+            .as_f64()
+            .is_some_and(|area| area > 1e-4),
+        "{json}"
+    );
     let (kept, json) = all(vec![point(4e-5, false), point(6e-5, true)], 9.0, false);
-    assert_eq!((kept, &json["converged"]), (vec![false, true], &false.into()));
-    assert_eq!((&json["verdicts"][0]["ok"], &json["area_over_limit_m2"]), (&false.into(), &0.0.into()));
+    assert_eq!(
+        (kept, &json["converged"]),
+        (vec![false, true], &false.into())
+    );
+    assert_eq!(
+        (&json["verdicts"][0]["ok"], &json["area_over_limit_m2"]),
+        (&false.into(), &0.0.into())
+    );
     let (kept, json) = all(Vec::new(), 9.0, true);
-    assert_eq!((kept, &json["converged"], &json["interrupted"]), (vec![false, true], &false.into(), &true.into()));
+    assert_eq!(
+        (kept, &json["converged"], &json["interrupted"]),
+        (vec![false, true], &false.into(), &true.into())
+    );
 }
 
 #[test]
@@ -253,25 +385,48 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     let made = |change: fn(&mut Order)| {
         let mut order = order.clone();
         change(&mut order);
-        order.check_edge().and_then(|()| Ready::new(&skin, &order, &[])).map(|_| ())
+        order
+            .check_edge()
+            .and_then(|()| Ready::new(&skin, &order, &[]))
+            .map(|_| ())
     };
     // Just within half of the base, and a quarter of it.
     for (within, beyond) in [
-        ((|o| o.tissue.depth = 0.035) as fn(&mut Order), (|o| o.tissue.depth = 0.0351) as fn(&mut Order)),
-        (|o| o.tissue.thickness = 0.035, |o| o.tissue.thickness = 0.0351),
+        (
+            (|o| o.tissue.depth = 0.035) as fn(&mut Order),
+            (|o| o.tissue.depth = 0.0351) as fn(&mut Order),
+        ),
+        (
+            |o| o.tissue.thickness = 0.035,
+            |o| o.tissue.thickness = 0.0351,
+        ),
     ] {
         assert_eq!(made(within), Ok(()));
         assert!(matches!(made(beyond), Err(SkinError::TooThick { .. })));
     }
     assert_eq!(made(|o| o.edge = Some(0.0175)), Ok(()));
-    assert!(matches!(made(|o| o.edge = Some(0.0176)), Err(SkinError::TooLong { .. })));
-    assert_eq!(made(|o| o.long = Some(Vector3::new(0.0, 1e-3, 0.0))), Ok(()));
-    assert_eq!(made(|o| o.long = Some(Vector3::zeros())), Err(SkinError::NoDirection));
+    assert!(matches!(
+        made(|o| o.edge = Some(0.0176)),
+        Err(SkinError::TooLong { .. })
+    ));
+    assert_eq!(
+        made(|o| o.long = Some(Vector3::new(0.0, 1e-3, 0.0))),
+        Ok(())
+    );
+    assert_eq!(
+        made(|o| o.long = Some(Vector3::zeros())),
+        Err(SkinError::NoDirection)
+    );
     // The skin itself as what lies below it, and the same a depth further down.
     let own = |down: f64| {
         let mut below = skin.clone();
         below.vertices.iter_mut().for_each(|p| p.z -= down);
-        Ready::new(&skin, &order, &[sphere(12, 11, 0.05, Point3::new(0.0, 0.0, -0.06)), below]).map(|_| ())
+        Ready::new(
+            &skin,
+            &order,
+            &[sphere(12, 11, 0.05, Point3::new(0.0, 0.0, -0.06)), below],
+        )
+        .map(|_| ())
     };
     assert_eq!(own(0.0), Err(SkinError::ObstacleIsSkin { obstacle: 2 }));
     assert_eq!(own(5e-3), Ok(()));
@@ -289,18 +444,33 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
     // Six faces of two triangles each, of 40 cm.
     let skin = cube(1, 0.4);
     let at = Point3::new(0.25, 0.13, 0.4);
-    let order =
-        Order { tissue: Tissue { depth: 2e-3, ..Tissue::default() }, ..Order::round(Place::Point(at), 0.01, 2e-7) };
+    let order = Order {
+        tissue: Tissue {
+            depth: 2e-3,
+            ..Tissue::default()
+        },
+        ..Order::round(Place::Point(at), 0.01, 2e-7)
+    };
     let error = Ready::new(&skin, &order, &[]).expect_err("too much to refine");
-    assert!(matches!(error, SkinError::TooLargePatch { vertices, most } if vertices > most), "{error}");
+    assert!(
+        matches!(error, SkinError::TooLargePatch { vertices, most } if vertices > most),
+        "{error}"
+    );
     let halved = halved_near(skin, std::slice::from_ref(&order));
     let ready = Ready::new(&halved, &order, &[]).expect("a region");
-    assert!(ready.patch.triangles.len() < 20_000, "{}", ready.patch.triangles.len());
+    assert!(
+        ready.patch.triangles.len() < 20_000,
+        "{}",
+        ready.patch.triangles.len()
+    );
     // Refining looks up, and what it would have been is not needed.
     let stopped = Ready::new_while(&halved, &order, &[], &|| false).expect_err("stopped");
     assert_eq!(stopped, SkinError::Stopped);
     // At a corner the skin turns away; it has no border that could be in the way.
-    let corner = Order { place: Place::Vertex(0), ..order };
+    let corner = Order {
+        place: Place::Vertex(0),
+        ..order
+    };
     let halved = halved_near(cube(1, 0.4), std::slice::from_ref(&corner));
     let error = Ready::new(&halved, &corner, &[]).expect_err("no place");
     assert!(matches!(error, SkinError::WrapsAround { .. }), "{error}");
@@ -310,14 +480,19 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
 fn what_cannot_be_done_is_refused() {
     let skin = sheet(32, 0.2);
     let order = Order::round(CENTRE, 0.07, 1e-4);
-    let refused = |order: &Order, skin: &TriangleMesh| insert(skin, order, &[], |_| true).expect_err("an error");
+    let refused = |order: &Order, skin: &TriangleMesh| {
+        insert(skin, order, &[], |_| true).expect_err("an error")
+    };
     let with = |change: fn(&mut Order)| {
         let mut order = order.clone();
         change(&mut order);
         order
     };
     for (change, what) in [
-        ((|o| o.implant.volume = -1e-6) as fn(&mut Order), "the volume"),
+        (
+            (|o| o.implant.volume = -1e-6) as fn(&mut Order),
+            "the volume",
+        ),
         (|o| o.implant.volume = f64::NAN, "the volume"),
         (|o| o.implant.base = 0.0, "the base"),
         (|o| o.tissue.thickness = 0.0, "the thickness of the skin"),
@@ -325,13 +500,22 @@ fn what_cannot_be_done_is_refused() {
         (|o| o.edge = Some(-1.0), "the edge length"),
     ] {
         let error = refused(&with(change), &skin);
-        assert!(matches!(error, SkinError::NotPositive { what: found, .. } if found == what), "{error}");
+        assert!(
+            matches!(error, SkinError::NotPositive { what: found, .. } if found == what),
+            "{error}"
+        );
     }
-    let error = refused(&with(|o| o.place = Place::Point(Point3::new(0.07, 0.0, 0.0))), &skin);
+    let error = refused(
+        &with(|o| o.place = Place::Point(Point3::new(0.07, 0.0, 0.0))),
+        &skin,
+    );
     assert!(matches!(error, SkinError::AtBorder { .. }), "{error}");
     let error = refused(&with(|o| o.place = Place::Vertex(5_000_000)), &skin);
     assert!(matches!(error, SkinError::NoVertex { .. }), "{error}");
-    let error = refused(&with(|o| o.place = Place::Point(Point3::new(0.0, 0.0, 1.0))), &skin);
+    let error = refused(
+        &with(|o| o.place = Place::Point(Point3::new(0.0, 0.0, 1.0))),
+        &skin,
+    );
     assert!(matches!(error, SkinError::FarAway { .. }), "{error}");
     let error = refused(&with(|o| o.implant.volume = 1e-3), &skin);
     assert!(matches!(error, SkinError::TooLarge { .. }), "{error}");
@@ -351,9 +535,15 @@ fn what_cannot_be_done_is_refused() {
     // A third triangle at an edge in the middle.
     let mut fin = skin.clone();
     let [a, b, _] = fin.triangles[2 * (16 * 32 + 16)];
-    fin.vertices.push(nalgebra::center(&fin.vertices[a as usize], &fin.vertices[b as usize]) + Vector3::z() * 0.01);
+    fin.vertices.push(
+        nalgebra::center(&fin.vertices[a as usize], &fin.vertices[b as usize])
+            + Vector3::z() * 0.01,
+    );
     fin.triangles.push([a, b, fin.vertices.len() as u32 - 1]);
-    let near = Order { place: Place::Vertex(a as usize), ..order.clone() };
+    let near = Order {
+        place: Place::Vertex(a as usize),
+        ..order.clone()
+    };
     let error = refused(&near, &fin);
     assert!(matches!(error, SkinError::NotManifold { .. }), "{error}");
     let stopped = insert(&skin, &order, &[], |_| false).expect_err("stopped");

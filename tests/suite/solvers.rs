@@ -32,7 +32,10 @@ fn p37_the_oscillator_converges_with_order_one() {
     };
     let errors: Vec<f64> = [400, 800, 1600, 3200].map(error).to_vec();
     let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();
-    assert!(worst(orders[1..].iter().map(|o| (o - 1.0).abs())) <= T4, "orders {orders:?}");
+    assert!(
+        worst(orders[1..].iter().map(|o| (o - 1.0).abs())) <= T4,
+        "orders {orders:?}"
+    );
     // Control: an error that does not fall has no order.
     assert!(!(worst([1.0_f64, 1.0].map(|r| (r.log2() - 1.0).abs())) <= T4));
 }
@@ -49,21 +52,43 @@ fn p39_one_substep_is_implicit_euler() {
         system.step(&[], h).expect("finite");
         v = (v - h * omega * omega * x) / (1.0 + (omega * h).powi(2));
         x += h * v;
-        explicit = (explicit.0 + h * explicit.1, explicit.1 - h * omega * omega * explicit.0);
+        explicit = (
+            explicit.0 + h * explicit.1,
+            explicit.1 - h * omega * omega * explicit.0,
+        );
         // Relative to the 10 m that the position is stored with.
-        assert!((elongation(&system) - x).abs() <= 10.0 * T10, "step {step}: {} and {x}", elongation(&system));
+        assert!(
+            (elongation(&system) - x).abs() <= 10.0 * T10,
+            "step {step}: {} and {x}",
+            elongation(&system)
+        );
         let expected = start * decay.powi(step);
-        assert!((size(x, v) - expected).abs() <= T10 * start, "amplification of step {step}");
+        assert!(
+            (size(x, v) - expected).abs() <= T10 * start,
+            "amplification of step {step}"
+        );
     }
-    assert!(!((elongation(&system) - explicit.0).abs() <= 10.0 * T10), "control: explicit Euler is as good");
+    assert!(
+        !((elongation(&system) - explicit.0).abs() <= 10.0 * T10),
+        "control: explicit Euler is as good"
+    );
 }
 
 /// Kinetic and elastic energy of a straight chain of springs.
 fn energy(system: &System, stiffness: f64, rest: f64) -> f64 {
     let p = &system.particles;
-    let kinetic: f64 =
-        p.velocity.iter().zip(&p.inverse_mass).filter(|(_, w)| **w > 0.0).map(|(v, w)| v.norm_squared() / w).sum();
-    let elastic: f64 = p.position.windows(2).map(|x| ((x[1] - x[0]).norm() - rest).powi(2) * stiffness).sum();
+    let kinetic: f64 = p
+        .velocity
+        .iter()
+        .zip(&p.inverse_mass)
+        .filter(|(_, w)| **w > 0.0)
+        .map(|(v, w)| v.norm_squared() / w)
+        .sum();
+    let elastic: f64 = p
+        .position
+        .windows(2)
+        .map(|x| ((x[1] - x[0]).norm() - rest).powi(2) * stiffness)
+        .sum();
     0.5 * (kinetic + elastic)
 }
 
@@ -71,17 +96,28 @@ fn energy(system: &System, stiffness: f64, rest: f64) -> f64 {
 fn p39_energy_of_an_undamped_chain_never_rises() {
     let (stiffness, rest) = (50.0, 1.0);
     let mut system = chain(4, rest, |_| 0.5, 1.0 / stiffness, 400);
-    system.particles.position.iter_mut().enumerate().for_each(|(i, p)| p.z -= 0.02 * (i * i) as f64);
+    system
+        .particles
+        .position
+        .iter_mut()
+        .enumerate()
+        .for_each(|(i, p)| p.z -= 0.02 * (i * i) as f64);
     let mut last = energy(&system, stiffness, rest);
     let first = last;
     for step in 0..200 {
         system.step(&[], 0.02).expect("finite");
         let now = energy(&system, stiffness, rest);
         // The lengths of about 1 m are stored to an ulp, so energies to stiffness times that times the strain.
-        assert!(now <= last * (1.0 + T11) + stiffness * T11 * 0.3, "step {step}: {last} to {now}");
+        assert!(
+            now <= last * (1.0 + T11) + stiffness * T11 * 0.3,
+            "step {step}: {last} to {now}"
+        );
         last = now;
     }
-    assert!(last < 0.5 * first && first > 0.1, "{first} to {last}: implicit Euler damps");
+    assert!(
+        last < 0.5 * first && first > 0.1,
+        "{first} to {last}: implicit Euler damps"
+    );
     // Control: a negative damping is seen.
     system.settings.velocity_factor = 1.1;
     let before = energy(&system, stiffness, rest);
@@ -104,34 +140,67 @@ fn a_hanging_chain_comes_to_its_analytic_length() {
     };
     for damped in [false, true] {
         let found = tip(k, damped);
-        assert!((found - expected).abs() <= T9, "{found} for {expected}, damped: {damped}");
+        assert!(
+            (found - expected).abs() <= T9,
+            "{found} for {expected}, damped: {damped}"
+        );
     }
-    assert!(!((tip(0.99 * k, false) - expected).abs() <= T9), "control: another stiffness gives the same");
+    assert!(
+        !((tip(0.99 * k, false) - expected).abs() <= T9),
+        "control: another stiffness gives the same"
+    );
 }
 
 /// Every order of a sweep over a chain.
-const ORDERS: [Order; 4] = [Order::Stored, Order::Reversed, Order::FromLoadedEnd, Order::Coloured];
+const ORDERS: [Order; 4] = [
+    Order::Stored,
+    Order::Reversed,
+    Order::FromLoadedEnd,
+    Order::Coloured,
+];
 
 // A straight chain, where C is linear: turning edges make multipliers depend on the path, by about 1e-7 of the length.
 #[test]
 fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
     let solve = |order: Order, ends: f64, bent: f64| {
         let n = 11;
-        let position = (0..n).map(|i| Point3::new(ends * i as f64 / 10.0, bent * (i % 3) as f64, 0.0)).collect();
-        let inverse = (0..n).map(|i| if i == 0 || i == 10 { 0.0 } else { 1.0 + i as f64 }).collect();
+        let position = (0..n)
+            .map(|i| Point3::new(ends * i as f64 / 10.0, bent * (i % 3) as f64, 0.0))
+            .collect();
+        let inverse = (0..n)
+            .map(|i| {
+                if i == 0 || i == 10 {
+                    0.0
+                } else {
+                    1.0 + i as f64
+                }
+            })
+            .collect();
         let mut particles = Particles::at_rest(position, inverse);
         particles.position[10].y = 0.0;
-        let all: Vec<Distance> = (0..10).map(|i| Distance { points: [i, i + 1], rest: 0.1 }).collect();
+        let all: Vec<Distance> = (0..10)
+            .map(|i| Distance {
+                points: [i, i + 1],
+                rest: 0.1,
+            })
+            .collect();
         let mut batch = Batch::<Distance, 2>::new(all, vec![1e-4; 10], order, n, &[10]);
         (0..20_000).for_each(|_| batch.project(&mut particles, 0.1));
-        let taut = particles.position.windows(2).all(|x| (x[1] - x[0]).norm() > 0.1);
+        let taut = particles
+            .position
+            .windows(2)
+            .all(|x| (x[1] - x[0]).norm() > 0.1);
         (particles.position, taut)
     };
     let apart = |ends: f64, bent: f64| {
         let (reference, taut) = solve(Order::Stored, ends, bent);
         let off = worst(ORDERS.iter().flat_map(|&o| {
             let other = solve(o, ends, bent).0;
-            reference.iter().zip(other).map(|(a, b)| (a - b).norm()).collect::<Vec<_>>()
+            reference
+                .iter()
+                .zip(other)
+                .map(|(a, b)| (a - b).norm())
+                .collect::<Vec<_>>()
         }));
         (off, taut)
     };
@@ -139,17 +208,31 @@ fn p40_a_taut_chain_has_one_solution_whatever_the_order() {
     assert!(taut, "the premise does not hold");
     assert!(off <= T9, "{off:e}");
     let (off, taut) = apart(0.8, 0.01);
-    assert!(!taut && !(off <= T9), "control: a slack chain has many solutions, {off:e}");
+    assert!(
+        !taut && !(off <= T9),
+        "control: a slack chain has many solutions, {off:e}"
+    );
 }
 
 /// Errors of the edges of the chain of six after one sweep, the last point displaced by 1.
 fn one_sweep(order: Order) -> Vec<f64> {
-    let mut position: Vec<Point3<f64>> = (0..6).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+    let mut position: Vec<Point3<f64>> = (0..6)
+        .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+        .collect();
     position[5].x += 1.0;
     let mut particles = Particles::at_rest(position, vec![1.0; 6]);
-    let all: Vec<Distance> = (0..5).map(|i| Distance { points: [i, i + 1], rest: 1.0 }).collect();
+    let all: Vec<Distance> = (0..5)
+        .map(|i| Distance {
+            points: [i, i + 1],
+            rest: 1.0,
+        })
+        .collect();
     Batch::<Distance, 2>::new(all, vec![0.0; 5], order, 6, &[5]).project(&mut particles, 1.0);
-    particles.position.windows(2).map(|x| (x[1] - x[0]).norm() - 1.0).collect()
+    particles
+        .position
+        .windows(2)
+        .map(|x| (x[1] - x[0]).norm() - 1.0)
+        .collect()
 }
 
 #[test]
@@ -159,7 +242,10 @@ fn p41_the_chain_of_six() {
     let halves = one_sweep(Order::Stored);
     let off = |a: &[f64], b: &[f64]| worst(a.iter().zip(b).map(|(a, b)| (a - b).abs()));
     assert!(off(&errors, &from_loaded) <= T10, "{errors:?}");
-    assert!(off(&halves, &[0.0, 0.0, 0.0, 0.5, 0.0]) <= T10, "{halves:?}");
+    assert!(
+        off(&halves, &[0.0, 0.0, 0.0, 0.5, 0.0]) <= T10,
+        "{halves:?}"
+    );
     assert!(!(off(&halves, &from_loaded) <= T10));
 }
 
@@ -167,11 +253,23 @@ fn p41_the_chain_of_six() {
 fn residual_falls_with_sweeps_and_a_full_projection_leaves_none() {
     let x = [0.0, 2.0, 5.0, 6.0].map(|x| Point3::new(x, 0.0, 0.0));
     let mut particles = Particles::at_rest(x.to_vec(), vec![1.0, 3.0, 1.0, 1.0]);
-    let all = vec![Distance { points: [0, 1], rest: 1.0 }, Distance { points: [2, 3], rest: 1.0 }];
+    let all = vec![
+        Distance {
+            points: [0, 1],
+            rest: 1.0,
+        },
+        Distance {
+            points: [2, 3],
+            rest: 1.0,
+        },
+    ];
     let mut one = batch(all, 0.0, Order::Stored, 4);
     assert!((one.residual(&particles, 1.0).max - 1.0 / 2.0_f64.sqrt()).abs() <= T10);
     one.project(&mut particles, 1.0);
     assert!(one.residual(&particles, 1.0).max <= T10);
     particles.position[0].x = f64::NAN;
-    assert!(!(one.residual(&particles, 1.0).max <= T10), "a NaN must show");
+    assert!(
+        !(one.residual(&particles, 1.0).max <= T10),
+        "a NaN must show"
+    );
 }

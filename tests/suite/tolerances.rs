@@ -76,12 +76,21 @@ const ALL: &[(&str, f64)] = &[
 
 /// Number of drawn cases: `default`, or what `PLIANT_CASES` says.
 pub fn cases(default: usize) -> usize {
-    std::env::var("PLIANT_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(default)
+    std::env::var("PLIANT_CASES")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(default)
 }
 
 /// The largest of some errors, NaN if one is: `f64::max` would hide it.
 pub fn worst(errors: impl IntoIterator<Item = f64>) -> f64 {
-    errors.into_iter().fold(0.0, |worst: f64, e| if worst.is_nan() || e <= worst { worst } else { e })
+    errors.into_iter().fold(0.0, |worst: f64, e| {
+        if worst.is_nan() || e <= worst {
+            worst
+        } else {
+            e
+        }
+    })
 }
 
 /// The value of a row's third column: `64 eps` or a number.
@@ -107,6 +116,9 @@ fn the_table_of_the_document_is_the_one_used() {
 fn a_nan_is_the_worst_error() {
     assert!(worst([1.0, f64::NAN, 2.0]).is_nan());
     assert_eq!(worst([1.0, 3.0, 2.0]), 3.0);
-    assert_eq!(written("| T9 | what | 2 eps | why |"), Some(("T9", 2.0 * f64::EPSILON)));
+    assert_eq!(
+        written("| T9 | what | 2 eps | why |"),
+        Some(("T9", 2.0 * f64::EPSILON))
+    );
     assert_eq!(written("| P9 | what | 2 | why |"), None);
 }

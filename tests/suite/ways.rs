@@ -20,11 +20,20 @@ fn drawn(draw: &mut Draw, kind: usize) -> TriangleMesh {
         1 => box_surface([0.05, 1.0, 2.0], 1.0),
         2 => tube(0.25, 2.0, 12),
         3 => icosphere(1.0, 2),
-        4 => TriangleMesh { vertices: draw.shape(6), triangles: Vec::new() },
-        _ => TriangleMesh { vertices: draw.shape(3), triangles: vec![[0, 1, 2]] },
+        4 => TriangleMesh {
+            vertices: draw.shape(6),
+            triangles: Vec::new(),
+        },
+        _ => TriangleMesh {
+            vertices: draw.shape(3),
+            triangles: vec![[0, 1, 2]],
+        },
     };
     match kind {
-        0 => mesh.vertices.iter_mut().for_each(|v| v.coords *= draw.between(0.7, 1.0)),
+        0 => mesh
+            .vertices
+            .iter_mut()
+            .for_each(|v| v.coords *= draw.between(0.7, 1.0)),
         3 => mesh.triangles.truncate(180),
         4 => {
             let corner = |draw: &mut Draw| draw.index(6) as u32;
@@ -39,7 +48,9 @@ fn drawn(draw: &mut Draw, kind: usize) -> TriangleMesh {
     }
     let (turn, scale) = (draw.rotation(), draw.decades(-3.0, 3.0));
     let to = draw.direction() * draw.between(0.0, 10.0);
-    mesh.vertices.iter_mut().for_each(|v| *v = Point3::from((turn * v.coords + to) * scale));
+    mesh.vertices
+        .iter_mut()
+        .for_each(|v| *v = Point3::from((turn * v.coords + to) * scale));
     mesh
 }
 
@@ -61,15 +72,32 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
     let known = Surface::new(mesh);
     let mut worst = 0.0_f64;
     // The middle of each triangle as well: none may be forgotten.
-    let middle = |t: usize| Point3::from(mesh.corners(t).iter().map(|c| c.coords).sum::<Vector3<f64>>() / 3.0);
+    let middle = |t: usize| {
+        Point3::from(
+            mesh.corners(t)
+                .iter()
+                .map(|c| c.coords)
+                .sum::<Vector3<f64>>()
+                / 3.0,
+        )
+    };
     let middles: Vec<Point3<f64>> = (0..mesh.triangles.len()).map(middle).collect();
     for k in 0..points + middles.len() {
-        let p = if k < points { point_near(draw, mesh) } else { middles[k - points] };
+        let p = if k < points {
+            point_near(draw, mesh)
+        } else {
+            middles[k - points]
+        };
         let scale = mesh.vertices[0].coords.norm() + p.coords.norm();
-        let (a, b) = (found.closest(&p).expect("triangles"), known.closest(&p).expect("triangles"));
+        let (a, b) = (
+            found.closest(&p).expect("triangles"),
+            known.closest(&p).expect("triangles"),
+        );
         // The place that was found is as far as it says, and begun from anywhere it is the same.
         let there = (a.point - p).norm() - a.distance.abs();
-        let again = found.closest_from(&p, &mesh.vertices[draw.index(mesh.vertices.len())]).expect("triangles");
+        let again = found
+            .closest_from(&p, &mesh.vertices[draw.index(mesh.vertices.len())])
+            .expect("triangles");
         for error in [a.distance - b.distance, there, again.distance - a.distance] {
             // On the surface both signs are right.
             worst = worst.max(error.abs() / scale);
@@ -81,8 +109,14 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
 
 #[test]
 fn every_way_finds_what_the_hierarchy_finds() {
-    let sorted: Vec<(String, usize, &pliant::contact::ways::Kind)> =
-        WAYS.iter().flat_map(|k| k.sizes.iter().map(move |&s| (format!("{} {s}", k.name), s, k))).collect();
+    let sorted: Vec<(String, usize, &pliant::contact::ways::Kind)> = WAYS
+        .iter()
+        .flat_map(|k| {
+            k.sizes
+                .iter()
+                .map(move |&s| (format!("{} {s}", k.name), s, k))
+        })
+        .collect();
     assert!(sorted.len() >= 8);
     let mut draw = Draw::new(91);
     for case in 0..cases(12) {
@@ -90,7 +124,11 @@ fn every_way_finds_what_the_hierarchy_finds() {
         for (name, size, kind) in sorted.iter().filter(|(_, size, _)| *size <= 32) {
             let found = Searched::new(&mesh, (kind.sort)(&mesh, *size));
             let error = error(&mesh, &found, &mut draw, 40);
-            assert!(error <= T1, "seed {}, case {case}, {name}: {error:e}", draw.seed);
+            assert!(
+                error <= T1,
+                "seed {}, case {case}, {name}: {error:e}",
+                draw.seed
+            );
         }
     }
 }
@@ -107,10 +145,21 @@ fn sizes_that_nobody_would_choose_are_exact_as_well() {
         }
     }
     let empty = TriangleMesh::default();
-    for (kind, size) in WAYS.iter().flat_map(|k| k.sizes.iter().map(move |&s| (k, s))) {
-        assert!(Searched::new(&empty, (kind.sort)(&empty, size)).closest(&Point3::origin()).is_none());
+    for (kind, size) in WAYS
+        .iter()
+        .flat_map(|k| k.sizes.iter().map(move |&s| (k, s)))
+    {
+        assert!(
+            Searched::new(&empty, (kind.sort)(&empty, size))
+                .closest(&Point3::origin())
+                .is_none()
+        );
     }
-    assert!(BitGrid::new(&empty, 4, Fill::Touch).closest(&Point3::origin()).is_none());
+    assert!(
+        BitGrid::new(&empty, 4, Fill::Touch)
+            .closest(&Point3::origin())
+            .is_none()
+    );
 }
 
 /// Forgets one triangle.
@@ -120,7 +169,9 @@ impl Way for Forgetful {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut less = mesh.clone();
         less.triangles.remove(self.0 as usize);
-        BruteForce.nearest(&less, point, reach).map(|t| if t >= self.0 { t + 1 } else { t })
+        BruteForce
+            .nearest(&less, point, reach)
+            .map(|t| if t >= self.0 { t + 1 } else { t })
     }
     fn bytes(&self) -> usize {
         0
@@ -132,9 +183,15 @@ struct NearestCorner;
 
 impl Way for NearestCorner {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
-        let of = |t: usize| mesh.corners(t).iter().map(|c| (c - point).norm()).fold(f64::MAX, f64::min);
+        let of = |t: usize| {
+            mesh.corners(t)
+                .iter()
+                .map(|c| (c - point).norm())
+                .fold(f64::MAX, f64::min)
+        };
         let all = (0..mesh.triangles.len()).filter(|t| of(*t) <= reach.max(of(0)));
-        all.min_by(|a, b| of(*a).total_cmp(&of(*b))).map(|t| t as u32)
+        all.min_by(|a, b| of(*a).total_cmp(&of(*b)))
+            .map(|t| t as u32)
     }
     fn bytes(&self) -> usize {
         0
@@ -151,7 +208,14 @@ fn a_way_that_leaves_out_a_triangle_is_rejected() {
             let error = error(&mesh, &Searched::new(&mesh, way), &mut draw, points);
             assert!(!(error <= T1), "control: kind {kind} passes with {error:e}");
         }
-        assert!(error(&mesh, &Searched::new(&mesh, Box::new(BruteForce)), &mut draw, 50) <= T1);
+        assert!(
+            error(
+                &mesh,
+                &Searched::new(&mesh, Box::new(BruteForce)),
+                &mut draw,
+                50
+            ) <= T1
+        );
     }
 }
 
@@ -167,10 +231,17 @@ fn departures(mesh: &TriangleMesh, k: usize, fill: Fill, draw: &mut Draw) -> [f6
         let e = found.distance;
         assert_eq!(e < 0.0 || (e == 0.0 && grid.holds(&p)), grid.holds(&p));
         assert!((found.normal.norm() - 1.0).abs() <= T1);
-        assert!(!grid.holds(&(found.point + found.normal * (1e-6 * grid.diagonal()))), "{found:?} does not lead out");
+        assert!(
+            !grid.holds(&(found.point + found.normal * (1e-6 * grid.diagonal()))),
+            "{found:?} does not lead out"
+        );
         if e > 0.0 {
             let diagonal = grid.diagonal();
-            let all = [-d / diagonal - 1.0, (d - e) / diagonal - 1.0, (e - d) / diagonal];
+            let all = [
+                -d / diagonal - 1.0,
+                (d - e) / diagonal - 1.0,
+                (e - d) / diagonal,
+            ];
             (0..3).for_each(|i| worst[i] = worst[i].max(all[i]));
         }
     }
@@ -188,12 +259,21 @@ fn the_grid_of_bits_keeps_its_bounds() {
         let touch = departures(&mesh, 16, Fill::Touch, &mut draw);
         assert!(touch.iter().all(|d| *d <= doubt), "case {case}: {touch:?}");
         let centre = departures(&mesh, 16, Fill::Centre, &mut draw);
-        assert!(centre[..2].iter().all(|d| *d <= doubt), "case {case}: {centre:?}");
+        assert!(
+            centre[..2].iter().all(|d| *d <= doubt),
+            "case {case}: {centre:?}"
+        );
         above = above.max(centre[2]);
         nearer = nearer.max(touch[1]);
     }
-    assert!(above > 0.01, "control: by their middles boxes do not lose bone: {above}");
-    assert!(nearer > -0.9, "control: the bound is much too wide: {nearer}");
+    assert!(
+        above > 0.01,
+        "control: by their middles boxes do not lose bone: {above}"
+    );
+    assert!(
+        nearer > -0.9,
+        "control: the bound is much too wide: {nearer}"
+    );
 }
 
 #[test]
@@ -211,7 +291,12 @@ fn walks_end_free_and_on_the_way() {
         };
         match (grid.walk(&x, &p), grid.walk_back(&x, &p)) {
             (Some(end), Some(back)) => {
-                assert!(!grid.holds(&end) && !grid.holds(&back) && on_the_way(&end) && on_the_way(&back));
+                assert!(
+                    !grid.holds(&end)
+                        && !grid.holds(&back)
+                        && on_the_way(&end)
+                        && on_the_way(&back)
+                );
                 // Nothing before the end is bone.
                 let free = (0..200).all(|i| !grid.holds(&(x + (end - x) * (f64::from(i) / 200.0))));
                 assert!(free, "seed {}: {x} to {p} ends at {end}", draw.seed);

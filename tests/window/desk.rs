@@ -16,7 +16,10 @@ const LONG: Duration = Duration::from_secs(180);
 static USED: AtomicU32 = AtomicU32::new(0);
 
 fn is_there(program: &str) -> bool {
-    let found = Command::new("sh").args(["-c", &format!("command -v {program}")]).stdout(Stdio::null()).status();
+    let found = Command::new("sh")
+        .args(["-c", &format!("command -v {program}")])
+        .stdout(Stdio::null())
+        .status();
     found.is_ok_and(|status| status.success())
 }
 
@@ -45,7 +48,10 @@ impl Desk {
         let begun = Instant::now();
         let socket = format!("/tmp/.X11-unix/X{number}");
         while !Path::new(&socket).exists() {
-            assert!(server.try_wait().expect("a child").is_none(), "Xvfb ended at once");
+            assert!(
+                server.try_wait().expect("a child").is_none(),
+                "Xvfb ended at once"
+            );
             assert!(begun.elapsed() < LONG, "Xvfb does not come up");
             std::thread::sleep(Duration::from_millis(20));
         }
@@ -69,13 +75,24 @@ impl Desk {
             .stderr(log)
             .spawn()
             .expect("the viewer starts");
-        Viewer { desk: self, child, folder }
+        Viewer {
+            desk: self,
+            child,
+            folder,
+        }
     }
 
     fn hand(&self, arguments: &[&str]) -> Output {
-        let done = Command::new("xdotool").args(arguments).env("DISPLAY", &self.display).output();
+        let done = Command::new("xdotool")
+            .args(arguments)
+            .env("DISPLAY", &self.display)
+            .output();
         let done = done.expect("xdotool runs");
-        assert!(done.status.success(), "xdotool {arguments:?}: {}", String::from_utf8_lossy(&done.stderr));
+        assert!(
+            done.status.success(),
+            "xdotool {arguments:?}: {}",
+            String::from_utf8_lossy(&done.stderr)
+        );
         done
     }
 }
@@ -115,7 +132,10 @@ impl Viewer<'_> {
                 return seen;
             }
             if let Some(status) = self.child.try_wait().expect("a child") {
-                panic!("waiting for {what}: the viewer ended, {status}: {}", self.errors());
+                panic!(
+                    "waiting for {what}: the viewer ended, {status}: {}",
+                    self.errors()
+                );
             }
             if begun.elapsed() > LONG {
                 let mut seen = self.last().unwrap_or_default();
@@ -129,8 +149,12 @@ impl Viewer<'_> {
 
     /// A picture that was begun after now.
     pub fn next(&mut self) -> Value {
-        let now = self.last().map_or(0, |seen| number(&seen["picture"]) as u64);
-        self.wait("a picture", |seen| number(&seen["picture"]) as u64 > now + 1)
+        let now = self
+            .last()
+            .map_or(0, |seen| number(&seen["picture"]) as u64);
+        self.wait("a picture", |seen| {
+            number(&seen["picture"]) as u64 > now + 1
+        })
     }
 
     /// Gives it the keys.
@@ -154,7 +178,13 @@ impl Viewer<'_> {
     }
 
     /// Presses a button at a place, goes to another, and lets go.
-    pub fn drag(&mut self, button: &str, from: [f64; 2], to: [f64; 2], between: impl FnOnce(&mut Self)) {
+    pub fn drag(
+        &mut self,
+        button: &str,
+        from: [f64; 2],
+        to: [f64; 2],
+        between: impl FnOnce(&mut Self),
+    ) {
         self.go(from);
         self.desk.hand(&["mousedown", button]);
         self.next();
@@ -166,13 +196,22 @@ impl Viewer<'_> {
     }
 
     pub fn go(&mut self, [x, y]: [f64; 2]) {
-        self.desk.hand(&["mousemove", &format!("{x:.0}"), &format!("{y:.0}")]);
+        self.desk
+            .hand(&["mousemove", &format!("{x:.0}"), &format!("{y:.0}")]);
         self.next();
     }
 
     pub fn click(&mut self, at: [f64; 2]) {
         self.go(at);
         self.desk.hand(&["click", "1"]);
+        self.next();
+    }
+
+    /// Turns the wheel at a place.
+    pub fn scroll(&mut self, at: [f64; 2], notches: u32) {
+        self.go(at);
+        self.desk
+            .hand(&["click", "--repeat", &notches.to_string(), "4"]);
         self.next();
     }
 
@@ -206,7 +245,10 @@ impl Viewer<'_> {
 
     /// The pictures and recordings that it saved, in the order of their names.
     pub fn pictures(&self) -> Vec<PathBuf> {
-        let entries = fs::read_dir(self.folder.join("pictures")).into_iter().flatten().flatten();
+        let entries = fs::read_dir(self.folder.join("pictures"))
+            .into_iter()
+            .flatten()
+            .flatten();
         let mut all: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
         all.retain(|path| path.extension().is_some_and(|e| e == "png" || e == "gif"));
         all.sort();
@@ -225,7 +267,11 @@ impl Viewer<'_> {
     pub fn wait_for_file(&mut self, what: &str, is_there: impl Fn(&Self) -> bool) {
         let begun = Instant::now();
         while !is_there(self) {
-            assert!(begun.elapsed() < LONG, "waiting for {what}: {}", self.errors());
+            assert!(
+                begun.elapsed() < LONG,
+                "waiting for {what}: {}",
+                self.errors()
+            );
             std::thread::sleep(Duration::from_millis(20));
         }
     }
@@ -262,7 +308,10 @@ pub fn number(value: &Value) -> f64 {
 
 /// A widget of a picture.
 pub fn find<'a>(seen: &'a Value, name: &str) -> Option<&'a Value> {
-    seen["widgets"].as_array()?.iter().find(|widget| widget["name"] == name)
+    seen["widgets"]
+        .as_array()?
+        .iter()
+        .find(|widget| widget["name"] == name)
 }
 
 fn rect(widget: &Value) -> [f64; 4] {
@@ -286,8 +335,14 @@ impl Picture {
         let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
         let mut bytes = vec![0; reader.output_buffer_size().expect("a size")];
         let info = reader.next_frame(&mut bytes).expect("a frame");
-        assert_eq!((info.color_type, info.bit_depth), (png::ColorType::Rgb, png::BitDepth::Eight));
-        Self { size: (info.width, info.height), pixels: bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect() }
+        assert_eq!(
+            (info.color_type, info.bit_depth),
+            (png::ColorType::Rgb, png::BitDepth::Eight)
+        );
+        Self {
+            size: (info.width, info.height),
+            pixels: bytes.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
+        }
     }
 
     /// The share of pixels with a property.
@@ -299,7 +354,12 @@ impl Picture {
     pub fn differs(&self, other: &Self) -> f64 {
         assert_eq!(self.size, other.size);
         let apart = |(a, b): (&[u8; 3], &[u8; 3])| a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 3);
-        self.pixels.iter().zip(&other.pixels).filter(|pair| apart(*pair)).count() as f64 / self.pixels.len() as f64
+        self.pixels
+            .iter()
+            .zip(&other.pixels)
+            .filter(|pair| apart(*pair))
+            .count() as f64
+            / self.pixels.len() as f64
     }
 
     /// Why nothing is on it; `None` where something is.

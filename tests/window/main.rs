@@ -11,7 +11,14 @@ use pliant::testing::Scratch;
 use serde_json::Value;
 
 /// The hip, coarse, and slow enough to be steered.
-const HIP: [&str; 6] = ["hip", "--set", "muscle.0.edge_length=14 mm", "--set", "substeps=4", "--paused"];
+const HIP: [&str; 6] = [
+    "hip",
+    "--set",
+    "muscle.0.edge_length=14 mm",
+    "--set",
+    "substeps=4",
+    "--paused",
+];
 
 fn frame(seen: &Value) -> f64 {
     number(&seen["frame"])
@@ -38,24 +45,52 @@ fn it_opens_runs_pauses_resets_and_closes() {
     assert_eq!(first.blank(), None);
     // A picture is of the scene alone: what is in the panel is beside it.
     let left = |widget: &Value| number(&widget["rect"][0]);
-    let panel = seen["widgets"].as_array().expect("widgets").iter().map(left).fold(f64::INFINITY, f64::min);
-    assert!(f64::from(first.size.0) <= panel, "{} columns, the panel from {panel}", first.size.0);
-    assert!(first.share(is_bone) > 0.02, "bone: {}", first.share(is_bone));
+    let panel = seen["widgets"]
+        .as_array()
+        .expect("widgets")
+        .iter()
+        .map(left)
+        .fold(f64::INFINITY, f64::min);
+    assert!(
+        f64::from(first.size.0) <= panel,
+        "{} columns, the panel from {panel}",
+        first.size.0
+    );
+    assert!(
+        first.share(is_bone) > 0.02,
+        "bone: {}",
+        first.share(is_bone)
+    );
     // A tenth of the width by a fiftieth of the height, less what fibres cover.
-    assert!(first.share(is_violet) > 0.001, "muscle without stretch: {}", first.share(is_violet));
+    assert!(
+        first.share(is_violet) > 0.001,
+        "muscle without stretch: {}",
+        first.share(is_violet)
+    );
     viewer.press("Record");
     viewer.press("Run");
     viewer.wait("frames", |seen| frame(seen) > 20.0);
     viewer.key("space");
     let paused = viewer.wait("a pause", |seen| seen["running"] == false);
     viewer.press("Stop recording");
-    viewer
-        .wait_for_file("a film", |viewer| viewer.pictures().iter().any(|p| p.extension().is_some_and(|e| e == "gif")));
+    viewer.wait_for_file("a film", |viewer| {
+        viewer
+            .pictures()
+            .iter()
+            .any(|p| p.extension().is_some_and(|e| e == "gif"))
+    });
     viewer.press("Step");
     viewer.wait("a step", |seen| frame(seen) == frame(&paused) + 1.0);
     let later = viewer.picture();
-    assert!(later.differs(&first) > 0.01, "the femur turned: {}", later.differs(&first));
-    assert!(viewer.picture().differs(&later) < 1e-3, "nothing moves in a pause");
+    assert!(
+        later.differs(&first) > 0.01,
+        "the femur turned: {}",
+        later.differs(&first)
+    );
+    assert!(
+        viewer.picture().differs(&later) < 1e-3,
+        "nothing moves in a pause"
+    );
     viewer.key("r");
     viewer.wait("a reset", |seen| frame(seen) == 0.0);
     assert!(viewer.picture().differs(&first) < 1e-3, "as at the start");
@@ -70,12 +105,18 @@ fn every_slider_moves_what_it_says() {
     let seen = viewer.last().expect("a picture");
     let widgets = seen["widgets"].as_array().expect("widgets").clone();
     let shares = widgets.iter().filter(|w| w["value"]["share"].is_number());
-    let names: Vec<String> = shares.filter_map(|w| w["name"].as_str().map(str::to_owned)).collect();
+    let names: Vec<String> = shares
+        .filter_map(|w| w["name"].as_str().map(str::to_owned))
+        .collect();
     assert!(names.len() > 15, "{names:?}");
     for name in &names {
         let before = viewer.wait(name, |seen| find(seen, name).is_some());
         if is_slider(name) {
-            let wanted = if share(&before, name) > 0.5 { 0.25 } else { 0.75 };
+            let wanted = if share(&before, name) > 0.5 {
+                0.25
+            } else {
+                0.75
+            };
             viewer.slide(name, wanted);
             // A bone goes to its angle as frames follow.
             if name == "bone femur/angle" {
@@ -92,7 +133,10 @@ fn every_slider_moves_what_it_says() {
         }
     }
     let seen = viewer.last().expect("a picture");
-    assert_eq!((&seen["refused"], &seen["failed"]), (&Value::Null, &Value::Null));
+    assert_eq!(
+        (&seen["refused"], &seen["failed"]),
+        (&Value::Null, &Value::Null)
+    );
     viewer.press("Reset");
     viewer.press("Step");
     viewer.wait("a frame with all that", |seen| frame(seen) == 1.0);
@@ -114,12 +158,32 @@ fn the_mouse_turns_moves_picks_pulls_and_fixes() {
     let (from, to) = ([200.0, 700.0], [260.0, 640.0]);
     viewer.drag("1", from, to, |_| {});
     let turned = viewer.picture();
-    assert!(turned.differs(&first) > 0.02, "turned: {}", turned.differs(&first));
+    assert!(
+        turned.differs(&first) > 0.02,
+        "turned: {}",
+        turned.differs(&first)
+    );
     viewer.key("h");
-    assert!(viewer.picture().differs(&first) < 1e-3, "the first view again");
+    assert!(
+        viewer.picture().differs(&first) < 1e-3,
+        "the first view again"
+    );
     viewer.key("Left");
-    assert!(viewer.picture().differs(&first) > 0.005, "an arrow key turns");
+    assert!(
+        viewer.picture().differs(&first) > 0.005,
+        "an arrow key turns"
+    );
     viewer.key("h");
+    viewer.scroll([200.0, 700.0], 3);
+    assert!(
+        viewer.picture().differs(&first) > 0.02,
+        "the wheel comes nearer"
+    );
+    (0..3).for_each(|_| viewer.key("Next"));
+    assert!(
+        viewer.picture().differs(&first) < 1e-3,
+        "a notch is as much as a key"
+    );
     let seen = viewer.next();
     let place = |seen: &Value| [number(&seen["places"][0][0]), number(&seen["places"][0][1])];
     let at = place(&seen);
@@ -135,10 +199,14 @@ fn the_mouse_turns_moves_picks_pulls_and_fixes() {
     viewer.wait("to be let go", |seen| seen["dragged"][0].is_null());
     viewer.press("Fix");
     viewer.wait("it is fixed", |seen| {
-        seen["fixed"][0].as_array().is_some_and(|all| all.len() == 1 && number(&all[0]) == picked)
+        seen["fixed"][0]
+            .as_array()
+            .is_some_and(|all| all.len() == 1 && number(&all[0]) == picked)
     });
     viewer.press("Free");
-    viewer.wait("it is free", |seen| seen["fixed"][0] == serde_json::json!([]));
+    viewer.wait("it is free", |seen| {
+        seen["fixed"][0] == serde_json::json!([])
+    });
     viewer.key("Escape");
     viewer.wait("nothing is picked", |seen| seen["probe"].is_null());
     // What is no surface picks nothing.
@@ -153,11 +221,25 @@ fn a_finished_run_is_played_forward_and_back() {
     let scratch = Scratch::folder();
     let out = scratch.join("run");
     let run = Command::new(env!("CARGO_BIN_EXE_pliant"))
-        .args(["run", "hip", "--set", "muscle.0.edge_length=14 mm", "--set", "substeps=4", "--frames", "30", "--out"])
+        .args([
+            "run",
+            "hip",
+            "--set",
+            "muscle.0.edge_length=14 mm",
+            "--set",
+            "substeps=4",
+            "--frames",
+            "30",
+            "--out",
+        ])
         .arg(&out)
         .output()
         .expect("runs");
-    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    assert!(
+        run.status.success(),
+        "{}",
+        String::from_utf8_lossy(&run.stderr)
+    );
     let mut viewer = desk.view(&["--replay", out.to_str().expect("a name"), "--paused"]);
     viewer.focus();
     let first = viewer.picture();
@@ -167,11 +249,15 @@ fn a_finished_run_is_played_forward_and_back() {
     let last = viewer.picture();
     assert!(last.differs(&first) > 0.01, "{}", last.differs(&first));
     viewer.press("Backward");
-    viewer.wait("the first frame", |seen| frame(seen) == 0.0 && seen["running"] == false);
+    viewer.wait("the first frame", |seen| {
+        frame(seen) == 0.0 && seen["running"] == false
+    });
     // Not as at first: the legend has seen more since.
     let back = viewer.picture();
     viewer.press("Forward");
-    viewer.wait("the last frame again", |seen| frame(seen) == 30.0 && seen["running"] == false);
+    viewer.wait("the last frame again", |seen| {
+        frame(seen) == 30.0 && seen["running"] == false
+    });
     assert!(viewer.picture().differs(&back) > 0.01, "it moved again");
     viewer.press("Reset");
     viewer.wait("the start", |seen| frame(seen) == 0.0);
@@ -190,20 +276,32 @@ fn a_missing_screen_or_scene_is_said_in_one_line() {
             .env_remove("WAYLAND_SOCKET")
             .output()
             .expect("runs");
-        (done.status.code(), String::from_utf8_lossy(&done.stderr).into_owned())
+        (
+            done.status.code(),
+            String::from_utf8_lossy(&done.stderr).into_owned(),
+        )
     };
     let (code, said) = without(&["distance"]);
     assert_eq!((code, said.lines().count()), (Some(1), 1), "{said}");
-    assert!(said.contains("no display") && said.contains("pliant run"), "{said}");
+    assert!(
+        said.contains("no display") && said.contains("pliant run"),
+        "{said}"
+    );
     for (arguments, says) in [
         (&["no-such-scene"][..], "no-such-scene"),
-        (&["hip", "--set", "muscle.0.material.stretch=-1 N/m"], "stretch"),
+        (
+            &["hip", "--set", "muscle.0.material.stretch=-1 N/m"],
+            "stretch",
+        ),
         (&["--replay", "/nowhere"], "/nowhere"),
         (&["hip", "--replay", "x"], "cannot be used with"),
         (&["hip", "--size", "0x0"], "1280x800"),
     ] {
         let (code, said) = without(arguments);
-        assert!(code == Some(2) && said.contains(says), "{arguments:?}: {code:?} {said}");
+        assert!(
+            code == Some(2) && said.contains(says),
+            "{arguments:?}: {code:?} {said}"
+        );
     }
 }
 
@@ -211,17 +309,25 @@ fn a_missing_screen_or_scene_is_said_in_one_line() {
 fn a_scene_that_is_wrong_closes_the_window_with_its_message() {
     let Some(desk) = Desk::new() else { return };
     let mut viewer = desk.view(&["hip", "--set", "muscle.0.material.stretch=-1 N/m"]);
-    viewer.wait_for_file("a message", |viewer| viewer.errors().contains("is not allowed here"));
+    viewer.wait_for_file("a message", |viewer| {
+        viewer.errors().contains("is not allowed here")
+    });
     assert!(!viewer.errors().contains("panicked"), "{}", viewer.errors());
     assert_eq!(viewer.ended(), Some(2));
 }
 
 #[test]
 fn a_blank_picture_is_seen_to_be_blank() {
-    let blank = Picture { size: (40, 40), pixels: vec![[30, 31, 32]; 1600] };
+    let blank = Picture {
+        size: (40, 40),
+        pixels: vec![[30, 31, 32]; 1600],
+    };
     assert!(blank.blank().is_some());
     assert_eq!((blank.share(is_bone), blank.share(is_violet)), (0.0, 0.0));
-    let mut other = Picture { size: (40, 40), pixels: blank.pixels.clone() };
+    let mut other = Picture {
+        size: (40, 40),
+        pixels: blank.pixels.clone(),
+    };
     assert_eq!(blank.differs(&other), 0.0);
     other.pixels[7] = [35, 31, 32];
     assert!(blank.differs(&other) > 0.0);

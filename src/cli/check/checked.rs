@@ -50,7 +50,12 @@ impl Serialize for Outcome {
         }
         match self {
             Self::Checked(checked) => checked.serialize(serializer),
-            Self::Failed { file, failure } => Failed { file, fit: false, error: failure.terse() }.serialize(serializer),
+            Self::Failed { file, failure } => Failed {
+                file,
+                fit: false,
+                error: failure.terse(),
+            }
+            .serialize(serializer),
         }
     }
 }
@@ -154,9 +159,17 @@ impl Checked {
 }
 
 /// Reads, examines and, where there is a target, repairs and writes one mesh.
-pub(super) fn check(path: &Path, unit: Option<f64>, target: Option<&Path>, options: &Options) -> Outcome {
+pub(super) fn check(
+    path: &Path,
+    unit: Option<f64>,
+    target: Option<&Path>,
+    options: &Options,
+) -> Outcome {
     let file = path.display().to_string();
-    let failed = |failure| Outcome::Failed { file: file.clone(), failure };
+    let failed = |failure| Outcome::Failed {
+        file: file.clone(),
+        failure,
+    };
     let read = match io::read(path) {
         Ok(read) => read,
         Err(error) => return failed(of_reading(error)),
@@ -165,8 +178,15 @@ pub(super) fn check(path: &Path, unit: Option<f64>, target: Option<&Path>, optio
     let mut findings: Vec<Told> = health.findings.iter().map(Told::of).collect();
     findings.extend(read.warnings.iter().map(Told::of_reader));
     findings.extend(size_warning(&health, unit));
-    let likely = if unit.is_some() { Vec::new() } else { likely_units(health.length()) };
-    let mended = match target.map(|target| mend(&read, target, options)).transpose() {
+    let likely = if unit.is_some() {
+        Vec::new()
+    } else {
+        likely_units(health.length())
+    };
+    let mended = match target
+        .map(|target| mend(&read, target, options))
+        .transpose()
+    {
         Ok(mended) => mended,
         Err(error) => {
             return failed(Failure::usage(

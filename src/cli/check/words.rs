@@ -22,10 +22,21 @@ pub(super) fn report(outcomes: &[Outcome], unit: Option<&str>) -> String {
     }
     if all.len() > 1 {
         let fit = all.iter().filter(|c| c.is_fit()).count();
-        let after = if all.iter().any(|c| c.repair.is_some()) { "after repair " } else { "" };
+        let after = if all.iter().any(|c| c.repair.is_some()) {
+            "after repair "
+        } else {
+            ""
+        };
         let unread = outcomes.len() - all.len();
-        let rest = if unread > 0 { format!("; {unread} cannot be used") } else { String::new() };
-        text.push_str(&format!("\n{after}{fit} of {} are fit for simulation{rest}\n", all.len()));
+        let rest = if unread > 0 {
+            format!("; {unread} cannot be used")
+        } else {
+            String::new()
+        };
+        text.push_str(&format!(
+            "\n{after}{fit} of {} are fit for simulation{rest}\n",
+            all.len()
+        ));
     }
     text
 }
@@ -37,7 +48,10 @@ fn finding(file: &str, told: &Told) -> String {
         (None, Some(offset)) => format!(" offset {offset:#x}:"),
         (None, None) => String::new(),
     };
-    format!("{file}:{line} {kind}[{}]: {}; {}\n", told.code, told.message, told.repair)
+    format!(
+        "{file}:{line} {kind}[{}]: {}; {}\n",
+        told.code, told.message, told.repair
+    )
 }
 
 /// Four digits, in the way that is easiest to read.
@@ -61,7 +75,9 @@ fn in_unit(unit: Option<&str>, power: &str) -> String {
 fn orientation(health: &Health) -> String {
     match (health.orientable, health.inconsistent_edges) {
         (false, _) => "one-sided".to_owned(),
-        (true, 0) if health.boundary_edges > 0 || health.non_manifold_edges > 0 => "agrees".to_owned(),
+        (true, 0) if health.boundary_edges > 0 || health.non_manifold_edges > 0 => {
+            "agrees".to_owned()
+        }
         (true, 0) if health.volume < 0.0 => "inward".to_owned(),
         (true, 0) => "outward".to_owned(),
         (true, edges) => format!("{edges} edges disagree"),
@@ -69,11 +85,17 @@ fn orientation(health: &Health) -> String {
 }
 
 fn genus(health: &Health) -> String {
-    health.genus.map_or_else(|| "-".to_owned(), |g| g.to_string())
+    health
+        .genus
+        .map_or_else(|| "-".to_owned(), |g| g.to_string())
 }
 
 fn crossings(health: &Health) -> String {
-    let more = if health.self_intersections_complete { "" } else { "+" };
+    let more = if health.self_intersections_complete {
+        ""
+    } else {
+        "+"
+    };
     format!("{}{more}", health.self_intersections)
 }
 
@@ -87,33 +109,63 @@ fn guess(checked: &Checked) -> String {
 
 fn single(checked: &Checked, unit: Option<&str>) -> String {
     let health = &checked.health;
-    let verdict = if checked.fit { "fit for simulation" } else { "a simulation would refuse it" };
+    let verdict = if checked.fit {
+        "fit for simulation"
+    } else {
+        "a simulation would refuse it"
+    };
     let mut text = format!("{}: {}, {verdict}\n\n", checked.file, checked.format);
-    let sides: Vec<String> = (0..3).map(|k| short(health.highest[k] - health.lowest[k])).collect();
+    let sides: Vec<String> = (0..3)
+        .map(|k| short(health.highest[k] - health.lowest[k]))
+        .collect();
     let corner = |p: [f64; 3]| p.map(short).join(", ");
     let mut rows = vec![
         ("vertices", health.vertices.to_string()),
         ("triangles", health.triangles.to_string()),
         ("polylines", checked.lines.to_string()),
         ("pieces", health.components.to_string()),
-        ("rims", format!("{} of {} edges", health.boundary_loops, health.boundary_edges)),
+        (
+            "rims",
+            format!(
+                "{} of {} edges",
+                health.boundary_loops, health.boundary_edges
+            ),
+        ),
         ("handles", genus(health)),
         ("orientation", orientation(health)),
-        ("non-manifold", format!("{} edges, {} vertices", health.non_manifold_edges, health.non_manifold_vertices)),
+        (
+            "non-manifold",
+            format!(
+                "{} edges, {} vertices",
+                health.non_manifold_edges, health.non_manifold_vertices
+            ),
+        ),
         ("slivers", health.slivers.to_string()),
         ("without area", health.zero_area.to_string()),
-        ("duplicates", format!("{} triangles, {} vertices", health.duplicate_triangles, health.duplicate_vertices)),
+        (
+            "duplicates",
+            format!(
+                "{} triangles, {} vertices",
+                health.duplicate_triangles, health.duplicate_vertices
+            ),
+        ),
         ("unused vertices", health.unused_vertices.to_string()),
         ("self-intersections", crossings(health)),
         ("volume", short(health.volume) + &in_unit(unit, "3")),
         ("area", short(health.area) + &in_unit(unit, "2")),
         ("box", format!("{}{}", sides.join(" x "), in_unit(unit, ""))),
-        ("from, to", format!("({}), ({})", corner(health.lowest), corner(health.highest))),
+        (
+            "from, to",
+            format!("({}), ({})", corner(health.lowest), corner(health.highest)),
+        ),
     ];
     if unit.is_none() {
         rows.push(("unit, as a guess", guess(checked)));
     }
-    let rows: Vec<Vec<String>> = rows.into_iter().map(|(name, value)| vec![name.to_owned(), value]).collect();
+    let rows: Vec<Vec<String>> = rows
+        .into_iter()
+        .map(|(name, value)| vec![name.to_owned(), value])
+        .collect();
     text.push_str(&columns(&rows, &[]));
     text.push('\n');
     text
@@ -178,7 +230,11 @@ fn table(all: &[&Checked], unit: Option<&str>) -> String {
 }
 
 fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
-    let verdict = if mended.fit { "fit for simulation" } else { "a simulation would still refuse it" };
+    let verdict = if mended.fit {
+        "fit for simulation"
+    } else {
+        "a simulation would still refuse it"
+    };
     let mut text = format!("\n{}: {verdict}\n", mended.file);
     if mended.changes.is_empty() {
         text.push_str("  nothing needed repair\n");
@@ -190,8 +246,11 @@ fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
         (Some(_), Some(metres)) => format!("{} mm", short(distance * metres * 1e3)),
         _ => short(distance),
     };
-    let side = |distance: Option<f64>| distance.map_or_else(|| "nothing to measure".to_owned(), length);
-    let Mended { distance, moved, .. } = mended;
+    let side =
+        |distance: Option<f64>| distance.map_or_else(|| "nothing to measure".to_owned(), length);
+    let Mended {
+        distance, moved, ..
+    } = mended;
     if let Some(distance) = distance {
         text.push_str(&format!(
             "  vertices moved by at most {}; the surface as read is at most {} from the repaired one, which is at most {} from it\n",
@@ -201,14 +260,23 @@ fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {
         ));
     }
     if mended.lines_lost > 0 {
-        text.push_str(&format!("  {} polylines are lost: this format has none\n", mended.lines_lost));
+        text.push_str(&format!(
+            "  {} polylines are lost: this format has none\n",
+            mended.lines_lost
+        ));
     }
     // What was said of the mesh as read is not said again.
-    let known = |told: &&Told| !told.refuses() && checked.findings.iter().any(|f| f.code == told.code);
+    let known =
+        |told: &&Told| !told.refuses() && checked.findings.iter().any(|f| f.code == told.code);
     for told in mended.findings.iter().filter(|told| !known(told)) {
         text.push_str(&finding(&mended.file, told));
     }
-    let rest: Vec<String> = mended.findings.iter().filter(known).map(|t| format!("{} ({})", t.code, t.count)).collect();
+    let rest: Vec<String> = mended
+        .findings
+        .iter()
+        .filter(known)
+        .map(|t| format!("{} ({})", t.code, t.count))
+        .collect();
     if !rest.is_empty() {
         text.push_str(&format!("  left as it is: {}\n", rest.join(", ")));
     }

@@ -15,16 +15,25 @@ pub(super) struct Nearing {
 
 impl Nearing {
     pub(super) fn new(steps: usize, rest: Rest) -> Self {
-        Self { rest, steps, most: [0.0; 2] }
+        Self {
+            rest,
+            steps,
+            most: [0.0; 2],
+        }
     }
 
     /// A step is done.
     pub(super) fn step(&mut self, step: &StepRecord) {
-        let left = (step.residual / self.rest.force).max((step.energy.kinetic / self.rest.energy).sqrt());
+        let left =
+            (step.residual / self.rest.force).max((step.energy.kinetic / self.rest.energy).sqrt());
         // An eighth of all steps before the half, and before the end.
         let eighth = 8 * step.step / self.steps.max(1);
         let spans = [eighth == 3, eighth >= 7];
-        let most = self.most.iter_mut().zip(spans).filter(|(_, within)| *within);
+        let most = self
+            .most
+            .iter_mut()
+            .zip(spans)
+            .filter(|(_, within)| *within);
         most.for_each(|(most, _)| *most = most.max(left));
     }
 
@@ -41,7 +50,10 @@ impl Nearing {
         if !(needed <= 1e7) {
             return "give another --damping: what is left hardly falls, no number of --steps is enough".to_owned();
         }
-        format!("it comes nearer to rest: about --steps {} should be enough", (needed / unit).ceil() * unit)
+        format!(
+            "it comes nearer to rest: about --steps {} should be enough",
+            (needed / unit).ceil() * unit
+        )
     }
 }
 
@@ -50,23 +62,40 @@ mod tests {
     use super::*;
 
     fn hint(left: impl Fn(f64) -> f64) -> String {
-        let mut nearing = Nearing::new(1000, Rest { force: 1e-3, energy: 1.0 });
+        let mut nearing = Nearing::new(
+            1000,
+            Rest {
+                force: 1e-3,
+                energy: 1.0,
+            },
+        );
         (1..=1000).for_each(|step| {
             let residual = 1e-3 * left(step as f64);
-            nearing.step(&StepRecord { step, residual, ..StepRecord::default() });
+            nearing.step(&StepRecord {
+                step,
+                residual,
+                ..StepRecord::default()
+            });
         });
         nearing.hint()
     }
 
     #[test]
     fn what_falls_evenly_is_told_its_steps_and_what_does_not_fall_none() {
-        let told = |hint: &str| hint.split("--steps ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok());
+        let told = |hint: &str| {
+            hint.split("--steps ")
+                .nth(1)
+                .and_then(|rest| rest.split(' ').next()?.parse().ok())
+        };
         // At rest after 2000 steps; 2.5 times the 1125 that are left after the last span begins.
         let even = hint(|step| ((2000.0 - step) / 100.0).exp());
         assert_eq!(told(&even), Some(3900.0), "{even}");
         // It swings as it falls.
         let swung = hint(|step| ((2000.0 - step) / 100.0).exp() * (1.01 + (0.3 * step).cos()));
-        assert!(told(&swung).is_some_and(|steps: f64| (3000.0..=5000.0).contains(&steps)), "{swung}");
+        assert!(
+            told(&swung).is_some_and(|steps: f64| (3000.0..=5000.0).contains(&steps)),
+            "{swung}"
+        );
         assert!(hint(|_| 5.0).contains("hardly falls"));
         assert!(hint(|step| step).contains("hardly falls"));
         assert!(hint(|step| 1e9 - step).contains("no number of --steps"));

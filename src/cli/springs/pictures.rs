@@ -3,7 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::measures::{Aabb, greatest};
-use crate::render::{Camera, Canvas, ColourMap, Drawing, Legend, Lines, PictureError, Rgb, TextStyle, View, render};
+use crate::render::{
+    Camera, Canvas, ColourMap, Drawing, Legend, Lines, PictureError, Rgb, TextStyle, View, render,
+};
 
 /// Width and height [px].
 const SIZE: (u32, u32) = (900, 720);
@@ -30,7 +32,9 @@ impl Shown {
         // A plane of points in the middle counts as behind it, whatever its coordinates were rounded to.
         let rounded = 1e-9 * bounds.extents().max();
         let y = |s: usize| ends[s].map(|p| x[p as usize].y - middle + rounded);
-        let mut shown: Vec<usize> = (0..ends.len()).filter(|&s| y(s).iter().all(|y| *y >= 0.0)).collect();
+        let mut shown: Vec<usize> = (0..ends.len())
+            .filter(|&s| y(s).iter().all(|y| *y >= 0.0))
+            .collect();
         if shown.is_empty() {
             shown = (0..ends.len()).collect();
         }
@@ -43,7 +47,10 @@ impl Shown {
             shown.truncate(if whole > 0 { whole } else { MOST });
         }
         let ends_of = |s: &usize| ends[*s].map(|p| p as usize);
-        Self { ends: shown.iter().map(ends_of).collect(), rest: shown.iter().map(|s| rest[*s]).collect() }
+        Self {
+            ends: shown.iter().map(ends_of).collect(),
+            rest: shown.iter().map(|s| rest[*s]).collect(),
+        }
     }
 
     /// How much longer each spring is than at rest, over that; NaN where the rest length is 0.
@@ -59,16 +66,27 @@ impl Shown {
     ///
     /// # Errors
     /// What the encoder says.
-    pub(super) fn pictures(&self, states: &[(&str, &[Point3<f64>])]) -> Result<Vec<Vec<u8>>, PictureError> {
+    pub(super) fn pictures(
+        &self,
+        states: &[(&str, &[Point3<f64>])],
+    ) -> Result<Vec<Vec<u8>>, PictureError> {
         let strains: Vec<Vec<f64>> = states.iter().map(|(_, x)| self.strains(x)).collect();
         let known = || strains.iter().flatten().copied().filter(|s| s.is_finite());
         let (least, most) = (-greatest(known().map(|s| -s)), greatest(known()));
         // Where strains differ by rounding alone colours are to say so.
-        let range = if most - least > 1e-6 { (least, most) } else { (least - 5e-7, most + 5e-7) };
+        let range = if most - least > 1e-6 {
+            (least, most)
+        } else {
+            (least - 5e-7, most + 5e-7)
+        };
         let legend = Legend::new("Strain", "", range, ColourMap::Viridis).large();
-        let canvas = Canvas::new(SIZE.0, SIZE.1).with_right(legend.width()).with_top(20.0);
+        let canvas = Canvas::new(SIZE.0, SIZE.1)
+            .with_right(legend.width())
+            .with_top(20.0);
         let view = View::orthographic(Vector3::new(0.55, -1.0, 0.5), Vector3::z());
-        let all = states.iter().flat_map(|(_, x)| self.ends.iter().flatten().map(|p| x[*p]));
+        let all = states
+            .iter()
+            .flat_map(|(_, x)| self.ends.iter().flatten().map(|p| x[*p]));
         let camera = Camera::fit(all, &view, canvas);
         let each = states.iter().zip(&strains).map(|((title, x), strains)| {
             let classes = self.classes(x, strains, range);
@@ -87,13 +105,23 @@ impl Shown {
     /// Those without a strain are the last class.
     fn classes(&self, x: &[Point3<f64>], strains: &[f64], range: (f64, f64)) -> Vec<Class> {
         let colour = |class: usize| {
-            let t = if class < CLASSES { (class as f64 + 0.5) / CLASSES as f64 } else { f64::NAN };
+            let t = if class < CLASSES {
+                (class as f64 + 0.5) / CLASSES as f64
+            } else {
+                f64::NAN
+            };
             ColourMap::Viridis.colour(t)
         };
-        let mut classes: Vec<_> = (0..=CLASSES).map(|class| (Vec::new(), colour(class))).collect();
+        let mut classes: Vec<_> = (0..=CLASSES)
+            .map(|class| (Vec::new(), colour(class)))
+            .collect();
         for ([a, b], strain) in self.ends.iter().zip(strains) {
             let place = ColourMap::place(*strain, range);
-            let class = if place.is_nan() { CLASSES } else { ((place * CLASSES as f64) as usize).min(CLASSES - 1) };
+            let class = if place.is_nan() {
+                CLASSES
+            } else {
+                ((place * CLASSES as f64) as usize).min(CLASSES - 1)
+            };
             classes[class].0.push(vec![x[*a], x[*b]]);
         }
         classes

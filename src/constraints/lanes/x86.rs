@@ -84,7 +84,12 @@ impl Neg for F64x4 {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0, self.0.avx._mm256_xor_pd(self.1, self.0.avx._mm256_set1_pd(-0.0)))
+        Self(
+            self.0,
+            self.0
+                .avx
+                ._mm256_xor_pd(self.1, self.0.avx._mm256_set1_pd(-0.0)),
+        )
     }
 }
 
@@ -92,7 +97,12 @@ impl Neg for F64x8 {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0, self.0.avx512dq._mm512_xor_pd(self.1, self.0.avx512f._mm512_set1_pd(-0.0)))
+        Self(
+            self.0,
+            self.0
+                .avx512dq
+                ._mm512_xor_pd(self.1, self.0.avx512f._mm512_set1_pd(-0.0)),
+        )
     }
 }
 
@@ -133,7 +143,12 @@ impl Lane for F64x4 {
     }
     #[inline(always)]
     fn each(machine: V3, value: impl Fn(usize) -> f64) -> Self {
-        Self(machine, machine.avx._mm256_setr_pd(value(0), value(1), value(2), value(3)))
+        Self(
+            machine,
+            machine
+                .avx
+                ._mm256_setr_pd(value(0), value(1), value(2), value(3)),
+        )
     }
     #[inline(always)]
     fn load(machine: V3, from: &[f64]) -> Self {
@@ -152,7 +167,12 @@ impl Lane for F64x4 {
             cast(slots[slot(3) as usize].0),
         ];
         let [x, y, z, w] = transposed(machine, [a, b, c, d]);
-        [Self(machine, x), Self(machine, y), Self(machine, z), Self(machine, w)]
+        [
+            Self(machine, x),
+            Self(machine, y),
+            Self(machine, z),
+            Self(machine, w),
+        ]
     }
     #[inline(always)]
     fn scatter([x, y, z, w]: [Self; 4], slots: &mut [Slot], slot: impl Fn(usize) -> u32) {
@@ -168,12 +188,23 @@ impl Lane for F64x4 {
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(self.0, self.0.avx._mm256_andnot_pd(self.0.avx._mm256_set1_pd(-0.0), self.1))
+        Self(
+            self.0,
+            self.0
+                .avx
+                ._mm256_andnot_pd(self.0.avx._mm256_set1_pd(-0.0), self.1),
+        )
     }
     #[inline(always)]
     fn copysign(self, sign: Self) -> Self {
         let (set, bit) = (self.0.avx, self.0.avx._mm256_set1_pd(-0.0));
-        Self(self.0, set._mm256_or_pd(set._mm256_andnot_pd(bit, self.1), set._mm256_and_pd(bit, sign.1)))
+        Self(
+            self.0,
+            set._mm256_or_pd(
+                set._mm256_andnot_pd(bit, self.1),
+                set._mm256_and_pd(bit, sign.1),
+            ),
+        )
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask4 {
@@ -226,7 +257,12 @@ impl Lane for F64x8 {
     }
     #[inline(always)]
     fn each(machine: V4, v: impl Fn(usize) -> f64) -> Self {
-        Self(machine, machine.avx512f._mm512_setr_pd(v(0), v(1), v(2), v(3), v(4), v(5), v(6), v(7)))
+        Self(
+            machine,
+            machine
+                .avx512f
+                ._mm512_setr_pd(v(0), v(1), v(2), v(3), v(4), v(5), v(6), v(7)),
+        )
     }
     #[inline(always)]
     fn load(machine: V4, from: &[f64]) -> Self {
@@ -256,8 +292,14 @@ impl Lane for F64x8 {
     fn scatter([x, y, z, w]: [Self; 4], slots: &mut [Slot], slot: impl Fn(usize) -> u32) {
         let set = x.0.avx512f;
         // Of even and of odd lanes: x y of four lanes, z w of the same.
-        let (xy0, xy1) = (set._mm512_unpacklo_pd(x.1, y.1), set._mm512_unpackhi_pd(x.1, y.1));
-        let (zw0, zw1) = (set._mm512_unpacklo_pd(z.1, w.1), set._mm512_unpackhi_pd(z.1, w.1));
+        let (xy0, xy1) = (
+            set._mm512_unpacklo_pd(x.1, y.1),
+            set._mm512_unpackhi_pd(x.1, y.1),
+        );
+        let (zw0, zw1) = (
+            set._mm512_unpacklo_pd(z.1, w.1),
+            set._mm512_unpackhi_pd(z.1, w.1),
+        );
         let low = cast([0_u64, 1, 8, 9, 2, 3, 10, 11]);
         let high = cast([4_u64, 5, 12, 13, 6, 7, 14, 15]);
         let pairs = [
@@ -277,12 +319,23 @@ impl Lane for F64x8 {
     }
     #[inline(always)]
     fn abs(self) -> Self {
-        Self(self.0, self.0.avx512dq._mm512_andnot_pd(self.0.avx512f._mm512_set1_pd(-0.0), self.1))
+        Self(
+            self.0,
+            self.0
+                .avx512dq
+                ._mm512_andnot_pd(self.0.avx512f._mm512_set1_pd(-0.0), self.1),
+        )
     }
     #[inline(always)]
     fn copysign(self, sign: Self) -> Self {
         let (set, bit) = (self.0.avx512dq, self.0.avx512f._mm512_set1_pd(-0.0));
-        Self(self.0, set._mm512_or_pd(set._mm512_andnot_pd(bit, self.1), set._mm512_and_pd(bit, sign.1)))
+        Self(
+            self.0,
+            set._mm512_or_pd(
+                set._mm512_andnot_pd(bit, self.1),
+                set._mm512_and_pd(bit, sign.1),
+            ),
+        )
     }
     #[inline(always)]
     fn lt(self, other: Self) -> Mask8 {
@@ -294,7 +347,10 @@ impl Lane for F64x8 {
     }
     #[inline(always)]
     fn select(mask: Mask8, yes: Self, no: Self) -> Self {
-        Self(yes.0, yes.0.avx512f._mm512_mask_blend_pd(mask.0, no.1, yes.1))
+        Self(
+            yes.0,
+            yes.0.avx512f._mm512_mask_blend_pd(mask.0, no.1, yes.1),
+        )
     }
     #[inline(always)]
     fn bits(mask: Mask8) -> u32 {

@@ -47,10 +47,17 @@ impl BitGrid {
         let k = k.max(4);
         let inner = Boxes::new(&mesh.bounding_box(), k - 3);
         let margin = 1.5 * inner.size;
-        let around = Aabb { min: inner.bounds.min - margin, max: inner.bounds.max + margin };
+        let around = Aabb {
+            min: inner.bounds.min - margin,
+            max: inner.bounds.max + margin,
+        };
         let boxes = Boxes::new(&around, k);
         let faces = Faces::new(mesh);
-        let mut this = Self { bits: vec![0; boxes.len().div_ceil(64)], boxes, guards: faces.guards.clone() };
+        let mut this = Self {
+            bits: vec![0; boxes.len().div_ceil(64)],
+            boxes,
+            guards: faces.guards.clone(),
+        };
         if faces.is_sound() {
             let inside = Inside::new(&mesh.vertices, &mesh.triangles);
             this.fill(|p| inside.winding(p) != 0);
@@ -133,7 +140,15 @@ impl BitGrid {
     fn stretches(&self, from: &Point3<f64>, to: &Point3<f64>) -> Vec<Stretch> {
         let along = to - from;
         let bone = |a: f64, b: f64| self.holds(&(from + along * (0.5 * (a + b))));
-        self.boxes.cuts(from, to).windows(2).map(|c| Stretch { from: c[0], to: c[1], bone: bone(c[0], c[1]) }).collect()
+        self.boxes
+            .cuts(from, to)
+            .windows(2)
+            .map(|c| Stretch {
+                from: c[0],
+                to: c[1],
+                bone: bone(c[0], c[1]),
+            })
+            .collect()
     }
 
     /// How far from its end a place in a stretch of a way of `length` [m] is chosen, as a share of the way: a quarter of a
@@ -177,7 +192,11 @@ impl Obstacle for BitGrid {
         } else {
             self.towards(other, self.boxes.at(point)) * sign
         };
-        Some(Closest { distance: sign * distance, normal, point: nearest })
+        Some(Closest {
+            distance: sign * distance,
+            normal,
+            point: nearest,
+        })
     }
 
     fn bounding_box(&self) -> Aabb {

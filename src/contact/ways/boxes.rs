@@ -28,19 +28,37 @@ impl Boxes {
     /// Cuts `bounds`; what is flat is made as thick as it is long, for its boxes must have sides.
     pub fn new(bounds: &Aabb, count: usize) -> Self {
         let count = count.max(1);
-        let min = if bounds.is_empty() { Point3::origin() } else { bounds.min };
+        let min = if bounds.is_empty() {
+            Point3::origin()
+        } else {
+            bounds.min
+        };
         let extents = bounds.extents();
         // Boxes of a single point may have any size.
-        let longest = if extents.max() > 0.0 { extents.max() } else { 1.0 };
+        let longest = if extents.max() > 0.0 {
+            extents.max()
+        } else {
+            1.0
+        };
         let extents = extents.map(|e| if e > 0.0 { e } else { longest });
-        let bounds = Aabb { min, max: min + extents };
+        let bounds = Aabb {
+            min,
+            max: min + extents,
+        };
         let slack = ROUNDING * bounds.min.coords.amax().max(bounds.max.coords.amax());
-        Self { bounds, size: extents / count as f64, count, slack }
+        Self {
+            bounds,
+            size: extents / count as f64,
+            count,
+            slack,
+        }
     }
 
     /// The box that holds a point, or the nearest to it.
     pub fn at(&self, point: &Point3<f64>) -> Place {
-        std::array::from_fn(|k| (((point[k] - self.bounds.min[k]) / self.size[k]) as usize).min(self.count - 1))
+        std::array::from_fn(|k| {
+            (((point[k] - self.bounds.min[k]) / self.size[k]) as usize).min(self.count - 1)
+        })
     }
 
     /// Index of a box in a list of all.
@@ -88,13 +106,22 @@ impl Boxes {
     /// Visits boxes in growing shells around the one nearest to `point`. `visit` is given the distance within which a
     /// search still wants to know of something [m] and returns it, less where it found something; boxes that are all
     /// further away are not visited.
-    pub fn search(&self, point: &Point3<f64>, reach: f64, mut visit: impl FnMut(Place, f64) -> f64) {
+    pub fn search(
+        &self,
+        point: &Point3<f64>,
+        reach: f64,
+        mut visit: impl FnMut(Place, f64) -> f64,
+    ) {
         let middle = self.at(point);
         let inner = self.bounds.min.sup(&self.bounds.max.inf(point));
         let away = (point - inner).norm_squared();
         let mut reach = reach;
         for ring in 0..self.count {
-            let beyond = if ring == 0 { 0.0 } else { self.beyond(&inner, middle, ring) };
+            let beyond = if ring == 0 {
+                0.0
+            } else {
+                self.beyond(&inner, middle, ring)
+            };
             // No point of the boxes is nearer to `point` than this, as they are convex together.
             if (away + beyond * beyond).sqrt() - self.slack > reach || beyond.is_infinite() {
                 return;
@@ -144,7 +171,8 @@ impl Boxes {
         let mut cuts = vec![0.0, 1.0];
         for k in 0..3 {
             let along = to[k] - from[k];
-            let share = |index: usize| (self.bounds.min[k] + index as f64 * self.size[k] - from[k]) / along;
+            let share =
+                |index: usize| (self.bounds.min[k] + index as f64 * self.size[k] - from[k]) / along;
             // Parallel to the faces it passes none; the quotient is not finite then.
             cuts.extend((0..=self.count).map(share).filter(|s| *s > 0.0 && *s < 1.0));
         }
@@ -160,7 +188,10 @@ mod tests {
 
     #[test]
     fn shells_hold_every_box_once_and_in_order_of_distance() {
-        let bounds = Aabb { min: Point3::new(-1.0, 2.0, 0.0), max: Point3::new(1.0, 2.5, 3.0) };
+        let bounds = Aabb {
+            min: Point3::new(-1.0, 2.0, 0.0),
+            max: Point3::new(1.0, 2.5, 3.0),
+        };
         let boxes = Boxes::new(&bounds, 5);
         let mut draw = Draw::new(72);
         for _ in 0..200 {
@@ -183,20 +214,35 @@ mod tests {
                 for y in 0..5 {
                     for z in 0..5 {
                         let near = (boxes.nearest([x, y, z], &p) - p).norm() <= reach;
-                        assert!(!near || met[boxes.index([x, y, z])], "{p} within {reach}: {x} {y} {z}");
+                        assert!(
+                            !near || met[boxes.index([x, y, z])],
+                            "{p} within {reach}: {x} {y} {z}"
+                        );
                         skipped += usize::from(!met[boxes.index([x, y, z])]);
                     }
                 }
             }
-            assert!(reach > 0.5 || skipped > 0, "control: the reach does nothing");
+            assert!(
+                reach > 0.5 || skipped > 0,
+                "control: the reach does nothing"
+            );
         }
     }
 
     #[test]
     fn a_flat_or_empty_box_has_boxes_with_sides() {
-        let flat = Aabb { min: Point3::new(1.0, 1.0, 1.0), max: Point3::new(3.0, 1.0, 2.0) };
+        let flat = Aabb {
+            min: Point3::new(1.0, 1.0, 1.0),
+            max: Point3::new(3.0, 1.0, 2.0),
+        };
         assert_eq!(Boxes::new(&flat, 4).size, Vector3::new(0.5, 0.5, 0.25));
-        for bounds in [Aabb::EMPTY, Aabb { min: flat.min, max: flat.min }] {
+        for bounds in [
+            Aabb::EMPTY,
+            Aabb {
+                min: flat.min,
+                max: flat.min,
+            },
+        ] {
             assert_eq!(Boxes::new(&bounds, 4).size, Vector3::repeat(0.25));
         }
     }

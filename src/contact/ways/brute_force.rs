@@ -6,7 +6,12 @@ use super::{Best, Kind, Way};
 use crate::mesh::TriangleMesh;
 
 /// Line of the list of ways.
-pub(super) const KIND: Kind = Kind { name: "brute force", sizes: &[0], usual: 0, sort: |_, _| Box::new(BruteForce) };
+pub(super) const KIND: Kind = Kind {
+    name: "brute force",
+    sizes: &[0],
+    usual: 0,
+    sort: |_, _| Box::new(BruteForce),
+};
 
 /// Looks at all triangles; `n m` of them for `n` points and `m` triangles (errata A03).
 #[derive(Clone, Copy, Debug, Default)]

@@ -65,7 +65,10 @@ pub struct Searched {
 impl Searched {
     /// A copy of `mesh` with the `way` in which it was sorted.
     pub fn new(mesh: &TriangleMesh, way: Box<dyn Way>) -> Self {
-        Self { faces: Faces::new(mesh), way }
+        Self {
+            faces: Faces::new(mesh),
+            way,
+        }
     }
 
     /// The nearest place of the surface, at most `reach` [m] away.
@@ -83,7 +86,9 @@ impl Obstacle for Searched {
     fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
         // A little more, for what is nearest may itself have given the bound.
         let reach = (point - known).norm() * (1.0 + 1e-9);
-        self.nearest(point, reach).map(|on| on.closest).or_else(|| self.closest(point))
+        self.nearest(point, reach)
+            .map(|on| on.closest)
+            .or_else(|| self.closest(point))
     }
 
     fn bounding_box(&self) -> Aabb {
@@ -108,7 +113,10 @@ struct Best {
 
 impl Best {
     fn within(reach: f64) -> Self {
-        Self { distance: reach, triangle: None }
+        Self {
+            distance: reach,
+            triangle: None,
+        }
     }
 
     /// Looks at one triangle.
@@ -116,7 +124,10 @@ impl Best {
         let t = mesh.corners(triangle as usize);
         let distance = (point_at(&t, &on_triangle(point, &t).0) - point).norm();
         if distance < self.distance || (self.triangle.is_none() && distance <= self.distance) {
-            *self = Self { distance, triangle: Some(triangle) };
+            *self = Self {
+                distance,
+                triangle: Some(triangle),
+            };
         }
     }
 }

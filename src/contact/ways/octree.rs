@@ -7,8 +7,12 @@ use super::{Best, Kind, Way, boxes::Boxes};
 use crate::mesh::TriangleMesh;
 
 /// Line of the list of ways.
-pub(super) const KIND: Kind =
-    Kind { name: "octree", sizes: &[4, 8, 16], usual: 8, sort: |mesh, k| Box::new(Octree::new(mesh, k, DEPTH)) };
+pub(super) const KIND: Kind = Kind {
+    name: "octree",
+    sizes: &[4, 8, 16],
+    usual: 8,
+    sort: |mesh, k| Box::new(Octree::new(mesh, k, DEPTH)),
+};
 
 /// Cuts above one another at most, unless said otherwise: at a vertex of more triangles than a cell may hold, which is
 /// nearly any vertex where it may hold four, cutting would never end. Cells are then as large as those of 1024^3 voxels.
@@ -54,12 +58,24 @@ impl Visit {
     /// Child `k`, upper along the axes whose bits are set, where the first of the eight is `first`.
     fn child(&self, first: u32, k: usize) -> Self {
         let half = 0.5 * self.half;
-        let towards = Vector3::from_fn(|axis, _| if k >> axis & 1 == 0 { -half[axis] } else { half[axis] });
-        Self { cell: first + k as u32, centre: self.centre + towards, half }
+        let towards = Vector3::from_fn(|axis, _| {
+            if k >> axis & 1 == 0 {
+                -half[axis]
+            } else {
+                half[axis]
+            }
+        });
+        Self {
+            cell: first + k as u32,
+            centre: self.centre + towards,
+            half,
+        }
     }
 
     fn distance(&self, point: &Point3<f64>) -> f64 {
-        ((point - self.centre).abs() - self.half).sup(&Vector3::zeros()).norm()
+        ((point - self.centre).abs() - self.half)
+            .sup(&Vector3::zeros())
+            .norm()
     }
 }
 
@@ -70,7 +86,11 @@ impl Octree {
         let (most, depth) = (most.max(2), depth.min(DEEPEST));
         // One box, for its rounding and its sides.
         let whole = Boxes::new(&mesh.bounding_box(), 1);
-        let root = Visit { cell: 0, centre: whole.centre([0; 3]), half: 0.5 * whole.size };
+        let root = Visit {
+            cell: 0,
+            centre: whole.centre([0; 3]),
+            half: 0.5 * whole.size,
+        };
         let mut this = Self {
             centre: root.centre,
             half: root.half,
@@ -78,21 +98,39 @@ impl Octree {
             cells: vec![Cell { link: 0, end: 0 }],
             listed: Vec::new(),
         };
-        let mut open = vec![(root, depth, (0..mesh.triangles.len() as u32).collect::<Vec<_>>())];
+        let mut open = vec![(
+            root,
+            depth,
+            (0..mesh.triangles.len() as u32).collect::<Vec<_>>(),
+        )];
         while let Some((visit, depth, triangles)) = open.pop() {
-            if triangles.len() <= most || depth == 0 || this.cells.len().max(this.listed.len()) > FULL {
+            if triangles.len() <= most
+                || depth == 0
+                || this.cells.len().max(this.listed.len()) > FULL
+            {
                 let begin = this.listed.len() as u32;
                 this.listed.extend(triangles);
-                this.cells[visit.cell as usize] = Cell { link: begin, end: this.listed.len() as u32 };
+                this.cells[visit.cell as usize] = Cell {
+                    link: begin,
+                    end: this.listed.len() as u32,
+                };
                 continue;
             }
             let first = this.cells.len() as u32;
-            this.cells[visit.cell as usize] = Cell { link: first, end: CUT };
-            this.cells.resize(this.cells.len() + 8, Cell { link: 0, end: 0 });
+            this.cells[visit.cell as usize] = Cell {
+                link: first,
+                end: CUT,
+            };
+            this.cells
+                .resize(this.cells.len() + 8, Cell { link: 0, end: 0 });
             for child in (0..8).map(|k| visit.child(first, k)) {
                 let grown = child.half + Vector3::repeat(whole.slack);
                 let meets = |t: &u32| may_meet(&mesh.corners(*t as usize), &child.centre, &grown);
-                open.push((child, depth - 1, triangles.iter().copied().filter(meets).collect()));
+                open.push((
+                    child,
+                    depth - 1,
+                    triangles.iter().copied().filter(meets).collect(),
+                ));
             }
         }
         this.cells.shrink_to_fit();
@@ -108,7 +146,9 @@ impl Octree {
     fn visit(&self, at: Visit, mesh: &TriangleMesh, point: &Point3<f64>, best: &mut Best) {
         let Cell { link, end } = self.cells[at.cell as usize];
         if end != CUT {
-            self.listed[link as usize..end as usize].iter().for_each(|&t| best.look_at(mesh, point, t));
+            self.listed[link as usize..end as usize]
+                .iter()
+                .for_each(|&t| best.look_at(mesh, point, t));
             return;
         }
         let mut children: [(f64, Visit); 8] = std::array::from_fn(|k| {
@@ -128,7 +168,16 @@ impl Octree {
 impl Way for Octree {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut best = Best::within(reach);
-        self.visit(Visit { cell: 0, centre: self.centre, half: self.half }, mesh, point, &mut best);
+        self.visit(
+            Visit {
+                cell: 0,
+                centre: self.centre,
+                half: self.half,
+            },
+            mesh,
+            point,
+            &mut best,
+        );
         best.triangle
     }
 

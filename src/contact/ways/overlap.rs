@@ -15,7 +15,10 @@ pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector
     let apart = |axis: &Vector3<f64>, doubt: f64| {
         let along = v.map(|v| v.dot(axis));
         let radius = half.dot(&axis.abs()) + doubt;
-        let (low, high) = (along[0].min(along[1]).min(along[2]), along[0].max(along[1]).max(along[2]));
+        let (low, high) = (
+            along[0].min(along[1]).min(along[2]),
+            along[0].max(along[1]).max(along[2]),
+        );
         low > radius || high < -radius
     };
     if (0..3).any(|k| apart(&Vector3::ith(k, 1.0), 0.0)) {
@@ -45,7 +48,10 @@ mod tests {
         let parts = 60;
         (0..=parts).any(|i| {
             (0..=parts - i).any(|j| {
-                let (u, v) = (f64::from(i) / f64::from(parts), f64::from(j) / f64::from(parts));
+                let (u, v) = (
+                    f64::from(i) / f64::from(parts),
+                    f64::from(j) / f64::from(parts),
+                );
                 let d = point_at(t, &[1.0 - u - v, u, v]) - centre;
                 (0..3).all(|k| d[k].abs() <= half[k])
             })
@@ -69,7 +75,11 @@ mod tests {
                 let nearest = point_at(&t, &on_triangle(&centre, &t).0);
                 assert!((nearest - centre).norm() <= half.norm() * (1.0 + 1e-12));
             } else {
-                assert!(!sampled(&t, &centre, &half), "seed {}: {t:?} {centre} {half}", draw.seed);
+                assert!(
+                    !sampled(&t, &centre, &half),
+                    "seed {}: {t:?} {centre} {half}",
+                    draw.seed
+                );
             }
         }
         assert!(seen[0] > 100 && seen[1] > 100, "{seen:?}");
@@ -79,7 +89,13 @@ mod tests {
     fn a_triangle_past_an_edge_of_the_box_misses_it() {
         // Only a product of two edges separates these; bounds and plane do not.
         let half = Vector3::repeat(1.0);
-        let t = |by: f64| [Point3::new(by, 0.0, -3.0), Point3::new(0.0, by, 3.0), Point3::new(by + 3.0, by + 3.0, 0.0)];
+        let t = |by: f64| {
+            [
+                Point3::new(by, 0.0, -3.0),
+                Point3::new(0.0, by, 3.0),
+                Point3::new(by + 3.0, by + 3.0, 0.0),
+            ]
+        };
         assert!(!may_meet(&t(2.5), &Point3::origin(), &half));
         assert!(may_meet(&t(1.5), &Point3::origin(), &half));
     }

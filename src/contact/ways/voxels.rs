@@ -7,8 +7,12 @@ use super::{Best, Kind, Way};
 use crate::mesh::TriangleMesh;
 
 /// Line of the list of ways.
-pub(super) const KIND: Kind =
-    Kind { name: "voxels", sizes: &[16, 24, 32, 64], usual: 32, sort: |mesh, k| Box::new(Voxels::new(mesh, k)) };
+pub(super) const KIND: Kind = Kind {
+    name: "voxels",
+    sizes: &[16, 24, 32, 64],
+    usual: 32,
+    sort: |mesh, k| Box::new(Voxels::new(mesh, k)),
+};
 
 /// `k^3` boxes over the bounds of a mesh \[cervenka2019\]. The nearest triangle is exact: shells of boxes about the point
 /// are looked through until the next shell is further away than the best triangle.
@@ -29,7 +33,11 @@ impl Voxels {
         let mut boxes = Boxes::new(&mesh.bounding_box(), k);
         let start = loop {
             let mut counts = vec![0_u32; boxes.len() + 1];
-            let each = |t: usize| boxes.meeting(&mesh.corners(t), |place| counts[boxes.index(place) + 1] += 1);
+            let each = |t: usize| {
+                boxes.meeting(&mesh.corners(t), |place| {
+                    counts[boxes.index(place) + 1] += 1
+                })
+            };
             (0..mesh.triangles.len()).for_each(each);
             if counts.iter().map(|c| u64::from(*c)).sum::<u64>() <= u64::from(u32::MAX) {
                 (0..boxes.len()).for_each(|b| counts[b + 1] += counts[b]);
@@ -46,12 +54,19 @@ impl Voxels {
                 *at += 1;
             });
         }
-        Self { boxes, start, listed }
+        Self {
+            boxes,
+            start,
+            listed,
+        }
     }
 
     /// How many boxes have triangles.
     pub fn filled(&self) -> usize {
-        self.start.windows(2).filter(|ends| ends[0] < ends[1]).count()
+        self.start
+            .windows(2)
+            .filter(|ends| ends[0] < ends[1])
+            .count()
     }
 }
 
@@ -61,7 +76,10 @@ impl Way for Voxels {
         self.boxes.search(point, reach, |place, _| {
             let index = self.boxes.index(place);
             let list = &self.listed[self.start[index] as usize..self.start[index + 1] as usize];
-            let near = || (self.boxes.nearest(place, point) - point).norm() - self.boxes.slack <= best.distance;
+            let near = || {
+                (self.boxes.nearest(place, point) - point).norm() - self.boxes.slack
+                    <= best.distance
+            };
             if !list.is_empty() && near() {
                 list.iter().for_each(|&t| best.look_at(mesh, point, t));
             }

@@ -53,7 +53,8 @@ impl Cells {
         let bounds = solid.mesh().bounding_box();
         // A cube of air on each side, so that every cell has a neighbour in the box.
         let low = bounds.min - Vector3::repeat(side * 1.001);
-        let dims: [usize; 3] = std::array::from_fn(|k| ((bounds.max[k] - low[k]) / side) as usize + 2);
+        let dims: [usize; 3] =
+            std::array::from_fn(|k| ((bounds.max[k] - low[k]) / side) as usize + 2);
         let count = dims.iter().product();
         let mut this = Self {
             low,
@@ -131,7 +132,9 @@ impl Cells {
         for t in 0..mesh.triangles.len() {
             let corners = mesh.corners(t);
             corners.iter().for_each(&mut note);
-            over_triangle(&corners, 0.5 * self.side).iter().for_each(&mut note);
+            over_triangle(&corners, 0.5 * self.side)
+                .iter()
+                .for_each(&mut note);
         }
         squares.into_iter().map(f64::sqrt).collect()
     }
@@ -145,16 +148,29 @@ impl Cells {
     /// One bit for each eighth of a cube whose middle is inside, and one more for its own middle.
     fn classify(&self, solid: &Solid<'_>, touched: &[bool]) -> Vec<u16> {
         let mut bits = vec![0; self.at.len()];
-        bits.par_chunks_mut(self.dims[0]).enumerate().for_each(|(row, bits)| {
-            let touched = &touched[row * self.dims[0]..][..self.dims[0]];
-            if touched.iter().any(|t| *t) {
-                self.classify_row(solid, touched, [row % self.dims[1], row / self.dims[1]], bits);
-            }
-        });
+        bits.par_chunks_mut(self.dims[0])
+            .enumerate()
+            .for_each(|(row, bits)| {
+                let touched = &touched[row * self.dims[0]..][..self.dims[0]];
+                if touched.iter().any(|t| *t) {
+                    self.classify_row(
+                        solid,
+                        touched,
+                        [row % self.dims[1], row / self.dims[1]],
+                        bits,
+                    );
+                }
+            });
         bits
     }
 
-    fn classify_row(&self, solid: &Solid<'_>, touched: &[bool], [j, k]: [usize; 2], bits: &mut [u16]) {
+    fn classify_row(
+        &self,
+        solid: &Solid<'_>,
+        touched: &[bool],
+        [j, k]: [usize; 2],
+        bits: &mut [u16],
+    ) {
         let middle = self.middle([0, j, k]);
         let through = |p: &Point3<f64>| solid.row(p.y, p.z);
         let eighths: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.eighth(&middle, n << 1)));
@@ -166,7 +182,12 @@ impl Cells {
             if touched[i] {
                 let inside = |bit: &usize| eighths[bit >> 1].contains(self.eighth(&middle, *bit).x);
                 let eighths = (0..8).filter(inside).fold(0, |bits, bit| bits | 1 << bit);
-                *bits = eighths | if middles.contains(middle.x) { MIDDLE } else { 0 };
+                *bits = eighths
+                    | if middles.contains(middle.x) {
+                        MIDDLE
+                    } else {
+                        0
+                    };
                 known = None;
                 continue;
             }
@@ -193,7 +214,8 @@ impl Cells {
                     }
                     self.at[index] = self.places.len() as u32;
                     self.places.push([i as u32, j as u32, k as u32]);
-                    self.shares.push((f64::from(bits.count_ones()) / 8.0).max(LEAST));
+                    self.shares
+                        .push((f64::from(bits.count_ones()) / 8.0).max(LEAST));
                     self.inner.push(self.inner_point([i, j, k], bits));
                     self.eighths.push(bits as u8);
                     self.middle_inside.push(all[index] & MIDDLE != 0);
@@ -208,10 +230,17 @@ impl Cells {
         if bits == EIGHTHS {
             return Some(middle);
         }
-        let inside: Vec<Point3<f64>> =
-            (0..8).filter(|bit| bits >> bit & 1 == 1).map(|bit| self.eighth(&middle, bit)).collect();
-        let mean = inside.iter().map(|p| p.coords).sum::<Vector3<f64>>() / inside.len().max(1) as f64;
-        inside.into_iter().min_by(|a, b| (a.coords - mean).norm().total_cmp(&(b.coords - mean).norm()))
+        let inside: Vec<Point3<f64>> = (0..8)
+            .filter(|bit| bits >> bit & 1 == 1)
+            .map(|bit| self.eighth(&middle, bit))
+            .collect();
+        let mean =
+            inside.iter().map(|p| p.coords).sum::<Vector3<f64>>() / inside.len().max(1) as f64;
+        inside.into_iter().min_by(|a, b| {
+            (a.coords - mean)
+                .norm()
+                .total_cmp(&(b.coords - mean).norm())
+        })
     }
 
     fn join(&mut self, touched: &[bool], bits: &[u16]) {
@@ -223,9 +252,18 @@ impl Cells {
                 if next >= self.at.len() || self.at[next] == NONE {
                     continue;
                 }
-                let pair = |bit: &usize| bits[index] >> (bit | 1 << axis) & 1 == 1 && bits[next] >> bit & 1 == 1;
-                let pairs = (0..8).filter(|bit| bit >> axis & 1 == 0).filter(pair).count();
-                let least = if touched[index] && touched[next] { LEAST } else { 0.0 };
+                let pair = |bit: &usize| {
+                    bits[index] >> (bit | 1 << axis) & 1 == 1 && bits[next] >> bit & 1 == 1
+                };
+                let pairs = (0..8)
+                    .filter(|bit| bit >> axis & 1 == 0)
+                    .filter(pair)
+                    .count();
+                let least = if touched[index] && touched[next] {
+                    LEAST
+                } else {
+                    0.0
+                };
                 self.open[c][axis] = (pairs as f64 / 4.0).max(least);
             }
         }

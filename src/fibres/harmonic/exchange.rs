@@ -40,15 +40,24 @@ pub fn exchange(
     let total: f64 = lines.iter().map(|line| length(line)).sum();
     let radius = (volume / total).sqrt();
     let mut cover = Cover::new(tracer.field, ways.len());
-    let all: Vec<Near> = lines.par_iter().map(|line| near(cells, line, radius)).collect();
-    all.into_iter().enumerate().for_each(|(fibre, near)| cover.put(fibre as u32, near));
+    let all: Vec<Near> = lines
+        .par_iter()
+        .map(|line| near(cells, line, radius))
+        .collect();
+    all.into_iter()
+        .enumerate()
+        .for_each(|(fibre, near)| cover.put(fibre as u32, near));
     if cover.bare_share() > hopeless {
         return Ok(cover.bare_share());
     }
     let mut tried = vec![false; cells.count()];
     let (mut tries, mut in_vain) = (0, 0);
     while tries < TRIES * ways.len() && in_vain < IN_VAIN && cover.bare_share() > ENOUGH {
-        if !going(Reached { what: "others tried", done: tries, of: TRIES * ways.len() }) {
+        if !going(Reached {
+            what: "others tried",
+            done: tries,
+            of: TRIES * ways.len(),
+        }) {
             return Err(DecompositionError::Stopped);
         }
         let seeds = cover.barest(&mut tried);
@@ -91,7 +100,11 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
             let (along, length) = (b - a, (b - a).norm_squared());
             let square = |p: &Point3<f64>| {
                 let to = p - a;
-                let t = if length > 0.0 { (to.dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
+                let t = if length > 0.0 {
+                    (to.dot(&along) / length).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
                 (to - along * t).norm_squared()
             };
             around(cells, &a, &b, radius + 0.25 * side, |c, place| {
@@ -106,9 +119,12 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
                 }
                 let mut bits = left;
                 if far > all {
-                    let is_near = |bit: &usize| square(&cells.eighth(&middle, *bit)) <= radius * radius;
-                    bits =
-                        (0..8).filter(|bit| left >> bit & 1 == 1).filter(is_near).fold(0, |bits, bit| bits | 1 << bit);
+                    let is_near =
+                        |bit: &usize| square(&cells.eighth(&middle, *bit)) <= radius * radius;
+                    bits = (0..8)
+                        .filter(|bit| left >> bit & 1 == 1)
+                        .filter(is_near)
+                        .fold(0, |bits, bit| bits | 1 << bit);
                 }
                 if bits != 0 && seen[c as usize] == 0 {
                     found.push(c);
@@ -121,7 +137,13 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
 }
 
 /// All cells whose middles may be at most `radius` [m] from a segment, along each axis.
-fn around(cells: &Cells, a: &Point3<f64>, b: &Point3<f64>, radius: f64, mut deed: impl FnMut(u32, [usize; 3])) {
+fn around(
+    cells: &Cells,
+    a: &Point3<f64>,
+    b: &Point3<f64>,
+    radius: f64,
+    mut deed: impl FnMut(u32, [usize; 3]),
+) {
     let by = Vector3::repeat(radius - 0.5 * cells.side);
     let [low, high] = [a.inf(b) - by, a.sup(b) + by].map(|p| cells.place(&p));
     for k in low[2]..=high[2] {
@@ -157,7 +179,13 @@ struct Cover<'a> {
 impl<'a> Cover<'a> {
     fn new(field: &'a Field, fibres: usize) -> Self {
         let cells = &field.cells;
-        let eighths = |c: usize| if field.values[c].is_nan() { 0 } else { (cells.eighths[c] & ASKED).count_ones() };
+        let eighths = |c: usize| {
+            if field.values[c].is_nan() {
+                0
+            } else {
+                (cells.eighths[c] & ASKED).count_ones()
+            }
+        };
         let bare: Vec<u32> = (0..cells.count()).map(eighths).collect();
         let count = bare.iter().map(|n| *n as usize).sum();
         let (counts, sums) = (vec![[0; 8]; cells.count()], vec![[0; 8]; cells.count()]);
@@ -230,21 +258,29 @@ impl<'a> Cover<'a> {
     /// Cells amid most that is bare, none near another; they are noted as tried.
     fn barest(&self, tried: &mut [bool]) -> Vec<u32> {
         let cells = self.cells;
-        let bare: Vec<u32> = (0..cells.count() as u32).filter(|c| self.bare[*c as usize] > 0).collect();
+        let bare: Vec<u32> = (0..cells.count() as u32)
+            .filter(|c| self.bare[*c as usize] > 0)
+            .collect();
         let mut amid = vec![0u32; cells.count()];
         for &c in &bare {
-            visit(cells, c, |other| amid[other as usize] += self.bare[c as usize]);
+            visit(cells, c, |other| {
+                amid[other as usize] += self.bare[c as usize]
+            });
         }
         let open = |c: &u32| !tried[*c as usize] && cells.inner[*c as usize].is_some();
         let mut open: Vec<u32> = bare.into_iter().filter(open).collect();
         let mut chosen = Vec::new();
         while chosen.len() < BATCH
-            && let Some(&seed) = open.iter().max_by_key(|c| (amid[**c as usize], std::cmp::Reverse(**c)))
+            && let Some(&seed) = open
+                .iter()
+                .max_by_key(|c| (amid[**c as usize], std::cmp::Reverse(**c)))
         {
             tried[seed as usize] = true;
             chosen.push(seed);
             let place = cells.places[seed as usize];
-            open.retain(|c| (0..3).any(|k| cells.places[*c as usize][k].abs_diff(place[k]) as usize > AROUND));
+            open.retain(|c| {
+                (0..3).any(|k| cells.places[*c as usize][k].abs_diff(place[k]) as usize > AROUND)
+            });
         }
         chosen
     }
@@ -252,13 +288,18 @@ impl<'a> Cover<'a> {
 
 /// Each eighth: its cell, and its number there.
 fn eighths(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
-    near.iter().flat_map(|&(c, bits)| (0..8).filter(move |n| bits >> n & 1 == 1).map(move |n| (c as usize, n)))
+    near.iter().flat_map(|&(c, bits)| {
+        (0..8)
+            .filter(move |n| bits >> n & 1 == 1)
+            .map(move |n| (c as usize, n))
+    })
 }
 
 /// All cells at most [`AROUND`] places from one, along each axis.
 fn visit(cells: &Cells, cell: u32, mut deed: impl FnMut(u32)) {
     let place = cells.places[cell as usize].map(|k| k as usize);
-    let range = |k: usize| place[k].saturating_sub(AROUND)..(place[k] + AROUND + 1).min(cells.dims[k]);
+    let range =
+        |k: usize| place[k].saturating_sub(AROUND)..(place[k] + AROUND + 1).min(cells.dims[k]);
     for k in range(2) {
         for j in range(1) {
             for i in range(0) {
@@ -279,9 +320,16 @@ mod tests {
 
     /// Lines of three points in a box around a tube.
     fn lines(draw: &mut Draw, count: usize) -> Vec<Vec<Point3<f64>>> {
-        let mut point =
-            || Point3::new(draw.between(-0.12, 0.12), draw.between(-0.025, 0.025), draw.between(-0.025, 0.025));
-        (0..count).map(|_| vec![point(), point(), point()]).collect()
+        let mut point = || {
+            Point3::new(
+                draw.between(-0.12, 0.12),
+                draw.between(-0.025, 0.025),
+                draw.between(-0.025, 0.025),
+            )
+        };
+        (0..count)
+            .map(|_| vec![point(), point(), point()])
+            .collect()
     }
 
     #[test]
@@ -302,9 +350,15 @@ mod tests {
             let bits = |c: usize| {
                 let middle = cells.middle(cells.places[c].map(|k| k as usize));
                 let is_near = |n: &usize| to(&cells.eighth(&middle, *n)) <= radius;
-                (0..8).filter(|n| cells.eighths[c] & ASKED & 1 << n != 0).filter(is_near).fold(0, |b, n| b | 1 << n)
+                (0..8)
+                    .filter(|n| cells.eighths[c] & ASKED & 1 << n != 0)
+                    .filter(is_near)
+                    .fold(0, |b, n| b | 1 << n)
             };
-            let expected: Near = (0..cells.count()).map(|c| (c as u32, bits(c))).filter(|(_, b)| *b != 0).collect();
+            let expected: Near = (0..cells.count())
+                .map(|c| (c as u32, bits(c)))
+                .filter(|(_, b)| *b != 0)
+                .collect();
             let mut found = near(cells, line, radius);
             found.sort_unstable();
             assert_eq!(found, expected, "radius {radius}");
@@ -331,11 +385,27 @@ mod tests {
                 refused += 1;
                 assert_eq!(cover.bare_count, before);
             }
-            let times = |c: usize, n: usize| cover.of.iter().flat_map(eighths).filter(|at| *at == (c, n)).count();
+            let times = |c: usize, n: usize| {
+                cover
+                    .of
+                    .iter()
+                    .flat_map(eighths)
+                    .filter(|at| *at == (c, n))
+                    .count()
+            };
             for c in (0..cells.count()).step_by(17) {
-                let asked: Vec<usize> = (0..8).filter(|n| cells.eighths[c] & ASKED & 1 << n != 0).collect();
-                assert!(asked.iter().all(|&n| cover.counts[c][n] as usize == times(c, n)));
-                assert_eq!(cover.bare[c] as usize, asked.iter().filter(|n| times(c, **n) == 0).count());
+                let asked: Vec<usize> = (0..8)
+                    .filter(|n| cells.eighths[c] & ASKED & 1 << n != 0)
+                    .collect();
+                assert!(
+                    asked
+                        .iter()
+                        .all(|&n| cover.counts[c][n] as usize == times(c, n))
+                );
+                assert_eq!(
+                    cover.bare[c] as usize,
+                    asked.iter().filter(|n| times(c, **n) == 0).count()
+                );
             }
             assert_eq!(cover.bare.iter().sum::<u32>() as usize, cover.bare_count);
             let covered_once: usize = cover.counts.iter().flatten().filter(|n| **n == 1).count();

@@ -107,7 +107,12 @@ impl Field {
         let contacts = contacts(&cells, muscle, attachment, flux);
         let by_area = contacts.each_ref().map(|contact| {
             let mut marked = vec![false; cells.at.len()];
-            for (_, place) in cells.places.iter().enumerate().filter(|(c, _)| contact[*c] > 0.0) {
+            for (_, place) in cells
+                .places
+                .iter()
+                .enumerate()
+                .filter(|(c, _)| contact[*c] > 0.0)
+            {
                 marked[cells.index(place.map(|k| k as usize))] = true;
             }
             cells.around(&marked, BY_AREA)
@@ -119,18 +124,31 @@ impl Field {
             return Err(FieldError::NotJoined);
         }
         let mut name = vec![NONE; cells.count()];
-        (0..cells.count()).filter(|&c| wanted[c]).enumerate().for_each(|(n, c)| name[c] = n as u32);
-        let kept: Vec<_> = links.into_iter().filter(|&(a, _, _)| wanted[a as usize]).collect();
+        (0..cells.count())
+            .filter(|&c| wanted[c])
+            .enumerate()
+            .for_each(|(n, c)| name[c] = n as u32);
+        let kept: Vec<_> = links
+            .into_iter()
+            .filter(|&(a, _, _)| wanted[a as usize])
+            .collect();
         // One thread factors, the others look for walls.
         let (values, leads) = rayon::join(
             || solved(&cells, &name, &kept, &contacts),
             || leads(&cells, &by_area, solid, &ends.map(|area| area.tree(muscle))),
         );
         let values = values.map_err(FieldError::Factor)?;
-        let mut this = Self { gradients: Vec::new(), nodes: Vec::new(), by_area, cells, values };
+        let mut this = Self {
+            gradients: Vec::new(),
+            nodes: Vec::new(),
+            by_area,
+            cells,
+            values,
+        };
         this.gradients = this.gradients(&kept);
         if !lines.is_empty() {
-            this.follow(lines, &name, &kept).map_err(FieldError::Factor)?;
+            this.follow(lines, &name, &kept)
+                .map_err(FieldError::Factor)?;
         }
         this.lead_along_walls(&leads);
         Ok(this)
@@ -143,8 +161,12 @@ impl Field {
         name: &[u32],
         links: &[(u32, u32, usize)],
     ) -> Result<(), FactorError> {
-        let link =
-            |&(a, b, axis): &(u32, u32, usize)| ([a, b].map(|c| name[c as usize]), self.cells.open[a as usize][axis]);
+        let link = |&(a, b, axis): &(u32, u32, usize)| {
+            (
+                [a, b].map(|c| name[c as usize]),
+                self.cells.open[a as usize][axis],
+            )
+        };
         let links: Vec<([u32; 2], f64)> = links.iter().map(link).collect();
         self.gradients = spread(&self.cells, name, &links, &self.gradients, lines)?;
         Ok(())
@@ -155,11 +177,17 @@ impl Field {
     fn lead_along_walls(&mut self, leads: &[Option<Lead>]) {
         let node = |(c, lead): (usize, &Option<Lead>)| {
             let gradient = self.gradients[c];
-            let along = |lead: &Lead| gradient - lead.inwards * (gradient.dot(&lead.inwards) * lead.turned);
+            let along =
+                |lead: &Lead| gradient - lead.inwards * (gradient.dot(&lead.inwards) * lead.turned);
             let g = lead.as_ref().map_or(gradient, along);
-            let push = lead.as_ref().map_or_else(Vector3::zeros, |lead| lead.inwards * lead.push);
-            let (value, share) =
-                if self.values[c].is_nan() { (0.0, 0.0) } else { (self.values[c], self.cells.shares[c]) };
+            let push = lead
+                .as_ref()
+                .map_or_else(Vector3::zeros, |lead| lead.inwards * lead.push);
+            let (value, share) = if self.values[c].is_nan() {
+                (0.0, 0.0)
+            } else {
+                (self.values[c], self.cells.shares[c])
+            };
             [g.x, g.y, g.z, push.x, push.y, push.z, value, 1.0].map(|n| n * share)
         };
         self.nodes = leads.iter().enumerate().map(node).collect();
@@ -179,14 +207,20 @@ impl Field {
             }
         }
         let mean = |[sum, weight]: [f64; 2]| if weight > 0.0 { sum / weight } else { 0.0 };
-        sums.into_iter().map(|s| Vector3::from(s.map(mean))).collect()
+        sums.into_iter()
+            .map(|s| Vector3::from(s.map(mean)))
+            .collect()
     }
 
     /// The field at a point, between the middles of the cells around it; `None` where there is no cell.
     pub fn at(&self, p: &Point3<f64>) -> Option<Sample> {
         let [x, y, z, a, b, c, value, total] = self.between(p)?;
         let (gradient, push) = (Vector3::new(x, y, z), Vector3::new(a, b, c));
-        (total > 0.0).then(|| Sample { gradient: gradient / total, value: value / total, push: push / total })
+        (total > 0.0).then(|| Sample {
+            gradient: gradient / total,
+            value: value / total,
+            push: push / total,
+        })
     }
 
     /// Unit vector along the flow at a point, towards the insertion for `sign` 1, towards the origin for -1.
@@ -194,7 +228,11 @@ impl Field {
         let [x, y, z, a, b, c, _, total] = self.between(p)?;
         let along = Vector3::new(x, y, z).try_normalize(0.0)? * sign;
         let push = Vector3::new(a, b, c);
-        if push == Vector3::zeros() { Some(along) } else { (along + push / total).try_normalize(0.0) }
+        if push == Vector3::zeros() {
+            Some(along)
+        } else {
+            (along + push / total).try_normalize(0.0)
+        }
     }
 
     /// The nodes around a point, each by how near it is.
@@ -223,7 +261,9 @@ impl Field {
                     if *cell != NONE {
                         let weight = x * y * z;
                         let node = &self.nodes[*cell as usize];
-                        sum.iter_mut().zip(node).for_each(|(sum, n)| *sum += weight * n);
+                        sum.iter_mut()
+                            .zip(node)
+                            .for_each(|(sum, n)| *sum += weight * n);
                     }
                 }
             }
@@ -237,10 +277,15 @@ impl Field {
         let index = self.cells.index(place);
         let mut best = (sign * self.values[cell as usize], None);
         for axis in 0..3 {
-            let step = [1, self.cells.dims[0], self.cells.dims[0] * self.cells.dims[1]][axis];
+            let step = [
+                1,
+                self.cells.dims[0],
+                self.cells.dims[0] * self.cells.dims[1],
+            ][axis];
             for (other, holder) in [(index + step, index), (index - step, index - step)] {
                 let (other, holder) = (self.cells.at[other], self.cells.at[holder]);
-                if other == NONE || holder == NONE || self.cells.open[holder as usize][axis] == 0.0 {
+                if other == NONE || holder == NONE || self.cells.open[holder as usize][axis] == 0.0
+                {
                     continue;
                 }
                 let value = sign * self.values[other as usize];
@@ -261,7 +306,10 @@ fn solved(
     contacts: &[Vec<f64>; 2],
 ) -> Result<Vec<f64>, FactorError> {
     let count = name.iter().filter(|n| **n != NONE).count();
-    let pairs: Vec<[u32; 2]> = links.iter().map(|&(a, b, _)| [name[a as usize], name[b as usize]]).collect();
+    let pairs: Vec<[u32; 2]> = links
+        .iter()
+        .map(|&(a, b, _)| [name[a as usize], name[b as usize]])
+        .collect();
     let mut factor = Factor::<1>::new(count, &pairs)?;
     for (&(a, _, axis), &[i, j]) in links.iter().zip(&pairs) {
         let conductance = cells.open[a as usize][axis];
@@ -276,11 +324,25 @@ fn solved(
     }
     factor.factorise()?;
     factor.solve(&mut values, 1);
-    Ok(name.iter().map(|&n| if n == NONE { f64::NAN } else { values[n as usize] }).collect())
+    Ok(name
+        .iter()
+        .map(|&n| {
+            if n == NONE {
+                f64::NAN
+            } else {
+                values[n as usize]
+            }
+        })
+        .collect())
 }
 
 /// How walls lead the flow in each cell.
-fn leads(cells: &Cells, by_area: &[Vec<bool>; 2], solid: &Solid<'_>, areas: &[SurfaceTree; 2]) -> Vec<Option<Lead>> {
+fn leads(
+    cells: &Cells,
+    by_area: &[Vec<bool>; 2],
+    solid: &Solid<'_>,
+    areas: &[SurfaceTree; 2],
+) -> Vec<Option<Lead>> {
     let lead = |c: usize| -> Option<Lead> {
         let place = cells.places[c].map(|k| k as usize);
         let index = cells.index(place);
@@ -289,22 +351,50 @@ fn leads(cells: &Cells, by_area: &[Vec<bool>; 2], solid: &Solid<'_>, areas: &[Su
         let wall = solid.wall(&middle, cells.wall_within(index)?)?;
         let inside = cells.middle_inside[c];
         let inwards = if inside { wall.away } else { -wall.away };
-        let depth = if inside { wall.distance } else { -wall.distance } / cells.side;
+        let depth = if inside {
+            wall.distance
+        } else {
+            -wall.distance
+        } / cells.side;
         // 0 where what is nearest of the surface is an area, 1 where both areas are twice as far.
-        let to = |k: usize| by_area[k][index].then(|| areas[k].closest(&middle, 2.0 * wall.distance)).flatten();
-        let nearest = (0..2).filter_map(to).map(|found| found.distance).fold(2.0 * wall.distance, f64::min);
-        let is_wall = if wall.distance > 0.0 { (nearest / wall.distance - 1.0).clamp(0.0, 1.0) } else { 1.0 };
+        let to = |k: usize| {
+            by_area[k][index]
+                .then(|| areas[k].closest(&middle, 2.0 * wall.distance))
+                .flatten()
+        };
+        let nearest = (0..2)
+            .filter_map(to)
+            .map(|found| found.distance)
+            .fold(2.0 * wall.distance, f64::min);
+        let is_wall = if wall.distance > 0.0 {
+            (nearest / wall.distance - 1.0).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
         let turned = is_wall * (1.0 - depth).clamp(0.0, 1.0);
-        Some(Lead { inwards, turned, push: PUSH * is_wall * (PUSH_FROM - depth).clamp(0.0, 1.0) })
+        Some(Lead {
+            inwards,
+            turned,
+            push: PUSH * is_wall * (PUSH_FROM - depth).clamp(0.0, 1.0),
+        })
     };
     (0..cells.count()).into_par_iter().map(lead).collect()
 }
 
 /// What passes through each cell's part of each area, over what passes through a face, for the same difference of values.
-fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, flux: Flux) -> [Vec<f64>; 2] {
+fn contacts(
+    cells: &Cells,
+    muscle: &TriangleMesh,
+    attachment: &Attachment,
+    flux: Flux,
+) -> [Vec<f64>; 2] {
     let areas = [&attachment.origin, &attachment.insertion];
     let middles = areas.map(|area| {
-        let sum: Vector3<f64> = area.vertices.iter().map(|&v| muscle.vertices[v as usize].coords).sum();
+        let sum: Vector3<f64> = area
+            .vertices
+            .iter()
+            .map(|&v| muscle.vertices[v as usize].coords)
+            .sum();
         Point3::from(sum / area.vertices.len().max(1) as f64)
     });
     let inside: f64 = cells.shares.iter().sum();
@@ -317,15 +407,30 @@ fn contacts(cells: &Cells, muscle: &TriangleMesh, attachment: &Attachment, flux:
             Flux::Even => 0.0,
             Flux::Crowded(more) => contact.iter().sum::<f64>() / section + more,
         };
-        let distance = |c: usize| (cells.middle(cells.places[c].map(|k| k as usize)) - middles[1 - end]).norm();
+        let distance = |c: usize| {
+            (cells.middle(cells.places[c].map(|k| k as usize)) - middles[1 - end]).norm()
+        };
         let met = |c: &usize| contact[*c] > 0.0;
-        let farthest = (0..cells.count()).filter(met).map(distance).fold(0.0, f64::max);
-        for (c, contact) in contact.iter_mut().enumerate().filter(|(_, contact)| **contact > 0.0) {
-            let share = if farthest > 0.0 { distance(c) / farthest } else { 1.0 };
+        let farthest = (0..cells.count())
+            .filter(met)
+            .map(distance)
+            .fold(0.0, f64::max);
+        for (c, contact) in contact
+            .iter_mut()
+            .enumerate()
+            .filter(|(_, contact)| **contact > 0.0)
+        {
+            let share = if farthest > 0.0 {
+                distance(c) / farthest
+            } else {
+                1.0
+            };
             *contact *= libm::pow(share, power).max(LEAST_CONTACT);
         }
         let whole: f64 = contact.iter().sum();
-        contact.iter_mut().for_each(|c| *c *= PASSAGE * through / whole);
+        contact
+            .iter_mut()
+            .for_each(|c| *c *= PASSAGE * through / whole);
         contact
     })
 }
@@ -337,7 +442,8 @@ fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
         let corners = muscle.corners(t as usize);
         let samples = over_triangle(&corners, 0.5 * cells.side);
         let [a, b, c] = corners;
-        let each = 0.5 * (b - a).cross(&(c - a)).norm() / samples.len() as f64 / (cells.side * cells.side);
+        let each =
+            0.5 * (b - a).cross(&(c - a)).norm() / samples.len() as f64 / (cells.side * cells.side);
         for p in &samples {
             let cell = cells.at[cells.holding(p)];
             if cell != NONE {
@@ -362,10 +468,14 @@ fn joined(cells: &Cells, links: &[(u32, u32, usize)], contacts: &[Vec<f64>; 2]) 
         let (a, b) = (root(&mut parents, a), root(&mut parents, b));
         parents[a.max(b) as usize] = a.min(b);
     }
-    let roots: Vec<usize> = (0..cells.count() as u32).map(|c| root(&mut parents, c) as usize).collect();
+    let roots: Vec<usize> = (0..cells.count() as u32)
+        .map(|c| root(&mut parents, c) as usize)
+        .collect();
     let mut touches = vec![[false; 2]; cells.count()];
     for (c, &r) in roots.iter().enumerate() {
-        (0..2).filter(|&k| contacts[k][c] > 0.0).for_each(|k| touches[r][k] = true);
+        (0..2)
+            .filter(|&k| contacts[k][c] > 0.0)
+            .for_each(|k| touches[r][k] = true);
     }
     roots.iter().map(|&r| touches[r] == [true; 2]).collect()
 }

@@ -10,7 +10,11 @@ const SIZE: f64 = 1e-5;
 /// Area across the fibre of what was one unit of area at the seed, at each point of one half of a streamline; negative
 /// where the order about the fibre is reversed.
 pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
-    areas(way, SIZE * tracer.field.cells.side, onward(tracer, way, sign))
+    areas(
+        way,
+        SIZE * tracer.field.cells.side,
+        onward(tracer, way, sign),
+    )
 }
 
 /// Whether all of [`along`] is above 0; asks no further than to the first that is not.
@@ -39,7 +43,11 @@ fn onward<'a>(
 
 /// The areas, where `map` takes what is beside point k of the way to what is beside point k + 1; two points `size` [m]
 /// beside each point are carried on. Where it gives none the area stays.
-pub fn areas(way: &Way, size: f64, map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>) -> Vec<f64> {
+pub fn areas(
+    way: &Way,
+    size: f64,
+    map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
+) -> Vec<f64> {
     let mut areas = vec![1.0];
     for k in 0..way.flows.len() {
         areas.push(areas[k] * factor(way, k, size, &map));
@@ -48,11 +56,18 @@ pub fn areas(way: &Way, size: f64, map: impl Fn(usize, &Point3<f64>) -> Option<P
 }
 
 /// The area at point k + 1 over that at point k.
-fn factor(way: &Way, k: usize, size: f64, map: &impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>) -> f64 {
+fn factor(
+    way: &Way,
+    k: usize,
+    size: f64,
+    map: &impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
+) -> f64 {
     // A fresh pair at each point: of the one before, only its size and its order matter from here on.
     let factor = heading(way, k).and_then(|direction| {
         let onward = heading(way, k + 1).unwrap_or(direction);
-        let carried = |f: Vector3<f64>| Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size);
+        let carried = |f: Vector3<f64>| {
+            Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size)
+        };
         let [first, second] = across(&direction).map(carried);
         Some(first?.cross(&second?).dot(&onward))
     });
@@ -75,15 +90,27 @@ mod tests {
     use super::*;
 
     fn straight() -> Way {
-        let points = (0..6).map(|k| Point3::new(f64::from(k), 0.0, 0.0)).collect();
-        Way { points, flows: vec![true; 5] }
+        let points = (0..6)
+            .map(|k| Point3::new(f64::from(k), 0.0, 0.0))
+            .collect();
+        Way {
+            points,
+            flows: vec![true; 5],
+        }
     }
 
     #[test]
     fn a_flow_that_spreads_has_growing_areas() {
-        let spread = |k: usize, q: &Point3<f64>| Some(Point3::new(k as f64 + 1.0, 2.0 * q.y, 3.0 * q.z));
+        let spread =
+            |k: usize, q: &Point3<f64>| Some(Point3::new(k as f64 + 1.0, 2.0 * q.y, 3.0 * q.z));
         let found = areas(&straight(), 1e-6, spread);
-        assert!(found.iter().enumerate().all(|(k, a)| (a / 6f64.powi(k as i32) - 1.0).abs() <= 1e-9), "{found:?}");
+        assert!(
+            found
+                .iter()
+                .enumerate()
+                .all(|(k, a)| (a / 6f64.powi(k as i32) - 1.0).abs() <= 1e-9),
+            "{found:?}"
+        );
     }
 
     #[test]
@@ -93,12 +120,17 @@ mod tests {
             Some(Point3::new(k as f64 + 1.0, turned * q.y, q.z))
         };
         let found = areas(&straight(), 1e-6, mirror);
-        assert_eq!(found.iter().map(|a| *a > 0.0).collect::<Vec<_>>(), [true, true, true, false, false, false]);
+        assert_eq!(
+            found.iter().map(|a| *a > 0.0).collect::<Vec<_>>(),
+            [true, true, true, false, false, false]
+        );
     }
 
     #[test]
     fn a_flow_that_folds_into_a_plane_is_seen() {
-        let folded = areas(&straight(), 1e-6, |k, q| Some(Point3::new(k as f64 + 1.0, q.y, q.y)));
+        let folded = areas(&straight(), 1e-6, |k, q| {
+            Some(Point3::new(k as f64 + 1.0, q.y, q.y))
+        });
         assert!(folded.iter().skip(1).all(|a| !(*a > 0.0)), "{folded:?}");
     }
 }

@@ -53,24 +53,43 @@ impl Seeds {
         let [nx, ny, nz] = cells.dims.map(|n| n.div_ceil(BLOCK));
         let mut blocks = vec![Block::EMPTY; nx * ny * nz];
         for c in (0..cells.count()).filter(|&c| !field.values[c].is_nan()) {
-            let Some(point) = cells.inner[c] else { continue };
+            let Some(point) = cells.inner[c] else {
+                continue;
+            };
             let [i, j, k] = cells.places[c].map(|place| place as usize / BLOCK);
             blocks[(k * ny + j) * nx + i].push(c as u32, &point);
         }
         blocks.retain(|block| !block.cells.is_empty());
-        Self { blocks, side: cells.side }
+        Self {
+            blocks,
+            side: cells.side,
+        }
     }
 
     /// The candidate farthest from all fibres; the first cell of several.
     pub fn farthest(&self) -> Option<Seed> {
         let mut best: Option<Seed> = None;
         let mut most = 0.0;
-        for (n, block) in self.blocks.iter().enumerate().filter(|(_, block)| block.greatest >= 0.0) {
-            let Some(slot) = block.squares.iter().position(|s| *s == block.greatest) else { continue };
+        for (n, block) in self
+            .blocks
+            .iter()
+            .enumerate()
+            .filter(|(_, block)| block.greatest >= 0.0)
+        {
+            let Some(slot) = block.squares.iter().position(|s| *s == block.greatest) else {
+                continue;
+            };
             let cell = block.cells[slot];
-            if best.is_none_or(|b| block.greatest > most || (block.greatest == most && cell < b.cell)) {
+            if best
+                .is_none_or(|b| block.greatest > most || (block.greatest == most && cell < b.cell))
+            {
                 most = block.greatest;
-                best = Some(Seed { cell, point: block.point(slot), block: n, slot });
+                best = Some(Seed {
+                    cell,
+                    point: block.point(slot),
+                    block: n,
+                    slot,
+                });
             }
         }
         best
@@ -93,7 +112,10 @@ impl Seeds {
                 continue;
             }
             for slot in 0..block.cells.len() {
-                if near.iter().any(|p| (*p - block.point(slot)).norm_squared() < square) {
+                if near
+                    .iter()
+                    .any(|p| (*p - block.point(slot)).norm_squared() < square)
+                {
                     block.squares[slot] = -1.0;
                 }
             }
@@ -104,7 +126,10 @@ impl Seeds {
     /// Notes a fibre, by points less than a cell apart.
     pub fn note(&mut self, points: &[Point3<f64>]) {
         let points = thinned(points, 0.8 * self.side);
-        let runs: Vec<(Aabb, &[Point3<f64>])> = points.chunks(RUN).map(|run| (Aabb::of_points(run), run)).collect();
+        let runs: Vec<(Aabb, &[Point3<f64>])> = points
+            .chunks(RUN)
+            .map(|run| (Aabb::of_points(run), run))
+            .collect();
         for block in &mut self.blocks {
             let before = block.greatest;
             for (bounds, run) in &runs {
@@ -153,7 +178,10 @@ impl Block {
     }
 
     fn measure(&mut self) {
-        self.greatest = self.squares.iter().fold(-1.0, |most, s| if *s > most { *s } else { most });
+        self.greatest = self
+            .squares
+            .iter()
+            .fold(-1.0, |most, s| if *s > most { *s } else { most });
     }
 }
 
@@ -192,7 +220,12 @@ pub(super) mod tests {
             (0..mesh.vertices.len() as u32).filter(at).collect()
         };
         let (low, high) = (end(-1.0), end(1.0));
-        let areas = Attachment::new(&mesh, AreaSource::Vertices(&low), AreaSource::Vertices(&high)).expect("areas");
+        let areas = Attachment::new(
+            &mesh,
+            AreaSource::Vertices(&low),
+            AreaSource::Vertices(&high),
+        )
+        .expect("areas");
         let closed = Closed::new(&mesh);
         let solid = closed.solid();
         let cells = Cells::new(&solid, 0.005);
@@ -213,7 +246,9 @@ pub(super) mod tests {
 
         fn note(&mut self, points: &[Point3<f64>]) {
             for (_, at, square) in &mut self.0 {
-                points.iter().for_each(|p| *square = square.min((p - *at).norm_squared()));
+                points
+                    .iter()
+                    .for_each(|p| *square = square.min((p - *at).norm_squared()));
             }
         }
     }
@@ -228,13 +263,23 @@ pub(super) mod tests {
         for n in 0..200 {
             let (cell, square) = plain.farthest().expect("a cell");
             let seed = seeds.farthest().expect("a cell");
-            assert_eq!((seed.cell, seeds.blocks[seed.block].greatest), (cell, square), "at {n}");
+            assert_eq!(
+                (seed.cell, seeds.blocks[seed.block].greatest),
+                (cell, square),
+                "at {n}"
+            );
             seeds.give_up(&seed);
-            plain.0.iter_mut().filter(|(c, _, _)| *c == cell).for_each(|(_, _, square)| *square = -1.0);
+            plain
+                .0
+                .iter_mut()
+                .filter(|(c, _, _)| *c == cell)
+                .for_each(|(_, _, square)| *square = -1.0);
             if n % 3 == 0 {
                 // Farther apart than points are thinned to.
                 let along = draw.direction() * 0.9 * field.cells.side;
-                let line: Vec<Point3<f64>> = (-20..20).map(|k| seed.point + along * f64::from(k)).collect();
+                let line: Vec<Point3<f64>> = (-20..20)
+                    .map(|k| seed.point + along * f64::from(k))
+                    .collect();
                 seeds.note(&line);
                 plain.note(&line);
             }
@@ -246,15 +291,20 @@ pub(super) mod tests {
         let field = field();
         let mut seeds = Seeds::new(&field);
         let through = seeds.farthest().expect("a cell").point;
-        let axis: Vec<Point3<f64>> =
-            (-100..=100).map(|k| Point3::new(0.001 * f64::from(k), through.y, through.z)).collect();
+        let axis: Vec<Point3<f64>> = (-100..=100)
+            .map(|k| Point3::new(0.001 * f64::from(k), through.y, through.z))
+            .collect();
         seeds.give_up_along(&axis);
         let mut all = Vec::new();
         while let Some(seed) = seeds.farthest() {
             seeds.give_up(&seed);
             all.push(seed.point);
         }
-        let off = |p: &Point3<f64>| axis.iter().map(|q| (p - q).norm()).fold(f64::INFINITY, f64::min);
+        let off = |p: &Point3<f64>| {
+            axis.iter()
+                .map(|q| (p - q).norm())
+                .fold(f64::INFINITY, f64::min)
+        };
         let reach = BESIDE * field.cells.side;
         assert!(all.iter().all(|p| off(p) >= reach));
         let candidates = (0..field.cells.count()).filter_map(|c| field.cells.inner[c]);

@@ -50,7 +50,11 @@ fn cell_of(cells: &Cells, p: &Point3<f64>, usable: impl Fn(u32) -> bool) -> Opti
         for j in range(1) {
             for i in range(0) {
                 let c = cells.at[cells.index([i, j, k])];
-                let inner = if c == NONE || !usable(c) { None } else { cells.inner[c as usize] };
+                let inner = if c == NONE || !usable(c) {
+                    None
+                } else {
+                    cells.inner[c as usize]
+                };
                 let Some(inner) = inner else { continue };
                 let square = (inner - p).norm_squared();
                 if best.is_none_or(|(d, _)| square < d) {
@@ -63,16 +67,30 @@ fn cell_of(cells: &Cells, p: &Point3<f64>, usable: impl Fn(u32) -> bool) -> Opti
 }
 
 impl Held {
-    fn new(cells: &Cells, name: &[u32], gradients: &[Vector3<f64>], lines: &[Vec<Point3<f64>>]) -> Self {
-        let mut this = Self { weights: vec![0.0; cells.count()], sums: vec![Vector3::zeros(); cells.count()] };
+    fn new(
+        cells: &Cells,
+        name: &[u32],
+        gradients: &[Vector3<f64>],
+        lines: &[Vec<Point3<f64>>],
+    ) -> Self {
+        let mut this = Self {
+            weights: vec![0.0; cells.count()],
+            sums: vec![Vector3::zeros(); cells.count()],
+        };
         for line in lines.iter().filter(|line| length(line) > 0.0) {
             let places = places(line, APART * cells.side);
             let in_cell = |(p, along): (Point3<f64>, Vector3<f64>)| {
-                Some((cell_of(cells, &p, |c| name[c as usize] != NONE)?, along / cells.side))
+                Some((
+                    cell_of(cells, &p, |c| name[c as usize] != NONE)?,
+                    along / cells.side,
+                ))
             };
             let held: Vec<(u32, Vector3<f64>)> = places.into_iter().filter_map(in_cell).collect();
             // Which end of a line is which is decided by the field, along all of it.
-            let rise: f64 = held.iter().map(|(c, along)| along.dot(&gradients[*c as usize])).sum();
+            let rise: f64 = held
+                .iter()
+                .map(|(c, along)| along.dot(&gradients[*c as usize]))
+                .sum();
             let sign = if rise < 0.0 { -1.0 } else { 1.0 };
             for (c, along) in held {
                 this.weights[c as usize] += HELD * along.norm();
@@ -105,7 +123,11 @@ pub fn spread(
         factor.add_diagonal(j, conductance);
     }
     let mut right = vec![0.0; 3 * count];
-    let up = |c: usize| gradients[c].try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+    let up = |c: usize| {
+        gradients[c]
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::zeros)
+    };
     for (c, &n) in name.iter().enumerate().filter(|(_, n)| **n != NONE) {
         factor.add_diagonal(n, held.weights[c] + LOOSE);
         let sum = held.sums[c] + up(c) * LOOSE;
@@ -115,20 +137,27 @@ pub fn spread(
     factor.solve(&mut right, 3);
     let direction = |(c, n): (usize, &u32)| match *n {
         NONE => Vector3::zeros(),
-        n => rising(&Vector3::from_fn(|k, _| right[k * count + n as usize]), &up(c)),
+        n => rising(
+            &Vector3::from_fn(|k, _| right[k * count + n as usize]),
+            &up(c),
+        ),
     };
     Ok(name.iter().enumerate().map(direction).collect())
 }
 
 /// The unit vector along `direction`, turned towards the unit vector `up` where it rises too little.
 fn rising(direction: &Vector3<f64>, up: &Vector3<f64>) -> Vector3<f64> {
-    let Some(unit) = direction.try_normalize(0.0) else { return *up };
+    let Some(unit) = direction.try_normalize(0.0) else {
+        return *up;
+    };
     let rise = unit.dot(up);
     if rise >= RISE || up.norm_squared() == 0.0 {
         return unit;
     }
     let across = (unit - up * rise).try_normalize(0.0);
-    across.map_or(*up, |across| across * (1.0 - RISE * RISE).sqrt() + up * RISE)
+    across.map_or(*up, |across| {
+        across * (1.0 - RISE * RISE).sqrt() + up * RISE
+    })
 }
 
 #[cfg(test)]
@@ -140,22 +169,39 @@ mod tests {
         let up = Vector3::z();
         for (x, z) in [(0.0, 1.0), (1.0, 1.0), (1.0, 0.3)] {
             let direction = Vector3::new(x, 0.0, z);
-            assert!((rising(&(direction * 7.0), &up) - direction.normalize()).norm() <= 4.0 * f64::EPSILON);
+            assert!(
+                (rising(&(direction * 7.0), &up) - direction.normalize()).norm()
+                    <= 4.0 * f64::EPSILON
+            );
         }
         for (x, z) in [(1.0, 0.2), (1.0, 0.0), (1.0, -5.0), (0.0, -1.0), (0.0, 0.0)] {
             let turned = rising(&Vector3::new(x, 0.0, z), &up);
-            assert!(turned.z >= RISE - f64::EPSILON && (turned.norm() - 1.0).abs() <= 4.0 * f64::EPSILON, "{turned}");
+            assert!(
+                turned.z >= RISE - f64::EPSILON
+                    && (turned.norm() - 1.0).abs() <= 4.0 * f64::EPSILON,
+                "{turned}"
+            );
         }
         // Without a field there is nothing to rise in.
-        assert_eq!(rising(&Vector3::new(0.0, -2.0, 0.0), &Vector3::zeros()), -Vector3::y());
+        assert_eq!(
+            rising(&Vector3::new(0.0, -2.0, 0.0), &Vector3::zeros()),
+            -Vector3::y()
+        );
     }
 
     #[test]
     fn places_of_a_line_add_up_to_it() {
-        let line = [Point3::origin(), Point3::new(1.0, 0.0, 0.0), Point3::new(1.0, 0.05, 0.0)];
+        let line = [
+            Point3::origin(),
+            Point3::new(1.0, 0.0, 0.0),
+            Point3::new(1.0, 0.05, 0.0),
+        ];
         let found = places(&line, 0.1);
         let sum: Vector3<f64> = found.iter().map(|(_, along)| along).sum();
-        assert!((sum - Vector3::new(1.0, 0.05, 0.0)).norm() <= 1e-14, "{sum}");
+        assert!(
+            (sum - Vector3::new(1.0, 0.05, 0.0)).norm() <= 1e-14,
+            "{sum}"
+        );
         assert_eq!(found.len(), 11);
     }
 }

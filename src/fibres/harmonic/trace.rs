@@ -47,7 +47,11 @@ pub struct Tracer<'a> {
 impl<'a> Tracer<'a> {
     /// A tracer between two areas of `muscle`.
     pub fn new(field: &'a Field, muscle: &TriangleMesh, origin: &Area, insertion: &Area) -> Self {
-        Self { field, areas: [origin, insertion].map(|area| area.tree(muscle)), length: muscle.length() }
+        Self {
+            field,
+            areas: [origin, insertion].map(|area| area.tree(muscle)),
+            length: muscle.length(),
+        }
     }
 
     fn side(&self) -> f64 {
@@ -75,7 +79,9 @@ impl<'a> Tracer<'a> {
     }
 
     fn distance_to_area(&self, p: &Point3<f64>, sign: f64, within: f64) -> Option<f64> {
-        self.areas[usize::from(sign > 0.0)].closest(p, within).map(|found| found.distance)
+        self.areas[usize::from(sign > 0.0)]
+            .closest(p, within)
+            .map(|found| found.distance)
     }
 
     /// Follows the field from a seed to the area.
@@ -83,7 +89,10 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// It is lost on the way, as far as it came, and may not go on by cells (`hop`).
     pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Result<Way, Way> {
-        let mut way = Way { points: vec![*seed], flows: Vec::new() };
+        let mut way = Way {
+            points: vec![*seed],
+            flows: Vec::new(),
+        };
         let mut p = *seed;
         let mut since = 0;
         for _ in 0..MOST_STEPS * self.field.cells.dims.iter().sum::<usize>() {
@@ -92,7 +101,9 @@ impl<'a> Tracer<'a> {
                 (p - before).norm() < PROGRESS * STEP * self.side()
             };
             let reach = self.side() * if stuck { ARRIVED_LATE } else { ARRIVED };
-            if self.by_area(&p, usize::from(sign > 0.0)) && self.distance_to_area(&p, sign, reach).is_some() {
+            if self.by_area(&p, usize::from(sign > 0.0))
+                && self.distance_to_area(&p, sign, reach).is_some()
+            {
                 return self.arrive(way, &p, sign);
             }
             let next = if stuck { None } else { self.step(&p, sign) };
@@ -106,7 +117,9 @@ impl<'a> Tracer<'a> {
                 return Err(way);
             }
             since = way.points.len();
-            let Some(next) = self.hop(&p, sign) else { return self.arrive(way, &p, sign) };
+            let Some(next) = self.hop(&p, sign) else {
+                return self.arrive(way, &p, sign);
+            };
             way.flows.push(false);
             way.points.push(next);
             p = next;
@@ -115,7 +128,9 @@ impl<'a> Tracer<'a> {
     }
 
     fn arrive(&self, mut way: Way, p: &Point3<f64>, sign: f64) -> Result<Way, Way> {
-        let Some(landing) = self.landing(p, sign) else { return Err(way) };
+        let Some(landing) = self.landing(p, sign) else {
+            return Err(way);
+        };
         way.points.push(landing);
         way.flows.push(false);
         Ok(way)

@@ -16,8 +16,15 @@ pub struct Slicer<'a> {
 impl<'a> Slicer<'a> {
     /// A surface and its axes, the main one last.
     pub fn new(muscle: &'a TriangleMesh, axes: &[Vector3<f64>; 3]) -> Self {
-        let own = muscle.vertices.iter().map(|p| Vector3::from(axes.map(|a| a.dot(&p.coords)))).collect();
-        Self { triangles: &muscle.triangles, own }
+        let own = muscle
+            .vertices
+            .iter()
+            .map(|p| Vector3::from(axes.map(|a| a.dot(&p.coords))))
+            .collect();
+        Self {
+            triangles: &muscle.triangles,
+            own,
+        }
     }
 
     /// The contour of the plane at a height, counter-clockwise about the main axis; of several the one around most.
@@ -30,7 +37,10 @@ impl<'a> Slicer<'a> {
         for t in self.triangles {
             let cut = |&[a, b]: &[u32; 2]| above(a) != above(b);
             let edges = [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];
-            let mut found = edges.iter().filter(|e| cut(e)).map(|&[a, b]| [a.min(b), a.max(b)]);
+            let mut found = edges
+                .iter()
+                .filter(|e| cut(e))
+                .map(|&[a, b]| [a.min(b), a.max(b)]);
             if let (Some(first), Some(second)) = (found.next(), found.next()) {
                 sides.push([first.min(second), first.max(second)]);
             }
@@ -43,8 +53,11 @@ impl<'a> Slicer<'a> {
             let (a, b) = (self.own[a as usize], self.own[b as usize]);
             Point2::from((a + (b - a) * ((height - a.z) / (b.z - a.z))).xy())
         };
-        let contours = lines.into_iter().map(|line| line.into_iter().map(point).collect::<Vec<_>>());
-        let mut best = contours.max_by(|a, b| signed_area(a).abs().total_cmp(&signed_area(b).abs()))?;
+        let contours = lines
+            .into_iter()
+            .map(|line| line.into_iter().map(point).collect::<Vec<_>>());
+        let mut best =
+            contours.max_by(|a, b| signed_area(a).abs().total_cmp(&signed_area(b).abs()))?;
         if signed_area(&best) < 0.0 {
             best.reverse();
         }
@@ -54,7 +67,9 @@ impl<'a> Slicer<'a> {
 
 /// Twice the area \[m2\], positive where the way around is counter-clockwise.
 fn signed_area(contour: &[Point2<f64>]) -> f64 {
-    let Some(&first) = contour.first() else { return 0.0 };
+    let Some(&first) = contour.first() else {
+        return 0.0;
+    };
     let next = contour.iter().cycle().skip(1);
     let of = |(a, b): (&Point2<f64>, &Point2<f64>)| {
         let (a, b): (Vector2<f64>, Vector2<f64>) = (a - first, b - first);
@@ -67,19 +82,30 @@ fn signed_area(contour: &[Point2<f64>]) -> f64 {
 fn chains(sides: &[[[u32; 2]; 2]]) -> Vec<Vec<[u32; 2]>> {
     let mut at: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
     for (s, ends) in sides.iter().enumerate() {
-        ends.iter().for_each(|end| at.entry(*end).or_default().push(s));
+        ends.iter()
+            .for_each(|end| at.entry(*end).or_default().push(s));
     }
     let mut done = vec![false; sides.len()];
     let mut all = Vec::new();
     // From loose ends first, so that an open line is walked as one.
-    let loose = at.iter().filter(|(_, s)| s.len() == 1).map(|(edge, _)| *edge);
+    let loose = at
+        .iter()
+        .filter(|(_, s)| s.len() == 1)
+        .map(|(edge, _)| *edge);
     let starts: Vec<[u32; 2]> = loose.chain(sides.iter().map(|s| s[0])).collect();
     for start in starts {
         let (mut line, mut edge) = (Vec::new(), start);
-        while let Some(&s) = at.get(&edge).and_then(|list| list.iter().find(|s| !done[**s])) {
+        while let Some(&s) = at
+            .get(&edge)
+            .and_then(|list| list.iter().find(|s| !done[**s]))
+        {
             done[s] = true;
             line.push(edge);
-            edge = if sides[s][0] == edge { sides[s][1] } else { sides[s][0] };
+            edge = if sides[s][0] == edge {
+                sides[s][1]
+            } else {
+                sides[s][0]
+            };
         }
         if !line.is_empty() {
             if edge != start {

@@ -53,9 +53,19 @@ impl Outline {
             arcs.push(arcs[arcs.len() - 1] + (b - a).norm());
         }
         let total = arcs[arcs.len() - 1];
-        let share = |k: usize| if total > 0.0 { arcs[k] / total } else { k as f64 / line.len() as f64 };
+        let share = |k: usize| {
+            if total > 0.0 {
+                arcs[k] / total
+            } else {
+                k as f64 / line.len() as f64
+            }
+        };
         let at = |k: usize| line[k % line.len()];
-        let mut outline = Self { contour: Vec::new(), shares: Vec::new(), square: Vec::new() };
+        let mut outline = Self {
+            contour: Vec::new(),
+            shares: Vec::new(),
+            square: Vec::new(),
+        };
         for k in 0..line.len() {
             outline.push(at(k), share(k));
             // The square's corners, so that the corners of the contour bound all of the square.
@@ -87,10 +97,20 @@ impl Outline {
     fn along(&self, share: f64) -> Point2<f64> {
         let after = self.shares.partition_point(|s| *s <= share);
         let before = after.saturating_sub(1);
-        let (next, end) =
-            (after % self.contour.len(), if after < self.shares.len() { self.shares[after] } else { 1.0 });
+        let (next, end) = (
+            after % self.contour.len(),
+            if after < self.shares.len() {
+                self.shares[after]
+            } else {
+                1.0
+            },
+        );
         let span = end - self.shares[before];
-        let within = if span > 0.0 { (share - self.shares[before]) / span } else { 0.0 };
+        let within = if span > 0.0 {
+            (share - self.shares[before]) / span
+        } else {
+            0.0
+        };
         self.contour[before] + (self.contour[next] - self.contour[before]) * within
     }
 
@@ -118,8 +138,12 @@ impl Outline {
 /// The contour begun where it is farthest towards the corner (0, 0) of its box: where the ray from its middle there leaves it,
 /// or, if that hits nothing, at its corner farthest that way.
 fn from_corner(contour: &[Point2<f64>]) -> Vec<Point2<f64>> {
-    let low = contour.iter().fold(Vector2::repeat(f64::INFINITY), |m, p| m.inf(&p.coords));
-    let high = contour.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |m, p| m.sup(&p.coords));
+    let low = contour
+        .iter()
+        .fold(Vector2::repeat(f64::INFINITY), |m, p| m.inf(&p.coords));
+    let high = contour
+        .iter()
+        .fold(Vector2::repeat(f64::NEG_INFINITY), |m, p| m.sup(&p.coords));
     let (middle, towards) = ((low + high) * 0.5, low - high);
     let n = contour.len();
     let side = |p: &Point2<f64>| towards.x * (p.y - middle.y) - towards.y * (p.x - middle.x);
@@ -137,9 +161,9 @@ fn from_corner(contour: &[Point2<f64>]) -> Vec<Point2<f64>> {
         }
     }
     match best {
-        Some((_, k, hit)) => {
-            std::iter::once(hit).chain((1..=n).map(|m| contour[(k + m) % n]).filter(|p| *p != hit)).collect()
-        }
+        Some((_, k, hit)) => std::iter::once(hit)
+            .chain((1..=n).map(|m| contour[(k + m) % n]).filter(|p| *p != hit))
+            .collect(),
         None => {
             let out = |k: &usize| (contour[*k].coords - middle).dot(&towards);
             let start = (0..n).max_by(|a, b| out(a).total_cmp(&out(b))).unwrap_or(0);

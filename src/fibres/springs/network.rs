@@ -33,7 +33,12 @@ pub struct Spring {
 pub fn springs(sampling: &Sampling, template: Template) -> Vec<Spring> {
     let x = sampling.positions(template);
     let pairs = patterns::lattice(&sampling.shape(), Neighbours::Six);
-    pairs.map(|ends| Spring { ends, rest: (x[ends[0] as usize] - x[ends[1] as usize]).norm() }).collect()
+    pairs
+        .map(|ends| Spring {
+            ends,
+            rest: (x[ends[0] as usize] - x[ends[1] as usize]).norm(),
+        })
+        .collect()
 }
 
 /// Brings the inner points to rest, for a template of side `side` \[m\]; points on the surface stay.
@@ -48,34 +53,68 @@ pub fn rest(
 ) -> Result<(), SpringsError> {
     let held = sampling.on_surface();
     let mut unknown = vec![u32::MAX; held.len()];
-    let free: Vec<u32> = (0..held.len() as u32).filter(|&p| !held[p as usize]).collect();
-    free.iter().enumerate().for_each(|(u, &p)| unknown[p as usize] = u as u32);
+    let free: Vec<u32> = (0..held.len() as u32)
+        .filter(|&p| !held[p as usize])
+        .collect();
+    free.iter()
+        .enumerate()
+        .for_each(|(u, &p)| unknown[p as usize] = u as u32);
     if free.is_empty() {
         return Ok(());
     }
-    let net = Network { springs: springs(sampling, template), unknown, free, side };
+    let net = Network {
+        springs: springs(sampling, template),
+        unknown,
+        free,
+        side,
+    };
     net.linear(positions)?;
-    if side > 0.0 { net.newton(positions) } else { Ok(()) }
+    if side > 0.0 {
+        net.newton(positions)
+    } else {
+        Ok(())
+    }
 }
 
 /// Brings the points within one layer to rest between springs to their four neighbours on it; those on its sides stay.
 ///
 /// # Errors
 /// The system cannot be factored.
-pub fn face(sampling: &Sampling, layer: usize, positions: &mut [Point3<f64>]) -> Result<(), SpringsError> {
+pub fn face(
+    sampling: &Sampling,
+    layer: usize,
+    positions: &mut [Point3<f64>],
+) -> Result<(), SpringsError> {
     let [nr, ns, _] = sampling.points;
-    let held: Vec<bool> =
-        (0..ns).flat_map(|j| (0..nr).map(move |i| i == 0 || j == 0 || i + 1 == nr || j + 1 == ns)).collect();
-    let free: Vec<u32> = (0..held.len() as u32).filter(|&p| !held[p as usize]).collect();
+    let held: Vec<bool> = (0..ns)
+        .flat_map(|j| (0..nr).map(move |i| i == 0 || j == 0 || i + 1 == nr || j + 1 == ns))
+        .collect();
+    let free: Vec<u32> = (0..held.len() as u32)
+        .filter(|&p| !held[p as usize])
+        .collect();
     if free.is_empty() {
         return Ok(());
     }
     let mut unknown = vec![u32::MAX; held.len()];
-    free.iter().enumerate().for_each(|(u, &p)| unknown[p as usize] = u as u32);
-    let sheet = Shape { points: [nr, ns, 1], origin: [0.0; 3], spacing: [1.0; 3] };
-    let springs = patterns::lattice(&sheet, Neighbours::Six).map(|ends| Spring { ends, rest: 1.0 }).collect();
+    free.iter()
+        .enumerate()
+        .for_each(|(u, &p)| unknown[p as usize] = u as u32);
+    let sheet = Shape {
+        points: [nr, ns, 1],
+        origin: [0.0; 3],
+        spacing: [1.0; 3],
+    };
+    let springs = patterns::lattice(&sheet, Neighbours::Six)
+        .map(|ends| Spring { ends, rest: 1.0 })
+        .collect();
     let first = sampling.number([0, 0, layer]);
-    Network { springs, unknown, free, side: 0.0 }.linear(&mut positions[first..first + nr * ns])
+    Network {
+        springs,
+        unknown,
+        free,
+        side: 0.0,
+    }
+    .linear(&mut positions[first..first + nr * ns])
 }
 
 struct Network {
@@ -90,7 +129,11 @@ impl Network {
     /// Pairs of unknowns with a spring between them.
     fn pairs(&self) -> Vec<[u32; 2]> {
         let of = |s: &Spring| s.ends.map(|p| self.unknown[p as usize]);
-        self.springs.iter().map(of).filter(|u| u.iter().all(|u| *u != u32::MAX)).collect()
+        self.springs
+            .iter()
+            .map(of)
+            .filter(|u| u.iter().all(|u| *u != u32::MAX))
+            .collect()
     }
 
     /// Springs without rest length: D x summed over springs is zero at each point, coordinate by coordinate.
@@ -128,7 +171,11 @@ impl Network {
         let way = x[spring.ends[1] as usize] - x[spring.ends[0] as usize];
         let length = way.norm();
         let along = way.try_normalize(0.0).unwrap_or_else(Vector3::zeros);
-        let ratio = if length > 0.0 { self.side * spring.rest / length } else { 0.0 };
+        let ratio = if length > 0.0 {
+            self.side * spring.rest / length
+        } else {
+            0.0
+        };
         (along, length, (1.0 - ratio) / spring.rest)
     }
 
@@ -148,7 +195,11 @@ impl Network {
         let mut left = f64::INFINITY;
         for _ in 0..STEPS {
             let (mut force, scale) = self.assemble(x, &mut system);
-            left = greatest(force.chunks(3).map(|f| Vector3::new(f[0], f[1], f[2]).norm())) / scale;
+            left = greatest(
+                force
+                    .chunks(3)
+                    .map(|f| Vector3::new(f[0], f[1], f[2]).norm()),
+            ) / scale;
             if left <= AT_REST {
                 return Ok(());
             }
@@ -171,7 +222,10 @@ impl Network {
                 share *= 0.5;
             }
         }
-        Err(SpringsError::NotAtRest { steps: STEPS, force: left })
+        Err(SpringsError::NotAtRest {
+            steps: STEPS,
+            force: left,
+        })
     }
 
     /// Forces on the unknowns, and the greatest sum of sizes of forces at one of them.
@@ -183,7 +237,8 @@ impl Network {
             let (along, length, pull) = self.pull(spring, x);
             let stiff = along * along.transpose();
             let block = stiff / spring.rest + (Matrix3::identity() - stiff) * pull.max(0.0);
-            let columns: [[f64; 3]; 3] = std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)]));
+            let columns: [[f64; 3]; 3] =
+                std::array::from_fn(|c| std::array::from_fn(|r| block[(r, c)]));
             let [i, j] = spring.ends.map(|p| self.unknown[p as usize]);
             for (own, sign) in [(i, 1.0), (j, -1.0)] {
                 if own == u32::MAX {

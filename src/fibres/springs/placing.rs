@@ -48,7 +48,11 @@ pub fn place(
     }
     let seats = Seats::new(muscle, &map, attachment)?;
     // Half a turn of a grid with as many fibres along r as along s is a turn by its symmetry.
-    let symmetry = if sampling.points[0] == sampling.points[1] { 0.5 * PI } else { PI };
+    let symmetry = if sampling.points[0] == sampling.points[1] {
+        0.5 * PI
+    } else {
+        PI
+    };
     let angle = |n: usize| symmetry * n as f64 / TURNS as f64;
     let mut best: Option<(f64, f64)> = None;
     for n in 0..TURNS {
@@ -78,9 +82,16 @@ struct Seats<'a> {
 }
 
 impl<'a> Seats<'a> {
-    fn new(muscle: &'a TriangleMesh, map: &'a SphereMap, attachment: &'a Attachment) -> Result<Self, SpringsError> {
+    fn new(
+        muscle: &'a TriangleMesh,
+        map: &'a SphereMap,
+        attachment: &'a Attachment,
+    ) -> Result<Self, SpringsError> {
         let locator = Locator::new(map);
-        let ends = [(End::Origin, &attachment.origin), (End::Insertion, &attachment.insertion)];
+        let ends = [
+            (End::Origin, &attachment.origin),
+            (End::Insertion, &attachment.insertion),
+        ];
         let mut centres = [Vector3::zeros(); 2];
         for (centre, (end, area)) in centres.iter_mut().zip(ends) {
             *centre = middle(muscle, map, area).ok_or(SpringsError::WholeSurface { end })?;
@@ -92,7 +103,9 @@ impl<'a> Seats<'a> {
             return Err(SpringsError::OnePlace { vertices });
         }
         // Opposite poles need no boost.
-        let axis = (-(o + i)).try_normalize(SAME).unwrap_or_else(|| any_across(&o));
+        let axis = (-(o + i))
+            .try_normalize(SAME)
+            .unwrap_or_else(|| any_across(&o));
         let cosine = (-o.dot(&axis)).clamp(0.0, 1.0);
         let sine = (1.0 - cosine * cosine).sqrt();
         let mut seats = Self {
@@ -102,8 +115,14 @@ impl<'a> Seats<'a> {
             boost: [1.0 / sine, cosine / sine],
             frame: [Vector3::x(), Vector3::y(), Vector3::z()],
             rims: [Vec::new(), Vec::new()],
-            areas: [&attachment.origin.triangles, &attachment.insertion.triangles],
-            trees: [attachment.origin.tree(muscle), attachment.insertion.tree(muscle)],
+            areas: [
+                &attachment.origin.triangles,
+                &attachment.insertion.triangles,
+            ],
+            trees: [
+                attachment.origin.tree(muscle),
+                attachment.insertion.tree(muscle),
+            ],
         };
         let pole = seats.boosted(&o, 1.0);
         let x = any_across(&pole);
@@ -113,7 +132,8 @@ impl<'a> Seats<'a> {
             if rim.is_empty() {
                 return Err(SpringsError::WholeSurface { end });
             }
-            let side = |&edge: &[u32; 2]| edge.map(|v| seats.seen(&map.points()[v as usize].coords, k));
+            let side =
+                |&edge: &[u32; 2]| edge.map(|v| seats.seen(&map.points()[v as usize].coords, k));
             seats.rims[k] = rim.iter().map(side).collect();
         }
         Ok(seats)
@@ -185,7 +205,11 @@ impl<'a> Seats<'a> {
             let line: Result<Vec<_>, _> = (0..nt)
                 .map(|k| {
                     let share = k as f64 / (nt - 1) as f64;
-                    self.at(low + (high - low) * share, meridian, sampling.number([i, j, k]))
+                    self.at(
+                        low + (high - low) * share,
+                        meridian,
+                        sampling.number([i, j, k]),
+                    )
                 })
                 .collect();
             lines.push(line?);
@@ -193,8 +217,18 @@ impl<'a> Seats<'a> {
         let mut sum = 0.0;
         for (n, line) in lines.iter().enumerate() {
             let next = &lines[(n + 1) % lines.len()];
-            sum += line.iter().zip(next).map(|(a, b)| (a - b).norm_squared()).sum::<f64>() * lines.len() as f64 / 4.0;
-            sum += line.windows(2).map(|s| (s[1] - s[0]).norm_squared()).sum::<f64>() * (nt - 1) as f64;
+            sum += line
+                .iter()
+                .zip(next)
+                .map(|(a, b)| (a - b).norm_squared())
+                .sum::<f64>()
+                * lines.len() as f64
+                / 4.0;
+            sum += line
+                .windows(2)
+                .map(|s| (s[1] - s[0]).norm_squared())
+                .sum::<f64>()
+                * (nt - 1) as f64;
         }
         Ok(sum)
     }
@@ -209,7 +243,9 @@ impl<'a> Seats<'a> {
     fn rim_at(&self, k: usize, turn: f64) -> f64 {
         let inside = |angle: f64| {
             let direction = self.direction(if k == 0 { angle } else { PI - angle }, turn);
-            self.locator.locate(&direction).is_some_and(|l| self.areas[k].binary_search(&l.triangle).is_ok())
+            self.locator
+                .locate(&direction)
+                .is_some_and(|l| self.areas[k].binary_search(&l.triangle).is_ok())
         };
         let (mut low, mut high) = (0.0, self.width(k, turn));
         if inside(high) {
@@ -226,7 +262,11 @@ impl<'a> Seats<'a> {
         }
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
-            if inside(middle) { low = middle } else { high = middle }
+            if inside(middle) {
+                low = middle
+            } else {
+                high = middle
+            }
         }
         low
     }
@@ -248,11 +288,15 @@ impl<'a> Seats<'a> {
             };
             let mut ring = Ring::new(around.len(), on_ring)?;
             if let Some(other) = neighbour {
-                let known: Vec<_> = around.iter().map(|&[i, j]| positions[sampling.number([i, j, other])]).collect();
+                let known: Vec<_> = around
+                    .iter()
+                    .map(|&[i, j]| positions[sampling.number([i, j, other])])
+                    .collect();
                 ring.turn_to(&known, on_ring)?;
             }
             for (m, &[i, j]) in around.iter().enumerate() {
-                positions[sampling.number([i, j, k])] = on_ring(ring.line(m as f64 / around.len() as f64))?;
+                positions[sampling.number([i, j, k])] =
+                    on_ring(ring.line(m as f64 / around.len() as f64))?;
             }
         }
         for (area, layer) in [(0, 0), (1, nt - 1)] {
@@ -278,22 +322,42 @@ impl<'a> Seats<'a> {
     }
 
     /// The lines along the sides: meridians, and on each angles at equal lengths on the muscle.
-    fn lines(&self, sampling: &Sampling, around: &[[usize; 2]], turn: f64) -> Result<Lines, SpringsError> {
+    fn lines(
+        &self,
+        sampling: &Sampling,
+        around: &[[usize; 2]],
+        turn: f64,
+    ) -> Result<Lines, SpringsError> {
         let nt = sampling.points[2];
-        let mut lines = Lines { meridians: Vec::new(), angles: Vec::new() };
+        let mut lines = Lines {
+            meridians: Vec::new(),
+            angles: Vec::new(),
+        };
         for &[i, j] in around {
             let meridian = self.of([i, j], sampling, turn);
             let (low, high) = (self.rim_at(0, meridian), PI - self.rim_at(1, meridian));
             let parts = FINE * (nt - 1);
             let angle = |share: f64| low + (high - low) * share;
             let line: Result<Vec<_>, _> = (0..=parts)
-                .map(|n| self.at(angle(n as f64 / parts as f64), meridian, sampling.number([i, j, n / FINE])))
+                .map(|n| {
+                    self.at(
+                        angle(n as f64 / parts as f64),
+                        meridian,
+                        sampling.number([i, j, n / FINE]),
+                    )
+                })
                 .collect();
             // Around the template meridians fall.
             let last = lines.meridians.last().copied().unwrap_or(f64::INFINITY);
-            let turns = if last.is_finite() { ((meridian - last) / (2.0 * PI)).ceil().max(0.0) } else { 0.0 };
+            let turns = if last.is_finite() {
+                ((meridian - last) / (2.0 * PI)).ceil().max(0.0)
+            } else {
+                0.0
+            };
             lines.meridians.push(meridian - 2.0 * PI * turns);
-            lines.angles.push(equal_shares(&line?, nt).into_iter().map(angle).collect());
+            lines
+                .angles
+                .push(equal_shares(&line?, nt).into_iter().map(angle).collect());
         }
         Ok(lines)
     }
@@ -313,16 +377,26 @@ impl Lines {
         let n = self.meridians.len();
         let line = (x as usize).min(n - 1);
         let share = x - line as f64;
-        let next = if line + 1 == n { self.meridians[0] - 2.0 * PI } else { self.meridians[line + 1] };
+        let next = if line + 1 == n {
+            self.meridians[0] - 2.0 * PI
+        } else {
+            self.meridians[line + 1]
+        };
         let (a, b) = (self.angles[line][k], self.angles[(line + 1) % n][k]);
-        (self.meridians[line] + (next - self.meridians[line]) * share, a + (b - a) * share)
+        (
+            self.meridians[line] + (next - self.meridians[line]) * share,
+            a + (b - a) * share,
+        )
     }
 }
 
 /// u and v in -1..1 of fibre (i, j).
 fn square([i, j]: [usize; 2], sampling: &Sampling) -> [f64; 2] {
     let [nr, ns, _] = sampling.points;
-    [2.0 * i as f64 / (nr - 1) as f64 - 1.0, 2.0 * j as f64 / (ns - 1) as f64 - 1.0]
+    [
+        2.0 * i as f64 / (nr - 1) as f64 - 1.0,
+        2.0 * j as f64 / (ns - 1) as f64 - 1.0,
+    ]
 }
 
 /// The points of a layer that are on no side.
@@ -347,9 +421,17 @@ fn any_across(p: &Vector3<f64>) -> Vector3<f64> {
 
 /// Edges with one triangle of an area.
 fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<[u32; 2]> {
-    let triangles: Vec<[u32; 3]> = area.triangles.iter().map(|&t| muscle.triangles[t as usize]).collect();
+    let triangles: Vec<[u32; 3]> = area
+        .triangles
+        .iter()
+        .map(|&t| muscle.triangles[t as usize])
+        .collect();
     let topology = Topology::of_triangles(muscle.vertices.len(), &triangles);
-    topology.boundary_edges().iter().map(|&e| topology.edges[e as usize]).collect()
+    topology
+        .boundary_edges()
+        .iter()
+        .map(|&e| topology.edges[e as usize])
+        .collect()
 }
 
 /// The place on the sphere of the point of an area that is nearest to its middle on the muscle.
@@ -363,12 +445,24 @@ fn middle(muscle: &TriangleMesh, map: &SphereMap, area: &Area) -> Option<Vector3
         sum += (a + b + c) * (size / 3.0);
         weight += size;
     }
-    let found = area.tree(muscle).closest(&Point3::from(sum / weight), f64::INFINITY)?;
+    let found = area
+        .tree(muscle)
+        .closest(&Point3::from(sum / weight), f64::INFINITY)?;
     let triangle = *area.triangles.get(found.triangle as usize)? as usize;
     let [a, b, c] = muscle.corners(triangle);
     let normal = (b - a).cross(&(c - a));
-    let part = |p: Point3<f64>, q: Point3<f64>| (p - found.point).cross(&(q - found.point)).dot(&normal).max(0.0);
+    let part = |p: Point3<f64>, q: Point3<f64>| {
+        (p - found.point)
+            .cross(&(q - found.point))
+            .dot(&normal)
+            .max(0.0)
+    };
     let weights = [part(b, c), part(c, a), part(a, b)];
     let corners = map.triangles()[triangle].map(|v| map.points()[v as usize].coords);
-    corners.iter().zip(weights).map(|(p, w)| p * w).sum::<Vector3<f64>>().try_normalize(0.0)
+    corners
+        .iter()
+        .zip(weights)
+        .map(|(p, w)| p * w)
+        .sum::<Vector3<f64>>()
+        .try_normalize(0.0)
 }

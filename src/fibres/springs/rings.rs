@@ -20,13 +20,22 @@ pub struct Ring {
 
 impl Ring {
     /// Measures a ring over `lines` lines.
-    pub fn new<E>(lines: usize, mut place: impl FnMut(f64) -> Result<Point3<f64>, E>) -> Result<Self, E> {
+    pub fn new<E>(
+        lines: usize,
+        mut place: impl FnMut(f64) -> Result<Point3<f64>, E>,
+    ) -> Result<Self, E> {
         let count = FINE * lines;
         let step = 1.0 / FINE as f64;
-        let points: Vec<Point3<f64>> = (0..=count).map(|n| place(n as f64 * step)).collect::<Result<_, _>>()?;
+        let points: Vec<Point3<f64>> = (0..=count)
+            .map(|n| place(n as f64 * step))
+            .collect::<Result<_, _>>()?;
         let shares = crate::fibres::polyline::equal_shares(&points, count + 1);
         let at = shares.into_iter().map(|s| s * lines as f64).collect();
-        Ok(Self { at, lines: lines as f64, start: 0.0 })
+        Ok(Self {
+            at,
+            lines: lines as f64,
+            start: 0.0,
+        })
     }
 
     /// x of a share of the turn from the start.
@@ -44,18 +53,29 @@ impl Ring {
     ) -> Result<(), E> {
         let count = FINE * neighbour.len();
         self.start = 0.0;
-        let points: Vec<Point3<f64>> =
-            (0..count).map(|n| place(self.line(n as f64 / count as f64))).collect::<Result<_, _>>()?;
+        let points: Vec<Point3<f64>> = (0..count)
+            .map(|n| place(self.line(n as f64 / count as f64)))
+            .collect::<Result<_, _>>()?;
         let cost = |shift: usize| -> f64 {
             let other = |m: usize| points[(shift + FINE * m) % count];
-            neighbour.iter().enumerate().map(|(m, p)| (p - other(m)).norm_squared()).sum()
+            neighbour
+                .iter()
+                .enumerate()
+                .map(|(m, p)| (p - other(m)).norm_squared())
+                .sum()
         };
         let costs: Vec<f64> = (0..count).map(cost).collect();
-        let best = (0..count).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+        let best = (0..count)
+            .min_by(|&a, &b| costs[a].total_cmp(&costs[b]))
+            .unwrap_or(0);
         // Between the shifts tried, where a parabola through the best three is least.
         let (before, after) = (costs[(best + count - 1) % count], costs[(best + 1) % count]);
         let bend = before - 2.0 * costs[best] + after;
-        let shift = if bend > 0.0 { 0.5 * (before - after) / bend } else { 0.0 };
+        let shift = if bend > 0.0 {
+            0.5 * (before - after) / bend
+        } else {
+            0.0
+        };
         self.start = ((best as f64 + shift) / count as f64).rem_euclid(1.0);
         Ok(())
     }

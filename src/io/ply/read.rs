@@ -79,7 +79,9 @@ fn decode(kind: Kind, bytes: &[u8], big: bool) -> Number {
         Kind::U32 => Number::Whole(i64::from(u32::from_le_bytes(ordered(bytes, big)))),
         Kind::I64 => Number::Whole(i64::from_le_bytes(ordered(bytes, big))),
         // A count or an index of more than 63 bits is out of range whatever it is exactly.
-        Kind::U64 => Number::Whole(i64::try_from(u64::from_le_bytes(ordered(bytes, big))).unwrap_or(i64::MAX)),
+        Kind::U64 => Number::Whole(
+            i64::try_from(u64::from_le_bytes(ordered(bytes, big))).unwrap_or(i64::MAX),
+        ),
         Kind::F32 => Number::Real(f64::from(f32::from_le_bytes(ordered(bytes, big)))),
         Kind::F64 => Number::Real(f64::from_le_bytes(ordered(bytes, big))),
     }
@@ -110,12 +112,23 @@ struct Element {
 
 impl Element {
     fn position(&self, names: &[&[u8]]) -> Option<usize> {
-        self.properties.iter().position(|p| names.contains(&p.name.as_slice()))
+        self.properties
+            .iter()
+            .position(|p| names.contains(&p.name.as_slice()))
     }
 
     /// The size of a record of binary data, where all have the same.
     fn bytes_without_lists(&self) -> Option<usize> {
-        self.properties.iter().map(|p| if p.length.is_none() { Some(p.kind.bytes()) } else { None }).sum()
+        self.properties
+            .iter()
+            .map(|p| {
+                if p.length.is_none() {
+                    Some(p.kind.bytes())
+                } else {
+                    None
+                }
+            })
+            .sum()
     }
 }
 
@@ -128,7 +141,11 @@ pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
     let mut cursor = Cursor::new(name, bytes);
     let (encoding, elements) = header(&mut cursor)?;
     cursor.binary = encoding != Encoding::Text;
-    let mut body = Body { cursor, encoding, surface: Surface::default() };
+    let mut body = Body {
+        cursor,
+        encoding,
+        surface: Surface::default(),
+    };
     for element in &elements {
         body.check_room(element)?;
         match element.name.as_slice() {
@@ -151,7 +168,10 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
         let Some(line) = cursor.text_line()? else {
             return Err(cursor.fail(Problem::Truncated { what: "the header" }, b""));
         };
-        let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()).collect();
+        let words: Vec<&[u8]> = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty())
+            .collect();
         let expected = |what| cursor.fail(Problem::Expected { what }, line);
         match words.as_slice() {
             [] | [b"comment" | b"obj_info", ..] => {}
@@ -164,23 +184,40 @@ fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError
                 });
             }
             [b"element", name, number] => {
-                let count = count(number, "'element NAME COUNT'").map_err(|problem| cursor.fail(problem, line))?;
-                elements.push(Element { name: name.to_vec(), count, properties: Vec::new() });
+                let count = count(number, "'element NAME COUNT'")
+                    .map_err(|problem| cursor.fail(problem, line))?;
+                elements.push(Element {
+                    name: name.to_vec(),
+                    count,
+                    properties: Vec::new(),
+                });
             }
             [b"property", kind @ .., name] => {
                 let (length, kind) = match kind {
                     [b"list", length, kind] => (Some(Kind::parse(length)), Kind::parse(kind)),
                     [kind] => (None, Kind::parse(kind)),
-                    _ => return Err(expected("'property TYPE NAME' or 'property list TYPE TYPE NAME'")),
+                    _ => {
+                        return Err(expected(
+                            "'property TYPE NAME' or 'property list TYPE TYPE NAME'",
+                        ));
+                    }
                 };
                 let (Some(kind), false) = (kind, length == Some(None)) else {
                     return Err(expected("a type such as uchar, int, float or double"));
                 };
-                let Some(element) = elements.last_mut() else { return Err(expected("'element' before 'property'")) };
-                element.properties.push(Property { name: name.to_vec(), kind, length: length.flatten() });
+                let Some(element) = elements.last_mut() else {
+                    return Err(expected("'element' before 'property'"));
+                };
+                element.properties.push(Property {
+                    name: name.to_vec(),
+                    kind,
+                    length: length.flatten(),
+                });
             }
             [b"end_header"] => {
-                return encoding.map(|e| (e, elements)).ok_or_else(|| expected("'format' before 'end_header'"));
+                return encoding
+                    .map(|e| (e, elements))
+                    .ok_or_else(|| expected("'format' before 'end_header'"));
             }
             _ => return Err(expected("format, comment, element, property or end_header")),
         }
@@ -199,12 +236,21 @@ impl<'a> Body<'a> {
         let smallest: usize = element
             .properties
             .iter()
-            .map(|p| if self.encoding == Encoding::Text { 2 } else { p.length.unwrap_or(p.kind).bytes() })
+            .map(|p| {
+                if self.encoding == Encoding::Text {
+                    2
+                } else {
+                    p.length.unwrap_or(p.kind).bytes()
+                }
+            })
             .sum();
         // The last number of a text needs no space behind it; an element without properties takes no room at all.
         let possible = ((self.cursor.rest().len() + 1) / smallest.max(1)) as u64;
         if smallest > 0 && element.count > possible {
-            let problem = Problem::CountExceedsFile { declared: element.count, possible };
+            let problem = Problem::CountExceedsFile {
+                declared: element.count,
+                possible,
+            };
             return Err(self.cursor.fail(problem, &element.name));
         }
         Ok(())
@@ -213,16 +259,32 @@ impl<'a> Body<'a> {
     fn vertices(&mut self, element: &Element) -> Result<(), ReadError> {
         let axes = [b"x", b"y", b"z"].map(|axis| element.position(&[axis.as_slice()]));
         let [Some(x), Some(y), Some(z)] = axes else {
-            return Err(self.cursor.fail(Problem::Expected { what: "properties x, y and z of 'vertex'" }, b""));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "properties x, y and z of 'vertex'",
+                },
+                b"",
+            ));
         };
-        if [x, y, z].iter().any(|&i| element.properties[i].length.is_some()) {
-            return Err(self.cursor.fail(Problem::Expected { what: "numbers x, y and z, not lists" }, b""));
+        if [x, y, z]
+            .iter()
+            .any(|&i| element.properties[i].length.is_some())
+        {
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "numbers x, y and z, not lists",
+                },
+                b"",
+            ));
         }
         self.records(element, |surface, record, place| {
             let vertex = surface.vertices.len();
             let mut position = Point3::origin();
             for (axis, property) in [x, y, z].into_iter().enumerate() {
-                let value = record.first(property).ok_or(Problem::TooFewNumbers { got: axis, wanted: 3 })?;
+                let value = record.first(property).ok_or(Problem::TooFewNumbers {
+                    got: axis,
+                    wanted: 3,
+                })?;
                 position[axis] = match value {
                     Number::Beyond(0.0) => {
                         surface.underflow(&|| place);
@@ -239,7 +301,12 @@ impl<'a> Body<'a> {
 
     fn faces(&mut self, element: &Element) -> Result<(), ReadError> {
         let Some(property) = element.position(&[b"vertex_indices", b"vertex_index"]) else {
-            return Err(self.cursor.fail(Problem::Expected { what: "a list vertex_indices of 'face'" }, b""));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "a list vertex_indices of 'face'",
+                },
+                b"",
+            ));
         };
         let mut corners = Vec::new();
         self.records(element, |surface, record, place| {
@@ -255,11 +322,15 @@ impl<'a> Body<'a> {
     /// Edges are lines of two vertices; an element of that name with other properties is skipped.
     fn edges(&mut self, element: &Element) -> Result<(), ReadError> {
         let ends = [b"vertex1", b"vertex2"].map(|end| element.position(&[end.as_slice()]));
-        let [Some(first), Some(second)] = ends else { return self.records(element, |_, _, _| Ok(())) };
+        let [Some(first), Some(second)] = ends else {
+            return self.records(element, |_, _, _| Ok(()));
+        };
         self.records(element, |surface, record, _| {
             let mut corners = [0; 2];
             for (got, property) in [first, second].into_iter().enumerate() {
-                let value = record.first(property).ok_or(Problem::TooFewNumbers { got, wanted: 2 })?;
+                let value = record
+                    .first(property)
+                    .ok_or(Problem::TooFewNumbers { got, wanted: 2 })?;
                 corners[got] = surface.index(whole_index(value)?)?;
             }
             surface.line(&corners)
@@ -284,7 +355,9 @@ impl<'a> Body<'a> {
                 let start = self.cursor.position();
                 match stride {
                     // All parts of such a record stand where those of the first do.
-                    Some(stride) if !record.parts.is_empty() && self.cursor.rest().len() >= stride => {
+                    Some(stride)
+                        if !record.parts.is_empty() && self.cursor.rest().len() >= stride =>
+                    {
                         record.bytes = self.cursor.take(stride, "the elements")?;
                     }
                     _ => self.binary_record(element, &mut record)?,
@@ -293,34 +366,58 @@ impl<'a> Body<'a> {
                 b""
             };
             let place = self.cursor.place();
-            each(&mut self.surface, &record, place).map_err(|problem| self.cursor.fail(problem, quoted))?;
+            each(&mut self.surface, &record, place)
+                .map_err(|problem| self.cursor.fail(problem, quoted))?;
         }
         Ok(())
     }
 
     /// Reads a record of text, which is a line; returns the line.
-    fn text_record(&mut self, element: &Element, record: &mut Record<'a>) -> Result<&'a [u8], ReadError> {
+    fn text_record(
+        &mut self,
+        element: &Element,
+        record: &mut Record<'a>,
+    ) -> Result<&'a [u8], ReadError> {
         record.clear();
         let cursor = &mut self.cursor;
         let line = loop {
             match cursor.text_line()? {
-                None => return Err(cursor.fail(Problem::Truncated { what: "the elements" }, b"")),
+                None => {
+                    return Err(cursor.fail(
+                        Problem::Truncated {
+                            what: "the elements",
+                        },
+                        b"",
+                    ));
+                }
                 Some(line) if line.iter().all(u8::is_ascii_whitespace) => {}
                 Some(line) => break line,
             }
         };
         let here = *cursor;
-        let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+        let mut words = line
+            .split(u8::is_ascii_whitespace)
+            .filter(|word| !word.is_empty());
         let mut got = 0;
         let mut next = |kind: Kind| {
             let Some(word) = words.next() else {
-                return Err(here.fail(Problem::TooFewNumbers { got, wanted: got + 1 }, line));
+                return Err(here.fail(
+                    Problem::TooFewNumbers {
+                        got,
+                        wanted: got + 1,
+                    },
+                    line,
+                ));
             };
             got += 1;
             let value = match kind {
-                Kind::F32 | Kind::F64 => {
-                    number(word).map(|x| if beyond_double(word, x) { Number::Beyond(x) } else { Number::Real(x) })
-                }
+                Kind::F32 | Kind::F64 => number(word).map(|x| {
+                    if beyond_double(word, x) {
+                        Number::Beyond(x)
+                    } else {
+                        Number::Real(x)
+                    }
+                }),
                 _ => integer(word).map(Number::Whole),
             };
             value.map_err(|problem| here.fail(problem, word))
@@ -338,21 +435,32 @@ impl<'a> Body<'a> {
     }
 
     /// Finds the parts of a record of binary data.
-    fn binary_record(&mut self, element: &Element, record: &mut Record<'a>) -> Result<(), ReadError> {
+    fn binary_record(
+        &mut self,
+        element: &Element,
+        record: &mut Record<'a>,
+    ) -> Result<(), ReadError> {
         record.clear();
         let (start, bytes) = (self.cursor.position(), self.cursor.rest());
         for property in &element.properties {
             let length = match property.length {
                 None => 1,
                 Some(kind) => {
-                    let length = decode(kind, self.cursor.take(kind.bytes(), "the elements")?, record.big);
+                    let length = decode(
+                        kind,
+                        self.cursor.take(kind.bytes(), "the elements")?,
+                        record.big,
+                    );
                     whole_length(length).map_err(|problem| self.cursor.fail(problem, b""))?
                 }
             };
             let size = property.kind.bytes();
             let room = (self.cursor.rest().len() / size) as u64;
             if length > room {
-                let problem = Problem::CountExceedsFile { declared: length, possible: room };
+                let problem = Problem::CountExceedsFile {
+                    declared: length,
+                    possible: room,
+                };
                 return Err(self.cursor.fail(problem, &property.name));
             }
             let begin = self.cursor.position() - start;
@@ -367,14 +475,18 @@ impl<'a> Body<'a> {
 fn whole_index(index: Number) -> Result<i64, Problem> {
     match index {
         Number::Whole(index) => Ok(index),
-        _ => Err(Problem::Expected { what: "whole numbers as vertex indices" }),
+        _ => Err(Problem::Expected {
+            what: "whole numbers as vertex indices",
+        }),
     }
 }
 
 fn whole_length(length: Number) -> Result<u64, Problem> {
     match length {
         Number::Whole(n) if n >= 0 => Ok(n as u64),
-        _ => Err(Problem::Expected { what: "a whole number of list items" }),
+        _ => Err(Problem::Expected {
+            what: "a whole number of list items",
+        }),
     }
 }
 
@@ -393,7 +505,14 @@ impl Record<'_> {
     fn new(element: &Element, encoding: Encoding) -> Self {
         let (is_text, big) = (encoding == Encoding::Text, encoding == Encoding::Big);
         let kinds = element.properties.iter().map(|p| p.kind).collect();
-        Self { text: Vec::new(), bytes: b"", parts: Vec::new(), kinds, is_text, big }
+        Self {
+            text: Vec::new(),
+            bytes: b"",
+            parts: Vec::new(),
+            kinds,
+            is_text,
+            big,
+        }
     }
 
     fn clear(&mut self) {
@@ -419,7 +538,11 @@ impl Record<'_> {
 
     fn property(&self, i: usize) -> impl Iterator<Item = Number> {
         let (text, bytes, kind) = self.part(i);
-        text.iter().copied().chain(bytes.chunks_exact(kind.bytes()).map(move |b| decode(kind, b, self.big)))
+        text.iter().copied().chain(
+            bytes
+                .chunks_exact(kind.bytes())
+                .map(move |b| decode(kind, b, self.big)),
+        )
     }
 
     fn first(&self, i: usize) -> Option<Number> {

@@ -57,7 +57,10 @@ impl Kind {
 /// Another data set, a cell that is no part of a surface, a section whose size does not fit, a number that is none, an
 /// index out of range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
-    let mut reader = Reader { cursor: Cursor::new(name, bytes), surface: Surface::default() };
+    let mut reader = Reader {
+        cursor: Cursor::new(name, bytes),
+        surface: Surface::default(),
+    };
     if reader.header()? {
         reader.grid()?;
     } else {
@@ -129,10 +132,21 @@ impl<'a> Reader<'a> {
     /// Reads the header; tells whether the data set is an unstructured grid and not polydata.
     fn header(&mut self) -> Result<bool, ReadError> {
         let first = self.cursor.next_line().unwrap_or_default();
-        let version = first.trim_ascii().rsplit(u8::is_ascii_whitespace).next().unwrap_or_default();
+        let version = first
+            .trim_ascii()
+            .rsplit(u8::is_ascii_whitespace)
+            .next()
+            .unwrap_or_default();
         match number(version) {
             Ok(v) if (1.0..6.0).contains(&v) => {}
-            _ => return Err(self.cursor.fail(Problem::Expected { what: "a version from 1.0 to 5.1" }, first)),
+            _ => {
+                return Err(self.cursor.fail(
+                    Problem::Expected {
+                        what: "a version from 1.0 to 5.1",
+                    },
+                    first,
+                ));
+            }
         }
         // The title, which may be anything.
         self.cursor.next_line();
@@ -140,11 +154,23 @@ impl<'a> Reader<'a> {
         let binary = match encoding.to_ascii_uppercase().as_slice() {
             b"ASCII" => false,
             b"BINARY" => true,
-            _ => return Err(self.cursor.fail(Problem::Expected { what: "ASCII or BINARY" }, encoding)),
+            _ => {
+                return Err(self.cursor.fail(
+                    Problem::Expected {
+                        what: "ASCII or BINARY",
+                    },
+                    encoding,
+                ));
+            }
         };
         let word = self.word("DATASET POLYDATA")?;
         if !word.eq_ignore_ascii_case(b"DATASET") {
-            return Err(self.cursor.fail(Problem::Expected { what: "DATASET POLYDATA" }, word));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "DATASET POLYDATA",
+                },
+                word,
+            ));
         }
         let kind = self.word("POLYDATA or UNSTRUCTURED_GRID")?;
         let grid = kind.eq_ignore_ascii_case(b"UNSTRUCTURED_GRID");
@@ -160,7 +186,9 @@ impl<'a> Reader<'a> {
         while let Some(word) = self.cursor.token() {
             match word.to_ascii_uppercase().as_slice() {
                 b"POLYGONS" => self.add(|surface, corners, at| surface.polygon(corners, at))?,
-                b"TRIANGLE_STRIPS" => self.add(|surface, corners, at| surface.strip(corners, at))?,
+                b"TRIANGLE_STRIPS" => {
+                    self.add(|surface, corners, at| surface.strip(corners, at))?
+                }
                 b"LINES" => self.add(|surface, corners, _| surface.line(corners))?,
                 b"VERTICES" => self.add(|_, _, _| Ok(()))?,
                 b"POINT_DATA" | b"CELL_DATA" => break,
@@ -180,7 +208,12 @@ impl<'a> Reader<'a> {
                 b"CELLS" => cells = Some(self.cells()?),
                 b"CELL_TYPES" => {
                     let Some(cells) = cells.take() else {
-                        return Err(self.cursor.fail(Problem::Expected { what: "CELLS before CELL_TYPES" }, word));
+                        return Err(self.cursor.fail(
+                            Problem::Expected {
+                                what: "CELLS before CELL_TYPES",
+                            },
+                            word,
+                        ));
                     };
                     let count = self.count("the number of cells")?;
                     self.end_of_line()?;
@@ -189,19 +222,33 @@ impl<'a> Reader<'a> {
                 }
                 b"POINT_DATA" | b"CELL_DATA" => break,
                 section => {
-                    self.common_section(section, word, "POINTS, CELLS, CELL_TYPES, POINT_DATA or CELL_DATA")?;
+                    self.common_section(
+                        section,
+                        word,
+                        "POINTS, CELLS, CELL_TYPES, POINT_DATA or CELL_DATA",
+                    )?;
                 }
             }
         }
         match cells {
             // Without their types nobody knows what they are.
-            Some(_) => Err(self.cursor.fail(Problem::Expected { what: "CELL_TYPES behind CELLS" }, b"")),
+            Some(_) => Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "CELL_TYPES behind CELLS",
+                },
+                b"",
+            )),
             None => Ok(()),
         }
     }
 
     /// A section that both data sets may have.
-    fn common_section(&mut self, section: &[u8], word: &[u8], what: &'static str) -> Result<(), ReadError> {
+    fn common_section(
+        &mut self,
+        section: &[u8],
+        word: &[u8],
+        what: &'static str,
+    ) -> Result<(), ReadError> {
         match section {
             b"POINTS" => self.points(),
             b"METADATA" => {
@@ -229,7 +276,12 @@ impl<'a> Reader<'a> {
     fn kind(&mut self) -> Result<Kind, ReadError> {
         let word = self.word("a type such as float, double or int")?;
         let Some(kind) = Kind::parse(word) else {
-            return Err(self.cursor.fail(Problem::Expected { what: "a type such as float, double or int" }, word));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "a type such as float, double or int",
+                },
+                word,
+            ));
         };
         self.end_of_line()?;
         Ok(kind)
@@ -238,10 +290,20 @@ impl<'a> Reader<'a> {
     /// Binary numbers begin right behind one line feed; their bytes may look like more of it.
     fn end_of_line(&mut self) -> Result<(), ReadError> {
         while self.cursor.binary {
-            match self.cursor.take(1, "the end of a line before binary numbers")? {
+            match self
+                .cursor
+                .take(1, "the end of a line before binary numbers")?
+            {
                 b"\n" => break,
                 b" " | b"\t" | b"\r" => {}
-                other => return Err(self.cursor.fail(Problem::Expected { what: "the end of the line" }, other)),
+                other => {
+                    return Err(self.cursor.fail(
+                        Problem::Expected {
+                            what: "the end of the line",
+                        },
+                        other,
+                    ));
+                }
             }
         }
         Ok(())
@@ -250,10 +312,20 @@ impl<'a> Reader<'a> {
     /// Refuses a count of numbers before anything is read or reserved for it.
     fn check_room(&self, count: u64, kind: Kind) -> Result<usize, ReadError> {
         let rest = self.cursor.rest().len() as u64;
-        let possible = if self.cursor.binary { rest.saturating_mul(8) / kind.bits() } else { rest.div_ceil(2) };
+        let possible = if self.cursor.binary {
+            rest.saturating_mul(8) / kind.bits()
+        } else {
+            rest.div_ceil(2)
+        };
         match usize::try_from(count) {
             Ok(n) if count <= possible => Ok(n),
-            _ => Err(self.cursor.fail(Problem::CountExceedsFile { declared: count, possible }, b"")),
+            _ => Err(self.cursor.fail(
+                Problem::CountExceedsFile {
+                    declared: count,
+                    possible,
+                },
+                b"",
+            )),
         }
     }
 
@@ -299,7 +371,12 @@ impl<'a> Reader<'a> {
             }
             // What needs 64 bits is no index and no count of this file.
             Kind::Unsigned(bytes) => Ok(i64::try_from(self.big_endian(bytes)?).unwrap_or(i64::MAX)),
-            _ => Err(self.cursor.fail(Problem::Expected { what: "numbers of another type here" }, b"")),
+            _ => Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "numbers of another type here",
+                },
+                b"",
+            )),
         }
     }
 
@@ -319,7 +396,11 @@ impl<'a> Reader<'a> {
         for _ in 0..count {
             values.push(self.whole(kind)?);
         }
-        Ok(Numbers { values, start, kind })
+        Ok(Numbers {
+            values,
+            start,
+            kind,
+        })
     }
 
     /// Reads a section of cells and gives each to `add`.
@@ -332,7 +413,8 @@ impl<'a> Reader<'a> {
         for &(start, end) in &cells.ranges {
             cells.corners(&self.surface, (start, end), &mut corners)?;
             let at = || cells.place((start, end));
-            add(&mut self.surface, &corners, &at).map_err(|problem| cells.numbers.fail(start.max(1) - 1, problem))?;
+            add(&mut self.surface, &corners, &at)
+                .map_err(|problem| cells.numbers.fail(start.max(1) - 1, problem))?;
         }
         Ok(())
     }
@@ -341,7 +423,11 @@ impl<'a> Reader<'a> {
     fn cells(&mut self) -> Result<Cells<'a>, ReadError> {
         let first = self.count("the number of cells")?;
         let second = self.count("the size of the cells")?;
-        if self.cursor.peek().is_some_and(|word| word.eq_ignore_ascii_case(b"OFFSETS")) {
+        if self
+            .cursor
+            .peek()
+            .is_some_and(|word| word.eq_ignore_ascii_case(b"OFFSETS"))
+        {
             self.cells_with_offsets(first, second)
         } else {
             self.cells_with_counts(first, second)
@@ -355,19 +441,35 @@ impl<'a> Reader<'a> {
         }
         let numbers = self.numbers(size, Kind::Signed(4))?;
         let mut next = 0;
-        let mut ranges = Vec::with_capacity(numbers.values.len().min(usize::try_from(cells).unwrap_or(usize::MAX)));
+        let mut ranges = Vec::with_capacity(
+            numbers
+                .values
+                .len()
+                .min(usize::try_from(cells).unwrap_or(usize::MAX)),
+        );
         for _ in 0..cells {
-            let length = numbers.values.get(next).and_then(|&n| usize::try_from(n).ok());
-            let end = length.and_then(|n| (next + 1).checked_add(n)).filter(|&end| end <= numbers.values.len());
+            let length = numbers
+                .values
+                .get(next)
+                .and_then(|&n| usize::try_from(n).ok());
+            let end = length
+                .and_then(|n| (next + 1).checked_add(n))
+                .filter(|&end| end <= numbers.values.len());
             let Some(end) = end else {
-                let problem = Problem::Expected { what: "the number of corners of a cell, within the declared size" };
+                let problem = Problem::Expected {
+                    what: "the number of corners of a cell, within the declared size",
+                };
                 return Err(numbers.fail(next, problem));
             };
             ranges.push((next + 1, end));
             next = end;
         }
         if next != numbers.values.len() {
-            let problem = Problem::SizeMismatch { what: "the size of the cells", declared: size, used: next as u64 };
+            let problem = Problem::SizeMismatch {
+                what: "the size of the cells",
+                declared: size,
+                used: next as u64,
+            };
             return Err(numbers.fail(next, problem));
         }
         Ok(Cells { numbers, ranges })
@@ -380,16 +482,25 @@ impl<'a> Reader<'a> {
         let offsets = self.numbers(offsets, kind)?;
         let word = self.word("CONNECTIVITY")?;
         if !word.eq_ignore_ascii_case(b"CONNECTIVITY") {
-            return Err(self.cursor.fail(Problem::Expected { what: "CONNECTIVITY" }, word));
+            return Err(self.cursor.fail(
+                Problem::Expected {
+                    what: "CONNECTIVITY",
+                },
+                word,
+            ));
         }
         let kind = self.kind()?;
         let numbers = self.numbers(size, kind)?;
         let mut start = 0;
         let mut ranges = Vec::with_capacity(offsets.values.len().max(1) - 1);
         for (i, &offset) in offsets.values.iter().enumerate() {
-            let end = usize::try_from(offset).ok().filter(|&end| end >= start && end <= numbers.values.len());
+            let end = usize::try_from(offset)
+                .ok()
+                .filter(|&end| end >= start && end <= numbers.values.len());
             let Some(end) = end.filter(|&end| i > 0 || end == 0) else {
-                let problem = Problem::Expected { what: "offsets that begin at 0, rise and stay within the size" };
+                let problem = Problem::Expected {
+                    what: "offsets that begin at 0, rise and stay within the size",
+                };
                 return Err(offsets.fail(i, problem));
             };
             if i > 0 {
@@ -398,7 +509,11 @@ impl<'a> Reader<'a> {
             start = end;
         }
         if start != numbers.values.len() {
-            let problem = Problem::SizeMismatch { what: "the size of the cells", declared: size, used: start as u64 };
+            let problem = Problem::SizeMismatch {
+                what: "the size of the cells",
+                declared: size,
+                used: start as u64,
+            };
             return Err(numbers.fail(start, problem));
         }
         Ok(Cells { numbers, ranges })
@@ -407,7 +522,11 @@ impl<'a> Reader<'a> {
     /// Metadata are lines up to an empty one.
     fn skip_metadata(&mut self) {
         self.cursor.next_line();
-        while self.cursor.next_line().is_some_and(|line| !line.trim_ascii().is_empty()) {}
+        while self
+            .cursor
+            .next_line()
+            .is_some_and(|line| !line.trim_ascii().is_empty())
+        {}
     }
 
     fn skip_field(&mut self) -> Result<(), ReadError> {
@@ -426,7 +545,10 @@ impl<'a> Reader<'a> {
                 self.skip_strings(count)?;
             } else if self.cursor.binary {
                 let bytes = (count as u64).saturating_mul(kind.bits()).div_ceil(8);
-                self.cursor.take(usize::try_from(bytes).unwrap_or(usize::MAX), "a field array")?;
+                self.cursor.take(
+                    usize::try_from(bytes).unwrap_or(usize::MAX),
+                    "a field array",
+                )?;
             } else if kind == Kind::Text {
                 // Strings stand one on a line, and the rest of this line comes first.
                 self.cursor.skip_lines(count + 1);
@@ -443,7 +565,8 @@ impl<'a> Reader<'a> {
             let first = self.cursor.rest().first().copied().unwrap_or_default();
             let bytes = 8usize >> (first >> 6);
             let length = self.big_endian(bytes)? & (u64::MAX >> (66 - 8 * bytes));
-            self.cursor.take(usize::try_from(length).unwrap_or(usize::MAX), "a string")?;
+            self.cursor
+                .take(usize::try_from(length).unwrap_or(usize::MAX), "a string")?;
         }
         Ok(())
     }

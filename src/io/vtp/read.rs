@@ -125,7 +125,11 @@ struct Numbers<'a> {
 }
 
 enum Values<'a> {
-    Bytes { bytes: Cow<'a, [u8]>, kind: Kind, big_endian: bool },
+    Bytes {
+        bytes: Cow<'a, [u8]>,
+        kind: Kind,
+        big_endian: bool,
+    },
     Whole(Vec<i64>),
     Real(Vec<f64>),
 }
@@ -141,10 +145,24 @@ impl Numbers<'_> {
 
     /// The bits of a number and its type; `None` for numbers of text.
     fn word(&self, i: usize) -> Option<(u64, Kind)> {
-        let Values::Bytes { bytes, kind, big_endian } = &self.values else { return None };
+        let Values::Bytes {
+            bytes,
+            kind,
+            big_endian,
+        } = &self.values
+        else {
+            return None;
+        };
         let bytes = &bytes[i * kind.bytes()..][..kind.bytes()];
         let fold = |word: u64, &b: &u8| word << 8 | u64::from(b);
-        Some((if *big_endian { bytes.iter().fold(0, fold) } else { bytes.iter().rev().fold(0, fold) }, *kind))
+        Some((
+            if *big_endian {
+                bytes.iter().fold(0, fold)
+            } else {
+                bytes.iter().rev().fold(0, fold)
+            },
+            *kind,
+        ))
     }
 
     fn real(&self, i: usize) -> f64 {
@@ -158,7 +176,9 @@ impl Numbers<'_> {
 
     fn whole(&self, i: usize) -> i64 {
         match (&self.values, self.word(i)) {
-            (_, Some((word, Kind::Signed(bytes)))) => (word << (64 - 8 * bytes)) as i64 >> (64 - 8 * bytes),
+            (_, Some((word, Kind::Signed(bytes)))) => {
+                (word << (64 - 8 * bytes)) as i64 >> (64 - 8 * bytes)
+            }
             // What needs 64 bits is no index of this file, and neither is a real number.
             (_, Some((word, Kind::Unsigned(_)))) => i64::try_from(word).unwrap_or(i64::MAX),
             (Values::Whole(values), _) => values[i],
@@ -192,9 +212,20 @@ pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFi
 
 impl<'a> Reader<'a> {
     fn new(bytes: &'a [u8], name: &'a str, limit: u64) -> Self {
-        let layout = Layout { big_endian: false, header_bytes: 4, compressor: None, limit };
+        let layout = Layout {
+            big_endian: false,
+            header_bytes: 4,
+            compressor: None,
+            limit,
+        };
         let xml = Xml::new(name, bytes);
-        Self { xml, layout, surface: Surface::default(), appended: None, encoded_left: bytes.len() }
+        Self {
+            xml,
+            layout,
+            surface: Surface::default(),
+            appended: None,
+            encoded_left: bytes.len(),
+        }
     }
 
     /// Reads all tags, and no number.
@@ -216,8 +247,13 @@ impl<'a> Reader<'a> {
                     // What follows may be binary, and only the end tags come behind it.
                     break;
                 }
-                b"PointData" | b"CellData" | b"FieldData" | b"Points" | b"Verts" | b"Lines" | b"Strips" | b"Polys" => {
-                    section = if tag.closes || tag.empty { b"" } else { tag.name };
+                b"PointData" | b"CellData" | b"FieldData" | b"Points" | b"Verts" | b"Lines"
+                | b"Strips" | b"Polys" => {
+                    section = if tag.closes || tag.empty {
+                        b""
+                    } else {
+                        tag.name
+                    };
                 }
                 b"DataArray" if !tag.closes => {
                     let number = pieces.len();
@@ -229,7 +265,12 @@ impl<'a> Reader<'a> {
             }
         }
         if !ended {
-            return Err(self.xml.fail(Problem::Truncated { what: "the element PolyData" }, b""));
+            return Err(self.xml.fail(
+                Problem::Truncated {
+                    what: "the element PolyData",
+                },
+                b"",
+            ));
         }
         Ok(pieces)
     }
@@ -240,12 +281,20 @@ impl<'a> Reader<'a> {
 
     fn root(&mut self, tag: &Tag<'a>) -> Result<(), ReadError> {
         if tag.name != b"VTKFile" {
-            return Err(self.xml.fail(Problem::Unsupported { what: "XML other than VTK's" }, tag.name));
+            return Err(self.xml.fail(
+                Problem::Unsupported {
+                    what: "XML other than VTK's",
+                },
+                tag.name,
+            ));
         }
         let kind = tag.attribute("type").unwrap_or_default();
         if kind != b"PolyData" {
             let what = "VTK XML of another type than PolyData";
-            return Err(self.xml.fail(Problem::Unsupported { what }, if kind.is_empty() { tag.name } else { kind }));
+            return Err(self.xml.fail(
+                Problem::Unsupported { what },
+                if kind.is_empty() { tag.name } else { kind },
+            ));
         }
         self.layout.big_endian = match tag.attribute("byte_order") {
             None | Some(b"LittleEndian") => false,
@@ -262,13 +311,18 @@ impl<'a> Reader<'a> {
             Some(b"vtkZLibDataCompressor") => Some(Compressor::Zlib),
             Some(b"vtkLZ4DataCompressor") => Some(Compressor::Lz4),
             Some(b"vtkLZMADataCompressor") => Some(Compressor::Lzma),
-            Some(other) => return Err(self.expected("the compressor of VTK for zlib, lz4 or LZMA", other)),
+            Some(other) => {
+                return Err(self.expected("the compressor of VTK for zlib, lz4 or LZMA", other));
+            }
         };
         Ok(())
     }
 
     fn new_piece(&self, tag: &Tag<'a>) -> Result<Piece<'a>, ReadError> {
-        let mut piece = Piece { point_count: self.count(tag, "NumberOfPoints")?, ..Piece::default() };
+        let mut piece = Piece {
+            point_count: self.count(tag, "NumberOfPoints")?,
+            ..Piece::default()
+        };
         for (count, (_, attribute, _)) in piece.counts.iter_mut().zip(SECTIONS) {
             *count = self.count(tag, attribute)?;
         }
@@ -276,25 +330,39 @@ impl<'a> Reader<'a> {
     }
 
     fn count(&self, tag: &Tag<'a>, attribute: &str) -> Result<Option<u64>, ReadError> {
-        let Some(word) = tag.attribute(attribute) else { return Ok(None) };
+        let Some(word) = tag.attribute(attribute) else {
+            return Ok(None);
+        };
         let count = count(word.trim_ascii(), "a number of points or cells");
-        count.map(Some).map_err(|problem| self.xml.fail(problem, word))
+        count
+            .map(Some)
+            .map_err(|problem| self.xml.fail(problem, word))
     }
 
     fn appended_data(&self, tag: &Tag<'a>) -> Result<(&'a [u8], bool), ReadError> {
         let base64 = match tag.attribute("encoding") {
             Some(b"raw") => false,
             Some(b"base64") => true,
-            other => return Err(self.expected("raw or base64 as encoding", other.unwrap_or(tag.name))),
+            other => {
+                return Err(self.expected("raw or base64 as encoding", other.unwrap_or(tag.name)));
+            }
         };
-        match self.xml.bytes[tag.end..].trim_ascii_start().strip_prefix(b"_") {
+        match self.xml.bytes[tag.end..]
+            .trim_ascii_start()
+            .strip_prefix(b"_")
+        {
             Some(data) => Ok((data, base64)),
             None => Err(self.expected("an underscore before the appended data", b"")),
         }
     }
 
     /// An array of points or cells; `None` for others, which are skipped.
-    fn array(&self, tag: &Tag<'a>, section: &[u8], piece: usize) -> Result<Option<Array<'a>>, ReadError> {
+    fn array(
+        &self,
+        tag: &Tag<'a>,
+        section: &[u8],
+        piece: usize,
+    ) -> Result<Option<Array<'a>>, ReadError> {
         let name = tag.attribute("Name").unwrap_or_default();
         let cells = SECTIONS.iter().position(|(name, ..)| *name == section);
         let slot = match (section, cells, name) {
@@ -309,19 +377,38 @@ impl<'a> Reader<'a> {
     fn stored(&self, tag: &Tag<'a>, slot: Slot, piece: usize) -> Result<Array<'a>, ReadError> {
         let word = tag.attribute("type").unwrap_or_default();
         let Some(kind) = Kind::parse(word) else {
-            return Err(self.expected("a type such as Int64 or Float32", if word.is_empty() { tag.name } else { word }));
+            return Err(self.expected(
+                "a type such as Int64 or Float32",
+                if word.is_empty() { tag.name } else { word },
+            ));
         };
         let stored = match tag.attribute("format") {
-            None | Some(b"ascii") => Stored::Text(if tag.empty { b"" } else { self.xml.text_behind(tag) }),
-            Some(b"binary") => Stored::Base64(if tag.empty { b"" } else { self.xml.text_behind(tag) }),
+            None | Some(b"ascii") => Stored::Text(if tag.empty {
+                b""
+            } else {
+                self.xml.text_behind(tag)
+            }),
+            Some(b"binary") => Stored::Base64(if tag.empty {
+                b""
+            } else {
+                self.xml.text_behind(tag)
+            }),
             Some(b"appended") => {
                 let offset = tag.attribute("offset").unwrap_or_default().trim_ascii();
                 let found = if offset.is_empty() { tag.name } else { offset };
-                Stored::Appended(count(offset, "an offset").map_err(|problem| self.xml.fail(problem, found))?)
+                Stored::Appended(
+                    count(offset, "an offset").map_err(|problem| self.xml.fail(problem, found))?,
+                )
             }
             Some(other) => return Err(self.expected("ascii, binary or appended", other)),
         };
-        Ok(Array { kind, stored, tag: tag.name, slot, piece })
+        Ok(Array {
+            kind,
+            stored,
+            tag: tag.name,
+            slot,
+            piece,
+        })
     }
 
     fn piece(&mut self, piece: &Piece<'a>) -> Result<(), ReadError> {
@@ -330,10 +417,21 @@ impl<'a> Reader<'a> {
             self.points(array, piece.point_count)?;
         } else if let Some(declared @ 1..) = piece.point_count {
             let what = "the number of points";
-            return Err(self.xml.fail(Problem::SizeMismatch { what, declared, used: 0 }, b""));
+            return Err(self.xml.fail(
+                Problem::SizeMismatch {
+                    what,
+                    declared,
+                    used: 0,
+                },
+                b"",
+            ));
         }
         for i in 0..SECTIONS.len() {
-            match (piece.get(Slot::Corners(i)), piece.get(Slot::Ends(i)), piece.counts[i]) {
+            match (
+                piece.get(Slot::Corners(i)),
+                piece.get(Slot::Ends(i)),
+                piece.counts[i],
+            ) {
                 (_, _, Some(0)) | (None, None, None) => {}
                 (Some(corners), Some(ends), count) => self.cells(i, corners, ends, count, first)?,
                 (corners, ends, _) => {
@@ -349,8 +447,11 @@ impl<'a> Reader<'a> {
         let numbers = self.numbers(array, true)?;
         let used = (numbers.len() / 3) as u64;
         if numbers.len() % 3 != 0 || declared.is_some_and(|declared| declared != used) {
-            let problem =
-                Problem::SizeMismatch { what: "the number of points", declared: declared.unwrap_or(used + 1), used };
+            let problem = Problem::SizeMismatch {
+                what: "the number of points",
+                declared: declared.unwrap_or(used + 1),
+                used,
+            };
             return Err(self.fail_in(&numbers, problem, b""));
         }
         self.surface.vertices.reserve_exact(numbers.len() / 3);
@@ -359,8 +460,8 @@ impl<'a> Reader<'a> {
             for axis in 0..3 {
                 let value = numbers.real(3 * i + axis);
                 let vertex = self.surface.vertices.len();
-                position[axis] =
-                    finite(value, vertex).map_err(|p| self.fail_in(&numbers, p, value.to_string().as_bytes()))?;
+                position[axis] = finite(value, vertex)
+                    .map_err(|p| self.fail_in(&numbers, p, value.to_string().as_bytes()))?;
             }
             self.surface.vertices.push(position);
         }
@@ -378,16 +479,24 @@ impl<'a> Reader<'a> {
     ) -> Result<(), ReadError> {
         let (corners, ends) = (self.numbers(corners, false)?, self.numbers(ends, false)?);
         if let Some(declared) = declared.filter(|&n| n != ends.len() as u64) {
-            let problem = Problem::SizeMismatch { what: "the number of cells", declared, used: ends.len() as u64 };
+            let problem = Problem::SizeMismatch {
+                what: "the number of cells",
+                declared,
+                used: ends.len() as u64,
+            };
             return Err(self.fail_in(&ends, problem, b""));
         }
         let count = self.surface.vertices.len() - first;
         let mut cell = Vec::new();
         let mut start = 0;
         for i in 0..ends.len() {
-            let end = usize::try_from(ends.whole(i)).ok().filter(|&end| end >= start && end <= corners.len());
+            let end = usize::try_from(ends.whole(i))
+                .ok()
+                .filter(|&end| end >= start && end <= corners.len());
             let Some(end) = end else {
-                let problem = Problem::Expected { what: "offsets that rise and stay within the connectivity" };
+                let problem = Problem::Expected {
+                    what: "offsets that rise and stay within the connectivity",
+                };
                 return Err(self.fail_in(&ends, problem, ends.whole(i).to_string().as_bytes()));
             };
             cell.clear();
@@ -395,7 +504,11 @@ impl<'a> Reader<'a> {
             for k in start..end {
                 let index = corners.whole(k);
                 if !usize::try_from(index).is_ok_and(|i| i < count) {
-                    let problem = Problem::IndexOutOfRange { index, count, from_one: false };
+                    let problem = Problem::IndexOutOfRange {
+                        index,
+                        count,
+                        from_one: false,
+                    };
                     return Err(self.fail_in(&corners, problem, index.to_string().as_bytes()));
                 }
                 // A file of at most 2 GiB has fewer vertices than 32 bits count.
@@ -412,18 +525,26 @@ impl<'a> Reader<'a> {
         }
         if start != corners.len() {
             let (what, declared) = ("the connectivity of the cells", corners.len() as u64);
-            let problem = Problem::SizeMismatch { what, declared, used: start as u64 };
+            let problem = Problem::SizeMismatch {
+                what,
+                declared,
+                used: start as u64,
+            };
             return Err(self.fail_in(&corners, problem, b""));
         }
         Ok(())
     }
 
     fn fail_in(&self, numbers: &Numbers<'_>, problem: Problem, found: &[u8]) -> ReadError {
-        self.xml.cursor.fail_at_offset(numbers.place, numbers.text, problem, found).within(numbers.array.describe())
+        self.xml
+            .cursor
+            .fail_at_offset(numbers.place, numbers.text, problem, found)
+            .within(numbers.array.describe())
     }
 
     fn numbers(&mut self, array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
-        self.decoded(array, real).map_err(|error| error.within(array.describe()))
+        self.decoded(array, real)
+            .map_err(|error| error.within(array.describe()))
     }
 
     fn decoded(&mut self, array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
@@ -432,58 +553,112 @@ impl<'a> Reader<'a> {
             Stored::Base64(text) => (text, true),
             Stored::Appended(offset) => {
                 let Some((data, base64)) = self.appended else {
-                    return Err(self.expected("AppendedData for an array with an offset", array.tag));
+                    return Err(
+                        self.expected("AppendedData for an array with an offset", array.tag)
+                    );
                 };
-                let data = usize::try_from(offset).ok().and_then(|offset| data.get(offset..));
-                let problem = Problem::Expected { what: "an offset within the appended data" };
-                (data.ok_or_else(|| self.xml.fail(problem, array.tag))?, base64)
+                let data = usize::try_from(offset)
+                    .ok()
+                    .and_then(|offset| data.get(offset..));
+                let problem = Problem::Expected {
+                    what: "an offset within the appended data",
+                };
+                (
+                    data.ok_or_else(|| self.xml.fail(problem, array.tag))?,
+                    base64,
+                )
             }
         };
-        let place = self.xml.cursor.offset_of(text).unwrap_or(self.xml.bytes.len());
+        let place = self
+            .xml
+            .cursor
+            .offset_of(text)
+            .unwrap_or(self.xml.bytes.len());
         let mut source = Source::new(text, base64);
-        let bytes = source.array(self.layout).map_err(|fault| self.fault(fault, place))?;
+        let bytes = source
+            .array(self.layout)
+            .map_err(|fault| self.fault(fault, place))?;
         self.layout.limit = self.layout.limit.saturating_sub(bytes.len() as u64);
         let Some(left) = self.encoded_left.checked_sub(source.used()) else {
-            let problem = Problem::Expected { what: "arrays that share no bytes" };
+            let problem = Problem::Expected {
+                what: "arrays that share no bytes",
+            };
             return Err(self.xml.fail(problem, array.tag));
         };
         self.encoded_left = left;
         if bytes.len() % array.kind.bytes() != 0 {
             let (declared, used) = (bytes.len() as u64, array.kind.bytes() as u64);
-            let problem = Problem::SizeMismatch { what: "bytes of an array and of its type", declared, used };
+            let problem = Problem::SizeMismatch {
+                what: "bytes of an array and of its type",
+                declared,
+                used,
+            };
             return Err(self.xml.cursor.fail_at(Place::Offset(place), problem, b""));
         }
-        let values = Values::Bytes { bytes, kind: array.kind, big_endian: self.layout.big_endian };
-        Ok(Numbers { array, values, place, text: false })
+        let values = Values::Bytes {
+            bytes,
+            kind: array.kind,
+            big_endian: self.layout.big_endian,
+        };
+        Ok(Numbers {
+            array,
+            values,
+            place,
+            text: false,
+        })
     }
 
-    fn text(&mut self, text: &'a [u8], array: Array<'a>, real: bool) -> Result<Numbers<'a>, ReadError> {
+    fn text(
+        &mut self,
+        text: &'a [u8],
+        array: Array<'a>,
+        real: bool,
+    ) -> Result<Numbers<'a>, ReadError> {
         let mut words = Cursor::new("", text);
         let cursor = self.xml.cursor;
-        let place = cursor.offset_of(text).or(cursor.offset_of(array.tag)).unwrap_or_default();
+        let place = cursor
+            .offset_of(text)
+            .or(cursor.offset_of(array.tag))
+            .unwrap_or_default();
         let (mut reals, mut wholes) = (Vec::new(), Vec::new());
         while let Some(word) = words.token() {
             if real {
                 let value = coordinate(word, self.surface.vertices.len() + reals.len() / 3);
                 let value = value.map_err(|problem| self.xml.fail(problem, word))?;
                 if beyond_double(word, value) {
-                    self.surface.underflow(&|| cursor.place_of(cursor.offset_of(word).unwrap_or(place), true));
+                    self.surface.underflow(&|| {
+                        cursor.place_of(cursor.offset_of(word).unwrap_or(place), true)
+                    });
                 }
                 reals.push(value);
             } else {
                 wholes.push(integer(word).map_err(|problem| self.xml.fail(problem, word))?);
             }
         }
-        let values = if real { Values::Real(reals) } else { Values::Whole(wholes) };
-        Ok(Numbers { array, values, place, text: true })
+        let values = if real {
+            Values::Real(reals)
+        } else {
+            Values::Whole(wholes)
+        };
+        Ok(Numbers {
+            array,
+            values,
+            place,
+            text: true,
+        })
     }
 
     fn fault(&self, fault: Fault, place: usize) -> ReadError {
         let problem = match fault {
             Fault::Short => Problem::Truncated { what: "an array" },
             Fault::Expected(what) => Problem::Expected { what },
-            Fault::TooMany { declared, possible } => Problem::CountExceedsFile { declared, possible },
-            Fault::TooLarge { bytes } => Problem::TooLarge { bytes, limit: self.layout.limit },
+            Fault::TooMany { declared, possible } => {
+                Problem::CountExceedsFile { declared, possible }
+            }
+            Fault::TooLarge { bytes } => Problem::TooLarge {
+                bytes,
+                limit: self.layout.limit,
+            },
         };
         self.xml.cursor.fail_at(Place::Offset(place), problem, b"")
     }

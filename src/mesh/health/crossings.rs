@@ -41,7 +41,10 @@ pub fn crossings(
 ) -> Crossings {
     let tree = SurfaceTree::new(vertices, triangles);
     let budget = BUDGET.0 + BUDGET.1 * triangles.len();
-    let mut all = Crossings { complete: true, ..Crossings::default() };
+    let mut all = Crossings {
+        complete: true,
+        ..Crossings::default()
+    };
     let mut looked = 0;
     for start in (0..triangles.len()).step_by(CHUNK) {
         let end = (start + CHUNK).min(triangles.len());
@@ -57,7 +60,9 @@ pub fn crossings(
             let looked = near.len();
             near.retain(|&u| {
                 let u = u as usize;
-                u > t && !skipped(u) && predicates::intersect(of(t), of(u), |v| vertices[v as usize])
+                u > t
+                    && !skipped(u)
+                    && predicates::intersect(of(t), of(u), |v| vertices[v as usize])
             });
             near.sort_unstable();
             let count = near.len();
@@ -71,7 +76,8 @@ pub fn crossings(
             all.complete &= whole;
             all.count += count;
             let room = LISTED.saturating_sub(all.pairs.len());
-            all.pairs.extend(others.iter().take(room).map(|&u| [t as u32, u]));
+            all.pairs
+                .extend(others.iter().take(room).map(|&u| [t as u32, u]));
         }
     }
     all

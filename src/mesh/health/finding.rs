@@ -85,12 +85,20 @@ impl Kind {
             Self::NoTriangles => "export the surface with its triangles",
             Self::NonManifoldEdge => "--repair takes the surfaces apart there",
             Self::InconsistentOrientation => "--repair turns the fewer triangles round",
-            Self::OpenBoundary => "--repair joins rims whose vertices coincide; --close-holes closes the others",
+            Self::OpenBoundary => {
+                "--repair joins rims whose vertices coincide; --close-holes closes the others"
+            }
             Self::InsideOut => "--repair turns every closed piece outward",
-            Self::DuplicateTriangles => "--repair keeps one of each, and none where two face each other",
+            Self::DuplicateTriangles => {
+                "--repair keeps one of each, and none where two face each other"
+            }
             Self::UnusedVertices => "--repair drops them",
-            Self::DuplicateVertices => "--repair joins those on rims; the others belong to surfaces that touch",
-            Self::SelfIntersection => "move the parts apart in a mesh editor; a simulation takes it as it is",
+            Self::DuplicateVertices => {
+                "--repair joins those on rims; the others belong to surfaces that touch"
+            }
+            Self::SelfIntersection => {
+                "move the parts apart in a mesh editor; a simulation takes it as it is"
+            }
             Self::Slivers => "a simulation with `edge_length` remeshes them",
             Self::ZeroArea => "--repair flips or collapses them away, which moves nothing",
             Self::NonManifoldVertex => "--repair gives each surface a vertex of its own there",
@@ -136,7 +144,11 @@ const SHOWN: usize = 6;
 fn list(indices: &[u32]) -> String {
     let shown: Vec<String> = indices.iter().take(SHOWN).map(u32::to_string).collect();
     let more = indices.len().saturating_sub(SHOWN);
-    let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let rest = if more > 0 {
+        format!(" and {more} more")
+    } else {
+        String::new()
+    };
     shown.join(", ") + &rest
 }
 
@@ -147,7 +159,11 @@ pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
 
 /// Every digit of a coordinate, but not three hundred zeros.
 fn coordinate(c: f64) -> String {
-    if c == 0.0 || (1e-6..1e16).contains(&c.abs()) { format!("{c}") } else { format!("{c:e}") }
+    if c == 0.0 || (1e-6..1e16).contains(&c.abs()) {
+        format!("{c}")
+    } else {
+        format!("{c:e}")
+    }
 }
 
 struct Found<'a> {
@@ -157,15 +173,36 @@ struct Found<'a> {
 
 impl Found<'_> {
     /// Adds a finding if there is anything; `what` is told, then the place.
-    fn add(&mut self, kind: Kind, count: usize, what: String, vertices: Vec<u32>, triangles: Vec<u32>) {
+    fn add(
+        &mut self,
+        kind: Kind,
+        count: usize,
+        what: String,
+        vertices: Vec<u32>,
+        triangles: Vec<u32>,
+    ) {
         if count == 0 {
             return;
         }
-        let first = vertices.first().copied().or_else(|| Some(self.mesh.triangles[*triangles.first()? as usize][0]));
+        let first = vertices
+            .first()
+            .copied()
+            .or_else(|| Some(self.mesh.triangles[*triangles.first()? as usize][0]));
         let point: Option<[f64; 3]> = first.map(|v| self.mesh.vertices[v as usize].into());
-        let at = point.map_or_else(String::new, |p| format!(" at ({})", p.map(coordinate).join(", ")));
+        let at = point.map_or_else(String::new, |p| {
+            format!(" at ({})", p.map(coordinate).join(", "))
+        });
         let message = format!("{what}{at}");
-        self.findings.push(Finding { kind, count, message, place: Place { vertices, triangles, point } });
+        self.findings.push(Finding {
+            kind,
+            count,
+            message,
+            place: Place {
+                vertices,
+                triangles,
+                point,
+            },
+        });
     }
 
     /// Adds a finding about edges.
@@ -174,7 +211,10 @@ impl Found<'_> {
         let [a, b] = parts.topology.edges[edge as usize];
         let triangles = parts.topology.triangles_of_edge(edge as usize).to_vec();
         let many = counted(edges.len(), "edge", "edges");
-        let text = format!("{many} {what}; the first: {a}-{b} of triangles {}", list(&triangles));
+        let text = format!(
+            "{many} {what}; the first: {a}-{b} of triangles {}",
+            list(&triangles)
+        );
         self.add(kind, edges.len(), text, vec![a, b], triangles);
     }
 
@@ -182,40 +222,92 @@ impl Found<'_> {
     fn triangles(&mut self, kind: Kind, triangles: &[u32], what: &str) {
         let many = counted(triangles.len(), "triangle", "triangles");
         let first: Vec<u32> = triangles.iter().take(1).copied().collect();
-        self.add(kind, triangles.len(), format!("{many} {what}: {}", list(triangles)), Vec::new(), first);
+        self.add(
+            kind,
+            triangles.len(),
+            format!("{many} {what}: {}", list(triangles)),
+            Vec::new(),
+            first,
+        );
     }
 
     /// Adds a finding about vertices.
     fn vertices(&mut self, kind: Kind, vertices: &[u32], what: &str) {
         let many = counted(vertices.len(), "vertex", "vertices");
         let first: Vec<u32> = vertices.iter().take(1).copied().collect();
-        self.add(kind, vertices.len(), format!("{many} {what}: {}", list(vertices)), first, Vec::new());
+        self.add(
+            kind,
+            vertices.len(),
+            format!("{many} {what}: {}", list(vertices)),
+            first,
+            Vec::new(),
+        );
     }
 }
 
 /// Everything that is wrong, in the order of [`Kind::ALL`].
 pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Finding> {
-    let mut found = Found { mesh, findings: Vec::new() };
+    let mut found = Found {
+        mesh,
+        findings: Vec::new(),
+    };
     let none = usize::from(mesh.triangles.is_empty());
-    found.add(Kind::NoTriangles, none, "there are no triangles".into(), Vec::new(), Vec::new());
+    found.add(
+        Kind::NoTriangles,
+        none,
+        "there are no triangles".into(),
+        Vec::new(),
+        Vec::new(),
+    );
     let topology = &parts.topology;
-    found.edges(Kind::NonManifoldEdge, parts, &topology.non_manifold_edges(), "with more than two triangles");
+    found.edges(
+        Kind::NonManifoldEdge,
+        parts,
+        &topology.non_manifold_edges(),
+        "with more than two triangles",
+    );
     orientation(&mut found, parts);
     rims(&mut found, parts);
     inside_out(&mut found, parts, health);
-    let extra: Vec<u32> = parts.duplicates.iter().flat_map(|g| g[1..].iter().copied()).collect();
-    found.triangles(Kind::DuplicateTriangles, &extra, "with the same corners as another");
-    found.vertices(Kind::UnusedVertices, &parts.unused, "that no triangle names");
+    let extra: Vec<u32> = parts
+        .duplicates
+        .iter()
+        .flat_map(|g| g[1..].iter().copied())
+        .collect();
+    found.triangles(
+        Kind::DuplicateTriangles,
+        &extra,
+        "with the same corners as another",
+    );
+    found.vertices(
+        Kind::UnusedVertices,
+        &parts.unused,
+        "that no triangle names",
+    );
     let twice = |v: &u32| parts.first_in_place[*v as usize] != *v;
     let doubled: Vec<u32> = (0..mesh.vertices.len() as u32).filter(twice).collect();
     found.vertices(Kind::DuplicateVertices, &doubled, "in the place of another");
     crossing(&mut found, parts);
-    found.triangles(Kind::Slivers, &parts.slivers, "with an angle below 1 degree");
+    found.triangles(
+        Kind::Slivers,
+        &parts.slivers,
+        "with an angle below 1 degree",
+    );
     found.triangles(Kind::ZeroArea, &parts.zero_area, "without area");
-    found.vertices(Kind::NonManifoldVertex, &parts.non_manifold_vertices, "in which surfaces touch");
+    found.vertices(
+        Kind::NonManifoldVertex,
+        &parts.non_manifold_vertices,
+        "in which surfaces touch",
+    );
     if health.components > 1 {
         let what = format!("{} separate pieces", health.components);
-        found.add(Kind::SeveralComponents, health.components, what, Vec::new(), Vec::new());
+        found.add(
+            Kind::SeveralComponents,
+            health.components,
+            what,
+            Vec::new(),
+            Vec::new(),
+        );
     }
     found.findings
 }
@@ -227,12 +319,23 @@ fn orientation(found: &mut Found<'_>, parts: &Parts) {
         Some(_) => "run the same way by both triangles, on a surface with one side only".to_owned(),
         None => format!("run the same way by both triangles, {turned} to be turned round"),
     };
-    found.edges(Kind::InconsistentOrientation, parts, &parts.inconsistent, &what);
+    found.edges(
+        Kind::InconsistentOrientation,
+        parts,
+        &parts.inconsistent,
+        &what,
+    );
 }
 
 fn rims(found: &mut Found<'_>, parts: &Parts) {
-    let Some(first) = parts.rims.first() else { return };
-    let edges: usize = parts.rims.iter().map(|r| r.vertices.len() - usize::from(!r.closed)).sum();
+    let Some(first) = parts.rims.first() else {
+        return;
+    };
+    let edges: usize = parts
+        .rims
+        .iter()
+        .map(|r| r.vertices.len() - usize::from(!r.closed))
+        .sum();
     let what = format!(
         "{} with one triangle, in {}; the first rim has {}, from vertex {}",
         counted(edges, "edge", "edges"),
@@ -240,7 +343,13 @@ fn rims(found: &mut Found<'_>, parts: &Parts) {
         counted(first.vertices.len(), "vertex", "vertices"),
         first.vertices[0],
     );
-    found.add(Kind::OpenBoundary, edges, what, first.vertices.iter().take(SHOWN).copied().collect(), Vec::new());
+    found.add(
+        Kind::OpenBoundary,
+        edges,
+        what,
+        first.vertices.iter().take(SHOWN).copied().collect(),
+        Vec::new(),
+    );
 }
 
 fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
@@ -260,14 +369,31 @@ fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
 fn crossing(found: &mut Found<'_>, parts: &Parts) {
     let crossings = &parts.crossings;
     let least = if crossings.complete { "" } else { "at least " };
-    let many = counted(crossings.count, "pair of triangles meets", "pairs of triangles meet");
-    let unfinished = "too many triangles lie in one place to search for crossings among all of them".to_owned();
+    let many = counted(
+        crossings.count,
+        "pair of triangles meets",
+        "pairs of triangles meet",
+    );
+    let unfinished =
+        "too many triangles lie in one place to search for crossings among all of them".to_owned();
     match crossings.pairs.first() {
         Some(&[s, t]) => {
             let what = format!("{least}{many} where not joined; the first: {s} and {t}");
-            found.add(Kind::SelfIntersection, crossings.count, what, Vec::new(), vec![s, t]);
+            found.add(
+                Kind::SelfIntersection,
+                crossings.count,
+                what,
+                Vec::new(),
+                vec![s, t],
+            );
         }
-        None if !crossings.complete => found.add(Kind::SelfIntersection, 1, unfinished, Vec::new(), Vec::new()),
+        None if !crossings.complete => found.add(
+            Kind::SelfIntersection,
+            1,
+            unfinished,
+            Vec::new(),
+            Vec::new(),
+        ),
         None => {}
     }
 }

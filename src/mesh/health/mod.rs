@@ -87,7 +87,10 @@ impl Health {
     pub fn with_lines(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Self {
         let mut parts = Parts::of(mesh);
         let mut on_line = vec![false; mesh.vertices.len()];
-        lines.iter().flatten().for_each(|v| on_line[*v as usize] = true);
+        lines
+            .iter()
+            .flatten()
+            .for_each(|v| on_line[*v as usize] = true);
         parts.unused.retain(|v| !on_line[*v as usize]);
         let mut health = parts.counts(mesh);
         health.findings = finding::all(&parts, mesh, &health);
@@ -101,7 +104,9 @@ impl Health {
 
     /// Longest side of the bounding box.
     pub fn length(&self) -> f64 {
-        (0..3).map(|k| self.highest[k] - self.lowest[k]).fold(0.0, |a, b| if b <= a { a } else { b })
+        (0..3)
+            .map(|k| self.highest[k] - self.lowest[k])
+            .fold(0.0, |a, b| if b <= a { a } else { b })
     }
 }
 
@@ -125,17 +130,31 @@ impl Parts {
         let topology = Topology::new(mesh);
         let corners = |t: &u32| mesh.corners(*t as usize);
         let all = 0..mesh.triangles.len() as u32;
-        let zero_area: Vec<u32> = all.clone().filter(|t| predicates::is_flat(&corners(t))).collect();
-        let is_sliver =
-            |t: &u32| smallest_angle(predicates::near_one(corners(t))) < SLIVER && zero_area.binary_search(t).is_err();
+        let zero_area: Vec<u32> = all
+            .clone()
+            .filter(|t| predicates::is_flat(&corners(t)))
+            .collect();
+        let is_sliver = |t: &u32| {
+            smallest_angle(predicates::near_one(corners(t))) < SLIVER
+                && zero_area.binary_search(t).is_err()
+        };
         let slivers = all.filter(is_sliver).collect();
         let first_in_place = first_in_place(&mesh.vertices);
-        let named: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| first_in_place[v as usize])).collect();
+        let named: Vec<[u32; 3]> = mesh
+            .triangles
+            .iter()
+            .map(|t| t.map(|v| first_in_place[v as usize]))
+            .collect();
         let duplicates = same_corners(&named);
         let mut skipped = vec![false; mesh.triangles.len()];
-        zero_area.iter().chain(duplicates.iter().flat_map(|g| &g[1..])).for_each(|t| skipped[*t as usize] = true);
+        zero_area
+            .iter()
+            .chain(duplicates.iter().flat_map(|g| &g[1..]))
+            .for_each(|t| skipped[*t as usize] = true);
         Self {
-            crossings: crossings(&mesh.vertices, &mesh.triangles, &first_in_place, |t| skipped[t]),
+            crossings: crossings(&mesh.vertices, &mesh.triangles, &first_in_place, |t| {
+                skipped[t]
+            }),
             orientation: Orientation::new(&topology, &mesh.triangles),
             rims: rims(&topology),
             inconsistent: topology.inconsistent_edges(),
@@ -154,9 +173,13 @@ impl Parts {
 
     /// The enclosed volume; vertices that nothing names have no part in it, not even in the middle of the box.
     fn volume(&self, mesh: &TriangleMesh) -> f64 {
-        let (Some(first), false) = (mesh.triangles.first(), self.unused.is_empty()) else { return mesh.volume() };
+        let (Some(first), false) = (mesh.triangles.first(), self.unused.is_empty()) else {
+            return mesh.volume();
+        };
         let mut vertices = mesh.vertices.clone();
-        self.unused.iter().for_each(|v| vertices[*v as usize] = mesh.vertices[first[0] as usize]);
+        self.unused
+            .iter()
+            .for_each(|v| vertices[*v as usize] = mesh.vertices[first[0] as usize]);
         volume(&vertices, &mesh.triangles)
     }
 
@@ -169,7 +192,11 @@ impl Parts {
         let manifold = non_manifold_edges == 0 && self.non_manifold_vertices.is_empty();
         // Each handle takes 2 from the characteristic of a piece, each rim 1.
         let genus = (2 * components as i64 - self.rims.len() as i64 - euler) / 2;
-        let bounds = if mesh.vertices.is_empty() { Aabb::of_points(&[Point3::origin()]) } else { mesh.bounding_box() };
+        let bounds = if mesh.vertices.is_empty() {
+            Aabb::of_points(&[Point3::origin()])
+        } else {
+            mesh.bounding_box()
+        };
         Health {
             vertices: mesh.vertices.len(),
             triangles: mesh.triangles.len(),
@@ -186,7 +213,9 @@ impl Parts {
             slivers: self.slivers.len(),
             zero_area: self.zero_area.len(),
             duplicate_triangles: self.duplicates.iter().map(|g| g.len() - 1).sum(),
-            duplicate_vertices: (0..mesh.vertices.len()).filter(|&v| self.first_in_place[v] != v as u32).count(),
+            duplicate_vertices: (0..mesh.vertices.len())
+                .filter(|&v| self.first_in_place[v] != v as u32)
+                .count(),
             unused_vertices: self.unused.len(),
             self_intersections: self.crossings.count,
             self_intersections_complete: self.crossings.complete,

@@ -3,15 +3,26 @@ use crate::mesh::shapes::{box_surface, icosphere};
 use proptest::prelude::*;
 
 fn codes(mesh: &TriangleMesh) -> Vec<&'static str> {
-    Health::of(mesh).findings.iter().map(|f| f.kind.code()).collect()
+    Health::of(mesh)
+        .findings
+        .iter()
+        .map(|f| f.kind.code())
+        .collect()
 }
 
 #[test]
 fn a_sound_surface_has_no_finding() {
     for mesh in [icosphere(0.1, 3), box_surface([1.0, 2.0, 3.0], 0.5)] {
         let health = Health::of(&mesh);
-        assert!(health.findings.is_empty() && health.is_fit(), "{:?}", health.findings);
-        assert_eq!((health.genus, health.components, health.boundary_loops), (Some(0), 1, 0));
+        assert!(
+            health.findings.is_empty() && health.is_fit(),
+            "{:?}",
+            health.findings
+        );
+        assert_eq!(
+            (health.genus, health.components, health.boundary_loops),
+            (Some(0), 1, 0)
+        );
         assert!(health.self_intersections_complete);
     }
 }
@@ -37,26 +48,59 @@ fn ailing() -> Vec<(&'static str, TriangleMesh, Vec<&'static str>)> {
     let second = |m: &mut TriangleMesh| {
         let count = m.vertices.len() as u32;
         let far = sphere();
-        m.vertices.extend(far.vertices.iter().map(|p| p + nalgebra::Vector3::x() * 5.0));
-        m.triangles.extend(far.triangles.iter().map(|t| t.map(|v| v + count)));
+        m.vertices.extend(
+            far.vertices
+                .iter()
+                .map(|p| p + nalgebra::Vector3::x() * 5.0),
+        );
+        m.triangles
+            .extend(far.triangles.iter().map(|t| t.map(|v| v + count)));
     };
     let touching = |m: &mut TriangleMesh| {
         second(m);
         let half = m.triangles.len() / 2;
         let (near, other) = (m.triangles[0][0], m.triangles[half][0]);
-        m.triangles.iter_mut().flatten().filter(|v| **v == other).for_each(|v| *v = near);
+        m.triangles
+            .iter_mut()
+            .flatten()
+            .filter(|v| **v == other)
+            .for_each(|v| *v = near);
     };
     vec![
         ("hole", with(&|m| m.triangles.truncate(319)), vec!["E032"]),
         ("fin", with(&fin), vec!["E030", "E032"]),
-        ("one turned", with(&|m| m.triangles[5].swap(0, 1)), vec!["E031"]),
-        ("inside out", with(&|m| m.triangles.iter_mut().for_each(|t| t.swap(0, 1))), vec!["E038"]),
-        ("unused", with(&|m| m.vertices.push(nalgebra::Point3::new(9.0, 0.0, 0.0))), vec!["W005"]),
-        ("duplicate", with(&|m| m.triangles.push(m.triangles[3])), vec!["E030", "W004"]),
-        ("needle", with(&needle), vec!["W006", "W007", "W009", "W011"]),
+        (
+            "one turned",
+            with(&|m| m.triangles[5].swap(0, 1)),
+            vec!["E031"],
+        ),
+        (
+            "inside out",
+            with(&|m| m.triangles.iter_mut().for_each(|t| t.swap(0, 1))),
+            vec!["E038"],
+        ),
+        (
+            "unused",
+            with(&|m| m.vertices.push(nalgebra::Point3::new(9.0, 0.0, 0.0))),
+            vec!["W005"],
+        ),
+        (
+            "duplicate",
+            with(&|m| m.triangles.push(m.triangles[3])),
+            vec!["E030", "W004"],
+        ),
+        (
+            "needle",
+            with(&needle),
+            vec!["W006", "W007", "W009", "W011"],
+        ),
         ("dent", with(&dent), vec!["W007", "W009"]),
         ("two", with(&second), vec!["W013"]),
-        ("touching", with(&touching), vec!["W005", "W007", "W009", "W012"]),
+        (
+            "touching",
+            with(&touching),
+            vec!["W005", "W007", "W009", "W012"],
+        ),
         ("nothing", TriangleMesh::default(), vec!["E046"]),
     ]
 }
@@ -67,9 +111,17 @@ fn each_ailment_is_found() {
         let found = codes(&mesh);
         // Moving a vertex far gives slivers and crossings beside what it is meant for.
         let rest: Vec<_> = found.iter().filter(|c| !expected.contains(c)).collect();
-        assert!(rest.is_empty(), "{name}: {found:?} has more than {expected:?}");
-        let needed = expected.iter().filter(|c| !["W007", "W009"].contains(*c) || name == "dent" && **c == "W007");
-        assert!(needed.into_iter().all(|c| found.contains(c)), "{name}: {found:?} lacks some of {expected:?}");
+        assert!(
+            rest.is_empty(),
+            "{name}: {found:?} has more than {expected:?}"
+        );
+        let needed = expected
+            .iter()
+            .filter(|c| !["W007", "W009"].contains(*c) || name == "dent" && **c == "W007");
+        assert!(
+            needed.into_iter().all(|c| found.contains(c)),
+            "{name}: {found:?} lacks some of {expected:?}"
+        );
     }
 }
 
@@ -82,9 +134,21 @@ fn findings_name_their_place() {
     let finding = &health.findings[0];
     assert_eq!((finding.count, finding.place.triangles.len()), (3, 2));
     let text = &finding.message;
-    assert!(text.starts_with("3 edges run the same way by both triangles, 1 triangle to be turned round; the first: "));
-    assert!(finding.place.vertices.iter().all(|v| [a, b, mesh.triangles[0][2]].contains(v)), "{text}");
-    assert!(finding.place.point.is_some() && text.contains(" at ("), "{text}");
+    assert!(text.starts_with(
+        "3 edges run the same way by both triangles, 1 triangle to be turned round; the first: "
+    ));
+    assert!(
+        finding
+            .place
+            .vertices
+            .iter()
+            .all(|v| [a, b, mesh.triangles[0][2]].contains(v)),
+        "{text}"
+    );
+    assert!(
+        finding.place.point.is_some() && text.contains(" at ("),
+        "{text}"
+    );
 }
 
 #[test]
@@ -112,9 +176,16 @@ fn a_heap_of_triangles_is_not_searched_for_ever() {
     let mut draw = crate::testing::Draw::new(8);
     let vertices = (0..3 * count).map(|_| draw.direction().into()).collect();
     let triangles = (0..count).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-    let health = Health::of(&TriangleMesh { vertices, triangles });
+    let health = Health::of(&TriangleMesh {
+        vertices,
+        triangles,
+    });
     assert!(!health.self_intersections_complete && health.self_intersections > 1000);
-    let said = health.findings.iter().find(|f| f.kind == Kind::SelfIntersection).expect("crossings");
+    let said = health
+        .findings
+        .iter()
+        .find(|f| f.kind == Kind::SelfIntersection)
+        .expect("crossings");
     assert!(said.message.starts_with("at least "), "{}", said.message);
 }
 

@@ -9,7 +9,8 @@ use crate::mesh::shapes::{box_surface, icosphere, tetrahedron, tube};
 
 /// The folder of real data, if there is one.
 fn data() -> Option<PathBuf> {
-    let folder = std::env::var_os("PLIANT_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
+    let folder = std::env::var_os("PLIANT_DATA")
+        .map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from);
     folder.is_dir().then_some(folder)
 }
 
@@ -24,7 +25,13 @@ fn read_obj(path: &std::path::Path) -> TriangleMesh {
                 mesh.vertices.push(Point3::new(c[0], c[1], c[2]));
             }
             Some("f") => {
-                let index = |w: &str| w.split('/').next().and_then(|n| n.parse::<u32>().ok()).expect("index") - 1;
+                let index = |w: &str| {
+                    w.split('/')
+                        .next()
+                        .and_then(|n| n.parse::<u32>().ok())
+                        .expect("index")
+                        - 1
+                };
                 let c: Vec<u32> = words.map(index).collect();
                 (1..c.len() - 1).for_each(|k| mesh.triangles.push([c[0], c[k], c[k + 1]]));
             }
@@ -46,7 +53,11 @@ fn assert_same_kind(before: &TriangleMesh, after: &TriangleMesh) {
 
 #[test]
 fn real_muscles() {
-    let names = ["Gluteus_maximus_muscle.r", "Gluteus_medius_muscle.r", "Iliacus_muscle.r"];
+    let names = [
+        "Gluteus_maximus_muscle.r",
+        "Gluteus_medius_muscle.r",
+        "Iliacus_muscle.r",
+    ];
     let Some(data) = data() else {
         println!("skipped: {} muscles, no data folder", names.len());
         return;
@@ -55,7 +66,10 @@ fn real_muscles() {
     for name in names {
         let mesh = read_obj(&data.join("body/muscles").join(format!("{name}.obj")));
         let start = Instant::now();
-        let Refined { mesh: refined, report } = refine(&mesh, wanted).expect("sound");
+        let Refined {
+            mesh: refined,
+            report,
+        } = refine(&mesh, wanted).expect("sound");
         println!(
             "{name}: {} -> {} vertices, edges {:.2}..{:.2} mm, angle {:.1} deg, deviation {:.3} mm, volume {:+.4} %, {:.2} s",
             mesh.vertices.len(),
@@ -81,34 +95,56 @@ fn slivers_are_removed() {
     // A tube with forty segments and rings three times as far apart, and fans of needles at its ends.
     let mut mesh = tube(0.5, 2.0, 40);
     mesh.vertices.iter_mut().for_each(|p| p.x *= 3.0);
-    let sharpest = mesh.smallest_angles().into_iter().fold(f64::INFINITY, f64::min);
+    let sharpest = mesh
+        .smallest_angles()
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
     assert!(sharpest.to_degrees() < 10.0);
-    let Refined { mesh: refined, report } = refine(&mesh, 0.25).expect("sound");
+    let Refined {
+        mesh: refined,
+        report,
+    } = refine(&mesh, 0.25).expect("sound");
     assert_same_kind(&mesh, &refined);
     assert!(report.min_angle.to_degrees() > 20.0, "{report:?}");
-    assert!(report.max_edge < 1.6 * 0.25 && report.min_edge > 0.3 * 0.25, "{report:?}");
-    assert!(report.deviation < 0.1 * 0.25 && report.deviation > 0.0, "{report:?}");
+    assert!(
+        report.max_edge < 1.6 * 0.25 && report.min_edge > 0.3 * 0.25,
+        "{report:?}"
+    );
+    assert!(
+        report.deviation < 0.1 * 0.25 && report.deviation > 0.0,
+        "{report:?}"
+    );
     assert!(report.volume_change.abs() < 2e-2, "{report:?}");
 }
 
 #[test]
 fn sharp_edges_and_corners_of_a_box_stay() {
     let mesh = box_surface([1.0, 0.5, 0.7], 0.35);
-    let Refined { mesh: refined, report } = refine(&mesh, 0.12).expect("sound");
+    let Refined {
+        mesh: refined,
+        report,
+    } = refine(&mesh, 0.12).expect("sound");
     assert_same_kind(&mesh, &refined);
     assert!(report.deviation < 0.1 * 0.12, "{report:?}");
     assert!(report.volume_change.abs() < 0.02, "{report:?}");
     assert!(report.min_angle.to_degrees() > 15.0, "{report:?}");
     let bounds = (mesh.bounding_box(), refined.bounding_box());
-    assert!((bounds.0.min - bounds.1.min).norm() < 0.012 && (bounds.0.max - bounds.1.max).norm() < 0.012);
+    assert!(
+        (bounds.0.min - bounds.1.min).norm() < 0.012
+            && (bounds.0.max - bounds.1.max).norm() < 0.012
+    );
 }
 
 #[test]
 fn an_open_mesh_keeps_its_boundary() {
     let mut mesh = icosphere(1.0, 2);
-    mesh.triangles.retain(|t| t.iter().all(|&v| mesh.vertices[v as usize].y > -0.3));
+    mesh.triangles
+        .retain(|t| t.iter().all(|&v| mesh.vertices[v as usize].y > -0.3));
     let before = Topology::new(&mesh);
-    let Refined { mesh: refined, report } = refine(&mesh, 0.12).expect("sound");
+    let Refined {
+        mesh: refined,
+        report,
+    } = refine(&mesh, 0.12).expect("sound");
     assert_same_kind(&mesh, &refined);
     let after = Topology::new(&refined);
     assert!(!after.is_closed() && after.boundary_edges().len() > before.boundary_edges().len());
@@ -125,17 +161,32 @@ fn an_open_mesh_keeps_its_boundary() {
 fn what_cannot_be_refined_is_named() {
     let mesh = tetrahedron();
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(refine(&mesh, bad), Err(RefineError::EdgeLength(_))));
+        assert!(matches!(
+            refine(&mesh, bad),
+            Err(RefineError::EdgeLength(_))
+        ));
     }
-    assert_eq!(refine(&TriangleMesh::default(), 0.1), Err(RefineError::Empty));
-    assert!(matches!(refine(&mesh, 1e-6), Err(RefineError::TooManyTriangles { .. })));
+    assert_eq!(
+        refine(&TriangleMesh::default(), 0.1),
+        Err(RefineError::Empty)
+    );
+    assert!(matches!(
+        refine(&mesh, 1e-6),
+        Err(RefineError::TooManyTriangles { .. })
+    ));
     let mut flipped = mesh.clone();
     flipped.triangles[1].swap(0, 1);
     assert_eq!(refine(&flipped, 0.5), Err(RefineError::NotOriented));
     let mut fin = mesh.clone();
     fin.vertices.push(Point3::new(3.0, 0.0, 0.0));
     fin.triangles.push([0, 1, 4]);
-    assert_eq!(refine(&fin, 0.5), Err(RefineError::NotManifold { edges: 1, vertices: 0 }));
+    assert_eq!(
+        refine(&fin, 0.5),
+        Err(RefineError::NotManifold {
+            edges: 1,
+            vertices: 0
+        })
+    );
     let mut broken = mesh;
     broken.triangles[0][0] = 9;
     assert!(matches!(refine(&broken, 0.5), Err(RefineError::Mesh(_))));
@@ -161,14 +212,21 @@ fn it_can_be_stopped_wherever_it_is_and_not_being_stopped_changes_nothing() {
     for at in [0, 1, all / 4, all / 2, all - 2, all - 1] {
         let left = std::cell::Cell::new(at);
         let go_on = || left.replace(left.get() - 1) > 0;
-        assert_eq!(refine_while(&mesh, 0.05, &go_on), Err(RefineError::Stopped), "after {at} of {all}");
+        assert_eq!(
+            refine_while(&mesh, 0.05, &go_on),
+            Err(RefineError::Stopped),
+            "after {at} of {all}"
+        );
         assert_eq!(left.get(), -1, "asked again after it had said no");
     }
 }
 
 #[test]
 fn a_surface_without_extent_does_not_panic() {
-    let mesh = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: tetrahedron().triangles };
+    let mesh = TriangleMesh {
+        vertices: vec![Point3::origin(); 4],
+        triangles: tetrahedron().triangles,
+    };
     let refined = refine(&mesh, 0.1).expect("manifold");
     assert_eq!(refined.mesh.triangles.len(), 4);
 }

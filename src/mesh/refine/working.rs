@@ -56,10 +56,18 @@ pub(super) struct Working<'a> {
 
 /// The sine of the smallest angle of a triangle; zero for one without area.
 pub(super) fn smallest_sine([a, b, c]: &Corners) -> f64 {
-    let (ab, bc, ca) = ((b - a).norm_squared(), (c - b).norm_squared(), (a - c).norm_squared());
+    let (ab, bc, ca) = (
+        (b - a).norm_squared(),
+        (c - b).norm_squared(),
+        (a - c).norm_squared(),
+    );
     let longer_two = ab * bc * ca / ab.min(bc).min(ca);
     let double_area = (b - a).cross(&(c - a)).norm();
-    if double_area > 0.0 { double_area / longer_two.sqrt() } else { 0.0 }
+    if double_area > 0.0 {
+        double_area / longer_two.sqrt()
+    } else {
+        0.0
+    }
 }
 
 fn cross([a, b, c]: &Corners) -> Vector3<f64> {
@@ -80,9 +88,13 @@ impl<'a> Working<'a> {
     ) -> Self {
         let mut boundary = vec![false; mesh.vertices.len()];
         for e in topology.boundary_edges() {
-            topology.edges[e as usize].iter().for_each(|&v| boundary[v as usize] = true);
+            topology.edges[e as usize]
+                .iter()
+                .for_each(|&v| boundary[v as usize] = true);
         }
-        let rings = (0..mesh.vertices.len()).map(|v| topology.triangles_of_vertex(v).to_vec()).collect();
+        let rings = (0..mesh.vertices.len())
+            .map(|v| topology.triangles_of_vertex(v).to_vec())
+            .collect();
         let mut working = Self {
             points: mesh.vertices.clone(),
             triangles: mesh.triangles.clone(),
@@ -126,7 +138,10 @@ impl<'a> Working<'a> {
             let around = topology.triangles_of_edge(e);
             let folded = match *around {
                 [t, u] => {
-                    let (m, n) = (cross(&mesh.corners(t as usize)), cross(&mesh.corners(u as usize)));
+                    let (m, n) = (
+                        cross(&mesh.corners(t as usize)),
+                        cross(&mesh.corners(u as usize)),
+                    );
                     m.dot(&n) < FEATURE_COSINE * m.norm() * n.norm()
                 }
                 _ => true,
@@ -178,7 +193,9 @@ impl<'a> Working<'a> {
 
     /// Neighbours of a vertex along edges, ascending.
     fn neighbours(&self, v: u32) -> Vec<u32> {
-        let ring = self.rings[v as usize].iter().flat_map(|&t| self.triangles[t as usize]);
+        let ring = self.rings[v as usize]
+            .iter()
+            .flat_map(|&t| self.triangles[t as usize]);
         let mut all: Vec<u32> = ring.filter(|&w| w != v).collect();
         all.sort_unstable();
         all.dedup();
@@ -192,7 +209,10 @@ impl<'a> Working<'a> {
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
                 // An edge of the rim has no triangle that runs it the other way.
-                let once = a < b || (self.boundary[a as usize] && self.boundary[b as usize] && self.is_rim(a, b));
+                let once = a < b
+                    || (self.boundary[a as usize]
+                        && self.boundary[b as usize]
+                        && self.is_rim(a, b));
                 if once {
                     let length = self.length(a, b);
                     if wanted(length) {
@@ -211,44 +231,66 @@ impl<'a> Working<'a> {
 
     /// Area-weighted normal of a vertex; zero if its triangles cancel.
     pub fn normal(&self, v: u32) -> Vector3<f64> {
-        let sum: Vector3<f64> = self.rings[v as usize].iter().map(|&t| cross(&self.corners(t))).sum();
+        let sum: Vector3<f64> = self.rings[v as usize]
+            .iter()
+            .map(|&t| cross(&self.corners(t)))
+            .sum();
         sum.try_normalize(0.0).unwrap_or_default()
     }
 
     /// The closest point of the original to `p` among parts that face along `normal`.
     pub fn project(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> Option<Point3<f64>> {
-        self.original.closest_facing(p, normal, VERTEX_FACING, self.reach).map(|c| c.point)
+        self.original
+            .closest_facing(p, normal, VERTEX_FACING, self.reach)
+            .map(|c| c.point)
     }
 
     /// Whether `new` triangles, the changed corner first, may take the place of the `old`.
     fn may_replace(&self, old: &[u32], new: &[Corners], limits: &Limits) -> bool {
-        let before = old.iter().map(|&t| smallest_sine(&self.corners(t))).fold(1.0, f64::min);
+        let before = old
+            .iter()
+            .map(|&t| smallest_sine(&self.corners(t)))
+            .fold(1.0, f64::min);
         if worst_sine(new) < limits.sine.min(before) {
             return false;
         }
         for corners in new {
             let [a, b, c] = corners;
-            let Some(normal) = cross(corners).try_normalize(0.0) else { return false };
+            let Some(normal) = cross(corners).try_normalize(0.0) else {
+                return false;
+            };
             let third = Point3::from((a.coords + b.coords + c.coords) / 3.0);
-            let near =
-                |p: &Point3<f64>| self.original.is_near_facing_from(&self.likely, p, &normal, FACING, limits.deviation);
+            let near = |p: &Point3<f64>| {
+                self.original.is_near_facing_from(
+                    &self.likely,
+                    p,
+                    &normal,
+                    FACING,
+                    limits.deviation,
+                )
+            };
             if !near(&third) || ![0.5, 0.25, 0.75].iter().all(|&s| near(&(a + (b - a) * s))) {
                 return false;
             }
         }
         let watched = old.iter().flat_map(|&t| &self.carried[t as usize]);
         let square = limits.deviation * limits.deviation;
-        watched
-            .map(|&s| &self.samples[s as usize])
-            .all(|s| new.iter().any(|corners| (s - closest_on_triangle(s, corners)).norm_squared() <= square))
+        watched.map(|&s| &self.samples[s as usize]).all(|s| {
+            new.iter()
+                .any(|corners| (s - closest_on_triangle(s, corners)).norm_squared() <= square)
+        })
     }
 
     /// Hands samples of triangles that are about to change to the nearest of those that replace them.
     fn hand_over(&mut self, samples: Vec<u32>, to: &[u32]) {
         for s in samples {
             let point = self.samples[s as usize];
-            let distance = |&t: &u32| (point - closest_on_triangle(&point, &self.corners(t))).norm_squared();
-            let nearest = to.iter().copied().min_by(|t, u| distance(t).total_cmp(&distance(u)));
+            let distance =
+                |&t: &u32| (point - closest_on_triangle(&point, &self.corners(t))).norm_squared();
+            let nearest = to
+                .iter()
+                .copied()
+                .min_by(|t, u| distance(t).total_cmp(&distance(u)));
             if let Some(t) = nearest {
                 self.carried[t as usize].push(s);
             }
@@ -256,14 +298,20 @@ impl<'a> Working<'a> {
     }
 
     fn take_samples(&mut self, triangles: &[u32]) -> Vec<u32> {
-        triangles.iter().flat_map(|&t| std::mem::take(&mut self.carried[t as usize])).collect()
+        triangles
+            .iter()
+            .flat_map(|&t| std::mem::take(&mut self.carried[t as usize]))
+            .collect()
     }
 
     /// Splits the edge at its middle.
     pub fn split(&mut self, a: u32, b: u32) {
         let sides = self.sides(a, b);
         let m = self.points.len() as u32;
-        self.points.push(nalgebra::center(&self.points[a as usize], &self.points[b as usize]));
+        self.points.push(nalgebra::center(
+            &self.points[a as usize],
+            &self.points[b as usize],
+        ));
         self.rings.push(Vec::new());
         self.boundary.push(sides.iter().flatten().count() == 1);
         for (side, (from, to)) in sides.into_iter().zip([(a, b), (b, a)]) {
@@ -281,7 +329,10 @@ impl<'a> Working<'a> {
     }
 
     fn replace_in_ring(&mut self, v: u32, old: u32, new: u32) {
-        self.rings[v as usize].iter_mut().filter(|t| **t == old).for_each(|t| *t = new);
+        self.rings[v as usize]
+            .iter_mut()
+            .filter(|t| **t == old)
+            .for_each(|t| *t = new);
     }
 
     fn remove_from_ring(&mut self, v: u32, old: u32) {
@@ -290,21 +341,43 @@ impl<'a> Working<'a> {
 
     /// Collapses the edge to a point on the original, if the limits and the topology allow it.
     pub fn collapse(&mut self, a: u32, b: u32, limits: &Limits) -> bool {
-        let (a, b) = if self.boundary[b as usize] { (b, a) } else { (a, b) };
-        let [Some((t, c)), Some((u, d))] = self.sides(a, b) else { return false };
+        let (a, b) = if self.boundary[b as usize] {
+            (b, a)
+        } else {
+            (a, b)
+        };
+        let [Some((t, c)), Some((u, d))] = self.sides(a, b) else {
+            return false;
+        };
         if self.boundary[b as usize] || !self.link_condition(a, b, c, d) {
             return false;
         }
         let (p, q) = (self.points[a as usize], self.points[b as usize]);
         let normal = self.normal(a) + self.normal(b);
         let middle = self.project(&nalgebra::center(&p, &q), &normal);
-        let targets = if self.boundary[a as usize] { [None, Some(p), None] } else { [middle, Some(p), Some(q)] };
-        let around = |v: u32| self.rings[v as usize].iter().copied().filter(move |&s| s != t && s != u);
-        let kept: Vec<(u32, u32)> = around(a).map(|s| (s, a)).chain(around(b).map(|s| (s, b))).collect();
+        let targets = if self.boundary[a as usize] {
+            [None, Some(p), None]
+        } else {
+            [middle, Some(p), Some(q)]
+        };
+        let around = |v: u32| {
+            self.rings[v as usize]
+                .iter()
+                .copied()
+                .filter(move |&s| s != t && s != u)
+        };
+        let kept: Vec<(u32, u32)> = around(a)
+            .map(|s| (s, a))
+            .chain(around(b).map(|s| (s, b)))
+            .collect();
         let old: Vec<u32> = kept.iter().map(|&(s, _)| s).chain([t, u]).collect();
         let allowed = targets.into_iter().flatten().find(|target| {
-            let new: Vec<Corners> = kept.iter().map(|&(s, v)| self.with_corner(s, v, target)).collect();
-            new.iter().all(|[x, y, _]| (y - x).norm() <= limits.longest) && self.may_replace(&old, &new, limits)
+            let new: Vec<Corners> = kept
+                .iter()
+                .map(|&(s, v)| self.with_corner(s, v, target))
+                .collect();
+            new.iter().all(|[x, y, _]| (y - x).norm() <= limits.longest)
+                && self.may_replace(&old, &new, limits)
         });
         let Some(target) = allowed else { return false };
         self.merge(a, b, [(t, c), (u, d)], target, &kept);
@@ -317,10 +390,21 @@ impl<'a> Working<'a> {
         while corners[0] != vertex {
             corners.rotate_left(1);
         }
-        [*target, self.points[corners[1] as usize], self.points[corners[2] as usize]]
+        [
+            *target,
+            self.points[corners[1] as usize],
+            self.points[corners[2] as usize],
+        ]
     }
 
-    fn merge(&mut self, a: u32, b: u32, gone: [(u32, u32); 2], target: Point3<f64>, kept: &[(u32, u32)]) {
+    fn merge(
+        &mut self,
+        a: u32,
+        b: u32,
+        gone: [(u32, u32); 2],
+        target: Point3<f64>,
+        kept: &[(u32, u32)],
+    ) {
         let kept: Vec<u32> = kept.iter().map(|&(s, _)| s).collect();
         let mut samples = self.take_samples(&kept);
         samples.extend(self.take_samples(&gone.map(|(t, _)| t)));
@@ -329,7 +413,10 @@ impl<'a> Working<'a> {
             self.remove_from_ring(tip, t);
         }
         for &s in &kept {
-            self.triangles[s as usize].iter_mut().filter(|v| **v == b).for_each(|v| *v = a);
+            self.triangles[s as usize]
+                .iter_mut()
+                .filter(|v| **v == b)
+                .for_each(|v| *v = a);
         }
         self.points[a as usize] = target;
         self.rings[a as usize] = kept.clone();
@@ -340,8 +427,12 @@ impl<'a> Working<'a> {
     /// Whether the surface stays a manifold of the same genus: only the wing tips are neighbours of both ends.
     fn link_condition(&self, a: u32, b: u32, c: u32, d: u32) -> bool {
         let (near_a, near_b) = (self.neighbours(a), self.neighbours(b));
-        let shared = near_a.iter().filter(|v| near_b.binary_search(v).is_ok()).count();
-        let enough = |v: u32| self.rings[v as usize].len() > if self.boundary[v as usize] { 1 } else { 3 };
+        let shared = near_a
+            .iter()
+            .filter(|v| near_b.binary_search(v).is_ok())
+            .count();
+        let enough =
+            |v: u32| self.rings[v as usize].len() > if self.boundary[v as usize] { 1 } else { 3 };
         c != d && shared == 2 && enough(c) && enough(d)
     }
 
@@ -353,9 +444,17 @@ impl<'a> Working<'a> {
         limits: &Limits,
         better: impl Fn(&Self, [u32; 4], f64, f64) -> bool,
     ) -> bool {
-        let [Some((t, c)), Some((u, d))] = self.sides(a, b) else { return false };
-        let enough = |v: u32| self.rings[v as usize].len() > if self.boundary[v as usize] { 2 } else { 3 };
-        if c == d || !enough(a) || !enough(b) || self.sides(c, d) != [None; 2] || self.length(c, d) > limits.longest {
+        let [Some((t, c)), Some((u, d))] = self.sides(a, b) else {
+            return false;
+        };
+        let enough =
+            |v: u32| self.rings[v as usize].len() > if self.boundary[v as usize] { 2 } else { 3 };
+        if c == d
+            || !enough(a)
+            || !enough(b)
+            || self.sides(c, d) != [None; 2]
+            || self.length(c, d) > limits.longest
+        {
             return false;
         }
         let [p, q, r, s] = [a, b, c, d].map(|v| self.points[v as usize]);
@@ -384,13 +483,17 @@ impl<'a> Working<'a> {
     /// The worst sine around a vertex if it were at `target`.
     pub fn sine_with(&self, v: u32, target: &Point3<f64>) -> f64 {
         let ring = self.rings[v as usize].iter();
-        ring.map(|&t| smallest_sine(&self.with_corner(t, v, target))).fold(1.0, f64::min)
+        ring.map(|&t| smallest_sine(&self.with_corner(t, v, target)))
+            .fold(1.0, f64::min)
     }
 
     /// Moves a vertex to a point of the original, if the limits allow it.
     pub fn shift(&mut self, v: u32, target: Point3<f64>, limits: &Limits) -> bool {
         let ring = self.rings[v as usize].clone();
-        let new: Vec<Corners> = ring.iter().map(|&t| self.with_corner(t, v, &target)).collect();
+        let new: Vec<Corners> = ring
+            .iter()
+            .map(|&t| self.with_corner(t, v, &target))
+            .collect();
         let folds = ring.iter().zip(&new).any(|(&t, n)| {
             let before = cross(&self.corners(t));
             before.norm_squared() > 0.0 && cross(n).dot(&before) <= 0.0
@@ -422,7 +525,8 @@ impl<'a> Working<'a> {
                 let point = &self.samples[s as usize];
                 drift = drift.max((point - closest_on_triangle(point, &corners)).norm());
             }
-            mesh.triangles.push(self.triangles[t as usize].map(|v| names[v as usize]));
+            mesh.triangles
+                .push(self.triangles[t as usize].map(|v| names[v as usize]));
         }
         (mesh, names, drift)
     }

@@ -20,7 +20,10 @@ pub struct Deviation {
 
 /// Measures both ways.
 pub fn deviation(first: &TriangleMesh, second: &TriangleMesh) -> Deviation {
-    Deviation { lost: one_way(first, second), added: one_way(second, first) }
+    Deviation {
+        lost: one_way(first, second),
+        added: one_way(second, first),
+    }
 }
 
 fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
@@ -33,7 +36,16 @@ fn one_way(from: &TriangleMesh, to: &TriangleMesh) -> Option<f64> {
         let [a, b, c] = from.corners(t);
         let middle = |p: Point3<f64>, q: Point3<f64>| p + (q - p) * 0.5;
         let centroid = a + ((b - a) + (c - a)) / 3.0;
-        greatest([a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid].iter().map(distance))
+        greatest(
+            [a, b, c, middle(a, b), middle(b, c), middle(c, a), centroid]
+                .iter()
+                .map(distance),
+        )
     };
-    Some(greatest((0..from.triangles.len()).into_par_iter().map(furthest).collect::<Vec<_>>()))
+    Some(greatest(
+        (0..from.triangles.len())
+            .into_par_iter()
+            .map(furthest)
+            .collect::<Vec<_>>(),
+    ))
 }

@@ -26,19 +26,29 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         }
         let mut ring = rim.vertices;
         // The cover runs the first edge of the rim against its triangle; should others disagree, they are turned later.
-        let Some(edge) = topology.find_edge(ring[0], ring[1]) else { continue };
-        let Some(&beside) = topology.triangles_of_edge(edge as usize).first() else { continue };
+        let Some(edge) = topology.find_edge(ring[0], ring[1]) else {
+            continue;
+        };
+        let Some(&beside) = topology.triangles_of_edge(edge as usize).first() else {
+            continue;
+        };
         let corners = working.triangles[beside as usize];
         let along = (0..3).any(|k| corners[k] == ring[0] && corners[(k + 1) % 3] == ring[1]);
         if !along {
             ring.reverse();
         }
-        let Some(cover) = cover(&ring, &working.vertices, &topology, &chords) else { continue };
+        let Some(cover) = cover(&ring, &working.vertices, &topology, &chords) else {
+            continue;
+        };
         // A loose triangle is no hole: its cover would be the same triangle turned round.
         if cover.len() == 1 && ring.iter().all(|v| corners.contains(v)) {
             continue;
         }
-        chords.extend(cover.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)].map(|(u, v)| [u.min(v), u.max(v)])));
+        chords.extend(
+            cover
+                .iter()
+                .flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)].map(|(u, v)| [u.min(v), u.max(v)])),
+        );
         closed += 1;
         added += cover.len();
         around.extend(ring.iter().map(|v| working.vertex_origin[*v as usize]));
@@ -46,7 +56,10 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         working.triangles.extend(cover);
     }
     let message = || {
-        let (holes, triangles) = (counted(closed, "hole", "holes"), counted(added, "triangle", "triangles"));
+        let (holes, triangles) = (
+            counted(closed, "hole", "holes"),
+            counted(added, "triangle", "triangles"),
+        );
         format!("closed {holes} with {triangles}")
     };
     working.note(Step::ClosedHoles, closed, message, around);
@@ -65,7 +78,12 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
     let mut open: Vec<Vec<(u32, u32)>> = vec![Vec::new(); working.vertices.len()];
     let mut edges = Vec::new();
     for e in topology.boundary_edges() {
-        let ([a, b], [t]) = (topology.edges[e as usize], topology.triangles_of_edge(e as usize)) else { continue };
+        let ([a, b], [t]) = (
+            topology.edges[e as usize],
+            topology.triangles_of_edge(e as usize),
+        ) else {
+            continue;
+        };
         edges.push(([a, b], *t));
         open[a as usize].push((b, *t));
         open[b as usize].push((a, *t));
@@ -79,11 +97,15 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
             continue;
         }
         let third = open[a as usize].iter().find_map(|&(c, s)| {
-            let at = open[b as usize].binary_search_by_key(&c, |(other, _)| *other).ok()?;
+            let at = open[b as usize]
+                .binary_search_by_key(&c, |(other, _)| *other)
+                .ok()?;
             let all = [t, s, open[b as usize][at].1];
             // Three edges of one triangle are that triangle, and no gap.
             let apart = all[0] != all[1] && all[1] != all[2] && all[2] != all[0];
-            let unused = [[a, c], [b, c]].iter().all(|[u, v]| !used.contains(&[*u.min(v), *u.max(v)]));
+            let unused = [[a, c], [b, c]]
+                .iter()
+                .all(|[u, v]| !used.contains(&[*u.min(v), *u.max(v)]));
             (c != b && apart && unused).then_some(c)
         });
         if let Some(c) = third {
@@ -94,11 +116,20 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
             added.push(if along { [b, a, c] } else { [a, b, c] });
         }
     }
-    let around: Vec<u32> = added.iter().flatten().map(|v| working.vertex_origin[*v as usize]).collect();
+    let around: Vec<u32> = added
+        .iter()
+        .flatten()
+        .map(|v| working.vertex_origin[*v as usize])
+        .collect();
     let count = added.len();
     working.triangle_origin.extend(added.iter().map(|_| None));
     working.triangles.extend(added);
-    let message = || format!("closed {} between triangles that meet in corners", counted(count, "gap", "gaps"));
+    let message = || {
+        format!(
+            "closed {} between triangles that meet in corners",
+            counted(count, "gap", "gaps")
+        )
+    };
     working.note(Step::ClosedHoles, count, message, around);
 }
 
@@ -115,11 +146,18 @@ fn cover(
 ) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
     // A chord that is an edge already would get more triangles than two.
-    let is_edge = |u: u32, v: u32| topology.find_edge(u, v).is_some() || chords.contains(&[u.min(v), u.max(v)]);
-    let free = |i: usize, j: usize| j - i == 1 || (i == 0 && j == n - 1) || !is_edge(ring[i], ring[j]);
+    let is_edge = |u: u32, v: u32| {
+        topology.find_edge(u, v).is_some() || chords.contains(&[u.min(v), u.max(v)])
+    };
+    let free =
+        |i: usize, j: usize| j - i == 1 || (i == 0 && j == n - 1) || !is_edge(ring[i], ring[j]);
     let mut best: Vec<Option<(Cost, usize)>> = vec![None; n * n];
     let cost = |best: &[Option<(Cost, usize)>], i: usize, j: usize| -> Option<Cost> {
-        if j - i == 1 { Some((0, 0.0)) } else { best[i * n + j].map(|(cost, _)| cost) }
+        if j - i == 1 {
+            Some((0, 0.0))
+        } else {
+            best[i * n + j].map(|(cost, _)| cost)
+        }
     };
     for span in 2..n {
         for i in 0..n - span {
@@ -128,12 +166,19 @@ fn cover(
                 continue;
             }
             for m in i + 1..j {
-                let (Some(left), Some(right)) = (cost(&best, i, m), cost(&best, m, j)) else { continue };
+                let (Some(left), Some(right)) = (cost(&best, i, m), cost(&best, m, j)) else {
+                    continue;
+                };
                 let corners = [i, m, j].map(|k| points[ring[k] as usize]);
-                let area = 0.5 * (corners[1] - corners[0]).cross(&(corners[2] - corners[0])).norm();
+                let area = 0.5
+                    * (corners[1] - corners[0])
+                        .cross(&(corners[2] - corners[0]))
+                        .norm();
                 let flat = u32::from(is_flat(&corners));
                 let total = (left.0 + right.0 + flat, left.1 + right.1 + area);
-                let better = |(known, _): (Cost, usize)| total.0 < known.0 || (total.0 == known.0 && total.1 < known.1);
+                let better = |(known, _): (Cost, usize)| {
+                    total.0 < known.0 || (total.0 == known.0 && total.1 < known.1)
+                };
                 if best[i * n + j].is_none_or(better) {
                     best[i * n + j] = Some((total, m));
                 }

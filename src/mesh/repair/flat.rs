@@ -44,12 +44,26 @@ pub(super) fn cut(working: &mut Working) {
         }
     }
     let count = cut.len();
-    let left = (0..working.triangles.len()).filter(|&t| is_flat(&working.corners(t))).count();
+    let left = (0..working.triangles.len())
+        .filter(|&t| is_flat(&working.corners(t)))
+        .count();
     let message = || {
-        let rest = if left > 0 { format!("; {left} are left") } else { String::new() };
-        format!("cut away {} without area, which moves nothing{rest}", counted(count, "triangle", "triangles"))
+        let rest = if left > 0 {
+            format!("; {left} are left")
+        } else {
+            String::new()
+        };
+        format!(
+            "cut away {} without area, which moves nothing{rest}",
+            counted(count, "triangle", "triangles")
+        )
     };
-    working.note(Step::CutZeroArea, count, message, cut.into_iter().flatten().collect());
+    working.note(
+        Step::CutZeroArea,
+        count,
+        message,
+        cut.into_iter().flatten().collect(),
+    );
 }
 
 fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
@@ -64,9 +78,20 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
     let mut touched = vec![false; working.vertices.len()];
     let mut gone = vec![false; working.triangles.len()];
     for t in flat {
-        let Some((deed, corners)) = plan(t, &working.triangles, &working.vertices, &topology) else { continue };
-        let around = || corners.iter().flat_map(|v| topology.triangles_of_vertex(*v as usize));
-        if around().any(|u| working.triangles[*u as usize].iter().any(|v| touched[*v as usize])) {
+        let Some((deed, corners)) = plan(t, &working.triangles, &working.vertices, &topology)
+        else {
+            continue;
+        };
+        let around = || {
+            corners
+                .iter()
+                .flat_map(|v| topology.triangles_of_vertex(*v as usize))
+        };
+        if around().any(|u| {
+            working.triangles[*u as usize]
+                .iter()
+                .any(|v| touched[*v as usize])
+        }) {
             continue;
         }
         corners.iter().for_each(|v| touched[*v as usize] = true);
@@ -76,9 +101,17 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
                 for &u in topology.triangles_of_vertex(drop as usize) {
                     let corners = &mut working.triangles[u as usize];
                     gone[u as usize] |= corners.contains(&keep);
-                    corners.iter_mut().filter(|v| **v == drop).for_each(|v| *v = keep);
+                    corners
+                        .iter_mut()
+                        .filter(|v| **v == drop)
+                        .for_each(|v| *v = keep);
                 }
-                working.lines.iter_mut().flatten().filter(|v| **v == drop).for_each(|v| *v = keep);
+                working
+                    .lines
+                    .iter_mut()
+                    .flatten()
+                    .filter(|v| **v == drop)
+                    .for_each(|v| *v = keep);
             }
             Cut::Flip { across, halves } => {
                 working.triangles[across] = halves[0];
@@ -91,9 +124,17 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
 }
 
 /// What to do about triangle `t`, and the vertices that it concerns; `None` where nothing can be done now.
-fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Topology) -> Option<(Cut, Vec<u32>)> {
+fn plan(
+    t: usize,
+    triangles: &[[u32; 3]],
+    points: &[Point3<f64>],
+    topology: &Topology,
+) -> Option<(Cut, Vec<u32>)> {
     let corners = triangles[t];
-    if corners.iter().any(|v| topology.triangles_of_vertex(*v as usize).len() > CROWD) {
+    if corners
+        .iter()
+        .any(|v| topology.triangles_of_vertex(*v as usize).len() > CROWD)
+    {
         return None;
     }
     let at = |v: u32| points[v as usize];
@@ -109,24 +150,39 @@ fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Top
     let key = |k: usize| at(corners[k]);
     let compare = |i: &usize, j: &usize| {
         let (p, q) = (key(*i), key(*j));
-        p.x.total_cmp(&q.x).then(p.y.total_cmp(&q.y)).then(p.z.total_cmp(&q.z))
+        p.x.total_cmp(&q.x)
+            .then(p.y.total_cmp(&q.y))
+            .then(p.z.total_cmp(&q.z))
     };
     let mut order = [0, 1, 2];
     order.sort_by(compare);
     let long = (order[1] + 1) % 3;
-    let [a, c, b] = [corners[long], corners[(long + 1) % 3], corners[(long + 2) % 3]];
+    let [a, c, b] = [
+        corners[long],
+        corners[(long + 1) % 3],
+        corners[(long + 2) % 3],
+    ];
     match *topology.triangles_of_edge(topology.triangle_edges[t][long] as usize) {
         [_] => Some((Cut::Drop, corners.to_vec())),
         [s, u] => {
             let across = if s as usize == t { u } else { s } as usize;
             let apex = *triangles[across].iter().find(|v| **v != a && **v != c)?;
             // One without area has to be cut first, or the two would be flipped back and forth.
-            if apex == b || topology.find_edge(apex, b).is_some() || is_flat(&triangles[across].map(at)) {
+            if apex == b
+                || topology.find_edge(apex, b).is_some()
+                || is_flat(&triangles[across].map(at))
+            {
                 return None;
             }
             // Each half is the triangle across with one end of the long side moved to the middle.
             let with = |end: u32| triangles[across].map(|v| if v == end { b } else { v });
-            Some((Cut::Flip { across, halves: [with(a), with(c)] }, vec![a, b, c, apex]))
+            Some((
+                Cut::Flip {
+                    across,
+                    halves: [with(a), with(c)],
+                },
+                vec![a, b, c, apex],
+            ))
         }
         _ => None,
     }
@@ -136,22 +192,34 @@ fn plan(t: usize, triangles: &[[u32; 3]], points: &[Point3<f64>], topology: &Top
 fn link_is_free(a: u32, b: u32, topology: &Topology, triangles: &[[u32; 3]]) -> bool {
     let around = |v: u32| {
         let ring = topology.triangles_of_vertex(v as usize);
-        let mut ring: Vec<u32> = ring.iter().flat_map(|t| triangles[*t as usize]).filter(|w| *w != v).collect();
+        let mut ring: Vec<u32> = ring
+            .iter()
+            .flat_map(|t| triangles[*t as usize])
+            .filter(|w| *w != v)
+            .collect();
         ring.sort_unstable();
         ring.dedup();
         ring
     };
-    let Some(edge) = topology.find_edge(a, b) else { return false };
+    let Some(edge) = topology.find_edge(a, b) else {
+        return false;
+    };
     let (around_a, around_b) = (around(a), around(b));
-    let common = around_a.iter().filter(|v| around_b.binary_search(v).is_ok()).count();
+    let common = around_a
+        .iter()
+        .filter(|v| around_b.binary_search(v).is_ok())
+        .count();
     let opposite = topology.triangles_of_edge(edge as usize).len();
     // Two rims that a collapse would bring together stay apart.
     let on_rim = |v: u32| {
         let ring = topology.triangles_of_vertex(v as usize);
-        let sides = ring.iter().flat_map(|t| topology.triangle_edges[*t as usize]);
-        sides
-            .into_iter()
-            .any(|e| topology.edges[e as usize].contains(&v) && topology.triangles_of_edge(e as usize).len() == 1)
+        let sides = ring
+            .iter()
+            .flat_map(|t| topology.triangle_edges[*t as usize]);
+        sides.into_iter().any(|e| {
+            topology.edges[e as usize].contains(&v)
+                && topology.triangles_of_edge(e as usize).len() == 1
+        })
     };
     common == opposite && (opposite == 1 || !(on_rim(a) && on_rim(b)))
 }

@@ -49,19 +49,29 @@ pub(super) fn turn(working: &mut Working) {
         let around = topology.triangles_of_edge(e);
         closed[label(around[0] as usize) as usize] &= around.len() == 2;
     }
-    let walls: Vec<[u32; 3]> =
-        (0..turn.len()).filter(|t| closed[label(*t) as usize]).map(|t| turned(&turn, t)).collect();
+    let walls: Vec<[u32; 3]> = (0..turn.len())
+        .filter(|t| closed[label(*t) as usize])
+        .map(|t| turned(&turn, t))
+        .collect();
     let inside = Inside::new(points, &walls);
     // The pieces that each closed piece lies in; the outermost decides, and what lies in it is turned with it.
     let mut within: Vec<Vec<u32>> = vec![Vec::new(); components.count];
     let mut inward = vec![false; components.count];
     let mut effort = 0;
-    for (piece, members) in pieces.iter().enumerate().filter(|(piece, _)| closed[*piece]) {
+    for (piece, members) in pieces
+        .iter()
+        .enumerate()
+        .filter(|(piece, _)| closed[*piece])
+    {
         let own: Vec<[u32; 3]> = members.iter().map(|t| turned(&turn, *t)).collect();
         inward[piece] = six_volumes(points, &own) < 0.0;
         // Of several vertices each has to lie within another piece: where pieces touch, one alone may lie on its wall.
         let step = own.len().div_ceil(VOTES);
-        let votes: Vec<&Point3<f64>> = own.iter().step_by(step).map(|t| &points[t[0] as usize]).collect();
+        let votes: Vec<&Point3<f64>> = own
+            .iter()
+            .step_by(step)
+            .map(|t| &points[t[0] as usize])
+            .collect();
         effort += votes.iter().map(|p| inside.effort(p)).sum::<usize>();
         if effort > EFFORT.0 + EFFORT.1 * turn.len() {
             continue;
@@ -75,17 +85,37 @@ pub(super) fn turn(working: &mut Working) {
                 .for_each(|(w, _)| *found.entry(w).or_insert(0) += 1);
         }
         let holds = |(other, count): &(u32, usize)| *other != piece as u32 && *count == votes.len();
-        within[piece] = found.into_iter().filter(holds).map(|(other, _)| other).collect();
+        within[piece] = found
+            .into_iter()
+            .filter(holds)
+            .map(|(other, _)| other)
+            .collect();
     }
-    for (piece, members) in pieces.iter().enumerate().filter(|(piece, _)| closed[*piece]) {
-        let outermost = within[piece].iter().find(|other| within[**other as usize].is_empty());
+    for (piece, members) in pieces
+        .iter()
+        .enumerate()
+        .filter(|(piece, _)| closed[*piece])
+    {
+        let outermost = within[piece]
+            .iter()
+            .find(|other| within[**other as usize].is_empty());
         if inward[outermost.map_or(piece, |o| *o as usize)] {
             members.iter().for_each(|t| turn[*t] = !turn[*t]);
         }
     }
     let changed: Vec<usize> = (0..turn.len()).filter(|t| turn[*t]).collect();
-    let elements = changed.iter().filter_map(|t| working.triangle_origin[*t]).collect();
-    changed.iter().for_each(|t| working.triangles[*t].swap(0, 1));
-    let message = || format!("turned {} round", counted(changed.len(), "triangle", "triangles"));
+    let elements = changed
+        .iter()
+        .filter_map(|t| working.triangle_origin[*t])
+        .collect();
+    changed
+        .iter()
+        .for_each(|t| working.triangles[*t].swap(0, 1));
+    let message = || {
+        format!(
+            "turned {} round",
+            counted(changed.len(), "triangle", "triangles")
+        )
+    };
     working.note(Step::TurnedTriangles, changed.len(), message, elements);
 }

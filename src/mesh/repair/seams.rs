@@ -15,37 +15,73 @@ use crate::mesh::measures::greatest;
 /// an edge that has a length.
 pub(super) fn merge(working: &mut Working, within: f64) {
     let topology = topology(working);
-    let mut on_rim: Vec<u32> = topology.boundary_edges().iter().flat_map(|e| topology.edges[*e as usize]).collect();
+    let mut on_rim: Vec<u32> = topology
+        .boundary_edges()
+        .iter()
+        .flat_map(|e| topology.edges[*e as usize])
+        .collect();
     on_rim.sort_unstable();
     on_rim.dedup();
-    let mut grid = Grid { within, cells: BTreeMap::new() };
+    let mut grid = Grid {
+        within,
+        cells: BTreeMap::new(),
+    };
     let mut target: Vec<u32> = (0..working.vertices.len() as u32).collect();
     for &v in &on_rim {
         // Only vertices that stay are in the grid, so that no chain of merges leads further than `within`, and a cell
         // holds few however many are merged.
         let at = |v: u32| working.vertices[v as usize];
         let free = |w: &u32| at(*w) == at(v) || topology.find_edge(v, *w).is_none();
-        match grid.near(&working.vertices, v).into_iter().filter(free).min() {
+        match grid
+            .near(&working.vertices, v)
+            .into_iter()
+            .filter(free)
+            .min()
+        {
             Some(lowest) => target[v as usize] = lowest,
             None => grid.insert(&working.vertices, v),
         }
     }
-    let merged: Vec<u32> = on_rim.into_iter().filter(|v| target[*v as usize] != *v).collect();
+    let merged: Vec<u32> = on_rim
+        .into_iter()
+        .filter(|v| target[*v as usize] != *v)
+        .collect();
     if merged.is_empty() {
         return;
     }
-    let distance = |v: &u32| (working.vertices[*v as usize] - working.vertices[target[*v as usize] as usize]).norm();
+    let distance = |v: &u32| {
+        (working.vertices[*v as usize] - working.vertices[target[*v as usize] as usize]).norm()
+    };
     let moved = greatest(merged.iter().map(distance));
     working.moved = greatest([working.moved, moved]);
-    working.triangles.iter_mut().flatten().for_each(|v| *v = target[*v as usize]);
-    working.lines.iter_mut().flatten().for_each(|v| *v = target[*v as usize]);
+    working
+        .triangles
+        .iter_mut()
+        .flatten()
+        .for_each(|v| *v = target[*v as usize]);
+    working
+        .lines
+        .iter_mut()
+        .flatten()
+        .for_each(|v| *v = target[*v as usize]);
     let triangles = &working.triangles;
-    let whole: Vec<bool> = triangles.iter().map(|[a, b, c]| a != b && b != c && c != a).collect();
+    let whole: Vec<bool> = triangles
+        .iter()
+        .map(|[a, b, c]| a != b && b != c && c != a)
+        .collect();
     working.retain(|t| whole[t]);
     let message = || {
         let many = counted(merged.len(), "vertex", "vertices");
-        let far = if moved > 0.0 { format!(", moved by at most {moved:e}") } else { String::new() };
-        let near = if moved > 0.0 { "near by" } else { "in the same place" };
+        let far = if moved > 0.0 {
+            format!(", moved by at most {moved:e}")
+        } else {
+            String::new()
+        };
+        let near = if moved > 0.0 {
+            "near by"
+        } else {
+            "in the same place"
+        };
         format!("merged {many} on rims with another {near}{far}")
     };
     working.note(Step::MergedVertices, merged.len(), message, merged.clone());
@@ -72,7 +108,10 @@ impl Grid {
     }
 
     fn insert(&mut self, points: &[Point3<f64>], v: u32) {
-        self.cells.entry(self.cell(&points[v as usize])).or_default().push(v);
+        self.cells
+            .entry(self.cell(&points[v as usize]))
+            .or_default()
+            .push(v);
     }
 
     fn near(&self, points: &[Point3<f64>], v: u32) -> Vec<u32> {
@@ -82,7 +121,11 @@ impl Grid {
         for x in reach.clone() {
             for y in reach.clone() {
                 for z in reach.clone() {
-                    let cell = [middle[0].saturating_add(x), middle[1].saturating_add(y), middle[2].saturating_add(z)];
+                    let cell = [
+                        middle[0].saturating_add(x),
+                        middle[1].saturating_add(y),
+                        middle[2].saturating_add(z),
+                    ];
                     found.extend(self.cells.get(&cell).into_iter().flatten());
                 }
             }

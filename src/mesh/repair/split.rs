@@ -25,7 +25,12 @@ pub(super) fn split(working: &mut Working) {
     let sheets = sheets(working, &before, &edges, &patches);
     // As the triangles will be turned within their patch.
     let turned = |(t, turn): (&[u32; 3], &bool)| if *turn { [t[1], t[0], t[2]] } else { *t };
-    let oriented: Vec<[u32; 3]> = working.triangles.iter().zip(&patches.turn).map(turned).collect();
+    let oriented: Vec<[u32; 3]> = working
+        .triangles
+        .iter()
+        .zip(&patches.turn)
+        .map(turned)
+        .collect();
     let groups: Vec<Vec<Vec<u32>>> = edges
         .iter()
         .map(|&e| {
@@ -60,7 +65,10 @@ pub(super) fn split(working: &mut Working) {
         let at = if edges == 0 {
             String::new()
         } else {
-            format!(", {} with more than two triangles", counted(edges, "edge", "edges"))
+            format!(
+                ", {} with more than two triangles",
+                counted(edges, "edge", "edges")
+            )
         };
         format!("added {added} where surfaces touch{at}")
     };
@@ -69,28 +77,46 @@ pub(super) fn split(working: &mut Working) {
 
 /// The triangles of patches to be taken off before what remains is paired: those with a rim of their own that hang on
 /// edges with an odd number of triangles, else of such patches the smallest, until no such edge has a patch to spare.
-fn sheets(working: &Working, topology: &Topology, edges: &[u32], patches: &Orientation) -> Vec<bool> {
+fn sheets(
+    working: &Working,
+    topology: &Topology,
+    edges: &[u32],
+    patches: &Orientation,
+) -> Vec<bool> {
     let mut taken = vec![false; working.triangles.len()];
     if edges.is_empty() {
         return taken;
     }
     let mut rim = vec![false; patches.count];
     let mut area = vec![0.0; patches.count];
-    for (t, part) in triangle_areas(&working.vertices, &working.triangles).into_iter().enumerate() {
+    for (t, part) in triangle_areas(&working.vertices, &working.triangles)
+        .into_iter()
+        .enumerate()
+    {
         area[patches.patches[t] as usize] += part;
     }
     for e in topology.boundary_edges() {
-        topology.triangles_of_edge(e as usize).iter().for_each(|t| rim[patches.patches[*t as usize] as usize] = true);
+        topology
+            .triangles_of_edge(e as usize)
+            .iter()
+            .for_each(|t| rim[patches.patches[*t as usize] as usize] = true);
     }
     let mut order: Vec<usize> = (0..patches.count).collect();
     // Those with a rim first, then by area: each is asked once, so that the time is that of a sort.
-    order.sort_by(|&p, &q| rim[q].cmp(&rim[p]).then(area[p].total_cmp(&area[q])).then(p.cmp(&q)));
+    order.sort_by(|&p, &q| {
+        rim[q]
+            .cmp(&rim[p])
+            .then(area[p].total_cmp(&area[q]))
+            .then(p.cmp(&q))
+    });
     let mut at_edge: Vec<Vec<u32>> = vec![Vec::new(); patches.count];
     let mut left: Vec<usize> = vec![0; topology.edges.len()];
     for &e in edges {
         let around = topology.triangles_of_edge(e as usize);
         left[e as usize] = around.len();
-        around.iter().for_each(|t| at_edge[patches.patches[*t as usize] as usize].push(e));
+        around
+            .iter()
+            .for_each(|t| at_edge[patches.patches[*t as usize] as usize].push(e));
     }
     let mut sheet = vec![false; patches.count];
     for p in order {
@@ -101,7 +127,10 @@ fn sheets(working: &Working, topology: &Topology, edges: &[u32], patches: &Orien
             at_edge[p].iter().for_each(|&e| left[e as usize] -= 1);
         }
     }
-    taken.iter_mut().zip(&patches.patches).for_each(|(taken, p)| *taken = sheet[*p as usize]);
+    taken
+        .iter_mut()
+        .zip(&patches.patches)
+        .for_each(|(taken, p)| *taken = sheet[*p as usize]);
     taken
 }
 
@@ -113,21 +142,38 @@ fn groups(
     triangles: &[[u32; 3]],
     points: &[Point3<f64>],
 ) -> Vec<Vec<u32>> {
-    let bodies: Vec<u32> = around.iter().filter(|t| !sheets[**t as usize]).copied().collect();
+    let bodies: Vec<u32> = around
+        .iter()
+        .filter(|t| !sheets[**t as usize])
+        .copied()
+        .collect();
     let mut groups = pairs(edge, &bodies, triangles, points);
     let paired: BTreeSet<u32> = groups.iter().flatten().copied().collect();
-    groups.extend(around.iter().filter(|t| !paired.contains(t)).map(|t| vec![*t]));
+    groups.extend(
+        around
+            .iter()
+            .filter(|t| !paired.contains(t))
+            .map(|t| vec![*t]),
+    );
     groups
 }
 
 /// Pairs of triangles around an edge that face each other across the inside of a body.
-fn pairs(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Point3<f64>]) -> Vec<Vec<u32>> {
+fn pairs(
+    edge: [u32; 2],
+    around: &[u32],
+    triangles: &[[u32; 3]],
+    points: &[Point3<f64>],
+) -> Vec<Vec<u32>> {
     if around.len() == 2 {
         return vec![around.to_vec()];
     }
     let order = by_angle(edge, around, triangles, points);
-    let runs =
-        |t: u32| (0..3).any(|k| triangles[t as usize][k] == edge[0] && triangles[t as usize][(k + 1) % 3] == edge[1]);
+    let runs = |t: u32| {
+        (0..3).any(|k| {
+            triangles[t as usize][k] == edge[0] && triangles[t as usize][(k + 1) % 3] == edge[1]
+        })
+    };
     let mut joined = Vec::new();
     // A triangle that runs the edge backwards has the inside after it, one that runs it forwards before it: they close
     // like brackets. Twice around, for a body may lie across the beginning.
@@ -151,22 +197,36 @@ fn pairs(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Point
 /// The triangles by their angle about the edge, from that of the first, counter-clockwise seen against its direction.
 ///
 /// Angles are rounded, to about 1e-15 times the length of the edge over the height of the triangle; triangles nearer to each other than that are taken in the order of their indices.
-fn by_angle(edge: [u32; 2], around: &[u32], triangles: &[[u32; 3]], points: &[Point3<f64>]) -> Vec<u32> {
+fn by_angle(
+    edge: [u32; 2],
+    around: &[u32],
+    triangles: &[[u32; 3]],
+    points: &[Point3<f64>],
+) -> Vec<u32> {
     let at = |v: u32| points[v as usize];
     let (a, b) = (at(edge[0]), at(edge[1]));
     let axis = (b - a).try_normalize(0.0).unwrap_or_else(Vector3::z);
     let across = |t: u32| {
-        let apex = triangles[t as usize].into_iter().find(|v| !edge.contains(v)).unwrap_or(edge[0]);
+        let apex = triangles[t as usize]
+            .into_iter()
+            .find(|v| !edge.contains(v))
+            .unwrap_or(edge[0]);
         let away = at(apex) - a;
         away - axis * away.dot(&axis)
     };
     // One without area has no direction to count from.
-    let open = around.iter().find(|t| !is_flat(&triangles[**t as usize].map(at)));
+    let open = around
+        .iter()
+        .find(|t| !is_flat(&triangles[**t as usize].map(at)));
     let start = open.map_or_else(Vector3::x, |t| across(*t));
     let angle = |t: u32| {
         let away = across(t);
         let angle = libm::atan2(axis.dot(&start.cross(&away)), start.dot(&away));
-        if angle < 0.0 { angle + std::f64::consts::TAU } else { angle }
+        if angle < 0.0 {
+            angle + std::f64::consts::TAU
+        } else {
+            angle
+        }
     };
     let mut order: Vec<(f64, u32)> = around.iter().map(|t| (angle(*t), *t)).collect();
     order.sort_by(|s, t| s.0.total_cmp(&t.0).then(s.1.cmp(&t.1)));
@@ -180,7 +240,9 @@ struct Corners {
 
 impl Corners {
     fn new(triangles: usize) -> Self {
-        Self { parents: (0..3 * triangles as u32).collect() }
+        Self {
+            parents: (0..3 * triangles as u32).collect(),
+        }
     }
 
     fn root(&mut self, mut c: u32) -> u32 {
@@ -194,7 +256,13 @@ impl Corners {
 
     /// Joins the corners of two triangles at both ends of an edge of theirs.
     fn join_along(&mut self, triangles: &[[u32; 3]], edge: [u32; 2], s: u32, t: u32) {
-        let corner = |t: u32, v: u32| 3 * t + triangles[t as usize].iter().position(|w| *w == v).unwrap_or(0) as u32;
+        let corner = |t: u32, v: u32| {
+            3 * t
+                + triangles[t as usize]
+                    .iter()
+                    .position(|w| *w == v)
+                    .unwrap_or(0) as u32
+        };
         for v in edge {
             let (one, two) = (self.root(corner(s, v)), self.root(corner(t, v)));
             self.parents[one.max(two) as usize] = one.min(two);
@@ -207,10 +275,15 @@ impl Corners {
         let mut copied = Vec::new();
         for v in 0..topology.vertex_count() {
             let corner = |t: &u32| {
-                3 * t + working.triangles[*t as usize].iter().position(|w| *w as usize == v).unwrap_or(0) as u32
+                3 * t
+                    + working.triangles[*t as usize]
+                        .iter()
+                        .position(|w| *w as usize == v)
+                        .unwrap_or(0) as u32
             };
             let corners: Vec<u32> = topology.triangles_of_vertex(v).iter().map(corner).collect();
-            let mut groups: Vec<(u32, u32)> = corners.into_iter().map(|c| (self.root(c), c)).collect();
+            let mut groups: Vec<(u32, u32)> =
+                corners.into_iter().map(|c| (self.root(c), c)).collect();
             // The group of the lowest triangle comes first and keeps the vertex.
             groups.sort_unstable();
             for (k, group) in groups.chunk_by(|a, b| a.0 == b.0).enumerate() {
@@ -219,7 +292,9 @@ impl Corners {
                 }
                 let copy = working.copy_vertex(v);
                 copied.push(working.vertex_origin[v]);
-                group.iter().for_each(|(_, c)| working.triangles[*c as usize / 3][*c as usize % 3] = copy);
+                group
+                    .iter()
+                    .for_each(|(_, c)| working.triangles[*c as usize / 3][*c as usize % 3] = copy);
             }
         }
         copied

@@ -17,13 +17,17 @@ fn plain(mesh: &TriangleMesh) -> Repaired {
 fn append(mesh: &mut TriangleMesh, other: &TriangleMesh, by: Vector3<f64>) {
     let count = mesh.vertices.len() as u32;
     mesh.vertices.extend(other.vertices.iter().map(|p| p + by));
-    mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + count)));
+    mesh.triangles
+        .extend(other.triangles.iter().map(|t| t.map(|v| v + count)));
 }
 
 /// Merges vertices in the same place, whatever they belong to.
 fn weld(mesh: &mut TriangleMesh) {
     let first = crate::mesh::coincident::first_in_place(&mesh.vertices);
-    mesh.triangles.iter_mut().flatten().for_each(|v| *v = first[*v as usize]);
+    mesh.triangles
+        .iter_mut()
+        .flatten()
+        .for_each(|v| *v = first[*v as usize]);
 }
 
 fn cube() -> TriangleMesh {
@@ -33,9 +37,19 @@ fn cube() -> TriangleMesh {
 #[test]
 fn a_sound_surface_keeps_its_bits() {
     for mesh in [icosphere(0.1, 3), cube()] {
-        let repaired =
-            repair(&mesh, &[vec![0, 1]], &Options { close_holes: 99, keep_largest: true, ..Options::default() });
-        assert_eq!((repaired.mesh, repaired.changes, repaired.lines), (mesh, Vec::new(), vec![vec![0, 1]]));
+        let repaired = repair(
+            &mesh,
+            &[vec![0, 1]],
+            &Options {
+                close_holes: 99,
+                keep_largest: true,
+                ..Options::default()
+            },
+        );
+        assert_eq!(
+            (repaired.mesh, repaired.changes, repaired.lines),
+            (mesh, Vec::new(), vec![vec![0, 1]])
+        );
     }
 }
 
@@ -44,21 +58,49 @@ fn seams_are_joined() {
     // Every triangle with vertices of its own, as STL has them.
     let whole = icosphere(1.0, 2);
     let soup = TriangleMesh {
-        vertices: (0..whole.triangles.len()).flat_map(|t| whole.corners(t)).collect(),
-        triangles: (0..whole.triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
+        vertices: (0..whole.triangles.len())
+            .flat_map(|t| whole.corners(t))
+            .collect(),
+        triangles: (0..whole.triangles.len() as u32)
+            .map(|t| [3 * t, 3 * t + 1, 3 * t + 2])
+            .collect(),
     };
     let repaired = plain(&soup);
-    assert_eq!(steps(&repaired), [Step::MergedVertices, Step::DroppedVertices]);
-    assert_eq!((repaired.mesh.vertices.len(), repaired.moved), (whole.vertices.len(), 0.0));
+    assert_eq!(
+        steps(&repaired),
+        [Step::MergedVertices, Step::DroppedVertices]
+    );
+    assert_eq!(
+        (repaired.mesh.vertices.len(), repaired.moved),
+        (whole.vertices.len(), 0.0)
+    );
     assert!(Health::of(&repaired.mesh).is_fit());
     // A little apart, they are joined only within the distance asked for.
     let mut draw = Draw::new(4);
-    let apart: Vec<_> = soup.vertices.iter().map(|p| p + draw.direction() * 1e-4).collect();
-    let apart = TriangleMesh { vertices: apart, ..soup };
+    let apart: Vec<_> = soup
+        .vertices
+        .iter()
+        .map(|p| p + draw.direction() * 1e-4)
+        .collect();
+    let apart = TriangleMesh {
+        vertices: apart,
+        ..soup
+    };
     assert!(!Health::of(&plain(&apart).mesh).is_fit());
-    let repaired = repair(&apart, &[], &Options { merge_within: 3e-4, ..Options::default() });
+    let repaired = repair(
+        &apart,
+        &[],
+        &Options {
+            merge_within: 3e-4,
+            ..Options::default()
+        },
+    );
     assert!(Health::of(&repaired.mesh).is_fit());
-    assert!(repaired.moved > 1e-5 && repaired.moved <= 3e-4, "{}", repaired.moved);
+    assert!(
+        repaired.moved > 1e-5 && repaired.moved <= 3e-4,
+        "{}",
+        repaired.moved
+    );
     let away = deviation(&apart, &repaired.mesh);
     assert!(away.lost.is_some_and(|d| d > 1e-6 && d <= 3e-4), "{away:?}");
 }
@@ -71,13 +113,26 @@ fn two_cubes_on_one_edge_come_apart() {
     assert_eq!(Health::of(&mesh).non_manifold_edges, 1);
     let repaired = plain(&mesh);
     let health = Health::of(&repaired.mesh);
-    assert_eq!((health.components, health.is_fit(), health.volume), (2, true, 2.0), "{:?}", repaired.changes);
+    assert_eq!(
+        (health.components, health.is_fit(), health.volume),
+        (2, true, 2.0),
+        "{:?}",
+        repaired.changes
+    );
     // And the same with the directions of all triangles lost.
     let mut draw = Draw::new(11);
-    mesh.triangles.iter_mut().for_each(|t| t.rotate_left(draw.index(3)));
-    mesh.triangles.iter_mut().filter(|_| draw.index(2) == 0).for_each(|t| t.swap(0, 1));
+    mesh.triangles
+        .iter_mut()
+        .for_each(|t| t.rotate_left(draw.index(3)));
+    mesh.triangles
+        .iter_mut()
+        .filter(|_| draw.index(2) == 0)
+        .for_each(|t| t.swap(0, 1));
     let health = Health::of(&plain(&mesh).mesh);
-    assert_eq!((health.non_manifold_edges, health.inconsistent_edges), (0, 0));
+    assert_eq!(
+        (health.non_manifold_edges, health.inconsistent_edges),
+        (0, 0)
+    );
 }
 
 #[test]
@@ -86,9 +141,24 @@ fn a_fin_and_a_wall_come_off() {
     let sound = finned.triangles.len();
     let [a, b, _] = finned.triangles[0];
     finned.vertices.push(finned.vertices[a as usize] * 1.5);
-    finned.triangles.push([a, b, finned.vertices.len() as u32 - 1]);
-    let repaired = repair(&finned, &[], &Options { keep_largest: true, ..Options::default() });
-    assert_eq!((repaired.mesh.triangles.len(), Health::of(&repaired.mesh).is_fit()), (sound, true));
+    finned
+        .triangles
+        .push([a, b, finned.vertices.len() as u32 - 1]);
+    let repaired = repair(
+        &finned,
+        &[],
+        &Options {
+            keep_largest: true,
+            ..Options::default()
+        },
+    );
+    assert_eq!(
+        (
+            repaired.mesh.triangles.len(),
+            Health::of(&repaired.mesh).is_fit()
+        ),
+        (sound, true)
+    );
     // Two cubes side by side with their common wall, which is two triangles.
     let mut walled = cube();
     append(&mut walled, &cube(), Vector3::x());
@@ -96,19 +166,44 @@ fn a_fin_and_a_wall_come_off() {
     let repaired = plain(&walled);
     let health = Health::of(&repaired.mesh);
     // The wall is there twice, once for each cube, and both cubes are closed without it.
-    assert_eq!((health.is_fit(), health.volume), (true, 2.0), "{:?} {:?}", repaired.changes, health.findings);
+    assert_eq!(
+        (health.is_fit(), health.volume),
+        (true, 2.0),
+        "{:?} {:?}",
+        repaired.changes,
+        health.findings
+    );
     // The wall once: it is taken off, and what remains is closed.
     let mut once = plain(&walled).mesh;
     let on_wall = |p: &Point3<f64>| p.x == 0.5;
-    let wall: Vec<u32> = (0..once.vertices.len() as u32).filter(|v| on_wall(&once.vertices[*v as usize])).collect();
+    let wall: Vec<u32> = (0..once.vertices.len() as u32)
+        .filter(|v| on_wall(&once.vertices[*v as usize]))
+        .collect();
     let is_at = |v: &&u32, y: f64, z: f64| once.vertices[**v as usize] == Point3::new(0.5, y, z);
     let find = |y: f64, z: f64| *wall.iter().find(|v| is_at(v, y, z)).expect("corner");
-    let [p, q, r, s] = [find(-0.5, -0.5), find(0.5, -0.5), find(0.5, 0.5), find(-0.5, 0.5)];
+    let [p, q, r, s] = [
+        find(-0.5, -0.5),
+        find(0.5, -0.5),
+        find(0.5, 0.5),
+        find(-0.5, 0.5),
+    ];
     once.triangles.extend([[p, q, r], [p, r, s]]);
     assert_eq!(Health::of(&once).non_manifold_edges, 4);
-    let repaired = repair(&once, &[], &Options { keep_largest: true, ..Options::default() });
+    let repaired = repair(
+        &once,
+        &[],
+        &Options {
+            keep_largest: true,
+            ..Options::default()
+        },
+    );
     let health = Health::of(&repaired.mesh);
-    assert_eq!((health.is_fit(), health.volume), (true, 2.0), "{:?}", repaired.changes);
+    assert_eq!(
+        (health.is_fit(), health.volume),
+        (true, 2.0),
+        "{:?}",
+        repaired.changes
+    );
 }
 
 #[test]
@@ -118,7 +213,10 @@ fn triangles_without_area_are_cut_and_nothing_moves() {
     // A cap: a side is divided for one of its triangles alone, and a triangle without area fills the slit.
     let [a, b, c] = mesh.triangles[0];
     let middle = mesh.vertices.len() as u32;
-    mesh.vertices.push(nalgebra::center(&mesh.vertices[a as usize], &mesh.vertices[b as usize]));
+    mesh.vertices.push(nalgebra::center(
+        &mesh.vertices[a as usize],
+        &mesh.vertices[b as usize],
+    ));
     mesh.triangles[0] = [a, middle, c];
     mesh.triangles.extend([[middle, b, c], [a, b, middle]]);
     // A needle: a vertex is doubled along two edges of its ring.
@@ -133,26 +231,59 @@ fn triangles_without_area_are_cut_and_nothing_moves() {
     mesh.triangles[ring[0] as usize][k] = copy;
     mesh.triangles.extend([[v, p, copy], [v, copy, q]]);
     let sick = Health::of(&mesh);
-    assert_eq!((sick.zero_area, sick.is_fit()), (3, true), "{:?}", sick.findings);
+    assert_eq!(
+        (sick.zero_area, sick.is_fit()),
+        (3, true),
+        "{:?}",
+        sick.findings
+    );
     let repaired = plain(&mesh);
     let health = Health::of(&repaired.mesh);
-    assert_eq!((health.zero_area, health.is_fit(), repaired.moved), (0, true, 0.0), "{:?}", repaired.changes);
+    assert_eq!(
+        (health.zero_area, health.is_fit(), repaired.moved),
+        (0, true, 0.0),
+        "{:?}",
+        repaired.changes
+    );
     assert!((health.volume - volume).abs() <= 1e-15 && (health.area - area).abs() <= 1e-14);
     let away = deviation(&mesh, &repaired.mesh);
-    assert!(away.lost.is_some_and(|d| d <= 1e-15) && away.added.is_some_and(|d| d <= 1e-15), "{away:?}");
+    assert!(
+        away.lost.is_some_and(|d| d <= 1e-15) && away.added.is_some_and(|d| d <= 1e-15),
+        "{away:?}"
+    );
 }
 
 #[test]
 fn holes_are_closed_by_choice() {
     let mut mesh = icosphere(1.0, 2);
-    mesh.triangles.retain(|t| !t.contains(&3) && !t.contains(&100));
+    mesh.triangles
+        .retain(|t| !t.contains(&3) && !t.contains(&100));
     let rims = |mesh: &TriangleMesh| Health::of(mesh).boundary_loops;
     assert_eq!((rims(&mesh), rims(&plain(&mesh).mesh)), (2, 2));
-    let of = |close_holes| repair(&mesh, &[], &Options { close_holes, ..Options::default() });
-    assert_eq!([rims(&of(4).mesh), rims(&of(5).mesh), rims(&of(6).mesh)], [2, 1, 0]);
+    let of = |close_holes| {
+        repair(
+            &mesh,
+            &[],
+            &Options {
+                close_holes,
+                ..Options::default()
+            },
+        )
+    };
+    assert_eq!(
+        [rims(&of(4).mesh), rims(&of(5).mesh), rims(&of(6).mesh)],
+        [2, 1, 0]
+    );
     let repaired = of(6);
-    assert!(Health::of(&repaired.mesh).is_fit(), "{:?}", Health::of(&repaired.mesh).findings);
-    assert_eq!(repaired.changes[0].message, "closed 2 holes with 7 triangles");
+    assert!(
+        Health::of(&repaired.mesh).is_fit(),
+        "{:?}",
+        Health::of(&repaired.mesh).findings
+    );
+    assert_eq!(
+        repaired.changes[0].message,
+        "closed 2 holes with 7 triangles"
+    );
     assert_eq!(repaired.mesh.volume(), of(500).mesh.volume());
 }
 
@@ -162,7 +293,10 @@ fn pieces_face_outward_and_keep_what_they_are_within() {
         mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
         mesh
     };
-    let small = TriangleMesh { vertices: cube().vertices.iter().map(|p| p * 0.5).collect(), ..cube() };
+    let small = TriangleMesh {
+        vertices: cube().vertices.iter().map(|p| p * 0.5).collect(),
+        ..cube()
+    };
     // A cavity stays one, a body within stays one, and both are turned with what holds them.
     for (inner, volume) in [(turned(small.clone()), 0.875), (small, 1.125)] {
         let mut mesh = cube();
@@ -174,7 +308,10 @@ fn pieces_face_outward_and_keep_what_they_are_within() {
     let mut apart = cube();
     append(&mut apart, &turned(cube()), Vector3::x() * 3.0);
     let repaired = plain(&apart);
-    assert_eq!((repaired.mesh.volume(), repaired.changes[0].count), (2.0, 12));
+    assert_eq!(
+        (repaired.mesh.volume(), repaired.changes[0].count),
+        (2.0, 12)
+    );
     assert_eq!(repaired.changes[0].elements, (12..24).collect::<Vec<u32>>());
 }
 
@@ -182,7 +319,10 @@ fn pieces_face_outward_and_keep_what_they_are_within() {
 fn a_moebius_strip_stays_one_sided() {
     let strip: Vec<[u32; 3]> = (0..7u32).map(|k| [k, (k + 1) % 7, (k + 2) % 7]).collect();
     let mut draw = Draw::new(2);
-    let mesh = TriangleMesh { vertices: (0..7).map(|_| draw.direction().into()).collect(), triangles: strip };
+    let mesh = TriangleMesh {
+        vertices: (0..7).map(|_| draw.direction().into()).collect(),
+        triangles: strip,
+    };
     let health = Health::of(&plain(&mesh).mesh);
     assert!(!health.orientable && !health.is_fit());
 }
@@ -196,16 +336,35 @@ fn a_row_of_flat_triangles_is_cut_whole() {
         let (p, q) = (mesh.vertices[a as usize], mesh.vertices[z as usize]);
         let first = mesh.vertices.len() as u32;
         // Dyadic shares of a side of length 1 lie on it exactly.
-        mesh.vertices.extend((1..=count).map(|k| p + (q - p) * (f64::from(k) / 512.0)));
-        let chain: Vec<u32> = [a].into_iter().chain(first..first + count).chain([z]).collect();
+        mesh.vertices
+            .extend((1..=count).map(|k| p + (q - p) * (f64::from(k) / 512.0)));
+        let chain: Vec<u32> = [a]
+            .into_iter()
+            .chain(first..first + count)
+            .chain([z])
+            .collect();
         mesh.triangles.swap_remove(0);
-        mesh.triangles.extend(chain.windows(2).map(|w| [w[0], w[1], c]));
-        mesh.triangles.extend(chain[1..].windows(2).map(|w| [a, w[1], w[0]]));
+        mesh.triangles
+            .extend(chain.windows(2).map(|w| [w[0], w[1], c]));
+        mesh.triangles
+            .extend(chain[1..].windows(2).map(|w| [a, w[1], w[0]]));
         let sick = Health::of(&mesh);
-        assert_eq!((sick.zero_area as u32, sick.is_fit()), (count, true), "{:?}", sick.findings);
+        assert_eq!(
+            (sick.zero_area as u32, sick.is_fit()),
+            (count, true),
+            "{:?}",
+            sick.findings
+        );
         let repaired = plain(&mesh);
         let health = Health::of(&repaired.mesh);
-        assert_eq!((health.zero_area, health.is_fit(), repaired.changes[0].count as u32), (0, true, count));
+        assert_eq!(
+            (
+                health.zero_area,
+                health.is_fit(),
+                repaired.changes[0].count as u32
+            ),
+            (0, true, count)
+        );
         assert!((health.volume - 1.0).abs() <= 1e-13);
     }
 }
@@ -217,7 +376,10 @@ fn pieces_that_touch_are_not_within_one_another() {
     mesh.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     append(&mut mesh, &cube(), Vector3::y());
     let repaired = plain(&mesh);
-    assert_eq!((repaired.mesh.volume(), repaired.changes[0].count), (2.0, 12));
+    assert_eq!(
+        (repaired.mesh.volume(), repaired.changes[0].count),
+        (2.0, 12)
+    );
 }
 
 #[test]
@@ -227,8 +389,19 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
     let whole = mesh.clone();
     mesh.triangles.drain(100..103);
     let before = mesh.triangles.clone();
-    let mended = repair(&mesh, &[], &Options { close_holes: 3, ..Options::default() });
-    assert!(Health::of(&mended.mesh).is_fit(), "{:?}", Health::of(&mended.mesh).findings);
+    let mended = repair(
+        &mesh,
+        &[],
+        &Options {
+            close_holes: 3,
+            ..Options::default()
+        },
+    );
+    assert!(
+        Health::of(&mended.mesh).is_fit(),
+        "{:?}",
+        Health::of(&mended.mesh).findings
+    );
     assert_eq!(mended.mesh.triangles[..before.len()], before);
     let sorted = |mesh: &TriangleMesh| {
         let mut all: Vec<[u32; 3]> = mesh.triangles.clone();
@@ -243,8 +416,19 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
         all.sort_unstable();
         all
     };
-    assert_eq!(sorted(&mended.mesh), sorted(&whole), "the same triangles as before they were removed");
-    assert_eq!(mended.changes.iter().map(|c| (c.step, c.count)).collect::<Vec<_>>(), [(Step::ClosedHoles, 3)]);
+    assert_eq!(
+        sorted(&mended.mesh),
+        sorted(&whole),
+        "the same triangles as before they were removed"
+    );
+    assert_eq!(
+        mended
+            .changes
+            .iter()
+            .map(|c| (c.step, c.count))
+            .collect::<Vec<_>>(),
+        [(Step::ClosedHoles, 3)]
+    );
     // Not asked to close holes, it takes the triangle off.
     let apart = repair(&mesh, &[], &Options::default());
     assert_eq!(Health::of(&apart.mesh).components, 2);
@@ -253,8 +437,22 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
 #[test]
 fn a_loose_triangle_is_no_hole() {
     let mut mesh = cube();
-    append(&mut mesh, &TriangleMesh { vertices: cube().vertices, triangles: vec![[0, 1, 2]] }, Vector3::x() * 4.0);
-    let repaired = repair(&mesh, &[], &Options { close_holes: 9, ..Options::default() });
+    append(
+        &mut mesh,
+        &TriangleMesh {
+            vertices: cube().vertices,
+            triangles: vec![[0, 1, 2]],
+        },
+        Vector3::x() * 4.0,
+    );
+    let repaired = repair(
+        &mesh,
+        &[],
+        &Options {
+            close_holes: 9,
+            ..Options::default()
+        },
+    );
     assert!(!Health::of(&repaired.mesh).is_fit());
 }
 
@@ -264,30 +462,78 @@ fn a_loose_triangle_is_no_hole() {
 fn heaps_end() {
     let n = 30_000u32;
     let at = |k: u32, y: f64| Point3::new(f64::from(k), y, f64::from(k % 7));
-    let line: Vec<Point3<f64>> = (0..n + 2).map(|k| Point3::new(f64::from(k % 1000), 0.0, 0.0)).collect();
-    let curve: Vec<Point3<f64>> = (0..2 * n + 2).map(|k| at(k, f64::from(k * k % 101))).collect();
+    let line: Vec<Point3<f64>> = (0..n + 2)
+        .map(|k| Point3::new(f64::from(k % 1000), 0.0, 0.0))
+        .collect();
+    let curve: Vec<Point3<f64>> = (0..2 * n + 2)
+        .map(|k| at(k, f64::from(k * k % 101)))
+        .collect();
     let mut stacked = TriangleMesh::default();
     let four = crate::mesh::shapes::tetrahedron();
     (0..n / 4).for_each(|k| append(&mut stacked, &four, Vector3::x() * f64::from(k)));
     let heaps = [
-        ("flat triangles about a vertex", line.clone(), (0..n).map(|k| [0, k + 1, k + 2]).collect::<Vec<_>>()),
-        ("flat triangles in a row", line, (0..n).map(|k| [k, k + 1, k + 2]).collect()),
-        ("triangles about an edge", curve.clone(), (0..n).map(|k| [0, 1, k + 2]).collect()),
-        ("triangles that touch in a vertex", curve.clone(), (0..n).map(|k| [0, 2 * k + 1, 2 * k + 2]).collect()),
-        ("one long rim", curve, (0..n).map(|k| [k, k + 1, k + 2]).collect()),
+        (
+            "flat triangles about a vertex",
+            line.clone(),
+            (0..n).map(|k| [0, k + 1, k + 2]).collect::<Vec<_>>(),
+        ),
+        (
+            "flat triangles in a row",
+            line,
+            (0..n).map(|k| [k, k + 1, k + 2]).collect(),
+        ),
+        (
+            "triangles about an edge",
+            curve.clone(),
+            (0..n).map(|k| [0, 1, k + 2]).collect(),
+        ),
+        (
+            "triangles that touch in a vertex",
+            curve.clone(),
+            (0..n).map(|k| [0, 2 * k + 1, 2 * k + 2]).collect(),
+        ),
+        (
+            "one long rim",
+            curve,
+            (0..n).map(|k| [k, k + 1, k + 2]).collect(),
+        ),
         ("pieces in one line", stacked.vertices, stacked.triangles),
     ];
     for (name, vertices, triangles) in heaps {
-        let mesh = TriangleMesh { vertices, triangles };
-        let repaired = repair(&mesh, &[], &Options { close_holes: 8, ..Options::default() });
-        assert_eq!(crate::testing::check_repaired(&mesh, &[], &repaired), Ok(()), "{name}");
-        assert!(deviation(&mesh, &repaired.mesh).lost.is_none_or(f64::is_finite), "{name}");
+        let mesh = TriangleMesh {
+            vertices,
+            triangles,
+        };
+        let repaired = repair(
+            &mesh,
+            &[],
+            &Options {
+                close_holes: 8,
+                ..Options::default()
+            },
+        );
+        assert_eq!(
+            crate::testing::check_repaired(&mesh, &[], &repaired),
+            Ok(()),
+            "{name}"
+        );
+        assert!(
+            deviation(&mesh, &repaired.mesh)
+                .lost
+                .is_none_or(f64::is_finite),
+            "{name}"
+        );
     }
 }
 
 /// What must hold of every repair, whatever was repaired.
 fn assert_repaired(mesh: &TriangleMesh, repaired: &Repaired) {
-    assert_eq!(crate::testing::check_repaired(mesh, &[], repaired), Ok(()), "{mesh:?}\n{:?}", repaired.changes);
+    assert_eq!(
+        crate::testing::check_repaired(mesh, &[], repaired),
+        Ok(()),
+        "{mesh:?}\n{:?}",
+        repaired.changes
+    );
     let health = Health::of(&repaired.mesh);
     let closed = health.boundary_edges == 0 && health.triangles > 0 && health.orientable;
     assert!(!closed || health.volume >= -1e-15, "{mesh:?}");

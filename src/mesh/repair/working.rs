@@ -37,11 +37,22 @@ impl Working {
     }
 
     /// Notes a change, if there is any.
-    pub fn note(&mut self, step: Step, count: usize, message: impl FnOnce() -> String, mut elements: Vec<u32>) {
+    pub fn note(
+        &mut self,
+        step: Step,
+        count: usize,
+        message: impl FnOnce() -> String,
+        mut elements: Vec<u32>,
+    ) {
         if count > 0 {
             elements.sort_unstable();
             elements.dedup();
-            self.changes.push(Change { step, count, message: message(), elements });
+            self.changes.push(Change {
+                step,
+                count,
+                message: message(),
+                elements,
+            });
         }
     }
 
@@ -74,7 +85,11 @@ impl Working {
     pub fn drop_duplicates(&mut self) {
         let mut keep = vec![true; self.triangles.len()];
         let first = first_in_place(&self.vertices);
-        let placed: Vec<[u32; 3]> = self.triangles.iter().map(|t| t.map(|v| first[v as usize])).collect();
+        let placed: Vec<[u32; 3]> = self
+            .triangles
+            .iter()
+            .map(|t| t.map(|v| first[v as usize]))
+            .collect();
         let topology = Topology::of_triangles(self.vertices.len(), &self.triangles);
         let is_loose = |t: u32| {
             let alone = |e: &u32| topology.triangles_of_edge(*e as usize).len() == 1;
@@ -83,19 +98,38 @@ impl Working {
         for group in same_corners(&placed) {
             // One has to stay: the first where all are loose.
             let kept = group.iter().find(|t| !is_loose(**t)).unwrap_or(&group[0]);
-            group.iter().filter(|t| *t != kept && is_loose(**t)).for_each(|t| keep[*t as usize] = false);
+            group
+                .iter()
+                .filter(|t| *t != kept && is_loose(**t))
+                .for_each(|t| keep[*t as usize] = false);
         }
         for group in same_corners(&self.triangles) {
             let turn = |t: &u32| is_even(self.triangles[*t as usize]);
             let even = group.iter().filter(|t| turn(t)).count();
             let odd = group.len() - even;
-            let kept = if even == odd { None } else { group.iter().find(|t| turn(t) == (even > odd)) };
-            group.iter().filter(|t| Some(*t) != kept).for_each(|t| keep[*t as usize] = false);
+            let kept = if even == odd {
+                None
+            } else {
+                group.iter().find(|t| turn(t) == (even > odd))
+            };
+            group
+                .iter()
+                .filter(|t| Some(*t) != kept)
+                .for_each(|t| keep[*t as usize] = false);
         }
         let dropped = self.retain(|t| keep[t]);
-        let message =
-            || format!("dropped {} with the same corners as another", counted(dropped.len(), "triangle", "triangles"));
-        self.note(Step::DroppedDuplicateTriangles, dropped.len(), message, dropped.clone());
+        let message = || {
+            format!(
+                "dropped {} with the same corners as another",
+                counted(dropped.len(), "triangle", "triangles")
+            )
+        };
+        self.note(
+            Step::DroppedDuplicateTriangles,
+            dropped.len(),
+            message,
+            dropped.clone(),
+        );
     }
 
     /// Drops all pieces but the one of the greatest area.
@@ -107,16 +141,24 @@ impl Working {
         let label = |t: usize| components.labels[self.triangles[t][0] as usize] as usize;
         let mut areas = vec![0.0; components.count];
         let each = triangle_areas(&self.vertices, &self.triangles);
-        each.iter().enumerate().for_each(|(t, area)| areas[label(t)] += area);
+        each.iter()
+            .enumerate()
+            .for_each(|(t, area)| areas[label(t)] += area);
         let most = greatest(areas.iter().copied());
         let largest = areas.iter().position(|a| *a == most).unwrap_or(0);
-        let keep: Vec<bool> = (0..self.triangles.len()).map(|t| label(t) == largest).collect();
+        let keep: Vec<bool> = (0..self.triangles.len())
+            .map(|t| label(t) == largest)
+            .collect();
         let share = 100.0 * (1.0 - most / areas.iter().sum::<f64>());
         let dropped = self.retain(|t| keep[t]);
         let pieces = counted(components.count - 1, "piece", "pieces");
         let message = || {
             let triangles = counted(dropped.len(), "triangle", "triangles");
-            let area = if share.is_finite() { format!(", {share:.2} % of the area") } else { String::new() };
+            let area = if share.is_finite() {
+                format!(", {share:.2} % of the area")
+            } else {
+                String::new()
+            };
             format!("dropped {pieces} of {triangles}{area}")
         };
         self.note(Step::DroppedPieces, dropped.len(), message, dropped.clone());
@@ -125,26 +167,55 @@ impl Working {
     /// Drops vertices that nothing names, and gives what has become of the mesh.
     pub fn finish(mut self) -> Repaired {
         let mut used = vec![false; self.vertices.len()];
-        let named = self.triangles.iter().flatten().chain(self.lines.iter().flatten());
+        let named = self
+            .triangles
+            .iter()
+            .flatten()
+            .chain(self.lines.iter().flatten());
         named.for_each(|v| used[*v as usize] = true);
         let mut index = vec![0u32; used.len()];
         let mut vertices = Vec::with_capacity(used.len());
         let mut dropped = Vec::new();
         for (v, used) in used.iter().enumerate() {
             index[v] = vertices.len() as u32;
-            if *used { vertices.push(self.vertices[v]) } else { dropped.push(self.vertex_origin[v]) }
+            if *used {
+                vertices.push(self.vertices[v])
+            } else {
+                dropped.push(self.vertex_origin[v])
+            }
         }
         // What lives on as a copy was not dropped.
         let mut lives = vec![false; used.len()];
-        used.iter().zip(&self.vertex_origin).filter(|(used, _)| **used).for_each(|(_, v)| lives[*v as usize] = true);
+        used.iter()
+            .zip(&self.vertex_origin)
+            .filter(|(used, _)| **used)
+            .for_each(|(_, v)| lives[*v as usize] = true);
         dropped.retain(|v| !lives[*v as usize]);
         let renumber = |v: &mut u32| *v = index[*v as usize];
         self.triangles.iter_mut().flatten().for_each(renumber);
         self.lines.iter_mut().flatten().for_each(renumber);
-        let message = || format!("dropped {} that nothing names", counted(dropped.len(), "vertex", "vertices"));
-        self.note(Step::DroppedVertices, dropped.len(), message, dropped.clone());
-        let mesh = TriangleMesh { vertices, triangles: self.triangles };
-        Repaired { mesh, lines: self.lines, changes: self.changes, moved: self.moved }
+        let message = || {
+            format!(
+                "dropped {} that nothing names",
+                counted(dropped.len(), "vertex", "vertices")
+            )
+        };
+        self.note(
+            Step::DroppedVertices,
+            dropped.len(),
+            message,
+            dropped.clone(),
+        );
+        let mesh = TriangleMesh {
+            vertices,
+            triangles: self.triangles,
+        };
+        Repaired {
+            mesh,
+            lines: self.lines,
+            changes: self.changes,
+            moved: self.moved,
+        }
     }
 }
 
@@ -166,13 +237,32 @@ mod tests {
 
     #[test]
     fn of_duplicates_the_majority_stays() {
-        let vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(Point3::from).to_vec();
+        let vertices = [
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+        ]
+        .map(Point3::from)
+        .to_vec();
         let triangles = vec![[0, 1, 2], [1, 0, 2], [2, 0, 1], [0, 1, 3], [0, 3, 1]];
-        let mut working = Working::new(&TriangleMesh { vertices, triangles }, &[]);
+        let mut working = Working::new(
+            &TriangleMesh {
+                vertices,
+                triangles,
+            },
+            &[],
+        );
         working.drop_duplicates();
         assert_eq!(working.triangles, [[0, 1, 2]]);
         assert_eq!(working.changes[0].elements, [1, 2, 3, 4]);
         let repaired = working.finish();
-        assert_eq!((repaired.mesh.vertices.len(), repaired.changes[1].elements.as_slice()), (3, &[3][..]));
+        assert_eq!(
+            (
+                repaired.mesh.vertices.len(),
+                repaired.changes[1].elements.as_slice()
+            ),
+            (3, &[3][..])
+        );
     }
 }

@@ -14,7 +14,11 @@ pub(super) fn sphere(p: &Point3<f64>, center: &Point3<f64>, radius: f64) -> f64 
 }
 
 /// A segment with a radius that changes linearly along it.
-pub(super) fn capsule(p: &Point3<f64>, [a, b]: &[Point3<f64>; 2], [radius_a, radius_b]: [f64; 2]) -> f64 {
+pub(super) fn capsule(
+    p: &Point3<f64>,
+    [a, b]: &[Point3<f64>; 2],
+    [radius_a, radius_b]: [f64; 2],
+) -> f64 {
     let along = b - a;
     let t = ((p - a).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
     (p - (a + along * t)).norm() - (radius_a + (radius_b - radius_a) * t)

@@ -36,9 +36,29 @@ pub(super) fn socket_field(p: Point3<f64>) -> f64 {
     let inner = HEAD_RADIUS + CLEARANCE;
     let shell = (p.coords.norm() - (inner + 0.005)).abs() - 0.005;
     let cup = meet(shell, -inward.dot(&p.coords), 0.003);
-    let wing = plate(&p, &[mm(22.0, 28.0, -8.0), mm(28.0, 135.0, -32.0), mm(38.0, 108.0, -97.0)], 0.009);
-    let sacrum = plate(&p, &[mm(38.0, 105.0, -95.0), mm(60.0, 110.0, -85.0), mm(65.0, 40.0, -105.0)], 0.011);
-    let ramus = capsule(&p, &[mm(25.0, -8.0, -18.0), mm(17.0, -52.0, -42.0)], [0.011, 0.013]);
+    let wing = plate(
+        &p,
+        &[
+            mm(22.0, 28.0, -8.0),
+            mm(28.0, 135.0, -32.0),
+            mm(38.0, 108.0, -97.0),
+        ],
+        0.009,
+    );
+    let sacrum = plate(
+        &p,
+        &[
+            mm(38.0, 105.0, -95.0),
+            mm(60.0, 110.0, -85.0),
+            mm(65.0, 40.0, -105.0),
+        ],
+        0.011,
+    );
+    let ramus = capsule(
+        &p,
+        &[mm(25.0, -8.0, -18.0), mm(17.0, -52.0, -42.0)],
+        [0.011, 0.013],
+    );
     let bump = sphere(&p, &mm(16.0, -58.0, -45.0), 0.017);
     let bones = join(join(wing, sacrum, 0.01), join(ramus, bump, 0.01), 0.015);
     // Nothing reaches into the cup.
@@ -48,18 +68,44 @@ pub(super) fn socket_field(p: Point3<f64>) -> f64 {
 /// Head, neck, greater trochanter and shaft as one signed distance [m].
 pub(super) fn femur_field(p: Point3<f64>) -> f64 {
     let head = sphere(&p, &Point3::origin(), HEAD_RADIUS);
-    let neck = capsule(&p, &[mm(-10.0, -5.5, 0.0), mm(-48.0, -27.0, 0.0)], [0.0125, 0.0155]);
-    let trochanter = capsule(&p, &[mm(-59.0, -8.0, -12.0), mm(-55.0, -30.0, -6.0)], [0.014, 0.016]);
-    let shaft = capsule(&p, &[mm(-52.0, -35.0, -1.0), mm(-42.0, -347.0, 4.0)], [0.0145, 0.013]);
-    join(head, join(join(neck, shaft, 0.012), trochanter, 0.01), 0.006)
+    let neck = capsule(
+        &p,
+        &[mm(-10.0, -5.5, 0.0), mm(-48.0, -27.0, 0.0)],
+        [0.0125, 0.0155],
+    );
+    let trochanter = capsule(
+        &p,
+        &[mm(-59.0, -8.0, -12.0), mm(-55.0, -30.0, -6.0)],
+        [0.014, 0.016],
+    );
+    let shaft = capsule(
+        &p,
+        &[mm(-52.0, -35.0, -1.0), mm(-42.0, -347.0, 4.0)],
+        [0.0145, 0.013],
+    );
+    join(
+        head,
+        join(join(neck, shaft, 0.012), trochanter, 0.01),
+        0.006,
+    )
 }
 
 pub(super) fn socket() -> TriangleMesh {
-    isosurface(socket_field, mm(-40.0, -90.0, -130.0), mm(90.0, 155.0, 50.0), BONE_CELL)
+    isosurface(
+        socket_field,
+        mm(-40.0, -90.0, -130.0),
+        mm(90.0, 155.0, 50.0),
+        BONE_CELL,
+    )
 }
 
 pub(super) fn femur() -> TriangleMesh {
-    isosurface(femur_field, mm(-90.0, -370.0, -40.0), mm(35.0, 35.0, 35.0), BONE_CELL)
+    isosurface(
+        femur_field,
+        mm(-90.0, -370.0, -40.0),
+        mm(35.0, 35.0, 35.0),
+        BONE_CELL,
+    )
 }
 
 /// One cross-section of the strap.
@@ -92,7 +138,9 @@ struct Strap {
 impl Strap {
     fn new() -> Self {
         let spans = STATIONS.len() - 1;
-        let stations = (0..=spans * PARTS).map(|i| station(i as f64 / PARTS as f64)).collect();
+        let stations = (0..=spans * PARTS)
+            .map(|i| station(i as f64 / PARTS as f64))
+            .collect();
         Self { stations }
     }
 
@@ -100,10 +148,18 @@ impl Strap {
     fn nearest(&self, p: &Point3<f64>) -> (f64, Station, Vector3<f64>) {
         // First the nearest of a few cross-sections, then the segments about it.
         let square = |i: usize| (p - self.stations[i].center).norm_squared();
-        let coarse = (0..self.stations.len()).step_by(PARTS).min_by(|&i, &j| square(i).total_cmp(&square(j)));
+        let coarse = (0..self.stations.len())
+            .step_by(PARTS)
+            .min_by(|&i, &j| square(i).total_cmp(&square(j)));
         let first = coarse.unwrap_or(0).saturating_sub(PARTS + 2);
         let mut best = (f64::INFINITY, 0, 0.0);
-        for (i, pair) in self.stations.windows(2).enumerate().skip(first).take(2 * PARTS + 4) {
+        for (i, pair) in self
+            .stations
+            .windows(2)
+            .enumerate()
+            .skip(first)
+            .take(2 * PARTS + 4)
+        {
             let along = pair[1].center - pair[0].center;
             let s = ((p - pair[0].center).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
             let square = (p - (pair[0].center + along * s)).norm_squared();
@@ -126,7 +182,10 @@ impl Strap {
         let mix = |from: f64, to: f64| from + (to - from) * s;
         // The direction changes from station to station, so that cross-sections do not jump at corners.
         let direction = |k: usize| {
-            let (before, after) = (&self.stations[k.saturating_sub(1)], &self.stations[(k + 1).min(last)]);
+            let (before, after) = (
+                &self.stations[k.saturating_sub(1)],
+                &self.stations[(k + 1).min(last)],
+            );
             (after.center - before.center).normalize()
         };
         let along = direction(i).lerp(&direction(i + 1), s).normalize();
@@ -151,7 +210,11 @@ impl Strap {
             beyond(y, here.half_thickness),
             beyond(z, here.half_width),
             // Zero between the ends, but for the corners between stations.
-            if place > 0.0 && place < 1.0 { 0.0 } else { from.dot(&along) },
+            if place > 0.0 && place < 1.0 {
+                0.0
+            } else {
+                from.dot(&along)
+            },
         );
         let body = corner.norm() - ROUNDING;
         if body > 2.0 * MUSCLE_EDGE {
@@ -180,7 +243,8 @@ fn station(x: f64) -> Station {
         let (a, b, c, d) = (f(k0), f(k1), f(k2), f(k3));
         b + 0.5 * s * (c - a + s * (2.0 * a - 5.0 * b + 4.0 * c - d + s * (3.0 * (b - c) + d - a)))
     };
-    let vector = |f: &dyn Fn(usize) -> [f64; 3]| Vector3::from([0, 1, 2].map(|axis| cubic(&|k| f(k)[axis])));
+    let vector =
+        |f: &dyn Fn(usize) -> [f64; 3]| Vector3::from([0, 1, 2].map(|axis| cubic(&|k| f(k)[axis])));
     Station {
         center: Point3::from(1e-3 * vector(&|k| STATIONS[k].0)),
         out: vector(&|k| STATIONS[k].1).normalize(),
@@ -195,14 +259,20 @@ fn gap(place: f64) -> f64 {
         let s = (x / 0.04).clamp(0.0, 1.0);
         s * s * (3.0 - 2.0 * s)
     };
-    END_GAP + (MIDDLE_GAP - END_GAP) * ramp(place - END_SHARES[0]) * ramp(1.0 - END_SHARES[1] - place)
+    END_GAP
+        + (MIDDLE_GAP - END_GAP) * ramp(place - END_SHARES[0]) * ramp(1.0 - END_SHARES[1] - place)
 }
 
 /// The strap from the back of the wing, over the trochanter, to the back of the shaft, with its fibres.
 pub(super) fn gluteus() -> Shape {
     let strap = Strap::new();
     let field = |p: Point3<f64>| strap.field(p);
-    let surface = isosurface(field, mm(-115.0, -145.0, -115.0), mm(45.0, 150.0, 25.0), 1.25 * MUSCLE_EDGE);
+    let surface = isosurface(
+        field,
+        mm(-115.0, -145.0, -115.0),
+        mm(45.0, 150.0, 25.0),
+        1.25 * MUSCLE_EDGE,
+    );
     // A surface made by isosurface is closed and oriented; were it not, the tests of this file would see it.
     let mut mesh = refine(&surface, MUSCLE_EDGE).map_or(surface, |refined| refined.mesh);
     draw_onto_zero(&field, &mut mesh.vertices, 0.1 * MUSCLE_EDGE);
@@ -211,10 +281,18 @@ pub(super) fn gluteus() -> Shape {
     for thick in [0.1, 0.4, 0.7] {
         for k in 0..15 {
             let wide = 0.8 * (f64::from(k) / 7.0 - 1.0);
-            fibres.push((0..=30).map(|i| strap.fibre_point(f64::from(i) / 30.0, thick, wide)).collect());
+            fibres.push(
+                (0..=30)
+                    .map(|i| strap.fibre_point(f64::from(i) / 30.0, thick, wide))
+                    .collect(),
+            );
         }
     }
-    Shape { mesh, edges: Vec::new(), fibres }
+    Shape {
+        mesh,
+        edges: Vec::new(),
+        fibres,
+    }
 }
 
 #[cfg(test)]

@@ -24,7 +24,9 @@ pub(super) fn muscle() -> TriangleMesh {
 
 /// Zero on the surface, with a gradient of about 1 across the thickness.
 fn muscle_field(p: Point3<f64>) -> f64 {
-    let sum: f64 = (0..3).map(|k| libm::pow(p[k].abs() / HALF[k], EXPONENT)).sum();
+    let sum: f64 = (0..3)
+        .map(|k| libm::pow(p[k].abs() / HALF[k], EXPONENT))
+        .sum();
     HALF[1] * (libm::pow(sum, 1.0 / EXPONENT) - 1.0)
 }
 
@@ -48,9 +50,15 @@ mod tests {
             assert!((size[k] - 2.0 * half).abs() < 1e-3, "{size:?}");
         }
         assert!(m.bounding_box().center().coords.norm() < 5e-4);
-        let angle = m.smallest_angles().into_iter().fold(f64::INFINITY, f64::min).to_degrees();
+        let angle = m
+            .smallest_angles()
+            .into_iter()
+            .fold(f64::INFINITY, f64::min)
+            .to_degrees();
         let lengths = Topology::new(&m).edge_lengths(&m);
-        let (shortest, longest) = lengths.iter().fold((f64::INFINITY, 0.0f64), |(s, l), &e| (s.min(e), l.max(e)));
+        let (shortest, longest) = lengths
+            .iter()
+            .fold((f64::INFINITY, 0.0f64), |(s, l), &e| (s.min(e), l.max(e)));
         println!(
             "{} vertices, edges {:.2}..{:.2} mm, angle {angle:.1}",
             m.vertices.len(),

@@ -15,14 +15,26 @@ pub fn tetrahedron() -> TriangleMesh {
         Point3::new(-0.471_404_520_791_031_7, -0.816_496_580_927_726, -1.0 / 3.0),
         Point3::new(0.0, 0.0, 1.0),
     ];
-    TriangleMesh { vertices, triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]] }
+    TriangleMesh {
+        vertices,
+        triangles: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+    }
 }
 
 /// `count` points on the x axis, 1 m apart, joined by edges.
 pub(super) fn chain(count: u32) -> Shape {
-    let vertices = (0..count).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+    let vertices = (0..count)
+        .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+        .collect();
     let edges = (1..count).map(|i| [i - 1, i]).collect();
-    Shape { mesh: TriangleMesh { vertices, triangles: Vec::new() }, edges, fibres: Vec::new() }
+    Shape {
+        mesh: TriangleMesh {
+            vertices,
+            triangles: Vec::new(),
+        },
+        edges,
+        fibres: Vec::new(),
+    }
 }
 
 /// A sphere of `radius` [m] around the origin: an icosahedron, each triangle split in four `subdivisions` times.
@@ -31,9 +43,18 @@ pub(super) fn chain(count: u32) -> Shape {
 pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let mut vertices: Vec<Vector3<f64>> = Vec::with_capacity(12);
-    for (a, b) in [(-1.0, golden), (1.0, golden), (-1.0, -golden), (1.0, -golden)] {
+    for (a, b) in [
+        (-1.0, golden),
+        (1.0, golden),
+        (-1.0, -golden),
+        (1.0, -golden),
+    ] {
         // Three golden rectangles, one in each coordinate plane.
-        vertices.extend([Vector3::new(a, b, 0.0), Vector3::new(0.0, a, b), Vector3::new(b, 0.0, a)]);
+        vertices.extend([
+            Vector3::new(a, b, 0.0),
+            Vector3::new(0.0, a, b),
+            Vector3::new(b, 0.0, a),
+        ]);
     }
     vertices.iter_mut().for_each(|v| *v = v.normalize());
     let mut triangles = hull_of_icosahedron(&vertices);
@@ -51,7 +72,10 @@ pub fn icosphere(radius: f64, subdivisions: u32) -> TriangleMesh {
         };
         triangles = triangles.iter().flat_map(split).collect();
     }
-    TriangleMesh { vertices: vertices.iter().map(|v| Point3::from(radius * v)).collect(), triangles }
+    TriangleMesh {
+        vertices: vertices.iter().map(|v| Point3::from(radius * v)).collect(),
+        triangles,
+    }
 }
 
 /// The triangles of 12 unit vectors at the corners of an icosahedron: all triples of mutual neighbours.
@@ -63,7 +87,11 @@ fn hull_of_icosahedron(corners: &[Vector3<f64>]) -> Vec<[u32; 3]> {
         for j in (i + 1..12).filter(|&j| near(i, j)) {
             for k in (j + 1..12).filter(|&k| near(i, k) && near(j, k)) {
                 let [a, b, c] = [i, j, k].map(|v| corners[v as usize]);
-                triangles.push(if a.dot(&b.cross(&c)) > 0.0 { [i, j, k] } else { [i, k, j] });
+                triangles.push(if a.dot(&b.cross(&c)) > 0.0 {
+                    [i, j, k]
+                } else {
+                    [i, k, j]
+                });
             }
         }
     }
@@ -83,7 +111,11 @@ pub fn tube(radius: f64, length: f64, segments: u32) -> TriangleMesh {
         for j in 0..segments {
             // Every other ring is turned by half a step, which makes the triangles nearly equilateral.
             let angle = turn * (f64::from(j) + 0.5 * f64::from(i % 2));
-            vertices.push(Point3::new(x, radius * libm::cos(angle), radius * libm::sin(angle)));
+            vertices.push(Point3::new(
+                x,
+                radius * libm::cos(angle),
+                radius * libm::sin(angle),
+            ));
         }
     }
     let at = |i: u32, j: u32| i * segments + j % segments;
@@ -106,7 +138,10 @@ pub fn tube(radius: f64, length: f64, segments: u32) -> TriangleMesh {
         triangles.push([low, at(0, j + 1), at(0, j)]);
         triangles.push([high, at(steps, j), at(steps, j + 1)]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// The surface of a box along the axes, centred at the origin, with sides of `size` and edges of about `cell` [m].
@@ -134,12 +169,20 @@ pub fn box_surface(size: [f64; 3], cell: f64) -> TriangleMesh {
                     vertex(lattice)
                 };
                 let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-                let pair = if (i + j) % 2 == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] };
-                triangles.extend(pair.map(|[p, q, r]| if side == 0 { [p, r, q] } else { [p, q, r] }));
+                let pair = if (i + j) % 2 == 0 {
+                    [[a, b, c], [a, c, d]]
+                } else {
+                    [[a, b, d], [b, c, d]]
+                };
+                triangles
+                    .extend(pair.map(|[p, q, r]| if side == 0 { [p, r, q] } else { [p, q, r] }));
             }
         }
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 #[cfg(test)]

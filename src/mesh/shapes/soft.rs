@@ -43,7 +43,11 @@ fn globe(radius: f64, meridians: u32, circles: u32) -> TriangleMesh {
         for j in 0..meridians {
             let round = std::f64::consts::TAU * f64::from(j) / f64::from(meridians);
             let (out, up) = (radius * libm::sin(down), radius * libm::cos(down));
-            vertices.push(Point3::new(out * libm::sin(round), up, out * libm::cos(round)));
+            vertices.push(Point3::new(
+                out * libm::sin(round),
+                up,
+                out * libm::cos(round),
+            ));
         }
     }
     vertices.push(Point3::new(0.0, -radius, 0.0));
@@ -58,20 +62,28 @@ fn globe(radius: f64, meridians: u32, circles: u32) -> TriangleMesh {
         }
         triangles.push([last, at(circles, j + 1), at(circles, j)]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A flat square of `side` [m] in the plane z = 0 about the origin, looking along z: `cells` by `cells` squares, all
 /// diagonals alike.
 pub fn sheet(side: f64, cells: u32) -> TriangleMesh {
     let at = |k: u32| side * (f64::from(k) / f64::from(cells) - 0.5);
-    let vertices = (0..=cells).flat_map(|i| (0..=cells).map(move |j| Point3::new(at(i), at(j), 0.0))).collect();
+    let vertices = (0..=cells)
+        .flat_map(|i| (0..=cells).map(move |j| Point3::new(at(i), at(j), 0.0)))
+        .collect();
     let mut triangles = Vec::with_capacity(2 * (cells as usize).pow(2));
     for (i, j) in (0..cells).flat_map(|i| (0..cells).map(move |j| (i, j))) {
         let a = i * (cells + 1) + j;
         triangles.extend([[a, a + cells + 1, a + cells + 2], [a, a + cells + 2, a + 1]]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// The upper half, along z, of a sphere of 90 mm about the origin: about a scalp, open below.
@@ -92,7 +104,10 @@ pub fn scalp() -> TriangleMesh {
             *number
         }));
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A sphere of 84 mm about the origin: about a skull.
@@ -112,7 +127,11 @@ mod tests {
         }
         assert!((cube().volume() - 8e-6).abs() <= 1e-18);
         // 3.93 of a sphere of radius 1 cm in this mesh.
-        assert!((ball().volume() - 3.932e-6).abs() <= 1e-9, "{}", ball().volume());
+        assert!(
+            (ball().volume() - 3.932e-6).abs() <= 1e-9,
+            "{}",
+            ball().volume()
+        );
     }
 
     #[test]
@@ -120,7 +139,10 @@ mod tests {
         for (mesh, out) in [(sheet(0.2, 16), None), (scalp(), Some(Point3::origin()))] {
             let topology = Topology::new(&mesh);
             assert!(topology.is_oriented() && !topology.is_closed());
-            assert_eq!((topology.components().count, topology.euler_characteristic()), (1, 1));
+            assert_eq!(
+                (topology.components().count, topology.euler_characteristic()),
+                (1, 1)
+            );
             for (t, [a, b, c]) in (0..mesh.triangles.len()).map(|t| (t, mesh.corners(t))) {
                 let normal = (b - a).cross(&(c - a));
                 let away = out.map_or_else(nalgebra::Vector3::z, |o| a - o);

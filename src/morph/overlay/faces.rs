@@ -34,12 +34,16 @@ impl Crossings {
         }
         let number = |f: usize, e: &u32| numbers.get(&[*e, f as u32]).copied().ok_or(Exactly);
         let each = laid[1].crossed.iter().enumerate();
-        let second: Result<Vec<Vec<u32>>, Exactly> =
-            each.map(|(f, crossed)| crossed.iter().map(|e| number(f, e)).collect()).collect();
+        let second: Result<Vec<Vec<u32>>, Exactly> = each
+            .map(|(f, crossed)| crossed.iter().map(|e| number(f, e)).collect())
+            .collect();
         let second = second?;
         let seen: usize = second.iter().map(Vec::len).sum();
         if seen == pairs.len() && numbers.len() == pairs.len() {
-            Ok(Self { pairs, along: [first, second] })
+            Ok(Self {
+                pairs,
+                along: [first, second],
+            })
         } else {
             Err(Exactly)
         }
@@ -90,12 +94,19 @@ pub(super) fn triangles(
     }
     let vertices = laid[0].on.len() + laid[1].on.len() + crossings.pairs.len();
     // V - E + F = 2, or the crossings do not fit together.
-    if vertices + faces == halves.ends.len() / 2 + 2 { Ok(triangles) } else { Err(Exactly) }
+    if vertices + faces == halves.ends.len() / 2 + 2 {
+        Ok(triangles)
+    } else {
+        Err(Exactly)
+    }
 }
 
 /// The pieces of edges between vertices and crossings: half edges 2 k and 2 k + 1 are the two ways of one.
 fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
-    let counts = [grounds[0].map.points().len() as u32, grounds[1].map.points().len() as u32];
+    let counts = [
+        grounds[0].map.points().len() as u32,
+        grounds[1].map.points().len() as u32,
+    ];
     let base = counts[0] + counts[1];
     let shift = [0, counts[0]];
     let mut ends = Vec::new();
@@ -126,7 +137,11 @@ fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
         let q = grounds[1].topology.edges[f as usize];
         // The second edge goes to the left of the first where its far end lies there.
         let left = turn(p[0], p[1], &grounds[1].map.points()[q[1] as usize]) > 0.0;
-        around.push(if left { vec![on, other, back, other_back] } else { vec![on, other_back, back, other] });
+        around.push(if left {
+            vec![on, other, back, other_back]
+        } else {
+            vec![on, other_back, back, other]
+        });
     }
     Halves { ends, around }
 }
@@ -134,11 +149,15 @@ fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
 /// Half edges that leave a vertex, counter-clockwise.
 fn around_vertex(ground: &Ground<'_>, vertex: u32, leaving: &[[u32; 2]]) -> Vec<u32> {
     let (topology, triangles) = (&ground.topology, ground.map.triangles());
-    let out = |edge: u32| leaving[edge as usize][usize::from(topology.edges[edge as usize][0] != vertex)];
+    let out =
+        |edge: u32| leaving[edge as usize][usize::from(topology.edges[edge as usize][0] != vertex)];
     let fan = topology.triangles_of_vertex(vertex as usize);
     let (mut ring, mut at) = (Vec::with_capacity(fan.len()), fan[0]);
     for _ in fan {
-        let k = triangles[at as usize].iter().position(|&v| v == vertex).unwrap_or(0);
+        let k = triangles[at as usize]
+            .iter()
+            .position(|&v| v == vertex)
+            .unwrap_or(0);
         // Counter-clockwise the side that leaves comes first, and the triangle beyond the side that arrives is next.
         ring.push(out(topology.triangle_edges[at as usize][k]));
         at = topology.neighbours_of_triangle(at as usize)[(k + 2) % 3].unwrap_or(at);

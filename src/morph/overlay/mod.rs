@@ -105,7 +105,12 @@ impl Overlay {
                 Ok(map) => match lay(&map, second) {
                     Ok((origins, triangles)) => {
                         let counts = [first.points().len(), second.points().len()];
-                        return Ok(Self { origins, triangles, counts, turned: angle });
+                        return Ok(Self {
+                            origins,
+                            triangles,
+                            counts,
+                            turned: angle,
+                        });
                     }
                     Err(Exactly) => last = None,
                 },
@@ -113,7 +118,13 @@ impl Overlay {
             }
         }
         let angle = ANGLES[ANGLES.len() - 1];
-        Err(last.map_or(OverlayError::Exact { attempts: ANGLES.len(), angle }, OverlayError::Sphere))
+        Err(last.map_or(
+            OverlayError::Exact {
+                attempts: ANGLES.len(),
+                angle,
+            },
+            OverlayError::Sphere,
+        ))
     }
 
     /// Number of crossings.
@@ -125,12 +136,18 @@ impl Overlay {
     ///
     /// # Errors
     /// Positions that do not belong to the first map.
-    pub fn on_first(&self, places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Vec<Point3<f64>>, OverlayError> {
+    pub fn on_first(
+        &self,
+        places: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+    ) -> Result<Vec<Point3<f64>>, OverlayError> {
         self.check(places, 0)?;
         let place = |origin: &Origin| match *origin {
             Origin::First { vertex, .. } => places[vertex as usize],
             Origin::Second { on, .. } => on.of(triangles, places),
-            Origin::Crossing { first, along_first, .. } => between(places, first, along_first),
+            Origin::Crossing {
+                first, along_first, ..
+            } => between(places, first, along_first),
         };
         Ok(self.origins.iter().map(place).collect())
     }
@@ -139,19 +156,31 @@ impl Overlay {
     ///
     /// # Errors
     /// Positions that do not belong to the second map.
-    pub fn on_second(&self, places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Result<Vec<Point3<f64>>, OverlayError> {
+    pub fn on_second(
+        &self,
+        places: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+    ) -> Result<Vec<Point3<f64>>, OverlayError> {
         self.check(places, 1)?;
         let place = |origin: &Origin| match *origin {
             Origin::First { on, .. } => on.of(triangles, places),
             Origin::Second { vertex, .. } => places[vertex as usize],
-            Origin::Crossing { second, along_second, .. } => between(places, second, along_second),
+            Origin::Crossing {
+                second,
+                along_second,
+                ..
+            } => between(places, second, along_second),
         };
         Ok(self.origins.iter().map(place).collect())
     }
 
     fn check(&self, places: &[Point3<f64>], side: usize) -> Result<(), OverlayError> {
         let (found, wanted) = (places.len(), self.counts[side]);
-        if found == wanted { Ok(()) } else { Err(OverlayError::Positions { found, wanted }) }
+        if found == wanted {
+            Ok(())
+        } else {
+            Err(OverlayError::Positions { found, wanted })
+        }
     }
 }
 
@@ -170,12 +199,21 @@ fn lay_over(map: &SphereMap, edges: &[[u32; 2]], ground: &Ground<'_>) -> Result<
     let locator = Locator::new(ground.map);
     let locate = |p: &Point3<f64>| {
         let found = locator.locate_exactly(p).ok_or(Exactly)?;
-        if locator.sides(found.triangle, p).contains(&0.0) { Err(Exactly) } else { Ok(found) }
+        if locator.sides(found.triangle, p).contains(&0.0) {
+            Err(Exactly)
+        } else {
+            Ok(found)
+        }
     };
     let on: Vec<Located> = map.points().iter().map(locate).collect::<Result<_, _>>()?;
     let way = |&[a, b]: &[u32; 2]| {
         let (from, to) = (a as usize, b as usize);
-        ground.crossed(&map.points()[from], on[from].triangle, &map.points()[to], on[to].triangle)
+        ground.crossed(
+            &map.points()[from],
+            on[from].triangle,
+            &map.points()[to],
+            on[to].triangle,
+        )
     };
     let crossed = edges.iter().map(way).collect::<Result<_, _>>()?;
     Ok(Laid { on, crossed })
@@ -186,16 +224,39 @@ type Pieces = (Vec<Origin>, Vec<[u32; 3]>);
 fn lay(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
     let grounds = [Ground::new(first), Ground::new(second)];
     let edges = [&grounds[0].topology.edges, &grounds[1].topology.edges];
-    let laid = [lay_over(first, edges[0], &grounds[1])?, lay_over(second, edges[1], &grounds[0])?];
+    let laid = [
+        lay_over(first, edges[0], &grounds[1])?,
+        lay_over(second, edges[1], &grounds[0])?,
+    ];
     let crossings = faces::Crossings::new(&laid)?;
     let mut origins: Vec<Origin> = Vec::with_capacity(first.points().len() + second.points().len());
-    origins.extend(laid[0].on.iter().enumerate().map(|(v, &on)| Origin::First { vertex: v as u32, on }));
-    origins.extend(laid[1].on.iter().enumerate().map(|(v, &on)| Origin::Second { vertex: v as u32, on }));
+    origins.extend(laid[0].on.iter().enumerate().map(|(v, &on)| Origin::First {
+        vertex: v as u32,
+        on,
+    }));
+    origins.extend(
+        laid[1]
+            .on
+            .iter()
+            .enumerate()
+            .map(|(v, &on)| Origin::Second {
+                vertex: v as u32,
+                on,
+            }),
+    );
     for &[e, f] in &crossings.pairs {
         let (ends, others) = (edges[0][e as usize], edges[1][f as usize]);
-        let (p, q) = (ends.map(|v| &first.points()[v as usize]), others.map(|v| &second.points()[v as usize]));
+        let (p, q) = (
+            ends.map(|v| &first.points()[v as usize]),
+            others.map(|v| &second.points()[v as usize]),
+        );
         let (along_first, along_second) = (part(p, q), part(q, p));
-        origins.push(Origin::Crossing { first: ends, along_first, second: others, along_second });
+        origins.push(Origin::Crossing {
+            first: ends,
+            along_first,
+            second: others,
+            along_second,
+        });
     }
     let triangles = faces::triangles(&grounds, &laid, &crossings)?;
     Ok((origins, triangles))

@@ -29,7 +29,10 @@ pub(super) struct Exactly;
 
 impl<'a> Ground<'a> {
     pub fn new(map: &'a SphereMap) -> Self {
-        Self { map, topology: Topology::of_triangles(map.points().len(), map.triangles()) }
+        Self {
+            map,
+            topology: Topology::of_triangles(map.points().len(), map.triangles()),
+        }
     }
 
     fn point(&self, v: u32) -> &'a Point3<f64> {
@@ -37,7 +40,13 @@ impl<'a> Ground<'a> {
     }
 
     /// The edges that the arc from `from`, in triangle `start`, to `to`, in triangle `end`, crosses, in order.
-    pub fn crossed(&self, from: &Point3<f64>, start: u32, to: &Point3<f64>, end: u32) -> Result<Vec<u32>, Exactly> {
+    pub fn crossed(
+        &self,
+        from: &Point3<f64>,
+        start: u32,
+        to: &Point3<f64>,
+        end: u32,
+    ) -> Result<Vec<u32>, Exactly> {
         let (mut found, mut at, mut came) = (Vec::new(), start, NONE);
         while at != end {
             let corners = self.map.triangles()[at as usize];
@@ -57,8 +66,12 @@ impl<'a> Ground<'a> {
                     next = Some((edge, k));
                 }
             }
-            let Some((edge, k)) = next else { return Err(Exactly) };
-            let Some(other) = self.topology.neighbours_of_triangle(at as usize)[k] else { return Err(Exactly) };
+            let Some((edge, k)) = next else {
+                return Err(Exactly);
+            };
+            let Some(other) = self.topology.neighbours_of_triangle(at as usize)[k] else {
+                return Err(Exactly);
+            };
             found.push(edge);
             (at, came) = (other, edge);
             if found.len() > self.map.triangles().len() {

@@ -16,13 +16,24 @@ pub enum Motion {
 
 /// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\]; `None` where weights or
 /// points give none: all in one place, all weights 0.
-pub fn fit(from: &[Point3<f64>], to: &[Point3<f64>], weights: &[f64], motion: Motion) -> Option<Similarity3<f64>> {
+pub fn fit(
+    from: &[Point3<f64>],
+    to: &[Point3<f64>],
+    weights: &[f64],
+    motion: Motion,
+) -> Option<Similarity3<f64>> {
     let total: f64 = weights.iter().sum();
     if !(total > 0.0 && total.is_finite()) {
         return None;
     }
-    let middle =
-        |points: &[Point3<f64>]| points.iter().zip(weights).map(|(p, w)| p.coords * *w).sum::<Vector3<f64>>() / total;
+    let middle = |points: &[Point3<f64>]| {
+        points
+            .iter()
+            .zip(weights)
+            .map(|(p, w)| p.coords * *w)
+            .sum::<Vector3<f64>>()
+            / total
+    };
     let (a, b) = (middle(from), middle(to));
     let (mut product, mut square, mut other) = (Matrix3::zeros(), 0.0, 0.0);
     for ((p, q), w) in from.iter().zip(to).zip(weights) {
@@ -37,13 +48,18 @@ pub fn fit(from: &[Point3<f64>], to: &[Point3<f64>], weights: &[f64], motion: Mo
     let rotation = rotation_of(&product);
     let scale = match motion {
         Motion::Rigid => 1.0,
-        Motion::Similarity => (rotation.to_rotation_matrix().matrix().transpose() * product).trace() / square,
+        Motion::Similarity => {
+            (rotation.to_rotation_matrix().matrix().transpose() * product).trace() / square
+        }
     };
     if !(scale > 0.0 && scale.is_finite()) {
         return None;
     }
     let shift = b - rotation * a * scale;
-    Some(Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(shift), rotation), scale))
+    Some(Similarity3::from_isometry(
+        Isometry3::from_parts(Translation3::from(shift), rotation),
+        scale,
+    ))
 }
 
 /// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.

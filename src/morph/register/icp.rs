@@ -129,16 +129,29 @@ impl Icp {
             }
         };
         let mut motion = *start;
-        let mut last = Registered { motion, rounds: 0, converged: false, distance: 0.0, pairs: 0 };
+        let mut last = Registered {
+            motion,
+            rounds: 0,
+            converged: false,
+            distance: 0.0,
+            pairs: 0,
+        };
         let (mut least, mut since) = (f64::INFINITY, 0);
         for round in 1..=self.rounds {
             let mut pairs = self.matched(moving, fixed, &chosen, &motion);
             self.drop_bad(&mut pairs);
             if pairs.len() < 6 {
-                return Err(RegisterError::Pairs { pairs: pairs.len(), of: chosen.len(), round });
+                return Err(RegisterError::Pairs {
+                    pairs: pairs.len(),
+                    of: chosen.len(),
+                    round,
+                });
             }
             let squares: f64 = pairs.iter().map(|p| p.distance * p.distance).sum();
-            let step = self.step(&pairs).ok_or(RegisterError::Undetermined { pairs: pairs.len(), round })?;
+            let step = self.step(&pairs).ok_or(RegisterError::Undetermined {
+                pairs: pairs.len(),
+                round,
+            })?;
             let moved = greatest(pairs.iter().map(|p| (step * p.from - p.from).norm()));
             motion = step * motion;
             last = Registered {
@@ -149,7 +162,11 @@ impl Icp {
                 pairs: pairs.len(),
             };
             // Where shapes differ, pairs come and go in turn for ever.
-            since = if last.distance < least * (1.0 - BETTER) { 0 } else { since + 1 };
+            since = if last.distance < least * (1.0 - BETTER) {
+                0
+            } else {
+                since + 1
+            };
             least = least.min(last.distance);
             last.converged |= since >= PATIENCE && moved <= SMALL * fixed.size();
             if last.converged {
@@ -178,7 +195,12 @@ impl Icp {
                 }
             }
             let (to, normal) = fixed.curved(&near);
-            Some(Pair { from, to, normal, distance: (to - from).norm() })
+            Some(Pair {
+                from,
+                to,
+                normal,
+                distance: (to - from).norm(),
+            })
         };
         chosen.iter().filter_map(pair).collect()
     }
@@ -194,7 +216,8 @@ impl Icp {
                 all.get(kept.saturating_sub(1)).copied().unwrap_or(0.0)
             }
             Reject::Median(times) => {
-                let median = crate::mesh::measures::median(pairs.iter().map(|p| p.distance).collect());
+                let median =
+                    crate::mesh::measures::median(pairs.iter().map(|p| p.distance).collect());
                 times * median.unwrap_or(0.0)
             }
         };
@@ -223,17 +246,32 @@ impl Icp {
     /// `None` where surfaces slide without a change of distance.
     fn step_by_planes(&self, pairs: &[Pair], weights: &[f64]) -> Option<Similarity3<f64>> {
         let total: f64 = weights.iter().sum();
-        let middle = pairs.iter().zip(weights).map(|(p, w)| p.from.coords * *w).sum::<Vector3<f64>>() / total;
-        let size =
-            (pairs.iter().map(|p| (p.from.coords - middle).norm_squared()).sum::<f64>() / pairs.len() as f64).sqrt();
+        let middle = pairs
+            .iter()
+            .zip(weights)
+            .map(|(p, w)| p.from.coords * *w)
+            .sum::<Vector3<f64>>()
+            / total;
+        let size = (pairs
+            .iter()
+            .map(|p| (p.from.coords - middle).norm_squared())
+            .sum::<f64>()
+            / pairs.len() as f64)
+            .sqrt();
         let mut matrix = nalgebra::SMatrix::<f64, 7, 7>::zeros();
         let mut rhs = nalgebra::SVector::<f64, 7>::zeros();
         for (p, w) in pairs.iter().zip(weights) {
             // In units of the size, so that all seven unknowns are alike.
             let (arm, n) = ((p.from.coords - middle) / size, p.normal);
             let turn = arm.cross(&n);
-            let swell = if self.motion == Motion::Similarity { arm.dot(&n) } else { 0.0 };
-            let row = nalgebra::SVector::<f64, 7>::from_column_slice(&[turn.x, turn.y, turn.z, n.x, n.y, n.z, swell]);
+            let swell = if self.motion == Motion::Similarity {
+                arm.dot(&n)
+            } else {
+                0.0
+            };
+            let row = nalgebra::SVector::<f64, 7>::from_column_slice(&[
+                turn.x, turn.y, turn.z, n.x, n.y, n.z, swell,
+            ]);
             matrix += row * row.transpose() * *w;
             rhs -= row * ((p.from - p.to).dot(&n) / size * w);
         }
@@ -245,8 +283,12 @@ impl Icp {
         if !(least > 1e-9 * greatest) {
             return None;
         }
-        let x = eigen.eigenvectors * (eigen.eigenvectors.transpose() * rhs).component_div(&eigen.eigenvalues);
-        let (turn, shift) = (Vector3::new(x[0], x[1], x[2]), Vector3::new(x[3], x[4], x[5]) * size);
+        let x = eigen.eigenvectors
+            * (eigen.eigenvectors.transpose() * rhs).component_div(&eigen.eigenvalues);
+        let (turn, shift) = (
+            Vector3::new(x[0], x[1], x[2]),
+            Vector3::new(x[3], x[4], x[5]) * size,
+        );
         // A step of more than half a radian or half the size is no step of a linear model.
         let share = 1.0f64.min(0.5 / turn.norm().max(x[6].abs()).max(1e-300));
         let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn * share);

@@ -40,7 +40,9 @@ pub enum RegisterError {
         vertices: usize,
     },
     /// Hardly any pair is left.
-    #[error("{pairs} of {of} pairs are left in round {round}; at least 6 are needed: start nearer, or reject less")]
+    #[error(
+        "{pairs} of {of} pairs are left in round {round}; at least 6 are needed: start nearer, or reject less"
+    )]
     Pairs {
         /// Pairs left.
         pairs: usize,
@@ -101,7 +103,10 @@ impl<'a> Surface<'a> {
         TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
         if vertices < 4 || triangles < 1 {
-            return Err(RegisterError::TooFew { vertices, triangles });
+            return Err(RegisterError::TooFew {
+                vertices,
+                triangles,
+            });
         }
         let size = mesh.length();
         if !(size > 0.0) {
@@ -109,9 +114,17 @@ impl<'a> Surface<'a> {
         }
         let topology = Topology::new(mesh);
         let normals = outliers::normals(mesh, &topology, &outliers::outliers(mesh, &topology));
-        let open = (0..triangles).map(|t| topology.neighbours_of_triangle(t).map(|n| n.is_none())).collect();
+        let open = (0..triangles)
+            .map(|t| topology.neighbours_of_triangle(t).map(|n| n.is_none()))
+            .collect();
         let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
-        Ok(Self { mesh, tree, normals, size, open })
+        Ok(Self {
+            mesh,
+            tree,
+            normals,
+            size,
+            open,
+        })
     }
 
     /// Vertices \[m\].
@@ -140,7 +153,10 @@ impl<'a> Surface<'a> {
 
     fn normal(&self, triangle: u32) -> Vector3<f64> {
         let [a, b, c] = self.mesh.corners(triangle as usize);
-        (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_default()
+        (b - a)
+            .cross(&(c - a))
+            .try_normalize(0.0)
+            .unwrap_or_default()
     }
 
     /// A place of a triangle and its normal on the smooth surface that the triangles stand for, where it is smooth.
@@ -151,7 +167,10 @@ impl<'a> Surface<'a> {
     fn curved(&self, near: &Closest) -> (Point3<f64>, Vector3<f64>) {
         let flat = self.normal(near.triangle);
         let names = self.mesh.triangles[near.triangle as usize];
-        let (corners, normals) = (self.mesh.corners(near.triangle as usize), names.map(|v| self.normals[v as usize]));
+        let (corners, normals) = (
+            self.mesh.corners(near.triangle as usize),
+            names.map(|v| self.normals[v as usize]),
+        );
         // At edges and outliers vertex normals say nothing about the surface between.
         if normals.iter().any(|n| n.dot(&flat) < SMOOTH) {
             return (near.point, flat);
@@ -178,7 +197,8 @@ impl<'a> Surface<'a> {
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let along = b - a;
             // Rounding of the projection onto the side.
-            self.open[triangle as usize][k] && along.cross(&(at - a)).norm() <= 1e-9 * along.norm_squared()
+            self.open[triangle as usize][k]
+                && along.cross(&(at - a)).norm() <= 1e-9 * along.norm_squared()
         })
     }
 }

@@ -118,7 +118,11 @@ impl NonRigid {
             let drawn = bending.drawn(self.reject, self.reach);
             pairs = drawn.len();
             if pairs < 6 {
-                return Err(RegisterError::Pairs { pairs, of: start.len(), round: rounds });
+                return Err(RegisterError::Pairs {
+                    pairs,
+                    of: start.len(),
+                    round: rounds,
+                });
             }
             let moved = bending.step(&drawn, stiffness, self.points)?;
             level += 1;
@@ -129,7 +133,11 @@ impl NonRigid {
                 continue;
             }
             let distance = bending.off(&drawn);
-            since = if distance < least * (1.0 - BETTER) { 0 } else { since + 1 };
+            since = if distance < least * (1.0 - BETTER) {
+                0
+            } else {
+                since + 1
+            };
             least = least.min(distance);
             if moved <= self.threshold || since >= PATIENCE {
                 converged = true;
@@ -137,8 +145,16 @@ impl NonRigid {
             }
         }
         Ok(Bent {
-            points: bending.now.iter().map(|p| Point3::from(p.coords * bending.size)).collect(),
-            clusters: clusters.labels.iter().map(|l| l.first().map_or(0, |(c, _)| *c)).collect(),
+            points: bending
+                .now
+                .iter()
+                .map(|p| Point3::from(p.coords * bending.size))
+                .collect(),
+            clusters: clusters
+                .labels
+                .iter()
+                .map(|l| l.first().map_or(0, |(c, _)| *c))
+                .collect(),
             count: clusters.seeds.len(),
             rounds,
             converged,
@@ -172,12 +188,32 @@ impl<'a> Bending<'a> {
         clusters: &'a Clusters,
     ) -> Result<Self, RegisterError> {
         let size = fixed.size();
-        let rest: Vec<Point3<f64>> = start.iter().map(|p| Point3::from(p.coords / size)).collect();
-        let none = Motion { turn: UnitQuaternion::identity(), shift: Vector3::zeros() };
+        let rest: Vec<Point3<f64>> = start
+            .iter()
+            .map(|p| Point3::from(p.coords / size))
+            .collect();
+        let none = Motion {
+            turn: UnitQuaternion::identity(),
+            shift: Vector3::zeros(),
+        };
         let factor = Factor::new(clusters.seeds.len(), &clusters.together)?;
         let (now, motions) = (rest.clone(), vec![none; clusters.seeds.len()]);
-        let outliers = moving.normals().iter().map(|n| *n == Vector3::zeros()).collect();
-        Ok(Self { fixed, clusters, triangles: &moving.mesh().triangles, outliers, size, rest, now, motions, factor })
+        let outliers = moving
+            .normals()
+            .iter()
+            .map(|n| *n == Vector3::zeros())
+            .collect();
+        Ok(Self {
+            fixed,
+            clusters,
+            triangles: &moving.mesh().triangles,
+            outliers,
+            size,
+            rest,
+            now,
+            motions,
+            factor,
+        })
     }
 
     /// The arm of a vertex about a representative, turned with its cluster.
@@ -191,16 +227,26 @@ impl<'a> Bending<'a> {
 
     fn follow(&mut self) {
         let place = |(p, label): (&Point3<f64>, &Vec<(u32, f64)>)| {
-            let of = |&(c, w): &(u32, f64)| (self.seed(c).coords + self.arm(c, p) + self.motions[c as usize].shift) * w;
+            let of = |&(c, w): &(u32, f64)| {
+                (self.seed(c).coords + self.arm(c, p) + self.motions[c as usize].shift) * w
+            };
             Point3::from(label.iter().map(of).sum::<Vector3<f64>>())
         };
-        let now = self.rest.iter().zip(&self.clusters.labels).map(place).collect();
+        let now = self
+            .rest
+            .iter()
+            .zip(&self.clusters.labels)
+            .map(place)
+            .collect();
         self.now = now;
     }
 
     /// What vertices are drawn to: the nearest place that faces the same way, unless it is at a rim or far off.
     fn drawn(&self, reject: f64, reach: f64) -> Vec<Drawn> {
-        let normals = crate::mesh::TriangleMesh { vertices: self.now.clone(), triangles: self.triangles.to_vec() };
+        let normals = crate::mesh::TriangleMesh {
+            vertices: self.now.clone(),
+            triangles: self.triangles.to_vec(),
+        };
         let normals = normals.vertex_normals();
         let mut all: Vec<(f64, Drawn)> = Vec::new();
         for (vertex, (p, normal)) in self.now.iter().zip(&normals).enumerate() {
@@ -208,16 +254,32 @@ impl<'a> Bending<'a> {
                 continue;
             }
             let at = Point3::from(p.coords * self.size);
-            let Some(near) = self.fixed.tree().closest_facing(&at, normal, FACING, f64::INFINITY) else { continue };
+            let Some(near) = self
+                .fixed
+                .tree()
+                .closest_facing(&at, normal, FACING, f64::INFINITY)
+            else {
+                continue;
+            };
             if self.fixed.is_on_rim(near.triangle, &near.point) {
                 continue;
             }
             let (to, normal) = self.fixed.curved(&near);
-            all.push((near.distance, Drawn { vertex, to: Point3::from(to.coords / self.size), normal }));
+            all.push((
+                near.distance,
+                Drawn {
+                    vertex,
+                    to: Point3::from(to.coords / self.size),
+                    normal,
+                },
+            ));
         }
         let limit = reject * median(all.iter().map(|(d, _)| *d).collect()).unwrap_or(0.0);
         let limit = limit.max(reach * self.size);
-        all.into_iter().filter(|(d, _)| *d <= limit).map(|(_, drawn)| drawn).collect()
+        all.into_iter()
+            .filter(|(d, _)| *d <= limit)
+            .map(|(_, drawn)| drawn)
+            .collect()
     }
 
     /// Mean square of the distances of what is drawn from the planes it is drawn to, over the size.
@@ -251,15 +313,25 @@ impl<'a> Bending<'a> {
         }
         let before = std::mem::take(&mut self.now);
         self.follow();
-        Ok(greatest(before.iter().zip(&self.now).map(|(a, b)| (b - a).norm())))
+        Ok(greatest(
+            before.iter().zip(&self.now).map(|(a, b)| (b - a).norm()),
+        ))
     }
 
     /// A vertex is drawn to the plane, and a little to the point.
     fn draw(&mut self, d: &Drawn, points: f64, rhs: &mut [f64]) {
         let label = &self.clusters.labels[d.vertex];
         let (p, off) = (self.rest[d.vertex], self.now[d.vertex] - d.to);
-        let directions = [(d.normal, 1.0), (Vector3::x(), points), (Vector3::y(), points), (Vector3::z(), points)];
-        let arms: Vec<(u32, f64, Vector3<f64>)> = label.iter().map(|&(c, w)| (c, w, self.arm(c, &p))).collect();
+        let directions = [
+            (d.normal, 1.0),
+            (Vector3::x(), points),
+            (Vector3::y(), points),
+            (Vector3::z(), points),
+        ];
+        let arms: Vec<(u32, f64, Vector3<f64>)> = label
+            .iter()
+            .map(|&(c, w)| (c, w, self.arm(c, &p)))
+            .collect();
         for (n, weight) in directions {
             let row = |(c, w, arm): &(u32, f64, Vector3<f64>)| (*c, row(arm, &n, *w));
             let rows: Vec<(u32, Part)> = arms.iter().map(row).collect();
@@ -273,7 +345,10 @@ impl<'a> Bending<'a> {
         let there = self.seed(a).coords + arm + self.motions[a as usize].shift;
         let off = there - self.seed(b).coords - self.motions[b as usize].shift;
         for n in [Vector3::x(), Vector3::y(), Vector3::z()] {
-            let rows = [(a, row(&arm, &n, 1.0)), (b, row(&Vector3::zeros(), &n, -1.0))];
+            let rows = [
+                (a, row(&arm, &n, 1.0)),
+                (b, row(&Vector3::zeros(), &n, -1.0)),
+            ];
             self.add(&rows, n.dot(&off), weight, rhs);
         }
     }
@@ -284,8 +359,11 @@ impl<'a> Bending<'a> {
                 rhs[6 * *a as usize + k] -= weight * residual * value;
             }
             for (b, v) in &rows[..=i] {
-                let (low, high, block): (u32, u32, Block) =
-                    if a >= b { (*b, *a, u * v.transpose() * weight) } else { (*a, *b, v * u.transpose() * weight) };
+                let (low, high, block): (u32, u32, Block) = if a >= b {
+                    (*b, *a, u * v.transpose() * weight)
+                } else {
+                    (*a, *b, v * u.transpose() * weight)
+                };
                 let columns: [[f64; 6]; 6] = block.into();
                 self.factor.add(high, low, &columns);
             }
@@ -295,7 +373,12 @@ impl<'a> Bending<'a> {
     /// Greatest angle between the turns of two neighbours.
     fn bend(&self) -> f64 {
         let turn = |c: u32| self.motions[c as usize].turn;
-        greatest(self.clusters.neighbours.iter().map(|&[a, b]| turn(a).angle_to(&turn(b))))
+        greatest(
+            self.clusters
+                .neighbours
+                .iter()
+                .map(|&[a, b]| turn(a).angle_to(&turn(b))),
+        )
     }
 }
 

@@ -35,7 +35,11 @@ pub(super) fn outliers(mesh: &TriangleMesh, topology: &Topology) -> Vec<bool> {
     };
     let found: Vec<bool> = (0..mesh.vertices.len()).map(is_off).collect();
     let count = found.iter().filter(|off| **off).count();
-    if 2 * count > found.len() { vec![false; found.len()] } else { found }
+    if 2 * count > found.len() {
+        vec![false; found.len()]
+    } else {
+        found
+    }
 }
 
 /// Unit normals of the vertices; zero for outliers, and where all triangles have one for a corner.
@@ -46,21 +50,35 @@ pub(super) fn normals(mesh: &TriangleMesh, topology: &Topology, off: &[bool]) ->
             (b - a).cross(&(c - a))
         })
         .collect();
-    let clean = |t: &&u32| mesh.triangles[**t as usize].iter().all(|&v| !off[v as usize]);
+    let clean = |t: &&u32| {
+        mesh.triangles[**t as usize]
+            .iter()
+            .all(|&v| !off[v as usize])
+    };
     let normal = |v: usize| {
-        let own: Vec<Vector3<f64>> =
-            topology.triangles_of_vertex(v).iter().filter(clean).map(|&t| faces[t as usize]).collect();
+        let own: Vec<Vector3<f64>> = topology
+            .triangles_of_vertex(v)
+            .iter()
+            .filter(clean)
+            .map(|&t| faces[t as usize])
+            .collect();
         let units: Vec<Vector3<f64>> = own.iter().filter_map(|n| n.try_normalize(0.0)).collect();
         let mut found = units.iter().sum::<Vector3<f64>>().try_normalize(0.0)?;
         for _ in 0..ROUNDS {
             let weight = |n: &Vector3<f64>| n.dot(&found).max(0.0).powi(4);
-            found = units.iter().map(|n| n * weight(n)).sum::<Vector3<f64>>().try_normalize(0.0)?;
+            found = units
+                .iter()
+                .map(|n| n * weight(n))
+                .sum::<Vector3<f64>>()
+                .try_normalize(0.0)?;
         }
         // By area, of what faces that way.
         let facing = own.iter().filter(|n| n.dot(&found) > 0.5 * n.norm());
         facing.sum::<Vector3<f64>>().try_normalize(0.0)
     };
-    (0..mesh.vertices.len()).map(|v| normal(v).unwrap_or_default()).collect()
+    (0..mesh.vertices.len())
+        .map(|v| normal(v).unwrap_or_default())
+        .collect()
 }
 
 #[cfg(test)]
@@ -81,19 +99,28 @@ mod tests {
         let (found, thrown) = (off.iter().filter(|off| **off).count(), (0..642).step_by(5));
         // One in the midst of others that were thrown alike does not stand off.
         let missed = thrown.clone().filter(|v| !off[*v]).count();
-        assert!(missed * 20 < thrown.count() && found < 160, "{missed} missed, {found} found");
+        assert!(
+            missed * 20 < thrown.count() && found < 160,
+            "{missed} missed, {found} found"
+        );
         let kept = normals(&ball, &topology, &off);
-        let wrong = (0..642).filter(|v| kept[*v] != Vector3::zeros() && kept[*v].angle(&clean[*v]) > 0.3).count();
+        let wrong = (0..642)
+            .filter(|v| kept[*v] != Vector3::zeros() && kept[*v].angle(&clean[*v]) > 0.3)
+            .count();
         // The plain ones are spoilt.
         let plain = ball.vertex_normals();
-        let spoilt = (0..642).filter(|v| plain[*v].angle(&clean[*v]) > 0.3).count();
+        let spoilt = (0..642)
+            .filter(|v| plain[*v].angle(&clean[*v]) > 0.3)
+            .count();
         assert!(spoilt > 200 && wrong * 10 < spoilt, "{wrong} of {spoilt}");
     }
 
     #[test]
     fn a_mesh_of_spikes_is_taken_as_it_is() {
         let mut ball = icosphere(1.0, 2);
-        (0..162).filter(|v| *v >= 42).for_each(|v| ball.vertices[v] *= 30.0);
+        (0..162)
+            .filter(|v| *v >= 42)
+            .for_each(|v| ball.vertices[v] *= 30.0);
         let topology = Topology::new(&ball);
         let off = outliers(&ball, &topology);
         assert!(2 * off.iter().filter(|off| **off).count() <= 162);

@@ -6,7 +6,9 @@
 
 use std::collections::HashMap;
 
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{
+    Isometry3, Matrix3, Point3, Rotation3, Similarity3, Translation3, UnitQuaternion, Vector3,
+};
 
 use rayon::prelude::*;
 
@@ -104,12 +106,20 @@ fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f6
     };
     // Sums of the two normals mean the same on both sides, for they include the same angle.
     let rotation = frame(to)? * frame(from)?.transpose();
-    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
     let lengths = [from, to].map(|pair| (pair[1].0 - pair[0].0).norm());
-    let scale = if kind == Motion::Similarity { lengths[1] / lengths[0] } else { 1.0 };
+    let scale = if kind == Motion::Similarity {
+        lengths[1] / lengths[0]
+    } else {
+        1.0
+    };
     let middles = [from, to].map(|pair| (pair[0].0.coords + pair[1].0.coords) * 0.5);
     let shift = middles[1] - rotation * middles[0] * scale;
-    Some(Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(shift), rotation), scale))
+    Some(Similarity3::from_isometry(
+        Isometry3::from_parts(Translation3::from(shift), rotation),
+        scale,
+    ))
 }
 
 /// What is fixed for all draws.
@@ -131,9 +141,17 @@ impl Ransac {
     ///
     /// # Errors
     /// None was found.
-    pub fn start(&self, moving: &Surface<'_>, fixed: &Surface<'_>) -> Result<Similarity3<f64>, RegisterError> {
+    pub fn start(
+        &self,
+        moving: &Surface<'_>,
+        fixed: &Surface<'_>,
+    ) -> Result<Similarity3<f64>, RegisterError> {
         let found = self.best(moving, fixed, &[], &|| true)?;
-        if found.inliers >= found.wanted { Ok(found.motion) } else { Err(found.too_few()) }
+        if found.inliers >= found.wanted {
+            Ok(found.motion)
+        } else {
+            Err(found.too_few())
+        }
     }
 
     /// The best motion of those drawn and of `others`, however few points it lays there.
@@ -154,13 +172,21 @@ impl Ransac {
             let next = self.once(&search, others, &mut draws, go_on)?;
             let drawn = next.1.draws + best.as_ref().map_or(0, |b| b.1.draws);
             let (score, begun) = best.filter(|b| b.0 >= next.0).unwrap_or(next);
-            let begun = Begun { draws: drawn, ..begun };
+            let begun = Begun {
+                draws: drawn,
+                ..begun
+            };
             if begun.inliers >= begun.wanted {
                 return Ok(begun);
             }
             best = Some((score, begun));
         }
-        let none = RegisterError::NoStart { draws: 0, inliers: 0, of: 0, wanted: 0 };
+        let none = RegisterError::NoStart {
+            draws: 0,
+            inliers: 0,
+            of: 0,
+            wanted: 0,
+        };
         best.map(|b| b.1).ok_or(none)
     }
 
@@ -172,8 +198,13 @@ impl Ransac {
         draws: &mut Draws,
         go_on: &dyn Fn() -> bool,
     ) -> Result<(usize, Begun), RegisterError> {
-        let needed =
-            (self.patience * draws_needed(self.good.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999))).ceil();
+        let needed = (self.patience
+            * draws_needed(
+                self.good.clamp(0.01, 0.99),
+                2,
+                self.sure.clamp(0.0, 0.999_999),
+            ))
+        .ceil();
         let mut best: Vec<(usize, Similarity3<f64>)> = Vec::new();
         let (mut wanted, mut count) = (needed.max(1.0) as usize, 0);
         while count < wanted {
@@ -181,32 +212,66 @@ impl Ransac {
                 return Err(RegisterError::Stopped);
             }
             count += 1;
-            let Some(from) = search.draw(draws) else { continue };
-            let least = if best.len() < KEPT { 0 } else { best[KEPT - 1].0 };
-            let judge = |motion: Similarity3<f64>| (search.agreeing(&motion, Some(least), self.near), motion);
-            let judged: Vec<(usize, Similarity3<f64>)> =
-                search.candidates(&from).into_par_iter().map(judge).filter(|(agreeing, _)| *agreeing > least).collect();
+            let Some(from) = search.draw(draws) else {
+                continue;
+            };
+            let least = if best.len() < KEPT {
+                0
+            } else {
+                best[KEPT - 1].0
+            };
+            let judge = |motion: Similarity3<f64>| {
+                (search.agreeing(&motion, Some(least), self.near), motion)
+            };
+            let judged: Vec<(usize, Similarity3<f64>)> = search
+                .candidates(&from)
+                .into_par_iter()
+                .map(judge)
+                .filter(|(agreeing, _)| *agreeing > least)
+                .collect();
             best.extend(judged);
             best.sort_by_key(|b| std::cmp::Reverse(b.0));
             search.keep_different(&mut best);
             // As many draws as the share of good points that was seen asks for.
-            let seen = best.first().map_or(0.0, |b| BELIEVED * b.0 as f64 / search.tried.len() as f64);
-            let enough =
-                (self.patience * draws_needed(seen.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999))).ceil();
+            let seen = best
+                .first()
+                .map_or(0.0, |b| BELIEVED * b.0 as f64 / search.tried.len() as f64);
+            let enough = (self.patience
+                * draws_needed(seen.clamp(0.01, 0.99), 2, self.sure.clamp(0.0, 0.999_999)))
+            .ceil();
             wanted = wanted.min(enough.max(1.0) as usize);
         }
-        let starts: Vec<Similarity3<f64>> =
-            others.iter().copied().chain(best.iter().map(|(_, motion)| *motion)).collect();
+        let starts: Vec<Similarity3<f64>> = others
+            .iter()
+            .copied()
+            .chain(best.iter().map(|(_, motion)| *motion))
+            .collect();
         let mut first = search.refined(&starts, 8);
         first.sort_by_key(|f| std::cmp::Reverse(f.0));
         first.truncate(BEST);
         let starts: Vec<Similarity3<f64>> = first.iter().map(|f| f.2).collect();
         let (of, wanted) = (search.tried.len(), search.wanted);
-        let found =
-            search.refined(&starts, 30).into_iter().reduce(|best, next| if next.0 > best.0 { next } else { best });
-        let none = RegisterError::NoStart { draws: count, inliers: 0, of, wanted };
+        let found = search
+            .refined(&starts, 30)
+            .into_iter()
+            .reduce(|best, next| if next.0 > best.0 { next } else { best });
+        let none = RegisterError::NoStart {
+            draws: count,
+            inliers: 0,
+            of,
+            wanted,
+        };
         let (score, inliers, motion) = found.ok_or(none)?;
-        Ok((score, Begun { motion, draws: count, inliers, of, wanted }))
+        Ok((
+            score,
+            Begun {
+                motion,
+                draws: count,
+                inliers,
+                of,
+                wanted,
+            },
+        ))
     }
 }
 
@@ -228,13 +293,29 @@ pub struct Begun {
 impl Begun {
     /// What is said where too few points agree.
     pub fn too_few(&self) -> RegisterError {
-        let Self { draws, inliers, of, wanted, .. } = *self;
-        RegisterError::NoStart { draws, inliers, of, wanted }
+        let Self {
+            draws,
+            inliers,
+            of,
+            wanted,
+            ..
+        } = *self;
+        RegisterError::NoStart {
+            draws,
+            inliers,
+            of,
+            wanted,
+        }
     }
 }
 
 impl<'a> Search<'a> {
-    fn new(settings: &'a Ransac, moving: &'a Surface<'a>, fixed: &'a Surface<'a>, draws: &mut Draws) -> Self {
+    fn new(
+        settings: &'a Ransac,
+        moving: &'a Surface<'a>,
+        fixed: &'a Surface<'a>,
+        draws: &mut Draws,
+    ) -> Self {
         let sample = |count: usize, of: usize, draws: &mut Draws| -> Vec<u32> {
             let mut all: Vec<u32> = (0..of as u32).collect();
             for i in 0..count.min(of) {
@@ -246,13 +327,29 @@ impl<'a> Search<'a> {
         };
         let listed = sample(settings.listed, fixed.points().len(), draws);
         // What has no normal agrees with nothing.
-        let with: Vec<u32> =
-            (0..moving.points().len() as u32).filter(|&v| moving.normals()[v as usize] != Vector3::zeros()).collect();
-        let tried: Vec<u32> = sample(300, with.len(), draws).into_iter().map(|i| with[i as usize]).collect();
+        let with: Vec<u32> = (0..moving.points().len() as u32)
+            .filter(|&v| moving.normals()[v as usize] != Vector3::zeros())
+            .collect();
+        let tried: Vec<u32> = sample(300, with.len(), draws)
+            .into_iter()
+            .map(|i| with[i as usize])
+            .collect();
         // Two thirds of what is said to be good, for some of it lies at rims.
         let wanted = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
-        let size = Aabb::of_points(with.iter().map(|&v| &moving.points()[v as usize])).extents().norm();
-        let mut search = Self { settings, moving, fixed, listed, pairs: HashMap::new(), tried, with, size, wanted };
+        let size = Aabb::of_points(with.iter().map(|&v| &moving.points()[v as usize]))
+            .extents()
+            .norm();
+        let mut search = Self {
+            settings,
+            moving,
+            fixed,
+            listed,
+            pairs: HashMap::new(),
+            tried,
+            with,
+            size,
+            wanted,
+        };
         for &i in &search.listed {
             for &j in &search.listed {
                 let pair = oriented(search.fixed, [i, j]);
@@ -286,12 +383,19 @@ impl<'a> Search<'a> {
 
     /// Of motions sorted by how many points agree, those that are unlike any better one, at most [`KEPT`].
     fn keep_different(&self, best: &mut Vec<(usize, Similarity3<f64>)>) {
-        let probes: Vec<Point3<f64>> = self.tried.iter().take(4).map(|&v| self.moving.points()[v as usize]).collect();
+        let probes: Vec<Point3<f64>> = self
+            .tried
+            .iter()
+            .take(4)
+            .map(|&v| self.moving.points()[v as usize])
+            .collect();
         let within = ALIKE * self.fixed.size();
         let mut kept: Vec<(usize, Similarity3<f64>)> = Vec::with_capacity(KEPT);
         for (agreeing, motion) in best.iter() {
             let alike = |(_, other): &(usize, Similarity3<f64>)| {
-                probes.iter().all(|p| (motion * p - other * p).norm() <= within)
+                probes
+                    .iter()
+                    .all(|p| (motion * p - other * p).norm() <= within)
             };
             if !kept.iter().any(alike) {
                 kept.push((*agreeing, *motion));
@@ -305,9 +409,18 @@ impl<'a> Search<'a> {
 
     /// Motions after some rounds of closest points, each with its points that agree, closely and less closely together and
     /// closely alone. What is right gets better by refining, and then agrees more closely; what agrees by chance does not.
-    fn refined(&self, starts: &[Similarity3<f64>], rounds: usize) -> Vec<(usize, usize, Similarity3<f64>)> {
+    fn refined(
+        &self,
+        starts: &[Similarity3<f64>],
+        rounds: usize,
+    ) -> Vec<(usize, usize, Similarity3<f64>)> {
         let settings = self.settings;
-        let icp = Icp { motion: settings.motion, select: Select::About(400), rounds, ..Icp::default() };
+        let icp = Icp {
+            motion: settings.motion,
+            select: Select::About(400),
+            rounds,
+            ..Icp::default()
+        };
         let [low, high] = settings.scales;
         let refine = |start: &Similarity3<f64>| {
             let motion = icp.run(self.moving, self.fixed, start).ok()?.motion;
@@ -315,28 +428,39 @@ impl<'a> Search<'a> {
                 return None;
             }
             let closely = self.agreeing(&motion, None, CLOSER * settings.near);
-            Some((closely + self.agreeing(&motion, None, settings.near), closely, motion))
+            Some((
+                closely + self.agreeing(&motion, None, settings.near),
+                closely,
+                motion,
+            ))
         };
         starts.par_iter().filter_map(refine).collect()
     }
 
     /// Motions to all listed pairs that look alike.
     fn candidates(&self, from: &Oriented) -> Vec<Similarity3<f64>> {
-        let Some(own) = angles(from) else { return Vec::new() };
+        let Some(own) = angles(from) else {
+            return Vec::new();
+        };
         let middle = bin(&own);
         let length = (from[1].0 - from[0].0).norm();
         let tolerance = [2.0 / BINS, 2.0 / BINS, std::f64::consts::TAU / BINS].map(|t| 0.7 * t);
         let mut found = Vec::new();
-        for (a, b, c) in (-1..=1).flat_map(|a| (-1..=1).flat_map(move |b| (-1..=1).map(move |c| (a, b, c)))) {
+        for (a, b, c) in
+            (-1..=1).flat_map(|a| (-1..=1).flat_map(move |b| (-1..=1).map(move |c| (a, b, c))))
+        {
             let key = [middle[0] + a, middle[1] + b, middle[2] + c];
             for &pair in self.pairs.get(&key).into_iter().flatten() {
                 let to = oriented(self.fixed, pair);
                 let scale = (to[1].0 - to[0].0).norm() / length;
                 let fits = match self.settings.motion {
                     Motion::Rigid => (scale - 1.0).abs() < 0.1,
-                    Motion::Similarity => scale >= self.settings.scales[0] && scale <= self.settings.scales[1],
+                    Motion::Similarity => {
+                        scale >= self.settings.scales[0] && scale <= self.settings.scales[1]
+                    }
                 };
-                let alike = |theirs: [f64; 3]| (0..3).all(|k| (theirs[k] - own[k]).abs() <= tolerance[k]);
+                let alike =
+                    |theirs: [f64; 3]| (0..3).all(|k| (theirs[k] - own[k]).abs() <= tolerance[k]);
                 if fits && angles(&to).is_some_and(alike) {
                     found.extend(motion(from, &to, self.settings.motion));
                 }

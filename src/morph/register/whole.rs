@@ -81,7 +81,13 @@ impl Residual {
 impl Laid {
     /// Distances of the vertices that lie on the other surface.
     pub fn residual(&self) -> Residual {
-        Residual::of(self.distances.iter().zip(&self.inliers).filter(|(_, on)| **on).map(|(d, _)| *d))
+        Residual::of(
+            self.distances
+                .iter()
+                .zip(&self.inliers)
+                .filter(|(_, on)| **on)
+                .map(|(d, _)| *d),
+        )
     }
 
     /// Share of the vertices that lie on the other surface.
@@ -102,52 +108,100 @@ pub fn lay(
 ) -> Result<Laid, RegisterError> {
     let mut times = Times::default();
     let begun = Instant::now();
-    let ransac = Ransac { motion: settings.motion, ..settings.ransac };
-    let start = ransac.best(moving, fixed, &others(moving.mesh(), fixed.mesh(), settings.motion), go_on)?;
+    let ransac = Ransac {
+        motion: settings.motion,
+        ..settings.ransac
+    };
+    let start = ransac.best(
+        moving,
+        fixed,
+        &others(moving.mesh(), fixed.mesh(), settings.motion),
+        go_on,
+    )?;
     times.start = begun.elapsed().as_secs_f64();
     let begun = Instant::now();
-    let registered = Icp { motion: settings.motion, ..settings.icp }.run(moving, fixed, &start.motion)?;
+    let registered = Icp {
+        motion: settings.motion,
+        ..settings.icp
+    }
+    .run(moving, fixed, &start.motion)?;
     times.icp = begun.elapsed().as_secs_f64();
     if !go_on() {
         return Err(RegisterError::Stopped);
     }
     let begun = Instant::now();
-    let mut points: Vec<Point3<f64>> = moving.points().iter().map(|p| registered.motion * p).collect();
-    let bent = settings.bending.map(|how| how.run(moving, fixed, &points, go_on)).transpose()?;
+    let mut points: Vec<Point3<f64>> = moving
+        .points()
+        .iter()
+        .map(|p| registered.motion * p)
+        .collect();
+    let bent = settings
+        .bending
+        .map(|how| how.run(moving, fixed, &points, go_on))
+        .transpose()?;
     times.bend = begun.elapsed().as_secs_f64();
     if let Some(bent) = &bent {
         points.clone_from(&bent.points);
     }
     let (distances, inliers) = judged(moving, fixed, &points, ransac.near);
-    Ok(Laid { begun: start, registered, bent, points, distances, inliers, times })
+    Ok(Laid {
+        begun: start,
+        registered,
+        bent,
+        points,
+        distances,
+        inliers,
+        times,
+    })
 }
 
 /// Starts without draws: as the surfaces are placed, middle on middle, and by their principal axes.
 fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: Motion) -> Vec<Similarity3<f64>> {
     let [a, b] = [moving, fixed].map(|m| m.surface_centroid().unwrap_or_default().coords);
     let ratio = (fixed.area() / moving.area()).sqrt();
-    let scale = if motion == Motion::Similarity && ratio > 0.0 && ratio.is_finite() { ratio } else { 1.0 };
+    let scale = if motion == Motion::Similarity && ratio > 0.0 && ratio.is_finite() {
+        ratio
+    } else {
+        1.0
+    };
     let about = |by: UnitQuaternion<f64>| {
         let shift: Vector3<f64> = b - by * a * scale;
         Similarity3::from_isometry(Isometry3::from_parts(Translation3::from(shift), by), scale)
     };
     let [from, to] = [moving, fixed].map(axes);
-    let signs = [[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]];
-    let turns = signs.map(|s| rotation_of(&(to * Matrix3::from_diagonal(&Vector3::from(s)) * from.transpose())));
+    let signs = [
+        [1.0, 1.0, 1.0],
+        [1.0, -1.0, -1.0],
+        [-1.0, 1.0, -1.0],
+        [-1.0, -1.0, 1.0],
+    ];
+    let turns = signs
+        .map(|s| rotation_of(&(to * Matrix3::from_diagonal(&Vector3::from(s)) * from.transpose())));
     let mut all = vec![Similarity3::identity(), about(UnitQuaternion::identity())];
     all.extend(turns.map(about));
     all
 }
 
 /// Distance of each vertex, and whether it lies on the other surface.
-fn judged(moving: &Surface<'_>, fixed: &Surface<'_>, points: &[Point3<f64>], near: f64) -> (Vec<f64>, Vec<bool>) {
-    let normals =
-        TriangleMesh { vertices: points.to_vec(), triangles: moving.mesh().triangles.clone() }.vertex_normals();
+fn judged(
+    moving: &Surface<'_>,
+    fixed: &Surface<'_>,
+    points: &[Point3<f64>],
+    near: f64,
+) -> (Vec<f64>, Vec<bool>) {
+    let normals = TriangleMesh {
+        vertices: points.to_vec(),
+        triangles: moving.mesh().triangles.clone(),
+    }
+    .vertex_normals();
     let within = near * fixed.size();
     let judge = |(p, normal): (&Point3<f64>, &Vector3<f64>)| {
-        let Some(found) = fixed.tree().closest(p, f64::INFINITY) else { return (f64::INFINITY, false) };
+        let Some(found) = fixed.tree().closest(p, f64::INFINITY) else {
+            return (f64::INFINITY, false);
+        };
         let faces = normal.dot(&fixed.normal(found.triangle)) > 0.0;
-        let on = found.distance <= within && faces && !fixed.is_on_rim(found.triangle, &found.point);
+        let on =
+            found.distance <= within && faces && !fixed.is_on_rim(found.triangle, &found.point);
         (found.distance, on)
     };
     points.iter().zip(&normals).map(judge).unzip()

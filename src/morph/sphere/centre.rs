@@ -46,12 +46,19 @@ pub fn inside_near(mesh: &TriangleMesh, from: &Point3<f64>) -> Result<Point3<f64
         if inside.winding(&at) == 1 {
             return Ok(at);
         }
-        let Some(near) = tree.closest(&at, f64::INFINITY) else { break };
+        let Some(near) = tree.closest(&at, f64::INFINITY) else {
+            break;
+        };
         let [a, b, c] = mesh.corners(near.triangle as usize);
-        let Some(inward) = (c - a).cross(&(b - a)).try_normalize(0.0) else { break };
+        let Some(inward) = (c - a).cross(&(b - a)).try_normalize(0.0) else {
+            break;
+        };
         at = near.point + inward * (0.5 * thickness(mesh, near.triangle, &near.point, &inward));
     }
-    Err(SphereError::Centre { winding: inside.winding(&at), at: at.coords.into() })
+    Err(SphereError::Centre {
+        winding: inside.winding(&at),
+        at: at.coords.into(),
+    })
 }
 
 /// How far it is from a place of the surface through the body to the other side \[m\]; 0 where nothing is behind it.

@@ -9,7 +9,9 @@ pub enum SphereError {
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// No tetrahedron's worth of points.
-    #[error("{vertices} vertices and {triangles} triangles; a closed surface needs at least 4 of each")]
+    #[error(
+        "{vertices} vertices and {triangles} triangles; a closed surface needs at least 4 of each"
+    )]
     TooFew {
         /// Number of vertices.
         vertices: usize,
@@ -118,7 +120,9 @@ pub enum SphereError {
         sweeps: usize,
     },
     /// A map was given in which triangles are not positively oriented.
-    #[error("{flipped} triangles of the map are not turned outward, the first is triangle {triangle}")]
+    #[error(
+        "{flipped} triangles of the map are not turned outward, the first is triangle {triangle}"
+    )]
     NotPositive {
         /// How many.
         flipped: usize,

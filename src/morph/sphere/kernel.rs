@@ -53,6 +53,8 @@ pub fn middle(corners: &[Vector3<f64>]) -> Option<Point3<f64>> {
         let area = (pair[0] - first).cross(&(pair[1] - first)).norm();
         sum += (first + pair[0] + pair[1]) * area;
     }
-    let sum = sum.try_normalize(0.0).or_else(|| corners.iter().sum::<Vector3<f64>>().try_normalize(0.0));
+    let sum = sum
+        .try_normalize(0.0)
+        .or_else(|| corners.iter().sum::<Vector3<f64>>().try_normalize(0.0));
     sum.map(Point3::from)
 }

@@ -49,20 +49,32 @@ impl SphereMap {
     /// As [`Self::robust`], points that are not on the unit sphere, triangles that are not turned outward, and a map that
     /// covers the sphere more than once.
     pub fn new(points: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, SphereError> {
-        let mesh = TriangleMesh { vertices: points, triangles };
+        let mesh = TriangleMesh {
+            vertices: points,
+            triangles,
+        };
         check(&mesh)?;
         Self::of_positions(mesh.vertices, mesh.triangles)
     }
 
     /// The same over a surface that was checked.
-    fn of_positions(points: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, SphereError> {
+    fn of_positions(
+        points: Vec<Point3<f64>>,
+        triangles: Vec<[u32; 3]>,
+    ) -> Result<Self, SphereError> {
         let off = |p: &Point3<f64>| !((p.coords.norm() - 1.0).abs() <= ROUND);
         if let Some(vertex) = points.iter().position(off) {
-            return Err(SphereError::Radius { vertex: vertex as u32, radius: points[vertex].coords.norm() });
+            return Err(SphereError::Radius {
+                vertex: vertex as u32,
+                radius: points[vertex].coords.norm(),
+            });
         }
         let flipped = flipped(&points, &triangles);
         if let Some(&triangle) = flipped.first() {
-            return Err(SphereError::NotPositive { flipped: flipped.len(), triangle });
+            return Err(SphereError::NotPositive {
+                flipped: flipped.len(),
+                triangle,
+            });
         }
         // All triangles turned outward cover the sphere a whole number of times.
         let times = solid_angle(&points, &triangles) / (4.0 * std::f64::consts::PI);
@@ -89,6 +101,9 @@ impl SphereMap {
     pub fn turned(&self, by: &UnitQuaternion<f64>) -> Result<Self, SphereError> {
         let matrix = by.to_rotation_matrix();
         let turn = |p: &Point3<f64>| Point3::from((matrix * p.coords).normalize());
-        Self::of_positions(self.points.iter().map(turn).collect(), self.triangles.clone())
+        Self::of_positions(
+            self.points.iter().map(turn).collect(),
+            self.triangles.clone(),
+        )
     }
 }

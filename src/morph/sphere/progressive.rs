@@ -40,11 +40,19 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
         return Err(SphereError::Vertex { vertex: 0 });
     };
     let (rings, removed) = reduce(&spots(mesh), rings)?;
-    let base: Vec<u32> = (0..mesh.vertices.len() as u32).filter(|&v| !rings.of(v).is_empty()).collect();
+    let base: Vec<u32> = (0..mesh.vertices.len() as u32)
+        .filter(|&v| !rings.of(v).is_empty())
+        .collect();
     let points = vec![Point3::origin(); mesh.vertices.len()];
     let area = mesh.area();
-    let mut working =
-        Working { rings, points, places: &mesh.vertices, least: 0.0, ring: Vec::new(), patches: Vec::new() };
+    let mut working = Working {
+        rings,
+        points,
+        places: &mesh.vertices,
+        least: 0.0,
+        ring: Vec::new(),
+        patches: Vec::new(),
+    };
     working.place_base(base[0]);
     let mut placed = base;
     let mut next = 8.0;
@@ -52,7 +60,11 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
         working.least = LEAST * area / (2 * placed.len()) as f64;
         if !working.insert(last) {
             let (placed, vertices) = (placed.len(), mesh.vertices.len());
-            return Err(SphereError::Crowded { vertex: last.vertex, placed, vertices });
+            return Err(SphereError::Crowded {
+                vertex: last.vertex,
+                placed,
+                vertices,
+            });
         }
         placed.push(last.vertex);
         working.open(last);
@@ -88,12 +100,19 @@ impl Working<'_> {
         self.points[first as usize] = corners[0];
         let ring: Vec<u32> = self.rings.of(first).to_vec();
         // Triangle (0, 1, 3) of the tetrahedron is turned outward.
-        ring.iter().zip([1, 3, 2]).for_each(|(&v, k)| self.points[v as usize] = corners[k]);
+        ring.iter()
+            .zip([1, 3, 2])
+            .for_each(|(&v, k)| self.points[v as usize] = corners[k]);
     }
 
     fn gather(&mut self, vertex: u32) {
         self.ring.clear();
-        self.ring.extend(self.rings.of(vertex).iter().map(|&v| self.points[v as usize]));
+        self.ring.extend(
+            self.rings
+                .of(vertex)
+                .iter()
+                .map(|&v| self.points[v as usize]),
+        );
     }
 
     /// Puts a vertex back where it sees its neighbours; where doubles leave no such place they make room first.
@@ -122,7 +141,9 @@ impl Working<'_> {
                 return Some(place);
             }
             // Nearer to the neighbour that it was drawn into, where there is always room.
-            place = (place.coords + near.coords).try_normalize(0.0).map(Point3::from)?;
+            place = (place.coords + near.coords)
+                .try_normalize(0.0)
+                .map(Point3::from)?;
         }
         None
     }
@@ -144,14 +165,26 @@ impl Working<'_> {
         let frame = [first, at.coords.cross(&first)];
         let now = stretch(&at, &self.ring, &self.patches, &frame);
         let step = downhill(&now).map(|step| frame[0] * step.x + frame[1] * step.y);
-        let middle = self.ring.iter().map(|p| p.coords).sum::<Vector3<f64>>().try_normalize(0.0);
+        let middle = self
+            .ring
+            .iter()
+            .map(|p| p.coords)
+            .sum::<Vector3<f64>>()
+            .try_normalize(0.0);
         // A vertex that is caught in a thin star gets out of it by way of the middle.
         for (step, steps) in [(step, STEPS), (middle.map(|m| m - at.coords), 3)] {
             let Some(step) = step else { continue };
             let mut share = 1.0;
             for _ in 0..steps {
-                let Some(target) = (at.coords + step * share).try_normalize(0.0).map(Point3::from) else { break };
-                if sees(&target, &self.ring) && energy(&target, &self.ring, &self.patches) < now.energy {
+                let Some(target) = (at.coords + step * share)
+                    .try_normalize(0.0)
+                    .map(Point3::from)
+                else {
+                    break;
+                };
+                if sees(&target, &self.ring)
+                    && energy(&target, &self.ring, &self.patches) < now.energy
+                {
                     self.points[vertex as usize] = target;
                     return;
                 }
@@ -166,17 +199,24 @@ impl Working<'_> {
         let at = self.points[vertex as usize];
         let mut sum = Vector3::zeros();
         for i in 0..self.ring.len() {
-            let (a, b) = (&self.ring[i], &self.ring[if i + 1 == self.ring.len() { 0 } else { i + 1 }]);
+            let (a, b) = (
+                &self.ring[i],
+                &self.ring[if i + 1 == self.ring.len() { 0 } else { i + 1 }],
+            );
             let area = (a - at).cross(&(b - at)).norm();
             sum += (at.coords + a.coords + b.coords) * area;
         }
-        let Some(mut target) = sum.try_normalize(0.0).map(Point3::from) else { return };
+        let Some(mut target) = sum.try_normalize(0.0).map(Point3::from) else {
+            return;
+        };
         for _ in 0..3 {
             if sees(&target, &self.ring) {
                 self.points[vertex as usize] = target;
                 return;
             }
-            let Some(half) = (target.coords + at.coords).try_normalize(0.0) else { return };
+            let Some(half) = (target.coords + at.coords).try_normalize(0.0) else {
+                return;
+            };
             target = Point3::from(half);
         }
     }
@@ -187,7 +227,9 @@ impl Working<'_> {
         let (ring, own) = (self.rings.of(vertex), at(vertex));
         self.patches.clear();
         let next = |i: usize| if i + 1 == ring.len() { 0 } else { i + 1 };
-        self.patches.extend((0..ring.len()).map(|i| Patch::new(own, at(ring[i]), at(ring[next(i)]), self.least)));
+        self.patches.extend(
+            (0..ring.len()).map(|i| Patch::new(own, at(ring[i]), at(ring[next(i)]), self.least)),
+        );
     }
 }
 
@@ -199,11 +241,16 @@ fn downhill(now: &Stretch) -> Option<Vector2<f64>> {
     let radius = (half * half + h.m12 * h.m12).sqrt();
     let (high, low) = (mean + radius, mean - radius);
     // Direction of the greater curvature, from the better conditioned of its two forms.
-    let along = if half > 0.0 { Vector2::new(half + radius, h.m12) } else { Vector2::new(h.m12, radius - half) };
+    let along = if half > 0.0 {
+        Vector2::new(half + radius, h.m12)
+    } else {
+        Vector2::new(h.m12, radius - half)
+    };
     let along = along.try_normalize(0.0).unwrap_or_else(Vector2::x);
     let across = Vector2::new(-along.y, along.x);
     let floor = 1e-12 * high.abs().max(low.abs());
     let size = |bend: f64| bend.abs().max(floor);
-    let step = along * (-now.gradient.dot(&along) / size(high)) + across * (-now.gradient.dot(&across) / size(low));
+    let step = along * (-now.gradient.dot(&along) / size(high))
+        + across * (-now.gradient.dot(&across) / size(low));
     step.iter().all(|c| c.is_finite()).then_some(step)
 }

@@ -32,7 +32,14 @@ pub struct Relaxation {
 
 impl Default for Relaxation {
     fn default() -> Self {
-        Self { threshold: 1e-3, sweeps: 10_000, attempts: 5, gap: 0.5, seed: 1, centre: None }
+        Self {
+            threshold: 1e-3,
+            sweeps: 10_000,
+            attempts: 5,
+            gap: 0.5,
+            seed: 1,
+            centre: None,
+        }
     }
 }
 
@@ -66,19 +73,43 @@ impl Relaxation {
             Some(centre) => centre,
             None => inside_near(mesh, &bounding_sphere(&mesh.vertices).0)?,
         };
-        let thrown: Vec<Point3<f64>> = mesh.vertices.iter().map(|v| thrown(&(v - centre))).collect();
+        let thrown: Vec<Point3<f64>> = mesh
+            .vertices
+            .iter()
+            .map(|v| thrown(&(v - centre)))
+            .collect();
         let (start, neighbours) = topology.vertex_neighbours();
         let mut draws = Draws::new(self.seed);
-        let mut last = SphereError::Collapsed { attempts: 0, anchor: 0, gap: 0.0 };
+        let mut last = SphereError::Collapsed {
+            attempts: 0,
+            anchor: 0,
+            gap: 0.0,
+        };
         for attempt in 1..=self.attempts {
-            let state = State { start: &start, neighbours: &neighbours, points: thrown.clone(), next: thrown.clone() };
+            let state = State {
+                start: &start,
+                neighbours: &neighbours,
+                points: thrown.clone(),
+                next: thrown.clone(),
+            };
             match self.attempt(state, mesh, &mut draws) {
                 Ok((points, first, second)) => {
                     let map = SphereMap::of_positions(points, mesh.triangles.clone())?;
-                    return Ok((map, Effort { attempts: attempt, first, second }));
+                    return Ok((
+                        map,
+                        Effort {
+                            attempts: attempt,
+                            first,
+                            second,
+                        },
+                    ));
                 }
                 Err(SphereError::Collapsed { anchor, gap, .. }) => {
-                    last = SphereError::Collapsed { attempts: attempt, anchor, gap };
+                    last = SphereError::Collapsed {
+                        attempts: attempt,
+                        anchor,
+                        gap,
+                    };
                 }
                 Err(error) => last = error,
             }
@@ -96,22 +127,36 @@ impl Relaxation {
         let first = state.relax(&anchors, self.threshold, self.sweeps);
         let antipodes = anchors.map(|a| -state.points[a as usize]);
         let opposite = antipodes.map(|p| state.nearest(&p));
-        let gaps: [f64; 4] = std::array::from_fn(|k| (state.points[opposite[k] as usize] - antipodes[k]).norm());
-        let worst = (0..4).max_by(|&i, &j| gaps[i].total_cmp(&gaps[j])).unwrap_or(0);
+        let gaps: [f64; 4] =
+            std::array::from_fn(|k| (state.points[opposite[k] as usize] - antipodes[k]).norm());
+        let worst = (0..4)
+            .max_by(|&i, &j| gaps[i].total_cmp(&gaps[j]))
+            .unwrap_or(0);
         if !(gaps[worst] <= self.gap) {
-            return Err(SphereError::Collapsed { attempts: 0, anchor: anchors[worst], gap: gaps[worst] });
+            return Err(SphereError::Collapsed {
+                attempts: 0,
+                anchor: anchors[worst],
+                gap: gaps[worst],
+            });
         }
         let (mut second, mut threshold) = (0, self.threshold);
         loop {
             let left = self.sweeps - second;
             second += state.relax(&opposite, threshold, left);
             let bad = flipped(&state.points, &mesh.triangles);
-            let Some(&triangle) = bad.first() else { return Ok((state.points, first, second)) };
+            let Some(&triangle) = bad.first() else {
+                return Ok((state.points, first, second));
+            };
             threshold *= 0.5;
             // Below this, moves are rounding.
             if second >= self.sweeps || threshold < 1e-15 {
                 let (flipped, triangles) = (bad.len(), mesh.triangles.len());
-                return Err(SphereError::Flipped { flipped, triangles, triangle, sweeps: second });
+                return Err(SphereError::Flipped {
+                    flipped,
+                    triangles,
+                    triangle,
+                    sweeps: second,
+                });
             }
         }
     }
@@ -133,14 +178,20 @@ impl State<'_> {
             if (0..4).all(|i| (0..i).all(|j| nearest[i] != nearest[j])) {
                 return nearest;
             }
-            found = if nearest[0] > 3 { [nearest[0], 0, 1, 2] } else { found };
+            found = if nearest[0] > 3 {
+                [nearest[0], 0, 1, 2]
+            } else {
+                found
+            };
         }
         found
     }
 
     fn nearest(&self, to: &Point3<f64>) -> u32 {
         let square = |v: &u32| (self.points[*v as usize] - to).norm_squared();
-        (0..self.points.len() as u32).min_by(|a, b| square(a).total_cmp(&square(b))).unwrap_or(0)
+        (0..self.points.len() as u32)
+            .min_by(|a, b| square(a).total_cmp(&square(b)))
+            .unwrap_or(0)
     }
 
     /// Draws all but the held vertices to the middle of their neighbours, all at once; returns how many sweeps it took.

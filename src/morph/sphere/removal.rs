@@ -29,8 +29,15 @@ pub fn spots(mesh: &TriangleMesh) -> Vec<Spot> {
     let (centre, radius) = bounding_sphere(&mesh.vertices);
     // A body without size has no order either.
     let scale = if radius > 0.0 { EXTENT / radius } else { 0.0 };
-    let spot = |(p, normal): (&Point3<f64>, Vector3<f64>)| Spot { place: Point3::from((p - centre) * scale), normal };
-    mesh.vertices.iter().zip(mesh.vertex_normals()).map(spot).collect()
+    let spot = |(p, normal): (&Point3<f64>, Vector3<f64>)| Spot {
+        place: Point3::from((p - centre) * scale),
+        normal,
+    };
+    mesh.vertices
+        .iter()
+        .zip(mesh.vertex_normals())
+        .map(spot)
+        .collect()
 }
 
 /// What it costs to draw a vertex into its best neighbour.
@@ -47,7 +54,10 @@ impl Eq for Candidate {}
 
 impl Ord for Candidate {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.cost.total_cmp(&other.cost).then(self.vertex.cmp(&other.vertex)).then(self.stamp.cmp(&other.stamp))
+        self.cost
+            .total_cmp(&other.cost)
+            .then(self.vertex.cmp(&other.vertex))
+            .then(self.stamp.cmp(&other.stamp))
     }
 }
 
@@ -61,20 +71,33 @@ impl PartialOrd for Candidate {
 pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>), SphereError> {
     let count = spots.len();
     let mut stamps = vec![0u32; count];
-    let mut open: BinaryHeap<Reverse<Candidate>> =
-        (0..count as u32).filter_map(|v| best(spots, &rings, v, 0)).map(Reverse).collect();
+    let mut open: BinaryHeap<Reverse<Candidate>> = (0..count as u32)
+        .filter_map(|v| best(spots, &rings, v, 0))
+        .map(Reverse)
+        .collect();
     let mut removed = Vec::with_capacity(count - 4);
     while removed.len() + 4 < count {
         let Some(Reverse(candidate)) = open.pop() else {
             let left = (0..count as u32).filter(|&v| !rings.of(v).is_empty());
-            let again: Vec<_> = left.clone().filter_map(|v| best(spots, &rings, v, stamps[v as usize])).collect();
+            let again: Vec<_> = left
+                .clone()
+                .filter_map(|v| best(spots, &rings, v, stamps[v as usize]))
+                .collect();
             if again.is_empty() {
-                return Err(SphereError::Stuck { vertex: left.min().unwrap_or(0), left: count - removed.len() });
+                return Err(SphereError::Stuck {
+                    vertex: left.min().unwrap_or(0),
+                    left: count - removed.len(),
+                });
             }
             open.extend(again.into_iter().map(Reverse));
             continue;
         };
-        let Candidate { vertex, into, stamp, .. } = candidate;
+        let Candidate {
+            vertex,
+            into,
+            stamp,
+            ..
+        } = candidate;
         if rings.of(vertex).is_empty() || stamp != stamps[vertex as usize] {
             continue;
         }
@@ -105,6 +128,16 @@ fn best(spots: &[Spot], rings: &Rings, vertex: u32, stamp: u32) -> Option<Candid
         let many = degree.saturating_sub(6) as f64 + ours.len().saturating_sub(6) as f64;
         longest * (1.0 + many * many)
     };
-    let possible = ours.iter().copied().filter(|&into| rings.can_draw(vertex, into));
-    possible.map(|into| Candidate { cost: cost(into), vertex, into, stamp }).min()
+    let possible = ours
+        .iter()
+        .copied()
+        .filter(|&into| rings.can_draw(vertex, into));
+    possible
+        .map(|into| Candidate {
+            cost: cost(into),
+            vertex,
+            into,
+            stamp,
+        })
+        .min()
 }

@@ -82,7 +82,10 @@ impl Rings {
     }
 
     fn rename(&mut self, at: u32, from: u32, to: u32) {
-        self.rings[at as usize].iter_mut().filter(|v| **v == from).for_each(|v| *v = to);
+        self.rings[at as usize]
+            .iter_mut()
+            .filter(|v| **v == from)
+            .for_each(|v| *v = to);
     }
 }
 
@@ -132,7 +135,11 @@ mod tests {
         let start = Rings::new(mesh.vertices.len(), &mesh.triangles).expect("closed");
         let (mut rings, mut removed) = (start.clone(), Vec::new());
         for vertex in 0..mesh.vertices.len() as u32 {
-            let into = rings.of(vertex).iter().copied().find(|&v| rings.can_draw(vertex, v));
+            let into = rings
+                .of(vertex)
+                .iter()
+                .copied()
+                .find(|&v| rings.can_draw(vertex, v));
             let Some(into) = into else { continue };
             removed.push(rings.draw(vertex, into));
             assert!(is_closed(&rings), "after vertex {vertex}");

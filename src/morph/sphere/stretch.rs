@@ -19,8 +19,15 @@ pub struct Patch {
 impl Patch {
     /// Of three places on the surface; `least` \[m^2\] keeps triangles without area from vanishing on the sphere as well.
     pub fn new(v: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>, least: f64) -> Self {
-        let squares = [(a - b).norm_squared() + least, (b - v).norm_squared() + least, (v - a).norm_squared() + least];
-        Self { squares, area: 0.5 * (a - v).cross(&(b - v)).norm() + least }
+        let squares = [
+            (a - b).norm_squared() + least,
+            (b - v).norm_squared() + least,
+            (v - a).norm_squared() + least,
+        ];
+        Self {
+            squares,
+            area: 0.5 * (a - v).cross(&(b - v)).norm() + least,
+        }
     }
 }
 
@@ -33,8 +40,17 @@ pub struct Stretch {
 }
 
 /// Energy of the triangles between `v` and its `ring`, for Newton's method in the directions `frame`.
-pub fn stretch(v: &Point3<f64>, ring: &[Point3<f64>], patches: &[Patch], frame: &[Vector3<f64>; 2]) -> Stretch {
-    let mut sum = Stretch { energy: 0.0, gradient: Vector2::zeros(), hessian: Matrix2::zeros() };
+pub fn stretch(
+    v: &Point3<f64>,
+    ring: &[Point3<f64>],
+    patches: &[Patch],
+    frame: &[Vector3<f64>; 2],
+) -> Stretch {
+    let mut sum = Stretch {
+        energy: 0.0,
+        gradient: Vector2::zeros(),
+        hessian: Matrix2::zeros(),
+    };
     for (i, patch) in patches.iter().enumerate() {
         let (a, b) = (&ring[i], &ring[if i + 1 == ring.len() { 0 } else { i + 1 }]);
         let [lv, la, lb] = patch.squares;
@@ -53,8 +69,9 @@ pub fn stretch(v: &Point3<f64>, ring: &[Point3<f64>], patches: &[Patch], frame: 
         // The constant 1/8 and the half of the area drop out of where the minimum is.
         sum.energy += patch.area * n / q;
         sum.gradient += (dn - dq * (n / q)) * (patch.area / q);
-        let bent = Matrix2::identity() * (2.0 * lv) - (mixed + mixed.transpose()) / q - ddq * (n / q)
-            + squared * (2.0 * n / (q * q));
+        let bent =
+            Matrix2::identity() * (2.0 * lv) - (mixed + mixed.transpose()) / q - ddq * (n / q)
+                + squared * (2.0 * n / (q * q));
         sum.hessian += bent * (patch.area / q);
     }
     sum
@@ -80,10 +97,24 @@ mod tests {
     /// A vertex with a ring of five on the sphere, and what they are on a surface.
     fn star() -> (Point3<f64>, Vec<Point3<f64>>, Vec<Patch>) {
         let on = |x: f64, y: f64| Point3::from(Vector3::new(x, y, 1.0).normalize());
-        let ring = [(0.3, 0.05), (0.1, 0.2), (-0.25, 0.1), (-0.2, -0.2), (0.15, -0.3)].map(|(x, y)| on(x, y));
+        let ring = [
+            (0.3, 0.05),
+            (0.1, 0.2),
+            (-0.25, 0.1),
+            (-0.2, -0.2),
+            (0.15, -0.3),
+        ]
+        .map(|(x, y)| on(x, y));
         let place = |p: &Point3<f64>| Point3::new(p.x * 2.0, p.y * 0.7, p.x * p.y);
         let v = on(0.02, 0.01);
-        let patches = (0..5).map(|i| Patch::new(&place(&v), &place(&ring[i]), &place(&ring[(i + 1) % 5]), 1e-6));
+        let patches = (0..5).map(|i| {
+            Patch::new(
+                &place(&v),
+                &place(&ring[i]),
+                &place(&ring[(i + 1) % 5]),
+                1e-6,
+            )
+        });
         (v, ring.to_vec(), patches.collect())
     }
 
@@ -94,12 +125,23 @@ mod tests {
         let exact = stretch(&v, &ring, &patches, &frame);
         assert!((exact.energy - energy(&v, &ring, &patches)).abs() < 1e-14 * exact.energy);
         let h = 1e-5;
-        let at = |d: Vector2<f64>| stretch(&(v + frame[0] * d.x + frame[1] * d.y), &ring, &patches, &frame);
+        let at = |d: Vector2<f64>| {
+            stretch(
+                &(v + frame[0] * d.x + frame[1] * d.y),
+                &ring,
+                &patches,
+                &frame,
+            )
+        };
         for k in 0..2 {
             let step = Vector2::ith(k, h);
             let (high, low) = (at(step), at(-step));
             let slope = (high.energy - low.energy) / (2.0 * h);
-            assert!((slope - exact.gradient[k]).abs() < 1e-6 * exact.gradient.norm(), "{slope} {}", exact.gradient);
+            assert!(
+                (slope - exact.gradient[k]).abs() < 1e-6 * exact.gradient.norm(),
+                "{slope} {}",
+                exact.gradient
+            );
             let bend = (high.gradient - low.gradient) / (2.0 * h);
             assert!((bend - exact.hessian.column(k)).norm() < 1e-6 * exact.hessian.norm());
         }

@@ -8,8 +8,8 @@ use crate::fibres::each::action;
 use crate::mesh::cut::{cut, filled};
 use crate::mesh::{Topology, TriangleMesh};
 use crate::render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface, TextStyle, View, colour,
-    render,
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface,
+    TextStyle, View, colour, render,
 };
 
 /// Size of a picture from a side, and of a section [px].
@@ -39,10 +39,20 @@ fn axes(muscle: &TriangleMesh, action: &Vector3<f64>) -> [Vector3<f64>; 3] {
     let first = along.cross(&helper).normalize();
     let second = along.cross(&first);
     let count = muscle.vertices.len().max(1) as f64;
-    let mean = muscle.vertices.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;
-    let spread: Matrix3<f64> = muscle.vertices.iter().map(|p| (p.coords - mean) * (p.coords - mean).transpose()).sum();
+    let mean = muscle
+        .vertices
+        .iter()
+        .map(|p| p.coords)
+        .sum::<Vector3<f64>>()
+        / count;
+    let spread: Matrix3<f64> = muscle
+        .vertices
+        .iter()
+        .map(|p| (p.coords - mean) * (p.coords - mean).transpose())
+        .sum();
     // The angle at which the spread across the line of action is greatest.
-    let [a, b, c] = [(first, first), (first, second), (second, second)].map(|(u, v)| u.dot(&(spread * v)));
+    let [a, b, c] =
+        [(first, first), (first, second), (second, second)].map(|(u, v)| u.dot(&(spread * v)));
     let angle = 0.5 * libm::atan2(2.0 * b, a - c);
     let broad = first * libm::cos(angle) + second * libm::sin(angle);
     [along, broad, along.cross(&broad)]
@@ -50,22 +60,41 @@ fn axes(muscle: &TriangleMesh, action: &Vector3<f64>) -> [Vector3<f64>; 3] {
 
 /// The edges of an area that only one of its triangles has.
 fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<Vec<Point3<f64>>> {
-    let triangles = area.triangles.iter().map(|&t| muscle.triangles[t as usize]).collect();
-    let part = TriangleMesh { vertices: muscle.vertices.clone(), triangles };
+    let triangles = area
+        .triangles
+        .iter()
+        .map(|&t| muscle.triangles[t as usize])
+        .collect();
+    let part = TriangleMesh {
+        vertices: muscle.vertices.clone(),
+        triangles,
+    };
     let topology = Topology::new(&part);
-    let edge = |e: u32| topology.edges[e as usize].map(|v| muscle.vertices[v as usize]).to_vec();
+    let edge = |e: u32| {
+        topology.edges[e as usize]
+            .map(|v| muscle.vertices[v as usize])
+            .to_vec()
+    };
     topology.boundary_edges().into_iter().map(edge).collect()
 }
 
 /// Fibres in steps of a number, and the legend of its colours.
-fn coloured(fibres: &[Vec<Point3<f64>>], legend: &Legend, values: &[f64]) -> Vec<(Rgb, Vec<Vec<Point3<f64>>>)> {
+fn coloured(
+    fibres: &[Vec<Point3<f64>>],
+    legend: &Legend,
+    values: &[f64],
+) -> Vec<(Rgb, Vec<Vec<Point3<f64>>>)> {
     let mut groups = vec![Vec::new(); STEPS];
     for (fibre, value) in fibres.iter().zip(values) {
         let place = ColourMap::place(*value, legend.range).clamp(0.0, 1.0);
         groups[((place * STEPS as f64) as usize).min(STEPS - 1)].push(fibre.clone());
     }
     let colour = |step: usize| legend.map.colour((step as f64 + 0.5) / STEPS as f64);
-    groups.into_iter().enumerate().map(|(step, group)| (colour(step), group)).collect()
+    groups
+        .into_iter()
+        .enumerate()
+        .map(|(step, group)| (colour(step), group))
+        .collect()
 }
 
 fn legend(title: &str, unit: &str, values: &[f64]) -> Legend {
@@ -82,11 +111,25 @@ impl Bundle<'_> {
         let axes = axes(self.muscle, &action(self.fibres));
         let [_, broad, out] = axes;
         let lengths: Vec<f64> = self.each.iter().map(|e| 1e3 * e.length_m).collect();
-        let angles: Vec<f64> = self.each.iter().map(|e| e.pennation_rad.to_degrees()).collect();
-        let tendons = if self.tendons.iter().any(|t| !t.is_empty()) { "; grey: tendons" } else { "" };
-        let lines = if self.lines.is_empty() { "" } else { "; black: lines on the surface that were given" };
+        let angles: Vec<f64> = self
+            .each
+            .iter()
+            .map(|e| e.pennation_rad.to_degrees())
+            .collect();
+        let tendons = if self.tendons.iter().any(|t| !t.is_empty()) {
+            "; grey: tendons"
+        } else {
+            ""
+        };
+        let lines = if self.lines.is_empty() {
+            ""
+        } else {
+            "; black: lines on the surface that were given"
+        };
         let caption = |side: &str, by: &str| {
-            format!("{side}, fibres coloured by {by}; blue rim: origin (above), red rim: insertion{tendons}{lines}")
+            format!(
+                "{side}, fibres coloured by {by}; blue rim: origin (above), red rim: insertion{tendons}{lines}"
+            )
         };
         let length = legend("Length", "mm", &lengths);
         let pennation = legend("Pennation", "degrees", &angles);
@@ -115,25 +158,63 @@ impl Bundle<'_> {
         values: &[f64],
     ) -> Result<Vec<u8>, PictureError> {
         let groups = coloured(self.fibres, legend, values);
-        let rims = [rim(self.muscle, &self.attachment.origin), rim(self.muscle, &self.attachment.insertion)];
-        let tendons: Vec<Vec<Point3<f64>>> = self.tendons.iter().flatten().map(|t| t.to_vec()).collect();
-        let muscle =
-            Surface::plain(&self.muscle.vertices, &self.muscle.triangles, colour::MUSCLE).with_opacity(OPACITY);
-        let patches = [&self.attachment.origin, &self.attachment.insertion].map(|area| area.patch.as_ref());
-        let patches = patches.into_iter().zip([ORIGIN, INSERTION]).filter_map(|(patch, colour)| Some((patch?, colour)));
+        let rims = [
+            rim(self.muscle, &self.attachment.origin),
+            rim(self.muscle, &self.attachment.insertion),
+        ];
+        let tendons: Vec<Vec<Point3<f64>>> =
+            self.tendons.iter().flatten().map(|t| t.to_vec()).collect();
+        let muscle = Surface::plain(
+            &self.muscle.vertices,
+            &self.muscle.triangles,
+            colour::MUSCLE,
+        )
+        .with_opacity(OPACITY);
+        let patches =
+            [&self.attachment.origin, &self.attachment.insertion].map(|area| area.patch.as_ref());
+        let patches = patches
+            .into_iter()
+            .zip([ORIGIN, INSERTION])
+            .filter_map(|(patch, colour)| Some((patch?, colour)));
         let patches: Vec<(&TriangleMesh, Rgb)> = patches.collect();
         // A component has all vertices of its file.
-        let used = |mesh: &&TriangleMesh| mesh.triangles.iter().flatten().map(|&v| mesh.vertices[v as usize]).collect();
-        let ends: Vec<Point3<f64>> = patches.iter().flat_map(|(mesh, _)| -> Vec<Point3<f64>> { used(mesh) }).collect();
-        let surfaces = patches.iter().map(|(mesh, colour)| Surface::plain(&mesh.vertices, &mesh.triangles, *colour));
+        let used = |mesh: &&TriangleMesh| {
+            mesh.triangles
+                .iter()
+                .flatten()
+                .map(|&v| mesh.vertices[v as usize])
+                .collect()
+        };
+        let ends: Vec<Point3<f64>> = patches
+            .iter()
+            .flat_map(|(mesh, _)| -> Vec<Point3<f64>> { used(mesh) })
+            .collect();
+        let surfaces = patches
+            .iter()
+            .map(|(mesh, colour)| Surface::plain(&mesh.vertices, &mesh.triangles, *colour));
         let mut drawing = Drawing::of(surfaces.chain([muscle]));
         for (colour, group) in &groups {
-            drawing = drawing.with_lines(Lines { width: 1.8, lift: 0.0, ..Lines::new(group, *colour) });
+            drawing = drawing.with_lines(Lines {
+                width: 1.8,
+                lift: 0.0,
+                ..Lines::new(group, *colour)
+            });
         }
-        drawing = drawing.with_lines(Lines { width: 1.4, lift: 0.0, ..Lines::new(&tendons, TENDON) });
-        drawing = drawing.with_lines(Lines { width: 2.6, lift: 0.0, ..Lines::new(self.lines, SEEN) });
+        drawing = drawing.with_lines(Lines {
+            width: 1.4,
+            lift: 0.0,
+            ..Lines::new(&tendons, TENDON)
+        });
+        drawing = drawing.with_lines(Lines {
+            width: 2.6,
+            lift: 0.0,
+            ..Lines::new(self.lines, SEEN)
+        });
         for (rim, colour) in rims.iter().zip([ORIGIN, INSERTION]) {
-            drawing = drawing.with_lines(Lines { width: 3.0, ..Lines::new(rim, colour) });
+            drawing = drawing.with_lines(Lines {
+                width: 3.0,
+                ..Lines::new(rim, colour)
+            });
         }
         let points = self.muscle.vertices.iter().chain(&ends).copied();
         let view = View::orthographic(from, -axes[0]);
@@ -144,19 +225,25 @@ impl Bundle<'_> {
     }
 
     fn sections(&self, axes: &[Vector3<f64>; 3]) -> Result<Vec<u8>, PictureError> {
-        let frames: Vec<Frame> = SECTIONS.iter().map(|share| self.section(axes, *share)).collect();
+        let frames: Vec<Frame> = SECTIONS
+            .iter()
+            .map(|share| self.section(axes, *share))
+            .collect();
         Frame::beside(&frames, 6, [1.0; 3]).to_png()
     }
 
     /// What a plane across the line of action cuts, and the fibres that pass through it.
     fn section(&self, [along, _, out]: &[Vector3<f64>; 3], share: f64) -> Frame {
         let heights = || self.muscle.vertices.iter().map(|p| p.coords.dot(along));
-        let (low, high) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| (a.min(h), b.max(h)));
+        let (low, high) = heights().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), h| {
+            (a.min(h), b.max(h))
+        });
         let at = low + share * (high - low);
         let height: Vec<f64> = heights().map(|h| h - at).collect();
         let outline = cut(self.muscle, &[], &height).line;
         let flesh = filled(&outline, along);
-        let spacing = (self.summary.volume_m3 / self.each.iter().map(|e| e.length_m).sum::<f64>()).sqrt();
+        let spacing =
+            (self.summary.volume_m3 / self.each.iter().map(|e| e.length_m).sum::<f64>()).sqrt();
         let mut dots = TriangleMesh::default();
         for s in self.fibres.iter().flat_map(|f| f.windows(2)) {
             let [a, b] = [s[0], s[1]].map(|p| p.coords.dot(along) - at);
@@ -170,11 +257,17 @@ impl Bundle<'_> {
             Surface::plain(&flesh.vertices, &flesh.triangles, FLESH),
             Surface::plain(&dots.vertices, &dots.triangles, INK),
         ];
-        let drawing = Drawing::of(surfaces).with_lines(Lines { width: 2.0, ..Lines::new(&outline, INK) });
+        let drawing = Drawing::of(surfaces).with_lines(Lines {
+            width: 2.0,
+            ..Lines::new(&outline, INK)
+        });
         let view = View::orthographic(*along, *out);
         // Where a surface is open its line encloses nothing, and may lie far off.
         let focus = flesh.vertices.iter().chain(&dots.vertices).copied();
-        let mut frame = render(&drawing, &Camera::fit(focus, &view, Canvas::new(SECTION.0, SECTION.1)));
+        let mut frame = render(
+            &drawing,
+            &Camera::fit(focus, &view, Canvas::new(SECTION.0, SECTION.1)),
+        );
         frame.title(&format!("at {:.0} %", 100.0 * share), TextStyle::Title);
         frame
     }
@@ -190,5 +283,6 @@ fn dot(mesh: &mut TriangleMesh, middle: &Point3<f64>, normal: &Vector3<f64>, rad
         let (sin, cos) = libm::sincos(std::f64::consts::TAU * f64::from(k) / 12.0);
         mesh.vertices.push(middle + first * cos + second * sin);
     }
-    mesh.triangles.extend((1..11).map(|k| [start, start + k, start + k + 1]));
+    mesh.triangles
+        .extend((1..11).map(|k| [start, start + k, start + k + 1]));
 }

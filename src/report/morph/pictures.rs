@@ -8,8 +8,8 @@ use crate::mesh::measures::{Aabb, greatest};
 use crate::morph::distortion::area_shares;
 use crate::morph::pose::axes;
 use crate::render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface, TextStyle, View, render,
-    to_gif,
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Rgb, Surface,
+    TextStyle, View, render, to_gif,
 };
 
 /// Width and height of a picture of the film, of the sheet, of a sphere \[px\].
@@ -40,16 +40,37 @@ impl Drawn {
     pub(super) fn new(morph: &Morph<'_>, unit: &str) -> Result<Self, PictureError> {
         let shapes: Vec<Shape> = morph.shapes.iter().map(centred).collect();
         let ways = match (shapes.first(), shapes.last()) {
-            (Some(a), Some(b)) => a.places.iter().zip(&b.places).map(|(a, b)| (b - a).norm()).collect(),
+            (Some(a), Some(b)) => a
+                .places
+                .iter()
+                .zip(&b.places)
+                .map(|(a, b)| (b - a).norm())
+                .collect(),
             _ => Vec::new(),
         };
         let range = (0.0, greatest(ways.iter().copied()));
-        let legend = Legend::new("Way", if morph.unit.is_some() { unit } else { "" }, range, ColourMap::Viridis);
+        let legend = Legend::new(
+            "Way",
+            if morph.unit.is_some() { unit } else { "" },
+            range,
+            ColourMap::Viridis,
+        );
         let paint = |shape: &Shape, (width, height): (u32, u32), legend: Option<&Legend>| {
             let room = legend.map_or(0.0, Legend::width);
-            let camera =
-                camera(morph, &shapes, Canvas::new(width + room as u32, height).with_right(room).with_top(26.0));
-            let surface = Surface::field(&shape.places, &morph.between.triangles, &ways, range, ColourMap::Viridis);
+            let camera = camera(
+                morph,
+                &shapes,
+                Canvas::new(width + room as u32, height)
+                    .with_right(room)
+                    .with_top(26.0),
+            );
+            let surface = Surface::field(
+                &shape.places,
+                &morph.between.triangles,
+                &ways,
+                range,
+                ColourMap::Viridis,
+            );
             let mut frame = render(&Drawing::of([surface]), &camera);
             if let Some(legend) = legend {
                 legend.draw(&mut frame);
@@ -57,22 +78,43 @@ impl Drawn {
             frame.title(&format!("t = {:.2}", shape.t), TextStyle::Small);
             frame
         };
-        let film: Vec<Frame> = shapes.par_iter().map(|s| paint(s, FILM, Some(&legend))).collect();
+        let film: Vec<Frame> = shapes
+            .par_iter()
+            .map(|s| paint(s, FILM, Some(&legend)))
+            .collect();
         // There and back.
-        let back = film.iter().rev().skip(1).take(film.len().saturating_sub(2)).cloned();
+        let back = film
+            .iter()
+            .rev()
+            .skip(1)
+            .take(film.len().saturating_sub(2))
+            .cloned();
         let film: Vec<Frame> = film.iter().cloned().chain(back).collect();
         let last = shapes.len().saturating_sub(1);
         let shown: Vec<usize> = (0..SHOWN).map(|k| k * last / (SHOWN - 1)).collect();
-        let each = shown.par_iter().map(|&k| paint(&shapes[k], SHEET, (k == last).then_some(&legend)));
+        let each = shown
+            .par_iter()
+            .map(|&k| paint(&shapes[k], SHEET, (k == last).then_some(&legend)));
         let sheet = Frame::beside(&each.collect::<Vec<Frame>>(), 4, [1.0; 3]);
-        Ok(Self { film: to_gif(&film, 1.0 / RATE)?, sheet: sheet.to_png()?, spheres: spheres(morph).to_png()? })
+        Ok(Self {
+            film: to_gif(&film, 1.0 / RATE)?,
+            sheet: sheet.to_png()?,
+            spheres: spheres(morph).to_png()?,
+        })
     }
 }
 
 /// A shape about the middle of its box: bodies that lie far apart are seen as large as others.
 fn centred(shape: &Shape) -> Shape {
     let middle = Aabb::of_points(&shape.places).center();
-    Shape { t: shape.t, places: shape.places.iter().map(|p| Point3::from(p - middle)).collect() }
+    Shape {
+        t: shape.t,
+        places: shape
+            .places
+            .iter()
+            .map(|p| Point3::from(p - middle))
+            .collect(),
+    }
 }
 
 /// Sees all shapes, the longest axis upright, from where they are broad.
@@ -97,22 +139,36 @@ fn spheres(morph: &Morph<'_>) -> Frame {
             map.triangles(),
             &area_shares(&mesh.vertices, map.points(), map.triangles()),
         );
-        let edges = if map.triangles().len() <= FEW { outlines(map.points(), map.triangles()) } else { Vec::new() };
+        let edges = if map.triangles().len() <= FEW {
+            outlines(map.points(), map.triangles())
+        } else {
+            Vec::new()
+        };
         let (points, triangles, values) = rounded(map.points(), map.triangles(), &values);
-        let marks: Vec<Vec<Point3<f64>>> =
-            morph.pairs.iter().map(|pair| ring(&map.points()[pair[side] as usize])).collect();
+        let marks: Vec<Vec<Point3<f64>>> = morph
+            .pairs
+            .iter()
+            .map(|pair| ring(&map.points()[pair[side] as usize]))
+            .collect();
         for (name, from) in [("front", Vector3::z()), ("back", -Vector3::z())] {
             let last = side == 1 && name == "back";
             let room = if last { legend.width() } else { 0.0 };
-            let canvas = Canvas::new(SPHERE.0 + room as u32, SPHERE.1).with_right(room).with_top(26.0);
-            let corners = [-1.0, 1.0].into_iter().flat_map(|x| [-1.0, 1.0].map(|y| Point3::new(x, y, 0.0)));
+            let canvas = Canvas::new(SPHERE.0 + room as u32, SPHERE.1)
+                .with_right(room)
+                .with_top(26.0);
+            let corners = [-1.0, 1.0]
+                .into_iter()
+                .flat_map(|x| [-1.0, 1.0].map(|y| Point3::new(x, y, 0.0)));
             let camera = Camera::fit(corners, &View::orthographic(from, Vector3::y()), canvas);
             let surface = Surface::field(&points, &triangles, &values, range, ColourMap::Diverging);
             let mut thin = Lines::new(&edges, EDGE);
             thin.width = 0.6;
             let mut thick = Lines::new(&marks, MARK);
             thick.width = 2.5;
-            let mut frame = render(&Drawing::of([surface]).with_lines(thin).with_lines(thick), &camera);
+            let mut frame = render(
+                &Drawing::of([surface]).with_lines(thin).with_lines(thick),
+                &camera,
+            );
             if last {
                 legend.draw(&mut frame);
             }
@@ -139,19 +195,28 @@ fn at_vertices(count: usize, triangles: &[[u32; 3]], shares: &[f64]) -> Vec<f64>
 }
 
 fn outlines(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vec<Point3<f64>>> {
-    let edges = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).filter(|[a, b]| a < b);
-    edges.map(|[a, b]| arc(&points[a as usize], &points[b as usize])).collect()
+    let edges = triangles
+        .iter()
+        .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+        .filter(|[a, b]| a < b);
+    edges
+        .map(|[a, b]| arc(&points[a as usize], &points[b as usize]))
+        .collect()
 }
 
 /// Pieces into which a side is cut so that it looks round.
 fn pieces(sides: &[f64]) -> usize {
-    (greatest(sides.iter().copied()) / PIECE).ceil().clamp(1.0, 32.0) as usize
+    (greatest(sides.iter().copied()) / PIECE)
+        .ceil()
+        .clamp(1.0, 32.0) as usize
 }
 
 /// The way along the sphere.
 fn arc(a: &Point3<f64>, b: &Point3<f64>) -> Vec<Point3<f64>> {
     let count = pieces(&[(b - a).norm()]);
-    (0..=count).map(|k| Point3::from((a + (b - a) * (k as f64 / count as f64)).coords.normalize())).collect()
+    (0..=count)
+        .map(|k| Point3::from((a + (b - a) * (k as f64 / count as f64)).coords.normalize()))
+        .collect()
 }
 
 /// Spherical triangles, cut into small ones where they are large.
@@ -174,7 +239,9 @@ fn rounded(
         for i in 0..=n {
             for j in 0..=i {
                 let (s, t) = ((i - j) as f64 / n as f64, j as f64 / n as f64);
-                x.push(Point3::from((a + (b - a) * s + (c - a) * t).coords.normalize()));
+                x.push(Point3::from(
+                    (a + (b - a) * s + (c - a) * t).coords.normalize(),
+                ));
                 fields.push(va + (vb - va) * s + (vc - va) * t);
             }
         }

@@ -40,12 +40,22 @@ impl Fingerprint {
         print.add("`solver`".to_owned(), solver);
         for (bone, mesh) in bones.iter().zip(&simulation.bones) {
             // Surface and repair come out as the mesh.
-            let Bone { name, surface: _, repair: _, motion } = bone;
+            let Bone {
+                name,
+                surface: _,
+                repair: _,
+                motion,
+            } = bone;
             print.add(format!("the motion of bone `{name}`"), motion);
             print.mesh(format!("the mesh of bone `{name}`"), mesh);
         }
         for capsule in capsules {
-            let Capsule { name, bone: _, segment: _, radius: _ } = capsule;
+            let Capsule {
+                name,
+                bone: _,
+                segment: _,
+                radius: _,
+            } = capsule;
             print.add(format!("capsule `{name}`"), capsule);
         }
         let plans = simulation.plan.muscles.iter();
@@ -72,16 +82,53 @@ impl Fingerprint {
         self.add(format!("the edges of muscle `{name}`"), &body.edges);
         self.add(format!("the material of muscle `{name}`"), material);
         // Patches come out as the vertices that are held.
-        let limits = attachments.iter().map(|Attachment { bone, area: _, limit: _ }| bone).collect::<Vec<_>>();
-        let held: Vec<_> = body.system.held.iter().map(|h| (h.vertex, h.bone, h.local)).collect();
-        self.add(format!("the attachments of muscle `{name}`"), &(limits, held, &body.system.particles.inverse_mass));
-        self.add(format!("the fibres of muscle `{name}`"), &body.fibres.at(&body.rest.vertices));
+        let limits = attachments
+            .iter()
+            .map(
+                |Attachment {
+                     bone,
+                     area: _,
+                     limit: _,
+                 }| bone,
+            )
+            .collect::<Vec<_>>();
+        let held: Vec<_> = body
+            .system
+            .held
+            .iter()
+            .map(|h| (h.vertex, h.bone, h.local))
+            .collect();
+        self.add(
+            format!("the attachments of muscle `{name}`"),
+            &(limits, held, &body.system.particles.inverse_mass),
+        );
+        self.add(
+            format!("the fibres of muscle `{name}`"),
+            &body.fibres.at(&body.rest.vertices),
+        );
         self.add(format!("the forces on muscle `{name}`"), forces);
-        self.add(format!("the displacements of muscle `{name}`"), displacements);
+        self.add(
+            format!("the displacements of muscle `{name}`"),
+            displacements,
+        );
         // What is fixed shows as inverse masses, a shape at rest as itself.
-        let MusclePlan { stretch, bending, volume, anisotropy, obstacles, fixed: _, rest: _ } = plan;
-        self.add(format!("the effects that run on muscle `{name}`"), &[stretch, bending, volume, anisotropy]);
-        self.add(format!("the bones in reach of muscle `{name}` over all frames that are wanted"), obstacles);
+        let MusclePlan {
+            stretch,
+            bending,
+            volume,
+            anisotropy,
+            obstacles,
+            fixed: _,
+            rest: _,
+        } = plan;
+        self.add(
+            format!("the effects that run on muscle `{name}`"),
+            &[stretch, bending, volume, anisotropy],
+        );
+        self.add(
+            format!("the bones in reach of muscle `{name}` over all frames that are wanted"),
+            obstacles,
+        );
     }
 
     /// A part, by its shortest text that reads back to the same bits.
@@ -93,11 +140,20 @@ impl Fingerprint {
     }
 
     fn mesh(&mut self, name: String, mesh: &TriangleMesh) {
-        let TriangleMesh { vertices, triangles } = mesh;
+        let TriangleMesh {
+            vertices,
+            triangles,
+        } = mesh;
         let mut hash = Hash::default();
         hash.add(&(vertices.len() as u64).to_le_bytes());
-        vertices.iter().flat_map(|p| p.coords.iter()).for_each(|c| hash.add(&c.to_bits().to_le_bytes()));
-        triangles.iter().flatten().for_each(|v| hash.add(&v.to_le_bytes()));
+        vertices
+            .iter()
+            .flat_map(|p| p.coords.iter())
+            .for_each(|c| hash.add(&c.to_bits().to_le_bytes()));
+        triangles
+            .iter()
+            .flatten()
+            .for_each(|v| hash.add(&v.to_le_bytes()));
         self.0.push((name, hash.value()));
     }
 
@@ -106,10 +162,18 @@ impl Fingerprint {
     pub fn differs_from(&self, other: &Self) -> Vec<String> {
         let missing = |these: &Self, those: &Self| -> Vec<String> {
             let known: std::collections::HashSet<&(String, u128)> = those.0.iter().collect();
-            these.0.iter().filter(|part| !known.contains(part)).map(|(name, _)| name.clone()).collect()
+            these
+                .0
+                .iter()
+                .filter(|part| !known.contains(part))
+                .map(|(name, _)| name.clone())
+                .collect()
         };
         let mut all = missing(self, other);
-        let more: Vec<String> = missing(other, self).into_iter().filter(|name| !all.contains(name)).collect();
+        let more: Vec<String> = missing(other, self)
+            .into_iter()
+            .filter(|name| !all.contains(name))
+            .collect();
         all.extend(more);
         if all.is_empty() && self != other {
             all.push("the order of bones, capsules or muscles".to_owned());

@@ -27,7 +27,10 @@ impl Plan {
         }
         for (effect, why) in [
             ("growth", "told from published ratios, not simulated"),
-            ("bending", "two layers resist it; it has no stiffness of its own"),
+            (
+                "bending",
+                "two layers resist it; it has no stiffness of its own",
+            ),
             ("friction", "contact of skin is without friction"),
             ("gravity", "nothing in a scene of skin has weight"),
             ("damping", "an equilibrium has no velocities"),
@@ -42,7 +45,13 @@ impl Plan {
         let free = layers.held.iter().filter(|held| !**held).count() / 2;
         let mut run = |effect: &str, elements: usize, bytes: usize, ms_per_frame: f64| {
             let (muscle, effect) = (part.name.clone(), effect.to_owned());
-            self.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
+            self.run.push(Planned {
+                muscle,
+                effect,
+                elements,
+                bytes,
+                ms_per_frame,
+            });
         };
         let springs = layers.springs.len();
         let over_ball = matches!(scene.under, Under::Ball(_));
@@ -55,23 +64,45 @@ impl Plan {
         let vertices: usize = part.shells.iter().map(|shell| shell.vertices.len()).sum();
         let triangles: usize = part.shells.iter().map(|shell| shell.triangles.len()).sum();
         let (shell, volume, contact) = match part.shells.len() {
-            1 => ("shell of the implant", "volume of the implant", "contact of skin and implant"),
-            _ => ("shells of implants", "volumes of implants", "contact of skin and implants"),
+            1 => (
+                "shell of the implant",
+                "volume of the implant",
+                "contact of skin and implant",
+            ),
+            _ => (
+                "shells of implants",
+                "volumes of implants",
+                "contact of skin and implants",
+            ),
         };
         run(shell, triangles, triangles * 2 * SPRING, 0.0);
         run(volume, vertices, vertices * 52 + triangles * 36, 0.0);
         run(contact, free + vertices, (free + vertices) * TOUCH, 0.0);
         if part.obstacles.is_empty() {
-            run("contact with what was under the skin", free + vertices, (free + vertices) * TOUCH, 0.0);
+            run(
+                "contact with what was under the skin",
+                free + vertices,
+                (free + vertices) * TOUCH,
+                0.0,
+            );
         }
         for &o in &part.obstacles {
             let elements = free + vertices + obstacles[o].vertices.len();
             let effect = format!("contact with {}", scene.obstacles[o].name);
-            run(&effect, elements, (free + vertices) * TOUCH + obstacles[o].triangles.len() * 60, 0.0);
+            run(
+                &effect,
+                elements,
+                (free + vertices) * TOUCH + obstacles[o].triangles.len() * 60,
+                0.0,
+            );
         }
         for o in (0..obstacles.len()).filter(|o| !part.obstacles.contains(o)) {
             let effect = format!("contact with {}", scene.obstacles[o].name);
-            self.leave(&part.name, &effect, "it is further from the implant than two of its bases");
+            self.leave(
+                &part.name,
+                &effect,
+                "it is further from the implant than two of its bases",
+            );
         }
     }
 
@@ -82,14 +113,29 @@ impl Plan {
         let mut plan = Self::default();
         let mut run = |effect: &str, elements: usize, bytes: usize, ms_per_frame: f64| {
             let (muscle, effect) = (scene.name.clone(), effect.to_owned());
-            plan.run.push(Planned { muscle, effect, elements, bytes, ms_per_frame });
+            plan.run.push(Planned {
+                muscle,
+                effect,
+                elements,
+                bytes,
+                ms_per_frame,
+            });
         };
-        run("springs", springs, points * 48, points as f64 * NS_OF_LATTICE * f64::from(steps) * 1e-6);
+        run(
+            "springs",
+            springs,
+            points * 48,
+            points as f64 * NS_OF_LATTICE * f64::from(steps) * 1e-6,
+        );
         if scene.drag.norm() > 0.0 {
             run("drag of the highest layer", top, 0, 0.0);
         }
         let mut leave = |effect: &str, why: &str| {
-            plan.left_out.push(LeftOut { muscle: String::new(), effect: effect.to_owned(), why: why.to_owned() });
+            plan.left_out.push(LeftOut {
+                muscle: String::new(),
+                effect: effect.to_owned(),
+                why: why.to_owned(),
+            });
         };
         if !(scene.drag.norm() > 0.0) {
             leave("drag", "the scene has no `drag`, or one of length zero");

@@ -88,7 +88,12 @@ impl Bodies {
             crossings: touches.len() - inside,
             depth: greatest(touches.iter().map(|t| t.depth)),
             impulses: self.respond(&touches),
-            approach: greatest(touches.iter().map(|t| -self.approach(t)).filter(|a| !(*a <= 0.0))),
+            approach: greatest(
+                touches
+                    .iter()
+                    .map(|t| -self.approach(t))
+                    .filter(|a| !(*a <= 0.0)),
+            ),
         };
         for body in &mut self.bodies {
             self.integrator.positions(&mut body.system, dt)?;
@@ -107,14 +112,22 @@ impl Bodies {
     }
 
     /// The two sides of a contact, with velocities or moves that `of` gives the points of a body.
-    fn parts<'a>(&'a self, t: &Touch, of: impl Fn(usize) -> &'a [Vector3<f64>]) -> (Part<2>, Part<3>) {
+    fn parts<'a>(
+        &'a self,
+        t: &Touch,
+        of: impl Fn(usize) -> &'a [Vector3<f64>],
+    ) -> (Part<2>, Part<3>) {
         let (one, zero) = (&self.bodies[t.first], Vector3::zeros());
         let first = Part {
             weights: t.end_weights,
             inverse_mass: t.ends.map(|v| one.inverse_mass(v)),
             velocity: t.ends.map(|v| of(t.first)[v as usize]),
         };
-        let mut second = Part { weights: t.corner_weights, inverse_mass: [0.0; 3], velocity: [zero; 3] };
+        let mut second = Part {
+            weights: t.corner_weights,
+            inverse_mass: [0.0; 3],
+            velocity: [zero; 3],
+        };
         if let Some(two) = t.second {
             second.inverse_mass = t.corners.map(|v| self.bodies[two].inverse_mass(v));
             second.velocity = t.corners.map(|v| of(two)[v as usize]);
@@ -140,11 +153,23 @@ impl Bodies {
             let before = given;
             for t in touches {
                 let (first, second) = self.moving(t);
-                let Some(j) = impulse(&t.normal, &first, &second, self.response) else { continue };
+                let Some(j) = impulse(&t.normal, &first, &second, self.response) else {
+                    continue;
+                };
                 given += 1;
-                add(&mut self.bodies[t.first].system.velocity, &t.ends, &first, -j);
+                add(
+                    &mut self.bodies[t.first].system.velocity,
+                    &t.ends,
+                    &first,
+                    -j,
+                );
                 if let Some(second_body) = t.second {
-                    add(&mut self.bodies[second_body].system.velocity, &t.corners, &second, j);
+                    add(
+                        &mut self.bodies[second_body].system.velocity,
+                        &t.corners,
+                        &second,
+                        j,
+                    );
                 }
             }
             if given == before {
@@ -157,8 +182,11 @@ impl Bodies {
     /// Moves the two sides of what is inside apart by a share of its depth, the lighter more; the centre of mass stays. What other
     /// contacts have moved apart already counts: a hundred vertices in one triangle move it as far as one.
     fn put_out(&mut self, touches: &[Touch]) {
-        let mut moves: Vec<Vec<Vector3<f64>>> =
-            self.bodies.iter().map(|b| vec![Vector3::zeros(); b.system.len()]).collect();
+        let mut moves: Vec<Vec<Vector3<f64>>> = self
+            .bodies
+            .iter()
+            .map(|b| vec![Vector3::zeros(); b.system.len()])
+            .collect();
         for t in touches.iter().filter(|t| t.depth > 0.0) {
             let (first, second) = self.parts(t, |body| &moves[body]);
             let mobility = first.mobility() + second.mobility();
@@ -166,18 +194,30 @@ impl Bodies {
             if mobility > 0.0 && left > 0.0 {
                 let by = t.normal * (left / mobility);
                 add(&mut moves[t.first], &t.ends, &first, -by);
-                t.second.into_iter().for_each(|body| add(&mut moves[body], &t.corners, &second, by));
+                t.second
+                    .into_iter()
+                    .for_each(|body| add(&mut moves[body], &t.corners, &second, by));
             }
         }
         for (body, moves) in self.bodies.iter_mut().zip(&moves) {
-            body.system.position.iter_mut().zip(moves).for_each(|(x, by)| *x += by);
+            body.system
+                .position
+                .iter_mut()
+                .zip(moves)
+                .for_each(|(x, by)| *x += by);
         }
     }
 }
 
 /// Adds to points of a body what an impulse at the part does to them. Added, not set: a vertex stands for both ends of an edge.
-fn add<const N: usize>(to: &mut [Vector3<f64>], points: &[u32; N], part: &Part<N>, impulse: Vector3<f64>) {
-    for ((&point, weight), inverse_mass) in points.iter().zip(&part.weights).zip(&part.inverse_mass) {
+fn add<const N: usize>(
+    to: &mut [Vector3<f64>],
+    points: &[u32; N],
+    part: &Part<N>,
+    impulse: Vector3<f64>,
+) {
+    for ((&point, weight), inverse_mass) in points.iter().zip(&part.weights).zip(&part.inverse_mass)
+    {
         to[point as usize] += impulse * (weight * inverse_mass);
     }
 }

@@ -56,12 +56,19 @@ pub struct Drive {
 impl Drive {
     /// At rest.
     pub fn still() -> Self {
-        Self { linear: Vector3::zeros(), angular: Vector3::zeros(), centre: Point3::origin() }
+        Self {
+            linear: Vector3::zeros(),
+            angular: Vector3::zeros(),
+            centre: Point3::origin(),
+        }
     }
 
     /// Along a line, without turning.
     pub fn along(linear: Vector3<f64>) -> Self {
-        Self { linear, ..Self::still() }
+        Self {
+            linear,
+            ..Self::still()
+        }
     }
 }
 
@@ -91,11 +98,18 @@ impl Body {
         let count = system.len();
         for (triangle, corners) in triangles.iter().enumerate() {
             if let Some(&point) = corners.iter().find(|&&p| p as usize >= count) {
-                return Err(BodyError::OutOfRange { triangle, point, count });
+                return Err(BodyError::OutOfRange {
+                    triangle,
+                    point,
+                    count,
+                });
             }
             let [a, b, c] = *corners;
             if a == b || b == c || c == a {
-                return Err(BodyError::Twice { triangle, point: if b == c { b } else { a } });
+                return Err(BodyError::Twice {
+                    triangle,
+                    point: if b == c { b } else { a },
+                });
             }
         }
         if triangles.is_empty() {
@@ -105,7 +119,10 @@ impl Body {
             return Err(SystemError::NotFinite { point }.into());
         }
         let topology = Topology::of_triangles(count, triangles);
-        let mesh = TriangleMesh { vertices: system.position.clone(), triangles: triangles.to_vec() };
+        let mesh = TriangleMesh {
+            vertices: system.position.clone(),
+            triangles: triangles.to_vec(),
+        };
         let has_inside = topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0;
         let mut points: Vec<u32> = triangles.iter().flatten().copied().collect();
         points.sort_unstable();
@@ -113,7 +130,9 @@ impl Body {
         Ok(Self {
             hierarchy: Hierarchy::new(&system.position, triangles),
             owners: EdgeOwners::new(count, triangles),
-            neighbours: (0..triangles.len()).map(|t| topology.neighbours_of_triangle(t)).collect(),
+            neighbours: (0..triangles.len())
+                .map(|t| topology.neighbours_of_triangle(t))
+                .collect(),
             closed: has_inside.then(|| Surface::new(&mesh)),
             triangles: mesh.triangles,
             points,
@@ -131,7 +150,10 @@ impl Body {
         // Masses are asked for, and count nowhere: all points are held.
         let mut system = SpringSystem::new(mesh.vertices.clone(), vec![1.0; count])?;
         system.pin(0..count as u32);
-        Ok(Self { drive: Some(drive), ..Self::soft(system, &mesh.triangles)? })
+        Ok(Self {
+            drive: Some(drive),
+            ..Self::soft(system, &mesh.triangles)?
+        })
     }
 
     /// How it moves, if it is rigid.
@@ -165,25 +187,48 @@ impl Body {
 
     /// 1/m of a point [1/kg]; 0 where it is held.
     pub fn inverse_mass(&self, point: u32) -> f64 {
-        if self.system.pinned()[point as usize] { 0.0 } else { 1.0 / self.system.mass()[point as usize] }
+        if self.system.pinned()[point as usize] {
+            0.0
+        } else {
+            1.0 / self.system.mass()[point as usize]
+        }
     }
 
     /// The points of a rigid body take its velocity.
     pub(super) fn begin_step(&mut self) {
-        if let Some(Drive { linear, angular, centre }) = self.drive {
-            let SpringSystem { position, velocity, .. } = &mut self.system;
-            velocity.iter_mut().zip(position).for_each(|(v, x)| *v = linear + angular.cross(&(*x - centre)));
+        if let Some(Drive {
+            linear,
+            angular,
+            centre,
+        }) = self.drive
+        {
+            let SpringSystem {
+                position, velocity, ..
+            } = &mut self.system;
+            velocity
+                .iter_mut()
+                .zip(position)
+                .for_each(|(v, x)| *v = linear + angular.cross(&(*x - centre)));
         }
     }
 
     /// A rigid body goes on by a step of `dt` [s], without losing its shape.
     pub(super) fn carry(&mut self, dt: f64) {
         if let Some(drive) = &mut self.drive {
-            let (from, by) = (drive.centre, Rotation3::from_scaled_axis(drive.angular * dt));
+            let (from, by) = (
+                drive.centre,
+                Rotation3::from_scaled_axis(drive.angular * dt),
+            );
             drive.centre += drive.linear * dt;
             let to = drive.centre;
             let turns = drive.angular != Vector3::zeros();
-            let go = |x: &Point3<f64>| if turns { to + by * (x - from) } else { x + drive.linear * dt };
+            let go = |x: &Point3<f64>| {
+                if turns {
+                    to + by * (x - from)
+                } else {
+                    x + drive.linear * dt
+                }
+            };
             self.system.position.iter_mut().for_each(|x| *x = go(x));
         }
     }
@@ -195,7 +240,9 @@ impl Body {
 
     /// Inside and outside follow the points.
     pub(super) fn refit_inside(&mut self) {
-        self.closed.iter_mut().for_each(|s| s.refit(&self.system.position));
+        self.closed
+            .iter_mut()
+            .for_each(|s| s.refit(&self.system.position));
     }
 
     /// Unit normal of a triangle; `None` for one without area.
@@ -221,6 +268,11 @@ impl Body {
     }
 
     pub(super) fn sheet(&self) -> Sheet<'_> {
-        Sheet { x: &self.system.position, triangles: &self.triangles, hierarchy: &self.hierarchy, owners: &self.owners }
+        Sheet {
+            x: &self.system.position,
+            triangles: &self.triangles,
+            hierarchy: &self.hierarchy,
+            owners: &self.owners,
+        }
     }
 }

@@ -34,7 +34,10 @@ pub fn crossing([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> Option
     let heights = above + below;
     let at = place(&sides, (heights > 0.0).then(|| above / heights));
     let corners = shares(sides.map(|s| s.at(at).max(0.0)))?;
-    Some(Crossing { edge: [1.0 - at, at], triangle: corners })
+    Some(Crossing {
+        edge: [1.0 - at, at],
+        triangle: corners,
+    })
 }
 
 /// Sizes over their sum; `None` where all are zero.
@@ -64,7 +67,11 @@ fn sides(p: &Point3<f64>, q: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Opti
     let sign = turn(axis, a, b, c).signum();
     Some([(b, c), (c, a), (a, b)].map(|(u, v)| {
         let [at_p, at_q] = [p, q].map(|end| turn(axis, u, v, end) * sign);
-        Within { p: at_p, q: at_q, doubt: ROUNDING * (v - u).norm() * (p - u).norm().max((q - u).norm()) }
+        Within {
+            p: at_p,
+            q: at_q,
+            doubt: ROUNDING * (v - u).norm() * (p - u).norm().max((q - u).norm()),
+        }
     }))
 }
 
@@ -76,12 +83,18 @@ fn place(sides: &[Within; 3], by_heights: Option<f64>) -> f64 {
     for s in sides {
         if by_heights.map_or(s.p.min(s.q), |share| s.at(share)) < -s.doubt {
             let share = (s.p / (s.p - s.q)).clamp(0.0, 1.0);
-            if s.p < s.q { from = from.max(share) } else { to = to.min(share) }
+            if s.p < s.q {
+                from = from.max(share)
+            } else {
+                to = to.min(share)
+            }
         }
     }
     // Where they share one point only, the two ends of what is shared may cross by rounding.
     let middle = 0.5 * (from + to);
-    by_heights.map_or(middle, |share| share.max(from.min(middle)).min(to.max(middle)))
+    by_heights.map_or(middle, |share| {
+        share.max(from.min(middle)).min(to.max(middle))
+    })
 }
 
 /// Which triangle tests each edge: the first that has it, so that an edge which several share is looked at once (errata B12).
@@ -97,7 +110,14 @@ impl EdgeOwners {
         let topology = Topology::of_triangles(vertex_count, triangles);
         let first = |e: u32| topology.triangles_of_edge(e as usize).first().copied();
         let owned = |(t, edges): (usize, &[u32; 3])| edges.map(|e| first(e) == Some(t as u32));
-        Self { owned: topology.triangle_edges.iter().enumerate().map(owned).collect() }
+        Self {
+            owned: topology
+                .triangle_edges
+                .iter()
+                .enumerate()
+                .map(owned)
+                .collect(),
+        }
     }
 
     /// The sides that a triangle owns, by their first corner.
@@ -147,18 +167,39 @@ pub struct Found {
 /// Visits each edge of one surface with each triangle of the other that it crosses, both ways (errata B07): the edges of
 /// either surface alone miss a tip that pierces a large triangle.
 pub fn crossings(first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
-    first.hierarchy.pairs(second.hierarchy, |s, t| crossings_of([s, t], first, second, &mut visit));
+    first.hierarchy.pairs(second.hierarchy, |s, t| {
+        crossings_of([s, t], first, second, &mut visit)
+    });
 }
 
 /// As [`crossings`], of one triangle of each, such as those that [`super::Voxels::pairs`] names. Sides that a triangle does not
 /// own are left to its neighbours, which have the same point.
-pub fn crossings_of([s, t]: [u32; 2], first: Sheet<'_>, second: Sheet<'_>, mut visit: impl FnMut(Found)) {
-    for (which, of, s, other, t) in [(Edge::OfFirst, first, s, second, t), (Edge::OfSecond, second, t, first, s)] {
+pub fn crossings_of(
+    [s, t]: [u32; 2],
+    first: Sheet<'_>,
+    second: Sheet<'_>,
+    mut visit: impl FnMut(Found),
+) {
+    for (which, of, s, other, t) in [
+        (Edge::OfFirst, first, s, second, t),
+        (Edge::OfSecond, second, t, first, s),
+    ] {
         let (from, corners) = (of.triangles[s as usize], other.triangles[t as usize]);
         for k in of.owners.of(s) {
             let edge = [from[k], from[(k + 1) % 3]];
-            let at = crossing(edge.map(|v| of.x[v as usize]), corners.map(|v| other.x[v as usize]));
-            at.into_iter().for_each(|at| visit(Found { which, edge, side: (s, k), triangle: t, at }));
+            let at = crossing(
+                edge.map(|v| of.x[v as usize]),
+                corners.map(|v| other.x[v as usize]),
+            );
+            at.into_iter().for_each(|at| {
+                visit(Found {
+                    which,
+                    edge,
+                    side: (s, k),
+                    triangle: t,
+                    at,
+                })
+            });
         }
     }
 }

@@ -46,14 +46,24 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
     let mut touches = Vec::new();
     for [i, j] in near {
         crossings(bodies[i].sheet(), bodies[j].sheet(), |found| {
-            let (first, second) = if found.which == Edge::OfFirst { (i, j) } else { (j, i) };
+            let (first, second) = if found.which == Edge::OfFirst {
+                (i, j)
+            } else {
+                (j, i)
+            };
             touches.extend(crossed(bodies, first, second, &found));
         });
         vertices(bodies, i, j, &mut touches);
         vertices(bodies, j, i, &mut touches);
     }
-    for (first, body) in bodies.iter().enumerate().filter(|(_, b)| b.drive().is_none()) {
-        obstacles.iter().for_each(|o| against(first, body, &**o, &mut touches));
+    for (first, body) in bodies
+        .iter()
+        .enumerate()
+        .filter(|(_, b)| b.drive().is_none())
+    {
+        obstacles
+            .iter()
+            .for_each(|o| against(first, body, &**o, &mut touches));
     }
     touches
 }
@@ -61,7 +71,10 @@ pub(super) fn find(bodies: &mut [Body], obstacles: &[Arc<dyn Obstacle>]) -> Vec<
 /// The normal is that of the triangle or that of the edge, whichever is the shorter way out: an edge of a floor that passes
 /// through the side of what rests on it, by the depth of a contact, would else stop it from sliding.
 fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Option<Touch> {
-    let (one, two) = (&bodies[first].system.position, &bodies[second].system.position);
+    let (one, two) = (
+        &bodies[first].system.position,
+        &bodies[second].system.position,
+    );
     let corners = bodies[second].triangles()[found.triangle as usize];
     let [p, q] = found.edge.map(|v| one[v as usize]);
     let corner = corners.map(|v| two[v as usize]);
@@ -69,9 +82,18 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
     let [above, below] = [p, q].map(|end| outward.dot(&(end - corner[0])));
     // A sheet has no outside: the longer part of the edge is where it came from.
     let turned = bodies[second].inside().is_none() && above + below < 0.0;
-    let (mut normal, depth) = if turned { (outward, above.max(below)) } else { (-outward, -above.min(below)) };
+    let (mut normal, depth) = if turned {
+        (outward, above.max(below))
+    } else {
+        (-outward, -above.min(below))
+    };
     if let Some(out_of_edge) = bodies[first].normal_of_side(found.side) {
-        let deepest = greatest(corner.iter().map(|c| -out_of_edge.dot(&(c - p))).filter(|d| !(*d <= 0.0)));
+        let deepest = greatest(
+            corner
+                .iter()
+                .map(|c| -out_of_edge.dot(&(c - p)))
+                .filter(|d| !(*d <= 0.0)),
+        );
         if deepest < depth {
             normal = out_of_edge;
         }
@@ -91,14 +113,19 @@ fn crossed(bodies: &[Body], first: usize, second: usize, found: &Found) -> Optio
 /// Vertices of one body inside another. A flat side that goes through another has no edge that crosses anything but at its
 /// rim, and what is within would sink on.
 fn vertices(bodies: &[Body], first: usize, second: usize, touches: &mut Vec<Touch>) {
-    let Some(surface) = bodies[second].inside() else { return };
+    let Some(surface) = bodies[second].inside() else {
+        return;
+    };
     let bounds = bodies[second].bounds();
     for &v in bodies[first].points() {
         let p = &bodies[first].system.position[v as usize];
         if !bounds.contains(p) {
             continue;
         }
-        if let Some(on) = surface.nearest(p, f64::MAX).filter(|on| on.closest.distance < 0.0) {
+        if let Some(on) = surface
+            .nearest(p, f64::MAX)
+            .filter(|on| on.closest.distance < 0.0)
+        {
             touches.push(Touch {
                 first,
                 ends: [v; 2],

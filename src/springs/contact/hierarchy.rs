@@ -42,7 +42,11 @@ pub struct Hierarchy {
 impl Hierarchy {
     /// The tree over triangles with valid indices, vertices [m].
     pub fn new(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
-        let middle = |t: &[u32; 3]| t.iter().map(|&v| vertices[v as usize].coords).sum::<Vector3<f64>>();
+        let middle = |t: &[u32; 3]| {
+            t.iter()
+                .map(|&v| vertices[v as usize].coords)
+                .sum::<Vector3<f64>>()
+        };
         let build = Build {
             middles: triangles.iter().map(middle).collect(),
             areas: triangle_areas(vertices, triangles),
@@ -57,20 +61,31 @@ impl Hierarchy {
     pub fn refit(&mut self, vertices: &[Point3<f64>], triangles: &[[u32; 3]]) {
         self.refit_by(|t| {
             let [a, b, c] = triangles[t as usize].map(|v| vertices[v as usize]);
-            Aabb { min: a.inf(&b).inf(&c), max: a.sup(&b).sup(&c) }
+            Aabb {
+                min: a.inf(&b).inf(&c),
+                max: a.sup(&b).sup(&c),
+            }
         });
     }
 
     /// Takes any box for each triangle [m], such as that of the way it goes; children come before their parents.
     pub fn refit_by(&mut self, mut bounds: impl FnMut(u32) -> Aabb) {
         for i in (0..self.nodes.len()).rev() {
-            let Node { second, triangle, .. } = self.nodes[i];
+            let Node {
+                second, triangle, ..
+            } = self.nodes[i];
             self.nodes[i].bounds = if second == NONE {
                 let bounds = bounds(triangle);
                 // One box that is no number would make those above it forget their other children.
-                if bounds.min <= bounds.max { bounds } else { Aabb::EMPTY }
+                if bounds.min <= bounds.max {
+                    bounds
+                } else {
+                    Aabb::EMPTY
+                }
             } else {
-                self.nodes[i + 1].bounds.union(&self.nodes[second as usize].bounds)
+                self.nodes[i + 1]
+                    .bounds
+                    .union(&self.nodes[second as usize].bounds)
             };
         }
     }
@@ -93,7 +108,14 @@ impl Hierarchy {
     /// Box [m] and content of a node.
     pub fn node(&self, node: u32) -> (&Aabb, Kind) {
         let n = &self.nodes[node as usize];
-        (&n.bounds, if n.second == NONE { Kind::Leaf(n.triangle) } else { Kind::Inner([node + 1, n.second]) })
+        (
+            &n.bounds,
+            if n.second == NONE {
+                Kind::Leaf(n.triangle)
+            } else {
+                Kind::Inner([node + 1, n.second])
+            },
+        )
     }
 
     /// Number of nodes on each level, the root's first.
@@ -131,7 +153,9 @@ impl Hierarchy {
                 (NONE, NONE) => visit(n.triangle, m.triangle),
                 (NONE, second) => open.extend([(a, second), (a, b + 1)]),
                 (second, NONE) => open.extend([(second, b), (a + 1, b)]),
-                (second, _) if size(&n.bounds) >= size(&m.bounds) => open.extend([(second, b), (a + 1, b)]),
+                (second, _) if size(&n.bounds) >= size(&m.bounds) => {
+                    open.extend([(second, b), (a + 1, b)])
+                }
                 (_, second) => open.extend([(a, second), (a, b + 1)]),
             }
         }
@@ -139,11 +163,19 @@ impl Hierarchy {
 
     /// Visits the triangles whose boxes share a point with a box [m].
     pub fn meeting(&self, bounds: &Aabb, mut visit: impl FnMut(u32)) {
-        let mut open = if self.is_empty() { Vec::new() } else { vec![0u32] };
+        let mut open = if self.is_empty() {
+            Vec::new()
+        } else {
+            vec![0u32]
+        };
         while let Some(i) = open.pop() {
             let n = &self.nodes[i as usize];
             if n.bounds.intersects(bounds) {
-                if n.second == NONE { visit(n.triangle) } else { open.extend([n.second, i + 1]) }
+                if n.second == NONE {
+                    visit(n.triangle)
+                } else {
+                    open.extend([n.second, i + 1])
+                }
             }
         }
     }
@@ -179,7 +211,11 @@ impl Build {
     /// Appends the nodes of some triangles, at least one. As deep as the tree, of which the shares are a bound.
     fn part(&mut self, part: &mut [u32]) {
         let node = self.nodes.len();
-        self.nodes.push(Node { bounds: Aabb::EMPTY, second: NONE, triangle: part[0] });
+        self.nodes.push(Node {
+            bounds: Aabb::EMPTY,
+            second: NONE,
+            triangle: part[0],
+        });
         if part.len() > 1 {
             let at = self.split(part);
             let (first, second) = part.split_at_mut(at);

@@ -33,7 +33,10 @@ impl Response {
         if !(friction >= 0.0 && friction.is_finite()) {
             return Err(ResponseError::Friction(friction));
         }
-        Ok(Self { restitution, friction })
+        Ok(Self {
+            restitution,
+            friction,
+        })
     }
 
     /// Restitution e.
@@ -61,18 +64,28 @@ pub struct Part<const N: usize> {
 impl<const N: usize> Part<N> {
     /// Velocity of the point that touches [m/s].
     pub fn at(&self) -> Vector3<f64> {
-        self.weights.iter().zip(&self.velocity).map(|(w, v)| v * *w).sum()
+        self.weights
+            .iter()
+            .zip(&self.velocity)
+            .map(|(w, v)| v * *w)
+            .sum()
     }
 
     /// `sum a_i^2/m_i` [1/kg]: how far an impulse at the point moves it.
     pub fn mobility(&self) -> f64 {
-        self.weights.iter().zip(&self.inverse_mass).map(|(a, w)| a * a * w).sum()
+        self.weights
+            .iter()
+            .zip(&self.inverse_mass)
+            .map(|(a, w)| a * a * w)
+            .sum()
     }
 
     /// The velocities after an impulse at the point [N s]: `v_i + a_i J/m_i`.
     #[must_use]
     pub fn after(&self, impulse: &Vector3<f64>) -> [Vector3<f64>; N] {
-        std::array::from_fn(|i| self.velocity[i] + impulse * (self.weights[i] * self.inverse_mass[i]))
+        std::array::from_fn(|i| {
+            self.velocity[i] + impulse * (self.weights[i] * self.inverse_mass[i])
+        })
     }
 }
 

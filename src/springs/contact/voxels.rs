@@ -18,7 +18,9 @@ pub enum VoxelError {
     #[error("a voxel has sides of {0} m; they have to be longer than nothing")]
     Side(f64),
     /// The cubes are so small that the lists would not end.
-    #[error("voxels of {side} m are too small for this surface: triangles would be in more than 2^26 of them")]
+    #[error(
+        "voxels of {side} m are too small for this surface: triangles would be in more than 2^26 of them"
+    )]
     TooSmall {
         /// The side [m].
         side: f64,
@@ -51,13 +53,24 @@ impl Voxels {
         }
         let all = Aabb::of_points(triangles.iter().flatten().map(|&v| &x[v as usize]));
         if all.is_empty() {
-            return Ok(Self { side, start: vec![0], ..Self::default() });
+            return Ok(Self {
+                side,
+                start: vec![0],
+                ..Self::default()
+            });
         }
         let slack = ROUNDING * (all.min.coords.amax().max(all.max.coords.amax()) + side);
-        let mut this = Self { origin: all.min - Vector3::repeat(slack), side, slack, ..Self::default() };
+        let mut this = Self {
+            origin: all.min - Vector3::repeat(slack),
+            side,
+            slack,
+            ..Self::default()
+        };
         let corners = |t: usize| triangles[t].map(|v| x[v as usize]);
         let boxes = (0..triangles.len()).map(|t| this.range(&corners(t)));
-        let count: f64 = boxes.map(|[low, high]| (0..3).map(|k| high[k] - low[k] + 1.0).product::<f64>()).sum();
+        let count: f64 = boxes
+            .map(|[low, high]| (0..3).map(|k| high[k] - low[k] + 1.0).product::<f64>())
+            .sum();
         // Also keeps places within 32 bits: a surface in one piece meets all cubes on its way; others are as rare as wrong.
         if !(count <= MOST as f64 && all.extents().max() / side < f64::from(u32::MAX)) {
             return Err(VoxelError::TooSmall { side });
@@ -99,13 +112,20 @@ impl Voxels {
     }
 
     fn may_meet(&self, t: &[Point3<f64>; 3], cell: [u32; 3]) -> bool {
-        may_meet(t, &self.bounds(cell).center(), &Vector3::repeat(0.5 * self.side + self.slack))
+        may_meet(
+            t,
+            &self.bounds(cell).center(),
+            &Vector3::repeat(0.5 * self.side + self.slack),
+        )
     }
 
     /// The box of a place [m].
     pub fn bounds(&self, cell: [u32; 3]) -> Aabb {
         let min = self.origin + Vector3::from(cell).map(f64::from) * self.side;
-        Aabb { min, max: min + Vector3::repeat(self.side) }
+        Aabb {
+            min,
+            max: min + Vector3::repeat(self.side),
+        }
     }
 
     /// The places of cubes with triangles, ascending.
@@ -120,7 +140,12 @@ impl Voxels {
 
     /// Which cubes, as indices into [`Self::cells`], another surface meets, and with which of its triangles: for each cube down
     /// the hierarchy, which was refitted to `x` [m]. Ascending by cube; rounding may add a pair, never leave one out.
-    pub fn met_by(&self, hierarchy: &Hierarchy, x: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
+    pub fn met_by(
+        &self,
+        hierarchy: &Hierarchy,
+        x: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+    ) -> Vec<[u32; 2]> {
         let mut met = Vec::new();
         for (index, &cell) in self.cells.iter().enumerate() {
             let begin = met.len();
@@ -136,9 +161,18 @@ impl Voxels {
 
     /// All pairs of a triangle of this surface and one of another that meet the same cube; each once, ascending. Triangles that
     /// share a point are among them.
-    pub fn pairs(&self, hierarchy: &Hierarchy, x: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
+    pub fn pairs(
+        &self,
+        hierarchy: &Hierarchy,
+        x: &[Point3<f64>],
+        triangles: &[[u32; 3]],
+    ) -> Vec<[u32; 2]> {
         let met = self.met_by(hierarchy, x, triangles);
-        let both = met.iter().flat_map(|&[cell, t]| self.triangles(cell as usize).iter().map(move |&own| [own, t]));
+        let both = met.iter().flat_map(|&[cell, t]| {
+            self.triangles(cell as usize)
+                .iter()
+                .map(move |&own| [own, t])
+        });
         let mut pairs: Vec<[u32; 2]> = both.collect();
         pairs.sort_unstable();
         pairs.dedup();

@@ -59,7 +59,11 @@ impl Adaptive {
         let remembered = self.integrator.fork();
         let energy = system.energy();
         let moving = energy.kinetic + energy.stored;
-        self.most_energy = if self.most_energy >= moving { self.most_energy } else { moving };
+        self.most_energy = if self.most_energy >= moving {
+            self.most_energy
+        } else {
+            moving
+        };
         let mut redone = 0;
         loop {
             let dt = self.dt;

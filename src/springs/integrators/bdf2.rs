@@ -32,15 +32,33 @@ impl Integrator for Bdf2 {
         let (x, v) = (system.position.clone(), system.velocity.clone());
         let past = self.past.take().filter(|past| past.0.len() == x.len());
         match past {
-            None => Equation { x: &x, v: &v, h: dt }.solve(system, dt)?,
+            None => Equation {
+                x: &x,
+                v: &v,
+                h: dt,
+            }
+            .solve(system, dt)?,
             Some((x_before, v_before, last)) => {
                 let r = dt / last;
                 let first = (1.0 + 2.0 * r) / (1.0 + r);
                 // The differences are small, what they are added to is not: so written, less is lost.
                 let ahead = r * r / ((1.0 + r) * first);
-                let at_x: Vec<_> = x.iter().zip(&x_before).map(|(x, b)| x + (x - b) * ahead).collect();
-                let at_v: Vec<_> = v.iter().zip(&v_before).map(|(v, b)| v + (v - b) * ahead).collect();
-                Equation { x: &at_x, v: &at_v, h: dt / first }.solve(system, dt)?;
+                let at_x: Vec<_> = x
+                    .iter()
+                    .zip(&x_before)
+                    .map(|(x, b)| x + (x - b) * ahead)
+                    .collect();
+                let at_v: Vec<_> = v
+                    .iter()
+                    .zip(&v_before)
+                    .map(|(v, b)| v + (v - b) * ahead)
+                    .collect();
+                Equation {
+                    x: &at_x,
+                    v: &at_v,
+                    h: dt / first,
+                }
+                .solve(system, dt)?;
             }
         }
         self.past = Some((x, v, dt));

@@ -35,10 +35,18 @@ impl Integrator for ExplicitEuler {
 
     fn limit(&self, Mode { square, drag }: Mode) -> f64 {
         // z^2 - (2 - b) z + 1 - b + a = 0 with a = w^2 dt^2, b = d dt: a < b and 4 - 2 b + a > 0.
-        let first = if square > 0.0 { drag / square } else { f64::INFINITY };
+        let first = if square > 0.0 {
+            drag / square
+        } else {
+            f64::INFINITY
+        };
         let root = drag * drag - 4.0 * square;
         // Written so that nothing cancels where the mode is slow.
-        let second = if root < 0.0 || drag == 0.0 { f64::INFINITY } else { 4.0 / (drag + root.sqrt()) };
+        let second = if root < 0.0 || drag == 0.0 {
+            f64::INFINITY
+        } else {
+            4.0 / (drag + root.sqrt())
+        };
         first.min(second)
     }
 

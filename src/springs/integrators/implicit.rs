@@ -67,7 +67,10 @@ impl Equation<'_> {
                 return Ok(());
             }
         }
-        Err(StepError::NotSolved { dt, iterations: NEWTON })
+        Err(StepError::NotSolved {
+            dt,
+            iterations: NEWTON,
+        })
     }
 
     /// What the equation lacks of being true [N s], and the size of what is in it.
@@ -81,9 +84,16 @@ impl Equation<'_> {
         // The forces are there first.
         system.static_force(x, residual);
         let mut scale = 0.0;
-        for (i, residual) in residual.iter_mut().enumerate().filter(|(i, _)| !system.pinned()[*i]) {
+        for (i, residual) in residual
+            .iter_mut()
+            .enumerate()
+            .filter(|(i, _)| !system.pinned()[*i])
+        {
             let m = system.mass()[i];
-            let (inertia, push) = ((v[i] - self.v[i]) * m, (*residual - v[i] * system.damping) * self.h);
+            let (inertia, push) = (
+                (v[i] - self.v[i]) * m,
+                (*residual - v[i] * system.damping) * self.h,
+            );
             *residual = push - inertia;
             // Momenta, too: differences of velocities cannot be better than the velocities.
             scale += push.norm_squared() + (v[i].norm_squared() + self.v[i].norm_squared()) * m * m;
@@ -93,19 +103,33 @@ impl Equation<'_> {
 
     fn place(&self, system: &SpringSystem, v: &[Vector3<f64>], x: &mut [Point3<f64>]) {
         for i in 0..x.len() {
-            x[i] = if system.pinned()[i] { system.position[i] } else { self.x[i] + v[i] * self.h };
+            x[i] = if system.pinned()[i] {
+                system.position[i]
+            } else {
+                self.x[i] + v[i] * self.h
+            };
         }
     }
 
     /// Solves `(m + h c + h^2 K) s = r` by conjugate gradients.
-    fn linear(&self, system: &SpringSystem, x: &[Point3<f64>], r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    fn linear(
+        &self,
+        system: &SpringSystem,
+        x: &[Point3<f64>],
+        r: &[Vector3<f64>],
+    ) -> Vec<Vector3<f64>> {
         let h = self.h;
-        let diagonal: Vec<f64> = system.mass().iter().map(|m| m + h * system.damping).collect();
+        let diagonal: Vec<f64> = system
+            .mass()
+            .iter()
+            .map(|m| m + h * system.damping)
+            .collect();
         let (mut free, mut product) = (Vec::new(), Vec::new());
         let mut s = vec![Vector3::zeros(); r.len()];
         let mut r = r.to_vec();
-        let precondition =
-            |r: &[Vector3<f64>]| -> Vec<Vector3<f64>> { r.iter().zip(&diagonal).map(|(r, d)| r / *d).collect() };
+        let precondition = |r: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
+            r.iter().zip(&diagonal).map(|(r, d)| r / *d).collect()
+        };
         let mut z = precondition(&r);
         let mut p = z.clone();
         let mut rz = dot(&r, &z);
@@ -115,7 +139,11 @@ impl Equation<'_> {
                 break;
             }
             system.product(x, &p, true, &mut free, &mut product);
-            product.iter_mut().zip(&p).zip(&diagonal).for_each(|((q, p), d)| *q = *q * (h * h) + p * *d);
+            product
+                .iter_mut()
+                .zip(&p)
+                .zip(&diagonal)
+                .for_each(|((q, p), d)| *q = *q * (h * h) + p * *d);
             let curvature = dot(&p, &product);
             if !(curvature > 0.0) {
                 break;

@@ -22,7 +22,12 @@ impl Integrator for ImplicitEuler {
 
     fn step(&mut self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError> {
         let (x, v) = (system.position.clone(), system.velocity.clone());
-        Equation { x: &x, v: &v, h: dt }.solve(system, dt)?;
+        Equation {
+            x: &x,
+            v: &v,
+            h: dt,
+        }
+        .solve(system, dt)?;
         finite(system, dt)
     }
 

@@ -76,7 +76,14 @@ pub trait Integrator: Send {
 }
 
 /// The integrators by name, in the order in which help lists them.
-pub const INTEGRATORS: [&str; 6] = ["verlet", "semi-implicit", "explicit", "rk4", "bdf2", "implicit"];
+pub const INTEGRATORS: [&str; 6] = [
+    "verlet",
+    "semi-implicit",
+    "explicit",
+    "rk4",
+    "bdf2",
+    "implicit",
+];
 
 /// The integrator of a name of [`INTEGRATORS`].
 pub fn by_name(name: &str) -> Option<Box<dyn Integrator>> {
@@ -93,5 +100,7 @@ pub fn by_name(name: &str) -> Option<Box<dyn Integrator>> {
 
 /// Refuses what is not finite.
 fn finite(system: &SpringSystem, dt: f64) -> Result<(), StepError> {
-    system.first_non_finite().map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
+    system
+        .first_non_finite()
+        .map_or(Ok(()), |point| Err(StepError::NotFinite { point, dt }))
 }

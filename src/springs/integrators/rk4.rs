@@ -38,7 +38,11 @@ impl Integrator for Rk4 {
             for &i in &free {
                 x[i] = x0[i] + v[i] * (stage * dt);
             }
-            let slopes: Vec<Vector3<f64>> = v0.iter().zip(&a).map(|(v, a)| v + a * (stage * dt)).collect();
+            let slopes: Vec<Vector3<f64>> = v0
+                .iter()
+                .zip(&a)
+                .map(|(v, a)| v + a * (stage * dt))
+                .collect();
             v = slopes;
             system.acceleration(&x, &v, &mut a);
             for &i in &free {
@@ -66,11 +70,17 @@ impl Integrator for Rk4 {
         };
         // The region of stability reaches at most 3 around the origin.
         let at = |k: f64| 3.5 * k / (RAY as f64 * scale);
-        let Some(first) = (1..=RAY).find(|&k| grows(at(k as f64))) else { return f64::INFINITY };
+        let Some(first) = (1..=RAY).find(|&k| grows(at(k as f64))) else {
+            return f64::INFINITY;
+        };
         let (mut low, mut high) = (at(first as f64 - 1.0), at(first as f64));
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
-            if grows(middle) { high = middle } else { low = middle }
+            if grows(middle) {
+                high = middle
+            } else {
+                low = middle
+            }
         }
         low
     }

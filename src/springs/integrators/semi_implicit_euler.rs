@@ -66,7 +66,11 @@ impl Integrator for SemiImplicitEuler {
         let f = self.factor;
         let room = 2.0 * (1.0 + f) / f;
         let root = (drag * drag + room * square).sqrt() + drag;
-        if root > 0.0 { room / root } else { f64::INFINITY }
+        if root > 0.0 {
+            room / root
+        } else {
+            f64::INFINITY
+        }
     }
 
     fn fork(&self) -> Box<dyn Integrator> {

@@ -21,7 +21,10 @@ impl Verlet {
     /// Begins with x(-dt) = x(0) - v(0) dt, as the thesis does, in place of half of the acceleration besides: of order 1 in
     /// the first step.
     pub fn from_stillness() -> Self {
-        Self { before: None, from_stillness: true }
+        Self {
+            before: None,
+            from_stillness: true,
+        }
     }
 
     /// Positions a step of `dt` ago.
@@ -40,9 +43,15 @@ impl Verlet {
                 (0..count).map(back).collect()
             }
             _ => {
-                let half = if self.from_stillness { 0.0 } else { 0.5 * dt * dt };
+                let half = if self.from_stillness {
+                    0.0
+                } else {
+                    0.5 * dt * dt
+                };
                 let a = |i: usize| a[i] - system.velocity[i] * drag(i);
-                (0..count).map(|i| system.position[i] - system.velocity[i] * dt + a(i) * half).collect()
+                (0..count)
+                    .map(|i| system.position[i] - system.velocity[i] * dt + a(i) * half)
+                    .collect()
             }
         }
     }
@@ -83,7 +92,11 @@ impl Integrator for Verlet {
     fn limit(&self, Mode { square, drag }: Mode) -> f64 {
         // dt < (-c + sqrt(c^2 + 4 k m))/k, written so that nothing cancels.
         let root = drag + (drag * drag + 4.0 * square).sqrt();
-        if root > 0.0 { 4.0 / root } else { f64::INFINITY }
+        if root > 0.0 {
+            4.0 / root
+        } else {
+            f64::INFINITY
+        }
     }
 
     fn restart(&mut self) {

@@ -35,7 +35,13 @@ impl<F: Number> InLanes<F> for One<'_, F> {
 
     #[inline(always)]
     fn run<L: Lanes<F>>(self, machine: L::Machine) -> Moved {
-        let Self { frame, current, previous, first, carried } = self;
+        let Self {
+            frame,
+            current,
+            previous,
+            first,
+            carried,
+        } = self;
         let plane = |k: usize| plane_of(frame, current, k);
         carried.clear(frame);
         if let Some((below, here)) = first.checked_sub(1).and_then(&plane).zip(plane(first)) {
@@ -44,7 +50,11 @@ impl<F: Number> InLanes<F> for One<'_, F> {
         let mut moved = Moved::default();
         for (k, previous) in (first..).zip(previous.chunks_exact_mut(frame.plane())) {
             let Some(here) = plane(k) else { break };
-            let plane = Plane { number: k, here, above: plane(k + 1) };
+            let plane = Plane {
+                number: k,
+                here,
+                above: plane(k + 1),
+            };
             moved = moved.and(step_plane::<F, L>(machine, frame, plane, previous, carried));
         }
         moved
@@ -69,7 +79,14 @@ impl<F: Number> InLanes<F> for Two<'_, F> {
 
     #[inline(always)]
     fn run<L: Lanes<F>>(self, machine: L::Machine) -> [Moved; 2] {
-        let Self { frame, current, previous, outside: [below, above], first, carried: [one, two] } = self;
+        let Self {
+            frame,
+            current,
+            previous,
+            outside: [below, above],
+            first,
+            carried: [one, two],
+        } = self;
         let size = frame.plane();
         let planes = current.len() / size;
         let mut moved = [Moved::default(); 2];
@@ -81,20 +98,44 @@ impl<F: Number> InLanes<F> for Two<'_, F> {
         for k in 0..=planes {
             if k < planes {
                 let here = &current[k * size..][..size];
-                let plane = Plane { number: first + k, here, above: plane_of(frame, current, k + 1).or(above) };
-                let step = step_plane::<F, L>(machine, frame, plane, &mut previous[k * size..][..size], one);
+                let plane = Plane {
+                    number: first + k,
+                    here,
+                    above: plane_of(frame, current, k + 1).or(above),
+                };
+                let step = step_plane::<F, L>(
+                    machine,
+                    frame,
+                    plane,
+                    &mut previous[k * size..][..size],
+                    one,
+                );
                 moved[0] = moved[0].and(step);
             }
-            let Some(trailing) = k.checked_sub(1) else { continue };
-            let Some(here) = plane_of(frame, previous, trailing) else { continue };
+            let Some(trailing) = k.checked_sub(1) else {
+                continue;
+            };
+            let Some(here) = plane_of(frame, previous, trailing) else {
+                continue;
+            };
             let next = plane_of(frame, previous, k);
             if next.is_none() && above.is_some() {
                 // It needs the plane above it; what the one below does to it is kept.
                 break;
             }
             if trailing > 0 || below.is_none() {
-                let plane = Plane { number: first + trailing, here, above: next };
-                let step = step_plane::<F, L>(machine, frame, plane, &mut current[trailing * size..][..size], two);
+                let plane = Plane {
+                    number: first + trailing,
+                    here,
+                    above: next,
+                };
+                let step = step_plane::<F, L>(
+                    machine,
+                    frame,
+                    plane,
+                    &mut current[trailing * size..][..size],
+                    two,
+                );
                 moved[1] = moved[1].and(step);
             } else if let Some(next) = next {
                 act_upwards::<F, L>(machine, frame, [here, next], two);
@@ -120,21 +161,41 @@ impl<F: Number> InLanes<F> for Seams<'_, F> {
 
     #[inline(always)]
     fn run<L: Lanes<F>>(self, machine: L::Machine) -> Moved {
-        let Self { frame, all, current, first, carried: [one, two] } = self;
+        let Self {
+            frame,
+            all,
+            current,
+            first,
+            carried: [one, two],
+        } = self;
         let size = frame.plane();
         let planes = current.len() / size;
         let plane = |k: usize| plane_of(frame, all, k);
         let mut moved = Moved::default();
         if let (Some(below), Some(here)) = (first.checked_sub(1).and_then(&plane), plane(first)) {
             act_upwards::<F, L>(machine, frame, [below, here], one);
-            let plane = Plane { number: first, here, above: plane(first + 1) };
+            let plane = Plane {
+                number: first,
+                here,
+                above: plane(first + 1),
+            };
             moved = step_plane::<F, L>(machine, frame, plane, &mut current[..size], one);
         }
         let last = first + planes - 1;
         let is_done = last == first && first > 0;
         if let (Some(here), Some(above), false) = (plane(last), plane(last + 1), is_done) {
-            let plane = Plane { number: last, here, above: Some(above) };
-            moved = moved.and(step_plane::<F, L>(machine, frame, plane, &mut current[(planes - 1) * size..], two));
+            let plane = Plane {
+                number: last,
+                here,
+                above: Some(above),
+            };
+            moved = moved.and(step_plane::<F, L>(
+                machine,
+                frame,
+                plane,
+                &mut current[(planes - 1) * size..],
+                two,
+            ));
         }
         moved
     }
@@ -178,7 +239,10 @@ impl<F: Number> Lattice<F> {
         self.find_patterns();
         let [first, second] = self.advance_twice();
         self.steps += 2;
-        Ok([checked(first, self.steps - 1)?, checked(second, self.steps)?])
+        Ok([
+            checked(first, self.steps - 1)?,
+            checked(second, self.steps)?,
+        ])
     }
 
     /// So many steps, two at a time, and the largest move of a point in the last one \[m\]; 0 for no step.
@@ -190,7 +254,11 @@ impl<F: Number> Lattice<F> {
         for _ in 0..steps / 2 {
             [_, last] = self.measured_pair()?;
         }
-        if steps % 2 == 1 { self.measured_step() } else { Ok(last) }
+        if steps % 2 == 1 {
+            self.measured_step()
+        } else {
+            Ok(last)
+        }
     }
 
     /// Planes of a slab.
@@ -204,12 +272,23 @@ impl<F: Number> Lattice<F> {
     fn advance(&mut self) -> Moved {
         let (frame, thickness) = (&self.frame, self.thickness());
         let parts = self.previous.chunks_mut(thickness * frame.plane());
-        self.carried.resize_with(self.carried.len().max(parts.len()), Default::default);
+        self.carried
+            .resize_with(self.carried.len().max(parts.len()), Default::default);
         let current = &self.current[..];
-        let slabs = parts.zip(&mut self.carried).enumerate().map(|(slab, (previous, [carried, _]))| {
-            let first = slab * thickness;
-            One { frame, current, previous, first, carried }
-        });
+        let slabs =
+            parts
+                .zip(&mut self.carried)
+                .enumerate()
+                .map(|(slab, (previous, [carried, _]))| {
+                    let first = slab * thickness;
+                    One {
+                        frame,
+                        current,
+                        previous,
+                        first,
+                        carried,
+                    }
+                });
         on_slabs(self.width, slabs.collect(), Moved::and)
     }
 
@@ -218,30 +297,58 @@ impl<F: Number> Lattice<F> {
         let (frame, thickness) = (&self.frame, self.thickness());
         let (plane, size) = (frame.plane(), thickness * frame.plane());
         let count = self.shape.points[2].div_ceil(thickness);
-        self.carried.resize_with(self.carried.len().max(count), Default::default);
+        self.carried
+            .resize_with(self.carried.len().max(count), Default::default);
         // Of each seam the planes below and above it.
         self.seams.clear();
         for seam in 1..count {
-            self.seams.extend_from_slice(&self.current[seam * size - plane..][..2 * plane]);
+            self.seams
+                .extend_from_slice(&self.current[seam * size - plane..][..2 * plane]);
         }
         let seam = |side: Option<usize>| side.and_then(|k| plane_of(frame, &self.seams, k));
-        let parts = self.current.chunks_mut(size).zip(self.previous.chunks_mut(size)).zip(&mut self.carried);
-        let slabs = parts.enumerate().map(|(slab, ((current, previous), carried))| {
-            let outside = [seam((2 * slab).checked_sub(2)), seam(Some(2 * slab + 1))];
-            Two { frame, current, previous, outside, first: slab * thickness, carried }
-        });
+        let parts = self
+            .current
+            .chunks_mut(size)
+            .zip(self.previous.chunks_mut(size))
+            .zip(&mut self.carried);
+        let slabs = parts
+            .enumerate()
+            .map(|(slab, ((current, previous), carried))| {
+                let outside = [seam((2 * slab).checked_sub(2)), seam(Some(2 * slab + 1))];
+                Two {
+                    frame,
+                    current,
+                    previous,
+                    outside,
+                    first: slab * thickness,
+                    carried,
+                }
+            });
         let both = |a: [Moved; 2], b: [Moved; 2]| [a[0].and(b[0]), a[1].and(b[1])];
         let [first, second] = on_slabs(self.width, slabs.collect(), both);
         if count == 1 {
             return [first, second];
         }
         let all = &self.previous[..];
-        let parts = self.current.chunks_mut(size).zip(&mut self.carried).enumerate();
+        let parts = self
+            .current
+            .chunks_mut(size)
+            .zip(&mut self.carried)
+            .enumerate();
         let slabs = parts.map(|(slab, (current, carried))| {
             let first = slab * thickness;
-            Seams { frame, all, current, first, carried }
+            Seams {
+                frame,
+                all,
+                current,
+                first,
+                carried,
+            }
         });
-        [first, second.and(on_slabs(self.width, slabs.collect(), Moved::and))]
+        [
+            first,
+            second.and(on_slabs(self.width, slabs.collect(), Moved::and)),
+        ]
     }
 }
 
@@ -253,7 +360,10 @@ fn on_slabs<F: Number, W: InLanes<F, Output: Default + Send> + Send>(
 ) -> W::Output {
     let work = |slab: W| F::in_lanes(width, slab);
     if slabs.len() > 1 {
-        return slabs.into_par_iter().map(work).reduce(W::Output::default, both);
+        return slabs
+            .into_par_iter()
+            .map(work)
+            .reduce(W::Output::default, both);
     }
     // A pool would cost a small lattice more than its step.
     slabs.into_iter().map(work).fold(W::Output::default(), both)
@@ -261,5 +371,9 @@ fn on_slabs<F: Number, W: InLanes<F, Output: Default + Send> + Send>(
 
 /// The largest move [m].
 fn checked(moved: Moved, step: u64) -> Result<f64, LatticeError> {
-    if moved.sum.is_finite() { Ok(moved.largest.sqrt()) } else { Err(LatticeError::Diverged { step }) }
+    if moved.sum.is_finite() {
+        Ok(moved.largest.sqrt())
+    } else {
+        Err(LatticeError::Diverged { step })
+    }
 }

@@ -16,7 +16,10 @@ pub(super) struct Aligned<F> {
 impl<F> Aligned<F> {
     /// Where numbers have to begin. Where the processor would have to be lied to, they begin anywhere.
     fn begin(numbers: &[F]) -> usize {
-        numbers.as_ptr().align_offset(LINE).min(LINE / size_of::<F>())
+        numbers
+            .as_ptr()
+            .align_offset(LINE)
+            .min(LINE / size_of::<F>())
     }
 }
 
@@ -24,7 +27,11 @@ impl<F: Copy + Default> Aligned<F> {
     /// So many zeros.
     pub fn zeros(length: usize) -> Self {
         let numbers = vec![F::default(); length + LINE / size_of::<F>()];
-        Self { first: Self::begin(&numbers), numbers, length }
+        Self {
+            first: Self::begin(&numbers),
+            numbers,
+            length,
+        }
     }
 }
 
@@ -49,6 +56,10 @@ impl<F: Clone> Clone for Aligned<F> {
         // The copy begins elsewhere in its line.
         numbers.rotate_left(self.first);
         numbers.rotate_right(first);
-        Self { numbers, first, length: self.length }
+        Self {
+            numbers,
+            first,
+            length: self.length,
+        }
     }
 }

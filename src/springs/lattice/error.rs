@@ -41,7 +41,9 @@ pub enum LatticeError {
         stiffness: f64,
     },
     /// A position that is not a number or infinite.
-    #[error("the lattice exploded at step {step}: give a smaller time step, more mass or weaker forces")]
+    #[error(
+        "the lattice exploded at step {step}: give a smaller time step, more mass or weaker forces"
+    )]
     Diverged {
         /// Steps since the lattice was built.
         step: u64,
@@ -49,7 +51,19 @@ pub enum LatticeError {
 }
 
 /// A number that must be finite and positive, or not negative.
-pub(super) fn value(name: &'static str, value: f64, zero_allowed: bool) -> Result<(), LatticeError> {
+pub(super) fn value(
+    name: &'static str,
+    value: f64,
+    zero_allowed: bool,
+) -> Result<(), LatticeError> {
     let good = value.is_finite() && (value > 0.0 || zero_allowed && value == 0.0);
-    if good { Ok(()) } else { Err(LatticeError::Value { name, value, zero_allowed }) }
+    if good {
+        Ok(())
+    } else {
+        Err(LatticeError::Value {
+            name,
+            value,
+            zero_allowed,
+        })
+    }
 }

@@ -78,7 +78,11 @@ pub(super) struct Carried<F> {
 impl<F: Number> Carried<F> {
     /// None.
     pub fn clear(&mut self, frame: &Frame<F>) {
-        let next = if frame.diagonal { frame.plane() } else { frame.row() };
+        let next = if frame.diagonal {
+            frame.plane()
+        } else {
+            frame.row()
+        };
         for (forces, length) in [(&mut self.now, frame.plane()), (&mut self.next, next)] {
             forces.clear();
             forces.resize(length, F::default());
@@ -95,7 +99,10 @@ pub(super) struct Moved {
 
 impl Moved {
     pub fn and(self, other: Self) -> Self {
-        Self { largest: self.largest.max(other.largest), sum: self.sum + other.sum }
+        Self {
+            largest: self.largest.max(other.largest),
+            sum: self.sum + other.sum,
+        }
     }
 }
 
@@ -163,14 +170,22 @@ macro_rules! runs_mut {
     ($lanes:ty, $row:expr, $run:expr, $count:expr) => {{
         let (x, rest) = $row.split_at_mut($run);
         let (y, z) = rest.split_at_mut($run);
-        let (x, y, z) = (<$lanes>::chunks_mut(x), <$lanes>::chunks_mut(y), <$lanes>::chunks_mut(z));
+        let (x, y, z) = (
+            <$lanes>::chunks_mut(x),
+            <$lanes>::chunks_mut(y),
+            <$lanes>::chunks_mut(z),
+        );
         (&mut x[..$count], &mut y[..$count], &mut z[..$count])
     }};
 }
 
 macro_rules! load {
     ($machine:expr, $from:ident, $c:expr) => {
-        [L::load($machine, &$from.0[$c]), L::load($machine, &$from.1[$c]), L::load($machine, &$from.2[$c])]
+        [
+            L::load($machine, &$from.0[$c]),
+            L::load($machine, &$from.1[$c]),
+            L::load($machine, &$from.2[$c]),
+        ]
     };
 }
 
@@ -199,13 +214,21 @@ fn times<F: Number, L: Lanes<F>>(d: [L; 3], by: L) -> [L; 3] {
 /// `plus + d * by`.
 #[inline(always)]
 fn plus<F: Number, L: Lanes<F>>(plus: [L; 3], d: [L; 3], by: L) -> [L; 3] {
-    [d[0].mul_add(by, plus[0]), d[1].mul_add(by, plus[1]), d[2].mul_add(by, plus[2])]
+    [
+        d[0].mul_add(by, plus[0]),
+        d[1].mul_add(by, plus[1]),
+        d[2].mul_add(by, plus[2]),
+    ]
 }
 
 /// `from - d * by`.
 #[inline(always)]
 fn less<F: Number, L: Lanes<F>>(from: [L; 3], d: [L; 3], by: L) -> [L; 3] {
-    [d[0].mul_sub_from(by, from[0]), d[1].mul_sub_from(by, from[1]), d[2].mul_sub_from(by, from[2])]
+    [
+        d[0].mul_sub_from(by, from[0]),
+        d[1].mul_sub_from(by, from[1]),
+        d[2].mul_sub_from(by, from[2]),
+    ]
 }
 
 #[inline(always)]
@@ -220,7 +243,11 @@ fn add<F: Number, L: Lanes<F>>(a: [L; 3], b: [L; 3]) -> [L; 3] {
 
 #[inline(always)]
 fn moved_up<F: Number, L: Lanes<F>>(a: [L; 3], before: [L; 3]) -> [L; 3] {
-    [a[0].moved_up(before[0]), a[1].moved_up(before[1]), a[2].moved_up(before[2])]
+    [
+        a[0].moved_up(before[0]),
+        a[1].moved_up(before[1]),
+        a[2].moved_up(before[2]),
+    ]
 }
 
 /// The chunks of the three runs of a row.
@@ -243,7 +270,12 @@ struct Motion<'a, F: Number, L: Lanes<F>> {
 impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
     /// Of row `j` of plane `k`.
     #[inline(always)]
-    fn new(machine: L::Machine, frame: &'a Frame<F>, [j, k]: [usize; 2], previous: &'a mut [F]) -> Self {
+    fn new(
+        machine: L::Machine,
+        frame: &'a Frame<F>,
+        [j, k]: [usize; 2],
+        previous: &'a mut [F],
+    ) -> Self {
         let (run, row) = (frame.run, frame.row());
         let pattern = frame.pattern[k * frame.rows + j] as usize;
         let gain = L::chunks(&frame.patterns[pattern * run..][..run]);
@@ -257,7 +289,15 @@ impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
         let previous = &mut previous[j * row..][..row];
         let zero = L::splat(machine, F::default());
         let kept = L::splat(machine, frame.kept);
-        Self { machine, gain, external, previous: runs_mut!(L, previous, run, count), kept, largest: zero, sum: zero }
+        Self {
+            machine,
+            gain,
+            external,
+            previous: runs_mut!(L, previous, run, count),
+            kept,
+            largest: zero,
+            sum: zero,
+        }
     }
 
     /// Moves the points of chunk `c` by what acts on them.
@@ -283,7 +323,10 @@ impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
     /// What moved.
     #[inline(always)]
     fn moved(self) -> Moved {
-        Moved { largest: greatest::<F, L>(self.largest), sum: total::<F, L>(self.sum) }
+        Moved {
+            largest: greatest::<F, L>(self.largest),
+            sum: total::<F, L>(self.sum),
+        }
     }
 }
 

@@ -55,7 +55,9 @@ mod sealed {
 }
 
 /// What a lattice computes with: `f32` or `f64`.
-pub trait Number: sealed::Sealed + Copy + Default + Send + Sync + PartialOrd + std::fmt::Debug + 'static {
+pub trait Number:
+    sealed::Sealed + Copy + Default + Send + Sync + PartialOrd + std::fmt::Debug + 'static
+{
     /// Rows are filled up to a multiple of this: the lanes of the widest register.
     const ROW: usize;
     /// Bound of the relative error of [`Lanes::reciprocal_root`].
@@ -95,7 +97,16 @@ macro_rules! single_root {
         #[inline(always)]
         fn reciprocal_root(self, machine: Self::Machine) -> Self {
             let (q, y) = (self, self.root_guess());
-            refine!(machine, f32, q, y, 0.499_998_33, 0.375_000_36, 0.313_935_34, 0.274_079_32)
+            refine!(
+                machine,
+                f32,
+                q,
+                y,
+                0.499_998_33,
+                0.375_000_36,
+                0.313_935_34,
+                0.274_079_32
+            )
         }
     };
 }
@@ -202,14 +213,17 @@ macro_rules! number {
                 #[cfg(target_arch = "x86_64")]
                 {
                     if let (Width::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
-                        return machine.vectorize(x86::Compiled::<_, _, x86::$eight>::new(machine, work));
+                        return machine
+                            .vectorize(x86::Compiled::<_, _, x86::$eight>::new(machine, work));
                     }
                     if let Some(machine) = pulp::x86::V3::try_new() {
                         if width == Width::One {
                             // Compiled for the fused multiply-add of the processor, else each would be a call.
-                            return machine.vectorize(x86::Compiled::<_, _, $number>::new((), work));
+                            return machine
+                                .vectorize(x86::Compiled::<_, _, $number>::new((), work));
                         }
-                        return machine.vectorize(x86::Compiled::<_, _, x86::$four>::new(machine, work));
+                        return machine
+                            .vectorize(x86::Compiled::<_, _, x86::$four>::new(machine, work));
                     }
                 }
                 let _ = width;
@@ -244,15 +258,24 @@ mod tests {
     /// The largest relative error over many numbers of all sizes, and whether all widths give the same bits.
     fn roots<F: Number>(sizes: i32) -> f64 {
         let sixteenths = |k: i32| 2f64.powf(f64::from(k) / 64.0 * 1.000_731);
-        let numbers: Vec<F> = (-64 * sizes..64 * sizes).map(|k| F::from_f64(sixteenths(k))).collect();
+        let numbers: Vec<F> = (-64 * sizes..64 * sizes)
+            .map(|k| F::from_f64(sixteenths(k)))
+            .collect();
         let one = F::in_lanes(Width::One, Roots(&numbers));
         assert_eq!(one.len(), numbers.len());
         for &width in Width::available() {
-            let same = F::in_lanes(width, Roots(&numbers)).iter().zip(&one).all(|(a, b)| a.to_f64() == b.to_f64());
+            let same = F::in_lanes(width, Roots(&numbers))
+                .iter()
+                .zip(&one)
+                .all(|(a, b)| a.to_f64() == b.to_f64());
             assert!(same, "{width}");
         }
         let error = |(q, y): (&F, &F)| (y.to_f64() * q.to_f64().sqrt() - 1.0).abs();
-        numbers.iter().zip(&one).map(error).fold(0.0, |worst, e| if e <= worst { worst } else { e })
+        numbers
+            .iter()
+            .zip(&one)
+            .map(error)
+            .fold(0.0, |worst, e| if e <= worst { worst } else { e })
     }
 
     #[test]
@@ -261,10 +284,16 @@ mod tests {
         println!("{single:e} in f32, {double:e} in f64");
         assert!(single > 0.0 && single <= f32::ROOT_ERROR, "{single:e}");
         // The comparison itself rounds three times.
-        assert!(double > 0.0 && double <= f64::ROOT_ERROR + 3.0 * f64::EPSILON / 2.0, "{double:e}");
+        assert!(
+            double > 0.0 && double <= f64::ROOT_ERROR + 3.0 * f64::EPSILON / 2.0,
+            "{double:e}"
+        );
         // One step less would not do.
         let guess = 3f32.root_guess() * 3f32.sqrt() - 1.0;
-        assert!(guess.abs() > 100.0 * f32::ROOT_ERROR as f32 && guess.abs() <= 0.035, "{guess:e}");
+        assert!(
+            guess.abs() > 100.0 * f32::ROOT_ERROR as f32 && guess.abs() <= 0.035,
+            "{guess:e}"
+        );
     }
 
     #[test]

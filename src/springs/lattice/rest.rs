@@ -35,16 +35,28 @@ impl<F: Number> Lattice<F> {
         while step < rest.limit {
             // The first step of a pair must not be the one at which this ends.
             let pair = rest.limit - step >= 2 && step + 1 - last < rest.quiet;
-            let moves = if pair { self.measured_pair()?.map(Some) } else { [Some(self.measured_step()?), None] };
+            let moves = if pair {
+                self.measured_pair()?.map(Some)
+            } else {
+                [Some(self.measured_step()?), None]
+            };
             for moved in moves.into_iter().flatten() {
                 (step, last_move) = (step + 1, moved);
                 if moved >= rest.threshold {
                     last = step;
                 } else if step - last >= rest.quiet {
-                    return Ok(Settled { steps: last, at_rest: true, last_move });
+                    return Ok(Settled {
+                        steps: last,
+                        at_rest: true,
+                        last_move,
+                    });
                 }
             }
         }
-        Ok(Settled { steps: last, at_rest: false, last_move })
+        Ok(Settled {
+            steps: last,
+            at_rest: false,
+            last_move,
+        })
     }
 }

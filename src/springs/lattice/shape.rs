@@ -22,7 +22,11 @@ impl Shape {
     /// A cube of side 1 about the origin, `n` points along each side.
     pub fn unit_cube(n: usize) -> Self {
         let spacing = if n > 1 { 1.0 / (n - 1) as f64 } else { 1.0 };
-        Self { points: [n; 3], origin: [-0.5; 3], spacing: [spacing; 3] }
+        Self {
+            points: [n; 3],
+            origin: [-0.5; 3],
+            spacing: [spacing; 3],
+        }
     }
 
     /// A box whose longest side has the length `side` \[m\], the first point at the origin, all spacings equal.
@@ -31,8 +35,16 @@ impl Shape {
     /// [`LatticeError`] for a side without points, too many points, a length that is not positive.
     pub fn with_longest_side(points: [usize; 3], side: f64) -> Result<Self, LatticeError> {
         value("the longest side", side, false)?;
-        let most = points.into_iter().fold(1, usize::max).saturating_sub(1).max(1);
-        let shape = Self { points, origin: [0.0; 3], spacing: [side / most as f64; 3] };
+        let most = points
+            .into_iter()
+            .fold(1, usize::max)
+            .saturating_sub(1)
+            .max(1);
+        let shape = Self {
+            points,
+            origin: [0.0; 3],
+            spacing: [side / most as f64; 3],
+        };
         shape.check()?;
         Ok(shape)
     }
@@ -60,12 +72,18 @@ impl Shape {
 
     /// Positions of all points at rest \[m\].
     pub fn positions(&self) -> Vec<Point3<f64>> {
-        self.each().map(|point| Point3::from(self.at(point))).collect()
+        self.each()
+            .map(|point| Point3::from(self.at(point)))
+            .collect()
     }
 
     /// The numbers of the points on the surface.
     pub fn surface(&self) -> Vec<u32> {
-        (0u32..).zip(self.each()).filter(|(_, point)| self.on_surface(*point)).map(|(p, _)| p).collect()
+        (0u32..)
+            .zip(self.each())
+            .filter(|(_, point)| self.on_surface(*point))
+            .map(|(p, _)| p)
+            .collect()
     }
 
     /// Length of the longest side \[m\], and the spacing along it; nothing if no side has two points.
@@ -78,13 +96,25 @@ impl Shape {
     }
 
     pub(super) fn check(&self) -> Result<(), LatticeError> {
-        let count = self.points.iter().try_fold(1usize, |all, &n| all.checked_mul(n));
+        let count = self
+            .points
+            .iter()
+            .try_fold(1usize, |all, &n| all.checked_mul(n));
         if !count.is_some_and(|n| (1..=MOST_POINTS).contains(&n)) {
-            return Err(LatticeError::Points { points: self.points, most: MOST_POINTS });
+            return Err(LatticeError::Points {
+                points: self.points,
+                most: MOST_POINTS,
+            });
         }
-        self.spacing.iter().try_for_each(|&h| value("a spacing", h, false))?;
+        self.spacing
+            .iter()
+            .try_for_each(|&h| value("a spacing", h, false))?;
         match self.origin.iter().find(|o| !o.is_finite()) {
-            Some(&value) => Err(LatticeError::Value { name: "an origin", value, zero_allowed: true }),
+            Some(&value) => Err(LatticeError::Value {
+                name: "an origin",
+                value,
+                zero_allowed: true,
+            }),
             None => Ok(()),
         }
     }

@@ -30,7 +30,12 @@ pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
         let rest = along.norm();
         let sloped = step.iter().filter(|d| **d != 0).count() > 1;
         let stiffness = settings.stiffness.of(rest) * if sloped { settings.diagonal } else { 1.0 };
-        Direction { step, rest, stiffness, unit: along / rest }
+        Direction {
+            step,
+            rest,
+            stiffness,
+            unit: along / rest,
+        }
     };
     settings.neighbours.half().iter().map(direction).collect()
 }
@@ -44,7 +49,11 @@ pub fn largest_stiffness(shape: &Shape, settings: &Settings) -> f64 {
     match settings.neighbours {
         Neighbours::Six => {
             let of = |d: &Direction| {
-                let axis = d.step.iter().position(|s| *s != 0).expect("a direction goes somewhere");
+                let axis = d
+                    .step
+                    .iter()
+                    .position(|s| *s != 0)
+                    .expect("a direction goes somewhere");
                 let n = shape.points[axis] as f64;
                 4.0 * d.stiffness * (PI * (n - 1.0) / (2.0 * n)).sin().powi(2)
             };
@@ -81,12 +90,22 @@ fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
     let count = shape.count();
     let mut seed = 1u64;
     let mut draw = || {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        seed = seed
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
     // Stiffest are waves that change sign from point to point.
-    let sign = |p: usize| if (p % nx + p / nx % ny + p / (nx * ny)).is_multiple_of(2) { 1.0 } else { -1.0 };
-    let mut u: Vec<Vector3<f64>> = (0..count).map(|p| Vector3::new(draw(), draw(), sign(p) * 0.1)).collect();
+    let sign = |p: usize| {
+        if (p % nx + p / nx % ny + p / (nx * ny)).is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        }
+    };
+    let mut u: Vec<Vector3<f64>> = (0..count)
+        .map(|p| Vector3::new(draw(), draw(), sign(p) * 0.1))
+        .collect();
     let mut value = 0.0;
     for _ in 0..PRODUCTS {
         let length = u.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
@@ -99,7 +118,9 @@ fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
             for p in 0..count {
                 let at = [p % nx, p / nx % ny, p / (nx * ny)];
                 let to = [0, 1, 2].map(|c| at[c].checked_add_signed(d.step[c] as isize));
-                let [Some(x), Some(y), Some(z)] = to else { continue };
+                let [Some(x), Some(y), Some(z)] = to else {
+                    continue;
+                };
                 if x < nx && y < ny && z < nz {
                     let q = (z * ny + y) * nx + x;
                     let f = d.unit * (d.stiffness * d.unit.dot(&(u[p] - u[q])));

@@ -31,15 +31,25 @@ pub(super) fn stage(simulation: &Simulation) -> Stage {
 impl Muscles {
     pub(super) fn seen(&self) -> Shot {
         let simulation = &self.simulation;
-        let mut bodies: Vec<BodyShot> = (0..simulation.bodies.len()).map(|m| body_shot(simulation, m)).collect();
+        let mut bodies: Vec<BodyShot> = (0..simulation.bodies.len())
+            .map(|m| body_shot(simulation, m))
+            .collect();
         for (shot, drag) in bodies.iter_mut().zip(&self.drags) {
             shot.dragged = drag.map(|(vertex, to, _)| (vertex, to));
         }
         let frame = simulation.frame();
         let bone = |b: usize| {
             let pose = simulation.pose(b, frame as f64);
-            let angle = self.scene.bones[b].motion.joint.as_ref().map(|joint| angle(joint, &pose));
-            BoneShot { pose, angle, steering: self.steering[b] }
+            let angle = self.scene.bones[b]
+                .motion
+                .joint
+                .as_ref()
+                .map(|joint| angle(joint, &pose));
+            BoneShot {
+                pose,
+                angle,
+                steering: self.steering[b],
+            }
         };
         Shot {
             frame,
@@ -48,12 +58,19 @@ impl Muscles {
             scene: Some(self.scene.clone()),
             controls: self.controls.clone(),
             readings: self.readings(&bodies),
-            probe: self.probe.map(|(body, vertex)| self.probed(body, vertex, &bodies[body])),
+            probe: self
+                .probe
+                .map(|(body, vertex)| self.probed(body, vertex, &bodies[body])),
             bodies,
             bones: (0..self.scene.bones.len()).map(bone).collect(),
             handles: Vec::new(),
             effects: self.effects.clone(),
-            notes: simulation.notes.iter().cloned().chain(self.said()).collect(),
+            notes: simulation
+                .notes
+                .iter()
+                .cloned()
+                .chain(self.said())
+                .collect(),
         }
     }
 
@@ -63,14 +80,35 @@ impl Muscles {
         let mut all = Vec::new();
         let effects = &self.scene.effects;
         for (body, shot) in self.simulation.bodies.iter().zip(bodies) {
-            let of = || if many { body.name.clone() } else { String::new() };
-            let mut add = |name, unit, value| all.push(Reading { name, of: of(), unit, value });
+            let of = || {
+                if many {
+                    body.name.clone()
+                } else {
+                    String::new()
+                }
+            };
+            let mut add = |name, unit, value| {
+                all.push(Reading {
+                    name,
+                    of: of(),
+                    unit,
+                    value,
+                })
+            };
             if effects.volume.is_some() {
                 add("Volume error", "", shot.volume_error.abs());
             }
-            add("Greatest stretch", "%", 100.0 * greatest(shot.stretch.iter().copied()));
+            add(
+                "Greatest stretch",
+                "%",
+                100.0 * greatest(shot.stretch.iter().copied()),
+            );
             if effects.contact.is_some() {
-                add("Greatest depth", "mm", 1e3 * greatest(shot.depth.iter().copied()));
+                add(
+                    "Greatest depth",
+                    "mm",
+                    1e3 * greatest(shot.depth.iter().copied()),
+                );
             }
         }
         all
@@ -97,7 +135,11 @@ impl Muscles {
                 values.push((name, 1e3 * residual, "mm"));
             }
         }
-        Probe { body, vertex, values }
+        Probe {
+            body,
+            vertex,
+            values,
+        }
     }
 }
 
@@ -113,12 +155,19 @@ fn body_shot(simulation: &Simulation, m: usize) -> BodyShot {
         stretch: strain_at_vertices(&body.edges, x),
         depth: depths(simulation, body),
         speed: particles.velocity.iter().map(|v| v.norm()).collect(),
-        touching: body.system.contacts.as_ref().map_or_else(Vec::new, |contacts| contacts.touching(x)),
+        touching: body
+            .system
+            .contacts
+            .as_ref()
+            .map_or_else(Vec::new, |contacts| contacts.touching(x)),
         positions: x.clone(),
         volume_error,
         fixed: simulation.plan.muscles[m].fixed.clone(),
         dragged: None,
-        stopped: body.stopped.as_ref().map(|(frame, broken)| (*frame, broken.to_string())),
+        stopped: body
+            .stopped
+            .as_ref()
+            .map(|(frame, broken)| (*frame, broken.to_string())),
     }
 }
 
@@ -126,9 +175,13 @@ fn body_shot(simulation: &Simulation, m: usize) -> BodyShot {
 fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
     let x = &body.system.particles.position;
     let mut depths = vec![0.0; x.len()];
-    let Some(contacts) = &body.system.contacts else { return depths };
+    let Some(contacts) = &body.system.contacts else {
+        return depths;
+    };
     for &o in contacts.obstacles() {
-        let Some(placed) = simulation.placed().get(o) else { continue };
+        let Some(placed) = simulation.placed().get(o) else {
+            continue;
+        };
         let (bounds, back) = (placed.obstacle.bounding_box(), placed.now.inverse());
         for v in contacts.near(o).map(|v| v as usize) {
             let local = back * x[v];
@@ -136,7 +189,11 @@ fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
             if !(0..3).all(|k| bounds.min[k] <= local[k] && local[k] <= bounds.max[k]) {
                 continue;
             }
-            if let Some(found) = placed.obstacle.closest(&local).filter(|found| -found.distance > depths[v]) {
+            if let Some(found) = placed
+                .obstacle
+                .closest(&local)
+                .filter(|found| -found.distance > depths[v])
+            {
                 depths[v] = -found.distance;
             }
         }
@@ -147,7 +204,11 @@ fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
 /// Seconds of each effect so far, over all muscles.
 pub(super) fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
     let mut all = BTreeMap::new();
-    for (name, (s, _)) in simulation.bodies.iter().flat_map(|body| &body.system.clock.effects) {
+    for (name, (s, _)) in simulation
+        .bodies
+        .iter()
+        .flat_map(|body| &body.system.clock.effects)
+    {
         *all.entry(*name).or_insert(0.0) += s;
     }
     all

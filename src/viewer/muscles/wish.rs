@@ -45,18 +45,25 @@ impl Wish {
         let (scene, assets, heard) = (scene.clone(), assets.clone(), Heard::default());
         let (tell, found) = channel();
         let mut watch = heard.clone();
-        std::thread::Builder::new().name("study".to_owned()).spawn(move || {
-            let threads = rayon::current_num_threads();
-            let chosen = accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &mut watch);
-            // Nobody may want it any more.
-            let _ = tell.send(chosen.map_err(|error| error.to_string()));
-        })?;
+        std::thread::Builder::new()
+            .name("study".to_owned())
+            .spawn(move || {
+                let threads = rayon::current_num_threads();
+                let chosen =
+                    accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &mut watch);
+                // Nobody may want it any more.
+                let _ = tell.send(chosen.map_err(|error| error.to_string()));
+            })?;
         Ok(Self { heard, found })
     }
 
     /// What the study is at.
     pub(super) fn part(&self) -> String {
-        self.heard.part.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.heard
+            .part
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// What was chosen, if it is within `longest`.
@@ -64,7 +71,9 @@ impl Wish {
         match self.found.recv_timeout(longest) {
             Ok(found) => Some(found),
             Err(RecvTimeoutError::Timeout) => None,
-            Err(RecvTimeoutError::Disconnected) => Some(Err("the study ended without a choice".to_owned())),
+            Err(RecvTimeoutError::Disconnected) => {
+                Some(Err("the study ended without a choice".to_owned()))
+            }
         }
     }
 }
@@ -82,7 +91,9 @@ pub(super) fn changes(chosen: &Chosen) -> Vec<(String, String)> {
     for (key, value) in chosen.candidate.settings() {
         // What is no setting of the solver is one of the study's.
         if !["contact", "lanes", "threads"].contains(&key.as_str()) {
-            let value = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+            let value = value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned);
             all.push((format!("solver.{name}.{key}"), value));
         }
     }

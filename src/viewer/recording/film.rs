@@ -48,15 +48,24 @@ impl Film for Kept {
 
     fn picture(&self, k: usize) -> Result<Frame, PictureError> {
         let [width, height] = self.size;
-        let bytes =
-            self.pictures.get(k).and_then(|(packed, _)| decompress_to_vec_with_limit(packed, width * height * 3).ok());
+        let bytes = self
+            .pictures
+            .get(k)
+            .and_then(|(packed, _)| decompress_to_vec_with_limit(packed, width * height * 3).ok());
         let frame = bytes.and_then(|rgb| Frame::from_rgb(width, height, &rgb));
-        frame.ok_or(PictureError::Shape { frames: self.pictures.len(), size: self.size })
+        frame.ok_or(PictureError::Shape {
+            frames: self.pictures.len(),
+            size: self.size,
+        })
     }
 
     /// As it was taken, in hundredths of a second that do not add up to another time.
     fn seconds(&self, k: usize) -> f64 {
-        let hundredths = |k: usize| self.pictures.get(k).map(|(_, at)| (at.as_secs_f64() * 100.0).round());
+        let hundredths = |k: usize| {
+            self.pictures
+                .get(k)
+                .map(|(_, at)| (at.as_secs_f64() * 100.0).round())
+        };
         match (hundredths(k), hundredths(k + 1)) {
             (Some(now), Some(next)) => (next - now) / 100.0,
             _ => PERIOD.as_secs_f64(),
@@ -70,7 +79,8 @@ fn within([width, height]: [usize; 2], [most_width, most_height]: [usize; 2]) ->
         return [width, height];
     }
     let share = (most_width as f64 / width as f64).min(most_height as f64 / height as f64);
-    let side = |length: usize, most: usize| ((length as f64 * share).round() as usize).clamp(1, most);
+    let side =
+        |length: usize, most: usize| ((length as f64 * share).round() as usize).clamp(1, most);
     [side(width, most_width), side(height, most_height)]
 }
 
@@ -111,7 +121,12 @@ fn scaled(rgb: &[u8], [w, h]: [usize; 2], [width, height]: [usize; 2]) -> Vec<u8
     let mut out = Vec::with_capacity(3 * width * height);
     for shares in &down {
         for x in 0..width {
-            let sum = |c: usize| shares.iter().map(|&(from, share)| share * rows[from * width + x][c]).sum::<u64>();
+            let sum = |c: usize| {
+                shares
+                    .iter()
+                    .map(|&(from, share)| share * rows[from * width + x][c])
+                    .sum::<u64>()
+            };
             out.extend([0, 1, 2].map(|c| ((sum(c) + whole / 2) / whole).min(255) as u8));
         }
     }
@@ -124,7 +139,9 @@ fn covered(length: usize, many: usize) -> Vec<Vec<(usize, u64)>> {
     let of = |k: usize| {
         let (begin, end) = (k * length, (k + 1) * length);
         let share = |old: usize| ((old + 1) * many).min(end) - (old * many).max(begin);
-        (begin / many..end.div_ceil(many)).map(|old| (old, share(old) as u64)).collect()
+        (begin / many..end.div_ceil(many))
+            .map(|old| (old, share(old) as u64))
+            .collect()
     };
     (0..many).map(of).collect()
 }
@@ -140,15 +157,24 @@ mod tests {
 
     #[test]
     fn a_smaller_picture_has_the_mean_of_what_it_covers() {
-        assert_eq!(scaled(&grey(&[0, 100, 200, 100]), [4, 1], [2, 1]), grey(&[50, 150]));
-        assert_eq!(scaled(&grey(&[0, 100, 200, 100]), [2, 2], [1, 1]), grey(&[100]));
+        assert_eq!(
+            scaled(&grey(&[0, 100, 200, 100]), [4, 1], [2, 1]),
+            grey(&[50, 150])
+        );
+        assert_eq!(
+            scaled(&grey(&[0, 100, 200, 100]), [2, 2], [1, 1]),
+            grey(&[100])
+        );
         // Two thirds of one and a third of the other; rounded to the nearest.
         assert_eq!(scaled(&grey(&[0, 30, 90]), [3, 1], [2, 1]), grey(&[10, 70]));
         assert_eq!(scaled(&grey(&[0, 90]), [2, 1], [3, 1]), grey(&[0, 45, 90]));
         assert_eq!(scaled(&[1, 2, 3, 3, 4, 5], [2, 1], [1, 1]), [2, 3, 4]);
         // An even picture stays even, whatever the sizes; nothing is lost at an edge.
         for (size, other) in [([7, 5], [3, 2]), ([720, 3], [719, 2]), ([13, 1], [13, 4])] {
-            assert_eq!(scaled(&vec![217; 3 * size[0] * size[1]], size, other), vec![217; 3 * other[0] * other[1]]);
+            assert_eq!(
+                scaled(&vec![217; 3 * size[0] * size[1]], size, other),
+                vec![217; 3 * other[0] * other[1]]
+            );
         }
         assert_eq!(covered(3, 2), [vec![(0, 2), (1, 1)], vec![(1, 1), (2, 2)]]);
     }
@@ -166,15 +192,24 @@ mod tests {
         let wide = laid_out(&grey(&[9, 9, 9, 9]), [4, 1], [2, 3]);
         assert_eq!(wide, grey(&[9; 6]));
         let mut picture = grey(&[5, 200, 200, 200]);
-        assert_eq!(laid_out(&picture, [1, 4], [2, 4]), grey(&[5, 5, 200, 5, 200, 5, 200, 5]));
+        assert_eq!(
+            laid_out(&picture, [1, 4], [2, 4]),
+            grey(&[5, 5, 200, 5, 200, 5, 200, 5])
+        );
         picture.truncate(3);
-        assert_eq!(laid_out(&picture, [1, 1], [3, 2]), grey(&[5; 6]), "smaller ones are made larger");
+        assert_eq!(
+            laid_out(&picture, [1, 1], [3, 2]),
+            grey(&[5; 6]),
+            "smaller ones are made larger"
+        );
     }
 
     #[test]
     fn what_is_kept_comes_back() {
         let mut kept = Kept::default();
-        let noise: Vec<u8> = (0..3 * 20 * 10).map(|k: u32| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let noise: Vec<u8> = (0..3 * 20 * 10)
+            .map(|k: u32| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
+            .collect();
         for (k, ms) in [0, 83, 161, 400].into_iter().enumerate() {
             let mut picture = noise.clone();
             picture[0] = k as u8;

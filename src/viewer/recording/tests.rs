@@ -5,14 +5,27 @@ use crate::testing::Scratch;
 
 /// A picture with a bar that is at `k`.
 fn picture(width: usize, height: usize, k: usize) -> Vec<u8> {
-    let colour = |x: usize| if x / 4 == k { [200, 40, 30] } else { [250, 250, 250] };
-    (0..height).flat_map(|_| (0..width).flat_map(colour)).collect()
+    let colour = |x: usize| {
+        if x / 4 == k {
+            [200, 40, 30]
+        } else {
+            [250, 250, 250]
+        }
+    };
+    (0..height)
+        .flat_map(|_| (0..width).flat_map(colour))
+        .collect()
 }
 
 /// Pushes pictures, each as soon as there is room for it.
 fn push_all(recorder: &mut Recorder, pictures: &[(Vec<u8>, u64)], [width, height]: [usize; 2]) {
     for (k, (rgb, ms)) in pictures.iter().enumerate() {
-        assert_eq!(recorder.push_at(width, height, rgb, Duration::from_millis(*ms)).expect("fits"), Pushed::Taken);
+        assert_eq!(
+            recorder
+                .push_at(width, height, rgb, Duration::from_millis(*ms))
+                .expect("fits"),
+            Pushed::Taken
+        );
         let end = Instant::now() + Duration::from_secs(60);
         while recorder.pictures() <= k && Instant::now() < end {
             std::thread::yield_now();
@@ -24,7 +37,11 @@ fn pngs(path: &Path) -> Vec<(Vec<u8>, u16)> {
     let file = io::BufReader::new(File::open(path).expect("a file"));
     let mut reader = png::Decoder::new(file).read_info().expect("a picture");
     let (width, height) = (reader.info().width as usize, reader.info().height as usize);
-    let count = reader.info().animation_control().expect("an animation").num_frames;
+    let count = reader
+        .info()
+        .animation_control()
+        .expect("an animation")
+        .num_frames;
     let mut canvas = vec![0; 3 * width * height];
     let mut all = Vec::new();
     for _ in 0..count {
@@ -32,7 +49,11 @@ fn pngs(path: &Path) -> Vec<(Vec<u8>, u16)> {
         let shape = reader.next_frame(&mut part).expect("a frame");
         let at = *reader.info().frame_control().expect("its place");
         let line = 3 * shape.width as usize;
-        for (y, row) in part.chunks_exact(line).take(shape.height as usize).enumerate() {
+        for (y, row) in part
+            .chunks_exact(line)
+            .take(shape.height as usize)
+            .enumerate()
+        {
             let begin = 3 * ((at.y_offset as usize + y) * width + at.x_offset as usize);
             canvas[begin..begin + line].copy_from_slice(row);
         }
@@ -46,17 +67,35 @@ fn an_animated_png_has_the_pictures_and_their_times() {
     let folder = Scratch::folder();
     let path = folder.join("a.apng");
     let mut recorder = Recorder::start(&path).expect("starts");
-    let pictures: Vec<_> =
-        [0, 80, 170, 250, 480].into_iter().enumerate().map(|(k, ms)| (picture(40, 20, k), ms)).collect();
+    let pictures: Vec<_> = [0, 80, 170, 250, 480]
+        .into_iter()
+        .enumerate()
+        .map(|(k, ms)| (picture(40, 20, k), ms))
+        .collect();
     push_all(&mut recorder, &pictures, [40, 20]);
     assert!(!path.exists(), "it is not there before it is whole");
     let recorded = recorder.stop().wait().expect("written");
-    assert_eq!(recorded, Recorded { path: path.clone(), pictures: 5, dropped: 0, is_full: false });
+    assert_eq!(
+        recorded,
+        Recorded {
+            path: path.clone(),
+            pictures: 5,
+            dropped: 0,
+            is_full: false
+        }
+    );
     let found = pngs(&path);
-    assert_eq!(found.iter().map(|(_, ms)| *ms).collect::<Vec<_>>(), [80, 90, 80, 230, 80]);
+    assert_eq!(
+        found.iter().map(|(_, ms)| *ms).collect::<Vec<_>>(),
+        [80, 90, 80, 230, 80]
+    );
     assert!(found.iter().zip(&pictures).all(|((a, _), (b, _))| a == b));
     assert_ne!(found[0].0, pictures[1].0, "control: another picture");
-    assert_eq!(fs::read_dir(&*folder).expect("a folder").count(), 1, "nothing else is left");
+    assert_eq!(
+        fs::read_dir(&*folder).expect("a folder").count(),
+        1,
+        "nothing else is left"
+    );
 }
 
 #[test]
@@ -64,16 +103,27 @@ fn a_gif_has_the_pictures_and_their_times() {
     let folder = Scratch::folder();
     let path = folder.join("a.gif");
     let mut recorder = Recorder::start(&path).expect("starts");
-    let pictures: Vec<_> = [0, 100, 300].into_iter().enumerate().map(|(k, ms)| (picture(40, 20, k), ms)).collect();
+    let pictures: Vec<_> = [0, 100, 300]
+        .into_iter()
+        .enumerate()
+        .map(|(k, ms)| (picture(40, 20, k), ms))
+        .collect();
     push_all(&mut recorder, &pictures, [40, 20]);
     recorder.stop().wait().expect("written");
     let mut options = gif::DecodeOptions::new();
     options.set_color_output(gif::ColorOutput::Indexed);
-    let mut decoder = options.read_info(File::open(&path).expect("a file")).expect("a GIF");
+    let mut decoder = options
+        .read_info(File::open(&path).expect("a file"))
+        .expect("a GIF");
     let colours = decoder.global_palette().expect("a palette").to_vec();
     let (mut canvas, mut delays, mut k) = (vec![0; 40 * 20 * 3], Vec::new(), 0);
     while let Some(frame) = decoder.read_next_frame().expect("a frame") {
-        for (n, index) in frame.buffer.iter().enumerate().filter(|(_, index)| frame.transparent != Some(**index)) {
+        for (n, index) in frame
+            .buffer
+            .iter()
+            .enumerate()
+            .filter(|(_, index)| frame.transparent != Some(**index))
+        {
             let (x, y) = (n % usize::from(frame.width), n / usize::from(frame.width));
             let at = 3 * ((usize::from(frame.top) + y) * 40 + usize::from(frame.left) + x);
             canvas[at..at + 3].copy_from_slice(&colours[3 * usize::from(*index)..][..3]);
@@ -101,11 +151,19 @@ fn pictures_come_twelve_and_a_half_times_a_second() {
         }
     }
     assert_eq!(taken.len(), 100);
-    assert!(taken.windows(2).all(|pair| (pair[1] - pair[0] - 0.08).abs() < 1.0 / 60.0 + 1e-9), "{taken:?}");
+    assert!(
+        taken
+            .windows(2)
+            .all(|pair| (pair[1] - pair[0] - 0.08).abs() < 1.0 / 60.0 + 1e-9),
+        "{taken:?}"
+    );
     // What comes late is not made up for.
     let mut late = Recorder::start(&folder.join("b.gif")).expect("starts");
-    let early = [0, 1000, 1010, 1030]
-        .map(|ms| late.push_at(4, 4, &small, Duration::from_millis(ms)).expect("fits") == Pushed::Early);
+    let early = [0, 1000, 1010, 1030].map(|ms| {
+        late.push_at(4, 4, &small, Duration::from_millis(ms))
+            .expect("fits")
+            == Pushed::Early
+    });
     assert_eq!(early, [false, false, true, true]);
     assert!(!late.is_due(), "the next is due in a second and a bit");
 }
@@ -117,7 +175,9 @@ fn wide_pictures_are_made_smaller_and_other_sizes_fit() {
     let mut recorder = Recorder::start(&path).expect("starts");
     push_all(&mut recorder, &[(vec![90; 3 * 1440 * 900], 0)], [1440, 900]);
     assert_eq!(
-        recorder.push_at(300, 400, &vec![10; 3 * 300 * 400], Duration::from_secs(1)).expect("fits"),
+        recorder
+            .push_at(300, 400, &vec![10; 3 * 300 * 400], Duration::from_secs(1))
+            .expect("fits"),
         Pushed::Taken
     );
     assert_eq!(recorder.stop().wait().expect("written").pictures, 2);
@@ -139,19 +199,30 @@ fn it_ends_by_itself_and_says_so() {
     while !recorder.is_full() && Instant::now() < end {
         std::thread::yield_now();
     }
-    let later = recorder.push_at(16, 4, &pictures[0].0, Duration::from_secs(9)).expect("fits");
+    let later = recorder
+        .push_at(16, 4, &pictures[0].0, Duration::from_secs(9))
+        .expect("fits");
     assert_eq!((later, recorder.dropped()), (Pushed::Full, 0));
     let mut recording = recorder.stop();
     while recording.poll().is_none() && Instant::now() < end {
         std::thread::yield_now();
     }
-    let recorded = recording.poll().expect("in time").as_ref().expect("written");
+    let recorded = recording
+        .poll()
+        .expect("in time")
+        .as_ref()
+        .expect("written");
     assert_eq!((recorded.pictures, recorded.is_full), (3, true));
     assert_eq!(pngs(&path).len(), 3);
 }
 
 fn push_all_from(recorder: &mut Recorder, (rgb, ms): &(Vec<u8>, u64)) {
-    assert_eq!(recorder.push_at(16, 4, rgb, Duration::from_millis(*ms)).expect("fits"), Pushed::Taken);
+    assert_eq!(
+        recorder
+            .push_at(16, 4, rgb, Duration::from_millis(*ms))
+            .expect("fits"),
+        Pushed::Taken
+    );
 }
 
 #[test]
@@ -159,25 +230,43 @@ fn a_window_never_waits_and_what_is_dropped_is_counted() {
     let folder = Scratch::folder();
     let mut recorder = Recorder::start(&folder.join("a.png")).expect("starts");
     // Each takes the thread longer than it takes to hand it over.
-    let large: Vec<u8> = (0..3 * 1600 * 1200u32).map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
-    let pushed: Vec<Pushed> =
-        (0..40).map(|k| recorder.push_at(1600, 1200, &large, Duration::from_millis(100 * k)).expect("fits")).collect();
+    let large: Vec<u8> = (0..3 * 1600 * 1200u32)
+        .map(|k| (k.wrapping_mul(2_654_435_761) >> 24) as u8)
+        .collect();
+    let pushed: Vec<Pushed> = (0..40)
+        .map(|k| {
+            recorder
+                .push_at(1600, 1200, &large, Duration::from_millis(100 * k))
+                .expect("fits")
+        })
+        .collect();
     let dropped = pushed.iter().filter(|p| **p == Pushed::Dropped).count();
     assert!(dropped > 0 && dropped == recorder.dropped(), "{pushed:?}");
     let recorded = recorder.stop().wait().expect("written");
-    assert_eq!((recorded.pictures + recorded.dropped, recorded.dropped), (40, dropped));
+    assert_eq!(
+        (recorded.pictures + recorded.dropped, recorded.dropped),
+        (40, dropped)
+    );
 }
 
 #[test]
 fn what_cannot_be_recorded_is_told() {
     let folder = Scratch::folder();
-    let start = |name: &str| Recorder::start(&folder.join(name)).map(|_| ()).map_err(|e| e.to_string());
+    let start = |name: &str| {
+        Recorder::start(&folder.join(name))
+            .map(|_| ())
+            .map_err(|e| e.to_string())
+    };
     for name in ["a.mp4", "a", "gif"] {
-        assert!(start(name).is_err_and(|e| e.contains("name it .gif, .png or .apng")), "{name}");
+        assert!(
+            start(name).is_err_and(|e| e.contains("name it .gif, .png or .apng")),
+            "{name}"
+        );
     }
     assert_eq!(start("A.GIF"), Ok(()));
     assert!(
-        start("no/such/a.gif").is_err_and(|e| e.contains("a.gif` cannot be written") && e.contains("another folder"))
+        start("no/such/a.gif")
+            .is_err_and(|e| e.contains("a.gif` cannot be written") && e.contains("another folder"))
     );
     fs::write(folder.join("b.gif"), "mine").expect("a file");
     assert!(start("b.gif").is_err_and(|e| e.contains("is there already")));
@@ -185,10 +274,16 @@ fn what_cannot_be_recorded_is_told() {
     let mut recorder = Recorder::start(&folder.join("c.gif")).expect("starts");
     for (width, height, bytes) in [(2, 2, 11), (0, 2, 0), (usize::MAX, 2, 6)] {
         let wrong = recorder.push(width, height, &vec![0; bytes]);
-        assert!(matches!(wrong, Err(RecordingError::Size { .. })), "{width} x {height}");
+        assert!(
+            matches!(wrong, Err(RecordingError::Size { .. })),
+            "{width} x {height}"
+        );
     }
     let nothing = recorder.stop().wait().expect_err("nothing was recorded");
-    assert!(nothing.to_string().contains("nothing was recorded, so"), "{nothing}");
+    assert!(
+        nothing.to_string().contains("nothing was recorded, so"),
+        "{nothing}"
+    );
     assert!(!folder.join("c.gif").exists());
     // A folder that goes while it records.
     let gone = folder.join("gone");
@@ -197,7 +292,10 @@ fn what_cannot_be_recorded_is_told() {
     push_all(&mut recorder, &[(picture(16, 4, 0), 0)], [16, 4]);
     fs::remove_dir_all(&gone).expect("an empty folder");
     let error = recorder.stop().wait().expect_err("there is no folder");
-    assert!(matches!(error, RecordingError::Write { .. }) && error.to_string().contains("d.gif"), "{error}");
+    assert!(
+        matches!(error, RecordingError::Write { .. }) && error.to_string().contains("d.gif"),
+        "{error}"
+    );
 }
 
 /// A device that is always full.
@@ -210,8 +308,15 @@ fn a_full_disk_is_told() {
     push_all(&mut recorder, &[(picture(16, 4, 0), 0)], [16, 4]);
     // What is written on the way to it goes to the device.
     std::os::unix::fs::symlink("/dev/full", folder.join("a.gif.part")).expect("a link");
-    let error = recorder.stop().wait().expect_err("there is no room").to_string();
-    assert!(error.contains("a.gif` cannot be written: No space left"), "{error}");
+    let error = recorder
+        .stop()
+        .wait()
+        .expect_err("there is no room")
+        .to_string();
+    assert!(
+        error.contains("a.gif` cannot be written: No space left"),
+        "{error}"
+    );
     assert!(!path.exists());
 }
 
@@ -223,19 +328,36 @@ fn a_picture_is_saved_whole_under_the_next_free_name() {
     assert_eq!(path, folder.join("hip__a-0001.png"));
     let rgb = picture(16, 4, 2);
     save_png(&path, 16, 4, &rgb).expect("written");
-    let mut reader =
-        png::Decoder::new(io::BufReader::new(File::open(&path).expect("a file"))).read_info().expect("a PNG");
+    let mut reader = png::Decoder::new(io::BufReader::new(File::open(&path).expect("a file")))
+        .read_info()
+        .expect("a PNG");
     let mut found = vec![0; rgb.len()];
     reader.next_frame(&mut found).expect("a picture");
     assert_eq!(found, rgb);
     assert_ne!(found, picture(16, 4, 1), "control");
     assert_eq!(next("png"), folder.join("hip__a-0002.png"));
-    assert_eq!(next("gif"), folder.join("hip__a-0001.gif"), "of another ending");
-    for other in ["hip__a-0041.png", "hip__a-x.png", "hip__a-.png", "hip__ab-0099.png", "hip__a-0050.png.part"] {
+    assert_eq!(
+        next("gif"),
+        folder.join("hip__a-0001.gif"),
+        "of another ending"
+    );
+    for other in [
+        "hip__a-0041.png",
+        "hip__a-x.png",
+        "hip__a-.png",
+        "hip__ab-0099.png",
+        "hip__a-0050.png.part",
+    ] {
         fs::write(folder.join(other), "").expect("a file");
     }
     assert_eq!(next("png"), folder.join("hip__a-0042.png"));
     assert!(free_name(&folder.join("no"), "a", "png").is_err());
-    assert!(matches!(save_png(&path, 16, 5, &rgb), Err(RecordingError::Size { .. })));
-    assert!(matches!(save_png(&folder.join("no/a.png"), 16, 4, &rgb), Err(RecordingError::Write { .. })));
+    assert!(matches!(
+        save_png(&path, 16, 5, &rgb),
+        Err(RecordingError::Size { .. })
+    ));
+    assert!(matches!(
+        save_png(&folder.join("no/a.png"), 16, 4, &rgb),
+        Err(RecordingError::Write { .. })
+    ));
 }

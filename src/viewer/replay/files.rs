@@ -27,7 +27,10 @@ pub(super) fn is_rigid(name: &str) -> bool {
 
 /// A name without what tells that it does not deform.
 pub(super) fn plain_name(name: &str) -> &str {
-    RIGID_NAMES.iter().find_map(|start| name.strip_prefix(start)).unwrap_or(name)
+    RIGID_NAMES
+        .iter()
+        .find_map(|start| name.strip_prefix(start))
+        .unwrap_or(name)
 }
 
 /// What stays the same from frame to frame as long as a surface keeps its triangles.
@@ -69,7 +72,10 @@ pub(super) struct Deformed {
 #[derive(Debug)]
 pub(super) enum Shown {
     /// A bone at a pose.
-    Bone { own: Arc<TriangleMesh>, pose: Isometry3<f64> },
+    Bone {
+        own: Arc<TriangleMesh>,
+        pose: Isometry3<f64>,
+    },
     /// Something that deforms.
     Body(Deformed),
 }
@@ -95,11 +101,22 @@ impl Files {
     /// Files in a folder, of so many parts; as many bytes of what they show are kept.
     pub fn new(folder: PathBuf, parts: usize, most: usize) -> Self {
         let known = std::iter::repeat_with(Known::default).take(parts).collect();
-        Self { folder, known, cache: Cache { most, ..Cache::default() } }
+        Self {
+            folder,
+            known,
+            cache: Cache {
+                most,
+                ..Cache::default()
+            },
+        }
     }
 
     /// What a file shows of a part, both by their indices and names.
-    pub fn get(&mut self, (part, name): (usize, &str), (file, path): (usize, &str)) -> Result<Arc<Shown>, ReadError> {
+    pub fn get(
+        &mut self,
+        (part, name): (usize, &str),
+        (file, path): (usize, &str),
+    ) -> Result<Arc<Shown>, ReadError> {
         if let Some(shown) = self.cache.get((part, file)) {
             return Ok(shown);
         }
@@ -117,7 +134,10 @@ impl Known {
         let MeshFile { mesh, lines, .. } = file;
         if is_rigid && data.is_empty() && lines.is_empty() {
             // The first is kept as long as the run is.
-            let own = self.bone.get_or_insert_with(|| Arc::new(mesh.clone())).clone();
+            let own = self
+                .bone
+                .get_or_insert_with(|| Arc::new(mesh.clone()))
+                .clone();
             if let Some(pose) = pose_of(&own, &mesh) {
                 return (Shown::Bone { own, pose }, size_of::<Shown>());
             }
@@ -131,17 +151,32 @@ impl Known {
             depth: field("depth_m"),
             speed: field("speed_m_s"),
         };
-        let numbers = 3 * body.positions.len() + body.stretch.len() + body.depth.len() + body.speed.len();
+        let numbers =
+            3 * body.positions.len() + body.stretch.len() + body.depth.len() + body.speed.len();
         let fresh = if is_new { body.shape.bytes() } else { 0 };
-        (Shown::Body(body), size_of::<Shown>() + size_of::<f64>() * numbers + fresh)
+        (
+            Shown::Body(body),
+            size_of::<Shown>() + size_of::<f64>() * numbers + fresh,
+        )
     }
 
     /// The last shape where it still is the same, else a new one.
-    fn shape_of(&mut self, mesh: &TriangleMesh, lines: Vec<Vec<u32>>, data: &[PointData]) -> (Arc<Shape>, bool) {
-        if let Some(last) = self.shape.as_ref().filter(|s| s.triangles == mesh.triangles && s.lines == lines) {
+    fn shape_of(
+        &mut self,
+        mesh: &TriangleMesh,
+        lines: Vec<Vec<u32>>,
+        data: &[PointData],
+    ) -> (Arc<Shape>, bool) {
+        if let Some(last) = self
+            .shape
+            .as_ref()
+            .filter(|s| s.triangles == mesh.triangles && s.lines == lines)
+        {
             return (last.clone(), false);
         }
-        let held = values(data, "attached").or_else(|| values(data, "held")).unwrap_or_default();
+        let held = values(data, "attached")
+            .or_else(|| values(data, "held"))
+            .unwrap_or_default();
         let origin = match (data.is_empty(), mesh.triangles.is_empty()) {
             (true, true) => Origin::Lines,
             (true, false) => Origin::Bare,
@@ -152,7 +187,11 @@ impl Known {
             edges: edges(mesh, &lines),
             triangles: mesh.triangles.clone(),
             lines,
-            held: (0u32..).zip(held).filter(|(_, is)| **is > 0.0).map(|(v, _)| v).collect(),
+            held: (0u32..)
+                .zip(held)
+                .filter(|(_, is)| **is > 0.0)
+                .map(|(v, _)| v)
+                .collect(),
             origin,
         });
         self.shape = Some(shape.clone());
@@ -163,23 +202,36 @@ impl Known {
 impl Shape {
     fn bytes(&self) -> usize {
         let corners: usize = self.lines.iter().map(|line| line.len() + 6).sum();
-        size_of::<u32>() * (3 * self.triangles.len() + 2 * self.edges.len() + self.held.len() + corners)
+        size_of::<u32>()
+            * (3 * self.triangles.len() + 2 * self.edges.len() + self.held.len() + corners)
     }
 }
 
 /// Numbers of a name, one a vertex.
 fn values<'a>(data: &'a [PointData], name: &str) -> Option<&'a [f64]> {
-    data.iter().find(|d| d.name == name && d.components == 1).map(|d| d.values.as_slice())
+    data.iter()
+        .find(|d| d.name == name && d.components == 1)
+        .map(|d| d.values.as_slice())
 }
 
 /// Edges of triangles and pieces of lines, each once.
 fn edges(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Vec<[u32; 2]> {
     let mut edges = Topology::new(mesh).edges;
     let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
-    let mut seen: HashSet<[u32; 2]> =
-        if lines.is_empty() { HashSet::new() } else { edges.iter().copied().map(sorted).collect() };
-    let pieces = lines.iter().flat_map(|line| line.windows(2)).map(|pair| [pair[0], pair[1]]);
-    edges.extend(pieces.filter(|[a, b]| a != b).filter(|piece| seen.insert(sorted(*piece))));
+    let mut seen: HashSet<[u32; 2]> = if lines.is_empty() {
+        HashSet::new()
+    } else {
+        edges.iter().copied().map(sorted).collect()
+    };
+    let pieces = lines
+        .iter()
+        .flat_map(|line| line.windows(2))
+        .map(|pair| [pair[0], pair[1]]);
+    edges.extend(
+        pieces
+            .filter(|[a, b]| a != b)
+            .filter(|piece| seen.insert(sorted(*piece))),
+    );
     edges
 }
 
@@ -191,9 +243,19 @@ fn pose_of(own: &TriangleMesh, seen: &TriangleMesh) -> Option<Isometry3<f64>> {
     if own.triangles != seen.triangles || own.vertices.len() != seen.vertices.len() {
         return None;
     }
-    let pose = fit(&own.vertices, &seen.vertices, &vec![1.0; own.vertices.len()], Motion::Rigid)?.isometry;
+    let pose = fit(
+        &own.vertices,
+        &seen.vertices,
+        &vec![1.0; own.vertices.len()],
+        Motion::Rigid,
+    )?
+    .isometry;
     let most = RIGID * Aabb::of_points(&own.vertices).extents().norm();
-    let is_there = own.vertices.iter().zip(&seen.vertices).all(|(p, q)| (pose * p - q).norm() <= most);
+    let is_there = own
+        .vertices
+        .iter()
+        .zip(&seen.vertices)
+        .all(|(p, q)| (pose * p - q).norm() <= most);
     is_there.then_some(pose)
 }
 
@@ -238,7 +300,10 @@ mod tests {
     use nalgebra::Vector3;
 
     fn moved(mesh: &TriangleMesh, by: impl Fn(&Point3<f64>) -> Point3<f64>) -> TriangleMesh {
-        TriangleMesh { vertices: mesh.vertices.iter().map(by).collect(), triangles: mesh.triangles.clone() }
+        TriangleMesh {
+            vertices: mesh.vertices.iter().map(by).collect(),
+            triangles: mesh.triangles.clone(),
+        }
     }
 
     #[test]
@@ -248,7 +313,12 @@ mod tests {
         let turn = Isometry3::new(Vector3::new(0.02, -0.01, 0.3), Vector3::new(0.5, -2.0, 1.0));
         let there = moved(&mesh, |p| turn * p);
         let pose = pose_of(&mesh, &there).expect("it was only moved");
-        let off = mesh.vertices.iter().zip(&there.vertices).map(|(p, q)| (pose * p - q).norm()).fold(0.0, f64::max);
+        let off = mesh
+            .vertices
+            .iter()
+            .zip(&there.vertices)
+            .map(|(p, q)| (pose * p - q).norm())
+            .fold(0.0, f64::max);
         assert!(off <= 1e-14, "{off}");
         assert_eq!(pose_of(&mesh, &mesh), Some(Isometry3::identity()));
         let size = Aabb::of_points(&mesh.vertices).extents().norm();
@@ -271,12 +341,22 @@ mod tests {
     fn a_bone_that_is_bent_is_a_body() {
         let mesh = icosphere(0.02, 1);
         let mut known = Known::default();
-        let file = |mesh: &TriangleMesh| MeshFile { mesh: mesh.clone(), ..MeshFile::default() };
+        let file = |mesh: &TriangleMesh| MeshFile {
+            mesh: mesh.clone(),
+            ..MeshFile::default()
+        };
         let (first, small) = known.shown(true, file(&mesh), &[]);
         assert!(matches!(first, Shown::Bone { .. }));
-        let (bent, large) = known.shown(true, file(&moved(&mesh, |p| Point3::from(p.coords * 1.1))), &[]);
+        let (bent, large) = known.shown(
+            true,
+            file(&moved(&mesh, |p| Point3::from(p.coords * 1.1))),
+            &[],
+        );
         assert!(matches!(bent, Shown::Body(_)) && large > small + 24 * mesh.vertices.len());
-        assert!(matches!(known.shown(false, file(&mesh), &[]).0, Shown::Body(_)));
+        assert!(matches!(
+            known.shown(false, file(&mesh), &[]).0,
+            Shown::Body(_)
+        ));
     }
 
     #[test]
@@ -284,7 +364,11 @@ mod tests {
         let mesh = icosphere(0.02, 1);
         let mut known = Known::default();
         let data = |held: f64| {
-            vec![PointData { name: "attached".into(), components: 1, values: vec![held; mesh.vertices.len()] }]
+            vec![PointData {
+                name: "attached".into(),
+                components: 1,
+                values: vec![held; mesh.vertices.len()],
+            }]
         };
         let (one, is_new) = known.shape_of(&mesh, Vec::new(), &data(1.0));
         assert!(is_new && one.held.len() == mesh.vertices.len() && one.origin == Origin::Scene);
@@ -293,15 +377,30 @@ mod tests {
         assert!(!is_new && Arc::ptr_eq(&one, &two));
         let (with, is_new) = known.shape_of(&mesh, vec![vec![0, 1, 11, 0]], &[]);
         assert!(is_new && with.origin == Origin::Bare && with.held.is_empty());
-        let known_edges: HashSet<_> = one.edges.iter().map(|e| [e[0].min(e[1]), e[0].max(e[1])]).collect();
-        let fresh = [[0, 1], [1, 11], [0, 11]].iter().filter(|e| !known_edges.contains(*e)).count();
+        let known_edges: HashSet<_> = one
+            .edges
+            .iter()
+            .map(|e| [e[0].min(e[1]), e[0].max(e[1])])
+            .collect();
+        let fresh = [[0, 1], [1, 11], [0, 11]]
+            .iter()
+            .filter(|e| !known_edges.contains(*e))
+            .count();
         assert_eq!(with.edges.len(), one.edges.len() + fresh);
     }
 
     #[test]
     fn what_was_used_longest_ago_goes_first() {
-        let shown = |x: f64| Arc::new(Shown::Bone { own: Arc::default(), pose: Isometry3::translation(x, 0.0, 0.0) });
-        let mut cache = Cache { most: 100, ..Cache::default() };
+        let shown = |x: f64| {
+            Arc::new(Shown::Bone {
+                own: Arc::default(),
+                pose: Isometry3::translation(x, 0.0, 0.0),
+            })
+        };
+        let mut cache = Cache {
+            most: 100,
+            ..Cache::default()
+        };
         for file in 0..4 {
             cache.put((0, file), shown(file as f64), 30);
         }
@@ -310,6 +409,9 @@ mod tests {
         cache.put((0, 4), shown(4.0), 30);
         assert!(cache.get((0, 2)).is_none() && cache.get((0, 1)).is_some());
         cache.put((0, 5), shown(5.0), 1000);
-        assert_eq!((cache.bytes, cache.kept.len(), cache.by_use.len()), (0, 0, 0));
+        assert_eq!(
+            (cache.bytes, cache.kept.len(), cache.by_use.len()),
+            (0, 0, 0)
+        );
     }
 }

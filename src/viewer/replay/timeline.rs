@@ -48,7 +48,11 @@ impl Timeline {
         for entry in collection.entries() {
             let (part, is_new) = index(&mut parts, (entry.name.as_str(), entry.part));
             if is_new {
-                let name = if entry.name.is_empty() { format!("part {}", entry.part) } else { entry.name.clone() };
+                let name = if entry.name.is_empty() {
+                    format!("part {}", entry.part)
+                } else {
+                    entry.name.clone()
+                };
                 all.parts.push(name);
             }
             let (file, is_new) = index(&mut files, entry.file.as_str());
@@ -58,7 +62,11 @@ impl Timeline {
             // Of the two zeros there is one moment.
             let (moment, is_new) = index(&mut times, (entry.time + 0.0).to_bits());
             if is_new {
-                all.moments.push(Moment { frame: moment, time: entry.time, shows: Vec::new() });
+                all.moments.push(Moment {
+                    frame: moment,
+                    time: entry.time,
+                    shows: Vec::new(),
+                });
             }
             all.moments[moment].shows.push((part, file));
         }
@@ -68,33 +76,56 @@ impl Timeline {
 
     /// Gives moments the numbers that their files have, where those rise: a file of what stood still since is older.
     fn number(&mut self) {
-        let latest = |moment: &Moment| moment.shows.iter().filter_map(|(_, file)| numbered(&self.files[*file])).max();
+        let latest = |moment: &Moment| {
+            moment
+                .shows
+                .iter()
+                .filter_map(|(_, file)| numbered(&self.files[*file]))
+                .max()
+        };
         let numbers: Option<Vec<usize>> = self.moments.iter().map(latest).collect();
         if let Some(numbers) = numbers.filter(|numbers| numbers.is_sorted_by(|a, b| a < b)) {
-            self.moments.iter_mut().zip(numbers).for_each(|(moment, number)| moment.frame = number);
+            self.moments
+                .iter_mut()
+                .zip(numbers)
+                .for_each(|(moment, number)| moment.frame = number);
         }
     }
 
     /// Frames a second at which it is played, and whether that is how it was run.
     pub fn rate(&self) -> (f64, bool) {
-        let apart = self.moments.windows(2).map(|pair| (pair[1].time - pair[0].time).abs());
+        let apart = self
+            .moments
+            .windows(2)
+            .map(|pair| (pair[1].time - pair[0].time).abs());
         let rate = median(apart.filter(|seconds| *seconds > 0.0).collect()).map(f64::recip);
-        rate.filter(|rate| RATES.contains(rate)).map_or((USUAL_RATE, false), |rate| (rate, true))
+        rate.filter(|rate| RATES.contains(rate))
+            .map_or((USUAL_RATE, false), |rate| (rate, true))
     }
 
     /// The moment whose frame is nearest to a number, the earlier of two; `None` without moments.
     pub fn nearest(&self, frame: usize) -> Option<usize> {
         let behind = self.moments.partition_point(|moment| moment.frame < frame);
-        let around = [behind.checked_sub(1), (behind < self.moments.len()).then_some(behind)];
-        around.into_iter().flatten().min_by_key(|k| self.moments[*k].frame.abs_diff(frame))
+        let around = [
+            behind.checked_sub(1),
+            (behind < self.moments.len()).then_some(behind),
+        ];
+        around
+            .into_iter()
+            .flatten()
+            .min_by_key(|k| self.moments[*k].frame.abs_diff(frame))
     }
 }
 
 /// The number at the end of a file's name, as in `muscle_0012.vtp`.
 fn numbered(file: &str) -> Option<usize> {
     let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
-    stem.rsplit_once('_')
-        .and_then(|(_, digits)| digits.bytes().all(|b| b.is_ascii_digit()).then(|| digits.parse().ok())?)
+    stem.rsplit_once('_').and_then(|(_, digits)| {
+        digits
+            .bytes()
+            .all(|b| b.is_ascii_digit())
+            .then(|| digits.parse().ok())?
+    })
 }
 
 #[cfg(test)]
@@ -105,7 +136,12 @@ mod tests {
     fn collection(entries: &[(f64, usize, &str, &str)]) -> Collection {
         let mut collection = Collection::new();
         for &(time, part, name, file) in entries {
-            collection.push(Entry { time, part, name: name.to_owned(), file: file.to_owned() });
+            collection.push(Entry {
+                time,
+                part,
+                name: name.to_owned(),
+                file: file.to_owned(),
+            });
         }
         collection
     }
@@ -119,7 +155,10 @@ mod tests {
             (0.1, 1, "bone_b", "frames/bone_b_0000.vtp"),
             (0.2, 0, "a", "frames/a_0006.vtp"),
         ]));
-        assert_eq!((timeline.parts.as_slice(), timeline.files.len()), (&["a".to_owned(), "bone_b".to_owned()][..], 4));
+        assert_eq!(
+            (timeline.parts.as_slice(), timeline.files.len()),
+            (&["a".to_owned(), "bone_b".to_owned()][..], 4)
+        );
         let frames: Vec<usize> = timeline.moments.iter().map(|m| m.frame).collect();
         assert_eq!(frames, [0, 4, 6]);
         assert_eq!(timeline.moments[1].shows, [(0, 2), (1, 1)]);
@@ -132,13 +171,31 @@ mod tests {
 
     #[test]
     fn files_without_numbers_are_counted() {
-        for files in [["x.vtp", "y.vtp"], ["a_2.vtp", "a_1.vtp"], ["a_1.vtp", "a_1.vtp"], ["a_1.vtp", "a_.vtp"]] {
-            let timeline = Timeline::of(&collection(&[(-0.0, 0, "", files[0]), (3.0, 0, "", files[1])]));
+        for files in [
+            ["x.vtp", "y.vtp"],
+            ["a_2.vtp", "a_1.vtp"],
+            ["a_1.vtp", "a_1.vtp"],
+            ["a_1.vtp", "a_.vtp"],
+        ] {
+            let timeline = Timeline::of(&collection(&[
+                (-0.0, 0, "", files[0]),
+                (3.0, 0, "", files[1]),
+            ]));
             let frames: Vec<usize> = timeline.moments.iter().map(|m| m.frame).collect();
-            assert_eq!((frames, timeline.parts), (vec![0, 1], vec!["part 0".to_owned()]), "{files:?}");
+            assert_eq!(
+                (frames, timeline.parts),
+                (vec![0, 1], vec!["part 0".to_owned()]),
+                "{files:?}"
+            );
         }
         assert_eq!(numbered("a_0012.vtp"), Some(12));
-        for name in ["a.vtp", "a_b.vtp", "a_-1.vtp", "a_99999999999999999999.vtp", "a_.vtp"] {
+        for name in [
+            "a.vtp",
+            "a_b.vtp",
+            "a_-1.vtp",
+            "a_99999999999999999999.vtp",
+            "a_.vtp",
+        ] {
             assert_eq!(numbered(name), None, "{name}");
         }
     }

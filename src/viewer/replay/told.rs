@@ -57,20 +57,27 @@ impl Told {
         match contents(&folder.join("summary.json")) {
             Ok(Some(bytes)) => match serde_json::from_slice::<Value>(&bytes) {
                 Ok(summary) => told.take(&summary),
-                Err(error) => told.notes.push(format!("summary.json: {error}; its notes are left out")),
+                Err(error) => told
+                    .notes
+                    .push(format!("summary.json: {error}; its notes are left out")),
             },
             Ok(None) => {}
-            Err(error) => told.notes.push(format!("summary.json cannot be read: {error}; its notes are left out")),
+            Err(error) => told.notes.push(format!(
+                "summary.json cannot be read: {error}; its notes are left out"
+            )),
         }
         match contents(&folder.join("measures.csv")) {
             Ok(Some(bytes)) => {
                 if let Err(error) = told.take_measures(&bytes) {
                     (told.bodies, told.frames) = Default::default();
-                    told.notes.push(format!("measures.csv: {error}; its numbers are left out"));
+                    told.notes
+                        .push(format!("measures.csv: {error}; its numbers are left out"));
                 }
             }
             Ok(None) => {}
-            Err(error) => told.notes.push(format!("measures.csv cannot be read: {error}; its numbers are left out")),
+            Err(error) => told.notes.push(format!(
+                "measures.csv cannot be read: {error}; its numbers are left out"
+            )),
         }
         told
     }
@@ -82,15 +89,31 @@ impl Told {
             self.kind = Kind::Lattice;
         }
         if summary["interrupted"] == true {
-            let of = |key: &str| summary[key].as_u64().map_or("?".to_owned(), |n| n.to_string());
-            self.notes.push(format!("the run was interrupted at frame {} of {}", of("frames"), of("frames_wanted")));
+            let of = |key: &str| {
+                summary[key]
+                    .as_u64()
+                    .map_or("?".to_owned(), |n| n.to_string())
+            };
+            self.notes.push(format!(
+                "the run was interrupted at frame {} of {}",
+                of("frames"),
+                of("frames_wanted")
+            ));
         }
-        for row in summary["effects"]["left_out"].as_array().into_iter().flatten() {
+        for row in summary["effects"]["left_out"]
+            .as_array()
+            .into_iter()
+            .flatten()
+        {
             if let (Some(muscle), Some(effect)) = (row["muscle"].as_str(), row["effect"].as_str()) {
                 self.left_out.insert((muscle.to_owned(), effect.to_owned()));
             }
         }
-        let notes = summary["notes"].as_array().into_iter().flatten().filter_map(Value::as_str);
+        let notes = summary["notes"]
+            .as_array()
+            .into_iter()
+            .flatten()
+            .filter_map(Value::as_str);
         self.notes.extend(notes.take(MOST_NOTES).map(str::to_owned));
     }
 
@@ -99,7 +122,9 @@ impl Told {
         let mut table = csv::Reader::from_reader(bytes);
         let heads = table.headers().map_err(|e| e.to_string())?.clone();
         let column = |name: &str| heads.iter().position(|head| head == name);
-        let Some(frame) = column("frame") else { return Ok(()) };
+        let Some(frame) = column("frame") else {
+            return Ok(());
+        };
         let body = column("muscle").or_else(|| column("part"));
         let numbers = [column("volume_error"), column("penetration_m")];
         if numbers.iter().all(Option::is_none) {
@@ -109,7 +134,8 @@ impl Told {
             let row = row.map_err(|e| e.to_string())?;
             let line = row.position().map_or(0, csv::Position::line);
             let word = |column: usize| row.get(column).unwrap_or_default();
-            let wrong = |column: usize| format!("line {line}: `{}` is no {}", word(column), &heads[column]);
+            let wrong =
+                |column: usize| format!("line {line}: `{}` is no {}", word(column), &heads[column]);
             let number = word(frame).parse::<usize>().map_err(|_| wrong(frame))?;
             let mut read = [None; 2];
             for (value, column) in read.iter_mut().zip(numbers) {
@@ -122,21 +148,31 @@ impl Told {
             let [volume_error, depth] = [("volume", read[0]), ("contact", read[1])]
                 .map(|(effect, value)| value.filter(|_| !self.does_without(name, effect)));
             let body = self.body(name);
-            self.frames.entry(number).or_default().push(Measured { body, volume_error, depth });
+            self.frames.entry(number).or_default().push(Measured {
+                body,
+                volume_error,
+                depth,
+            });
         }
         Ok(())
     }
 
     fn does_without(&self, muscle: &str, effect: &str) -> bool {
         // What concerns all has no name.
-        ["", muscle].iter().any(|name| self.left_out.contains(&((*name).to_owned(), effect.to_owned())))
+        ["", muscle].iter().any(|name| {
+            self.left_out
+                .contains(&((*name).to_owned(), effect.to_owned()))
+        })
     }
 
     fn body(&mut self, name: &str) -> usize {
-        self.bodies.iter().position(|known| known == name).unwrap_or_else(|| {
-            self.bodies.push(name.to_owned());
-            self.bodies.len() - 1
-        })
+        self.bodies
+            .iter()
+            .position(|known| known == name)
+            .unwrap_or_else(|| {
+                self.bodies.push(name.to_owned());
+                self.bodies.len() - 1
+            })
     }
 }
 
@@ -148,8 +184,14 @@ fn contents(path: &Path) -> Result<Option<Vec<u8>>, String> {
         Err(error) => return Err(error.to_string()),
     };
     let mut bytes = Vec::new();
-    file.take(MOST_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    if bytes.len() as u64 > MOST_BYTES { Err(format!("more than {MOST_BYTES} bytes")) } else { Ok(Some(bytes)) }
+    file.take(MOST_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > MOST_BYTES {
+        Err(format!("more than {MOST_BYTES} bytes"))
+    } else {
+        Ok(Some(bytes))
+    }
 }
 
 #[cfg(test)]
@@ -166,19 +208,47 @@ mod tests {
 
     #[test]
     fn measures_are_found_by_frame_and_body() {
-        let table =
-            "frame,time_s,muscle,volume_error,penetration_m\n0,0,\"a,b\",0.0,1e-3\n0,0,c,1e-7,0\n7,1,c,-2e-7,0.5\n";
+        let table = "frame,time_s,muscle,volume_error,penetration_m\n0,0,\"a,b\",0.0,1e-3\n0,0,c,1e-7,0\n7,1,c,-2e-7,0.5\n";
         let (told, result) = measures(table);
-        assert_eq!((result, told.bodies.as_slice()), (Ok(()), &["a,b".to_owned(), "c".to_owned()][..]));
-        assert_eq!(told.frames[&7], [Measured { body: 1, volume_error: Some(-2e-7), depth: Some(0.5) }]);
-        assert_eq!(told.frames[&0][0], Measured { body: 0, volume_error: None, depth: Some(1e-3) }, "none was kept");
+        assert_eq!(
+            (result, told.bodies.as_slice()),
+            (Ok(()), &["a,b".to_owned(), "c".to_owned()][..])
+        );
+        assert_eq!(
+            told.frames[&7],
+            [Measured {
+                body: 1,
+                volume_error: Some(-2e-7),
+                depth: Some(0.5)
+            }]
+        );
+        assert_eq!(
+            told.frames[&0][0],
+            Measured {
+                body: 0,
+                volume_error: None,
+                depth: Some(1e-3)
+            },
+            "none was kept"
+        );
         // Other commands write tables of other things.
         for other in ["step,time_s\n1,2\n", "frame,moved_m\n1,2\n", ""] {
             let (told, result) = measures(other);
-            assert_eq!((told.frames.len(), told.bodies.len(), result), (0, 0, Ok(())), "{other}");
+            assert_eq!(
+                (told.frames.len(), told.bodies.len(), result),
+                (0, 0, Ok(())),
+                "{other}"
+            );
         }
         let (skin, _) = measures("frame,part,penetration_m\n1,left,2\n");
-        assert_eq!(skin.frames[&1], [Measured { body: 0, volume_error: None, depth: Some(2.0) }]);
+        assert_eq!(
+            skin.frames[&1],
+            [Measured {
+                body: 0,
+                volume_error: None,
+                depth: Some(2.0)
+            }]
+        );
     }
 
     #[test]
@@ -202,10 +272,17 @@ mod tests {
             told.take(&serde_json::from_str(text).unwrap_or_default());
             told
         };
-        assert_eq!(of(r#"{"skin": "sheet"}"#).kind, Kind::Skin("sheet".to_owned()));
+        assert_eq!(
+            of(r#"{"skin": "sheet"}"#).kind,
+            Kind::Skin("sheet".to_owned())
+        );
         assert_eq!(of(r#"{"lattice": {"points": 8}}"#).kind, Kind::Lattice);
-        let interrupted = of(r#"{"interrupted": true, "frames": 3, "frames_wanted": 9, "notes": ["n", 5]}"#);
-        assert_eq!(interrupted.notes, ["the run was interrupted at frame 3 of 9", "n"]);
+        let interrupted =
+            of(r#"{"interrupted": true, "frames": 3, "frames_wanted": 9, "notes": ["n", 5]}"#);
+        assert_eq!(
+            interrupted.notes,
+            ["the run was interrupted at frame 3 of 9", "n"]
+        );
         assert_eq!(of("[]"), Told::default());
     }
 }

@@ -23,19 +23,37 @@ fn fails_at_two(simulation: &mut Simulation) {
 fn a_panic_is_told_and_a_reset_helps() {
     let session = started(fails_at_two);
     let first = session.send(Command::Step);
-    let shot = session.wait(LONG, |s| s.answered >= first).expect("an answer");
-    assert_eq!((shot.frame, &shot.failed), (1, &None), "the first frame does not fail");
+    let shot = session
+        .wait(LONG, |s| s.answered >= first)
+        .expect("an answer");
+    assert_eq!(
+        (shot.frame, &shot.failed),
+        (1, &None),
+        "the first frame does not fail"
+    );
     session.send(Command::Run);
-    let shot = session.wait(LONG, |s| s.failed.is_some()).expect("to be told");
-    assert_eq!(shot.failed.as_deref(), Some("frame 2: the simulation panicked: the second frame is too much"));
+    let shot = session
+        .wait(LONG, |s| s.failed.is_some())
+        .expect("to be told");
+    assert_eq!(
+        shot.failed.as_deref(),
+        Some("frame 2: the simulation panicked: the second frame is too much")
+    );
     assert!(!shot.running);
     let refused = session.send(Command::Step);
-    let shot = session.wait(LONG, |s| s.answered >= refused).expect("an answer");
+    let shot = session
+        .wait(LONG, |s| s.answered >= refused)
+        .expect("an answer");
     let (number, why) = shot.refused.clone().expect("a refusal");
-    assert!(number == refused && why.ends_with("reset it first"), "{why}");
+    assert!(
+        number == refused && why.ends_with("reset it first"),
+        "{why}"
+    );
     session.send(Command::Reset);
     let again = session.send(Command::Step);
-    let shot = session.wait(LONG, |s| s.answered >= again).expect("an answer");
+    let shot = session
+        .wait(LONG, |s| s.answered >= again)
+        .expect("an answer");
     assert_eq!((shot.frame, &shot.failed), (1, &None));
 }
 
@@ -48,9 +66,16 @@ fn a_muscle_that_is_stopped_is_told() {
         simulation.step_frame();
     });
     session.send(Command::Run);
-    let shot = session.wait(LONG, |s| s.bodies[0].stopped.is_some()).expect("to be told");
+    let shot = session
+        .wait(LONG, |s| s.bodies[0].stopped.is_some())
+        .expect("to be told");
     let (frame, why) = shot.bodies[0].stopped.clone().expect("why");
     assert!(frame == 3 && why.contains("not finite"), "{frame} {why}");
     assert!(!shot.running && shot.failed.is_none());
-    assert!(shot.bodies[0].positions.iter().all(|x| x.coords.iter().all(|c| c.is_finite())));
+    assert!(
+        shot.bodies[0]
+            .positions
+            .iter()
+            .all(|x| x.coords.iter().all(|c| c.is_finite()))
+    );
 }

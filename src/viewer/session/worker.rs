@@ -34,7 +34,11 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(subject: Box<dyn Subject>, pace: Pace, (sent, ended): (Arc<AtomicU64>, Arc<AtomicBool>)) -> Self {
+    pub(super) fn new(
+        subject: Box<dyn Subject>,
+        pace: Pace,
+        (sent, ended): (Arc<AtomicU64>, Arc<AtomicBool>),
+    ) -> Self {
         Self {
             subject,
             pace,
@@ -137,7 +141,9 @@ impl Worker {
     }
 
     fn check_sound(&self) -> Result<(), Refused> {
-        self.failed.clone().map_or(Ok(()), |why| Err(Refused::Failed(why)))
+        self.failed
+            .clone()
+            .map_or(Ok(()), |why| Err(Refused::Failed(why)))
     }
 
     fn advance(&mut self) {
@@ -145,7 +151,11 @@ impl Worker {
             return;
         }
         let begun = Instant::now();
-        let watch = Watch { ended: &self.ended, sent: &self.sent, answered: self.answered };
+        let watch = Watch {
+            ended: &self.ended,
+            sent: &self.sent,
+            answered: self.answered,
+        };
         let subject = &mut self.subject;
         let advanced = catch_unwind(AssertUnwindSafe(|| subject.advance(watch)))
             .unwrap_or_else(|panic| Advanced::Failed(format!("it panicked: {}", words(&*panic))));
@@ -171,7 +181,9 @@ impl Worker {
             self.ends.pop_front();
         }
         let period = match self.pace.speed {
-            Speed::Share(share) => Duration::try_from_secs_f64(1.0 / (self.subject.frame_rate() * share)),
+            Speed::Share(share) => {
+                Duration::try_from_secs_f64(1.0 / (self.subject.frame_rate() * share))
+            }
             Speed::Free => Ok(Duration::ZERO),
         };
         // What is late is not made up for.
@@ -181,7 +193,9 @@ impl Worker {
     pub(super) fn snapshot(&mut self) -> Snapshot {
         self.serial += 1;
         let rate = match (self.ends.front(), self.ends.back()) {
-            (Some(first), Some(last)) if last > first => (self.ends.len() - 1) as f64 / (*last - *first).as_secs_f64(),
+            (Some(first), Some(last)) if last > first => {
+                (self.ends.len() - 1) as f64 / (*last - *first).as_secs_f64()
+            }
             _ => 0.0,
         };
         Snapshot {
@@ -203,7 +217,12 @@ fn overtakes(next: &Command, before: &Command) -> bool {
     match (before, next) {
         (Command::Set { path, .. }, Command::Set { path: later, .. }) => path == later,
         (Command::Turn { bone, .. }, Command::Turn { bone: later, .. }) => bone == later,
-        (Command::Drag { body, vertex, .. }, Command::Drag { body: b, vertex: v, .. }) => (body, vertex) == (b, v),
+        (
+            Command::Drag { body, vertex, .. },
+            Command::Drag {
+                body: b, vertex: v, ..
+            },
+        ) => (body, vertex) == (b, v),
         (Command::Move { handle, .. }, Command::Move { handle: later, .. }) => handle == later,
         (Command::Seek { .. }, Command::Seek { .. })
         | (Command::Speed(_), Command::Speed(_))

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use kiss3d::prelude::Window;
 
-use crate::viewer::recording::{Pushed, Recorded, Recorder, Recording, RecordingError, free_name, save_png};
+use crate::viewer::recording::{
+    Pushed, Recorded, Recorder, Recording, RecordingError, free_name, save_png,
+};
 
 /// What is recorded or written.
 pub struct Capture {
@@ -22,7 +24,14 @@ impl Capture {
     /// Pictures go into `folder`, called after `name`.
     pub fn new(folder: &Path, name: &str) -> Self {
         let (folder, name) = (folder.to_owned(), name.to_owned());
-        Self { folder, name, film: None, writing: None, is_read: false, is_wanted: false }
+        Self {
+            folder,
+            name,
+            film: None,
+            writing: None,
+            is_read: false,
+            is_wanted: false,
+        }
     }
 
     /// Whether a film is being recorded.
@@ -52,7 +61,9 @@ impl Capture {
             self.writing = Some(film.stop());
             return text;
         }
-        let begun = self.next_name("gif").and_then(|path| Recorder::start(&path));
+        let begun = self
+            .next_name("gif")
+            .and_then(|path| Recorder::start(&path));
         match begun {
             Ok(film) => {
                 let text = format!("recording {}", film.path().display());
@@ -64,7 +75,10 @@ impl Capture {
     }
 
     fn next_name(&self, ending: &str) -> Result<PathBuf, RecordingError> {
-        let refused = |source| RecordingError::Write { path: self.folder.clone(), source };
+        let refused = |source| RecordingError::Write {
+            path: self.folder.clone(),
+            source,
+        };
         std::fs::create_dir_all(&self.folder).map_err(refused)?;
         free_name(&self.folder, &self.name, ending)
     }
@@ -76,7 +90,12 @@ impl Capture {
             // What was begun after the last picture is there by now.
             self.is_read = false;
             if let Some(image) = window.snap_finish() {
-                said = self.push(image.width() as usize, image.height() as usize, image.as_raw(), width);
+                said = self.push(
+                    image.width() as usize,
+                    image.height() as usize,
+                    image.as_raw(),
+                    width,
+                );
             }
         }
         if self.film.as_ref().is_some_and(Recorder::is_due) {
@@ -84,7 +103,10 @@ impl Capture {
             self.is_read = true;
         }
         if std::mem::take(&mut self.is_wanted) {
-            said = Some(self.save(window, width).unwrap_or_else(|error| error.to_string()));
+            said = Some(
+                self.save(window, width)
+                    .unwrap_or_else(|error| error.to_string()),
+            );
         }
         said.or_else(|| self.written())
     }
@@ -132,14 +154,32 @@ impl Capture {
 }
 
 fn in_words(film: &Recorded) -> String {
-    let Recorded { path, pictures, dropped, is_full } = film;
-    let lacks = if *dropped > 0 { format!(", {dropped} more were dropped") } else { String::new() };
-    let full = if *is_full { "; it was as long as it may be" } else { "" };
+    let Recorded {
+        path,
+        pictures,
+        dropped,
+        is_full,
+    } = film;
+    let lacks = if *dropped > 0 {
+        format!(", {dropped} more were dropped")
+    } else {
+        String::new()
+    };
+    let full = if *is_full {
+        "; it was as long as it may be"
+    } else {
+        ""
+    };
     format!("wrote {}: {pictures} pictures{lacks}{full}", path.display())
 }
 
 /// The left `wanted` columns of a picture.
 fn left(width: usize, rgb: &[u8], wanted: usize) -> (usize, Vec<u8>) {
     let wanted = wanted.clamp(1, width.max(1));
-    (wanted, rgb.chunks_exact(3 * width.max(1)).flat_map(|row| row[..3 * wanted].iter().copied()).collect())
+    (
+        wanted,
+        rgb.chunks_exact(3 * width.max(1))
+            .flat_map(|row| row[..3 * wanted].iter().copied())
+            .collect(),
+    )
 }

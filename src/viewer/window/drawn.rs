@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use kiss3d::prelude::{
-    AlphaMode, Color, Light, LightType, Polyline3d, Pose3, Quat, SceneNode3d, Texture, TextureManager, Vec2, Vec3,
-    Window,
+    AlphaMode, Color, Light, LightType, Polyline3d, Pose3, Quat, SceneNode3d, Texture,
+    TextureManager, Vec2, Vec3, Window,
 };
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -48,7 +48,15 @@ pub struct Look {
 impl Default for Look {
     fn default() -> Self {
         let (bones, skin) = (0.45, 0.8);
-        Self { bones, skin, wireframe: false, fibres: true, attachments: false, contacts: false, light: (-0.5, 0.6) }
+        Self {
+            bones,
+            skin,
+            wireframe: false,
+            fibres: true,
+            attachments: false,
+            contacts: false,
+            light: (-0.5, 0.6),
+        }
     }
 }
 
@@ -85,7 +93,11 @@ pub fn ink(colour: Rgb, opacity: f32) -> Color {
 /// A component of sRGB as light (IEC 61966-2-1).
 fn linear(c: f32) -> f32 {
     let c = f64::from(c);
-    let light = if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) };
+    let light = if c <= 0.04045 {
+        c / 12.92
+    } else {
+        libm::pow((c + 0.055) / 1.055, 2.4)
+    };
     light as f32
 }
 
@@ -94,7 +106,15 @@ impl Drawn {
     pub fn new() -> Self {
         let mut root = SceneNode3d::empty();
         let light = root.add_directional_light(Vec3::new(0.0, 0.0, -1.0));
-        Self { root, light, bodies: Vec::new(), bones: Vec::new(), stage: Arc::default(), map: map(), serial: None }
+        Self {
+            root,
+            light,
+            bodies: Vec::new(),
+            bones: Vec::new(),
+            stage: Arc::default(),
+            map: map(),
+            serial: None,
+        }
     }
 
     /// Puts up what cannot be seen, of each kind that will be drawn: drivers make ready for a kind when they first meet it.
@@ -105,7 +125,11 @@ impl Drawn {
             let mut node = self.add(point.clone(), vec![[0, 1, 2]], Some(vec![Vec3::Z; 3]), uvs);
             node.set_texture(self.map.clone());
             node.set_color(ink(colour::BONE, opacity));
-            node.set_alpha_mode(if opacity < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque });
+            node.set_alpha_mode(if opacity < 1.0 {
+                AlphaMode::Blend
+            } else {
+                AlphaMode::Opaque
+            });
             // They go with the first stage.
             self.bodies.push(node);
         }
@@ -114,7 +138,11 @@ impl Drawn {
     /// As [`Self::rehearse`], of lines and points.
     pub fn rehearse_lines(window: &mut Window) {
         let nothing = ink(colour::BONE, 0.0);
-        window.draw_polyline(&Polyline3d::new(vec![Vec3::ZERO; 2]).with_color(nothing).with_width(1.0));
+        window.draw_polyline(
+            &Polyline3d::new(vec![Vec3::ZERO; 2])
+                .with_color(nothing)
+                .with_width(1.0),
+        );
         window.draw_point(Vec3::ZERO, nothing, 0.0);
     }
 
@@ -125,11 +153,19 @@ impl Drawn {
 
     /// Makes the nodes of another stage.
     fn set(&mut self, stage: &Arc<Stage>) {
-        self.bodies.iter_mut().chain(&mut self.bones).for_each(SceneNode3d::remove);
+        self.bodies
+            .iter_mut()
+            .chain(&mut self.bones)
+            .for_each(SceneNode3d::remove);
         self.bodies.clear();
         self.bones.clear();
         for body in &stage.bodies {
-            let count = body.triangles.iter().flatten().max().map_or(0, |v| *v as usize + 1);
+            let count = body
+                .triangles
+                .iter()
+                .flatten()
+                .max()
+                .map_or(0, |v| *v as usize + 1);
             let vertices = vec![Vec3::ZERO; count];
             let normals = Some(vec![Vec3::Z; count]);
             let uvs = Some(vec![Vec2::ZERO; count]);
@@ -156,7 +192,9 @@ impl Drawn {
         uvs: Option<Vec<Vec2>>,
     ) -> SceneNode3d {
         let mesh = kiss3d::resource::GpuMesh3d::new(vertices, faces, normals, uvs, true);
-        let mut node = self.root.add_mesh(std::rc::Rc::new(std::cell::RefCell::new(mesh)), Vec3::ONE);
+        let mut node = self
+            .root
+            .add_mesh(std::rc::Rc::new(std::cell::RefCell::new(mesh)), Vec3::ONE);
         node.enable_backface_culling(false);
         node.set_roughness(0.7);
         node.set_metallic(0.0);
@@ -173,19 +211,32 @@ impl Drawn {
             return;
         }
         self.serial = Some(serial);
-        for (node, (body, stage)) in self.bodies.iter_mut().zip(shot.bodies.iter().zip(&shot.stage.bodies)) {
+        for (node, (body, stage)) in self
+            .bodies
+            .iter_mut()
+            .zip(shot.bodies.iter().zip(&shot.stage.bodies))
+        {
             if stage.triangles.is_empty() {
                 continue;
             }
-            let count = stage.triangles.iter().flatten().max().map_or(0, |v| *v as usize + 1);
+            let count = stage
+                .triangles
+                .iter()
+                .flatten()
+                .max()
+                .map_or(0, |v| *v as usize + 1);
             node.modify_vertices(&mut |x| {
-                x.iter_mut().zip(&body.positions[..count.min(body.positions.len())]).for_each(|(x, p)| *x = vec3(p));
+                x.iter_mut()
+                    .zip(&body.positions[..count.min(body.positions.len())])
+                    .for_each(|(x, p)| *x = vec3(p));
             });
             let normals = vertex_normals(&body.positions, &stage.triangles, count);
             node.modify_normals(&mut |n| n.copy_from_slice(&normals));
             let places = places(body, colouring);
             node.modify_uvs(&mut |uv| {
-                uv.iter_mut().enumerate().for_each(|(v, uv)| *uv = Vec2::new(places.get(v).map_or(0.0, |p| *p), 0.5));
+                uv.iter_mut()
+                    .enumerate()
+                    .for_each(|(v, uv)| *uv = Vec2::new(places.get(v).map_or(0.0, |p| *p), 0.5));
             });
         }
         for (node, bone) in self.bones.iter_mut().zip(&shot.bones) {
@@ -194,15 +245,30 @@ impl Drawn {
     }
 
     /// Sets colours, opacities and light.
-    pub fn dress(&mut self, look: &Look, shot: &Shot, colouring: &Colouring, rotation: &UnitQuaternion<f64>) {
+    pub fn dress(
+        &mut self,
+        look: &Look,
+        shot: &Shot,
+        colouring: &Colouring,
+        rotation: &UnitQuaternion<f64>,
+    ) {
         let (right, up) = look.light;
-        let turn =
-            UnitQuaternion::from_euler_angles(0.0, right, 0.0) * UnitQuaternion::from_euler_angles(-up, 0.0, 0.0);
+        let turn = UnitQuaternion::from_euler_angles(0.0, right, 0.0)
+            * UnitQuaternion::from_euler_angles(-up, 0.0, 0.0);
         let from = rotation * (turn * Vector3::z());
         let along = -vec3(&Point3::from(from));
-        let light = Light { light_type: LightType::Directional(along), intensity: LIGHT, ..Light::default() };
+        let light = Light {
+            light_type: LightType::Directional(along),
+            intensity: LIGHT,
+            ..Light::default()
+        };
         self.light.set_light(Some(light));
-        for ((node, stage), body) in self.bodies.iter_mut().zip(&shot.stage.bodies).zip(&shot.bodies) {
+        for ((node, stage), body) in self
+            .bodies
+            .iter_mut()
+            .zip(&shot.stage.bodies)
+            .zip(&shot.bodies)
+        {
             let has_fibres = look.fibres && !stage.fibres.is_empty();
             let opacity = match stage.tissue {
                 Tissue::Skin => look.skin,
@@ -210,7 +276,8 @@ impl Drawn {
                 _ if has_fibres => 0.75,
                 _ => 1.0,
             };
-            let has_field = stage.tissue != Tissue::Bone && !colouring.field.values(body).is_empty();
+            let has_field =
+                stage.tissue != Tissue::Bone && !colouring.field.values(body).is_empty();
             let plain = match stage.tissue {
                 Tissue::Muscle => colour::MUSCLE,
                 Tissue::Bone => colour::BONE,
@@ -226,13 +293,21 @@ impl Drawn {
                 TextureManager::get_global_manager(|m| m.get_default())
             });
             node.set_color(ink(tint, opacity));
-            node.set_alpha_mode(if opacity < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque });
+            node.set_alpha_mode(if opacity < 1.0 {
+                AlphaMode::Blend
+            } else {
+                AlphaMode::Opaque
+            });
             node.set_lines_width(if look.wireframe { 1.0 } else { 0.0 }, false);
             node.set_lines_color(Some(ink([0.05; 3], 1.0)));
         }
         for node in &mut self.bones {
             node.set_color(ink(colour::BONE, look.bones));
-            node.set_alpha_mode(if look.bones < 1.0 { AlphaMode::Blend } else { AlphaMode::Opaque });
+            node.set_alpha_mode(if look.bones < 1.0 {
+                AlphaMode::Blend
+            } else {
+                AlphaMode::Opaque
+            });
             node.set_visible(look.bones > 0.0);
             node.set_lines_width(if look.wireframe { 1.0 } else { 0.0 }, false);
             node.set_lines_color(Some(ink([0.3; 3], 1.0)));
@@ -262,7 +337,10 @@ impl Drawn {
                 (true, &body.fixed, FIXED),
             ];
             for (_, vertices, ink_of) in sets.into_iter().filter(|(shown, ..)| *shown) {
-                vertices.iter().filter_map(x).for_each(|p| window.draw_point(p, ink(ink_of, 1.0), 6.0));
+                vertices
+                    .iter()
+                    .filter_map(x)
+                    .for_each(|p| window.draw_point(p, ink(ink_of, 1.0), 6.0));
             }
             if let Some((vertex, to)) = &body.dragged
                 && let Some(from) = x(vertex)
@@ -272,7 +350,10 @@ impl Drawn {
             }
         }
         if let Some(probe) = &shot.probe
-            && let Some(p) = shot.bodies.get(probe.body).and_then(|b| b.positions.get(probe.vertex))
+            && let Some(p) = shot
+                .bodies
+                .get(probe.body)
+                .and_then(|b| b.positions.get(probe.vertex))
         {
             window.draw_point(vec3(p), ink(PICKED, 1.0), 10.0);
         }
@@ -289,7 +370,11 @@ fn places(body: &BodyShot, colouring: &Colouring) -> Vec<f32> {
         let place = ColourMap::place(*value, colouring.range);
         // Half a step in from both ends, as textures repeat.
         let inner = |t: f64| (0.5 + t.clamp(0.0, 1.0) * (STEPS - 1) as f64) / (STEPS + 1) as f64;
-        if place.is_nan() { (STEPS as f32 + 0.5) / (STEPS + 1) as f32 } else { inner(place) as f32 }
+        if place.is_nan() {
+            (STEPS as f32 + 0.5) / (STEPS + 1) as f32
+        } else {
+            inner(place) as f32
+        }
     };
     values.iter().map(at).collect()
 }

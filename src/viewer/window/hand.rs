@@ -56,7 +56,10 @@ pub struct Field {
 impl Field {
     /// A place of the window [px] as one of the camera's screen.
     fn place(&self, x: f64, y: f64) -> Point2<f64> {
-        Point2::new((x - 0.5 * self.width) / self.height, (0.5 * self.height - y) / self.height)
+        Point2::new(
+            (x - 0.5 * self.width) / self.height,
+            (0.5 * self.height - y) / self.height,
+        )
     }
 }
 
@@ -93,9 +96,15 @@ impl Hand {
             WindowEvent::MouseButton(button, Action::Press, modifiers) if is_over_scene => {
                 self.presses(button, modifiers, camera, shot);
             }
-            WindowEvent::MouseButton(button, Action::Release, _) => return self.lets_go(button, camera, shot),
-            WindowEvent::Scroll(_, notches, modifiers) if is_over_scene => scroll(notches, modifiers, camera),
-            WindowEvent::Key(key, Action::Press, modifiers) => return keyed(key, modifiers, camera, shot),
+            WindowEvent::MouseButton(button, Action::Release, _) => {
+                return self.lets_go(button, camera, shot);
+            }
+            WindowEvent::Scroll(_, notches, modifiers) if is_over_scene => {
+                scroll(notches, modifiers, camera)
+            }
+            WindowEvent::Key(key, Action::Press, modifiers) => {
+                return keyed(key, modifiers, camera, shot);
+            }
             _ => {}
         }
         (None, None)
@@ -115,7 +124,12 @@ impl Hand {
             Some(Grip::Moves(picked, from, began)) => {
                 let to = from + camera.in_plane_at(&from, at - began);
                 self.moved = Some(match picked {
-                    Picked::Vertex(body, vertex) => Command::Drag { body, vertex, to, stiffness: None },
+                    Picked::Vertex(body, vertex) => Command::Drag {
+                        body,
+                        vertex,
+                        to,
+                        stiffness: None,
+                    },
                     Picked::Handle(handle) => Command::Move { handle, to },
                 });
             }
@@ -126,24 +140,39 @@ impl Hand {
 
     fn presses(&mut self, button: MouseButton, modifiers: Modifiers, camera: &Camera, shot: &Shot) {
         let plain = !modifiers.intersects(Modifiers::Shift | Modifiers::Control);
-        let picked = if plain { pick(shot, camera, self.at, |_| true) } else { None };
+        let picked = if plain {
+            pick(shot, camera, self.at, |_| true)
+        } else {
+            None
+        };
         let grip = match (button, picked) {
-            (MouseButton::Button1, Some(handle @ Picked::Handle(_))) => place_of(&handle, shot).map(|p| (handle, p)),
+            (MouseButton::Button1, Some(handle @ Picked::Handle(_))) => {
+                place_of(&handle, shot).map(|p| (handle, p))
+            }
             (MouseButton::Button2, Some(picked)) => place_of(&picked, shot).map(|p| (picked, p)),
             _ => None,
         };
         self.grip = match (grip, button) {
             (Some((picked, place)), _) => Some(Grip::Moves(picked, place, self.at)),
             (None, MouseButton::Button1) if modifiers.contains(Modifiers::Shift) => Some(Grip::Pan),
-            (None, MouseButton::Button1) if modifiers.contains(Modifiers::Control) => Some(Grip::Roll),
+            (None, MouseButton::Button1) if modifiers.contains(Modifiers::Control) => {
+                Some(Grip::Roll)
+            }
             (None, MouseButton::Button1 | MouseButton::Button3) => Some(Grip::Orbit),
             _ => None,
         };
         self.pressed = Some((button, self.at));
     }
 
-    fn lets_go(&mut self, button: MouseButton, camera: &Camera, shot: &Shot) -> (Option<Command>, Option<Wish>) {
-        let Some((_, began)) = self.pressed.filter(|(pressed, _)| *pressed == button) else { return (None, None) };
+    fn lets_go(
+        &mut self,
+        button: MouseButton,
+        camera: &Camera,
+        shot: &Shot,
+    ) -> (Option<Command>, Option<Wish>) {
+        let Some((_, began)) = self.pressed.filter(|(pressed, _)| *pressed == button) else {
+            return (None, None);
+        };
         self.pressed = None;
         let clicked = (self.at - began).norm() <= CLICK;
         match self.grip.take() {
@@ -187,7 +216,12 @@ fn scroll(told: f64, modifiers: Modifiers, camera: &mut Camera) {
     }
 }
 
-fn keyed(key: Key, modifiers: Modifiers, camera: &mut Camera, shot: &Snapshot) -> (Option<Command>, Option<Wish>) {
+fn keyed(
+    key: Key,
+    modifiers: Modifiers,
+    camera: &mut Camera,
+    shot: &Snapshot,
+) -> (Option<Command>, Option<Wish>) {
     let arrow = match key {
         Key::Left => Some(Vector2::new(-KEY, 0.0)),
         Key::Right => Some(Vector2::new(KEY, 0.0)),
@@ -196,7 +230,10 @@ fn keyed(key: Key, modifiers: Modifiers, camera: &mut Camera, shot: &Snapshot) -
         _ => None,
     };
     if let Some(by) = arrow {
-        match (modifiers.contains(Modifiers::Shift), modifiers.contains(Modifiers::Control)) {
+        match (
+            modifiers.contains(Modifiers::Shift),
+            modifiers.contains(Modifiers::Control),
+        ) {
             (true, _) => camera.pan(by),
             (_, true) => camera.roll(-by.x * std::f64::consts::PI),
             _ => camera.orbit(by),
@@ -206,9 +243,15 @@ fn keyed(key: Key, modifiers: Modifiers, camera: &mut Camera, shot: &Snapshot) -
     let tells = |command| (Some(command), None);
     let wishes = |wish| (None, Some(wish));
     match key {
-        Key::Space => tells(if shot.running { Command::Pause } else { Command::Run }),
+        Key::Space => tells(if shot.running {
+            Command::Pause
+        } else {
+            Command::Run
+        }),
         Key::Period => tells(Command::Step),
-        Key::Comma => tells(Command::Seek { frame: shot.frame.saturating_sub(1) }),
+        Key::Comma => tells(Command::Seek {
+            frame: shot.frame.saturating_sub(1),
+        }),
         Key::R => tells(Command::Reset),
         Key::Home | Key::H => {
             camera.reset();

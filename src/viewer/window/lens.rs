@@ -29,7 +29,10 @@ impl Lens {
         (shifted[(2, 2)], shifted[(2, 3)]) = (0.5, 0.5);
         let all = shifted * projection;
         let mut columns = [0.0_f32; 16];
-        columns.iter_mut().zip(all.iter()).for_each(|(to, from)| *to = *from as f32);
+        columns
+            .iter_mut()
+            .zip(all.iter())
+            .for_each(|(to, from)| *to = *from as f32);
         Mat4::from_cols_array(&columns)
     }
 }

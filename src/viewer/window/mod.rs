@@ -117,7 +117,9 @@ pub fn show(
         .spawn(start)
         .map_err(|error| WindowError::Start(StartError::Thread(error)))?;
     let trace = match &options.trace {
-        Some(path) => Some(Trace::create(path).map_err(|error| WindowError::Trace(path.clone(), error))?),
+        Some(path) => {
+            Some(Trace::create(path).map_err(|error| WindowError::Trace(path.clone(), error))?)
+        }
         None => None,
     };
     let opened = open(options);
@@ -145,20 +147,30 @@ fn open(options: &Options) -> Result<Window, WindowError> {
     if cfg!(target_os = "linux") {
         let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         if !is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY") && !is_set("WAYLAND_SOCKET") {
-            return Err(WindowError::NoDisplay("neither DISPLAY nor WAYLAND_DISPLAY is set".to_owned()));
+            return Err(WindowError::NoDisplay(
+                "neither DISPLAY nor WAYLAND_DISPLAY is set".to_owned(),
+            ));
         }
     }
     let title = format!("Pliant: {}", options.name);
     let (width, height) = options.size;
     let hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
-    let made = std::panic::catch_unwind(|| kiss3d::pollster::block_on(Window::new_with_size(&title, width, height)));
+    let made = std::panic::catch_unwind(|| {
+        kiss3d::pollster::block_on(Window::new_with_size(&title, width, height))
+    });
     std::panic::set_hook(hook);
     made.map_err(|panic| {
         let why = super::recipe::words(&*panic);
         let first = why.lines().next().unwrap_or_default().to_owned();
-        let of_screen = ["event loop", "create window"].iter().any(|words| why.contains(words));
-        if of_screen { WindowError::NoDisplay(first) } else { WindowError::NoGraphics(first) }
+        let of_screen = ["event loop", "create window"]
+            .iter()
+            .any(|words| why.contains(words));
+        if of_screen {
+            WindowError::NoDisplay(first)
+        } else {
+            WindowError::NoGraphics(first)
+        }
     })
 }
 
@@ -175,8 +187,13 @@ async fn shown(
     window.set_tonemap(Tonemap::None);
     window.set_shadows_enabled(false);
     // Where pictures are slow a click takes longer than the library expects.
-    window.egui_context().options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
-    let nothing = Aabb { min: Point3::origin(), max: Point3::origin() };
+    window
+        .egui_context()
+        .options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
+    let nothing = Aabb {
+        min: Point3::origin(),
+        max: Point3::origin(),
+    };
     let size = window.size();
     let mut lens = Lens {
         camera: Camera::fit(&nothing, Vector3::z(), Vector3::y()),
@@ -186,7 +203,11 @@ async fn shown(
     let mut drawn = Drawn::new();
     drawn.rehearse();
     let by_processor = is_drawn_by_processor();
-    window.set_samples(if by_processor { NumSamples::One } else { NumSamples::Four });
+    window.set_samples(if by_processor {
+        NumSamples::One
+    } else {
+        NumSamples::Four
+    });
     while !starting.is_finished() {
         Drawn::rehearse_lines(&mut window);
         window.draw_ui(|ctx| reading(ctx, &options.name));
@@ -215,7 +236,11 @@ async fn shown(
         drawn,
         look: Look::default(),
         colouring: Colouring::new(Field::Stretch),
-        history: if options.replayed { History::of_finished_run() } else { History::default() },
+        history: if options.replayed {
+            History::of_finished_run()
+        } else {
+            History::default()
+        },
         hand: Hand::default(),
         state: panel::State::default(),
         has_panel: true,
@@ -249,28 +274,48 @@ fn is_drawn_by_processor() -> bool {
 
 /// A word while meshes are read.
 fn reading(ctx: &egui::Context, name: &str) {
-    egui::Area::new(egui::Id::new("reading")).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO).show(ctx, |ui| {
-        ui.label(format!("reading {name} …"));
-    });
+    egui::Area::new(egui::Id::new("reading"))
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(ctx, |ui| {
+            ui.label(format!("reading {name} …"));
+        });
 }
 
 /// A camera that shows all bodies, from outside.
 fn fitted(shot: &Shot, aspect: f64) -> Camera {
-    let boxes = shot.bodies.iter().filter(|b| !b.positions.is_empty()).map(|b| Aabb::of_points(&b.positions));
-    let bounds = boxes.reduce(|a, b| a.union(&b)).unwrap_or(Aabb { min: Point3::origin(), max: Point3::origin() });
+    let boxes = shot
+        .bodies
+        .iter()
+        .filter(|b| !b.positions.is_empty())
+        .map(|b| Aabb::of_points(&b.positions));
+    let bounds = boxes.reduce(|a, b| a.union(&b)).unwrap_or(Aabb {
+        min: Point3::origin(),
+        max: Point3::origin(),
+    });
     Camera::fit(&bounds, outward(shot), Vector3::y()).in_window(aspect)
 }
 
 /// From the bones to the bodies, and a little from above.
 fn outward(shot: &Shot) -> Vector3<f64> {
     let mean = |points: &mut dyn Iterator<Item = Point3<f64>>| {
-        let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), p| (sum + p.coords, count + 1.0));
+        let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), p| {
+            (sum + p.coords, count + 1.0)
+        });
         (count > 0.0).then(|| sum / count)
     };
-    let bodies = mean(&mut shot.bodies.iter().flat_map(|body| body.positions.iter().copied()));
+    let bodies = mean(
+        &mut shot
+            .bodies
+            .iter()
+            .flat_map(|body| body.positions.iter().copied()),
+    );
     let bones = shot.bones.iter().zip(&shot.stage.bones);
-    let bones = mean(&mut bones.flat_map(|(bone, (_, mesh))| mesh.vertices.iter().map(|v| bone.pose * v)));
-    let away = bodies.zip(bones).map(|(a, b)| a - b).and_then(|away| away.try_normalize(0.0));
+    let bones =
+        mean(&mut bones.flat_map(|(bone, (_, mesh))| mesh.vertices.iter().map(|v| bone.pose * v)));
+    let away = bodies
+        .zip(bones)
+        .map(|(a, b)| a - b)
+        .and_then(|away| away.try_normalize(0.0));
     away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + Vector3::y() * 0.15
 }
 
@@ -326,7 +371,11 @@ impl Viewer<'_> {
         let scale = window.scale_factor();
         let size = window.size();
         self.lens.window = (f64::from(size.x), f64::from(size.y));
-        self.lens.panel = if self.has_panel { f64::from(self.panel_width) * scale } else { 0.0 };
+        self.lens.panel = if self.has_panel {
+            f64::from(self.panel_width) * scale
+        } else {
+            0.0
+        };
         self.hear(window, &shot);
         let before = self.colouring.clone();
         let mut widgets = Widgets::new(self.trace.is_some());
@@ -334,9 +383,19 @@ impl Viewer<'_> {
         let afresh = before != self.colouring;
         // Smooth edges cost a processor as much as all the rest; a picture that is kept has them.
         let is_fine = !self.by_processor || self.capture.is_picture_wanted();
-        window.set_samples(if is_fine { NumSamples::Four } else { NumSamples::One });
-        self.drawn.update(&shot, shot.serial, &self.colouring, afresh);
-        self.drawn.dress(&self.look, &shot, &self.colouring, &self.lens.camera.rotation);
+        window.set_samples(if is_fine {
+            NumSamples::Four
+        } else {
+            NumSamples::One
+        });
+        self.drawn
+            .update(&shot, shot.serial, &self.colouring, afresh);
+        self.drawn.dress(
+            &self.look,
+            &shot,
+            &self.colouring,
+            &self.lens.camera.rotation,
+        );
         self.drawn.overlay(window, &shot, &self.look);
         let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
         let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
@@ -347,7 +406,12 @@ impl Viewer<'_> {
         self.state.recording = self.capture.is_recording();
         if let Some(trace) = &mut self.trace {
             let waiting = self.state.waiting(shot.answered);
-            trace.picture(&shot, widgets, waiting, &places(grips(&shot, &self.lens), &self.lens));
+            trace.picture(
+                &shot,
+                widgets,
+                waiting,
+                &places(grips(&shot, &self.lens), &self.lens),
+            );
         }
         self.pictures.push_back(Instant::now());
         if self.pictures.len() > RATED {
@@ -374,14 +438,19 @@ impl Viewer<'_> {
             let layer = widgets.layer_id_at(egui::pos2((x / scale) as f32, (y / scale) as f32));
             layer.is_some_and(|layer| layer.order != egui::Order::Background)
         };
-        let field = hand::Field { width: self.lens.window.0 - self.lens.panel, height: self.lens.window.1 };
+        let field = hand::Field {
+            width: self.lens.window.0 - self.lens.panel,
+            height: self.lens.window.1,
+        };
         let mut wishes = Vec::new();
         for event in window.events().iter() {
             self.heard = Instant::now();
             if typing && event.value.is_keyboard_event() {
                 continue;
             }
-            let (command, wish) = self.hand.take(&event.value, field, &mut self.lens.camera, shot, is_covered);
+            let (command, wish) =
+                self.hand
+                    .take(&event.value, field, &mut self.lens.camera, shot, is_covered);
             if let Some(command) = command {
                 self.session.send(command);
             }
@@ -397,9 +466,21 @@ impl Viewer<'_> {
         let turn = |on: &mut bool| *on = !*on;
         match wish {
             Wish::NextField => {
-                let there = |field: &Field| shot.bodies.iter().any(|body| !field.values(body).is_empty());
-                let at = Field::ALL.iter().position(|field| *field == self.colouring.field).unwrap_or(0);
-                let next = Field::ALL.iter().cycle().skip(at + 1).take(Field::ALL.len()).find(|field| there(field));
+                let there = |field: &Field| {
+                    shot.bodies
+                        .iter()
+                        .any(|body| !field.values(body).is_empty())
+                };
+                let at = Field::ALL
+                    .iter()
+                    .position(|field| *field == self.colouring.field)
+                    .unwrap_or(0);
+                let next = Field::ALL
+                    .iter()
+                    .cycle()
+                    .skip(at + 1)
+                    .take(Field::ALL.len())
+                    .find(|field| there(field));
                 self.colouring = Colouring::new(next.copied().unwrap_or(self.colouring.field));
             }
             Wish::Wireframe => turn(&mut self.look.wireframe),
@@ -415,11 +496,19 @@ impl Viewer<'_> {
     }
 
     /// The panel, the legend and the list of keys; returns what was asked for.
-    fn interface(&mut self, window: &mut Window, shot: &Snapshot, widgets: &mut Widgets) -> Vec<Asked> {
+    fn interface(
+        &mut self,
+        window: &mut Window,
+        shot: &Snapshot,
+        widgets: &mut Widgets,
+    ) -> Vec<Asked> {
         let mut asked = std::mem::take(&mut self.state.asked);
         let pictures = self.rate();
         let is_taking = self.capture.is_taking();
-        let handles = places(shot.handles.iter().map(|handle| Some(handle.at)), &self.lens);
+        let handles = places(
+            shot.handles.iter().map(|handle| Some(handle.at)),
+            &self.lens,
+        );
         let session = &self.session;
         let mut send = |command| session.send(command);
         let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
@@ -428,7 +517,18 @@ impl Viewer<'_> {
         window.draw_ui(|ctx| {
             let screen = ctx.content_rect();
             let (asked, send) = (&mut asked, &mut send);
-            let mut panel = Panel { shot, state, look, colouring, history, pictures, replayed, widgets, send, asked };
+            let mut panel = Panel {
+                shot,
+                state,
+                look,
+                colouring,
+                history,
+                pictures,
+                replayed,
+                widgets,
+                send,
+                asked,
+            };
             if has_panel {
                 *panel_width = beside(ctx, |ui| panel.show(ui));
             }
@@ -437,11 +537,21 @@ impl Viewer<'_> {
             }
             let (colouring, has_help) = (&*panel.colouring, panel.state.help);
             let painter = ctx.layer_painter(egui::LayerId::background());
-            if shot.bodies.iter().any(|body| !colouring.field.values(body).is_empty()) {
-                plots::legend(&painter, egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0), colouring);
+            if shot
+                .bodies
+                .iter()
+                .any(|body| !colouring.field.values(body).is_empty())
+            {
+                plots::legend(
+                    &painter,
+                    egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0),
+                    colouring,
+                );
             }
             // Over what hides them: an implant is under skin.
-            let points = handles.iter().map(|[x, y]| egui::pos2(*x as f32, *y as f32) / ctx.pixels_per_point());
+            let points = handles
+                .iter()
+                .map(|[x, y]| egui::pos2(*x as f32, *y as f32) / ctx.pixels_per_point());
             plots::handles(&painter, points);
             if has_help {
                 keys(ctx);
@@ -455,7 +565,11 @@ impl Viewer<'_> {
             Asked::FirstView => self.lens.camera.reset(),
             Asked::View(from) => {
                 let from = Vector3::from(from.map(f64::from));
-                let up = if from.y == 0.0 { Vector3::y() } else { -Vector3::z() };
+                let up = if from.y == 0.0 {
+                    Vector3::y()
+                } else {
+                    -Vector3::z()
+                };
                 self.lens.camera = self.lens.camera.seen_from(from, up);
             }
             Asked::Picture => self.capture.picture(),
@@ -475,42 +589,54 @@ fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
         .fixed_pos(egui::pos2(screen.right() - PANEL, screen.top()))
         .fixed_size(egui::vec2(PANEL - 14.0, screen.height()))
         .show(ctx, |ui| {
-            egui::ScrollArea::vertical().auto_shrink(false).show(ui, contents);
+            egui::ScrollArea::vertical()
+                .auto_shrink(false)
+                .show(ui, contents);
         });
     shown.map_or(PANEL, |shown| screen.right() - shown.response.rect.left())
 }
 
 /// A sheet over the upper left of the scene.
 fn over(ctx: &egui::Context, width: f32, contents: impl FnOnce(&mut egui::Ui)) {
-    egui::Area::new(egui::Id::new("told")).fixed_pos(egui::pos2(12.0, 12.0)).show(ctx, |ui| {
-        egui::Frame::popup(ui.style()).show(ui, |ui| {
-            ui.set_max_width(width.min(PANEL));
-            contents(ui);
+    egui::Area::new(egui::Id::new("told"))
+        .fixed_pos(egui::pos2(12.0, 12.0))
+        .show(ctx, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_max_width(width.min(PANEL));
+                contents(ui);
+            });
         });
-    });
 }
 
 /// The list of keys.
 fn keys(ctx: &egui::Context) {
-    egui::Area::new(egui::Id::new("keys")).anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO).show(ctx, |ui| {
-        egui::Frame::popup(ui.style()).show(ui, |ui| {
-            egui::Grid::new("keys").show(ui, |ui| {
-                for (keys, what) in hand::HELP {
-                    ui.strong(keys);
-                    ui.label(what);
-                    ui.end_row();
-                }
+    egui::Area::new(egui::Id::new("keys"))
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(ctx, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                egui::Grid::new("keys").show(ui, |ui| {
+                    for (keys, what) in hand::HELP {
+                        ui.strong(keys);
+                        ui.label(what);
+                        ui.end_row();
+                    }
+                });
             });
         });
-    });
 }
 
 /// Points that can be taken: handles, then of each body the vertex nearest to the eye.
 fn grips(shot: &Shot, lens: &Lens) -> Vec<Option<Point3<f64>>> {
     let eye = lens.camera.eye();
-    let nearest = |x: &Vec<Point3<f64>>| x.iter().copied().min_by(|a, b| (a - eye).norm().total_cmp(&(b - eye).norm()));
+    let nearest = |x: &Vec<Point3<f64>>| {
+        x.iter()
+            .copied()
+            .min_by(|a, b| (a - eye).norm().total_cmp(&(b - eye).norm()))
+    };
     let handles = shot.handles.iter().map(|handle| Some(handle.at));
-    handles.chain(shot.bodies.iter().map(|body| nearest(&body.positions))).collect()
+    handles
+        .chain(shot.bodies.iter().map(|body| nearest(&body.positions)))
+        .collect()
 }
 
 /// Where in the window [px] points are; (-1, -1) for none and for what is behind the eye.
@@ -518,7 +644,13 @@ fn places(points: impl IntoIterator<Item = Option<Point3<f64>>>, lens: &Lens) ->
     let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
     let pixel = |p: Option<Point3<f64>>| {
         let seen = lens.camera.project(&p?)?;
-        Some([0.5 * width + seen.x * height, 0.5 * height - seen.y * height])
+        Some([
+            0.5 * width + seen.x * height,
+            0.5 * height - seen.y * height,
+        ])
     };
-    points.into_iter().map(|p| pixel(p).unwrap_or([-1.0, -1.0])).collect()
+    points
+        .into_iter()
+        .map(|p| pixel(p).unwrap_or([-1.0, -1.0]))
+        .collect()
 }

@@ -29,7 +29,10 @@ pub struct State {
 impl State {
     /// How many controls were moved whose commands are not answered yet.
     pub fn waiting(&self, answered: u64) -> usize {
-        self.waiting.iter().filter(|(_, number, _)| *number > answered).count()
+        self.waiting
+            .iter()
+            .filter(|(_, number, _)| *number > answered)
+            .count()
     }
 }
 
@@ -85,7 +88,8 @@ impl Panel<'_> {
     pub fn tells(&self) -> bool {
         let shot = self.shot;
         let stopped = shot.bodies.iter().any(|body| body.stopped.is_some());
-        let asked = !self.state.message.is_empty() || shot.refused.is_some() || shot.failed.is_some();
+        let asked =
+            !self.state.message.is_empty() || shot.refused.is_some() || shot.failed.is_some();
         asked || stopped || shot.probe.is_some() || !shot.notes.is_empty()
     }
 
@@ -109,7 +113,11 @@ impl Panel<'_> {
         };
         ui.horizontal(|ui| {
             // What has no end of its own goes on after the last frame of its scene.
-            let end = if shot.frame > shot.last_frame { String::new() } else { format!(" of {}", shot.last_frame) };
+            let end = if shot.frame > shot.last_frame {
+                String::new()
+            } else {
+                format!(" of {}", shot.last_frame)
+            };
             ui.strong(format!("frame {}{end}", shot.frame));
             ui.label(state);
         });
@@ -122,7 +130,11 @@ impl Panel<'_> {
 
     fn run(&mut self, ui: &mut Ui) {
         ui.horizontal(|ui| {
-            let (name, command) = if self.shot.running { ("Pause", Command::Pause) } else { ("Run", Command::Run) };
+            let (name, command) = if self.shot.running {
+                ("Pause", Command::Pause)
+            } else {
+                ("Run", Command::Run)
+            };
             if self.button(ui, name, "Space") {
                 (self.send)(command);
             }
@@ -155,7 +167,9 @@ impl Panel<'_> {
                 Speed::Share(share) => share,
                 Speed::Free => 1.0,
             };
-            let slider = Slider::new(&mut share, SPEEDS.0..=SPEEDS.1).logarithmic(true).text("of real time");
+            let slider = Slider::new(&mut share, SPEEDS.0..=SPEEDS.1)
+                .logarithmic(true)
+                .text("of real time");
             let response = ui.add_enabled(!free, slider.clamping(SliderClamping::Never));
             self.widgets.seen("speed", &response);
             if response.changed() {
@@ -164,7 +178,11 @@ impl Panel<'_> {
             let response = ui.checkbox(&mut free, "as fast as it can");
             self.widgets.seen("as fast as it can", &response);
             if response.changed() {
-                (self.send)(Command::Speed(if free { Speed::Free } else { Speed::Share(1.0) }));
+                (self.send)(Command::Speed(if free {
+                    Speed::Free
+                } else {
+                    Speed::Share(1.0)
+                }));
             }
         });
     }
@@ -178,7 +196,10 @@ impl Panel<'_> {
         }
         for (body, stage) in self.shot.bodies.iter().zip(&self.shot.stage.bodies) {
             if let Some((frame, why)) = &body.stopped {
-                let text = format!("{}: stopped at frame {frame}, {why}; Reset starts again", stage.name);
+                let text = format!(
+                    "{}: stopped at frame {frame}, {why}; Reset starts again",
+                    stage.name
+                );
                 wrapped(ui, text, Color32::LIGHT_RED);
             }
         }
@@ -187,9 +208,13 @@ impl Panel<'_> {
         }
         let shot = self.shot;
         if !shot.notes.is_empty() {
-            egui::CollapsingHeader::new("Notes").default_open(true).show(ui, |ui| {
-                shot.notes.iter().for_each(|note| wrapped(ui, note.clone(), Color32::GRAY));
-            });
+            egui::CollapsingHeader::new("Notes")
+                .default_open(true)
+                .show(ui, |ui| {
+                    shot.notes
+                        .iter()
+                        .for_each(|note| wrapped(ui, note.clone(), Color32::GRAY));
+                });
         }
         if !self.state.message.is_empty() {
             wrapped(ui, self.state.message.clone(), Color32::LIGHT_GREEN);
@@ -207,7 +232,9 @@ impl Panel<'_> {
 
     fn controls(&mut self, ui: &mut Ui) {
         let answered = self.shot.answered;
-        self.state.waiting.retain(|(_, number, _)| *number > answered);
+        self.state
+            .waiting
+            .retain(|(_, number, _)| *number > answered);
         let controls = self.shot.controls.clone();
         let mut groups: Vec<(&str, Vec<&Control>)> = Vec::new();
         for control in controls.iter() {
@@ -222,15 +249,24 @@ impl Panel<'_> {
                 self.control(ui, control);
                 continue;
             }
-            egui::CollapsingHeader::new(capital(name)).id_salt(("group", name)).default_open(true).show(ui, |ui| {
-                members.iter().for_each(|control| self.control(ui, control));
-            });
+            egui::CollapsingHeader::new(capital(name))
+                .id_salt(("group", name))
+                .default_open(true)
+                .show(ui, |ui| {
+                    members.iter().for_each(|control| self.control(ui, control));
+                });
         }
     }
 
     fn control(&mut self, ui: &mut Ui, control: &Control) {
         let name = name_of(control);
-        let waiting = self.state.waiting.iter().rev().find(|(known, ..)| *known == name).map(|(.., value)| *value);
+        let waiting = self
+            .state
+            .waiting
+            .iter()
+            .rev()
+            .find(|(known, ..)| *known == name)
+            .map(|(.., value)| *value);
         let before = waiting.unwrap_or_else(|| control.now(self.shot));
         let (response, after) = drawn(ui, control, before);
         self.widgets.control(&name, &response, control, before);
@@ -247,80 +283,112 @@ impl Panel<'_> {
     }
 
     fn view(&mut self, ui: &mut Ui) {
-        egui::CollapsingHeader::new("View").default_open(true).show(ui, |ui| {
-            ui.horizontal(|ui| {
-                let views: [(&'static str, [i8; 3]); 4] =
-                    [("Front", [0, 0, 1]), ("Side", [1, 0, 0]), ("Back", [0, 0, -1]), ("Top", [0, 1, 0])];
-                if self.button(ui, "First", "as at the start: H") {
-                    self.asked.push(Asked::FirstView);
-                }
-                for (name, from) in views {
-                    if self.button(ui, name, "from there") {
-                        self.asked.push(Asked::View(from));
+        egui::CollapsingHeader::new("View")
+            .default_open(true)
+            .show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    let views: [(&'static str, [i8; 3]); 4] = [
+                        ("Front", [0, 0, 1]),
+                        ("Side", [1, 0, 0]),
+                        ("Back", [0, 0, -1]),
+                        ("Top", [0, 1, 0]),
+                    ];
+                    if self.button(ui, "First", "as at the start: H") {
+                        self.asked.push(Asked::FirstView);
                     }
-                }
-            });
-            let there: Vec<Field> = Field::ALL
-                .into_iter()
-                .filter(|field| self.shot.bodies.iter().any(|body| !field.values(body).is_empty()))
-                .collect();
-            ui.horizontal(|ui| {
-                if !there.is_empty() {
-                    ui.label("colours");
-                }
-                for field in there {
-                    let response = ui.selectable_label(self.colouring.field == field, field.name());
-                    self.widgets.seen(field.name(), &response);
-                    if response.clicked() {
-                        *self.colouring = Colouring::new(field);
+                    for (name, from) in views {
+                        if self.button(ui, name, "from there") {
+                            self.asked.push(Asked::View(from));
+                        }
                     }
+                });
+                let there: Vec<Field> = Field::ALL
+                    .into_iter()
+                    .filter(|field| {
+                        self.shot
+                            .bodies
+                            .iter()
+                            .any(|body| !field.values(body).is_empty())
+                    })
+                    .collect();
+                ui.horizontal(|ui| {
+                    if !there.is_empty() {
+                        ui.label("colours");
+                    }
+                    for field in there {
+                        let response =
+                            ui.selectable_label(self.colouring.field == field, field.name());
+                        self.widgets.seen(field.name(), &response);
+                        if response.clicked() {
+                            *self.colouring = Colouring::new(field);
+                        }
+                    }
+                });
+                let mut look = self.look.clone();
+                let stage = self.shot.stage.clone();
+                let has_bones = !stage.bones.is_empty()
+                    || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
+                if has_bones {
+                    let response = ui.add(Slider::new(&mut look.bones, 0.0..=1.0).text("bones"));
+                    self.widgets.seen("bones", &response);
                 }
+                if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
+                    let response = ui.add(Slider::new(&mut look.skin, 0.0..=1.0).text("skin"));
+                    self.widgets.seen("skin", &response);
+                }
+                ui.horizontal(|ui| {
+                    self.check(ui, "wire frame", &mut look.wireframe);
+                    if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
+                        self.check(ui, "fibres", &mut look.fibres);
+                    }
+                });
+                ui.horizontal(|ui| {
+                    if stage.bodies.iter().any(|body| !body.held.is_empty()) {
+                        self.check(ui, "attachments", &mut look.attachments);
+                    }
+                    // Only scenes of muscles tell where something touches.
+                    if self
+                        .shot
+                        .scene
+                        .as_ref()
+                        .is_some_and(|scene| scene.effects.contact.is_some())
+                    {
+                        self.check(ui, "contacts", &mut look.contacts);
+                    }
+                });
+                let pi = std::f64::consts::PI;
+                let response =
+                    ui.add(Slider::new(&mut look.light.0, -pi..=pi).text("light from the right"));
+                self.widgets.seen("light from the right", &response);
+                let response = ui.add(
+                    Slider::new(&mut look.light.1, -0.5 * pi..=0.5 * pi).text("light from above"),
+                );
+                self.widgets.seen("light from above", &response);
+                *self.look = look;
             });
-            let mut look = self.look.clone();
-            let stage = self.shot.stage.clone();
-            let has_bones = !stage.bones.is_empty() || stage.bodies.iter().any(|body| body.tissue == Tissue::Bone);
-            if has_bones {
-                let response = ui.add(Slider::new(&mut look.bones, 0.0..=1.0).text("bones"));
-                self.widgets.seen("bones", &response);
-            }
-            if stage.bodies.iter().any(|body| body.tissue == Tissue::Skin) {
-                let response = ui.add(Slider::new(&mut look.skin, 0.0..=1.0).text("skin"));
-                self.widgets.seen("skin", &response);
-            }
-            ui.horizontal(|ui| {
-                self.check(ui, "wire frame", &mut look.wireframe);
-                if stage.bodies.iter().any(|body| !body.fibres.is_empty()) {
-                    self.check(ui, "fibres", &mut look.fibres);
-                }
-            });
-            ui.horizontal(|ui| {
-                if stage.bodies.iter().any(|body| !body.held.is_empty()) {
-                    self.check(ui, "attachments", &mut look.attachments);
-                }
-                // Only scenes of muscles tell where something touches.
-                if self.shot.scene.as_ref().is_some_and(|scene| scene.effects.contact.is_some()) {
-                    self.check(ui, "contacts", &mut look.contacts);
-                }
-            });
-            let pi = std::f64::consts::PI;
-            let response = ui.add(Slider::new(&mut look.light.0, -pi..=pi).text("light from the right"));
-            self.widgets.seen("light from the right", &response);
-            let response = ui.add(Slider::new(&mut look.light.1, -0.5 * pi..=0.5 * pi).text("light from above"));
-            self.widgets.seen("light from above", &response);
-            *self.look = look;
-        });
     }
 
     fn picked(&mut self, ui: &mut Ui) {
-        let Some(probe) = &self.shot.probe else { return };
-        let (Some(body), Some(stage)) = (self.shot.bodies.get(probe.body), self.shot.stage.bodies.get(probe.body))
-        else {
+        let Some(probe) = &self.shot.probe else {
             return;
         };
-        let Some(place) = body.positions.get(probe.vertex) else { return };
+        let (Some(body), Some(stage)) = (
+            self.shot.bodies.get(probe.body),
+            self.shot.stage.bodies.get(probe.body),
+        ) else {
+            return;
+        };
+        let Some(place) = body.positions.get(probe.vertex) else {
+            return;
+        };
         let (b, vertex) = (probe.body, probe.vertex);
         ui.strong(format!("vertex {vertex} of {}", stage.name));
-        ui.label(format!("at {:.2}, {:.2}, {:.2} mm", 1e3 * place.x, 1e3 * place.y, 1e3 * place.z));
+        ui.label(format!(
+            "at {:.2}, {:.2}, {:.2} mm",
+            1e3 * place.x,
+            1e3 * place.y,
+            1e3 * place.z
+        ));
         for (name, value, unit) in &probe.values {
             ui.label(format!("{name}: {value:.4} {unit}"));
         }
@@ -342,9 +410,12 @@ impl Panel<'_> {
         if all.is_empty() {
             return;
         }
-        egui::CollapsingHeader::new("Plots").default_open(true).show(ui, |ui| {
-            all.iter().for_each(|(name, lines)| plots::plot(ui, name, lines));
-        });
+        egui::CollapsingHeader::new("Plots")
+            .default_open(true)
+            .show(ui, |ui| {
+                all.iter()
+                    .for_each(|(name, lines)| plots::plot(ui, name, lines));
+            });
     }
 
     fn save(&mut self, ui: &mut Ui) {
@@ -352,7 +423,11 @@ impl Panel<'_> {
             if self.button(ui, "Picture", "the scene as a PNG: P") {
                 self.asked.push(Asked::Picture);
             }
-            let name = if self.state.recording { "Stop recording" } else { "Record" };
+            let name = if self.state.recording {
+                "Stop recording"
+            } else {
+                "Record"
+            };
             if self.button(ui, name, "an animated GIF: G") {
                 self.asked.push(Asked::Record);
             }
@@ -371,21 +446,27 @@ fn drawn(ui: &mut Ui, control: &Control, value: Value) -> (egui::Response, Value
     };
     match (&control.kind, value) {
         (Kind::Slider { range, scale }, Value::Number(mut number)) => {
-            let slider = Slider::new(&mut number, range.0..=range.1).logarithmic(*scale == Scale::Logarithmic);
+            let slider = Slider::new(&mut number, range.0..=range.1)
+                .logarithmic(*scale == Scale::Logarithmic);
             let response = ui.add(slider.text(label));
             (response, Value::Number(number))
         }
         (Kind::Whole { range, scale }, Value::Whole(mut number)) => {
-            let slider = Slider::new(&mut number, range.0..=range.1).logarithmic(*scale == Scale::Logarithmic);
+            let slider = Slider::new(&mut number, range.0..=range.1)
+                .logarithmic(*scale == Scale::Logarithmic);
             let response = ui.add(slider.text(label));
             (response, Value::Whole(number))
         }
         (Kind::Choice(names), Value::Choice(mut chosen)) => {
             let shown = names.get(chosen).copied().unwrap_or("");
-            let combo = egui::ComboBox::from_id_salt((&control.group, &control.label)).selected_text(shown);
+            let combo =
+                egui::ComboBox::from_id_salt((&control.group, &control.label)).selected_text(shown);
             let response = ui.horizontal(|ui| {
                 let inner = combo.show_ui(ui, |ui| {
-                    names.iter().enumerate().for_each(|(k, name)| drop(ui.selectable_value(&mut chosen, k, *name)));
+                    names
+                        .iter()
+                        .enumerate()
+                        .for_each(|(k, name)| drop(ui.selectable_value(&mut chosen, k, *name)));
                 });
                 ui.label(label);
                 inner.response
@@ -400,5 +481,8 @@ fn drawn(ui: &mut Ui, control: &Control, value: Value) -> (egui::Response, Value
 
 fn capital(name: &str) -> String {
     let mut letters = name.chars();
-    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
+    letters
+        .next()
+        .map(|first| first.to_uppercase().chain(letters).collect())
+        .unwrap_or_default()
 }

@@ -19,7 +19,10 @@ pub struct Widgets {
 
 impl Widgets {
     pub fn new(wanted: bool) -> Self {
-        Self { wanted, all: Vec::new() }
+        Self {
+            wanted,
+            all: Vec::new(),
+        }
     }
 
     pub fn seen(&mut self, name: &str, response: &Response) {
@@ -56,13 +59,26 @@ pub struct Trace {
 
 impl Trace {
     pub fn create(path: &Path) -> std::io::Result<Self> {
-        Ok(Self { file: File::create(path)?, pictures: 0 })
+        Ok(Self {
+            file: File::create(path)?,
+            pictures: 0,
+        })
     }
 
     /// A line for a picture that is there; a file that cannot be written to any more is left.
-    pub fn picture(&mut self, shot: &Snapshot, widgets: Widgets, waiting: usize, vertices: &[[f64; 2]]) {
+    pub fn picture(
+        &mut self,
+        shot: &Snapshot,
+        widgets: Widgets,
+        waiting: usize,
+        vertices: &[[f64; 2]],
+    ) {
         self.pictures += 1;
-        let handles: Vec<&str> = shot.handles.iter().map(|handle| handle.name.as_str()).collect();
+        let handles: Vec<&str> = shot
+            .handles
+            .iter()
+            .map(|handle| handle.name.as_str())
+            .collect();
         let line = json!({
             "picture": self.pictures,
             "frame": shot.frame,

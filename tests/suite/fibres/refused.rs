@@ -18,7 +18,10 @@ fn refused(origin: AreaSource<'_>, insertion: AreaSource<'_>) -> AttachmentError
 
 fn beyond(x: f64, mesh: &TriangleMesh) -> Vec<u32> {
     let on = |v: &Point3<f64>| v.x * x.signum() >= x.abs();
-    (0..mesh.vertices.len()).filter(|&v| on(&mesh.vertices[v])).map(|v| v as u32).collect()
+    (0..mesh.vertices.len())
+        .filter(|&v| on(&mesh.vertices[v]))
+        .map(|v| v as u32)
+        .collect()
 }
 
 #[test]
@@ -26,22 +29,45 @@ fn areas() {
     let mesh = muscle();
     let (low, high) = (beyond(-0.0999, &mesh), beyond(0.0999, &mesh));
     let good = AreaSource::Vertices(&high);
-    assert_eq!(refused(AreaSource::Vertices(&[]), good), AttachmentError::Empty { end: End::Origin });
+    assert_eq!(
+        refused(AreaSource::Vertices(&[]), good),
+        AttachmentError::Empty { end: End::Origin }
+    );
     let nothing = TriangleMesh::default();
-    assert_eq!(refused(good, AreaSource::Patch(&nothing)), AttachmentError::Empty { end: End::Insertion });
+    assert_eq!(
+        refused(good, AreaSource::Patch(&nothing)),
+        AttachmentError::Empty {
+            end: End::Insertion
+        }
+    );
     let error = refused(AreaSource::Vertices(&[100_000]), good);
-    assert_eq!(error, AttachmentError::NoSuchVertex { end: End::Origin, vertex: 100_000, count: mesh.vertices.len() });
+    assert_eq!(
+        error,
+        AttachmentError::NoSuchVertex {
+            end: End::Origin,
+            vertex: 100_000,
+            count: mesh.vertices.len()
+        }
+    );
     let error = refused(good, good);
-    assert!(matches!(error, AttachmentError::Overlapping { count, .. } if count == high.len()), "{error}");
+    assert!(
+        matches!(error, AttachmentError::Overlapping { count, .. } if count == high.len()),
+        "{error}"
+    );
     let mut away = icosphere(0.01, 1);
-    away.vertices.iter_mut().for_each(|v| *v += Vector3::new(3.0, 0.0, 0.0));
+    away.vertices
+        .iter_mut()
+        .for_each(|v| *v += Vector3::new(3.0, 0.0, 0.0));
     let error = refused(AreaSource::Patch(&away), AreaSource::Vertices(&low));
     assert!(
         matches!(error, AttachmentError::OffSurface { distance, .. } if (distance - 2.89).abs() <= 0.01),
         "{error}"
     );
     let error = refused(AreaSource::Near(&away, 0.005), AreaSource::Vertices(&low));
-    assert!(matches!(error, AttachmentError::NothingNear { distance, .. } if distance > 2.8), "{error}");
+    assert!(
+        matches!(error, AttachmentError::NothingNear { distance, .. } if distance > 2.8),
+        "{error}"
+    );
     assert!(error.to_string().contains("greater distance"));
 }
 
@@ -49,10 +75,19 @@ fn areas() {
 fn an_area_near_a_bone_is_what_lies_near_it() {
     let mesh = muscle();
     let mut bone = icosphere(0.03, 2);
-    bone.vertices.iter_mut().for_each(|v| *v += Vector3::new(-0.12, 0.0, 0.0));
+    bone.vertices
+        .iter_mut()
+        .for_each(|v| *v += Vector3::new(-0.12, 0.0, 0.0));
     let high = beyond(0.0999, &mesh);
-    let areas = Attachment::new(&mesh, AreaSource::Near(&bone, 0.002), AreaSource::Vertices(&high)).expect("areas");
-    let distance = |v: u32| ((mesh.vertices[v as usize] - Point3::new(-0.12, 0.0, 0.0)).norm() - 0.03).max(0.0);
+    let areas = Attachment::new(
+        &mesh,
+        AreaSource::Near(&bone, 0.002),
+        AreaSource::Vertices(&high),
+    )
+    .expect("areas");
+    let distance = |v: u32| {
+        ((mesh.vertices[v as usize] - Point3::new(-0.12, 0.0, 0.0)).norm() - 0.03).max(0.0)
+    };
     assert!(areas.origin.vertices.iter().all(|&v| distance(v) <= 0.0025));
     assert!(areas.origin.vertices.len() > 5 && areas.origin.vertices.len() < 40);
     assert!(areas.origin.patch.is_none());
@@ -62,13 +97,24 @@ fn an_area_near_a_bone_is_what_lies_near_it() {
 fn a_patch_further_away_has_tendons() {
     let mesh = muscle();
     let mut patch = box_surface([0.001, 0.02, 0.02], 0.01);
-    patch.vertices.iter_mut().for_each(|v| *v += Vector3::new(-0.13, 0.0, 0.0));
+    patch
+        .vertices
+        .iter_mut()
+        .for_each(|v| *v += Vector3::new(-0.13, 0.0, 0.0));
     let high = beyond(0.0999, &mesh);
-    let areas = Attachment::new(&mesh, AreaSource::Patch(&patch), AreaSource::Vertices(&high)).expect("areas");
+    let areas = Attachment::new(
+        &mesh,
+        AreaSource::Patch(&patch),
+        AreaSource::Vertices(&high),
+    )
+    .expect("areas");
     assert!(areas.origin.patch.is_some());
     let made = decompose(&mesh, &areas, Options::default()).expect("fibres");
     let q = pliant::fibres::quality::measure(&mesh, &made.closed, &areas, &made.fibres, [1.0]);
-    assert!(q.tendon_length_max_m >= 0.029 && q.tendon_length_max_m <= 0.035, "{q:?}");
+    assert!(
+        q.tendon_length_max_m >= 0.029 && q.tendon_length_max_m <= 0.035,
+        "{q:?}"
+    );
     let tendons = pliant::fibres::quality::tendons(&areas.origin, &[made.fibres[0][0]]);
     assert!((tendons[0][1].x + 0.1295).abs() <= 1e-9, "{tendons:?}");
 }
@@ -77,7 +123,12 @@ fn a_patch_further_away_has_tendons() {
 fn muscles() {
     let mesh = muscle();
     let (low, high) = (beyond(-0.0999, &mesh), beyond(0.0999, &mesh));
-    let areas = Attachment::new(&mesh, AreaSource::Vertices(&low), AreaSource::Vertices(&high)).expect("areas");
+    let areas = Attachment::new(
+        &mesh,
+        AreaSource::Vertices(&low),
+        AreaSource::Vertices(&high),
+    )
+    .expect("areas");
     for (count, points) in [(0, 15), (100, 1)] {
         let error = decompose(&mesh, &areas, Options { count, points }).expect_err("refused");
         assert_eq!(error, DecompositionError::TooFew { count, points });
@@ -85,30 +136,57 @@ fn muscles() {
     let mut flat = mesh.clone();
     flat.vertices.iter_mut().for_each(|v| v.y = 0.0);
     let error = decompose(&flat, &areas, Options::default()).expect_err("refused");
-    assert!(matches!(error, DecompositionError::NoInside { .. }), "{error}");
+    assert!(
+        matches!(error, DecompositionError::NoInside { .. }),
+        "{error}"
+    );
     // Two boxes, an area on each.
     let mut two = mesh.clone();
     let count = two.vertices.len() as u32;
-    two.vertices.extend(mesh.vertices.iter().map(|v| v + Vector3::new(0.0, 0.1, 0.0)));
-    two.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| v + count)));
+    two.vertices.extend(
+        mesh.vertices
+            .iter()
+            .map(|v| v + Vector3::new(0.0, 0.1, 0.0)),
+    );
+    two.triangles
+        .extend(mesh.triangles.iter().map(|t| t.map(|v| v + count)));
     let other: Vec<u32> = high.iter().map(|v| v + count).collect();
-    let areas = Attachment::new(&two, AreaSource::Vertices(&low), AreaSource::Vertices(&other)).expect("areas");
+    let areas = Attachment::new(
+        &two,
+        AreaSource::Vertices(&low),
+        AreaSource::Vertices(&other),
+    )
+    .expect("areas");
     let error = decompose(&two, &areas, Options::default()).expect_err("refused");
-    assert!(matches!(error, DecompositionError::NotJoined { .. }), "{error}");
+    assert!(
+        matches!(error, DecompositionError::NotJoined { .. }),
+        "{error}"
+    );
 }
 
 #[test]
 fn what_is_stopped_says_so() {
     let mesh = muscle();
     let (low, high) = (beyond(-0.0999, &mesh), beyond(0.0999, &mesh));
-    let areas = Attachment::new(&mesh, AreaSource::Vertices(&low), AreaSource::Vertices(&high)).expect("areas");
-    let options = Options { count: 40, points: 15 };
+    let areas = Attachment::new(
+        &mesh,
+        AreaSource::Vertices(&low),
+        AreaSource::Vertices(&high),
+    )
+    .expect("areas");
+    let options = Options {
+        count: 40,
+        points: 15,
+    };
     let asked = std::cell::Cell::new(0);
     let free = decompose_while(&mesh, &areas, &[], options, &|reached| {
         asked.set(asked.get() + 1);
         reached.done <= reached.of
     });
-    assert_eq!(free.expect("fibres").fibres, decompose(&mesh, &areas, options).expect("fibres").fibres);
+    assert_eq!(
+        free.expect("fibres").fibres,
+        decompose(&mesh, &areas, options).expect("fibres").fibres
+    );
     assert!(asked.get() >= 40, "asked {} times", asked.get());
     // At any question, and never asked again.
     for last in 0..asked.get() {
@@ -118,11 +196,26 @@ fn what_is_stopped_says_so() {
             left.set(left.get() - 1);
             left.get() >= 0
         });
-        assert_eq!(stopped.err(), Some(DecompositionError::Stopped), "at {last}");
+        assert_eq!(
+            stopped.err(),
+            Some(DecompositionError::Stopped),
+            "at {last}"
+        );
     }
-    let smoothing = Smoothing { steps: 1_000_000, factor: 0.5 };
-    let made = method::decompose_while(&mesh, &areas, Method::Harmonic, options, smoothing, &|reached| {
-        reached.what != "passes of smoothing" || reached.done < 600
-    });
-    assert!(matches!(made, Err(MethodError::Flow(DecompositionError::Stopped))));
+    let smoothing = Smoothing {
+        steps: 1_000_000,
+        factor: 0.5,
+    };
+    let made = method::decompose_while(
+        &mesh,
+        &areas,
+        Method::Harmonic,
+        options,
+        smoothing,
+        &|reached| reached.what != "passes of smoothing" || reached.done < 600,
+    );
+    assert!(matches!(
+        made,
+        Err(MethodError::Flow(DecompositionError::Stopped))
+    ));
 }

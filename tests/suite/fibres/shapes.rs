@@ -15,7 +15,13 @@ fn a_cylinder_has_straight_fibres_and_a_linear_field() {
     assert_good("cylinder", &q);
     assert!(q.coverage >= 0.95 && q.tendon_length_max_m == 0.0, "{q:?}");
     // Away from ends and wall the field is linear along the cylinder and constant across it.
-    let at = |x: f64, y: f64| found.field.at(&Point3::new(x, y, 0.0)).expect("inside").value;
+    let at = |x: f64, y: f64| {
+        found
+            .field
+            .at(&Point3::new(x, y, 0.0))
+            .expect("inside")
+            .value
+    };
     let slope = (at(0.05, 0.0) - at(-0.05, 0.0)) / 0.1;
     let off = (-8..=8).map(|k| {
         let x = 0.01 * f64::from(k);
@@ -27,10 +33,17 @@ fn a_cylinder_has_straight_fibres_and_a_linear_field() {
     let side = found.field.cells.side;
     let drift = found.fibres.iter().flat_map(|f| {
         let middle = f[7];
-        f.iter().skip(1).take(13).map(move |p| (p.yz() - middle.yz()).norm())
+        f.iter()
+            .skip(1)
+            .take(13)
+            .map(move |p| (p.yz() - middle.yz()).norm())
     });
     assert!(worst(drift) <= 1.5 * side, "side {side}");
-    assert!((q.length_mean_m / 0.2 - 1.0).abs() <= 0.02, "{}", q.length_mean_m);
+    assert!(
+        (q.length_mean_m / 0.2 - 1.0).abs() <= 0.02,
+        "{}",
+        q.length_mean_m
+    );
     assert!(q.pennation_mean_rad <= 0.1, "{}", q.pennation_mean_rad);
 }
 
@@ -46,7 +59,10 @@ fn a_tapered_tube_narrows_its_fibres_alike() {
     // Each fibre keeps its share of the radius, so that all keep their shares of the volume.
     let side = found.field.cells.side;
     let share = |p: &Point3<f64>| p.yz().coords.norm() / (0.02 * radius(p.x));
-    let off = found.fibres.iter().map(|f| (share(&f[2]) - share(&f[12])).abs() * 0.01);
+    let off = found
+        .fibres
+        .iter()
+        .map(|f| (share(&f[2]) - share(&f[12])).abs() * 0.01);
     assert!(worst(off) <= side, "side {side}");
 }
 
@@ -65,10 +81,16 @@ fn a_bent_tube_has_arcs_as_long_as_their_radius() {
     assert!(q.coverage >= 0.95, "{q:?}");
     let side = found.field.cells.side;
     // Across the tube lengths differ by a third; a fibre may stray by a cell.
-    let off = found.fibres.iter().map(|f| (length(f) - turn * f[7].xy().coords.norm()).abs());
+    let off = found
+        .fibres
+        .iter()
+        .map(|f| (length(f) - turn * f[7].xy().coords.norm()).abs());
     assert!(worst(off) <= turn * side, "side {side}");
     let lengths: Vec<f64> = found.fibres.iter().map(|f| length(f)).collect();
-    let (least, most) = (lengths.iter().copied().fold(f64::INFINITY, f64::min), worst(lengths));
+    let (least, most) = (
+        lengths.iter().copied().fold(f64::INFINITY, f64::min),
+        worst(lengths),
+    );
     assert!(most / least > 1.2, "control: {least} to {most}");
 }
 
@@ -77,7 +99,13 @@ fn what_is_measured_sees_what_is_wrong() {
     let (mesh, areas) = made(|p| *p);
     let (found, q) = measured(&mesh, &areas);
     let again = |fibres: &[Vec<Point3<f64>>], jacobian: &[f64]| {
-        measure(&mesh, &found.closed, &areas, fibres, jacobian.iter().copied())
+        measure(
+            &mesh,
+            &found.closed,
+            &areas,
+            fibres,
+            jacobian.iter().copied(),
+        )
     };
     // A point 5 mm outside.
     let mut moved = found.fibres.clone();
@@ -85,7 +113,10 @@ fn what_is_measured_sees_what_is_wrong() {
     let out = again(&moved, &[1.0]);
     assert_eq!(out.outside, 1);
     // The tube's wall is a polygon of 24 sides: up to 1 - cos(pi/24) inside the circle.
-    assert!(out.outside_max_m >= 0.005 * (1.0 - T17) && out.outside_max_m <= 0.0052, "{out:?}");
+    assert!(
+        out.outside_max_m >= 0.005 * (1.0 - T17) && out.outside_max_m <= 0.0052,
+        "{out:?}"
+    );
     // An end off its area.
     let mut moved = found.fibres.clone();
     moved[5][0].x += 0.001;
@@ -104,7 +135,12 @@ fn what_is_measured_sees_what_is_wrong() {
     assert!(bare < 0.8 && q.coverage > 0.95, "{bare}");
     // All fibres turned by a right angle against their line of action is not possible; a zigzag is seen.
     let mut zigzag = found.fibres.clone();
-    zigzag.iter_mut().for_each(|f| f.iter_mut().skip(1).step_by(2).for_each(|p| *p += Vector3::z() * 0.01));
+    zigzag.iter_mut().for_each(|f| {
+        f.iter_mut()
+            .skip(1)
+            .step_by(2)
+            .for_each(|p| *p += Vector3::z() * 0.01)
+    });
     assert!(again(&zigzag, &[1.0]).pennation_mean_rad > q.pennation_mean_rad + 0.2);
 }
 
@@ -112,7 +148,10 @@ fn what_is_measured_sees_what_is_wrong() {
 fn the_same_bits_for_any_number_of_threads() {
     let (mesh, areas) = made(|p| Point3::new(p.x, p.y + 2.0 * p.x * p.x, p.z));
     let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| measured(&mesh, &areas).0.fibres)
     };
     let one = with(1);
@@ -127,7 +166,10 @@ fn inside_out_and_open_is_the_same_muscle() {
     broken.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     // A hole in the side; the areas are the last triangles.
     let hole: Vec<usize> = (0..4).map(|k| mesh.triangles.len() / 2 - 60 + k).collect();
-    broken.triangles = (0..broken.triangles.len()).filter(|t| !hole.contains(t)).map(|t| broken.triangles[t]).collect();
+    broken.triangles = (0..broken.triangles.len())
+        .filter(|t| !hole.contains(t))
+        .map(|t| broken.triangles[t])
+        .collect();
     let again = pliant::fibres::attachment::Attachment::new(
         &broken,
         pliant::fibres::attachment::AreaSource::Vertices(&areas.origin.vertices),

@@ -28,7 +28,13 @@ fn a_cylinder_has_nearly_straight_fibres_that_end_on_its_caps() {
     let (mesh, areas) = made(|p| *p);
     let found = plain(&mesh, &areas);
     let fibres = found.fibres();
-    let q = measure(&mesh, &Closed::new(&mesh), &areas, &fibres, found.jacobian());
+    let q = measure(
+        &mesh,
+        &Closed::new(&mesh),
+        &areas,
+        &fibres,
+        found.jacobian(),
+    );
     println!("{q:?}");
     assert_eq!((q.fibres, q.points, q.outside), (100, 1500, 0), "{q:?}");
     // Ends are on triangles of the areas.
@@ -39,7 +45,10 @@ fn a_cylinder_has_nearly_straight_fibres_that_end_on_its_caps() {
     let drift = fibres.iter().map(|f| (f[14].yz() - f[0].yz()).norm());
     println!("drift {:e}", worst(drift.clone()));
     assert!(worst(drift) <= 0.015);
-    assert!((q.length_mean_m / 0.2 - 1.0).abs() <= 0.01 && q.pennation_mean_rad <= 0.075, "{q:?}");
+    assert!(
+        (q.length_mean_m / 0.2 - 1.0).abs() <= 0.01 && q.pennation_mean_rad <= 0.075,
+        "{q:?}"
+    );
 }
 
 #[test]
@@ -56,11 +65,21 @@ fn inner_points_are_in_the_middle_of_their_springs() {
             force[a] += pull;
             force[b] -= pull;
         }
-        worst(force.iter().zip(&held).filter(|(_, held)| !**held).map(|(f, _)| f.norm()))
+        worst(
+            force
+                .iter()
+                .zip(&held)
+                .filter(|(_, held)| !**held)
+                .map(|(f, _)| f.norm()),
+        )
     };
     // A spring as long as the tube pulls with 0.2 times 14.
     let scale = 0.2 * 14.0;
-    assert!(forces(&found.points) <= 1e-12 * scale, "{}", forces(&found.points));
+    assert!(
+        forces(&found.points) <= 1e-12 * scale,
+        "{}",
+        forces(&found.points)
+    );
     let mut moved = found.points.clone();
     moved[found.sampling.number([4, 4, 7])].x += 1e-6;
     assert!(forces(&moved) > 1e-6 * scale, "control");
@@ -70,34 +89,104 @@ fn inner_points_are_in_the_middle_of_their_springs() {
 fn newton_and_the_damped_way_in_time_end_in_the_same_place() {
     let (mesh, areas) = made(|p| Point3::new(p.x, p.y + 2.0 * p.x * p.x, p.z));
     // Long enough to tell from none: the cube has a side of 2 mm.
-    let options = Options { count: 25, points: 5, side: 0.01 };
+    let options = Options {
+        count: 25,
+        points: 5,
+        side: 0.01,
+    };
     let found = grid(&mesh, &areas, Template::Parallel, options).expect("fibres");
     let side = options.side * mesh.length();
     let net = springs(&found.sampling, Template::Parallel);
     let law = |s: &pliant::fibres::springs::network::Spring| {
-        (s.ends, Hooke { rest: side * s.rest, stiffness: 1.0 / (side * s.rest) })
+        (
+            s.ends,
+            Hooke {
+                rest: side * s.rest,
+                stiffness: 1.0 / (side * s.rest),
+            },
+        )
     };
-    let free = grid(&mesh, &areas, Template::Parallel, Options { side: 0.0, ..options }).expect("fibres");
-    let mut system = SpringSystem::new(free.points.clone(), vec![1.0; free.points.len()]).expect("a system");
-    system.add(Springs::new(free.points.len(), net.iter().map(law)).expect("springs")).expect("springs");
-    system.pin((0..).zip(found.sampling.on_surface()).filter(|(_, held)| *held).map(|(p, _)| p));
+    let free = grid(
+        &mesh,
+        &areas,
+        Template::Parallel,
+        Options {
+            side: 0.0,
+            ..options
+        },
+    )
+    .expect("fibres");
+    let mut system =
+        SpringSystem::new(free.points.clone(), vec![1.0; free.points.len()]).expect("a system");
+    system
+        .add(Springs::new(free.points.len(), net.iter().map(law)).expect("springs"))
+        .expect("springs");
+    system.pin(
+        (0..)
+            .zip(found.sampling.on_surface())
+            .filter(|(_, held)| *held)
+            .map(|(p, _)| p),
+    );
     // (7.2), for this size: springs with stiffness 1/l0 have a tension of 1 N a strain.
-    let body = Body { mass: 1.0, tension: 1.0, side, spacing: side / 4.0 };
+    let body = Body {
+        mass: 1.0,
+        tension: 1.0,
+        side,
+        spacing: side / 4.0,
+    };
     system.damping = estimate(Neighbours::Six, body);
     let mut verlet = Verlet::default();
     let dt = 0.5 * limit(&verlet, &stiffest(&system));
     let rest = Rest::share_of(&system, 1e-11);
-    let settled = settle(&mut system, &mut verlet as &mut dyn Integrator, dt, rest, 20_000, |_, _| true);
+    let settled = settle(
+        &mut system,
+        &mut verlet as &mut dyn Integrator,
+        dt,
+        rest,
+        20_000,
+        |_, _| true,
+    );
     assert_eq!(settled.end, End::Rest, "{settled:?}");
-    let apart = worst(system.position.iter().zip(&found.points).map(|(a, b)| (a - b).norm()));
-    let moved = worst(free.points.iter().zip(&found.points).map(|(a, b)| (a - b).norm()));
-    println!("{} steps, {apart:e} m apart, {moved:e} m from springs without length", settled.steps);
+    let apart = worst(
+        system
+            .position
+            .iter()
+            .zip(&found.points)
+            .map(|(a, b)| (a - b).norm()),
+    );
+    let moved = worst(
+        free.points
+            .iter()
+            .zip(&found.points)
+            .map(|(a, b)| (a - b).norm()),
+    );
+    println!(
+        "{} steps, {apart:e} m apart, {moved:e} m from springs without length",
+        settled.steps
+    );
     // Forces fell below 1e-11 of those that hold a point; the softest motion is a tenth as stiff.
     assert!(apart <= 1e-9 * mesh.length(), "{apart}");
-    assert!(moved > 100.0 * apart, "control: rest lengths do not matter, {moved}");
+    assert!(
+        moved > 100.0 * apart,
+        "control: rest lengths do not matter, {moved}"
+    );
     // With the thesis's 0.003 they hardly do.
-    let thesis = grid(&mesh, &areas, Template::Parallel, Options { side: 0.003, ..options }).expect("fibres");
-    let change = worst(free.points.iter().zip(&thesis.points).map(|(a, b)| (a - b).norm()));
+    let thesis = grid(
+        &mesh,
+        &areas,
+        Template::Parallel,
+        Options {
+            side: 0.003,
+            ..options
+        },
+    )
+    .expect("fibres");
+    let change = worst(
+        free.points
+            .iter()
+            .zip(&thesis.points)
+            .map(|(a, b)| (a - b).norm()),
+    );
     assert!(change <= 0.003 * mesh.length(), "{change}");
 }
 
@@ -108,9 +197,16 @@ fn a_regular_grid_is_at_rest_as_it_is() {
         let exact = sampling.positions(Template::Parallel);
         let mut points = exact.clone();
         let held = sampling.on_surface();
-        points.iter_mut().zip(&held).filter(|(_, held)| !**held).for_each(|(p, _)| *p = Point3::origin());
+        points
+            .iter_mut()
+            .zip(&held)
+            .filter(|(_, held)| !**held)
+            .for_each(|(p, _)| *p = Point3::origin());
         rest(&sampling, Template::Parallel, side, &mut points).expect("at rest");
-        assert!(worst(points.iter().zip(&exact).map(|(a, b)| (a - b).norm())) <= T1, "{side}");
+        assert!(
+            worst(points.iter().zip(&exact).map(|(a, b)| (a - b).norm())) <= T1,
+            "{side}"
+        );
     }
 }
 
@@ -119,11 +215,23 @@ fn points_of_star_shaped_muscles() {
     for amount in [0.0, 0.5, 1.0] {
         let (mesh, areas) = star(amount);
         let found = plain(&mesh, &areas);
-        let q = measure(&mesh, &Closed::new(&mesh), &areas, &found.fibres(), found.jacobian());
+        let q = measure(
+            &mesh,
+            &Closed::new(&mesh),
+            &areas,
+            &found.fibres(),
+            found.jacobian(),
+        );
         println!("{amount}: {q:?}");
-        assert!(q.end_distance_max_m <= 1e-12 && q.coverage >= 0.95, "{amount}: {q:?}");
+        assert!(
+            q.end_distance_max_m <= 1e-12 && q.coverage >= 0.95,
+            "{amount}: {q:?}"
+        );
         // Springs keep inner points within the hull of the held ones: inside where the muscle is convex, else nearly.
-        assert!(q.outside <= if amount == 0.0 { 0 } else { 5 }, "{amount}: {q:?}");
+        assert!(
+            q.outside <= if amount == 0.0 { 0 } else { 5 },
+            "{amount}: {q:?}"
+        );
     }
 }
 
@@ -136,12 +244,23 @@ fn surfaces_that_are_no_sphere_are_refused_with_their_place() {
     let mut open = mesh.clone();
     open.triangles.remove(mesh.triangles.len() / 2);
     let error = refused(&open, &areas);
-    assert!(matches!(error, SpringsError::Surface(SphereError::Open { edges: 3, .. })), "{error}");
+    assert!(
+        matches!(
+            error,
+            SpringsError::Surface(SphereError::Open { edges: 3, .. })
+        ),
+        "{error}"
+    );
     assert!(error.to_string().contains("between vertices"), "{error}");
     let mut two = mesh.clone();
     let count = two.vertices.len() as u32;
-    two.vertices.extend(mesh.vertices.iter().map(|v| v + Vector3::new(0.0, 0.1, 0.0)));
-    two.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| v + count)));
+    two.vertices.extend(
+        mesh.vertices
+            .iter()
+            .map(|v| v + Vector3::new(0.0, 0.1, 0.0)),
+    );
+    two.triangles
+        .extend(mesh.triangles.iter().map(|t| t.map(|v| v + count)));
     let error = refused(&two, &areas);
     assert!(
         matches!(error, SpringsError::Surface(SphereError::Pieces { pieces: 2, vertex }) if vertex == count),
@@ -149,20 +268,35 @@ fn surfaces_that_are_no_sphere_are_refused_with_their_place() {
     );
     let (ring, ends) = ring_torus();
     let error = refused(&ring, &ends);
-    assert!(matches!(error, SpringsError::Surface(SphereError::Genus { genus: 1, euler: 0 })), "{error}");
+    assert!(
+        matches!(
+            error,
+            SpringsError::Surface(SphereError::Genus { genus: 1, euler: 0 })
+        ),
+        "{error}"
+    );
     let mut inward = mesh.clone();
     inward.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     let error = refused(&inward, &areas);
-    assert!(matches!(error, SpringsError::InsideOut { volume } if volume < 0.0), "{error}");
+    assert!(
+        matches!(error, SpringsError::InsideOut { volume } if volume < 0.0),
+        "{error}"
+    );
     let mut turned = mesh.clone();
     turned.triangles[5].swap(0, 1);
     let error = refused(&turned, &areas);
-    assert!(matches!(error, SpringsError::Surface(SphereError::Turned { .. })), "{error}");
+    assert!(
+        matches!(error, SpringsError::Surface(SphereError::Turned { .. })),
+        "{error}"
+    );
     // M20: with a vertex that no triangle has V - F/2 is 3, as in table 7.7; it is refused by its number.
     let mut unused = mesh.clone();
     unused.vertices.push(Point3::origin());
     let error = refused(&unused, &areas);
-    assert!(matches!(error, SpringsError::Surface(SphereError::Unused { vertex, .. }) if vertex == count), "{error}");
+    assert!(
+        matches!(error, SpringsError::Surface(SphereError::Unused { vertex, .. }) if vertex == count),
+        "{error}"
+    );
 }
 
 #[test]
@@ -170,14 +304,45 @@ fn options_that_make_no_grid_are_refused() {
     let (mesh, areas) = made(|p| *p);
     let with = |options: Options| decompose(&mesh, &areas, Template::Curved, options);
     for (count, points) in [(0, 15), (100, 1)] {
-        let error = with(Options { count, points, side: 0.0 }).expect_err("refused");
+        let error = with(Options {
+            count,
+            points,
+            side: 0.0,
+        })
+        .expect_err("refused");
         assert_eq!(error, SpringsError::TooFew { count, points });
     }
-    assert_eq!(with(Options { side: -1.0, ..Options::default() }).expect_err("refused"), SpringsError::Side(-1.0));
-    assert!(matches!(with(Options { side: f64::NAN, ..Options::default() }), Err(SpringsError::Side(_))));
-    assert_eq!(with(Options { count: 7, points: 3, side: 0.0 }).expect("fibres").len(), 7);
+    assert_eq!(
+        with(Options {
+            side: -1.0,
+            ..Options::default()
+        })
+        .expect_err("refused"),
+        SpringsError::Side(-1.0)
+    );
+    assert!(matches!(
+        with(Options {
+            side: f64::NAN,
+            ..Options::default()
+        }),
+        Err(SpringsError::Side(_))
+    ));
+    assert_eq!(
+        with(Options {
+            count: 7,
+            points: 3,
+            side: 0.0
+        })
+        .expect("fibres")
+        .len(),
+        7
+    );
     // Springs as long as the muscle are pressed and buckle.
-    let error = with(Options { side: 1.0, ..Options::default() }).expect_err("refused");
+    let error = with(Options {
+        side: 1.0,
+        ..Options::default()
+    })
+    .expect_err("refused");
     assert!(matches!(error, SpringsError::NotAtRest { .. }), "{error}");
 }
 
@@ -185,7 +350,10 @@ fn options_that_make_no_grid_are_refused() {
 fn the_same_bits_for_any_number_of_threads() {
     let (mesh, areas) = star(1.0);
     let with = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
         pool.install(|| plain(&mesh, &areas).points)
     };
     assert_eq!(with(1), with(2));

@@ -13,10 +13,17 @@ fn corner_curves_are_met_and_stay_in_the_cube() {
         assert_eq!(Template::by_name(name), Some(template));
         for (r, s) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
             let [a, b, c, d] = template.corner_curve(r, s);
-            assert!((template.at(r, s, 0.0) - a).norm() <= T1 && (template.at(r, s, 1.0) - d).norm() <= T1, "{name}");
+            assert!(
+                (template.at(r, s, 0.0) - a).norm() <= T1
+                    && (template.at(r, s, 1.0) - d).norm() <= T1,
+                "{name}"
+            );
             // De Casteljau halves it.
             let middle = |p, q| nalgebra::center(&p, &q);
-            let half = middle(middle(middle(a, b), middle(b, c)), middle(middle(b, c), middle(c, d)));
+            let half = middle(
+                middle(middle(a, b), middle(b, c)),
+                middle(middle(b, c), middle(c, d)),
+            );
             assert!((template.at(r, s, 0.5) - half).norm() <= T1, "{name}");
         }
         let grid = Sampling::new(64, 33).expect("a grid");
@@ -33,16 +40,29 @@ fn corner_curves_are_met_and_stay_in_the_cube() {
         at(Template::Pennate, 0.3, 0.4, 0.0).x.abs() <= T1
             && (at(Template::Pennate, 0.3, 0.4, 1.0).x - 1.0).abs() <= T1
     );
-    assert!(at(Template::Curved, 0.3, 0.4, 0.0).z.abs() <= T1 && at(Template::Curved, 0.3, 0.4, 1.0).z.abs() <= T1);
-    let width = |along: f64| at(Template::Rectus, 1.0, 0.5, along).x - at(Template::Rectus, 0.0, 0.5, along).x;
-    assert!(width(0.5) > 2.0 * width(0.0), "{} {}", width(0.5), width(0.0));
+    assert!(
+        at(Template::Curved, 0.3, 0.4, 0.0).z.abs() <= T1
+            && at(Template::Curved, 0.3, 0.4, 1.0).z.abs() <= T1
+    );
+    let width = |along: f64| {
+        at(Template::Rectus, 1.0, 0.5, along).x - at(Template::Rectus, 0.0, 0.5, along).x
+    };
+    assert!(
+        width(0.5) > 2.0 * width(0.0),
+        "{} {}",
+        width(0.5),
+        width(0.0)
+    );
 }
 
 #[test]
 fn no_template_is_folded_and_a_swap_would_be() {
     for (name, template) in Template::NAMED {
         let sampling = Sampling::new(100, 15).expect("a grid");
-        let grid = Grid { sampling, points: sampling.positions(template) };
+        let grid = Grid {
+            sampling,
+            points: sampling.positions(template),
+        };
         let least = grid.jacobian().into_iter().fold(f64::INFINITY, f64::min);
         println!("{name}: least scaled Jacobian {least:.3}");
         assert!(least > 0.0, "{name}: {least}");
@@ -50,8 +70,13 @@ fn no_template_is_folded_and_a_swap_would_be() {
             assert!(worst(grid.jacobian().into_iter().map(|j| (j - 1.0).abs())) <= T1);
         }
         let mut folded = grid.clone();
-        folded.points.swap(sampling.number([4, 4, 7]), sampling.number([6, 4, 7]));
-        assert!(folded.jacobian().iter().any(|j| *j < 0.0), "control: {name}");
+        folded
+            .points
+            .swap(sampling.number([4, 4, 7]), sampling.number([6, 4, 7]));
+        assert!(
+            folded.jacobian().iter().any(|j| *j < 0.0),
+            "control: {name}"
+        );
         let mut flat = grid;
         flat.points[1] = flat.points[0];
         assert!(flat.jacobian().contains(&0.0), "control: {name}");
@@ -61,7 +86,14 @@ fn no_template_is_folded_and_a_swap_would_be() {
 #[test]
 fn grids_are_nearly_square() {
     let sides = |count: usize| Sampling::new(count, 15).expect("a grid").points;
-    for (count, wanted) in [(100, [10, 10]), (50, [10, 5]), (24, [6, 4]), (4, [2, 2]), (6, [3, 2]), (200, [20, 10])] {
+    for (count, wanted) in [
+        (100, [10, 10]),
+        (50, [10, 5]),
+        (24, [6, 4]),
+        (4, [2, 2]),
+        (6, [3, 2]),
+        (200, [20, 10]),
+    ] {
         assert_eq!(sides(count), [wanted[0], wanted[1], 15], "{count}");
     }
     // A prime has no grid: 7 come from 2 by 4, 101 from 13 by 8.
@@ -69,13 +101,24 @@ fn grids_are_nearly_square() {
     for count in 1..=130 {
         let grid = Sampling::new(count, 5).expect("a grid");
         let points = grid.positions(Template::Parallel);
-        let fibres = Grid { sampling: grid, points }.fibres();
+        let fibres = Grid {
+            sampling: grid,
+            points,
+        }
+        .fibres();
         assert_eq!(fibres.len(), count);
-        let mut starts: Vec<_> = fibres.iter().map(|f| f[0].coords.map(f64::to_bits)).collect();
+        let mut starts: Vec<_> = fibres
+            .iter()
+            .map(|f| f[0].coords.map(f64::to_bits))
+            .collect();
         starts.sort_by_key(|s| [s.x, s.y]);
         starts.dedup();
         assert_eq!(starts.len(), count, "a fibre twice of {count}");
-        assert!(fibres.iter().all(|f| f.len() == 5 && f[0].z.abs() <= T1 && (f[4].z - 1.0).abs() <= T1));
+        assert!(
+            fibres
+                .iter()
+                .all(|f| f.len() == 5 && f[0].z.abs() <= T1 && (f[4].z - 1.0).abs() <= T1)
+        );
     }
     assert!(Sampling::new(0, 15).is_none() && Sampling::new(100, 1).is_none());
 }
@@ -86,7 +129,10 @@ fn the_surface_is_closed_and_areas_are_its_ends() {
         let sampling = Sampling::new(50, 7).expect("a grid");
         let (mesh, points) = sampling.surface(template);
         let topology = Topology::new(&mesh);
-        assert!(topology.is_closed() && topology.is_oriented() && topology.euler_characteristic() == 2, "{name}");
+        assert!(
+            topology.is_closed() && topology.is_oriented() && topology.euler_characteristic() == 2,
+            "{name}"
+        );
         assert!(mesh.volume() > 0.0, "{name} is inside out");
         let flags = sampling.on_surface();
         assert_eq!(points.len(), flags.iter().filter(|f| **f).count());
@@ -94,7 +140,10 @@ fn the_surface_is_closed_and_areas_are_its_ends() {
         let at = |list: Vec<u32>, t: f64| {
             assert_eq!(list.len(), 50);
             let all: Vec<_> = sampling.parameters().collect();
-            assert!(list.iter().all(|&p| all[p as usize][2] == t && flags[p as usize]));
+            assert!(
+                list.iter()
+                    .all(|&p| all[p as usize][2] == t && flags[p as usize])
+            );
         };
         at(sampling.origin(), 0.0);
         at(sampling.insertion(), 1.0);

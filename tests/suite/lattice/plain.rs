@@ -35,7 +35,11 @@ pub fn springs(shape: &Shape, settings: &Settings) -> Vec<Spring> {
                 Stiffness::Uniform(value) => value,
             };
             let stiffness = stiffness * if away > 1 { settings.diagonal } else { 1.0 };
-            all.push(Spring { ends: [number(point), number(other)], rest, stiffness });
+            all.push(Spring {
+                ends: [number(point), number(other)],
+                rest,
+                stiffness,
+            });
         }
     }
     all
@@ -57,8 +61,12 @@ impl Plain {
     /// As a lattice of the suite stands.
     pub fn of<F: Number>(lattice: &Lattice<F>) -> Self {
         let shape = lattice.shape();
-        let vectors =
-            |of: &dyn Fn([usize; 3]) -> [f64; 3]| shape.each().map(|p| Vector3::from(of(p))).collect::<Vec<_>>();
+        let vectors = |of: &dyn Fn([usize; 3]) -> [f64; 3]| {
+            shape
+                .each()
+                .map(|p| Vector3::from(of(p)))
+                .collect::<Vec<_>>()
+        };
         Self {
             springs: springs(shape, lattice.settings()),
             current: vectors(&|p| lattice.position(p)),
@@ -74,13 +82,23 @@ impl Plain {
     /// (3.8) as printed, with the sign of l that it needs.
     pub fn step(&mut self) {
         let mut force = self.force.clone();
-        for Spring { ends: [i, j], rest, stiffness } in &self.springs {
+        for Spring {
+            ends: [i, j],
+            rest,
+            stiffness,
+        } in &self.springs
+        {
             let l = self.current[*i] - self.current[*j];
             let f = l * (stiffness * (l.norm() - rest) / l.norm());
             force[*i] -= f;
             force[*j] += f;
         }
-        for (p, f) in force.into_iter().enumerate().filter(|(p, _)| !self.pinned[*p]).collect::<Vec<_>>() {
+        for (p, f) in force
+            .into_iter()
+            .enumerate()
+            .filter(|(p, _)| !self.pinned[*p])
+            .collect::<Vec<_>>()
+        {
             let (x, before) = (self.current[p], self.previous[p]);
             let total = f - (x - before) * (self.damping / self.time_step);
             self.previous[p] = total * (self.time_step.powi(2) / self.mass) + x * 2.0 - before;

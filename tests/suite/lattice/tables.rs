@@ -28,10 +28,24 @@ const STEPS: [[u64; 7]; 15] = [
 ];
 
 /// Tables 7.5 and 7.6, rows of 5^3 points and 6 neighbours: damping and steps.
-const BEST: [(f64, u64); 7] =
-    [(13.15, 578), (9.35, 421), (6.75, 307), (4.85, 231), (3.45, 173), (2.35, 141), (1.75, 91)];
-const ESTIMATED: [(f64, u64); 7] =
-    [(13.86, 588), (9.8, 430), (6.93, 312), (4.9, 234), (3.46, 173), (2.45, 125), (1.73, 90)];
+const BEST: [(f64, u64); 7] = [
+    (13.15, 578),
+    (9.35, 421),
+    (6.75, 307),
+    (4.85, 231),
+    (3.45, 173),
+    (2.35, 141),
+    (1.75, 91),
+];
+const ESTIMATED: [(f64, u64); 7] = [
+    (13.86, 588),
+    (9.8, 430),
+    (6.93, 312),
+    (4.9, 234),
+    (3.46, 173),
+    (2.45, 125),
+    (1.73, 90),
+];
 
 /// Table 7.6, all dampings.
 const ESTIMATES: [(usize, [f64; 7]); 3] = [
@@ -50,18 +64,32 @@ fn shrink<F: Number>(lattice: &mut Lattice<F>) {
 }
 
 fn steps(mass: f64, damping: f64) -> u64 {
-    let settings = Settings { mass, damping: Some(damping), time_step: Some(0.01), ..Settings::new(Neighbours::Six) };
+    let settings = Settings {
+        mass,
+        damping: Some(damping),
+        time_step: Some(0.01),
+        ..Settings::new(Neighbours::Six)
+    };
     let mut lattice = Lattice::<f64>::new(Shape::unit_cube(5), settings).expect("a stable lattice");
     shrink(&mut lattice);
     // More than half a swing of the slowest mode, 581 steps with the greatest mass.
-    let settled = lattice.until_rest(&Rest { threshold: 6.3e-7, quiet: 700, limit: 20_000 }).expect("no explosion");
+    let settled = lattice
+        .until_rest(&Rest {
+            threshold: 6.3e-7,
+            quiet: 700,
+            limit: 20_000,
+        })
+        .expect("no explosion");
     assert!(settled.at_rest, "{settled:?}");
     settled.steps
 }
 
 /// Errors are logarithms of ratios, root mean square and largest.
 fn errors(pairs: &[(u64, u64)]) -> [f64; 2] {
-    let all: Vec<f64> = pairs.iter().map(|(ours, printed)| (*ours as f64 / *printed as f64).ln().abs()).collect();
+    let all: Vec<f64> = pairs
+        .iter()
+        .map(|(ours, printed)| (*ours as f64 / *printed as f64).ln().abs())
+        .collect();
     let rms = (all.iter().map(|e| e * e).sum::<f64>() / all.len() as f64).sqrt();
     [rms, crate::tolerances::worst(all)]
 }
@@ -76,7 +104,10 @@ fn the_table_of_dampings_and_masses() {
     }
     let [rms, largest] = errors(&pairs);
     println!("105 entries of table 7.4: {rms:.4} RMS, {largest:.4} at most");
-    assert!(rms <= 0.05 && largest <= 0.22, "{rms} RMS, {largest} at most");
+    assert!(
+        rms <= 0.05 && largest <= 0.22,
+        "{rms} RMS, {largest} at most"
+    );
     // Another entry's number is not taken for this one's.
     let mut wrong = pairs.clone();
     wrong.rotate_left(1);
@@ -90,7 +121,10 @@ fn the_rows_of_best_and_estimated_damping() {
         for (&mass, (damping, printed)) in MASSES.iter().zip(row) {
             let ours = steps(mass, damping);
             println!("table {name}, mass {mass}, damping {damping}: {ours}, printed {printed}");
-            assert!((ours as f64 / printed as f64 - 1.0).abs() <= 0.09, "{name}: {ours} instead of {printed}");
+            assert!(
+                (ours as f64 / printed as f64 - 1.0).abs() <= 0.09,
+                "{name}: {ours} instead of {printed}"
+            );
         }
     }
 }
@@ -99,20 +133,36 @@ fn the_rows_of_best_and_estimated_damping() {
 fn the_estimate_of_damping() {
     for (n, printed) in ESTIMATES {
         for (mass, printed) in MASSES.into_iter().zip(printed) {
-            let found = Settings { mass, ..Settings::new(Neighbours::Six) }.damping_estimate(&Shape::unit_cube(n));
-            assert!((found - printed).abs() <= 0.01, "{n}, mass {mass}: {found} instead of {printed}");
+            let found = Settings {
+                mass,
+                ..Settings::new(Neighbours::Six)
+            }
+            .damping_estimate(&Shape::unit_cube(n));
+            assert!(
+                (found - printed).abs() <= 0.01,
+                "{n}, mass {mass}: {found} instead of {printed}"
+            );
         }
     }
     // Mean c^2 / (8 m) of table 7.5 for 26 neighbours.
     for (n, fit) in [(5, 11.09), (10, 10.54), (20, 9.78)] {
         let found = Settings::new(Neighbours::TwentySix).damping_estimate(&Shape::unit_cube(n));
-        assert!((found / f64::sqrt(8.0 * fit) - 1.0).abs() <= 0.02, "{n}: {found}");
+        assert!(
+            (found / f64::sqrt(8.0 * fit) - 1.0).abs() <= 0.02,
+            "{n}: {found}"
+        );
     }
     // A cube of side 0.2 needs more, as erratum M13 has found.
     let cube = Shape::unit_cube(5);
-    let small = Shape { spacing: cube.spacing.map(|h| 0.2 * h), ..cube };
+    let small = Shape {
+        spacing: cube.spacing.map(|h| 0.2 * h),
+        ..cube
+    };
     assert!((Settings::new(Neighbours::Six).damping_estimate(&small) - 10.954).abs() <= 1e-3);
     for neighbours in BOTH {
-        assert_eq!(Settings::new(neighbours).damping_estimate(&Shape::unit_cube(1)), 0.0);
+        assert_eq!(
+            Settings::new(neighbours).damping_estimate(&Shape::unit_cube(1)),
+            0.0
+        );
     }
 }

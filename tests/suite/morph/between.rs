@@ -12,7 +12,12 @@ use pliant::morph::sphere::{SphereError, flipped};
 use super::{bent, stretched, tube};
 use crate::tolerances::{T9, T18, worst};
 
-fn between(first: &TriangleMesh, second: &TriangleMesh, pairs: &[[u32; 2]], settings: &Settings) -> Between {
+fn between(
+    first: &TriangleMesh,
+    second: &TriangleMesh,
+    pairs: &[[u32; 2]],
+    settings: &Settings,
+) -> Between {
     Between::new([first, second], pairs, settings, &|| true).unwrap_or_else(|e| panic!("{e}"))
 }
 
@@ -32,7 +37,10 @@ fn both_ends_are_met_and_numbers_are_carried() {
     let both = between(&first, &second, &[], &Settings::default());
     let counts = [first.vertices.len(), second.vertices.len()];
     assert_eq!(both.places[0][..counts[0]], first.vertices);
-    assert_eq!(both.places[1][counts[0]..counts[0] + counts[1]], second.vertices);
+    assert_eq!(
+        both.places[1][counts[0]..counts[0] + counts[1]],
+        second.vertices
+    );
     let topology = Topology::of_triangles(both.kinds.len(), &both.triangles);
     assert!(topology.is_closed() && topology.is_oriented() && topology.euler_characteristic() == 2);
     for (map, mesh) in both.maps.iter().zip([&first, &second]) {
@@ -41,15 +49,20 @@ fn both_ends_are_met_and_numbers_are_carried() {
     }
     for (places, mesh) in both.places.iter().zip([&first, &second]) {
         let volume = measures::volume(places, &both.triangles);
-        assert!((volume - mesh.volume()).abs() <= T18 * mesh.length().powi(3), "{volume}");
+        assert!(
+            (volume - mesh.volume()).abs() <= T18 * mesh.length().powi(3),
+            "{volume}"
+        );
     }
     // A field that is linear in space is linear on each triangle: what is carried is the place itself.
     for side in 0..2 {
         let mesh = [&first, &second][side];
         let values: Vec<f64> = mesh.vertices.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
         let carried = both.carried(side, &values, 3);
-        let off =
-            both.places[side].iter().zip(carried.chunks(3)).map(|(p, c)| (p - Point3::new(c[0], c[1], c[2])).norm());
+        let off = both.places[side]
+            .iter()
+            .zip(carried.chunks(3))
+            .map(|(p, c)| (p - Point3::new(c[0], c[1], c[2])).norm());
         assert!(worst(off) <= T18 * mesh.length());
     }
     // What is no number stays where it was, and where it has a say.
@@ -63,11 +76,27 @@ fn both_ends_are_met_and_numbers_are_carried() {
 #[test]
 fn the_first_topology_loses_what_the_merged_one_keeps() {
     let (first, second) = (shapes::box_surface([1.0; 3], 1.0), lopsided(2));
-    let own = between(&first, &second, &[], &Settings { shared: Shared::First, ..Settings::default() });
-    assert_eq!((own.places[0].as_slice(), own.triangles.as_slice()), (&first.vertices[..], &first.triangles[..]));
+    let own = between(
+        &first,
+        &second,
+        &[],
+        &Settings {
+            shared: Shared::First,
+            ..Settings::default()
+        },
+    );
+    assert_eq!(
+        (own.places[0].as_slice(), own.triangles.as_slice()),
+        (&first.vertices[..], &first.triangles[..])
+    );
     let all = between(&first, &second, &[], &Settings::default());
     let volume = |b: &Between| measures::volume(&b.places[1], &b.triangles) / second.volume();
-    assert!((volume(&all) - 1.0).abs() <= T18 && volume(&own) < 0.8, "{} {}", volume(&all), volume(&own));
+    assert!(
+        (volume(&all) - 1.0).abs() <= T18 && volume(&own) < 0.8,
+        "{} {}",
+        volume(&all),
+        volume(&own)
+    );
 }
 
 #[test]
@@ -75,16 +104,37 @@ fn a_turned_copy_is_found_and_one_as_it_is_placed() {
     let first = lopsided(2);
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.2, 0.1, 1.9));
     let turned = TriangleMesh {
-        vertices: first.vertices.iter().map(|p| turn * p * 3.0 + Vector3::new(5.0, 0.0, 0.0)).collect(),
+        vertices: first
+            .vertices
+            .iter()
+            .map(|p| turn * p * 3.0 + Vector3::new(5.0, 0.0, 0.0))
+            .collect(),
         ..first.clone()
     };
     for second in [&turned, &first] {
-        let both = between(&first, second, &[], &Settings { shared: Shared::First, ..Settings::default() });
-        let off = worst(both.places[1].iter().zip(&second.vertices).map(|(p, q)| (p - q).norm())) / second.length();
+        let both = between(
+            &first,
+            second,
+            &[],
+            &Settings {
+                shared: Shared::First,
+                ..Settings::default()
+            },
+        );
+        let off = worst(
+            both.places[1]
+                .iter()
+                .zip(&second.vertices)
+                .map(|(p, q)| (p - q).norm()),
+        ) / second.length();
         println!("{:?}: {off:e} of the size from the same vertex", both.start);
         // The map of a turned copy is another one, as steps have axes of space in them; of the same surface it is the same.
         if second == &first {
-            assert!(both.start == Start::Placed && off <= T9, "{:?} {off}", both.start);
+            assert!(
+                both.start == Start::Placed && off <= T9,
+                "{:?} {off}",
+                both.start
+            );
         } else {
             assert!(off <= 0.05, "{off}");
         }
@@ -96,22 +146,43 @@ fn pairs_meet_exactly() {
     let (first, second) = (stretched(2, 2.0), bent(2, 4.0, 1.0));
     let vertex = |mesh: &TriangleMesh, along: Vector3<f64>| {
         let high = |v: &u32| mesh.vertices[*v as usize].coords.dot(&along);
-        (0..mesh.vertices.len() as u32).max_by(|a, b| high(a).total_cmp(&high(b))).expect("vertices")
+        (0..mesh.vertices.len() as u32)
+            .max_by(|a, b| high(a).total_cmp(&high(b)))
+            .expect("vertices")
     };
     let pair = |a: Vector3<f64>, b: Vector3<f64>| [vertex(&first, a), vertex(&second, b)];
-    let pairs =
-        [pair(Vector3::x(), Vector3::x()), pair(Vector3::z(), Vector3::z()), pair(-Vector3::x(), -Vector3::x())];
+    let pairs = [
+        pair(Vector3::x(), Vector3::x()),
+        pair(Vector3::z(), Vector3::z()),
+        pair(-Vector3::x(), -Vector3::x()),
+    ];
     for count in 1..=3 {
         for shared in [Shared::First, Shared::Merged] {
-            let both = between(&first, &second, &pairs[..count], &Settings { shared, ..Settings::default() });
+            let both = between(
+                &first,
+                &second,
+                &pairs[..count],
+                &Settings {
+                    shared,
+                    ..Settings::default()
+                },
+            );
             // Two vertices in one place are no general position: laid over each other, maps are turned a little.
-            let within = if shared == Shared::First { T18 } else { 1e3 * both.turned };
+            let within = if shared == Shared::First {
+                T18
+            } else {
+                1e3 * both.turned
+            };
             for [a, b] in &pairs[..count] {
                 let there = (both.places[1][*a as usize] - second.vertices[*b as usize]).norm();
                 assert!(there <= within * second.length(), "{count} pairs: {there}");
             }
             assert!(within <= 1e-3 && both.start == Start::Features);
-            assert!(both.maps.iter().all(|m| flipped(m.points(), m.triangles()).is_empty()));
+            assert!(
+                both.maps
+                    .iter()
+                    .all(|m| flipped(m.points(), m.triangles()).is_empty())
+            );
         }
     }
 }
@@ -128,17 +199,53 @@ fn what_cannot_be_brought_together_is_refused() {
     assert!(
         matches!(refused([&ball, &out], &[], &plain), BetweenError::InsideOut { side: 1, volume } if volume < -3.0)
     );
-    let open = TriangleMesh { triangles: ball.triangles[1..].to_vec(), ..ball.clone() };
+    let open = TriangleMesh {
+        triangles: ball.triangles[1..].to_vec(),
+        ..ball.clone()
+    };
     let error = refused([&open, &ball], &[], &plain);
-    assert!(matches!(error, BetweenError::Surface { side: 0, error: SphereError::Open { edges: 3, .. } }), "{error}");
-    let far = AlignError::Vertex { vertex: 42, count: 42 };
-    assert_eq!(refused([&ball, &ball], &[[0, 0], [42, 1]], &plain), BetweenError::Align(far));
-    let same = AlignError::Same { first: 0, second: 1 };
-    assert_eq!(refused([&ball, &ball], &[[0, 0], [0, 1]], &plain), BetweenError::Align(same));
-    let relaxed = Relaxation { sweeps: 200, attempts: 1, threshold: 1e-6, ..Relaxation::default() };
-    let long = Settings { method: Method::Relaxation(relaxed), ..plain };
+    assert!(
+        matches!(
+            error,
+            BetweenError::Surface {
+                side: 0,
+                error: SphereError::Open { edges: 3, .. }
+            }
+        ),
+        "{error}"
+    );
+    let far = AlignError::Vertex {
+        vertex: 42,
+        count: 42,
+    };
+    assert_eq!(
+        refused([&ball, &ball], &[[0, 0], [42, 1]], &plain),
+        BetweenError::Align(far)
+    );
+    let same = AlignError::Same {
+        first: 0,
+        second: 1,
+    };
+    assert_eq!(
+        refused([&ball, &ball], &[[0, 0], [0, 1]], &plain),
+        BetweenError::Align(same)
+    );
+    let relaxed = Relaxation {
+        sweeps: 200,
+        attempts: 1,
+        threshold: 1e-6,
+        ..Relaxation::default()
+    };
+    let long = Settings {
+        method: Method::Relaxation(relaxed),
+        ..plain
+    };
     let error = refused([&ball, &tube(16, 200, 70.0)], &[], &long);
-    assert!(matches!(error, BetweenError::Surface { side: 1, .. }) && error.to_string().contains("robust"), "{error}");
+    assert!(
+        matches!(error, BetweenError::Surface { side: 1, .. })
+            && error.to_string().contains("robust"),
+        "{error}"
+    );
     let stopped = Between::new([&ball, &ball], &[], &plain, &|| false);
     assert_eq!(stopped.map(|b| b.turned), Err(BetweenError::Stopped));
 }
@@ -155,10 +262,17 @@ fn tangents_of_a_turn_follow_its_arc() {
     let ends = [first.vertices.as_slice(), &end];
     let tangents = turning(ends).expect("shapes");
     let middle = hermite(ends, &tangents[0], &tangents[1], 0.5).expect("shapes");
-    let off = |x: &[Point3<f64>]| worst(x.iter().zip(turned(0.5)).map(|(p, q)| (p - q).norm())) / first.length();
+    let off = |x: &[Point3<f64>]| {
+        worst(x.iter().zip(turned(0.5)).map(|(p, q)| (p - q).norm())) / first.length()
+    };
     let straight = Path::Linear.at(ends, 0.5).expect("shapes");
     // A cubic follows an arc of one radian to (1/24 - 1/32 - ...) of it, a straight line by 1 - cos(1/2).
-    assert!(off(&middle) < 2e-3 && off(&straight) > 0.05, "{} {}", off(&middle), off(&straight));
+    assert!(
+        off(&middle) < 2e-3 && off(&straight) > 0.05,
+        "{} {}",
+        off(&middle),
+        off(&straight)
+    );
     let mut by_path = Path::Hermite(Box::new(tangents));
     assert_eq!(by_path.at(ends, 0.5).expect("shapes"), middle);
     assert_eq!(by_path.at(ends, 0.0).expect("shapes"), first.vertices);
@@ -178,11 +292,25 @@ fn curved(segments: u32, rings: u32, length: f64, radius: f64, angle: f64) -> Tr
 /// Volume and area halfway, over those of a body whose size is the mean of the sizes of both: what is matched with the other
 /// side of the body pinches it, and every fold of the match takes from its surface.
 fn halfway(first: &TriangleMesh, second: &TriangleMesh, alike: Alike) -> ([f64; 2], Between) {
-    let both = between(first, second, &[], &Settings { alike, ..Settings::default() });
-    assert!(both.maps.iter().all(|m| flipped(m.points(), m.triangles()).is_empty()));
+    let both = between(
+        first,
+        second,
+        &[],
+        &Settings {
+            alike,
+            ..Settings::default()
+        },
+    );
+    assert!(
+        both.maps
+            .iter()
+            .all(|m| flipped(m.points(), m.triangles()).is_empty())
+    );
     let ends = [both.places[0].as_slice(), &both.places[1]];
-    let middle =
-        TriangleMesh { vertices: Path::Linear.at(ends, 0.5).expect("shapes"), triangles: both.triangles.clone() };
+    let middle = TriangleMesh {
+        vertices: Path::Linear.at(ends, 0.5).expect("shapes"),
+        triangles: both.triangles.clone(),
+    };
     let volume = (0.5 * (first.volume().cbrt() + second.volume().cbrt())).powi(3);
     let area = (0.5 * (first.area().sqrt() + second.area().sqrt())).powi(2);
     ([middle.volume() / volume, middle.area() / area], both)
@@ -194,13 +322,24 @@ fn long_bodies_keep_their_volume_halfway_without_pairs() {
     for (name, second) in [
         ("another sample", tube(24, 80, 20.0)),
         ("bent", curved(20, 50, 20.0, 1.0, 1.0)),
-        ("thinner, shorter and bent the other way", curved(14, 70, 16.0, 0.7, -0.8)),
+        (
+            "thinner, shorter and bent the other way",
+            curved(14, 70, 16.0, 0.7, -0.8),
+        ),
     ] {
         let ([volume, area], both) = halfway(&straight, &second, Alike::Drawn);
         let ([less, folded], turned) = halfway(&straight, &second, Alike::Turned);
-        println!("{name}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}");
-        assert!(both.start == Start::Placed && both.drawn > 0.05 && turned.drawn == 0.0, "{name}");
-        assert!((volume - 1.0).abs() < 0.03 && area > 0.96, "{name}: {volume} {area}");
+        println!(
+            "{name}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}"
+        );
+        assert!(
+            both.start == Start::Placed && both.drawn > 0.05 && turned.drawn == 0.0,
+            "{name}"
+        );
+        assert!(
+            (volume - 1.0).abs() < 0.03 && area > 0.96,
+            "{name}: {volume} {area}"
+        );
         // Control: a turn of the whole cannot do it.
         assert!(less < 0.96 && folded < area, "{name}: {less} {folded}");
     }
@@ -210,13 +349,23 @@ fn long_bodies_keep_their_volume_halfway_without_pairs() {
 fn real_long_bodies_keep_their_volume_halfway_without_pairs() {
     let data = std::env::var("PLIANT_DATA").unwrap_or_else(|_| "../shared/data".into());
     let body = std::path::PathBuf::from(data).join("body");
-    let read = |name: &str| Some(pliant::io::read(&body.join(format!("{name}.obj"))).ok()?.mesh);
+    let read = |name: &str| {
+        Some(
+            pliant::io::read(&body.join(format!("{name}.obj")))
+                .ok()?
+                .mesh,
+        )
+    };
     for (first, second, within) in [
         ("bones/Femur.r", "bones/Tibia.r", 0.03),
         ("bones/Tibia.r", "bones/Femur.r", 0.03),
         ("bones/Radius.r", "bones/Ulna.r", 0.03),
         // One has its belly where the other has its tendon.
-        ("muscles/Short_head_of_biceps_brachii.r", "muscles/Gracilis_muscle.r", 0.09),
+        (
+            "muscles/Short_head_of_biceps_brachii.r",
+            "muscles/Gracilis_muscle.r",
+            0.09,
+        ),
     ] {
         let (Some(a), Some(b)) = (read(first), read(second)) else {
             println!("skipped: no {first} or {second} in {}", body.display());
@@ -224,8 +373,16 @@ fn real_long_bodies_keep_their_volume_halfway_without_pairs() {
         };
         let ([volume, area], _) = halfway(&a, &b, Alike::Drawn);
         let ([less, folded], _) = halfway(&a, &b, Alike::Turned);
-        println!("{first} to {second}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}");
-        assert!((volume - 1.0).abs() < within && area > 0.95, "{first} to {second}: {volume} {area}");
-        assert!(folded < area - 0.02 && less < volume, "{first} to {second}: {less} {folded}");
+        println!(
+            "{first} to {second}: volume {volume:.3}, area {area:.3}; by a turn alone {less:.3}, {folded:.3}"
+        );
+        assert!(
+            (volume - 1.0).abs() < within && area > 0.95,
+            "{first} to {second}: {volume} {area}"
+        );
+        assert!(
+            folded < area - 0.02 && less < volume,
+            "{first} to {second}: {less} {folded}"
+        );
     }
 }

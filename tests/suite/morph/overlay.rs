@@ -28,16 +28,24 @@ fn each_direction_is_in_one_triangle_and_a_scan_finds_the_same() {
             let [a, b, c] = t.map(|v| map.points()[v as usize]);
             flipped(&[a, b, c, p], &[[0, 1, 3], [1, 2, 3], [2, 0, 3]]).is_empty()
         };
-        let scan: Vec<usize> = (0..map.triangles().len()).filter(|&t| holds(&map.triangles()[t])).collect();
+        let scan: Vec<usize> = (0..map.triangles().len())
+            .filter(|&t| holds(&map.triangles()[t]))
+            .collect();
         let found = locator.locate(&p.coords).expect("a triangle");
         assert_eq!(scan, [found.triangle as usize], "at {p}");
-        assert!(found.weights.iter().all(|w| *w >= 0.0) && (found.weights.iter().sum::<f64>() - 1.0).abs() <= T8);
+        assert!(
+            found.weights.iter().all(|w| *w >= 0.0)
+                && (found.weights.iter().sum::<f64>() - 1.0).abs() <= T8
+        );
         let there = found.of(map.triangles(), map.points());
         assert!((there.coords.normalize() - p.coords).norm() <= T18);
     }
     for (v, p) in map.points().iter().enumerate() {
         let found = locator.locate(&p.coords).expect("a triangle");
-        assert!((found.of(map.triangles(), map.points()) - p).norm() <= T9, "vertex {v}");
+        assert!(
+            (found.of(map.triangles(), map.points()) - p).norm() <= T9,
+            "vertex {v}"
+        );
     }
     assert_eq!(locator.locate(&Vector3::zeros()), None);
     assert_eq!(locator.locate(&Vector3::new(f64::NAN, 0.0, 1.0)), None);
@@ -66,9 +74,15 @@ fn m12_a_place_on_an_edge_is_in_a_triangle() {
         let [a, b, c] = map.triangles()[found.triangle as usize].map(|v| map.points()[v as usize]);
         // As it is looked up: made a unit vector once more.
         let p = Point3::from(p.normalize());
-        assert!([turn(&a, &b, &p), turn(&b, &c, &p), turn(&c, &a, &p)].iter().all(|side| *side >= 0.0));
+        assert!(
+            [turn(&a, &b, &p), turn(&b, &c, &p), turn(&c, &a, &p)]
+                .iter()
+                .all(|side| *side >= 0.0)
+        );
     }
-    println!("of 4000 places on edges {in_none} are in no triangle by the printed test, {in_two} in two");
+    println!(
+        "of 4000 places on edges {in_none} are in no triangle by the printed test, {in_two} in two"
+    );
     assert!(in_two > 0, "{in_two}");
 }
 
@@ -85,10 +99,16 @@ fn m04_arcs_cross_on_one_side_of_the_sphere_only() {
         part(normal.dot(&p[0].coords), normal.dot(&p[1].coords))
             && part(other.dot(&q[0].coords), other.dot(&q[1].coords))
     };
-    assert!(printed([&p[0], &p[1]], [&q[0], &q[1]]), "the printed test is taken in");
+    assert!(
+        printed([&p[0], &p[1]], [&q[0], &q[1]]),
+        "the printed test is taken in"
+    );
     assert!(!arcs_cross([&p[0], &p[1]], [&q[0], &q[1]]));
     let near = [unit(1.0, 0.0, -0.2), unit(1.0, 0.0, 0.2)];
-    assert!(arcs_cross([&p[0], &p[1]], [&near[0], &near[1]]) && arcs_cross([&near[1], &near[0]], [&p[0], &p[1]]));
+    assert!(
+        arcs_cross([&p[0], &p[1]], [&near[0], &near[1]])
+            && arcs_cross([&near[1], &near[0]], [&p[0], &p[1]])
+    );
     let mut draw = Draw::new(5);
     let (mut by_print, mut truly) = (0, 0);
     for _ in 0..20_000 {
@@ -98,20 +118,33 @@ fn m04_arcs_cross_on_one_side_of_the_sphere_only() {
         let within = |r: &Vector3<f64>, s: &Point3<f64>, t: &Point3<f64>| {
             r.angle(&s.coords) + r.angle(&t.coords) - s.coords.angle(&t.coords) < 1e-9
         };
-        let oracle = [meeting, -meeting].iter().any(|r| within(r, &a, &b) && within(r, &c, &d));
+        let oracle = [meeting, -meeting]
+            .iter()
+            .any(|r| within(r, &a, &b) && within(r, &c, &d));
         assert_eq!(arcs_cross([&a, &b], [&c, &d]), oracle);
         truly += usize::from(oracle);
         by_print += usize::from(printed([&a, &b], [&c, &d]));
     }
     // In the digest 4982 against 2413.
-    assert!((2200..2800).contains(&truly) && (4600..5400).contains(&by_print), "{truly} {by_print}");
+    assert!(
+        (2200..2800).contains(&truly) && (4600..5400).contains(&by_print),
+        "{truly} {by_print}"
+    );
 }
 
 /// Everything that an overlay must be; returns both sets of places.
-fn assert_overlay(overlay: &Overlay, first: &TriangleMesh, second: &TriangleMesh) -> [Vec<Point3<f64>>; 2] {
+fn assert_overlay(
+    overlay: &Overlay,
+    first: &TriangleMesh,
+    second: &TriangleMesh,
+) -> [Vec<Point3<f64>>; 2] {
     let places = [
-        overlay.on_first(&first.vertices, &first.triangles).expect("places"),
-        overlay.on_second(&second.vertices, &second.triangles).expect("places"),
+        overlay
+            .on_first(&first.vertices, &first.triangles)
+            .expect("places"),
+        overlay
+            .on_second(&second.vertices, &second.triangles)
+            .expect("places"),
     ];
     let topology = Topology::of_triangles(overlay.origins.len(), &overlay.triangles);
     assert!(topology.is_closed() && topology.is_oriented());
@@ -119,10 +152,21 @@ fn assert_overlay(overlay: &Overlay, first: &TriangleMesh, second: &TriangleMesh
     assert_eq!(topology.components().count, 1);
     for (x, mesh) in places.iter().zip([first, second]) {
         // The same surface, cut into more triangles: area and volume are those of the whole.
-        let (area, volume) = (measures::area(x, &overlay.triangles), measures::volume(x, &overlay.triangles));
-        assert!((area / mesh.area() - 1.0).abs() <= T18, "area {area} {}", mesh.area());
+        let (area, volume) = (
+            measures::area(x, &overlay.triangles),
+            measures::volume(x, &overlay.triangles),
+        );
+        assert!(
+            (area / mesh.area() - 1.0).abs() <= T18,
+            "area {area} {}",
+            mesh.area()
+        );
         let size = mesh.length().powi(3);
-        assert!((volume - mesh.volume()).abs() <= T18 * size, "volume {volume} {}", mesh.volume());
+        assert!(
+            (volume - mesh.volume()).abs() <= T18 * size,
+            "volume {volume} {}",
+            mesh.volume()
+        );
     }
     let counts = [first.vertices.len(), second.vertices.len()];
     assert_eq!(overlay.counts, counts);
@@ -141,13 +185,20 @@ fn overlays_hold_both_surfaces() {
     ];
     for (i, (a, first)) in bodies.iter().enumerate() {
         for (b, second) in &bodies[..i] {
-            let overlay = Overlay::new(&robust(first), &robust(second)).unwrap_or_else(|e| panic!("{a}, {b}: {e}"));
-            println!("{a} over {b}: {} crossings, turned by {} rad", overlay.crossings(), overlay.turned);
+            let overlay = Overlay::new(&robust(first), &robust(second))
+                .unwrap_or_else(|e| panic!("{a}, {b}: {e}"));
+            println!(
+                "{a} over {b}: {} crossings, turned by {} rad",
+                overlay.crossings(),
+                overlay.turned
+            );
             assert_overlay(&overlay, first, second);
             let between = |o: &Origin| match o {
-                Origin::Crossing { along_first, along_second, .. } => {
-                    (0.0..=1.0).contains(along_first) && (0.0..=1.0).contains(along_second)
-                }
+                Origin::Crossing {
+                    along_first,
+                    along_second,
+                    ..
+                } => (0.0..=1.0).contains(along_first) && (0.0..=1.0).contains(along_second),
                 _ => true,
             };
             assert!(overlay.origins.iter().all(between));
@@ -160,68 +211,137 @@ fn a_map_over_itself_is_turned_a_little_and_says_so() {
     let ball = stretched(2, 2.0);
     let map = robust(&ball);
     let overlay = Overlay::new(&map, &map).expect("an overlay");
-    assert!(overlay.turned > 0.0 && overlay.turned <= 1e-6, "{}", overlay.turned);
+    assert!(
+        overlay.turned > 0.0 && overlay.turned <= 1e-6,
+        "{}",
+        overlay.turned
+    );
     let places = assert_overlay(&overlay, &ball, &ball);
-    let apart = worst(places[0].iter().zip(&places[1]).map(|(a, b)| (a - b).norm()));
+    let apart = worst(
+        places[0]
+            .iter()
+            .zip(&places[1])
+            .map(|(a, b)| (a - b).norm()),
+    );
     assert!(apart <= 1e-3, "the same place on both: {apart}");
-    let wrong = overlay.on_first(&ball.vertices[1..], &ball.triangles).expect_err("one too few");
-    assert_eq!(wrong, OverlayError::Positions { found: 161, wanted: 162 });
+    let wrong = overlay
+        .on_first(&ball.vertices[1..], &ball.triangles)
+        .expect_err("one too few");
+    assert_eq!(
+        wrong,
+        OverlayError::Positions {
+            found: 161,
+            wanted: 162
+        }
+    );
 }
 
 #[test]
 fn blends_end_in_both_shapes() {
     let (first, second) = (stretched(2, 6.0), bent(2, 6.0, 2.0));
     let size = first.length();
-    let off = |x: &[Point3<f64>], y: &[Point3<f64>]| worst(x.iter().zip(y).map(|(a, b)| (a - b).norm()));
-    let tangents: Vec<Vector3<f64>> = first.vertices.iter().map(|p| Vector3::new(p.y, -p.x, 0.3)).collect();
-    let mut dual = Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
+    let off =
+        |x: &[Point3<f64>], y: &[Point3<f64>]| worst(x.iter().zip(y).map(|(a, b)| (a - b).norm()));
+    let tangents: Vec<Vector3<f64>> = first
+        .vertices
+        .iter()
+        .map(|p| Vector3::new(p.y, -p.x, 0.3))
+        .collect();
+    let mut dual =
+        Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
     for (t, shape) in [(0.0, &first), (1.0, &second)] {
         let straight = linear(&first.vertices, &second.vertices, t).expect("shapes");
         assert_eq!(straight, shape.vertices, "bit for bit");
-        let curved = hermite([&first.vertices, &second.vertices], &tangents, &tangents, t).expect("shapes");
+        let curved =
+            hermite([&first.vertices, &second.vertices], &tangents, &tangents, t).expect("shapes");
         assert!(off(&curved, &shape.vertices) <= T18 * size);
         let error = off(&dual.at(t), &shape.vertices);
         assert!(error <= T18 * size, "{t}: {error}");
     }
     // Of the two tangents: dx/dt.
     let h = 1e-6;
-    let moved = hermite([&first.vertices, &second.vertices], &tangents, &tangents, h).expect("shapes");
+    let moved =
+        hermite([&first.vertices, &second.vertices], &tangents, &tangents, h).expect("shapes");
     assert!(((moved[5] - first.vertices[5]) / h - tangents[5]).norm() < 1e-4);
     // Control: halfway neither shape is met.
-    assert!(off(&dual.at(0.5), &first.vertices) > 1e-3 * size && off(&dual.at(0.5), &second.vertices) > 1e-3 * size);
+    assert!(
+        off(&dual.at(0.5), &first.vertices) > 1e-3 * size
+            && off(&dual.at(0.5), &second.vertices) > 1e-3 * size
+    );
 }
 
 #[test]
 fn the_laplacian_blend_keeps_the_volume_where_parts_turn() {
     let first = stretched(2, 6.0);
     // The whole turned by 120 degrees: the linear blend collapses, this one turns.
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.5, 1.0).normalize() * (120f64).to_radians());
-    let turned: Vec<Point3<f64>> = first.vertices.iter().map(|p| turn * p + Vector3::new(3.0, 0.0, 1.0)).collect();
+    let turn = UnitQuaternion::from_scaled_axis(
+        Vector3::new(0.3, 0.5, 1.0).normalize() * (120f64).to_radians(),
+    );
+    let turned: Vec<Point3<f64>> = first
+        .vertices
+        .iter()
+        .map(|p| turn * p + Vector3::new(3.0, 0.0, 1.0))
+        .collect();
     let volume = |x: &[Point3<f64>]| measures::volume(x, &first.triangles) / first.volume();
     let mut dual = Laplacian::new(&first.vertices, &turned, &first.triangles).expect("a blend");
-    assert!((volume(&dual.at(0.5)) - 1.0).abs() <= T9, "{}", volume(&dual.at(0.5)));
+    assert!(
+        (volume(&dual.at(0.5)) - 1.0).abs() <= T9,
+        "{}",
+        volume(&dual.at(0.5))
+    );
     assert!(volume(&linear(&first.vertices, &turned, 0.5).expect("shapes")) < 0.5);
     // Bent: parts turn against each other.
     let second = bent(2, 6.0, 3.0);
-    let mut dual = Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
+    let mut dual =
+        Laplacian::new(&first.vertices, &second.vertices, &first.triangles).expect("a blend");
     let mean = 0.5 * (1.0 + volume(&second.vertices));
-    let (kept, straight) =
-        (volume(&dual.at(0.5)), volume(&linear(&first.vertices, &second.vertices, 0.5).expect("shapes")));
-    println!("volume halfway: {kept:.4} by turning Laplacians, {straight:.4} linear, {mean:.4} wanted");
-    assert!((kept - mean).abs() < 0.5 * (straight - mean).abs(), "{kept} {straight} {mean}");
+    let (kept, straight) = (
+        volume(&dual.at(0.5)),
+        volume(&linear(&first.vertices, &second.vertices, 0.5).expect("shapes")),
+    );
+    println!(
+        "volume halfway: {kept:.4} by turning Laplacians, {straight:.4} linear, {mean:.4} wanted"
+    );
+    assert!(
+        (kept - mean).abs() < 0.5 * (straight - mean).abs(),
+        "{kept} {straight} {mean}"
+    );
 }
 
 #[test]
 fn shapes_that_cannot_be_blended_are_refused() {
     let ball = shapes::icosphere(1.0, 1);
     let x = &ball.vertices;
-    assert_eq!(linear(x, &x[1..], 0.5), Err(BlendError::Counts { first: 42, second: 41 }));
+    assert_eq!(
+        linear(x, &x[1..], 0.5),
+        Err(BlendError::Counts {
+            first: 42,
+            second: 41
+        })
+    );
     let few = hermite([x, x], &[Vector3::x()], &[Vector3::x()], 0.5);
-    assert_eq!(few, Err(BlendError::Counts { first: 1, second: 42 }));
-    let apart = Laplacian::new(x, x, &ball.triangles[..3]).err().expect("vertices without triangles");
+    assert_eq!(
+        few,
+        Err(BlendError::Counts {
+            first: 1,
+            second: 42
+        })
+    );
+    let apart = Laplacian::new(x, x, &ball.triangles[..3])
+        .err()
+        .expect("vertices without triangles");
     assert!(matches!(apart, BlendError::Apart { .. }), "{apart}");
-    let wrong = Laplacian::new(x, x, &[[0, 1, 99]]).err().expect("no such vertex");
-    assert_eq!(wrong, BlendError::Vertex { triangle: 0, vertex: 99, count: 42 });
+    let wrong = Laplacian::new(x, x, &[[0, 1, 99]])
+        .err()
+        .expect("no such vertex");
+    assert_eq!(
+        wrong,
+        BlendError::Vertex {
+            triangle: 0,
+            vertex: 99,
+            count: 42
+        }
+    );
 }
 
 #[test]
@@ -243,9 +363,15 @@ fn a_map_turned_is_turned_back() {
         };
         assert!(gap(1e-3) >= gap(0.0) && gap(-1e-3) >= gap(0.0));
     }
-    let poles = [Point3::new(0.0, 0.0, 1.0), Point3::new(0.0, 0.0, -1.0), Point3::new(1.0, 0.0, 0.0)];
+    let poles = [
+        Point3::new(0.0, 0.0, 1.0),
+        Point3::new(0.0, 0.0, -1.0),
+        Point3::new(1.0, 0.0, 0.0),
+    ];
     let half = align::origin_then_insertion([&poles[0], &poles[1]], [&poles[2], &poles[2]]);
-    assert!((half * poles[0] - poles[1]).norm() <= T18 && (half * poles[2] - poles[2]).norm() <= T18);
+    assert!(
+        (half * poles[0] - poles[1]).norm() <= T18 && (half * poles[2] - poles[2]).norm() <= T18
+    );
 }
 
 /// M10: the printed step moves a feature by d times what is left, and folds the map; the corrected one arrives without a fold.
@@ -261,11 +387,25 @@ fn m10_features_arrive_without_folds() {
     let printed = |points: &[Point3<f64>], to: &Point3<f64>, d: f64| -> Vec<Point3<f64>> {
         let (f, t) = (points[0], to - points[0]);
         let near = |v: &Point3<f64>| (d - (v - f).norm()).max(0.0);
-        points.iter().map(|v| Point3::from((v.coords + t * near(v)).normalize())).collect()
+        points
+            .iter()
+            .map(|v| Point3::from((v.coords + t * near(v)).normalize()))
+            .collect()
     };
-    let folds = |degrees: f64| flipped(&printed(&ball.vertices, &target(degrees), 1.0), &ball.triangles).len();
+    let folds = |degrees: f64| {
+        flipped(
+            &printed(&ball.vertices, &target(degrees), 1.0),
+            &ball.triangles,
+        )
+        .len()
+    };
     assert_eq!((folds(20.0), folds(40.0)), (0, 0));
-    assert!(folds(60.0) > 0 && folds(80.0) > 40, "{} {}", folds(60.0), folds(80.0));
+    assert!(
+        folds(60.0) > 0 && folds(80.0) > 40,
+        "{} {}",
+        folds(60.0),
+        folds(80.0)
+    );
     let mut stalled = ball.vertices.clone();
     let (to, mut d) = (target(1f64.to_degrees()), 0.5);
     for _ in 0..40 {
@@ -273,15 +413,26 @@ fn m10_features_arrive_without_folds() {
         d *= 0.5;
     }
     let left = (stalled[0] - to).norm();
-    assert!((left - 0.29).abs() < 0.02, "stalls at 0.290 of 0.959 in the digest: {left}");
+    assert!(
+        (left - 0.29).abs() < 0.02,
+        "stalls at 0.290 of 0.959 in the digest: {left}"
+    );
     for degrees in [20.0, 40.0, 60.0, 80.0] {
         let moved = align::move_features(&map, &[0], &[target(degrees)], &Moving::default());
         let moved = moved.unwrap_or_else(|e| panic!("{degrees} degrees: {e}"));
         assert_eq!(moved.points()[0], target(degrees));
     }
-    let two =
-        align::move_features(&map, &[0, 7], &[target(30.0), ball.vertices[7]], &Moving::default()).expect("a map");
-    assert_eq!((two.points()[0], two.points()[7]), (target(30.0), ball.vertices[7]));
+    let two = align::move_features(
+        &map,
+        &[0, 7],
+        &[target(30.0), ball.vertices[7]],
+        &Moving::default(),
+    )
+    .expect("a map");
+    assert_eq!(
+        (two.points()[0], two.points()[7]),
+        (target(30.0), ball.vertices[7])
+    );
 }
 
 #[test]
@@ -290,17 +441,57 @@ fn alignments_that_make_no_sense_are_refused() {
     let map = SphereMap::new(ball.vertices.clone(), ball.triangles.clone()).expect("a map");
     let p = ball.vertices[3];
     assert_eq!(align::centre(&map, &[]), Err(AlignError::Empty));
-    assert_eq!(align::centre(&map, &[5, 42]), Err(AlignError::Vertex { vertex: 42, count: 42 }));
+    assert_eq!(
+        align::centre(&map, &[5, 42]),
+        Err(AlignError::Vertex {
+            vertex: 42,
+            count: 42
+        })
+    );
     let all: Vec<u32> = (0..42).collect();
-    assert_eq!(align::centre(&map, &all), Err(AlignError::NoCentre { points: 42 }));
-    assert_eq!(align::nearest_rotation(&[p], &[p]), Err(AlignError::TooFew(1)));
-    assert_eq!(align::nearest_rotation(&[p, p], &[p]), Err(AlignError::Counts { from: 2, to: 1 }));
+    assert_eq!(
+        align::centre(&map, &all),
+        Err(AlignError::NoCentre { points: 42 })
+    );
+    assert_eq!(
+        align::nearest_rotation(&[p], &[p]),
+        Err(AlignError::TooFew(1))
+    );
+    assert_eq!(
+        align::nearest_rotation(&[p, p], &[p]),
+        Err(AlignError::Counts { from: 2, to: 1 })
+    );
     let moving = Moving::default();
-    let refused = |features: &[u32], targets: &[Point3<f64>]| align::move_features(&map, features, targets, &moving);
-    assert_eq!(refused(&[1, 1], &[p, ball.vertices[4]]), Err(AlignError::Same { first: 0, second: 1 }));
-    assert_eq!(refused(&[99], &[p]), Err(AlignError::Vertex { vertex: 99, count: 42 }));
+    let refused = |features: &[u32], targets: &[Point3<f64>]| {
+        align::move_features(&map, features, targets, &moving)
+    };
+    assert_eq!(
+        refused(&[1, 1], &[p, ball.vertices[4]]),
+        Err(AlignError::Same {
+            first: 0,
+            second: 1
+        })
+    );
+    assert_eq!(
+        refused(&[99], &[p]),
+        Err(AlignError::Vertex {
+            vertex: 99,
+            count: 42
+        })
+    );
     let few = Moving { steps: 1, ..moving };
     let far = Point3::from(-ball.vertices[0].coords);
     let stuck = align::move_features(&map, &[0], &[far], &few).expect_err("too few steps");
-    assert!(matches!(stuck, AlignError::Stuck { feature: 0, vertex: 0, steps: 1, .. }), "{stuck}");
+    assert!(
+        matches!(
+            stuck,
+            AlignError::Stuck {
+                feature: 0,
+                vertex: 0,
+                steps: 1,
+                ..
+            }
+        ),
+        "{stuck}"
+    );
 }

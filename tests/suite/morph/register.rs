@@ -24,7 +24,10 @@ fn expected_draws_are_those_of_the_table() {
             // A number without a decimal is one to the nearest whole.
             let half = if printed.fract() == 0.0 { 0.5 } else { 0.05 };
             let exact = expected_draws(good, n);
-            assert!((exact - printed).abs() <= half + T9, "{good} {n}: {exact} {printed}");
+            assert!(
+                (exact - printed).abs() <= half + T9,
+                "{good} {n}: {exact} {printed}"
+            );
         }
     }
 }
@@ -33,7 +36,11 @@ fn expected_draws_are_those_of_the_table() {
 #[test]
 fn m09_m11_draws_for_a_probability() {
     for (sure, exact) in [(0.90, 35.68), (0.95, 46.42), (0.99, 71.36)] {
-        assert!((draws_needed(0.5, 4, sure) - exact).abs() <= 5e-3, "{}", draws_needed(0.5, 4, sure));
+        assert!(
+            (draws_needed(0.5, 4, sure) - exact).abs() <= 5e-3,
+            "{}",
+            draws_needed(0.5, 4, sure)
+        );
         let printed = (1.0f64 - sure).ln() * expected_draws(0.5, 4);
         assert!(printed < 0.0, "the printed number is negative");
     }
@@ -47,7 +54,11 @@ fn m09_m11_draws_for_a_probability() {
 fn motion(draw: &mut Draw, kind: Motion) -> Similarity3<f64> {
     let rotation = UnitQuaternion::from_rotation_matrix(&draw.rotation());
     let shift = draw.direction() * draw.between(0.0, 3.0);
-    let scale = if kind == Motion::Similarity { draw.between(0.5, 2.0) } else { 1.0 };
+    let scale = if kind == Motion::Similarity {
+        draw.between(0.5, 2.0)
+    } else {
+        1.0
+    };
     Similarity3::from_isometry(Isometry3::from_parts(shift.into(), rotation), scale)
 }
 
@@ -82,12 +93,16 @@ fn body_over(ball: TriangleMesh) -> TriangleMesh {
     let mut mesh = ball;
     for v in &mut mesh.vertices {
         let p = *v;
-        let bump = |c: [f64; 3], high: f64, sharp: f64| high * (-(p - Point3::from(c)).norm_squared() * sharp).exp();
-        let r =
-            1.0 + bump([1.0, 0.0, 0.0], 0.8, 4.0) + bump([0.0, 0.8, 0.6], 0.5, 6.0) + bump([-0.6, -0.8, 0.0], 0.4, 8.0)
-                - bump([0.0, -0.6, 0.8], 0.3, 5.0)
-                + bump([-0.6, 0.6, -0.5], 0.6, 5.0)
-                + bump([0.3, -0.4, -0.87], 0.35, 9.0);
+        let bump = |c: [f64; 3], high: f64, sharp: f64| {
+            high * (-(p - Point3::from(c)).norm_squared() * sharp).exp()
+        };
+        let r = 1.0
+            + bump([1.0, 0.0, 0.0], 0.8, 4.0)
+            + bump([0.0, 0.8, 0.6], 0.5, 6.0)
+            + bump([-0.6, -0.8, 0.0], 0.4, 8.0)
+            - bump([0.0, -0.6, 0.8], 0.3, 5.0)
+            + bump([-0.6, 0.6, -0.5], 0.6, 5.0)
+            + bump([0.3, -0.4, -0.87], 0.35, 9.0);
         *v = Point3::new(p.x * r * 1.6, p.y * r, p.z * r * 0.8);
     }
     mesh
@@ -118,29 +133,88 @@ fn off(found: &Similarity3<f64>, known: &Similarity3<f64>, mesh: &TriangleMesh, 
 #[test]
 fn every_way_through_the_six_stages_ends_at_the_known_motion() {
     let fixed = body();
-    let known = Similarity3::new(Vector3::new(0.05, -0.03, 0.02), Vector3::new(0.05, 0.08, -0.04), 1.0);
-    let moving =
-        TriangleMesh { vertices: fixed.vertices.iter().map(|p| known.inverse() * p).collect(), ..fixed.clone() };
-    let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
-    let base = Icp { rounds: 400, ..Icp::default() };
+    let known = Similarity3::new(
+        Vector3::new(0.05, -0.03, 0.02),
+        Vector3::new(0.05, 0.08, -0.04),
+        1.0,
+    );
+    let moving = TriangleMesh {
+        vertices: fixed.vertices.iter().map(|p| known.inverse() * p).collect(),
+        ..fixed.clone()
+    };
+    let (a, b) = (
+        Surface::new(&moving).expect("a surface"),
+        Surface::new(&fixed).expect("a surface"),
+    );
+    let base = Icp {
+        rounds: 400,
+        ..Icp::default()
+    };
     let ways = [
         ("default", base),
-        ("some points", Icp { select: Select::About(300), ..base }),
-        ("near", Icp { weigh: Weigh::Near, ..base }),
-        ("worst tenth", Icp { reject: Reject::Worst(0.1), ..base }),
-        ("none dropped", Icp { reject: Reject::None, ..base }),
-        ("within", Icp { reject: Reject::Beyond(0.5), ..base }),
-        ("size", Icp { motion: Motion::Similarity, ..base }),
+        (
+            "some points",
+            Icp {
+                select: Select::About(300),
+                ..base
+            },
+        ),
+        (
+            "near",
+            Icp {
+                weigh: Weigh::Near,
+                ..base
+            },
+        ),
+        (
+            "worst tenth",
+            Icp {
+                reject: Reject::Worst(0.1),
+                ..base
+            },
+        ),
+        (
+            "none dropped",
+            Icp {
+                reject: Reject::None,
+                ..base
+            },
+        ),
+        (
+            "within",
+            Icp {
+                reject: Reject::Beyond(0.5),
+                ..base
+            },
+        ),
+        (
+            "size",
+            Icp {
+                motion: Motion::Similarity,
+                ..base
+            },
+        ),
     ];
     for (name, icp) in ways {
-        let found = icp.run(&a, &b, &Similarity3::identity()).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let found = icp
+            .run(&a, &b, &Similarity3::identity())
+            .unwrap_or_else(|e| panic!("{name}: {e}"));
         let error = off(&found.motion, &known, &moving, b.size());
-        println!("{name}: {} rounds, {error:e} of the size, {} pairs", found.rounds, found.pairs);
+        println!(
+            "{name}: {} rounds, {error:e} of the size, {} pairs",
+            found.rounds, found.pairs
+        );
         assert!(found.converged && error <= T20, "{name}: {error}");
     }
     // Points against points creep.
-    let points = Icp { measure: Measure::Points, rounds: 50, ..base };
-    let found = points.run(&a, &b, &Similarity3::identity()).expect("a motion");
+    let points = Icp {
+        measure: Measure::Points,
+        rounds: 50,
+        ..base
+    };
+    let found = points
+        .run(&a, &b, &Similarity3::identity())
+        .expect("a motion");
     let error = off(&found.motion, &known, &moving, b.size());
     println!("points: {} rounds, {error:e}", found.rounds);
     assert!(error < 0.5 * off(&Similarity3::identity(), &known, &moving, b.size()));
@@ -152,32 +226,64 @@ fn a_similarity_is_recovered_from_two_fifths_and_a_fifth_of_outliers() {
     // Two parts that share a middle strip: what each has of the other is two fifths.
     let fixed = part(&whole, |p| p.x + 0.3 * p.y < 0.45);
     let other = part(&whole, |p| p.x + 0.3 * p.y > -0.35);
-    let shared = other.vertices.iter().filter(|p| p.x + 0.3 * p.y < 0.45).count() as f64 / other.vertices.len() as f64;
-    println!("{:.0} % of {} vertices are shared", 100.0 * shared, other.vertices.len());
+    let shared = other
+        .vertices
+        .iter()
+        .filter(|p| p.x + 0.3 * p.y < 0.45)
+        .count() as f64
+        / other.vertices.len() as f64;
+    println!(
+        "{:.0} % of {} vertices are shared",
+        100.0 * shared,
+        other.vertices.len()
+    );
     assert!(shared < 0.45, "{shared}");
     let mut draw = Draw::new(11);
     let mut recovered = 0;
     for seed in 0..3 {
         let known = motion(&mut draw, Motion::Similarity);
-        let mut moving =
-            TriangleMesh { vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(), ..other.clone() };
+        let mut moving = TriangleMesh {
+            vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(),
+            ..other.clone()
+        };
         // A fifth of all vertices belongs to clutter: small triangles anywhere around.
         let (size, around) = (moving.length(), moving.bounding_box().center());
         for _ in 0..moving.vertices.len() / 12 {
             let at = around + draw.direction() * draw.between(0.0, 0.6) * size;
             let first = moving.vertices.len() as u32;
-            moving.vertices.extend((0..3).map(|_| at + draw.direction() * 0.02 * size));
+            moving
+                .vertices
+                .extend((0..3).map(|_| at + draw.direction() * 0.02 * size));
             moving.triangles.push([first, first + 1, first + 2]);
         }
-        let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
-        let search = Ransac { motion: Motion::Similarity, good: 0.25, seed, ..Ransac::default() };
-        let start = search.start(&a, &b).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
-        let icp = Icp { motion: Motion::Similarity, rounds: 200, ..Icp::default() };
+        let (a, b) = (
+            Surface::new(&moving).expect("a surface"),
+            Surface::new(&fixed).expect("a surface"),
+        );
+        let search = Ransac {
+            motion: Motion::Similarity,
+            good: 0.25,
+            seed,
+            ..Ransac::default()
+        };
+        let start = search
+            .start(&a, &b)
+            .unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+        let icp = Icp {
+            motion: Motion::Similarity,
+            rounds: 200,
+            ..Icp::default()
+        };
         let found = icp.run(&a, &b, &start).expect("a motion");
-        let clean =
-            TriangleMesh { vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(), ..other.clone() };
+        let clean = TriangleMesh {
+            vertices: other.vertices.iter().map(|p| known.inverse() * p).collect(),
+            ..other.clone()
+        };
         let errors = [start, found.motion].map(|m| off(&m, &known, &clean, b.size()));
-        println!("seed {seed}: start {:e}, end {:e} of the size, {} rounds", errors[0], errors[1], found.rounds);
+        println!(
+            "seed {seed}: start {:e}, end {:e} of the size, {} rounds",
+            errors[0], errors[1], found.rounds
+        );
         assert!(errors[1] <= T19, "seed {seed}: {errors:?}");
         recovered += 1;
     }
@@ -195,12 +301,19 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
         let mut ball = shapes::icosphere(1.0, level);
         ball.vertices.iter_mut().for_each(|v| *v = turn * *v);
         let other = part(&body_over(ball), |p| p.x + 0.3 * p.y > -0.35);
-        let shared =
-            other.vertices.iter().filter(|p| p.x + 0.3 * p.y < 0.45).count() as f64 / other.vertices.len() as f64;
+        let shared = other
+            .vertices
+            .iter()
+            .filter(|p| p.x + 0.3 * p.y < 0.45)
+            .count() as f64
+            / other.vertices.len() as f64;
         assert!(shared <= 0.4, "{shared}");
         let known = motion(&mut draw, Motion::Similarity);
         let clean: Vec<Point3<f64>> = other.vertices.iter().map(|p| known.inverse() * p).collect();
-        let mut moving = TriangleMesh { vertices: clean.clone(), triangles: other.triangles };
+        let mut moving = TriangleMesh {
+            vertices: clean.clone(),
+            triangles: other.triangles,
+        };
         let (size, mut thrown) = (moving.length(), 0);
         for v in &mut moving.vertices {
             if draw.between(0.0, 1.0) < 0.2 {
@@ -209,12 +322,28 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
             }
         }
         assert!(thrown as f64 > 0.17 * clean.len() as f64);
-        let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
-        let search = Ransac { motion: Motion::Similarity, good: 0.25, seed, ..Ransac::default() };
-        let start = search.start(&a, &b).unwrap_or_else(|e| panic!("level {level}, seed {seed}: {e}"));
-        let icp = Icp { motion: Motion::Similarity, rounds: 200, ..Icp::default() };
+        let (a, b) = (
+            Surface::new(&moving).expect("a surface"),
+            Surface::new(&fixed).expect("a surface"),
+        );
+        let search = Ransac {
+            motion: Motion::Similarity,
+            good: 0.25,
+            seed,
+            ..Ransac::default()
+        };
+        let start = search
+            .start(&a, &b)
+            .unwrap_or_else(|e| panic!("level {level}, seed {seed}: {e}"));
+        let icp = Icp {
+            motion: Motion::Similarity,
+            rounds: 200,
+            ..Icp::default()
+        };
         let found = icp.run(&a, &b, &start).expect("a motion");
-        let off = |m: &Similarity3<f64>| worst(clean.iter().map(|p| (m * p - known * p).norm())) / b.size();
+        let off = |m: &Similarity3<f64>| {
+            worst(clean.iter().map(|p| (m * p - known * p).norm())) / b.size()
+        };
         println!(
             "level {level}, seed {seed}: {:.0} % shared, {thrown} of {} thrown, start {:e}, end {:e} of the size",
             100.0 * shared,
@@ -222,7 +351,11 @@ fn a_similarity_is_recovered_from_another_sample_with_thrown_vertices() {
             off(&start),
             off(&found.motion)
         );
-        assert!(off(&found.motion) <= T19, "level {level}, seed {seed}: {}", off(&found.motion));
+        assert!(
+            off(&found.motion) <= T19,
+            "level {level}, seed {seed}: {}",
+            off(&found.motion)
+        );
         // Control: as it was placed nothing fits.
         assert!(off(&Similarity3::identity()) > 0.1);
     }
@@ -236,27 +369,63 @@ fn a_bent_body_is_bent_back() {
     ball.vertices.iter_mut().for_each(|v| *v = turn * *v);
     let bend = |p: &Point3<f64>| Point3::new(p.x, p.y + 0.12 * p.x * p.x, p.z + 0.05 * p.x * p.y);
     let straight = body_over(ball);
-    let moving = TriangleMesh { vertices: straight.vertices.iter().map(bend).collect(), ..straight.clone() };
-    let (a, b) = (Surface::new(&moving).expect("a surface"), Surface::new(&fixed).expect("a surface"));
-    let rigid = Icp::default().run(&a, &b, &Similarity3::identity()).expect("a motion");
+    let moving = TriangleMesh {
+        vertices: straight.vertices.iter().map(bend).collect(),
+        ..straight.clone()
+    };
+    let (a, b) = (
+        Surface::new(&moving).expect("a surface"),
+        Surface::new(&fixed).expect("a surface"),
+    );
+    let rigid = Icp::default()
+        .run(&a, &b, &Similarity3::identity())
+        .expect("a motion");
     let start: Vec<Point3<f64>> = moving.vertices.iter().map(|p| rigid.motion * p).collect();
     let from = |x: &[Point3<f64>]| {
         let tree = pliant::mesh::closest::SurfaceTree::new(&fixed.vertices, &fixed.triangles);
-        let squares = x.iter().map(|p| tree.closest(p, f64::INFINITY).map_or(f64::NAN, |c| c.distance.powi(2)));
+        let squares = x.iter().map(|p| {
+            tree.closest(p, f64::INFINITY)
+                .map_or(f64::NAN, |c| c.distance.powi(2))
+        });
         (squares.sum::<f64>() / x.len() as f64).sqrt() / b.size()
     };
-    let bent = NonRigid::default().run(&a, &b, &start, &|| true).expect("a bending");
-    println!("bent: {} rounds, from {:e} to {:e} of the size", bent.rounds, from(&start), from(&bent.points));
+    let bent = NonRigid::default()
+        .run(&a, &b, &start, &|| true)
+        .expect("a bending");
+    println!(
+        "bent: {} rounds, from {:e} to {:e} of the size",
+        bent.rounds,
+        from(&start),
+        from(&bent.points)
+    );
     assert!(bent.converged && from(&start) > 5e-3 && from(&bent.points) < 0.1 * from(&start));
     // Not only onto the surface: places come near to where they came from.
     let off = |x: &[Point3<f64>]| {
-        let squares = x.iter().zip(&straight.vertices).map(|(p, q)| (p - q).norm_squared());
+        let squares = x
+            .iter()
+            .zip(&straight.vertices)
+            .map(|(p, q)| (p - q).norm_squared());
         (squares.sum::<f64>() / x.len() as f64).sqrt() / b.size()
     };
-    assert!(off(&bent.points) < 0.5 * off(&start), "{} {}", off(&bent.points), off(&start));
+    assert!(
+        off(&bent.points) < 0.5 * off(&start),
+        "{} {}",
+        off(&bent.points),
+        off(&start)
+    );
     // A cluster alone is a rigid body: it cannot.
-    let one = NonRigid { clusters: 1, ..NonRigid::default() }.run(&a, &b, &start, &|| true).expect("a bending");
-    assert!(from(&one.points) > 0.5 * from(&start), "{} {}", from(&one.points), from(&start));
+    let one = NonRigid {
+        clusters: 1,
+        ..NonRigid::default()
+    }
+    .run(&a, &b, &start, &|| true)
+    .expect("a bending");
+    assert!(
+        from(&one.points) > 0.5 * from(&start),
+        "{} {}",
+        from(&one.points),
+        from(&start)
+    );
     let stopped = NonRigid::default().run(&a, &b, &start, &|| false);
     assert_eq!(stopped.map(|b| b.rounds), Err(RegisterError::Stopped));
 }
@@ -265,19 +434,43 @@ fn a_bent_body_is_bent_back() {
 fn what_cannot_be_registered_is_refused() {
     let ball = shapes::icosphere(1.0, 1);
     let refused = |mesh: &TriangleMesh| Surface::new(mesh).err().expect("no surface");
-    assert_eq!(refused(&TriangleMesh::default()), RegisterError::TooFew { vertices: 0, triangles: 0 });
-    let point = TriangleMesh { vertices: vec![Point3::origin(); 4], triangles: vec![[0, 1, 2]] };
+    assert_eq!(
+        refused(&TriangleMesh::default()),
+        RegisterError::TooFew {
+            vertices: 0,
+            triangles: 0
+        }
+    );
+    let point = TriangleMesh {
+        vertices: vec![Point3::origin(); 4],
+        triangles: vec![[0, 1, 2]],
+    };
     assert_eq!(refused(&point), RegisterError::NoSize { vertices: 4 });
     let mut none = ball.clone();
     none.vertices[7].x = f64::NAN;
     assert!(refused(&none).to_string().contains("vertex 7"));
     let surface = Surface::new(&ball).expect("a surface");
     let far = Similarity3::new(Vector3::new(100.0, 0.0, 0.0), Vector3::zeros(), 1.0);
-    let strict = Icp { reject: Reject::Beyond(0.1), ..Icp::default() };
-    assert_eq!(strict.run(&surface, &surface, &far), Err(RegisterError::Pairs { pairs: 0, of: 42, round: 1 }));
+    let strict = Icp {
+        reject: Reject::Beyond(0.1),
+        ..Icp::default()
+    };
+    assert_eq!(
+        strict.run(&surface, &surface, &far),
+        Err(RegisterError::Pairs {
+            pairs: 0,
+            of: 42,
+            round: 1
+        })
+    );
     // A ball against a thin box: nothing lays a third of it there.
     let thin = shapes::box_surface([1.0, 0.01, 0.01], 0.1);
     let thin = Surface::new(&thin).expect("a surface");
-    let error = Ransac::default().start(&surface, &thin).expect_err("no start");
-    assert!(matches!(error, RegisterError::NoStart { wanted, .. } if wanted > 3), "{error}");
+    let error = Ransac::default()
+        .start(&surface, &thin)
+        .expect_err("no start");
+    assert!(
+        matches!(error, RegisterError::NoStart { wanted, .. } if wanted > 3),
+        "{error}"
+    );
 }

@@ -21,7 +21,11 @@ const DIGIT: f64 = 5e-10;
 fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     for _ in 0..200 {
         let middle = 0.5 * (low + high);
-        if f(middle) < 0.0 { low = middle } else { high = middle }
+        if f(middle) < 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     0.5 * (low + high)
 }
@@ -37,7 +41,11 @@ fn catenary() -> (f64, f64) {
 fn links_at_rest(n: usize) -> Vec<Point3<f64>> {
     let length = LENGTH / n as f64;
     let slope = |i: usize, tension: f64| (i as f64 + 0.5 - n as f64 / 2.0) / (n as f64 * tension);
-    let span = |tension: f64| (0..n).map(|i| length / slope(i, tension).hypot(1.0)).sum::<f64>();
+    let span = |tension: f64| {
+        (0..n)
+            .map(|i| length / slope(i, tension).hypot(1.0))
+            .sum::<f64>()
+    };
     let tension = root(1e-3, 1e3, |h| span(h) - SPAN);
     let mut at = vec![Point3::origin()];
     for i in 0..n {
@@ -53,14 +61,30 @@ fn sag(x: &[Point3<f64>]) -> f64 {
 
 /// Links of the length `rest` between points in turn, each of the stiffness `k`.
 fn links(n: usize, rest: f64, k: f64) -> (Vec<Distance>, Vec<f64>) {
-    ((0..n as u32).map(|i| Distance { points: [i, i + 1], rest }).collect(), vec![k; n])
+    (
+        (0..n as u32)
+            .map(|i| Distance {
+                points: [i, i + 1],
+                rest,
+            })
+            .collect(),
+        vec![k; n],
+    )
 }
 
 /// The ends of a triangle of two sides as long as the chain, `n` links along them.
 fn triangle(n: usize) -> Vec<Point3<f64>> {
     let deep = (LENGTH * LENGTH - SPAN * SPAN).sqrt() / 2.0;
     let along = |i: usize| i as f64 / n as f64;
-    (0..=n).map(|i| Point3::new(SPAN * along(i), 0.0, -2.0 * deep * along(i).min(1.0 - along(i)))).collect()
+    (0..=n)
+        .map(|i| {
+            Point3::new(
+                SPAN * along(i),
+                0.0,
+                -2.0 * deep * along(i).min(1.0 - along(i)),
+            )
+        })
+        .collect()
 }
 
 /// A chain of `n` links of no stretch and weight 1 at rest between its ends; the share `heavier` of all the weight is
@@ -68,9 +92,15 @@ fn triangle(n: usize) -> Vec<Point3<f64>> {
 fn hung(n: usize, heavier: f64) -> Vec<Point3<f64>> {
     let mut x = triangle(n);
     for soft in [1.0, 10.0, 100.0, 1e4] {
-        let mut body = Body::new(links(n, LENGTH / n as f64, soft * n as f64), n + 1, 1.0 / n as f64);
+        let mut body = Body::new(
+            links(n, LENGTH / n as f64, soft * n as f64),
+            n + 1,
+            1.0 / n as f64,
+        );
         body.held = vec![0, n];
-        body.forces.iter_mut().for_each(|f| f.z = -(1.0 - heavier) / n as f64);
+        body.forces
+            .iter_mut()
+            .for_each(|f| f.z = -(1.0 - heavier) / n as f64);
         body.forces[n / 2].z -= heavier;
         if soft < 1e4 {
             body.rest(&mut x);
@@ -89,7 +119,9 @@ fn a_hanging_chain_has_its_printed_length() {
         let mut body = Body::new(links(n, 0.05, k), n + 1, weight);
         body.held = vec![0];
         body.forces.iter_mut().for_each(|f| f.z = -weight);
-        let mut x: Vec<Point3<f64>> = (0..=n).map(|i| Point3::new(0.0, 0.0, -0.05 * i as f64)).collect();
+        let mut x: Vec<Point3<f64>> = (0..=n)
+            .map(|i| Point3::new(0.0, 0.0, -0.05 * i as f64))
+            .collect();
         // Something that holds it upright while it bears nothing.
         body.anchor = 1e-3 * k;
         body.rest(&mut x);
@@ -99,21 +131,31 @@ fn a_hanging_chain_has_its_printed_length() {
     };
     let exact = weight * (n * (n + 1)) as f64 / (2.0 * k);
     let found = extension(k);
-    println!("hanging chain: exact {exact:.6} m, error {:.1e} m", (found - exact).abs());
+    println!(
+        "hanging chain: exact {exact:.6} m, error {:.1e} m",
+        (found - exact).abs()
+    );
     assert!((exact - 0.020_601).abs() <= T14);
     assert!((found - exact).abs() <= T9, "{found} for {exact}");
-    assert!(!((extension(1.001 * k) - exact).abs() <= T9), "control: another stiffness");
+    assert!(
+        !((extension(1.001 * k) - exact).abs() <= T9),
+        "control: another stiffness"
+    );
 }
 
 /// A chain of rigid links that fell from a triangle and came to rest by damped steps.
 fn settled(n: usize, gravity: Vector3<f64>, dt: f64) -> Vec<Point3<f64>> {
-    let inverse = (0..=n).map(|i| if i == 0 || i == n { 0.0 } else { n as f64 }).collect();
+    let inverse = (0..=n)
+        .map(|i| if i == 0 || i == n { 0.0 } else { n as f64 })
+        .collect();
     let mut system = System::new(Particles::at_rest(triangle(n), inverse), settings(200));
     system.settings.gravity = gravity;
     // Near the critical damping of the slowest swing.
     system.settings.velocity_factor = 1.0 - 5.0 * dt;
     let all = links(n, LENGTH / n as f64, 1.0).0;
-    system.elastic.push(Box::new(batch(all, 0.0, Order::Stored, n + 1)));
+    system
+        .elastic
+        .push(Box::new(batch(all, 0.0, Order::Stored, n + 1)));
     let steps = (10.0 / dt) as usize;
     (0..steps).for_each(|_| system.step(&[], dt).expect("finite"));
     system.particles.position
@@ -133,7 +175,13 @@ fn a_chain_at_rest_becomes_a_catenary() {
     let (_, exact) = catenary();
     let counts = [8, 16, 32, 64];
     let found = counts.map(|n| hung(n, 0.0));
-    let off = |x: &[Point3<f64>]| worst(x.iter().zip(&links_at_rest(x.len() - 1)).map(|(x, y)| (x - y).norm()));
+    let off = |x: &[Point3<f64>]| {
+        worst(
+            x.iter()
+                .zip(&links_at_rest(x.len() - 1))
+                .map(|(x, y)| (x - y).norm()),
+        )
+    };
     let from_links = worst(found.iter().map(|x| off(x)));
     let errors = found.each_ref().map(|x| (sag(x) - exact).abs());
     println!(
@@ -144,23 +192,41 @@ fn a_chain_at_rest_becomes_a_catenary() {
     assert!(from_links <= T17 * LENGTH, "{from_links:e}");
     assert!(off_order(&errors, 2.0) <= T4);
     let wrong = counts.map(|n| hung(n, 0.01));
-    assert!(!(off(&wrong[0]) <= T17 * LENGTH), "control: a hundredth of the weight in the middle");
-    assert!(!(off_order(&wrong.map(|x| (sag(&x) - exact).abs()), 2.0) <= T4), "control: the same");
+    assert!(
+        !(off(&wrong[0]) <= T17 * LENGTH),
+        "control: a hundredth of the weight in the middle"
+    );
+    assert!(
+        !(off_order(&wrong.map(|x| (sag(&x) - exact).abs()), 2.0) <= T4),
+        "control: the same"
+    );
 }
 
 #[test]
 fn a_chain_by_steps_is_off_by_the_step_squared() {
     let down = Vector3::new(0.0, 0.0, -9.81);
     let off = |n: usize, gravity: Vector3<f64>, dt: f64| {
-        worst(settled(n, gravity, dt).iter().zip(&links_at_rest(n)).map(|(x, y)| (x - y).norm()))
+        worst(
+            settled(n, gravity, dt)
+                .iter()
+                .zip(&links_at_rest(n))
+                .map(|(x, y)| (x - y).norm()),
+        )
     };
     // Two links have one free particle: nothing turns on the way, and it is where it should be.
     assert!(off(2, down, 0.01) <= T17 * LENGTH);
     for n in [4, 6, 8] {
         let errors = [0.02, 0.01, 0.005].map(|dt| off(n, down, dt));
-        println!("chain of {n} by steps: errors {}, orders {:.4?}", powers(&errors), orders(&errors));
+        println!(
+            "chain of {n} by steps: errors {}, orders {:.4?}",
+            powers(&errors),
+            orders(&errors)
+        );
         assert!(off_order(&errors, 2.0) <= T16);
     }
     let lean = Vector3::new(0.00981, 0.0, -9.81);
-    assert!(!(off_order(&[0.02, 0.01, 0.005].map(|dt| off(4, lean, dt)), 2.0) <= T16), "control: gravity leans");
+    assert!(
+        !(off_order(&[0.02, 0.01, 0.005].map(|dt| off(4, lean, dt)), 2.0) <= T16),
+        "control: gravity leans"
+    );
 }

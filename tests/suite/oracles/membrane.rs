@@ -25,23 +25,42 @@ const MODEL: f64 = 0.01;
 /// Equilateral triangles with edges of 1 m, `n` along x and y.
 fn lattice(n: u32) -> TriangleMesh {
     let high = 0.75_f64.sqrt();
-    let at = |i: u32, j: u32| Point3::new(f64::from(i) + 0.5 * f64::from(j % 2), high * f64::from(j), 0.0);
-    let vertices = (0..=n).flat_map(|j| (0..=n).map(move |i| at(i, j))).collect();
+    let at = |i: u32, j: u32| {
+        Point3::new(
+            f64::from(i) + 0.5 * f64::from(j % 2),
+            high * f64::from(j),
+            0.0,
+        )
+    };
+    let vertices = (0..=n)
+        .flat_map(|j| (0..=n).map(move |i| at(i, j)))
+        .collect();
     let mut triangles = Vec::new();
     for (i, j) in (0..n).flat_map(|j| (0..n).map(move |i| (i, j))) {
         let v = |a: u32, b: u32| (j + b) * (n + 1) + i + a;
         let [a, b, c, d] = [v(0, 0), v(1, 0), v(1, 1), v(0, 1)];
-        triangles.extend(if j % 2 == 0 { [[a, b, d], [b, c, d]] } else { [[a, b, c], [a, c, d]] });
+        triangles.extend(if j % 2 == 0 {
+            [[a, b, d], [b, c, d]]
+        } else {
+            [[a, b, c], [a, c, d]]
+        });
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A network at rest with a mass of 1 kg at each vertex, swept by colours.
 fn network(mesh: &TriangleMesh, iterations: u32) -> System {
     let (all, k) = stiffness::edges(mesh, &Topology::new(mesh), MEMBRANE);
     let count = mesh.vertices.len();
-    let mut system = System::new(Particles::at_rest(mesh.vertices.clone(), vec![1.0; count]), settings(iterations));
-    let batch = Batch::<Distance, 2>::new(all, stiffness::compliance(&k), Order::Coloured, count, &[]);
+    let mut system = System::new(
+        Particles::at_rest(mesh.vertices.clone(), vec![1.0; count]),
+        settings(iterations),
+    );
+    let batch =
+        Batch::<Distance, 2>::new(all, stiffness::compliance(&k), Order::Coloured, count, &[]);
     system.elastic.push(Box::new(batch));
     system
 }
@@ -65,14 +84,28 @@ fn pulls(mesh: &TriangleMesh, tension: [f64; 2]) -> Vec<(u32, Vector3<f64>)> {
 
 /// Stretches along x and y of a lattice at `x`, and how far vertices are from an even stretch.
 fn stretches(mesh: &TriangleMesh, x: &[Point3<f64>]) -> ([f64; 2], f64) {
-    let centre = |x: &[Point3<f64>]| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / x.len() as f64;
+    let centre =
+        |x: &[Point3<f64>]| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / x.len() as f64;
     let (c, c0) = (centre(x), centre(&mesh.vertices));
-    let pairs = || x.iter().zip(&mesh.vertices).map(|(x, y)| ((x.coords - c).xy(), (y.coords - c0).xy()));
+    let pairs = || {
+        x.iter()
+            .zip(&mesh.vertices)
+            .map(|(x, y)| ((x.coords - c).xy(), (y.coords - c0).xy()))
+    };
     // The best linear map; how it turns is left to chance.
     let spread: Matrix2<f64> = pairs().map(|(_, y)| y * y.transpose()).sum();
-    let map = pairs().map(|(x, y)| x * y.transpose()).sum::<Matrix2<f64>>() * spread.try_inverse().expect("a plane");
-    let (sides, off) = (map.transpose() * map, pairs().map(|(x, y)| (x - map * y).norm()));
-    ([sides[(0, 0)].sqrt(), sides[(1, 1)].sqrt()], worst(off.chain([sides[(0, 1)].abs()])))
+    let map = pairs()
+        .map(|(x, y)| x * y.transpose())
+        .sum::<Matrix2<f64>>()
+        * spread.try_inverse().expect("a plane");
+    let (sides, off) = (
+        map.transpose() * map,
+        pairs().map(|(x, y)| (x - map * y).norm()),
+    );
+    (
+        [sides[(0, 0)].sqrt(), sides[(1, 1)].sqrt()],
+        worst(off.chain([sides[(0, 1)].abs()])),
+    )
 }
 
 /// A lattice of `n` at rest under a nominal tension, by Newton's method; all stiffness times `by`.
@@ -80,7 +113,9 @@ fn pulled(n: u32, tension: [f64; 2], by: f64) -> ([f64; 2], f64) {
     let mesh = lattice(n);
     let edges = stiffness::edges(&mesh, &Topology::new(&mesh), MEMBRANE * by);
     let mut body = Body::new(edges, mesh.vertices.len(), MEMBRANE);
-    pulls(&mesh, tension).into_iter().for_each(|(p, f)| body.forces[p as usize] += f);
+    pulls(&mesh, tension)
+        .into_iter()
+        .for_each(|(p, f)| body.forces[p as usize] += f);
     body.anchor = ANCHOR;
     // Stretched at first: without tension nothing keeps a lattice plane.
     let mut x: Vec<Point3<f64>> = mesh.vertices.iter().map(|p| p * 1.05).collect();
@@ -116,9 +151,15 @@ fn a_lattice_is_the_membrane_of_poisson_one_third() {
                 found[1],
                 stretch - 1.0
             );
-            assert!(error <= T17, "{n}, {stretch}: {found:?} for {expected:?}, {off:e}");
+            assert!(
+                error <= T17,
+                "{n}, {stretch}: {found:?} for {expected:?}, {off:e}"
+            );
             let wrong = pulled(n, tension, 1.01).0[0];
-            assert!(!((wrong - stretch).abs() <= T17), "control: another stiffness");
+            assert!(
+                !((wrong - stretch).abs() <= T17),
+                "control: another stiffness"
+            );
         }
         for stretch in [1.0001, 1.1, 1.5] {
             // P = E (l - 1)/(1 - 1/3).
@@ -148,9 +189,12 @@ fn a_lattice_departs_from_the_linear_membrane_with_order_two() {
         errors = powers(&errors)
     );
     assert!(off_order(&errors, 2.0) <= T16);
-    let wrong =
-        [0.2, 0.1, 0.05, 0.025].map(|s: f64| (((4.0 - (1.0 + s).powi(2)) / 3.0).sqrt() - (1.0 - s / 2.0)).abs());
-    assert!(!(off_order(&wrong, 2.0) <= T16), "control: Poisson's ratio 1/2");
+    let wrong = [0.2, 0.1, 0.05, 0.025]
+        .map(|s: f64| (((4.0 - (1.0 + s).powi(2)) / 3.0).sqrt() - (1.0 - s / 2.0)).abs());
+    assert!(
+        !(off_order(&wrong, 2.0) <= T16),
+        "control: Poisson's ratio 1/2"
+    );
 }
 
 /// p R/E of a network sphere of radius 1 m blown up to `stretch`^3 times its volume.
@@ -178,7 +222,13 @@ fn rubber(l: f64) -> f64 {
 
 #[test]
 fn the_neo_hookean_balloon_has_its_printed_numbers() {
-    let values = [(1.1, 0.791_866), (1.2, 1.108_503), (1.5, 1.216_278), (2.0, 0.984_375), (3.0, 0.665_752)];
+    let values = [
+        (1.1, 0.791_866),
+        (1.2, 1.108_503),
+        (1.5, 1.216_278),
+        (2.0, 0.984_375),
+        (3.0, 0.665_752),
+    ];
     for (l, printed) in values {
         assert!((rubber(l) - printed).abs() <= T14, "{l}: {}", rubber(l));
     }
@@ -189,13 +239,31 @@ fn the_neo_hookean_balloon_has_its_printed_numbers() {
 
 #[test]
 fn stretched_rubber_has_its_printed_numbers() {
-    let uniaxial = [(1.1, 0.273_554), (1.2, 0.505_556), (1.5, 1.055_556), (2.0, 1.75), (0.8, -0.7625)];
-    let equibiaxial = [(1.1, 0.479_079), (1.2, 0.798_122), (1.5, 1.368_313), (2.0, 1.968_75)];
+    let uniaxial = [
+        (1.1, 0.273_554),
+        (1.2, 0.505_556),
+        (1.5, 1.055_556),
+        (2.0, 1.75),
+        (0.8, -0.7625),
+    ];
+    let equibiaxial = [
+        (1.1, 0.479_079),
+        (1.2, 0.798_122),
+        (1.5, 1.368_313),
+        (2.0, 1.968_75),
+    ];
     let off = |table: &[(f64, f64)], power: i32| {
-        worst(table.iter().map(|(l, printed)| (pull_of_rubber(*l, power) - printed).abs()))
+        worst(
+            table
+                .iter()
+                .map(|(l, printed)| (pull_of_rubber(*l, power) - printed).abs()),
+        )
     };
     assert!(off(&uniaxial, 2) <= T14 && off(&equibiaxial, 5) <= T14);
-    assert!(!(off(&uniaxial, 5) <= T14) && !(off(&equibiaxial, 2) <= T14), "control: the other's power");
+    assert!(
+        !(off(&uniaxial, 5) <= T14) && !(off(&equibiaxial, 2) <= T14),
+        "control: the other's power"
+    );
 }
 
 #[test]
@@ -216,12 +284,21 @@ fn a_network_balloon_has_its_own_peak() {
         assert!((order - 2.0).abs() <= T16, "{l}: {p:?}");
         // Triangles of a sphere are not all equilateral, so an even dilation is not quite at rest.
         assert!((limit / network(l) - 1.0).abs() <= MODEL, "{l}: {limit}");
-        assert!(!((limit / (rubber(l) / 3.0) - 1.0).abs() <= MODEL), "control: the neo-Hookean balloon");
+        assert!(
+            !((limit / (rubber(l) / 3.0) - 1.0).abs() <= MODEL),
+            "control: the neo-Hookean balloon"
+        );
     }
     let peak = [1.9, 2.0, 2.1].map(|l| balloon(1, l));
-    assert!(peak[1] > peak[0] && peak[1] > peak[2], "the peak of the network is at 2: {peak:?}");
+    assert!(
+        peak[1] > peak[0] && peak[1] > peak[2],
+        "the peak of the network is at 2: {peak:?}"
+    );
     let neo = [1.28, 7f64.powf(1.0 / 6.0), 1.48].map(|l| balloon(1, l));
-    assert!(!(neo[1] > neo[0] && neo[1] > neo[2]), "control: that of a neo-Hookean balloon is not its own");
+    assert!(
+        !(neo[1] > neo[0] && neo[1] > neo[2]),
+        "control: that of a neo-Hookean balloon is not its own"
+    );
 }
 
 #[test]
@@ -231,8 +308,15 @@ fn a_lattice_by_steps_nears_its_rest_with_order_two_or_more() {
         (found[0] - 1.1).abs()
     };
     let errors = [0.4, 0.2, 0.1].map(|dt| off(0.1, dt));
-    println!("lattice by steps: errors {}, orders {:.4?}", powers(&errors), orders(&errors));
+    println!(
+        "lattice by steps: errors {}, orders {:.4?}",
+        powers(&errors),
+        orders(&errors)
+    );
     let least = |errors: &[f64]| orders(errors).into_iter().all(|o| o >= 2.0 - T16);
     assert!(least(&errors));
-    assert!(!least(&[0.4, 0.2, 0.1].map(|dt| off(0.101, dt))), "control: another tension");
+    assert!(
+        !least(&[0.4, 0.2, 0.1].map(|dt| off(0.101, dt))),
+        "control: another tension"
+    );
 }

@@ -25,7 +25,13 @@ fn angle(k: usize) -> f64 {
 
 /// Displacements of the chain, `amplitude[k - 1]` of mode k.
 fn shape(amplitude: &[f64]) -> Vec<f64> {
-    let at = |j: usize| amplitude.iter().enumerate().map(|(k, a)| a * (j as f64 * angle(k + 1)).sin()).sum();
+    let at = |j: usize| {
+        amplitude
+            .iter()
+            .enumerate()
+            .map(|(k, a)| a * (j as f64 * angle(k + 1)).sin())
+            .sum()
+    };
     (0..=LINKS).map(at).collect()
 }
 
@@ -33,9 +39,20 @@ fn shape(amplitude: &[f64]) -> Vec<f64> {
 fn moved(amplitude: &[f64], iterations: u32, dt: f64, steps: usize) -> Vec<f64> {
     let mut system = chain(LINKS, 1.0, |_| MASS, 1.0 / STIFFNESS, iterations);
     let start = shape(amplitude);
-    system.particles.position.iter_mut().zip(&start).for_each(|(p, u)| p.z -= u);
+    system
+        .particles
+        .position
+        .iter_mut()
+        .zip(&start)
+        .for_each(|(p, u)| p.z -= u);
     (0..steps).for_each(|_| system.step(&[], dt).expect("finite"));
-    system.particles.position.iter().enumerate().map(|(j, p)| -(j as f64) - p.z).collect()
+    system
+        .particles
+        .position
+        .iter()
+        .enumerate()
+        .map(|(j, p)| -(j as f64) - p.z)
+        .collect()
 }
 
 fn apart(a: &[f64], b: &[f64]) -> f64 {
@@ -46,8 +63,9 @@ fn apart(a: &[f64], b: &[f64]) -> f64 {
 fn p39_modes_of_a_chain_follow_implicit_euler() {
     let (dt, steps) = (0.02, 100);
     // Of implicit Euler: 1/(1 + i w h) to the power of the steps.
-    let factor =
-        |w: f64, n: i32| (1.0 + (w * dt).powi(2)).powf(-0.5 * f64::from(n)) * (f64::from(n) * (w * dt).atan()).cos();
+    let factor = |w: f64, n: i32| {
+        (1.0 + (w * dt).powi(2)).powf(-0.5 * f64::from(n)) * (f64::from(n) * (w * dt).atan()).cos()
+    };
     for k in 1..=LINKS {
         let mut amplitude = [0.0; LINKS];
         amplitude[k - 1] = 0.05;
@@ -58,7 +76,10 @@ fn p39_modes_of_a_chain_follow_implicit_euler() {
         // Relative to the 4 m that positions are stored with, each step divides their rounding by the step.
         assert!(off <= 4.0 * T10, "mode {k}: {off:e}");
         let other = shape(&amplitude.map(|a| a * factor(1.001 * frequency(k), steps as i32)));
-        assert!(k > 2 || !(apart(&found, &other) <= 4.0 * T10), "control: another frequency, mode {k}");
+        assert!(
+            k > 2 || !(apart(&found, &other) <= 4.0 * T10),
+            "control: another frequency, mode {k}"
+        );
     }
 }
 
@@ -81,7 +102,8 @@ fn p37_the_coupled_chain_converges_with_order_one() {
     }
     // Control: one frequency is wrong by a hundredth.
     turned[0] = amplitude[0] * (1.01 * frequency(1) * time).cos();
-    let wrong = [800, 1600, 3200].map(|n| apart(&moved(&amplitude, 1, time / n as f64, n), &shape(&turned)));
+    let wrong = [800, 1600, 3200]
+        .map(|n| apart(&moved(&amplitude, 1, time / n as f64, n), &shape(&turned)));
     assert!(!(off_order(&wrong, 1.0) <= T4));
 }
 
@@ -107,10 +129,15 @@ fn a_critically_damped_step_has_its_closed_form() {
     let b = 0.1 / (1.0 + w) / r - 0.1;
     let off = |factor: f64| {
         let found = damped(omega, factor, dt, 100);
-        let expected: Vec<f64> = (1..=100).map(|n| (0.1 + b * f64::from(n)) * r.powi(n)).collect();
+        let expected: Vec<f64> = (1..=100)
+            .map(|n| (0.1 + b * f64::from(n)) * r.powi(n))
+            .collect();
         apart(&found, &expected)
     };
-    println!("critically damped: {:.1e} m from its recurrence", off(factor));
+    println!(
+        "critically damped: {:.1e} m from its recurrence",
+        off(factor)
+    );
     assert!(off(factor) <= T10, "{:e}", off(factor));
     assert!(!(off(0.999 * factor) <= T10), "control: another damping");
 }
@@ -132,7 +159,10 @@ fn p37_the_critically_damped_spring_converges_with_order_one() {
         found = powers(&found)
     );
     assert!(off_order(&found, 1.0) <= T4);
-    assert!(!(off_order(&errors(0.99), 1.0) <= T4), "control: another damping");
+    assert!(
+        !(off_order(&errors(0.99), 1.0) <= T4),
+        "control: another damping"
+    );
 }
 
 /// The elliptic sine sn(u, k), by arithmetic-geometric means.
@@ -161,7 +191,10 @@ fn p37_the_pendulum_converges_with_order_one() {
         (0..8).for_each(|_| (a, b) = (0.5 * (a + b), (a * b).sqrt()));
         std::f64::consts::FRAC_PI_2 / a
     };
-    assert!((elliptic_sine(quarter, k) - 1.0).abs() <= T10, "the oracle is not at its end");
+    assert!(
+        (elliptic_sine(quarter, k) - 1.0).abs() <= T10,
+        "the oracle is not at its end"
+    );
     let angle = 2.0 * (k * elliptic_sine(quarter - g.sqrt() * time, k)).asin();
     let error = |n: usize, angle: f64| {
         let mut system = chain(1, 1.0, |_| 1.0, 0.0, 1);
@@ -199,10 +232,24 @@ fn p18_substeps_of_a_block_converge_with_order_one() {
     };
     let n = 200;
     let reference = run(64 * 4 * n, 1e-2);
-    let error = |n: usize, soft: f64| worst(run(n, soft).iter().zip(&reference).map(|(x, y)| (x - y).norm()));
+    let error = |n: usize, soft: f64| {
+        worst(
+            run(n, soft)
+                .iter()
+                .zip(&reference)
+                .map(|(x, y)| (x - y).norm()),
+        )
+    };
     let errors = [n, 2 * n, 4 * n].map(|n| error(n, 1e-2));
-    println!("block: errors {errors} m, orders {:.4?}", orders(&errors), errors = powers(&errors));
+    println!(
+        "block: errors {errors} m, orders {:.4?}",
+        orders(&errors),
+        errors = powers(&errors)
+    );
     assert!(errors[2] > 1e-9, "no error to measure");
     assert!(off_order(&errors, 1.0) <= T5);
-    assert!(!(off_order(&[n, 2 * n, 4 * n].map(|n| error(n, 1.05e-2)), 1.0) <= T5), "control: another stiffness");
+    assert!(
+        !(off_order(&[n, 2 * n, 4 * n].map(|n| error(n, 1.05e-2)), 1.0) <= T5),
+        "control: another stiffness"
+    );
 }

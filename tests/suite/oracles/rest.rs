@@ -29,30 +29,54 @@ impl Body {
     /// Edges of which nothing is held or pulled, at rest when no more than T17 of `load` is left.
     pub fn new(edges: (Vec<Distance>, Vec<f64>), count: usize, load: f64) -> Self {
         let forces = vec![Vector3::zeros(); count];
-        Self { edges, hinges: (Vec::new(), Vec::new()), held: Vec::new(), forces, left: T17 * load, anchor: 0.0 }
+        Self {
+            edges,
+            hinges: (Vec::new(), Vec::new()),
+            held: Vec::new(),
+            forces,
+            left: T17 * load,
+            anchor: 0.0,
+        }
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> Energy {
-        let mut energy = Energy { forces: self.forces.clone(), ..Energy::default() };
-        energy.elastic.push(Box::new(Quadratic::<_, 2>::new(self.edges.0.clone(), self.edges.1.clone())));
+        let mut energy = Energy {
+            forces: self.forces.clone(),
+            ..Energy::default()
+        };
+        energy.elastic.push(Box::new(Quadratic::<_, 2>::new(
+            self.edges.0.clone(),
+            self.edges.1.clone(),
+        )));
         if !self.hinges.0.is_empty() {
-            energy.elastic.push(Box::new(Quadratic::<_, 4>::new(self.hinges.0.clone(), self.hinges.1.clone())));
+            energy.elastic.push(Box::new(Quadratic::<_, 4>::new(
+                self.hinges.0.clone(),
+                self.hinges.1.clone(),
+            )));
         }
-        energy.inertia =
-            (self.anchor > 0.0).then(|| Inertia { weight: vec![self.anchor; x.len()], target: x.to_vec() });
+        energy.inertia = (self.anchor > 0.0).then(|| Inertia {
+            weight: vec![self.anchor; x.len()],
+            target: x.to_vec(),
+        });
         energy
     }
 
     fn inverse_mass(&self) -> Vec<f64> {
-        (0..self.forces.len()).map(|i| if self.held.contains(&i) { 0.0 } else { 1.0 }).collect()
+        (0..self.forces.len())
+            .map(|i| if self.held.contains(&i) { 0.0 } else { 1.0 })
+            .collect()
     }
 
     /// By Newton's method, until no more force is left than may be.
     pub fn rest(&self, x: &mut [Point3<f64>]) {
         // An anchor moves along: what it still pulls falls by its share of the stiffness each time.
         for _ in 0..if self.anchor > 0.0 { 3 } else { 1 } {
-            let settings = Settings { tolerance: 0.0, iterations: 200 };
-            let mut solver = Newton::new(self.energy(x), x, &self.inverse_mass(), settings).expect("memory");
+            let settings = Settings {
+                tolerance: 0.0,
+                iterations: 200,
+            };
+            let mut solver =
+                Newton::new(self.energy(x), x, &self.inverse_mass(), settings).expect("memory");
             solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
             let outcome = solver.solve(x, |_, _| true).expect("nothing moves freely");
             assert!(outcome.converged, "{outcome:?}");
@@ -61,9 +85,16 @@ impl Body {
 
     /// By the constant matrix, with a volume that is kept.
     pub fn inflate(&self, x: &mut [Point3<f64>], volume: EnclosedVolume) -> Outcome {
-        let settings = Settings { tolerance: 0.0, iterations: 2000 };
-        let energy = Energy { volumes: vec![volume], ..self.energy(x) };
-        let mut solver = QuasiStatic::new(energy, x, &self.inverse_mass(), settings).expect("anchored");
+        let settings = Settings {
+            tolerance: 0.0,
+            iterations: 2000,
+        };
+        let energy = Energy {
+            volumes: vec![volume],
+            ..self.energy(x)
+        };
+        let mut solver =
+            QuasiStatic::new(energy, x, &self.inverse_mass(), settings).expect("anchored");
         solver.problem.settings.tolerance = self.left / solver.problem.force_scale();
         let outcome = solver.solve(x, &mut Unguarded, |_, _| true);
         assert!(outcome.converged, "{outcome:?}");
@@ -85,6 +116,11 @@ impl Body {
             }
             body.rest(x);
         }
-        worst(self.edges.0.iter().map(|own| (excess(x, own) / own.rest).abs()))
+        worst(
+            self.edges
+                .0
+                .iter()
+                .map(|own| (excess(x, own) / own.rest).abs()),
+        )
     }
 }

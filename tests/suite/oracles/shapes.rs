@@ -18,7 +18,8 @@ fn revolved(profile: &[(f64, f64)], segments: u32) -> TriangleMesh {
         vertices.extend(angles.map(|a| Point3::new(r * a.cos(), r * a.sin(), z)));
     }
     let (low, high) = (vertices.len() as u32, vertices.len() as u32 + 1);
-    vertices.extend([profile[0], profile[profile.len() - 1]].map(|(z, _)| Point3::new(0.0, 0.0, z)));
+    vertices
+        .extend([profile[0], profile[profile.len() - 1]].map(|(z, _)| Point3::new(0.0, 0.0, z)));
     let at = |i: usize, j: u32| i as u32 * segments + j % segments;
     let mut triangles = Vec::new();
     for j in 0..segments {
@@ -29,7 +30,10 @@ fn revolved(profile: &[(f64, f64)], segments: u32) -> TriangleMesh {
             triangles.push([at(i - 1, j), at(i, j + 1), at(i, j)]);
         }
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// The area of a regular polygon of circumradius `r`.
@@ -40,10 +44,21 @@ fn polygon(r: f64, segments: u32) -> f64 {
 #[test]
 fn spheres_converge_with_order_two() {
     let meshes: Vec<TriangleMesh> = (2..6).map(|n| icosphere(1.0, n)).collect();
-    let volumes: Vec<f64> = meshes.iter().map(|m| 1.0 - m.volume() / (4.0 / 3.0 * PI)).collect();
+    let volumes: Vec<f64> = meshes
+        .iter()
+        .map(|m| 1.0 - m.volume() / (4.0 / 3.0 * PI))
+        .collect();
     let areas: Vec<f64> = meshes.iter().map(|m| 1.0 - m.area() / (4.0 * PI)).collect();
-    println!("sphere volume: errors {volumes}, orders {:.4?}", orders(&volumes), volumes = powers(&volumes));
-    println!("sphere area: errors {areas}, orders {:.4?}", orders(&areas), areas = powers(&areas));
+    println!(
+        "sphere volume: errors {volumes}, orders {:.4?}",
+        orders(&volumes),
+        volumes = powers(&volumes)
+    );
+    println!(
+        "sphere area: errors {areas}, orders {:.4?}",
+        orders(&areas),
+        areas = powers(&areas)
+    );
     assert!(off_order(&volumes, 2.0) <= T4 && off_order(&areas, 2.0) <= T4);
     // Control: against a sphere that is a thousandth too small nothing converges.
     let wrong: Vec<f64> = volumes.iter().map(|e| (e - 1e-3).abs()).collect();
@@ -55,9 +70,14 @@ fn cap(radius: f64, height: f64, n: u32) -> TriangleMesh {
     let widest = (1.0 - height / radius).acos();
     let ring = |i: u32| {
         let angle = widest * f64::from(i) / f64::from(n);
-        (radius * (angle.cos() - widest.cos()), if i == 0 { 0.0 } else { radius * angle.sin() })
+        (
+            radius * (angle.cos() - widest.cos()),
+            if i == 0 { 0.0 } else { radius * angle.sin() },
+        )
     };
-    let profile: Vec<(f64, f64)> = std::iter::once((0.0, 0.0)).chain((0..=n).rev().map(ring)).collect();
+    let profile: Vec<(f64, f64)> = std::iter::once((0.0, 0.0))
+        .chain((0..=n).rev().map(ring))
+        .collect();
     revolved(&profile, 4 * n)
 }
 
@@ -70,27 +90,44 @@ fn caps_converge_with_order_two() {
         let area = PI * (base * base + height * height);
         let meshes = [8, 16, 32, 64].map(|n| (cap(radius, height, n), polygon(base, 4 * n)));
         let volumes = meshes.each_ref().map(|(m, _)| 1.0 - m.volume() / volume);
-        let areas = meshes.each_ref().map(|(m, flat)| 1.0 - (m.area() - flat) / area);
+        let areas = meshes
+            .each_ref()
+            .map(|(m, flat)| 1.0 - (m.area() - flat) / area);
         println!(
             "cap {height} of {radius}: volume {volumes}, orders {:.4?}",
             orders(&volumes),
             volumes = powers(&volumes)
         );
-        println!("cap {height} of {radius}: area {areas}, orders {:.4?}", orders(&areas), areas = powers(&areas));
+        println!(
+            "cap {height} of {radius}: area {areas}, orders {:.4?}",
+            orders(&areas),
+            areas = powers(&areas)
+        );
         assert!(off_order(&volumes, 2.0) <= T4 && off_order(&areas, 2.0) <= T4);
         // Control: the radius of the sphere in place of that of the base.
         let wrong = PI * height * (3.0 * radius * radius + height * height) / 6.0;
-        let wrong = meshes.each_ref().map(|(m, _)| (1.0 - m.volume() / wrong).abs());
+        let wrong = meshes
+            .each_ref()
+            .map(|(m, _)| (1.0 - m.volume() / wrong).abs());
         assert!(!(off_order(&wrong, 2.0) <= T4));
     }
 }
 
 /// Heights and radii of a body of frusta.
-const FRUSTA: [(f64, f64); 5] = [(0.0, 0.1), (0.5, 0.35), (0.9, 0.4), (1.6, 0.15), (2.0, 0.05)];
+const FRUSTA: [(f64, f64); 5] = [
+    (0.0, 0.1),
+    (0.5, 0.35),
+    (0.9, 0.4),
+    (1.6, 0.15),
+    (2.0, 0.05),
+];
 
 /// Sum over the frusta of `volume(h, r1, r2)`.
 fn sum_of_frusta(profile: &[(f64, f64)], volume: impl Fn(f64, f64, f64) -> f64) -> f64 {
-    profile.windows(2).map(|p| volume(p[1].0 - p[0].0, p[0].1, p[1].1)).sum()
+    profile
+        .windows(2)
+        .map(|p| volume(p[1].0 - p[0].0, p[0].1, p[1].1))
+        .sum()
 }
 
 /// The profile with a flat lid at both ends.
@@ -111,13 +148,23 @@ fn frusta_are_exact_and_converge_to_cones() {
             let (a, b) = (polygon(r, n), polygon(s, n));
             h / 3.0 * (a + b + (a * b).sqrt())
         });
-        assert!((found / flat - 1.0).abs() <= T1, "{n} segments: {found} for {flat}");
+        assert!(
+            (found / flat - 1.0).abs() <= T1,
+            "{n} segments: {found} for {flat}"
+        );
         // Control: the mean of both ends times the height.
         let mean = sum_of_frusta(&FRUSTA, |h, r, s| h / 2.0 * (polygon(r, n) + polygon(s, n)));
-        assert!(!((found / mean - 1.0).abs() <= T1), "control: the mean area");
+        assert!(
+            !((found / mean - 1.0).abs() <= T1),
+            "control: the mean area"
+        );
         1.0 - found / exact
     });
-    println!("frusta: exact {exact:.6}, errors {errors}, orders {:.4?}", orders(&errors), errors = powers(&errors));
+    println!(
+        "frusta: exact {exact:.6}, errors {errors}, orders {:.4?}",
+        orders(&errors),
+        errors = powers(&errors)
+    );
     assert!(off_order(&errors, 2.0) <= T4);
 }
 
@@ -135,8 +182,15 @@ fn a_spindle_of_frusta_converges_with_order_two() {
         revolved(&points, 2 * n).volume()
     };
     let errors = [8, 16, 32, 64].map(|n| 1.0 - volume(n) / exact);
-    println!("spindle: exact {exact:.6}, errors {errors}, orders {:.4?}", orders(&errors), errors = powers(&errors));
+    println!(
+        "spindle: exact {exact:.6}, errors {errors}, orders {:.4?}",
+        orders(&errors),
+        errors = powers(&errors)
+    );
     assert!(off_order(&errors, 2.0) <= T4);
     let wrong = [8, 16, 32, 64].map(|n| (1.0 - volume(n) / (PI * 4.0 / 3.0)).abs());
-    assert!(!(off_order(&wrong, 2.0) <= T4), "control: the volume of a sphere");
+    assert!(
+        !(off_order(&wrong, 2.0) <= T4),
+        "control: the volume of a sphere"
+    );
 }

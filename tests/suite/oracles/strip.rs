@@ -39,12 +39,21 @@ fn segment(n: usize) -> f64 {
 fn strip(n: usize, side: u32) -> TriangleMesh {
     let a = segment(n);
     let at = |i: usize, j: usize| Point3::new((i as f64 - 0.5) * a, a * (j as f64 - 0.5), 0.0);
-    let vertices = (0..n + 2).flat_map(|i| (0..2).map(move |j| at(i, j))).collect();
+    let vertices = (0..n + 2)
+        .flat_map(|i| (0..2).map(move |j| at(i, j)))
+        .collect();
     let quad = |i: u32| {
         let [a, b, c, d] = [2 * i, 2 * i + 2, 2 * i + 3, 2 * i + 1];
-        if side == 0 { [[a, b, c], [a, c, d]] } else { [[a, b, d], [b, c, d]] }
+        if side == 0 {
+            [[a, b, c], [a, c, d]]
+        } else {
+            [[a, b, d], [b, c, d]]
+        }
     };
-    TriangleMesh { vertices, triangles: (0..=n as u32).flat_map(quad).collect() }
+    TriangleMesh {
+        vertices,
+        triangles: (0..=n as u32).flat_map(quad).collect(),
+    }
 }
 
 /// Two strips of half the stiffness on the same points, diagonals from either side: mirrored, they do not twist, and
@@ -63,7 +72,9 @@ fn body(n: usize, force: f64) -> Body {
     }
     body.held = (0..4).collect();
     body.left = T15 * force;
-    body.forces[count - 2..].iter_mut().for_each(|f| f.z = -force / 2.0);
+    body.forces[count - 2..]
+        .iter_mut()
+        .for_each(|f| f.z = -force / 2.0);
     body
 }
 
@@ -99,17 +110,27 @@ fn elastica(loads: f64) -> (f64, f64) {
     let (mut low, mut high) = (1e-6, std::f64::consts::FRAC_PI_2 - 1e-9);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if integral(middle, &|_| 1.0).powi(2) < loads { low = middle } else { high = middle }
+        if integral(middle, &|_| 1.0).powi(2) < loads {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     let scale = loads.sqrt();
-    (integral(low, &|t| t.sin()) / scale, 1.0 - integral(low, &|t| t.cos()) / scale)
+    (
+        integral(low, &|t| t.sin()) / scale,
+        1.0 - integral(low, &|t| t.cos()) / scale,
+    )
 }
 
 #[test]
 fn the_elastica_has_its_printed_numbers() {
     for (loads, down, back) in ELASTICA {
         let (y, x) = elastica(loads);
-        assert!((y - down).abs() <= 2.0 * T14 && (x - back).abs() <= 2.0 * T14, "{loads}: {y} {x}");
+        assert!(
+            (y - down).abs() <= 2.0 * T14 && (x - back).abs() <= 2.0 * T14,
+            "{loads}: {y} {x}"
+        );
     }
 }
 
@@ -130,6 +151,11 @@ fn a_cantilever_of_hinges_converges_to_the_elastica() {
     }
     // Control: B taken for the stiffness of the strip, of which it is a third.
     let (down, back) = elastica(1.0);
-    let wrong = [8, 16, 32].map(|n| tip(n, 1.0, 1.0)).map(|(y, x)| (y - down).hypot(x - back));
-    assert!(!(off_order(&wrong, 2.0) <= T16), "control: another stiffness");
+    let wrong = [8, 16, 32]
+        .map(|n| tip(n, 1.0, 1.0))
+        .map(|(y, x)| (y - down).hypot(x - back));
+    assert!(
+        !(off_order(&wrong, 2.0) <= T16),
+        "control: another stiffness"
+    );
 }

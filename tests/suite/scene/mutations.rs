@@ -45,7 +45,10 @@ fn piece() -> impl Strategy<Value = String> {
         "shape",
         "keys",
     ];
-    prop_oneof![prop::sample::select(tokens.map(str::to_owned).to_vec()), any::<String>()]
+    prop_oneof![
+        prop::sample::select(tokens.map(str::to_owned).to_vec()),
+        any::<String>()
+    ]
 }
 
 proptest! {

@@ -198,19 +198,44 @@ refused! {
 
 #[test]
 fn e060_missing_file_and_folder() {
-    let mesh = |path: &str| spoilt("shape = \"hip-femur\"", &format!("mesh = \"{path}\"\nunit = \"m\""));
+    let mesh = |path: &str| {
+        spoilt(
+            "shape = \"hip-femur\"",
+            &format!("mesh = \"{path}\"\nunit = \"m\""),
+        )
+    };
     let (folder, variable) = (folder(), " and the value of the variable");
     let wanted = |path: &Path, why: &str, hint: &str| {
         let path = path.display();
         format!(
             "s.toml:5:8: error[E060]: bone.0.mesh: {}; check the path{hint}",
-            if why.is_empty() { format!("no file `{path}`") } else { format!("`{path}` cannot be read: {why}") }
+            if why.is_empty() {
+                format!("no file `{path}`")
+            } else {
+                format!("`{path}` cannot be read: {why}")
+            }
         )
     };
-    assert_eq!(terse(&mesh("no.obj")), wanted(&folder.join("no.obj"), "", "; it is relative to the scene's folder"));
-    assert_eq!(terse(&mesh("$HERE/a/../no.obj")), wanted(&folder.join("a/../no.obj"), "", variable));
-    assert_eq!(terse(&mesh("$HERE/.")), wanted(&folder.join("."), "it is a folder", variable));
-    assert_eq!(terse(&mesh("/no.obj")), wanted(Path::new("/no.obj"), "", ""));
+    assert_eq!(
+        terse(&mesh("no.obj")),
+        wanted(
+            &folder.join("no.obj"),
+            "",
+            "; it is relative to the scene's folder"
+        )
+    );
+    assert_eq!(
+        terse(&mesh("$HERE/a/../no.obj")),
+        wanted(&folder.join("a/../no.obj"), "", variable)
+    );
+    assert_eq!(
+        terse(&mesh("$HERE/.")),
+        wanted(&folder.join("."), "it is a folder", variable)
+    );
+    assert_eq!(
+        terse(&mesh("/no.obj")),
+        wanted(Path::new("/no.obj"), "", "")
+    );
     assert!(read(&mesh("$HERE/femur.obj")).is_ok());
     assert!(read(&mesh("${HERE}/femur.obj")).is_ok());
     assert!(read(&mesh("a/../femur.obj")).is_ok());

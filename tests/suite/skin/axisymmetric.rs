@@ -73,7 +73,8 @@ pub fn area(of: Membrane) -> (f64, f64) {
             }
         }
     }
-    let cone = |w: &[[f64; 2]]| PI * (w[0][0] + w[1][0]) * (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
+    let cone =
+        |w: &[[f64; 2]]| PI * (w[0][0] + w[1][0]) * (w[1][0] - w[0][0]).hypot(w[1][1] - w[0][1]);
     (p.windows(2).map(cone).sum(), left)
 }
 

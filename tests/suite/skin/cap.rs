@@ -26,7 +26,11 @@ fn height(volume: f64) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..100 {
         let middle = 0.5 * (low + high);
-        if of(middle) < volume { low = middle } else { high = middle }
+        if of(middle) < volume {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     low
 }
@@ -36,31 +40,65 @@ type Closed = (Vec<Point3<f64>>, Vec<[u32; 3]>, Vec<[u32; 3]>);
 
 /// A flat membrane closed by a flat base.
 fn flat() -> Closed {
-    let implant = Implant { shape: Shape::Round, base: 2.0 * RADIUS, volume: 1e-12, membrane: SILICONE };
+    let implant = Implant {
+        shape: Shape::Round,
+        base: 2.0 * RADIUS,
+        volume: 1e-12,
+        membrane: SILICONE,
+    };
     let dome = implant.dome(RADIUS / f64::from(RINGS)).expect("a dome");
     let inside = upper(RINGS);
-    let membrane = dome.triangles.iter().filter(|t| t.iter().all(|v| *v < inside)).copied().collect();
-    let vertices = dome.vertices.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
+    let membrane = dome
+        .triangles
+        .iter()
+        .filter(|t| t.iter().all(|v| *v < inside))
+        .copied()
+        .collect();
+    let vertices = dome
+        .vertices
+        .iter()
+        .map(|p| Point3::new(p.x, p.y, 0.0))
+        .collect();
     (vertices, membrane, dome.triangles)
 }
 
 /// Brings springs over the membrane to rest with a volume inside, from `x`.
-fn inflate(x: &mut [Point3<f64>], springs: &[Distance], stiffness: &[f64], volume: f64, all: &[[u32; 3]]) {
+fn inflate(
+    x: &mut [Point3<f64>],
+    springs: &[Distance],
+    stiffness: &[f64],
+    volume: f64,
+    all: &[[u32; 3]],
+) {
     let mut energy = Energy::default();
-    energy.elastic.push(Box::new(Elastic::new(springs, stiffness)));
+    energy
+        .elastic
+        .push(Box::new(Elastic::new(springs, stiffness)));
     energy.volumes = vec![EnclosedVolume::new(all, x.len(), volume, 0.0)];
     let movable = upper(RINGS - 1) as usize;
-    let inverse_mass: Vec<f64> = (0..x.len()).map(|v| if v < movable { 1.0 } else { 0.0 }).collect();
+    let inverse_mass: Vec<f64> = (0..x.len())
+        .map(|v| if v < movable { 1.0 } else { 0.0 })
+        .collect();
     let lift = |x: &[Point3<f64>]| -> Vec<nalgebra::Vector3<f64>> {
         let up = |(v, p): (usize, &Point3<f64>)| {
             let share = p.coords.xy().norm_squared() / (RADIUS * RADIUS);
-            nalgebra::Vector3::z() * if v < movable { (1.0 - share).max(0.0) } else { 0.0 }
+            nalgebra::Vector3::z()
+                * if v < movable {
+                    (1.0 - share).max(0.0)
+                } else {
+                    0.0
+                }
         };
         x.iter().enumerate().map(up).collect()
     };
     let field = lift(x);
-    energy.volumes[0].retract(x, &field).expect("a volume to reach");
-    let settings = Settings { tolerance: 1e-8, iterations: 100 };
+    energy.volumes[0]
+        .retract(x, &field)
+        .expect("a volume to reach");
+    let settings = Settings {
+        tolerance: 1e-8,
+        iterations: 100,
+    };
     let mut newton = Newton::new(energy, x, &inverse_mass, settings).expect("a factor");
     let outcome = newton.solve(x, |_, _| true).expect("a solution");
     assert!(outcome.converged, "{outcome:?}");
@@ -68,25 +106,42 @@ fn inflate(x: &mut [Point3<f64>], springs: &[Distance], stiffness: &[f64], volum
 
 /// Half the sum of the cotangents across each edge of the membrane: springs of rest length zero with these stiffnesses have
 /// the energy of a soap film of tension one, and its forces, where they are taken.
-fn cotangents(x: &[Point3<f64>], mesh: &TriangleMesh, topology: &Topology) -> (Vec<Distance>, Vec<f64>) {
+fn cotangents(
+    x: &[Point3<f64>],
+    mesh: &TriangleMesh,
+    topology: &Topology,
+) -> (Vec<Distance>, Vec<f64>) {
     let mut stiffness = vec![0.0; topology.edges.len()];
     for (t, edges) in topology.triangle_edges.iter().enumerate() {
         let corners = mesh.triangles[t];
         for e in edges {
             let [a, b] = topology.edges[*e as usize];
-            let across = corners.into_iter().find(|v| *v != a && *v != b).expect("a corner across");
+            let across = corners
+                .into_iter()
+                .find(|v| *v != a && *v != b)
+                .expect("a corner across");
             let [u, v] = [a, b].map(|end| x[end as usize] - x[across as usize]);
             stiffness[*e as usize] += 0.5 * u.dot(&v) / u.cross(&v).norm();
         }
     }
-    (topology.edges.iter().map(|&points| Distance { points, rest: 0.0 }).collect(), stiffness)
+    (
+        topology
+            .edges
+            .iter()
+            .map(|&points| Distance { points, rest: 0.0 })
+            .collect(),
+        stiffness,
+    )
 }
 
 #[test]
 fn an_inflated_film_gains_what_a_cap_gains() {
     for volume in [20e-6, 50e-6, 80e-6] {
         let (mut x, membrane, all) = flat();
-        let mesh = TriangleMesh { vertices: x.clone(), triangles: membrane };
+        let mesh = TriangleMesh {
+            vertices: x.clone(),
+            triangles: membrane,
+        };
         let topology = Topology::new(&mesh);
         let before = area(&x, &mesh.triangles);
         let mut last = f64::INFINITY;
@@ -101,14 +156,23 @@ fn an_inflated_film_gains_what_a_cap_gains() {
         }
         let film = area(&x, &mesh.triangles) - before;
         let wanted = PI * height(volume).powi(2);
-        assert!((film / wanted - 1.0).abs() <= 0.01, "{volume}: {film} m2, a cap {wanted} m2");
+        assert!(
+            (film / wanted - 1.0).abs() <= 0.01,
+            "{volume}: {film} m2, a cap {wanted} m2"
+        );
         // The same membrane, elastic, at rest when flat.
         let (springs, stiffness) = springs_of(&mesh, &topology, 400.0);
         let mut elastic = mesh.vertices.clone();
         inflate(&mut elastic, &springs, &stiffness, volume, &all);
         let gain = area(&elastic, &mesh.triangles) - before;
         // No surface on this mesh with this volume has less area than the film.
-        assert!(gain >= film * (1.0 - 1e-4) && gain >= 0.99 * wanted, "{volume}: {gain} m2, a cap {wanted} m2");
-        assert!(gain <= 1.2 * wanted, "{volume}: {gain} m2, a cap {wanted} m2");
+        assert!(
+            gain >= film * (1.0 - 1e-4) && gain >= 0.99 * wanted,
+            "{volume}: {gain} m2, a cap {wanted} m2"
+        );
+        assert!(
+            gain <= 1.2 * wanted,
+            "{volume}: {gain} m2, a cap {wanted} m2"
+        );
     }
 }

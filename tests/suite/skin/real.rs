@@ -10,14 +10,18 @@ use pliant::skin::{Order, Shape, SkinError, insert};
 
 /// A mesh of the data set in metres; `None`, and a word about it, where there is none.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
-    let root = std::env::var_os("PLIANT_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"), PathBuf::from);
+    let root = std::env::var_os("PLIANT_DATA").map_or_else(
+        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data"),
+        PathBuf::from,
+    );
     let path = root.join("skin").join(name);
     if !path.is_file() {
         println!("skipped: 1 test, because there is no {}", path.display());
         return None;
     }
-    let mut mesh = pliant::io::read(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display())).mesh;
+    let mut mesh = pliant::io::read(&path)
+        .unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+        .mesh;
     mesh.vertices.iter_mut().for_each(|v| v.coords *= unit);
     Some(mesh)
 }
@@ -25,26 +29,55 @@ fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
 fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (Ready, Inserted) {
     let (ready, done) = insert(skin, order, obstacles, |_| true).expect("settled");
     let volume = order.implant.volume;
-    println!("{} vertices a layer, {:?}, {:?}", ready.layers.count(), done.progress, done.areas);
+    println!(
+        "{} vertices a layer, {:?}, {:?}",
+        ready.layers.count(),
+        done.progress,
+        done.areas
+    );
     assert!(done.progress.converged, "{:?}", done.progress);
     assert!((done.volume() / volume - 1.0).abs() <= 1e-9);
-    assert!(done.areas.volume_difference >= 0.995 * volume, "{} m3", done.areas.volume_difference);
-    assert!(done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0, "{}", done.areas.stretch_max);
+    assert!(
+        done.areas.volume_difference >= 0.995 * volume,
+        "{} m3",
+        done.areas.volume_difference
+    );
+    assert!(
+        done.areas.stretch_max > 1.0 && done.areas.stretch_max <= 4.0,
+        "{}",
+        done.areas.stretch_max
+    );
     // As documented.
-    assert!(done.progress.depth <= 1e-3 * order.implant.base, "{} m", done.progress.depth);
+    assert!(
+        done.progress.depth <= 1e-3 * order.implant.base,
+        "{} m",
+        done.progress.depth
+    );
     // As found without the solver, and seen if the implant is raised into the skin.
     let sunk = |x: &[Point3<f64>]| super::sunk(&ready, &done, x);
-    assert!(sunk(&done.x) <= 1e-3 * order.implant.base, "{} m", sunk(&done.x));
+    assert!(
+        sunk(&done.x) <= 1e-3 * order.implant.base,
+        "{} m",
+        sunk(&done.x)
+    );
     let mut raised = done.x.clone();
     let up = ready.frame * nalgebra::Vector3::z() * (0.1 * order.implant.base);
-    raised[2 * ready.layers.count()..].iter_mut().for_each(|p| *p += up);
-    assert!(sunk(&raised) > 0.01 * order.implant.base, "control: {} m", sunk(&raised));
+    raised[2 * ready.layers.count()..]
+        .iter_mut()
+        .for_each(|p| *p += up);
+    assert!(
+        sunk(&raised) > 0.01 * order.implant.base,
+        "control: {} m",
+        sunk(&raised)
+    );
     (ready, done)
 }
 
 #[test]
 fn a_breast_takes_an_implant_of_fourteen_centimetres() {
-    let Some(body) = read("body/body_quads.obj", 0.1) else { return };
+    let Some(body) = read("body/body_quads.obj", 0.1) else {
+        return;
+    };
     let order = Order::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
     let (ready, _) = settled(&body, &order, &[]);
     // The body is closed, and with the refined patch in it still is.
@@ -56,10 +89,14 @@ fn a_breast_takes_an_implant_of_fourteen_centimetres() {
 /// Where skin folds, the rim of an implant bears its pressure on a line: springs alone let it sink in by five times what may be.
 #[test]
 fn in_a_fold_nothing_sinks_into_anything() {
-    let Some(body) = read("body/body_quads.obj", 0.1) else { return };
+    let Some(body) = read("body/body_quads.obj", 0.1) else {
+        return;
+    };
     let groin = Order::round(Place::Point(Point3::new(0.02, -0.05, 0.05)), 0.05, 50e-6);
     settled(&body, &groin, &[]);
-    let Some(face) = read("fran_cut.vtk", 1.0) else { return };
+    let Some(face) = read("fran_cut.vtk", 1.0) else {
+        return;
+    };
     let mut crescent = Order::round(Place::Vertex(900), 0.025, 3e-6);
     crescent.implant.shape = Shape::Crescent;
     crescent.tissue.depth = 2e-3;
@@ -68,19 +105,32 @@ fn in_a_fold_nothing_sinks_into_anything() {
 
 /// Bones of the skull.
 fn bones() -> Vec<TriangleMesh> {
-    let names = ["parietal_bone_left", "parietal_bone_right", "frontal_bone", "occipital_bone"];
-    names.iter().map(|name| read(&format!("scalp/{name}.obj"), 1.0).expect("bones beside the scalp")).collect()
+    let names = [
+        "parietal_bone_left",
+        "parietal_bone_right",
+        "frontal_bone",
+        "occipital_bone",
+    ];
+    names
+        .iter()
+        .map(|name| read(&format!("scalp/{name}.obj"), 1.0).expect("bones beside the scalp"))
+        .collect()
 }
 
 #[test]
 fn the_scalp_stays_outside_the_skull() {
-    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else { return };
+    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else {
+        return;
+    };
     let bones = bones();
     let mut order = Order::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
     let depth = ready.depth_in(&bones, &done.x);
-    assert!(depth <= 1e-3 * order.implant.base, "{depth} m into the skull");
+    assert!(
+        depth <= 1e-3 * order.implant.base,
+        "{depth} m into the skull"
+    );
     // The check sees what is inside: everything, moved into the head by a centimetre.
     let down = ready.frame * nalgebra::Vector3::z() * 0.01;
     let sunk: Vec<Point3<f64>> = done.x.iter().map(|p| p - down).collect();
@@ -89,7 +139,9 @@ fn the_scalp_stays_outside_the_skull() {
 
 #[test]
 fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
-    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else { return };
+    let Some(scalp) = read("scalp/parietal_region.obj", 1.0) else {
+        return;
+    };
     let bones = bones();
     // A centimetre from the suture.
     let mut order = Order::round(Place::Vertex(60), 0.03, 8e-6);
@@ -100,8 +152,14 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
 
 #[test]
 fn a_face_takes_an_implant_where_it_is_flat_enough() {
-    let Some(face) = read("fran_cut.vtk", 1.0) else { return };
-    let cheek = Order::round(Place::Point(Point3::new(0.0893, -0.1536, -0.0409)), 0.03, 5e-6);
+    let Some(face) = read("fran_cut.vtk", 1.0) else {
+        return;
+    };
+    let cheek = Order::round(
+        Place::Point(Point3::new(0.0893, -0.1536, -0.0409)),
+        0.03,
+        5e-6,
+    );
     settled(&face, &cheek, &[]);
     // Over the nose the skin turns away beside it; the error says what to change.
     let nose = Order::round(Place::Vertex(1007), 0.04, 5e-6);

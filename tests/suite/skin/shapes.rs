@@ -9,13 +9,18 @@ use pliant::mesh::TriangleMesh;
 /// A square sheet of `n` by `n` cells about the origin, all diagonals alike, looking along z.
 pub fn sheet(n: u32, side: f64) -> TriangleMesh {
     let at = |k: u32| side * (f64::from(k) / f64::from(n) - 0.5);
-    let vertices = (0..=n).flat_map(|i| (0..=n).map(move |j| Point3::new(at(i), at(j), 0.0))).collect();
+    let vertices = (0..=n)
+        .flat_map(|i| (0..=n).map(move |j| Point3::new(at(i), at(j), 0.0)))
+        .collect();
     let mut triangles = Vec::new();
     for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
         let a = i * (n + 1) + j;
         triangles.extend([[a, a + n + 1, a + n + 2], [a, a + n + 2, a + 1]]);
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 /// A cube from the origin, `n` by `n` squares on each face, closed and looking out.
@@ -24,7 +29,8 @@ pub fn cube(n: u32, side: f64) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     let mut vertex = |mesh: &mut TriangleMesh, at: [u32; 3]| {
         *number.entry(at).or_insert_with(|| {
-            mesh.vertices.push(Point3::from(at.map(|k| side * f64::from(k) / f64::from(n))));
+            mesh.vertices
+                .push(Point3::from(at.map(|k| side * f64::from(k) / f64::from(n))));
             mesh.vertices.len() as u32 - 1
         })
     };
@@ -32,11 +38,16 @@ pub fn cube(n: u32, side: f64) -> TriangleMesh {
         for (i, j) in (0..n).flat_map(|i| (0..n).map(move |j| (i, j))) {
             let mut corner = |a: u32, b: u32| {
                 let mut at = [0; 3];
-                (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) = (if far { n } else { 0 }, i + a, j + b);
+                (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) =
+                    (if far { n } else { 0 }, i + a, j + b);
                 vertex(&mut mesh, at)
             };
             let [a, b, c, d] = [corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)];
-            mesh.triangles.extend(if far { [[a, b, c], [a, c, d]] } else { [[a, c, b], [a, d, c]] });
+            mesh.triangles.extend(if far {
+                [[a, b, c], [a, c, d]]
+            } else {
+                [[a, c, b], [a, d, c]]
+            });
         }
     }
     mesh
@@ -58,11 +69,22 @@ pub fn sphere(around: u32, rings: u32, radius: f64, centre: Point3<f64>) -> Tria
     let last = vertices.len() as u32 - 1;
     let mut triangles = Vec::new();
     for k in 0..around {
-        triangles.extend([[0, at(0, k), at(0, k + 1)], [last, at(rings - 1, k + 1), at(rings - 1, k)]]);
+        triangles.extend([
+            [0, at(0, k), at(0, k + 1)],
+            [last, at(rings - 1, k + 1), at(rings - 1, k)],
+        ]);
         for ring in 1..rings {
-            let [a, b, c, d] = [at(ring - 1, k), at(ring, k), at(ring, k + 1), at(ring - 1, k + 1)];
+            let [a, b, c, d] = [
+                at(ring - 1, k),
+                at(ring, k),
+                at(ring, k + 1),
+                at(ring - 1, k + 1),
+            ];
             triangles.extend([[a, b, c], [a, c, d]]);
         }
     }
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }

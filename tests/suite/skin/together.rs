@@ -16,7 +16,10 @@ const BASE: f64 = 0.03;
 fn orders(at: &[(f64, f64)]) -> Vec<Order> {
     let order = |&(x, volume): &(f64, f64)| {
         let place = Place::Point(Point3::new(x, 0.0, 0.0));
-        Order { edge: Some(2.5e-3), ..Order::round(place, BASE, volume) }
+        Order {
+            edge: Some(2.5e-3),
+            ..Order::round(place, BASE, volume)
+        }
     };
     at.iter().map(order).collect()
 }
@@ -26,13 +29,27 @@ fn groups(at: &[(f64, f64)]) -> Result<Vec<Group>, (usize, SkinError)> {
 }
 
 fn settled(ready: &Ready) -> Inserted {
-    let done = ready.insert_after(None, &ready.volumes(), |_| true).expect("settled");
+    let done = ready
+        .insert_after(None, &ready.volumes(), |_| true)
+        .expect("settled");
     println!("{:?}, {:?}", done.progress, done.areas);
     assert!(done.progress.converged, "{:?}", done.progress);
-    assert!(done.progress.depth <= deepest(BASE), "{} m", done.progress.depth);
-    assert!(sunk(ready, &done, &done.x) <= deepest(BASE), "{} m", sunk(ready, &done, &done.x));
+    assert!(
+        done.progress.depth <= deepest(BASE),
+        "{} m",
+        done.progress.depth
+    );
+    assert!(
+        sunk(ready, &done, &done.x) <= deepest(BASE),
+        "{} m",
+        sunk(ready, &done, &done.x)
+    );
     for (shell, volume) in done.shells.iter().zip(ready.volumes()) {
-        assert!((shell.volume / volume - 1.0).abs() <= T6, "{} of {volume} m3", shell.volume);
+        assert!(
+            (shell.volume / volume - 1.0).abs() <= T6,
+            "{} of {volume} m3",
+            shell.volume
+        );
     }
     done
 }
@@ -41,27 +58,49 @@ fn settled(ready: &Ready) -> Inserted {
 fn implants_that_share_skin_press_on_each_other() {
     let (far, near, volume) = (0.07, 0.016, 4e-6);
     let apart = groups(&[(-far, volume), (far, volume)]).expect("regions");
-    assert_eq!(apart.iter().map(|g| g.1.clone()).collect::<Vec<_>>(), [vec![0], vec![1]]);
+    assert_eq!(
+        apart.iter().map(|g| g.1.clone()).collect::<Vec<_>>(),
+        [vec![0], vec![1]]
+    );
     let alone: Vec<Inserted> = apart.iter().map(|(ready, _)| settled(ready)).collect();
     let together = groups(&[(-near, volume), (near, volume)]).expect("a region");
-    let [(ready, members)] = &together[..] else { panic!("one group") };
+    let [(ready, members)] = &together[..] else {
+        panic!("one group")
+    };
     assert_eq!(members, &[0, 1]);
     let done = settled(ready);
     // What is the same on both sides is found to be, but for a mesh that is no mirror image.
-    let [left, right] = &done.shells[..] else { panic!("two shells") };
-    assert!((left.pressure / right.pressure - 1.0).abs() <= 0.02, "{} and {} Pa", left.pressure, right.pressure);
-    let middle = |shell| done.shell_at(shell).iter().map(|p| p.x).sum::<f64>() / done.shell_at(shell).len() as f64;
+    let [left, right] = &done.shells[..] else {
+        panic!("two shells")
+    };
+    assert!(
+        (left.pressure / right.pressure - 1.0).abs() <= 0.02,
+        "{} and {} Pa",
+        left.pressure,
+        right.pressure
+    );
+    let middle = |shell| {
+        done.shell_at(shell).iter().map(|p| p.x).sum::<f64>() / done.shell_at(shell).len() as f64
+    };
     let middles = [middle(left), middle(right)];
     // Without friction nothing but the mesh tells them where to lie: to half an edge.
-    assert!((middles[0] + middles[1]).abs() <= 0.5 * 2.5e-3 && middles[1] > 0.3 * BASE, "{middles:?}");
+    assert!(
+        (middles[0] + middles[1]).abs() <= 0.5 * 2.5e-3 && middles[1] > 0.3 * BASE,
+        "{middles:?}"
+    );
     // Skin between two implants is lifted by both: it has less to go round than two domes by themselves.
     let sum: f64 = alone.iter().map(|done| done.areas.gain()).sum();
     let gain = done.areas.gain();
-    assert!(gain > 1.05 * alone[0].areas.gain() && gain < sum, "{gain} m2, alone {sum}");
+    assert!(
+        gain > 1.05 * alone[0].areas.gain() && gain < sum,
+        "{gain} m2, alone {sum}"
+    );
     assert!(done.areas.volume_difference > 2.0 * volume);
     // Neither has gone through the other: control, one that was moved into the other is deep in it.
     let mut moved = done.x.clone();
-    moved[left.vertices.clone()].iter_mut().for_each(|p| p.x += BASE);
+    moved[left.vertices.clone()]
+        .iter_mut()
+        .for_each(|p| p.x += BASE);
     assert!(sunk(ready, &done, &done.x) <= deepest(BASE));
     assert!(sunk(ready, &done, &moved) > 0.1 * BASE);
 }
@@ -76,8 +115,14 @@ fn an_implant_is_the_same_in_whatever_order_it_is_named() {
     });
     // The smaller implant is pressed harder or less, but it is the same one.
     assert!((gains[0].0 / gains[1].0 - 1.0).abs() <= 2e-3, "{gains:?}");
-    assert!((gains[0].1[0] / gains[1].1[1] - 1.0).abs() <= 0.02, "{gains:?}");
-    assert!((gains[0].1[1] / gains[1].1[0] - 1.0).abs() <= 0.02, "{gains:?}");
+    assert!(
+        (gains[0].1[0] / gains[1].1[1] - 1.0).abs() <= 0.02,
+        "{gains:?}"
+    );
+    assert!(
+        (gains[0].1[1] / gains[1].1[0] - 1.0).abs() <= 0.02,
+        "{gains:?}"
+    );
 }
 
 fn pressures(done: &Inserted) -> Vec<f64> {
@@ -86,8 +131,19 @@ fn pressures(done: &Inserted) -> Vec<f64> {
 
 #[test]
 fn implants_in_one_another_are_refused() {
-    let Err((number, error)) = groups(&[(-0.07, 4e-6), (0.0, 4e-6), (0.5 * BASE, 4e-6)]) else { panic!("accepted") };
-    assert!(matches!(error, SkinError::Overlap { first: 2, second: 3 }) && number == 2, "{number}: {error}");
+    let Err((number, error)) = groups(&[(-0.07, 4e-6), (0.0, 4e-6), (0.5 * BASE, 4e-6)]) else {
+        panic!("accepted")
+    };
+    assert!(
+        matches!(
+            error,
+            SkinError::Overlap {
+                first: 2,
+                second: 3
+            }
+        ) && number == 2,
+        "{number}: {error}"
+    );
     assert!(error.help().contains("apart"));
     // Touching bases are as near as may be.
     assert!(groups(&[(0.0, 4e-6), (1.01 * BASE, 4e-6)]).is_ok());
@@ -102,16 +158,30 @@ fn no_skin_is_in_two_groups() {
     };
     let skin = sheet(80, 0.2);
     for y in [0.0, 1e-3, 1.87e-3, 3e-3, 6e-3] {
-        let all = [order(-0.05, -0.05, 0.06), order(0.03, -0.05, 0.03), order(0.07, y, 0.03)];
+        let all = [
+            order(-0.05, -0.05, 0.06),
+            order(0.03, -0.05, 0.03),
+            order(0.07, y, 0.03),
+        ];
         let groups = grouped(&skin, &all, |_| Vec::new(), &|| true).expect("regions");
         let mut owners = vec![0; skin.triangles.len()];
         for (ready, _) in &groups {
             let mut inside = vec![1; skin.triangles.len()];
             ready.outside.iter().for_each(|t| inside[*t as usize] = 0);
-            owners.iter_mut().zip(inside).for_each(|(all, own)| *all += own);
+            owners
+                .iter_mut()
+                .zip(inside)
+                .for_each(|(all, own)| *all += own);
         }
-        assert!(owners.iter().all(|owners| *owners <= 1), "{y}: {} groups", groups.len());
-        let mut members: Vec<usize> = groups.into_iter().flat_map(|(_, members)| members).collect();
+        assert!(
+            owners.iter().all(|owners| *owners <= 1),
+            "{y}: {} groups",
+            groups.len()
+        );
+        let mut members: Vec<usize> = groups
+            .into_iter()
+            .flat_map(|(_, members)| members)
+            .collect();
         members.sort_unstable();
         assert_eq!(members, [0, 1, 2]);
     }

@@ -18,7 +18,9 @@ use pliant::testing::Draw;
 const DIFFERENCE: f64 = 2e-8;
 
 fn drawn(draw: &mut Draw, count: usize, scale: f64) -> Vec<Vector3<f64>> {
-    (0..count).map(|_| Vector3::from_fn(|_, _| scale * draw.between(-1.0, 1.0))).collect()
+    (0..count)
+        .map(|_| Vector3::from_fn(|_, _| scale * draw.between(-1.0, 1.0)))
+        .collect()
 }
 
 fn forces_of(force: &dyn Force, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
@@ -32,17 +34,23 @@ fn forces_of(force: &dyn Force, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
 fn slopes(force: &dyn Force, x: &[Point3<f64>], draw: &mut Draw) -> [f64; 2] {
     let h = 1e-5;
     let p = drawn(draw, x.len(), 1.0);
-    let moved = |s: f64| -> Vec<Point3<f64>> { x.iter().zip(&p).map(|(x, p)| x + p * (s * h)).collect() };
+    let moved =
+        |s: f64| -> Vec<Point3<f64>> { x.iter().zip(&p).map(|(x, p)| x + p * (s * h)).collect() };
     let (ahead, back) = (moved(1.0), moved(-1.0));
     let f = forces_of(force, x);
     let along: f64 = f.iter().zip(&p).map(|(f, p)| f.dot(p)).sum();
     let size: f64 = f.iter().zip(&p).map(|(f, p)| f.norm() * p.norm()).sum();
-    assert!(size > 0.0 && along.abs() > 1e-6 * size, "a force that says nothing");
+    assert!(
+        size > 0.0 && along.abs() > 1e-6 * size,
+        "a force that says nothing"
+    );
     let slope = -(force.energy(&ahead) - force.energy(&back)) / (2.0 * h);
     let mut product = vec![Vector3::zeros(); x.len()];
     force.add_product(x, &p, false, &mut product);
     let (fa, fb) = (forces_of(force, &ahead), forces_of(force, &back));
-    let wrong: f64 = (0..x.len()).map(|i| (product[i] + (fa[i] - fb[i]) / (2.0 * h)).norm()).sum();
+    let wrong: f64 = (0..x.len())
+        .map(|i| (product[i] + (fa[i] - fb[i]) / (2.0 * h)).norm())
+        .sum();
     let all: f64 = product.iter().map(|p| p.norm()).sum();
     [(slope - along).abs() / size, wrong / all]
 }
@@ -53,14 +61,34 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
     let topology = Topology::new(&mesh);
     let count = mesh.vertices.len();
     let x = &mesh.vertices;
-    let at_rest = |pairs: &[[u32; 2]]| patterns::at_rest(x, pairs.to_vec(), |l| 2.0 / l).collect::<Vec<_>>();
+    let at_rest =
+        |pairs: &[[u32; 2]]| patterns::at_rest(x, pairs.to_vec(), |l| 2.0 / l).collect::<Vec<_>>();
     let pattern = patterns::of_mesh(&mesh, &topology);
-    let strips = at_rest(&pattern.bending)
-        .into_iter()
-        .map(|(ends, law)| (ends, Buckling { rest: 1.2 * law.rest, bending: 0.3, compression: 50.0 }));
+    let strips = at_rest(&pattern.bending).into_iter().map(|(ends, law)| {
+        (
+            ends,
+            Buckling {
+                rest: 1.2 * law.rest,
+                bending: 0.3,
+                compression: 50.0,
+            },
+        )
+    });
     let angular = patterns::angular_at_rest(x, &pattern.angular, 3.0);
-    let anchors = [(0, Point3::new(2.0, 0.5, 0.0), 0.0), (5, Point3::new(-0.3, 0.1, 0.7), 0.4)];
-    let anchors = anchors.map(|(p, at, rest)| (p, at, Hooke { rest, stiffness: 5.0 }));
+    let anchors = [
+        (0, Point3::new(2.0, 0.5, 0.0), 0.0),
+        (5, Point3::new(-0.3, 0.1, 0.7), 0.4),
+    ];
+    let anchors = anchors.map(|(p, at, rest)| {
+        (
+            p,
+            at,
+            Hooke {
+                rest,
+                stiffness: 5.0,
+            },
+        )
+    });
     let forces: Vec<Box<dyn Force>> = vec![
         Box::new(Springs::new(count, at_rest(&pattern.structural)).unwrap()),
         Box::new(Strips::new(count, strips).unwrap()),
@@ -76,17 +104,31 @@ fn forces_are_slopes_of_energies_and_products_slopes_of_forces() {
     let mut draw = Draw::new(20_261_121);
     let (rest, forces) = kinds();
     for force in &forces {
-        let x: Vec<_> = rest.iter().zip(drawn(&mut draw, rest.len(), 0.1)).map(|(x, d)| x * 0.9 + d).collect();
+        let x: Vec<_> = rest
+            .iter()
+            .zip(drawn(&mut draw, rest.len(), 0.1))
+            .map(|(x, d)| x * 0.9 + d)
+            .collect();
         let [first, second] = slopes(&**force, &x, &mut draw);
         assert!(first <= DIFFERENCE, "{}: force {first:e}", force.name());
         // The slope of a buckled strip is itself a difference, and kinks.
-        let most = if force.name() == "buckling strips" { 1e-4 } else { DIFFERENCE };
+        let most = if force.name() == "buckling strips" {
+            1e-4
+        } else {
+            DIFFERENCE
+        };
         assert!(second <= most, "{}: product {second:e}", force.name());
         if force.name() != "anchors" {
             let f = forces_of(&**force, &x);
-            let (sum, size) = f.iter().fold((Vector3::zeros(), 0.0), |(s, n), f| (s + f, n + f.norm()));
+            let (sum, size) = f
+                .iter()
+                .fold((Vector3::zeros(), 0.0), |(s, n), f| (s + f, n + f.norm()));
             let torque: Vector3<f64> = f.iter().zip(&x).map(|(f, x)| x.coords.cross(f)).sum();
-            assert!(sum.norm() <= 1e-13 * size && torque.norm() <= 1e-13 * size, "{}", force.name());
+            assert!(
+                sum.norm() <= 1e-13 * size && torque.norm() <= 1e-13 * size,
+                "{}",
+                force.name()
+            );
         }
     }
 }
@@ -109,9 +151,18 @@ impl Force for Wrong {
     }
     fn add_force(&self, x: &[Point3<f64>], force: &mut [Vector3<f64>]) {
         let f = forces_of(&self.0, x);
-        force.iter_mut().zip(f).for_each(|(to, f)| *to += f * self.1);
+        force
+            .iter_mut()
+            .zip(f)
+            .for_each(|(to, f)| *to += f * self.1);
     }
-    fn add_product(&self, x: &[Point3<f64>], p: &[Vector3<f64>], definite: bool, product: &mut [Vector3<f64>]) {
+    fn add_product(
+        &self,
+        x: &[Point3<f64>],
+        p: &[Vector3<f64>],
+        definite: bool,
+        product: &mut [Vector3<f64>],
+    ) {
         let scaled: Vec<_> = p.iter().map(|p| p * self.2).collect();
         self.0.add_product(x, &scaled, definite, product);
     }
@@ -121,9 +172,31 @@ impl Force for Wrong {
 #[test]
 fn control_wrong_forces_and_products_are_found() {
     let mut draw = Draw::new(3);
-    let x = vec![Point3::origin(), Point3::new(1.0, 0.2, 0.0), Point3::new(0.0, 1.0, 0.3)];
+    let x = vec![
+        Point3::origin(),
+        Point3::new(1.0, 0.2, 0.0),
+        Point3::new(0.0, 1.0, 0.3),
+    ];
     let springs = || {
-        Springs::new(3, [([0, 1], Hooke { rest: 0.5, stiffness: 3.0 }), ([1, 2], Hooke { rest: 2.0, stiffness: 1.0 })])
+        Springs::new(
+            3,
+            [
+                (
+                    [0, 1],
+                    Hooke {
+                        rest: 0.5,
+                        stiffness: 3.0,
+                    },
+                ),
+                (
+                    [1, 2],
+                    Hooke {
+                        rest: 2.0,
+                        stiffness: 1.0,
+                    },
+                ),
+            ],
+        )
     };
     let [force, product] = slopes(&Wrong(springs().unwrap(), 1.0, 1.0), &x, &mut draw);
     assert!(force <= DIFFERENCE && product <= DIFFERENCE);
@@ -136,11 +209,26 @@ fn control_wrong_forces_and_products_are_found() {
 
 #[test]
 fn b03_springs_of_rest_length_zero_have_a_force_everywhere() {
-    let two = |rest: f64| Springs::new(2, [([0, 1], Hooke { rest, stiffness: 5.0 })]).unwrap();
+    let two = |rest: f64| {
+        Springs::new(
+            2,
+            [(
+                [0, 1],
+                Hooke {
+                    rest,
+                    stiffness: 5.0,
+                },
+            )],
+        )
+        .unwrap()
+    };
     let at = |x: f64| [Point3::origin(), Point3::new(x, 0.0, 0.0)];
     let zero = two(0.0);
     assert_eq!(forces_of(&zero, &at(0.0)), [Vector3::zeros(); 2]);
-    assert_eq!(forces_of(&zero, &at(1e-3))[0], Vector3::new(0.005, 0.0, 0.0));
+    assert_eq!(
+        forces_of(&zero, &at(1e-3))[0],
+        Vector3::new(0.005, 0.0, 0.0)
+    );
     // Of a spring with a rest length no direction is better than any other.
     assert_eq!(forces_of(&two(1.0), &at(0.0)), [Vector3::zeros(); 2]);
     // The printed form, k (|x| - l) x/|x|.
@@ -150,12 +238,20 @@ fn b03_springs_of_rest_length_zero_have_a_force_everywhere() {
 
 #[test]
 fn a_strip_buckles_at_the_load_of_its_arc() {
-    let strip = Buckling { rest: 2.0, bending: 0.5, compression: 1e4 };
+    let strip = Buckling {
+        rest: 2.0,
+        bending: 0.5,
+        compression: 1e4,
+    };
     // Just shortened it is a spring; buckled it pushes with little more than 12 B/l^2.
     assert_eq!(strip.tension(2.0), 0.0);
     assert_eq!(strip.tension(2.5), 0.0);
     let load = 12.0 * 0.5 / 4.0;
-    assert!((strip.tension(1.9999) + 1.0).abs() <= 1e-9, "{}", strip.tension(1.9999));
+    assert!(
+        (strip.tension(1.9999) + 1.0).abs() <= 1e-9,
+        "{}",
+        strip.tension(1.9999)
+    );
     // For small angles tension = -12 B/l^2 (1 + O(y^2)), y^2 = 6 (1 - |x|/l).
     let share = -strip.tension(1.999) / load;
     assert!(share > 1.0 && share <= 1.003, "{share}");
@@ -173,15 +269,26 @@ fn a_strip_buckles_at_the_load_of_its_arc() {
 fn the_order_of_springs_and_the_threads_change_no_bit() {
     let shape = Shape::with_longest_side([32, 32, 32], 1.0).unwrap();
     let x = shape.positions();
-    let mut springs: Vec<_> = patterns::at_rest(&x, patterns::lattice(&shape, Neighbours::Six), |l| 1.0 / l).collect();
+    let mut springs: Vec<_> =
+        patterns::at_rest(&x, patterns::lattice(&shape, Neighbours::Six), |l| 1.0 / l).collect();
     let mut draw = Draw::new(8);
-    let moved: Vec<_> = x.iter().zip(drawn(&mut draw, x.len(), 0.01)).map(|(x, d)| x + d).collect();
+    let moved: Vec<_> = x
+        .iter()
+        .zip(drawn(&mut draw, x.len(), 0.01))
+        .map(|(x, d)| x + d)
+        .collect();
     let bits = |springs: &[([u32; 2], Hooke)], threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| {
             let springs = Springs::new(x.len(), springs.iter().copied()).unwrap();
-            let f: Vec<u64> =
-                forces_of(&springs, &moved).iter().flat_map(|f| [f.x, f.y, f.z]).map(f64::to_bits).collect();
+            let f: Vec<u64> = forces_of(&springs, &moved)
+                .iter()
+                .flat_map(|f| [f.x, f.y, f.z])
+                .map(f64::to_bits)
+                .collect();
             (f, springs.energy(&moved).to_bits())
         })
     };
@@ -207,18 +314,35 @@ fn b04_centre_springs_see_a_change_of_volume_where_there_is_none() {
         let volume = mesh.volume();
         let (seen, _) = springs.change(&blown);
         let gained = volume * (1.01_f64.powi(3) - 1.0);
-        assert!((seen * mean_area / gained - 1.0).abs() <= 0.12, "{n}: {}", seen * mean_area / gained);
-        inward.push(forces_of(&springs, &blown).iter().map(|f| f.norm()).sum::<f64>() / mesh.vertices.len() as f64);
+        assert!(
+            (seen * mean_area / gained - 1.0).abs() <= 0.12,
+            "{n}: {}",
+            seen * mean_area / gained
+        );
+        inward.push(
+            forces_of(&springs, &blown)
+                .iter()
+                .map(|f| f.norm())
+                .sum::<f64>()
+                / mesh.vertices.len() as f64,
+        );
         // Stretched to twice its length without a change of volume.
         let s = 0.5_f64.sqrt();
-        let long: Vec<_> = mesh.vertices.iter().map(|p| Point3::new(p.x * s, p.y * s, p.z * 2.0)).collect();
+        let long: Vec<_> = mesh
+            .vertices
+            .iter()
+            .map(|p| Point3::new(p.x * s, p.y * s, p.z * 2.0))
+            .collect();
         let seen = springs.change(&long).0 * mean_area / volume;
         assert!(seen > 0.4, "{seen}");
         let exact = TrueVolume::new(&mesh.vertices, &mesh.triangles, 1.0, None, &[]).unwrap();
         assert!((exact.volume(&long) / volume - 1.0).abs() <= 1e-14);
     }
     // The force on a point grows with the number of triangles.
-    assert!(inward[2] > 3.5 * inward[1] && inward[1] > 3.5 * inward[0], "{inward:?}");
+    assert!(
+        inward[2] > 3.5 * inward[1] && inward[1] > 3.5 * inward[0],
+        "{inward:?}"
+    );
 }
 
 #[test]
@@ -235,21 +359,36 @@ fn the_true_volume_presses_the_same_on_every_mesh_and_takes_weights() {
     // Pressure times area, whatever the triangles.
     assert!(sums.iter().all(|s| (s - 1.0).abs() <= 0.02), "{sums:?}");
     let mesh = shapes::icosphere(1.0, 1);
-    let weight: Vec<f64> = mesh.vertices.iter().map(|p| if p.z > 0.0 { 1.0 } else { 0.25 }).collect();
+    let weight: Vec<f64> = mesh
+        .vertices
+        .iter()
+        .map(|p| if p.z > 0.0 { 1.0 } else { 0.25 })
+        .collect();
     let half = TrueVolume::new(&mesh.vertices, &mesh.triangles, 1e3, Some(5.0), &weight).unwrap();
     let full = TrueVolume::new(&mesh.vertices, &mesh.triangles, 1e3, Some(5.0), &[]).unwrap();
-    let (half, full) = (forces_of(&half, &mesh.vertices), forces_of(&full, &mesh.vertices));
+    let (half, full) = (
+        forces_of(&half, &mesh.vertices),
+        forces_of(&full, &mesh.vertices),
+    );
     for (i, w) in weight.iter().enumerate() {
         assert!((half[i] - full[i] * *w).norm() <= 1e-12 * full[i].norm());
     }
     let refused = |x: Result<TrueVolume, VolumeError>| x.map(|_| ()).unwrap_err();
     let (x, t) = (&mesh.vertices, &mesh.triangles);
     let inside_out: Vec<_> = t.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
-    assert!(matches!(refused(TrueVolume::new(x, &inside_out, 1.0, None, &[])), VolumeError::NoVolume(v) if v < 0.0));
-    assert!(matches!(refused(TrueVolume::new(x, t, -1.0, None, &[])), VolumeError::Parameter { .. }));
+    assert!(
+        matches!(refused(TrueVolume::new(x, &inside_out, 1.0, None, &[])), VolumeError::NoVolume(v) if v < 0.0)
+    );
+    assert!(matches!(
+        refused(TrueVolume::new(x, t, -1.0, None, &[])),
+        VolumeError::Parameter { .. }
+    ));
     assert!(matches!(
         refused(TrueVolume::new(x, t, 1.0, None, &[1.0])),
-        VolumeError::Weights { weights: 1, points: 42 }
+        VolumeError::Weights {
+            weights: 1,
+            points: 42
+        }
     ));
     assert!(matches!(
         refused(TrueVolume::new(x, &[[0, 1, 99]], 1.0, None, &[])),
@@ -261,20 +400,59 @@ fn the_true_volume_presses_the_same_on_every_mesh_and_takes_weights() {
 fn what_is_no_system_is_refused() {
     let law = |rest: f64, stiffness: f64| Hooke { rest, stiffness };
     let of = |ends: [u32; 2], law: Hooke| Springs::new(3, [(ends, law)]).map(|_| ()).unwrap_err();
-    assert_eq!(of([0, 3], law(1.0, 1.0)), PairError::OutOfRange { spring: 0, point: 3, count: 3 });
-    assert_eq!(of([1, 1], law(1.0, 1.0)), PairError::Loop { spring: 0, point: 1 });
+    assert_eq!(
+        of([0, 3], law(1.0, 1.0)),
+        PairError::OutOfRange {
+            spring: 0,
+            point: 3,
+            count: 3
+        }
+    );
+    assert_eq!(
+        of([1, 1], law(1.0, 1.0)),
+        PairError::Loop {
+            spring: 0,
+            point: 1
+        }
+    );
     for wrong in [law(-1.0, 1.0), law(f64::NAN, 1.0), law(1.0, f64::INFINITY)] {
         assert_eq!(of([0, 1], wrong), PairError::Parameter { spring: 0 });
     }
-    let twice = AngularSpring { points: [0, 1, 1], law: law(1.0, 1.0) };
+    let twice = AngularSpring {
+        points: [0, 1, 1],
+        law: law(1.0, 1.0),
+    };
     assert!(AngularSprings::new(3, [twice]).is_err());
-    let system = |x: Vec<Point3<f64>>, m: Vec<f64>| SpringSystem::new(x, m).map(|_| ()).unwrap_err();
+    let system =
+        |x: Vec<Point3<f64>>, m: Vec<f64>| SpringSystem::new(x, m).map(|_| ()).unwrap_err();
     let o = Point3::origin();
     assert_eq!(system(vec![], vec![]), SystemError::Empty);
-    assert_eq!(system(vec![o], vec![]), SystemError::Masses { masses: 0, points: 1 });
-    assert_eq!(system(vec![o], vec![0.0]), SystemError::Mass { point: 0, mass: 0.0 });
-    assert_eq!(system(vec![Point3::new(f64::NAN, 0.0, 0.0)], vec![1.0]), SystemError::NotFinite { point: 0 });
+    assert_eq!(
+        system(vec![o], vec![]),
+        SystemError::Masses {
+            masses: 0,
+            points: 1
+        }
+    );
+    assert_eq!(
+        system(vec![o], vec![0.0]),
+        SystemError::Mass {
+            point: 0,
+            mass: 0.0
+        }
+    );
+    assert_eq!(
+        system(vec![Point3::new(f64::NAN, 0.0, 0.0)], vec![1.0]),
+        SystemError::NotFinite { point: 0 }
+    );
     let mut small = SpringSystem::new(vec![o], vec![1.0]).unwrap();
     let springs = Springs::new(2, [([0, 1], law(1.0, 1.0))]).unwrap();
-    assert!(matches!(small.add(springs), Err(SystemError::OutOfRange { point: 1, count: 1, .. })));
+    assert!(matches!(
+        small.add(springs),
+        Err(SystemError::OutOfRange {
+            point: 1,
+            count: 1,
+            ..
+        })
+    ));
 }

@@ -3,8 +3,8 @@
 use nalgebra::{Point3, Vector3};
 use pliant::springs::hooke::{Hooke, Springs};
 use pliant::springs::integrators::{
-    Adaptive, Bdf2, ExplicitEuler, INTEGRATORS, ImplicitEuler, Integrator, Rk4, SemiImplicitEuler, StepError, Verlet,
-    by_name,
+    Adaptive, Bdf2, ExplicitEuler, INTEGRATORS, ImplicitEuler, Integrator, Rk4, SemiImplicitEuler,
+    StepError, Verlet, by_name,
 };
 use pliant::springs::rest::{End, Rest, settle};
 use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
@@ -14,7 +14,21 @@ use pliant::springs::{SpringSystem, damping};
 fn oscillator(k: f64, c: f64, m: f64, x: f64) -> SpringSystem {
     let points = vec![Point3::origin(), Point3::new(x, 0.0, 0.0)];
     let mut system = SpringSystem::new(points, vec![m; 2]).unwrap();
-    system.add(Springs::new(2, [([0, 1], Hooke { rest: 0.0, stiffness: k })]).unwrap()).unwrap();
+    system
+        .add(
+            Springs::new(
+                2,
+                [(
+                    [0, 1],
+                    Hooke {
+                        rest: 0.0,
+                        stiffness: k,
+                    },
+                )],
+            )
+            .unwrap(),
+        )
+        .unwrap();
     system.pin([0]);
     system.damping = c;
     system
@@ -22,21 +36,39 @@ fn oscillator(k: f64, c: f64, m: f64, x: f64) -> SpringSystem {
 
 /// Five masses in a row between two pinned ones, stretched, plucked across: coupled and not linear.
 fn chain(c: f64) -> SpringSystem {
-    let x: Vec<_> = (0..7).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+    let x: Vec<_> = (0..7)
+        .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+        .collect();
     let mut system = SpringSystem::new(x, vec![0.5; 7]).unwrap();
-    let spring = |i: u32| ([i, i + 1], Hooke { rest: 0.7, stiffness: 4.0 });
-    system.add(Springs::new(7, (0..6).map(spring)).unwrap()).unwrap();
+    let spring = |i: u32| {
+        (
+            [i, i + 1],
+            Hooke {
+                rest: 0.7,
+                stiffness: 4.0,
+            },
+        )
+    };
+    system
+        .add(Springs::new(7, (0..6).map(spring)).unwrap())
+        .unwrap();
     system.pin([0, 6]);
     system.damping = c;
     for i in 1..6 {
         let arc = std::f64::consts::PI * i as f64 / 6.0;
         system.velocity[i] = Vector3::new(0.1 * (2.0 * arc).sin(), 0.4 * arc.sin(), 0.0);
-        system.position[i] += Vector3::new(0.05 * arc.sin(), 0.1 * arc.sin(), -0.15 * (2.0 * arc).sin());
+        system.position[i] +=
+            Vector3::new(0.05 * arc.sin(), 0.1 * arc.sin(), -0.15 * (2.0 * arc).sin());
     }
     system
 }
 
-fn end(mut system: SpringSystem, integrator: &dyn Integrator, time: f64, steps: usize) -> Vec<Point3<f64>> {
+fn end(
+    mut system: SpringSystem,
+    integrator: &dyn Integrator,
+    time: f64,
+    steps: usize,
+) -> Vec<Point3<f64>> {
     let mut integrator = integrator.fork();
     for _ in 0..steps {
         integrator.step(&mut system, time / steps as f64).unwrap();
@@ -45,7 +77,11 @@ fn end(mut system: SpringSystem, integrator: &dyn Integrator, time: f64, steps: 
 }
 
 fn distance(a: &[Point3<f64>], b: &[Point3<f64>]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).norm_squared()).sum::<f64>().sqrt()
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).norm_squared())
+        .sum::<f64>()
+        .sqrt()
 }
 
 /// log2 of the ratios of errors at so many steps, twice and four times as many.
@@ -62,25 +98,48 @@ fn orders(
 }
 
 fn all() -> Vec<Box<dyn Integrator>> {
-    INTEGRATORS.iter().map(|name| by_name(name).unwrap()).collect()
+    INTEGRATORS
+        .iter()
+        .map(|name| by_name(name).unwrap())
+        .collect()
 }
 
 #[test]
 fn p37_orders_without_damping() {
     let time = 1.3_f64;
-    let exact = [Point3::origin(), Point3::new(0.4 * (2.0 * time).cos(), 0.0, 0.0)];
+    let exact = [
+        Point3::origin(),
+        Point3::new(0.4 * (2.0 * time).cos(), 0.0, 0.0),
+    ];
     let fine = end(chain(0.0), &Rk4, time, 2000);
     for by in all() {
         let order = f64::from(by.order());
         let steps = if by.order() == 4 { 50 } else { 400 };
-        let mut found = orders(&|| oscillator(4.0, 0.0, 1.0, 0.4), &exact, &*by, time, steps).to_vec();
+        let mut found = orders(
+            &|| oscillator(4.0, 0.0, 1.0, 0.4),
+            &exact,
+            &*by,
+            time,
+            steps,
+        )
+        .to_vec();
         found.extend(orders(&|| chain(0.0), &fine, &*by, time, steps));
         println!("{}: {found:.3?}", by.name());
         // The table of P37 asks for 0.05.
-        assert!(found.iter().all(|o| (o - order).abs() <= 0.05), "{}: {found:?}", by.name());
+        assert!(
+            found.iter().all(|o| (o - order).abs() <= 0.05),
+            "{}: {found:?}",
+            by.name()
+        );
     }
     // Control: what the thesis's first step loses is of first order, but only once.
-    let first = orders(&|| oscillator(4.0, 0.0, 1.0, 0.4), &exact, &Verlet::from_stillness(), time, 400);
+    let first = orders(
+        &|| oscillator(4.0, 0.0, 1.0, 0.4),
+        &exact,
+        &Verlet::from_stillness(),
+        time,
+        400,
+    );
     assert!(first.iter().all(|o| (o - 1.0).abs() <= 0.05), "{first:?}");
     assert!(by_name("euler").is_none());
 }
@@ -94,8 +153,16 @@ fn p37_orders_with_damping() {
         let found = orders(&|| chain(0.6), &fine, &*by, time, steps);
         println!("{}: {found:.3?}", by.name());
         // Damping by backward differences is half a step late.
-        let order = if by.name() == "verlet" { 1.0 } else { f64::from(by.order()) };
-        assert!(found.iter().all(|o| (o - order).abs() <= 0.06), "{}: {found:?}", by.name());
+        let order = if by.name() == "verlet" {
+            1.0
+        } else {
+            f64::from(by.order())
+        };
+        assert!(
+            found.iter().all(|o| (o - order).abs() <= 0.06),
+            "{}: {found:?}",
+            by.name()
+        );
     }
 }
 
@@ -104,7 +171,8 @@ fn measured_limit(by: &dyn Integrator, k: f64, c: f64, m: f64) -> f64 {
     let grows = |dt: f64| {
         let mut system = oscillator(k, c, m, 1.0);
         let mut by = by.fork();
-        let size = |s: &SpringSystem| k * s.position[1].x.powi(2) + m * s.velocity[1].norm_squared();
+        let size =
+            |s: &SpringSystem| k * s.position[1].x.powi(2) + m * s.velocity[1].norm_squared();
         let mut most: f64 = 0.0;
         for step in 0..2000 {
             if by.step(&mut system, dt).is_err() || !size(&system).is_finite() {
@@ -119,7 +187,11 @@ fn measured_limit(by: &dyn Integrator, k: f64, c: f64, m: f64) -> f64 {
     let (mut low, mut high) = (0.0, 100.0);
     for _ in 0..24 {
         let middle = 0.5 * (low + high);
-        if grows(middle) { high = middle } else { low = middle }
+        if grows(middle) {
+            high = middle
+        } else {
+            low = middle
+        }
     }
     0.5 * (low + high)
 }
@@ -127,19 +199,39 @@ fn measured_limit(by: &dyn Integrator, k: f64, c: f64, m: f64) -> f64 {
 #[test]
 fn stability_limits_are_those_measured() {
     let factor = SemiImplicitEuler { factor: 0.9 };
-    let explicit: [&dyn Integrator; 5] =
-        [&Verlet::default(), &SemiImplicitEuler::default(), &factor, &Rk4, &ExplicitEuler];
+    let explicit: [&dyn Integrator; 5] = [
+        &Verlet::default(),
+        &SemiImplicitEuler::default(),
+        &factor,
+        &Rk4,
+        &ExplicitEuler,
+    ];
     for by in explicit {
-        for (k, c, m) in [(4.0, 4.9, 1.0), (4.0, 0.5, 1.0), (0.5, 3.0, 1.0), (100.0, 0.0, 0.1)] {
+        for (k, c, m) in [
+            (4.0, 4.9, 1.0),
+            (4.0, 0.5, 1.0),
+            (0.5, 3.0, 1.0),
+            (100.0, 0.0, 0.1),
+        ] {
             let stated = by.limit(Mode::of(k, c, m));
             let measured = measured_limit(by, k, c, m);
-            println!("{} k={k} c={c} m={m}: {stated:.5} measured {measured:.5}", by.name());
+            println!(
+                "{} k={k} c={c} m={m}: {stated:.5} measured {measured:.5}",
+                by.name()
+            );
             // The explicit Euler method has no stable step without damping; bisection over finite runs ends just above 0.
-            let near = if stated == 0.0 { measured < 1e-3 } else { (measured / stated - 1.0).abs() <= 0.05 };
+            let near = if stated == 0.0 {
+                measured < 1e-3
+            } else {
+                (measured / stated - 1.0).abs() <= 0.05
+            };
             assert!(near, "{}: {stated} measured {measured}", by.name());
         }
     }
-    for by in [&ImplicitEuler::default() as &dyn Integrator, &Bdf2::default()] {
+    for by in [
+        &ImplicitEuler::default() as &dyn Integrator,
+        &Bdf2::default(),
+    ] {
         assert_eq!(by.limit(Mode::of(4.0, 0.0, 1.0)), f64::INFINITY);
         assert!(measured_limit(by, 4.0, 0.1, 1.0) > 99.0);
     }
@@ -156,7 +248,9 @@ fn stability_limits_are_those_measured() {
 fn the_stiffest_motion_of_a_chain_is_known() {
     // Fixed ends, n free masses: k/m (2 - 2 cos(pi n/(n + 1))).
     let mut system = chain(0.7);
-    let x: Vec<_> = (0..7).map(|i| Point3::new(f64::from(i), 0.0, 0.0)).collect();
+    let x: Vec<_> = (0..7)
+        .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+        .collect();
     system.position = x;
     let exact = 4.0 / 0.5 * (2.0 - 2.0 * (std::f64::consts::PI * 5.0 / 6.0).cos());
     let Stiffest { mode, bound, .. } = stiffest(&system);
@@ -184,7 +278,10 @@ fn energies(mut by: impl Integrator, wh: f64, steps: usize) -> (f64, f64) {
 #[test]
 fn b05_semi_implicit_euler_keeps_energy_and_explicit_euler_does_not() {
     let (most, last) = energies(SemiImplicitEuler::default(), 0.1, 1000);
-    assert!(most <= 0.06 && (last - 1.043).abs() <= 5e-4, "{most} {last}");
+    assert!(
+        most <= 0.06 && (last - 1.043).abs() <= 5e-4,
+        "{most} {last}"
+    );
     let (_, last) = energies(ExplicitEuler, 0.1, 1000);
     assert!((last / 2.1e4 - 1.0).abs() <= 0.01, "{last}");
     for (wh, expected) in [(0.01, 1.11), (0.5, 8.13e96)] {
@@ -215,7 +312,10 @@ fn p38_semi_implicit_euler_and_verlet_do_not_drift() {
             }
         }
         let (first, last): (f64, f64) = (blocks[..10].iter().sum(), blocks[10..].iter().sum());
-        assert!((last - first).abs() / 10.0 <= 0.02 * 0.5 * wh, "a trend: {blocks:?}");
+        assert!(
+            (last - first).abs() / 10.0 <= 0.02 * 0.5 * wh,
+            "a trend: {blocks:?}"
+        );
     }
     let (_, damped) = energies(ImplicitEuler::default(), 0.05, 200);
     assert!(damped < 0.7, "control: implicit Euler damps, {damped}");
@@ -224,9 +324,15 @@ fn p38_semi_implicit_euler_and_verlet_do_not_drift() {
 #[test]
 fn verlet_with_backward_differences_is_semi_implicit_euler_with_the_same_drag() {
     let run = |by: &dyn Integrator| end(chain(0.3), by, 2.0, 200);
-    let (a, b) = (run(&Verlet::from_stillness()), run(&SemiImplicitEuler::default()));
+    let (a, b) = (
+        run(&Verlet::from_stillness()),
+        run(&SemiImplicitEuler::default()),
+    );
     assert!(distance(&a, &b) <= 1e-12, "{}", distance(&a, &b));
-    assert!(distance(&a, &run(&Verlet::default())) > 1e-5, "control: another first step");
+    assert!(
+        distance(&a, &run(&Verlet::default())) > 1e-5,
+        "control: another first step"
+    );
 }
 
 #[test]
@@ -257,9 +363,16 @@ fn an_adaptive_step_finds_what_is_stable() {
             most = most.max(system.energy().total());
             assert!(steps < 20_000);
         }
-        println!("from {begin}: {steps} steps, {redone} redone, last {}", by.dt);
+        println!(
+            "from {begin}: {steps} steps, {redone} redone, last {}",
+            by.dt
+        );
         assert!(redone > 0 && most <= 60.0, "{redone} {most}");
-        assert!(system.position[1].x.abs() <= 0.05, "{}", system.position[1].x);
+        assert!(
+            system.position[1].x.abs() <= 0.05,
+            "{}",
+            system.position[1].x
+        );
     }
     // Nothing is stable, and the system is left as it was.
     let mut system = oscillator(100.0, 0.0, 1.0, 1.0);
@@ -271,9 +384,19 @@ fn an_adaptive_step_finds_what_is_stable() {
 
 #[test]
 fn b09_rest_needs_small_forces_and_small_motion() {
-    let rest = Rest { force: 1e-6, energy: 1e-12 };
+    let rest = Rest {
+        force: 1e-6,
+        energy: 1e-12,
+    };
     let run = |mut system: SpringSystem, steps: usize| {
-        let settled = settle(&mut system, &mut SemiImplicitEuler::default(), 0.01, rest, steps, |_, _| true);
+        let settled = settle(
+            &mut system,
+            &mut SemiImplicitEuler::default(),
+            0.01,
+            rest,
+            steps,
+            |_, _| true,
+        );
         (settled, system)
     };
     let (settled, system) = run(oscillator(4.0, 4.0, 1.0, 1.0), 10_000);
@@ -285,10 +408,17 @@ fn b09_rest_needs_small_forces_and_small_motion() {
     assert_eq!(run(adrift, 200).0.end, End::Steps);
     // Slow decay: moves of ten steps differ by 2 % when most of the way is still to go.
     let (mut slow, mut moves) = (oscillator(1.0, 6.0, 1.0, 1.0), Vec::new());
-    settle(&mut slow, &mut SemiImplicitEuler::default(), 0.01, rest, 400, |_, r| {
-        moves.push(r.greatest_move);
-        true
-    });
+    settle(
+        &mut slow,
+        &mut SemiImplicitEuler::default(),
+        0.01,
+        rest,
+        400,
+        |_, r| {
+            moves.push(r.greatest_move);
+            true
+        },
+    );
     let ratio = moves[399] / moves[389];
     assert!(ratio > 0.98 && slow.position[1].x > 0.1, "{ratio}");
     // Nothing to do, and nobody who wants to go on.
@@ -296,8 +426,13 @@ fn b09_rest_needs_small_forces_and_small_motion() {
     let mut system = oscillator(4.0, 1.0, 1.0, 1.0);
     let stopped = settle(&mut system, &mut Rk4, 0.01, rest, 10, |_, r| r.step < 3);
     assert_eq!((stopped.end, stopped.steps), (End::Stopped, 3));
-    let failed = settle(&mut system, &mut ExplicitEuler, 1e200, rest, 10, |_, _| true);
-    assert!(matches!(failed.end, End::Failed(StepError::NotFinite { point: 1, .. })));
+    let failed = settle(&mut system, &mut ExplicitEuler, 1e200, rest, 10, |_, _| {
+        true
+    });
+    assert!(matches!(
+        failed.end,
+        End::Failed(StepError::NotFinite { point: 1, .. })
+    ));
 }
 
 #[test]
@@ -307,7 +442,17 @@ fn pinned_points_stay_and_loads_stretch() {
         system.load = vec![Vector3::new(0.0, -9.81, 0.0); 2];
         let mut by = by;
         let dt = limit(&*by, &stiffest(&system)).min(0.02) * 0.5;
-        let settled = settle(&mut system, &mut *by, dt, Rest { force: 1e-8, energy: 1e-16 }, 20_000, |_, _| true);
+        let settled = settle(
+            &mut system,
+            &mut *by,
+            dt,
+            Rest {
+                force: 1e-8,
+                energy: 1e-16,
+            },
+            20_000,
+            |_, _| true,
+        );
         assert_eq!(settled.end, End::Rest, "{}", by.name());
         assert_eq!(system.position[0], Point3::origin());
         assert!((system.position[1] - Point3::new(0.0, -9.81 / 50.0, 0.0)).norm() <= 1e-9);

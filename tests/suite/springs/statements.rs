@@ -18,9 +18,12 @@ fn m12_points_on_shared_edges_are_found_once_and_weights_sum_to_one() {
         let [a, b] = [a, b].map(|v| map.points()[v as usize].coords);
         for share in [0.0, 0.25, 0.5, 1.0] {
             let direction: Vector3<f64> = a + (b - a) * share;
-            let found = locator.locate(&direction).expect("a triangle, whatever rounding does");
+            let found = locator
+                .locate(&direction)
+                .expect("a triangle, whatever rounding does");
             assert!(
-                (found.weights.iter().sum::<f64>() - 1.0).abs() <= 1e-14 && found.weights.iter().all(|w| *w >= 0.0)
+                (found.weights.iter().sum::<f64>() - 1.0).abs() <= 1e-14
+                    && found.weights.iter().all(|w| *w >= 0.0)
             );
             // The place in the triangle's plane is in the direction asked for.
             let place = found.of(map.triangles(), map.points()).coords;
@@ -39,17 +42,27 @@ fn m12_points_on_shared_edges_are_found_once_and_weights_sum_to_one() {
         let [a, b] = e.map(|v| map.points()[v as usize].coords);
         printed(&((a + b) * 0.5).normalize())
     });
-    assert!(middles.into_iter().any(|count| count != 1), "control: each middle of an edge is in one triangle");
+    assert!(
+        middles.into_iter().any(|count| count != 1),
+        "control: each middle of an edge is in one triangle"
+    );
 }
 
 #[test]
 fn m14_the_mass_of_a_point_is_not_that_of_muscle() {
     // 1 m3 of muscle at 1060 kg/m3 over 125 points.
     let (real, printed) = (1060.0_f64 / 125.0, 1.1_f64 / 125.0);
-    assert!((real - 8.48).abs() <= 1e-12 && (printed - 0.0088).abs() <= 1e-12 && real / printed > 900.0);
+    assert!(
+        (real - 8.48).abs() <= 1e-12 && (printed - 0.0088).abs() <= 1e-12 && real / printed > 900.0
+    );
     // What a small mass does is to shorten the longest step: at c from (7.2) by the root of the ratio.
-    let limit = |mass: f64| Verlet::default().limit(Mode::of(14.47, (8.0 * mass * 3.0).sqrt(), mass));
-    assert!((limit(printed) - 0.0269).abs() <= 2e-4, "{}", limit(printed));
+    let limit =
+        |mass: f64| Verlet::default().limit(Mode::of(14.47, (8.0 * mass * 3.0).sqrt(), mass));
+    assert!(
+        (limit(printed) - 0.0269).abs() <= 2e-4,
+        "{}",
+        limit(printed)
+    );
     assert!((limit(real) / limit(printed) / (real / printed).sqrt() - 1.0).abs() <= 1e-12);
 }
 
@@ -57,12 +70,22 @@ fn m14_the_mass_of_a_point_is_not_that_of_muscle() {
 fn m15_claims_about_the_tables_are_not_what_they_say() {
     // Table 7.2: 26 neighbours, edge method on the CPU's 10^3; tables 7.1 and 7.2: CPU over GPU.
     let (cpu, edge, shader) = ([0.83, 59.42, 59.42], [0.95, 5.31, 5.31], [0.28, 7.04, 7.04]);
-    assert!(edge[0] > cpu[0] && shader[0] < cpu[0], "the edge method is slower than the CPU on the smallest grid");
-    assert!(cpu[1] / edge[1] > 11.0 && cpu[2] / shader[2] < 8.5, "more than tenfold by one method, never by the other");
+    assert!(
+        edge[0] > cpu[0] && shader[0] < cpu[0],
+        "the edge method is slower than the CPU on the smallest grid"
+    );
+    assert!(
+        cpu[1] / edge[1] > 11.0 && cpu[2] / shader[2] < 8.5,
+        "more than tenfold by one method, never by the other"
+    );
     // Points at 70^3 over those at 60^3: not twice.
     assert!((70.0_f64.powi(3) / 60.0_f64.powi(3) - 1.588).abs() <= 1e-3);
     // "Best" dampings that are not best, tables 7.5 and 7.6.
-    for (best, estimate) in [((2.35, 141), (2.45, 125)), ((1.75, 91), (1.73, 90)), ((8.75, 448), (8.84, 446))] {
+    for (best, estimate) in [
+        ((2.35, 141), (2.45, 125)),
+        ((1.75, 91), (1.73, 90)),
+        ((8.75, 448), (8.84, 446)),
+    ] {
         assert!(best.0 != estimate.0 && estimate.1 < best.1);
     }
 }
@@ -86,7 +109,16 @@ fn m20_counts_of_the_tensor_are_not_those_of_a_closed_surface() {
     assert_eq!(ball.vertices.len() - ball.triangles.len() / 2, 2);
     ball.vertices.push(nalgebra::Point3::origin());
     let error = SphereMap::robust(&ball).expect_err("refused");
-    assert!(matches!(error, SphereError::Unused { count: 1, vertex: 162 }), "{error}");
+    assert!(
+        matches!(
+            error,
+            SphereError::Unused {
+                count: 1,
+                vertex: 162
+            }
+        ),
+        "{error}"
+    );
 }
 
 #[test]
@@ -108,6 +140,9 @@ fn m22_half_the_valence_times_the_points_is_too_many_springs() {
     for n in [2, 5, 10, 33] {
         let plain = 3 * n * n * (n - 1);
         assert_eq!(six.springs([n; 3]), plain);
-        assert_eq!(all.springs([n; 3]), plain + 6 * n * (n - 1).pow(2) + 4 * (n - 1_usize).pow(3));
+        assert_eq!(
+            all.springs([n; 3]),
+            plain + 6 * n * (n - 1).pow(2) + 4 * (n - 1_usize).pow(3)
+        );
     }
 }

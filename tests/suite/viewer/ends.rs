@@ -6,7 +6,10 @@ use pliant::viewer::{Command, Session, Snapshot};
 use super::{done, told};
 
 fn now(shot: &Snapshot, like: &Control) -> Option<Control> {
-    shot.controls.iter().find(|c| (&c.group, &c.label) == (&like.group, &like.label)).cloned()
+    shot.controls
+        .iter()
+        .find(|c| (&c.group, &c.label) == (&like.group, &like.label))
+        .cloned()
 }
 
 /// Moves each control that `is_meant` to both ends and back; `settled` looks at what came of it. Returns what was refused.
@@ -16,12 +19,23 @@ pub fn at_both_ends(
     mut settled: impl FnMut(&Session, &str),
 ) -> Vec<String> {
     let mut refused = Vec::new();
-    let controls: Vec<Control> = session.latest().controls.iter().filter(|c| is_meant(c)).cloned().collect();
-    assert!(!controls.is_empty(), "no control: the test would show nothing");
+    let controls: Vec<Control> = session
+        .latest()
+        .controls
+        .iter()
+        .filter(|c| is_meant(c))
+        .cloned()
+        .collect();
+    assert!(
+        !controls.is_empty(),
+        "no control: the test would show nothing"
+    );
     for control in controls {
         for share in [0.0, 1.0] {
             let told_so = format!("{}/{} at {share}", control.group, control.label);
-            let command = control.command(control.at(share)).unwrap_or_else(|e| panic!("{told_so}: {e}"));
+            let command = control
+                .command(control.at(share))
+                .unwrap_or_else(|e| panic!("{told_so}: {e}"));
             let before = session.latest().refused.clone();
             let shot = told(session, command);
             if shot.refused != before {
@@ -31,14 +45,27 @@ pub fn at_both_ends(
                 continue;
             }
             if let Some(moved) = now(&shot, &control) {
-                assert!((moved.share() - share).abs() < 1e-9, "{told_so}: it shows {}", moved.share());
+                assert!(
+                    (moved.share() - share).abs() < 1e-9,
+                    "{told_so}: it shows {}",
+                    moved.share()
+                );
             }
             settled(session, &told_so);
         }
         if let Some(path) = control.path() {
-            let back = done(session, Command::Restore { path: path.to_owned() });
+            let back = done(
+                session,
+                Command::Restore {
+                    path: path.to_owned(),
+                },
+            );
             let shown = now(&back, &control).map_or(control.share(), |c| c.share());
-            assert!((shown - control.share()).abs() < 1e-9, "{}: restored to {shown}", control.label);
+            assert!(
+                (shown - control.share()).abs() < 1e-9,
+                "{}: restored to {shown}",
+                control.label
+            );
         }
     }
     refused

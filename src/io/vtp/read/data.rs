@@ -17,21 +17,42 @@ struct Found<'a> {
 ///
 /// # Errors
 /// Another XML file, an array that is damaged or of another size than declared.
-pub(in crate::io) fn point_data(bytes: &[u8], name: &str, limit: u64) -> Result<Vec<PointData>, ReadError> {
+pub(in crate::io) fn point_data(
+    bytes: &[u8],
+    name: &str,
+    limit: u64,
+) -> Result<Vec<PointData>, ReadError> {
     let mut reader = Reader::new(bytes, name, limit);
     let pieces = found(&mut reader)?;
     let mut all: Vec<PointData> = Vec::new();
     for (k, piece) in pieces.into_iter().enumerate() {
         let mut here = Vec::new();
-        for Found { name, components, array, points } in piece {
+        for Found {
+            name,
+            components,
+            array,
+            points,
+        } in piece
+        {
             let numbers = reader.numbers(array, true)?;
-            let (declared, used) = (points.saturating_mul(components as u64), numbers.len() as u64);
+            let (declared, used) = (
+                points.saturating_mul(components as u64),
+                numbers.len() as u64,
+            );
             if declared != used {
-                let problem = Problem::SizeMismatch { what: "the number of values at the points", declared, used };
+                let problem = Problem::SizeMismatch {
+                    what: "the number of values at the points",
+                    declared,
+                    used,
+                };
                 return Err(reader.fail_in(&numbers, problem, b""));
             }
             let values: Vec<f64> = (0..numbers.len()).map(|i| numbers.real(i)).collect();
-            here.push(PointData { name, components, values });
+            here.push(PointData {
+                name,
+                components,
+                values,
+            });
         }
         if k == 0 {
             all = here;
@@ -39,8 +60,12 @@ pub(in crate::io) fn point_data(bytes: &[u8], name: &str, limit: u64) -> Result<
         }
         // What a piece lacks has no value at its points.
         all.retain_mut(|array| {
-            let more = here.iter().find(|h| h.name == array.name && h.components == array.components);
-            array.values.extend(more.iter().flat_map(|h| h.values.iter().copied()));
+            let more = here
+                .iter()
+                .find(|h| h.name == array.name && h.components == array.components);
+            array
+                .values
+                .extend(more.iter().flat_map(|h| h.values.iter().copied()));
             more.is_some()
         });
     }
@@ -68,7 +93,9 @@ fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> 
             b"PointData" => inside = !(tag.closes || tag.empty),
             b"DataArray" if inside && !tag.closes && tag.attribute("type") != Some(b"String") => {
                 let number = pieces.len();
-                let Some((points, arrays)) = pieces.last_mut() else { continue };
+                let Some((points, arrays)) = pieces.last_mut() else {
+                    continue;
+                };
                 let name = unescaped(tag.attribute("Name").unwrap_or_default());
                 let components = match tag.attribute("NumberOfComponents") {
                     None => 1,
@@ -79,7 +106,12 @@ fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> 
                     continue;
                 }
                 let array = reader.stored(&tag, Slot::Data, number)?;
-                arrays.push(Found { name, components: components as usize, array, points: *points });
+                arrays.push(Found {
+                    name,
+                    components: components as usize,
+                    array,
+                    points: *points,
+                });
             }
             _ => {}
         }
@@ -101,7 +133,10 @@ mod tests {
              <DataArray type=\"Int8\" Name=\"connectivity\">0 1 2</DataArray>\
              <DataArray type=\"Int8\" Name=\"offsets\">3</DataArray></Polys></Piece>"
         );
-        format!("<VTKFile type=\"PolyData\"><PolyData>{}</PolyData></VTKFile>", piece.repeat(pieces))
+        format!(
+            "<VTKFile type=\"PolyData\"><PolyData>{}</PolyData></VTKFile>",
+            piece.repeat(pieces)
+        )
     }
 
     #[test]
@@ -119,28 +154,51 @@ mod tests {
         write(&path, &data).unwrap();
         let found = crate::io::read_point_data(&path).unwrap();
         let bits = |v: &[f64]| v.iter().map(|x| x.to_bits()).collect::<Vec<u64>>();
-        assert_eq!((found[0].name.as_str(), found[0].components), ("a \"<&>\"", 1));
+        assert_eq!(
+            (found[0].name.as_str(), found[0].components),
+            ("a \"<&>\"", 1)
+        );
         assert_eq!(bits(&found[0].values), bits(&values));
-        assert_eq!((found[1].name.as_str(), found[1].components, &found[1].values), ("flow", 3, &flow));
+        assert_eq!(
+            (
+                found[1].name.as_str(),
+                found[1].components,
+                &found[1].values
+            ),
+            ("flow", 3, &flow)
+        );
     }
 
     #[test]
     fn pieces_are_joined_and_texts_left_out() {
-        let data =
-            "<DataArray type=\"Int8\" Name=\"n\">1 2 3</DataArray><DataArray type=\"String\" Name=\"s\">9</DataArray>";
+        let data = "<DataArray type=\"Int8\" Name=\"n\">1 2 3</DataArray><DataArray type=\"String\" Name=\"s\">9</DataArray>";
         let found = point_data(file(data, 2).as_bytes(), "a", 1 << 20).unwrap();
-        let wanted = PointData { name: "n".into(), components: 1, values: vec![1.0, 2.0, 3.0, 1.0, 2.0, 3.0] };
+        let wanted = PointData {
+            name: "n".into(),
+            components: 1,
+            values: vec![1.0, 2.0, 3.0, 1.0, 2.0, 3.0],
+        };
         assert_eq!(found, [wanted]);
         let lacking = file(data, 2).replacen("\"n\"", "\"m\"", 1);
         assert_eq!(point_data(lacking.as_bytes(), "a", 1 << 20).unwrap(), []);
-        assert_eq!(point_data(file("", 1).as_bytes(), "a", 1 << 20).unwrap(), []);
+        assert_eq!(
+            point_data(file("", 1).as_bytes(), "a", 1 << 20).unwrap(),
+            []
+        );
     }
 
     #[test]
     fn wrong_arrays_are_named() {
-        let error = |data: &str| point_data(file(data, 1).as_bytes(), "a", 1 << 20).unwrap_err().terse();
+        let error = |data: &str| {
+            point_data(file(data, 1).as_bytes(), "a", 1 << 20)
+                .unwrap_err()
+                .terse()
+        };
         let few = error("<DataArray type=\"Int8\" Name=\"n\">1 2</DataArray>");
-        assert!(few.contains("the number of values at the points does not fit: 3 declared, 2 used"), "{few}");
+        assert!(
+            few.contains("the number of values at the points does not fit: 3 declared, 2 used"),
+            "{few}"
+        );
         assert!(few.contains("an array of PointData of piece 1"), "{few}");
         let none = error("<DataArray type=\"Float32\" Name=\"n\">1 2 x</DataArray>");
         assert!(none.contains("expected a number"), "{none}");

@@ -6,21 +6,35 @@ use crate::mesh::repair::working::Working;
 /// Gives each group of triangles at an edge, but the first, a point of its own in the middle of it, where the edge still has
 /// more than two triangles. `edges` and `groups` are those before vertices were copied. Gives for each new vertex an end
 /// of its edge, by its index as read.
-pub(super) fn divide(working: &mut Working, edges: &[[u32; 2]], groups: &[Vec<Vec<u32>>]) -> Vec<u32> {
+pub(super) fn divide(
+    working: &mut Working,
+    edges: &[[u32; 2]],
+    groups: &[Vec<Vec<u32>>],
+) -> Vec<u32> {
     let topology = topology(working);
-    let crowded: Vec<[u32; 2]> = topology.non_manifold_edges().iter().map(|e| topology.edges[*e as usize]).collect();
+    let crowded: Vec<[u32; 2]> = topology
+        .non_manifold_edges()
+        .iter()
+        .map(|e| topology.edges[*e as usize])
+        .collect();
     let mut new = Vec::new();
     if crowded.is_empty() {
         return new;
     }
     // What each triangle has been divided into, itself first.
-    let mut parts: Vec<Vec<u32>> = (0..working.triangles.len() as u32).map(|t| vec![t]).collect();
+    let mut parts: Vec<Vec<u32>> = (0..working.triangles.len() as u32)
+        .map(|t| vec![t])
+        .collect();
     for (edge, groups) in edges.iter().zip(groups) {
         let origins = edge.map(|v| working.vertex_origin[v as usize]);
         for group in &groups[1..] {
             let mut middle = None;
             for &whole in group {
-                let Some((part, [a, b])) = working.side_of(&parts[whole as usize], origins, &crowded) else { continue };
+                let Some((part, [a, b])) =
+                    working.side_of(&parts[whole as usize], origins, &crowded)
+                else {
+                    continue;
+                };
                 let middle = *middle.get_or_insert_with(|| working.middle_of([a, b]));
                 let half = working.halve(part, [a, b], middle);
                 parts[whole as usize].push(half);
@@ -34,7 +48,12 @@ pub(super) fn divide(working: &mut Working, edges: &[[u32; 2]], groups: &[Vec<Ve
 impl Working {
     /// The part of a triangle that has a copy of an edge, given by the origins of its ends, among the `crowded` ones; and
     /// that copy.
-    fn side_of(&self, parts: &[u32], origins: [u32; 2], crowded: &[[u32; 2]]) -> Option<(u32, [u32; 2])> {
+    fn side_of(
+        &self,
+        parts: &[u32],
+        origins: [u32; 2],
+        crowded: &[[u32; 2]],
+    ) -> Option<(u32, [u32; 2])> {
         let side = |t: u32, k: usize| {
             let corners = self.triangles[t as usize];
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
@@ -45,7 +64,8 @@ impl Working {
             of == origins || of == [origins[1], origins[0]]
         };
         let all = parts.iter().flat_map(|t| (0..3).map(|k| (*t, side(*t, k))));
-        all.into_iter().find(|(_, side)| matches(*side) && crowded.binary_search(side).is_ok())
+        all.into_iter()
+            .find(|(_, side)| matches(*side) && crowded.binary_search(side).is_ok())
     }
 
     /// A new vertex in the middle of an edge.
@@ -61,7 +81,8 @@ impl Working {
     fn halve(&mut self, t: u32, [a, b]: [u32; 2], middle: u32) -> u32 {
         let whole = self.triangles[t as usize];
         self.triangles[t as usize] = whole.map(|v| if v == b { middle } else { v });
-        self.triangles.push(whole.map(|v| if v == a { middle } else { v }));
+        self.triangles
+            .push(whole.map(|v| if v == a { middle } else { v }));
         self.triangle_origin.push(self.triangle_origin[t as usize]);
         self.triangles.len() as u32 - 1
     }

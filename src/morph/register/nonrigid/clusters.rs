@@ -65,13 +65,17 @@ impl<'a> Ways<'a> {
 
     /// Vertices far from each other along edges, the first being vertex 0, and in each piece at least one if there is room.
     fn seeds(&self, count: usize) -> Vec<u32> {
-        let used: Vec<u32> = (0..self.points.len() as u32).filter(|&v| !self.rings[v as usize].is_empty()).collect();
+        let used: Vec<u32> = (0..self.points.len() as u32)
+            .filter(|&v| !self.rings[v as usize].is_empty())
+            .collect();
         let mut distances = vec![f64::INFINITY; self.points.len()];
         let mut seeds = Vec::new();
         while seeds.len() < count.min(used.len()) {
             let far = |v: &&u32| Distance(distances[**v as usize]);
             // Of several that are equally far the first.
-            let Some(&next) = used.iter().rev().max_by_key(far) else { break };
+            let Some(&next) = used.iter().rev().max_by_key(far) else {
+                break;
+            };
             if distances[next as usize] == 0.0 {
                 break;
             }
@@ -97,8 +101,11 @@ impl<'a> Ways<'a> {
     /// The nearest seeds of each vertex along edges, at most `most`, and how far they are.
     fn nearest(&self, seeds: &[u32], most: usize) -> Vec<Vec<(u32, f64)>> {
         let mut found: Vec<Vec<(u32, f64)>> = vec![Vec::new(); self.points.len()];
-        let mut open: BinaryHeap<_> =
-            seeds.iter().enumerate().map(|(c, &v)| (Reverse(Distance(0.0)), v, c as u32)).collect();
+        let mut open: BinaryHeap<_> = seeds
+            .iter()
+            .enumerate()
+            .map(|(c, &v)| (Reverse(Distance(0.0)), v, c as u32))
+            .collect();
         while let Some((Reverse(Distance(d)), v, c)) = open.pop() {
             let own = &mut found[v as usize];
             if own.len() >= most || own.iter().any(|(other, _)| *other == c) {
@@ -123,11 +130,23 @@ impl Clusters {
         let near = ways.nearest(&seeds, FOLLOWED + 1);
         let alone = |p: &Point3<f64>| {
             let square = |s: &u32| (points[*s as usize] - p).norm_squared();
-            let nearest = seeds.iter().enumerate().min_by(|(_, a), (_, b)| square(a).total_cmp(&square(b)));
+            let nearest = seeds
+                .iter()
+                .enumerate()
+                .min_by(|(_, a), (_, b)| square(a).total_cmp(&square(b)));
             vec![(nearest.map_or(0, |(c, _)| c as u32), 1.0)]
         };
-        let labels: Vec<Vec<(u32, f64)>> =
-            near.iter().zip(points).map(|(near, p)| if near.is_empty() { alone(p) } else { weighted(near) }).collect();
+        let labels: Vec<Vec<(u32, f64)>> = near
+            .iter()
+            .zip(points)
+            .map(|(near, p)| {
+                if near.is_empty() {
+                    alone(p)
+                } else {
+                    weighted(near)
+                }
+            })
+            .collect();
         let (mut neighbours, mut together) = (BTreeSet::new(), BTreeSet::new());
         for label in &labels {
             for (i, &(a, _)) in label.iter().enumerate() {
@@ -142,20 +161,36 @@ impl Clusters {
             }
         }
         let [neighbours, together] = [neighbours, together].map(|set| set.into_iter().collect());
-        Self { seeds, labels, neighbours, together }
+        Self {
+            seeds,
+            labels,
+            neighbours,
+            together,
+        }
     }
 }
 
 /// Weights (1 - d/d_max)^2 of the nearest, d_max being the distance of the next.
 fn weighted(near: &[(u32, f64)]) -> Vec<(u32, f64)> {
     let followed = &near[..near.len().min(FOLLOWED)];
-    let beyond = near.get(FOLLOWED).map_or_else(|| 2.0 * followed.last().map_or(0.0, |l| l.1), |next| next.1);
-    let weight = |d: f64| if beyond > 0.0 { (1.0 - d / beyond).max(0.0).powi(2) } else { 1.0 };
+    let beyond = near
+        .get(FOLLOWED)
+        .map_or_else(|| 2.0 * followed.last().map_or(0.0, |l| l.1), |next| next.1);
+    let weight = |d: f64| {
+        if beyond > 0.0 {
+            (1.0 - d / beyond).max(0.0).powi(2)
+        } else {
+            1.0
+        }
+    };
     let sum: f64 = followed.iter().map(|(_, d)| weight(*d)).sum();
     if !(sum > 0.0) {
         return vec![(near[0].0, 1.0)];
     }
-    followed.iter().map(|&(c, d)| (c, weight(d) / sum)).collect()
+    followed
+        .iter()
+        .map(|&(c, d)| (c, weight(d) / sum))
+        .collect()
 }
 
 #[cfg(test)]
@@ -169,22 +204,42 @@ mod tests {
         let clusters = Clusters::new(&ball.vertices, &ball.triangles, 30);
         assert_eq!(clusters.seeds.len(), 30);
         let at = |c: usize| ball.vertices[clusters.seeds[c] as usize];
-        let apart = (0..30).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| (at(i) - at(j)).norm());
-        assert!(apart.fold(f64::INFINITY, f64::min) > 0.4, "30 caps of a ball are about 0.7 apart");
+        let apart = (0..30)
+            .flat_map(|i| (0..i).map(move |j| (i, j)))
+            .map(|(i, j)| (at(i) - at(j)).norm());
+        assert!(
+            apart.fold(f64::INFINITY, f64::min) > 0.4,
+            "30 caps of a ball are about 0.7 apart"
+        );
         for label in &clusters.labels {
-            assert!((label.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-14 && label.len() <= FOLLOWED);
+            assert!(
+                (label.iter().map(|(_, w)| w).sum::<f64>() - 1.0).abs() < 1e-14
+                    && label.len() <= FOLLOWED
+            );
         }
-        assert!(clusters.neighbours.iter().all(|pair| clusters.together.contains(pair)));
+        assert!(
+            clusters
+                .neighbours
+                .iter()
+                .all(|pair| clusters.together.contains(pair))
+        );
     }
 
     #[test]
     fn each_piece_and_each_loose_vertex_has_a_cluster() {
         let ball = icosphere(1.0, 1);
         let mut points = ball.vertices.clone();
-        points.extend(ball.vertices.iter().map(|p| Point3::new(p.x + 5.0, p.y, p.z)));
+        points.extend(
+            ball.vertices
+                .iter()
+                .map(|p| Point3::new(p.x + 5.0, p.y, p.z)),
+        );
         points.push(Point3::new(9.0, 0.0, 0.0));
-        let triangles: Vec<[u32; 3]> =
-            ball.triangles.iter().flat_map(|t| [*t, t.map(|v| v + ball.vertices.len() as u32)]).collect();
+        let triangles: Vec<[u32; 3]> = ball
+            .triangles
+            .iter()
+            .flat_map(|t| [*t, t.map(|v| v + ball.vertices.len() as u32)])
+            .collect();
         let clusters = Clusters::new(&points, &triangles, 2);
         assert!(clusters.seeds[0] < 42 && clusters.seeds[1] >= 42);
         assert_eq!(clusters.labels[84], [(1, 1.0)]);

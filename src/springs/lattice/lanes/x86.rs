@@ -19,7 +19,11 @@ pub struct Compiled<M, W, L> {
 
 impl<M, W, L> Compiled<M, W, L> {
     pub fn new(machine: M, work: W) -> Self {
-        Self { machine, work, lanes: PhantomData }
+        Self {
+            machine,
+            work,
+            lanes: PhantomData,
+        }
     }
 }
 

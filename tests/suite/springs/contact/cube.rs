@@ -33,26 +33,47 @@ struct Pressed {
 
 fn press(bulk: f64, steps: usize) -> Pressed {
     let cube = shapes::box_surface([SIDE; 3], SIDE / 8.0);
-    let ball = moved(&sphere(12, 11, RADIUS), Vector3::z() * (0.5 * SIDE + RADIUS + 1e-5));
+    let ball = moved(
+        &sphere(12, 11, RADIUS),
+        Vector3::z() * (0.5 * SIDE + RADIUS + 1e-5),
+    );
     assert_eq!((cube.vertices.len(), cube.triangles.len()), (386, 768));
     assert_eq!((ball.vertices.len(), ball.triangles.len()), (134, 264));
-    assert!((ball.volume() - 3.932e-6).abs() <= 5e-10, "{}", ball.volume());
+    assert!(
+        (ball.volume() - 3.932e-6).abs() <= 5e-10,
+        "{}",
+        ball.volume()
+    );
     let mut system = filled(&cube, 1000.0, 20.0, bulk);
     system.damping = 2e-3;
-    let bottom = cube.vertices.iter().enumerate().filter(|(_, p)| p.z < -0.499 * SIDE).map(|(i, _)| i as u32);
+    let bottom = cube
+        .vertices
+        .iter()
+        .enumerate()
+        .filter(|(_, p)| p.z < -0.499 * SIDE)
+        .map(|(i, _)| i as u32);
     system.pin(bottom);
     let driven = Body::rigid(&ball, Drive::along(Vector3::z() * -SPEED)).expect("a ball");
-    let mut both = Bodies::new(vec![Body::soft(system, &cube.triangles).expect("a cube"), driven]);
+    let mut both = Bodies::new(vec![
+        Body::soft(system, &cube.triangles).expect("a cube"),
+        driven,
+    ]);
     let dt = 0.5 * both.limit();
     let (mut volume, mut deepest) = (0.0_f64, 0.0_f64);
     for step in 0..steps {
         if step as f64 * dt >= PRESS / SPEED {
-            both.bodies[1].set_drive(Drive::still()).expect("it is rigid");
+            both.bodies[1]
+                .set_drive(Drive::still())
+                .expect("it is rigid");
         }
         let met = both.step(dt).expect("a step");
         deepest = deepest.max(met.depth);
         let change = both.bodies[0].volume() / cube.volume() - 1.0;
-        volume = if change.abs() <= volume { volume } else { change.abs() };
+        volume = if change.abs() <= volume {
+            volume
+        } else {
+            change.abs()
+        };
     }
     let x = &both.bodies[0].system.position;
     let now = |k: usize| TriangleMesh {
@@ -62,14 +83,24 @@ fn press(bulk: f64, steps: usize) -> Pressed {
     let surfaces = [Surface::new(&now(0)), Surface::new(&now(1))];
     let depth = |k: usize| {
         let of = &both.bodies[1 - k].system.position;
-        of.iter().map(|p| -surfaces[k].closest(p).expect("triangles").distance).fold(0.0, f64::max)
+        of.iter()
+            .map(|p| -surfaces[k].closest(p).expect("triangles").distance)
+            .fold(0.0, f64::max)
     };
-    let top = cube.vertices.iter().position(|p| p.z > 0.499 * SIDE && p.x.hypot(p.y) < 1e-9).expect("a middle");
+    let top = cube
+        .vertices
+        .iter()
+        .position(|p| p.z > 0.499 * SIDE && p.x.hypot(p.y) < 1e-9)
+        .expect("a middle");
     Pressed {
         volume,
         inside: [depth(0).max(depth(1)), deepest],
         down: cube.vertices[top].z - x[top].z,
-        out: x.iter().map(|p| p.x.abs().max(p.y.abs())).fold(0.0, f64::max) - 0.5 * SIDE,
+        out: x
+            .iter()
+            .map(|p| p.x.abs().max(p.y.abs()))
+            .fold(0.0, f64::max)
+            - 0.5 * SIDE,
         steps,
         rest: both.bodies[0].system.energy().kinetic,
     }
@@ -87,7 +118,11 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
     // It was really pressed: the middle of the top is where the sphere's lowest point is, and the sides went out.
     assert!((found.down - PRESS).abs() <= 0.05 * PRESS, "{}", found.down);
     assert!(found.out >= 2e-4, "{}", found.out);
-    assert!(found.inside[0] <= 1e-4 * SIDE && found.inside[1] <= 5e-3 * SIDE, "{:?}", found.inside);
+    assert!(
+        found.inside[0] <= 1e-4 * SIDE && found.inside[1] <= 5e-3 * SIDE,
+        "{:?}",
+        found.inside
+    );
     // Control: with a thousandth of the modulus the volume is not kept.
     let soft = press(1e3, STEPS / 8);
     assert!(soft.volume > 5e-3, "{}", soft.volume);

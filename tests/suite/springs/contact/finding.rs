@@ -6,7 +6,9 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::springs::contact::edges::{Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of};
+use pliant::springs::contact::edges::{
+    Edge, EdgeOwners, Found, Sheet, crossing, crossings, crossings_of,
+};
 use pliant::springs::contact::hierarchy::{Hierarchy, Kind};
 use pliant::springs::contact::voxels::{VoxelError, Voxels};
 use pliant::testing::Draw;
@@ -53,12 +55,20 @@ fn check_tree(found: &Hierarchy, mesh: &TriangleMesh) -> Result<(), String> {
             return Err(format!("node {node} has {bounds:?} and not {least:?}"));
         }
     }
-    if seen.iter().all(|n| *n == 1) { Ok(()) } else { Err("a triangle is missing or twice there".into()) }
+    if seen.iter().all(|n| *n == 1) {
+        Ok(())
+    } else {
+        Err("a triangle is missing or twice there".into())
+    }
 }
 
 fn brute_force(a: &TriangleMesh, b: &TriangleMesh) -> Vec<[u32; 2]> {
     let meets = |s: u32, t: u32| box_of(a, s).intersects(&box_of(b, t));
-    let with = |s: u32| (0..b.triangles.len() as u32).filter(move |&t| meets(s, t)).map(move |t| [s, t]);
+    let with = |s: u32| {
+        (0..b.triangles.len() as u32)
+            .filter(move |&t| meets(s, t))
+            .map(move |t| [s, t])
+    };
     (0..a.triangles.len() as u32).flat_map(with).collect()
 }
 
@@ -74,9 +84,11 @@ fn printed(a: &Hierarchy, i: u32, b: &Hierarchy, j: u32) -> usize {
     let ((n, of_n), (m, of_m)) = (a.node(i), b.node(j));
     match (of_n, of_m) {
         (Kind::Leaf(_), Kind::Leaf(_)) => usize::from(n.intersects(m)),
-        (Kind::Inner(x), Kind::Inner(y)) if n.intersects(m) => {
-            x.iter().flat_map(|&k| y.iter().map(move |&l| [k, l])).map(|[k, l]| printed(a, k, b, l)).sum()
-        }
+        (Kind::Inner(x), Kind::Inner(y)) if n.intersects(m) => x
+            .iter()
+            .flat_map(|&k| y.iter().map(move |&l| [k, l]))
+            .map(|[k, l]| printed(a, k, b, l))
+            .sum(),
         _ => 0,
     }
 }
@@ -125,7 +137,8 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
     let mut mesh = TriangleMesh::default();
     for k in 0..64 {
         let (size, at) = (libm::exp2(f64::from(k) * 0.5), f64::from(k) * 1e9);
-        mesh.vertices.extend([[at, 0.0, 0.0], [at + size, 0.0, 0.0], [at, size, 0.0]].map(Point3::from));
+        mesh.vertices
+            .extend([[at, 0.0, 0.0], [at + size, 0.0, 0.0], [at, size, 0.0]].map(Point3::from));
         mesh.triangles.push([3 * k, 3 * k + 1, 3 * k + 2]);
     }
     // Halves of the area alone would split off the last triangle 63 times.
@@ -133,20 +146,46 @@ fn trees_of_triangles_that_differ_by_powers_stay_shallow() {
     assert!(levels.len() <= 32, "{levels:?}");
     // Half of the area, where shares allow it: of 3 small triangles and one of three times their area, the one.
     let four = TriangleMesh {
-        vertices: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [3.0, 0.0], [4.0, 0.0], [3.0, 1.0]]
-            .into_iter()
-            .chain([[6.0, 0.0], [7.0, 0.0], [6.0, 1.0], [9.0, 0.0], [12.0, 0.0], [9.0, 1.0]])
-            .map(|[x, y]| Point3::new(x, y, 0.0))
-            .collect(),
+        vertices: [
+            [0.0, 0.0],
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [3.0, 0.0],
+            [4.0, 0.0],
+            [3.0, 1.0],
+        ]
+        .into_iter()
+        .chain([
+            [6.0, 0.0],
+            [7.0, 0.0],
+            [6.0, 1.0],
+            [9.0, 0.0],
+            [12.0, 0.0],
+            [9.0, 1.0],
+        ])
+        .map(|[x, y]| Point3::new(x, y, 0.0))
+        .collect(),
         triangles: (0..4).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect(),
     };
     let found = tree(&four);
-    let (_, Kind::Inner([_, second])) = found.node(0) else { panic!("a leaf") };
-    assert_eq!(found.node(second).1, Kind::Leaf(3), "a median of counts has two on each side");
+    let (_, Kind::Inner([_, second])) = found.node(0) else {
+        panic!("a leaf")
+    };
+    assert_eq!(
+        found.node(second).1,
+        Kind::Leaf(3),
+        "a median of counts has two on each side"
+    );
     // Nothing, one, and triangles without any area.
     assert!(Hierarchy::new(&[], &[]).is_empty() && Hierarchy::new(&[], &[]).bounds().is_empty());
-    assert!(pairs(&Hierarchy::default(), &found).is_empty() && pairs(&found, &Hierarchy::default()).is_empty());
-    let flat = TriangleMesh { vertices: vec![Point3::origin(); 3], triangles: vec![[0, 1, 2]; 9] };
+    assert!(
+        pairs(&Hierarchy::default(), &found).is_empty()
+            && pairs(&found, &Hierarchy::default()).is_empty()
+    );
+    let flat = TriangleMesh {
+        vertices: vec![Point3::origin(); 3],
+        triangles: vec![[0, 1, 2]; 9],
+    };
     assert_eq!(check_tree(&tree(&flat), &flat), Ok(()));
     assert_eq!(pairs(&tree(&flat), &tree(&flat)).len(), 81);
 }
@@ -156,7 +195,8 @@ fn stretches(of: impl IntoIterator<Item = [f64; 2]>) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     for [low, high] in of {
         let first = mesh.vertices.len() as u32;
-        mesh.vertices.extend([[low, 0.0, 0.0], [high, 0.0, 0.0], [low, 1.0, 0.0]].map(Point3::from));
+        mesh.vertices
+            .extend([[low, 0.0, 0.0], [high, 0.0, 0.0], [low, 1.0, 0.0]].map(Point3::from));
         mesh.triangles.push([first, first + 1, first + 2]);
     }
     mesh
@@ -165,17 +205,33 @@ fn stretches(of: impl IntoIterator<Item = [f64; 2]>) -> TriangleMesh {
 #[test]
 fn b08_a_leaf_against_a_node_is_not_dropped() {
     let one = tree(&stretches([[2.2, 2.4]]));
-    let eight = tree(&stretches((0..8).map(|i| [f64::from(i), f64::from(i) + 1.0])));
-    let five = tree(&stretches((0..5).map(|i| [f64::from(i) + 0.5, f64::from(i) + 0.9])));
-    assert_eq!((pairs(&one, &eight), pairs(&eight, &one)), (vec![[0, 2]], vec![[2, 0]]));
-    assert_eq!(pairs(&five, &eight), (0..5).map(|i| [i, i]).collect::<Vec<_>>());
+    let eight = tree(&stretches(
+        (0..8).map(|i| [f64::from(i), f64::from(i) + 1.0]),
+    ));
+    let five = tree(&stretches(
+        (0..5).map(|i| [f64::from(i) + 0.5, f64::from(i) + 0.9]),
+    ));
+    assert_eq!(
+        (pairs(&one, &eight), pairs(&eight, &one)),
+        (vec![[0, 2]], vec![[2, 0]])
+    );
+    assert_eq!(
+        pairs(&five, &eight),
+        (0..5).map(|i| [i, i]).collect::<Vec<_>>()
+    );
     // Control, the erratum's counter-example: 0 of 1, and 2 of 5 are found.
     assert_eq!(printed(&one, 0, &eight, 0), 0);
     assert_eq!(printed(&five, 0, &eight, 0), 2);
 }
 
 fn at(points: &[Point3<f64>], weights: &[f64]) -> Point3<f64> {
-    Point3::from(points.iter().zip(weights).map(|(p, w)| p.coords * *w).sum::<Vector3<f64>>())
+    Point3::from(
+        points
+            .iter()
+            .zip(weights)
+            .map(|(p, w)| p.coords * *w)
+            .sum::<Vector3<f64>>(),
+    )
 }
 
 /// Both sides name one point, with weights that are shares.
@@ -183,7 +239,10 @@ fn is_one_point(edge: [Point3<f64>; 2], triangle: [Point3<f64>; 3]) -> Option<f6
     let found = crossing(edge, triangle)?;
     for weights in [&found.edge[..], &found.triangle[..]] {
         assert!(weights.iter().all(|w| (0.0..=1.0).contains(w)), "{found:?}");
-        assert!((weights.iter().sum::<f64>() - 1.0).abs() <= 1e-14, "{found:?}");
+        assert!(
+            (weights.iter().sum::<f64>() - 1.0).abs() <= 1e-14,
+            "{found:?}"
+        );
     }
     Some((at(&edge, &found.edge) - at(&triangle, &found.triangle)).norm())
 }
@@ -229,14 +288,34 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
         ("along a side", [p(-1.0, 0.0, 0.0), p(0.5, 0.0, 0.0)], true),
         ("at a corner", [p(-1.0, 1.0, 0.0), p(1.0, 1.0, 0.0)], true),
         ("end at a side", [p(0.5, 0.5, 0.0), p(1.0, 1.0, 0.0)], true),
-        ("end on the face", [p(0.25, 0.25, 0.0), p(0.25, 0.25, 1.0)], true),
-        ("through a corner", [p(1.0, 0.0, -1.0), p(1.0, 0.0, 1.0)], true),
-        ("in its plane beside", [p(1.0, 1.0, 0.0), p(2.0, 0.5, 0.0)], false),
-        ("in line with a side", [p(1.5, 0.0, 0.0), p(2.0, 0.0, 0.0)], false),
+        (
+            "end on the face",
+            [p(0.25, 0.25, 0.0), p(0.25, 0.25, 1.0)],
+            true,
+        ),
+        (
+            "through a corner",
+            [p(1.0, 0.0, -1.0), p(1.0, 0.0, 1.0)],
+            true,
+        ),
+        (
+            "in its plane beside",
+            [p(1.0, 1.0, 0.0), p(2.0, 0.5, 0.0)],
+            false,
+        ),
+        (
+            "in line with a side",
+            [p(1.5, 0.0, 0.0), p(2.0, 0.0, 0.0)],
+            false,
+        ),
         ("above", [p(0.1, 0.1, 1e-300), p(0.3, 0.2, 1.0)], false),
         ("past a side", [p(0.6, 0.6, -1.0), p(0.6, 0.6, 1.0)], false),
     ] {
-        for (ends, corners) in [([0, 1], [0, 1, 2]), ([1, 0], [1, 2, 0]), ([0, 1], [2, 1, 0])] {
+        for (ends, corners) in [
+            ([0, 1], [0, 1, 2]),
+            ([1, 0], [1, 2, 0]),
+            ([0, 1], [2, 1, 0]),
+        ] {
             let found = is_one_point(ends.map(|k| edge[k]), corners.map(|k| unit()[k]));
             assert_eq!(found.is_some(), expected, "{name}");
             assert!(found.is_none_or(|gap| gap <= 1e-15), "{name}: {found:?}");
@@ -244,23 +323,35 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
     }
     // The middle of what is shared.
     let through = crossing([p(-1.0, 0.25, 0.0), p(2.0, 0.25, 0.0)], unit()).expect("a crossing");
-    assert!((through.edge[1] - 1.375 / 3.0).abs() <= 1e-15, "{through:?}");
+    assert!(
+        (through.edge[1] - 1.375 / 3.0).abs() <= 1e-15,
+        "{through:?}"
+    );
     let flat = [p(0.0, 0.0, 0.0), p(1.0, 1.0, 1.0), p(2.0, 2.0, 2.0)];
     assert_eq!(crossing([p(0.0, 1.0, 0.0), p(2.0, 1.0, 2.0)], flat), None);
     // Sizes at which products of three coordinates vanish or overflow.
     for size in [1e-200, 1e100] {
-        let found = is_one_point([p(0.2, 0.2, -size), p(0.2, 0.2, size)].map(|q| p(q.x * size, q.y * size, q.z)), {
-            unit().map(|q| q * size)
-        });
+        let found = is_one_point(
+            [p(0.2, 0.2, -size), p(0.2, 0.2, size)].map(|q| p(q.x * size, q.y * size, q.z)),
+            { unit().map(|q| q * size) },
+        );
         assert!(found.is_some_and(|gap| gap <= 1e-15 * size), "{size}");
     }
 }
 
 /// How far apart the points are that heights and volumes alone name, each accurate for itself: the control of the next test.
 fn gap_by_volumes([p, q]: [Point3<f64>; 2], [a, b, c]: [Point3<f64>; 3]) -> f64 {
-    let at = |v: Point3<f64>| robust::Coord3D { x: v.x, y: v.y, z: v.z };
+    let at = |v: Point3<f64>| robust::Coord3D {
+        x: v.x,
+        y: v.y,
+        z: v.z,
+    };
     let side = |a, b, c, d| robust::orient3d(at(a), at(b), at(c), at(d)).abs();
-    let shares = |of: &[f64]| of.iter().map(|v| v / of.iter().sum::<f64>()).collect::<Vec<_>>();
+    let shares = |of: &[f64]| {
+        of.iter()
+            .map(|v| v / of.iter().sum::<f64>())
+            .collect::<Vec<_>>()
+    };
     let ends = shares(&[side(a, b, c, q), side(a, b, c, p)]);
     let corners = shares(&[side(p, q, b, c), side(p, q, c, a), side(p, q, a, b)]);
     (self::at(&[p, q], &ends) - self::at(&[a, b, c], &corners)).norm()
@@ -273,22 +364,43 @@ fn edges_almost_in_the_plane_name_one_point_on_both_sides() {
     for case in 0..40_000 {
         let size = draw.decades(-3.0, 3.0);
         let turn = draw.rotation();
-        let place =
-            |x: f64, y: f64, z: f64, off: Vector3<f64>| Point3::from((turn * Vector3::new(x, y, z) + off) * size);
+        let place = |x: f64, y: f64, z: f64, off: Vector3<f64>| {
+            Point3::from((turn * Vector3::new(x, y, z) + off) * size)
+        };
         let off = draw.direction() * draw.between(0.0, 10.0);
         // Heights over the plane down to rounding; every other edge along a side as well.
         let mut height = || draw.decades(-18.0, 0.0);
         let (low, high) = (-height(), height());
-        let beside = if case % 2 == 0 { draw.between(-0.2, 0.4) } else { draw.decades(-18.0, -10.0) };
-        let tilt = if case % 2 == 0 { draw.between(-0.5, 0.5) } else { draw.decades(-18.0, -10.0) };
+        let beside = if case % 2 == 0 {
+            draw.between(-0.2, 0.4)
+        } else {
+            draw.decades(-18.0, -10.0)
+        };
+        let tilt = if case % 2 == 0 {
+            draw.between(-0.5, 0.5)
+        } else {
+            draw.decades(-18.0, -10.0)
+        };
         let (from, to) = (draw.between(-2.0, 0.4), draw.between(0.3, 2.0));
-        let edge = [place(from, beside - tilt, low, off), place(to, beside + tilt, high, off)];
-        let triangle = [place(0.0, 0.0, 0.0, off), place(1.0, 0.0, 0.0, off), place(0.3, 0.8, 0.0, off)];
+        let edge = [
+            place(from, beside - tilt, low, off),
+            place(to, beside + tilt, high, off),
+        ];
+        let triangle = [
+            place(0.0, 0.0, 0.0, off),
+            place(1.0, 0.0, 0.0, off),
+            place(0.3, 0.8, 0.0, off),
+        ];
         if let Some(gap) = is_one_point(edge, triangle) {
             seen += 1;
             worst = worst.max(gap_by_volumes(edge, triangle) / size);
             // Coordinates have a size of 12 at most, and rounding of a few of them is left.
-            assert!(gap <= 1e-13 * size, "seed {} case {case}: {:e} of {size}", draw.seed, gap);
+            assert!(
+                gap <= 1e-13 * size,
+                "seed {} case {case}: {:e} of {size}",
+                draw.seed,
+                gap
+            );
         }
     }
     assert!(seen > 5000, "{seen}");
@@ -311,7 +423,10 @@ fn what_is_no_number_crosses_nothing() {
                 }
                 if let Some(found) = crossing(e, t) {
                     let weights = found.edge.iter().chain(&found.triangle);
-                    assert!(weights.clone().all(|w| (0.0..=1.0).contains(w)), "{k} {axis} {wrong}: {found:?}");
+                    assert!(
+                        weights.clone().all(|w| (0.0..=1.0).contains(w)),
+                        "{k} {axis} {wrong}: {found:?}"
+                    );
                 }
                 if wrong.is_nan() {
                     assert_eq!(crossing(e, t), None, "{k} {axis}");
@@ -334,31 +449,59 @@ fn what_is_no_number_crosses_nothing() {
     refitted.refit(&a.vertices, &a.triangles);
     let untouched = |s: u32| a.corners(s as usize).iter().all(|c| !c.x.is_nan());
     for found in [pairs(&refitted, &tree(&b)), pairs(&tree(&a), &tree(&b))] {
-        let missing = before.iter().find(|[s, t]| untouched(*s) && !found.contains(&[*s, *t]));
+        let missing = before
+            .iter()
+            .find(|[s, t]| untouched(*s) && !found.contains(&[*s, *t]));
         assert_eq!(missing, None);
     }
     let voxels = Voxels::new(&a.vertices, &a.triangles, 0.2).expect("voxels");
     let crossed = found(&a, &b);
     assert!(crossed.len() > 3);
-    let listed: BTreeSet<[u32; 2]> = voxels.pairs(&tree(&b), &b.vertices, &b.triangles).into_iter().collect();
+    let listed: BTreeSet<[u32; 2]> = voxels
+        .pairs(&tree(&b), &b.vertices, &b.triangles)
+        .into_iter()
+        .collect();
     assert!(crossed.iter().all(|f| listed.contains(&triangles_of(f))));
     a.vertices[1].x = f64::INFINITY;
-    assert!(matches!(Voxels::new(&a.vertices, &a.triangles, 0.2), Err(VoxelError::TooSmall { .. })));
+    assert!(matches!(
+        Voxels::new(&a.vertices, &a.triangles, 0.2),
+        Err(VoxelError::TooSmall { .. })
+    ));
 }
 
 /// Triangles of a soup share no edge, so that of an edge is known.
 fn triangles_of(f: &Found) -> [u32; 2] {
-    if f.which == Edge::OfFirst { [f.edge[0] / 3, f.triangle] } else { [f.triangle, f.edge[0] / 3] }
+    if f.which == Edge::OfFirst {
+        [f.edge[0] / 3, f.triangle]
+    } else {
+        [f.triangle, f.edge[0] / 3]
+    }
 }
 
 #[test]
 fn voxels_find_the_crossings_of_hierarchies() {
-    let (fine, coarse) = (shapes::icosphere(1.0, 4), moved(&shapes::icosphere(0.8, 1), Vector3::new(0.6, 0.31, 0.2)));
-    let (tree, voxels) = (tree(&coarse), Voxels::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"));
+    let (fine, coarse) = (
+        shapes::icosphere(1.0, 4),
+        moved(&shapes::icosphere(0.8, 1), Vector3::new(0.6, 0.31, 0.2)),
+    );
+    let (tree, voxels) = (
+        tree(&coarse),
+        Voxels::new(&fine.vertices, &fine.triangles, 0.07).expect("voxels"),
+    );
     let owners = [&fine, &coarse].map(|m| EdgeOwners::new(m.vertices.len(), &m.triangles));
     let none = Hierarchy::default();
-    let first = Sheet { x: &fine.vertices, triangles: &fine.triangles, hierarchy: &none, owners: &owners[0] };
-    let second = Sheet { x: &coarse.vertices, triangles: &coarse.triangles, hierarchy: &tree, owners: &owners[1] };
+    let first = Sheet {
+        x: &fine.vertices,
+        triangles: &fine.triangles,
+        hierarchy: &none,
+        owners: &owners[0],
+    };
+    let second = Sheet {
+        x: &coarse.vertices,
+        triangles: &coarse.triangles,
+        hierarchy: &tree,
+        owners: &owners[1],
+    };
     let key = |f: &Found| (f.which == Edge::OfFirst, f.edge, f.triangle);
     let mut all = Vec::new();
     for pair in voxels.pairs(&tree, &coarse.vertices, &coarse.triangles) {
@@ -369,7 +512,10 @@ fn voxels_find_the_crossings_of_hierarchies() {
     assert!(expected.len() > 60 && keys.len() == all.len());
     assert_eq!(keys, expected);
     // Control: half of the cubes do not have all.
-    let some = voxels.pairs(&tree, &coarse.vertices, &coarse.triangles).into_iter().step_by(2);
+    let some = voxels
+        .pairs(&tree, &coarse.vertices, &coarse.triangles)
+        .into_iter()
+        .step_by(2);
     let mut fewer = 0;
     some.for_each(|pair| crossings_of(pair, first, second, |_| fewer += 1));
     assert!(fewer < expected.len());
@@ -393,11 +539,15 @@ fn found(a: &TriangleMesh, b: &TriangleMesh) -> Vec<Found> {
 #[test]
 fn b07_a_tip_that_pierces_a_large_triangle_is_found_either_way() {
     let big = TriangleMesh {
-        vertices: [[-5.0, -5.0, 0.0], [5.0, -5.0, 0.0], [0.0, 5.0, 0.0]].map(Point3::from).to_vec(),
+        vertices: [[-5.0, -5.0, 0.0], [5.0, -5.0, 0.0], [0.0, 5.0, 0.0]]
+            .map(Point3::from)
+            .to_vec(),
         triangles: vec![[0, 1, 2]],
     };
     let tip = TriangleMesh {
-        vertices: [[0.0, 0.0, -0.2], [0.3, 0.0, 0.4], [-0.3, 0.0, 0.4]].map(Point3::from).to_vec(),
+        vertices: [[0.0, 0.0, -0.2], [0.3, 0.0, 0.4], [-0.3, 0.0, 0.4]]
+            .map(Point3::from)
+            .to_vec(),
         triangles: vec![[0, 1, 2]],
     };
     for (a, b, tips) in [(&tip, &big, Edge::OfFirst), (&big, &tip, Edge::OfSecond)] {
@@ -410,9 +560,19 @@ fn b07_a_tip_that_pierces_a_large_triangle_is_found_either_way() {
 
 #[test]
 fn b12_each_edge_meets_each_triangle_once() {
-    let (a, b) = (shapes::icosphere(1.0, 2), moved(&shapes::icosphere(0.9, 2), Vector3::new(0.7, 0.31, 0.2)));
+    let (a, b) = (
+        shapes::icosphere(1.0, 2),
+        moved(&shapes::icosphere(0.9, 2), Vector3::new(0.7, 0.31, 0.2)),
+    );
     let all = found(&a, &b);
-    let key = |f: &Found| (f.which == Edge::OfFirst, f.edge[0].min(f.edge[1]), f.edge[0].max(f.edge[1]), f.triangle);
+    let key = |f: &Found| {
+        (
+            f.which == Edge::OfFirst,
+            f.edge[0].min(f.edge[1]),
+            f.edge[0].max(f.edge[1]),
+            f.triangle,
+        )
+    };
     let keys: BTreeSet<_> = all.iter().map(key).collect();
     assert_eq!(keys.len(), all.len(), "an edge twice");
     let (mut expected, mut by_sides) = (BTreeSet::new(), 0);
@@ -440,16 +600,28 @@ fn voxels_know_what_a_surface_meets() {
         let (own, other) = (soup(&mut draw, count), soup(&mut draw, count));
         let voxels = Voxels::new(&own.vertices, &own.triangles, side).expect("voxels");
         let tree = tree(&other);
-        let met: BTreeSet<[u32; 2]> = voxels.met_by(&tree, &other.vertices, &other.triangles).into_iter().collect();
+        let met: BTreeSet<[u32; 2]> = voxels
+            .met_by(&tree, &other.vertices, &other.triangles)
+            .into_iter()
+            .collect();
         let mut sampled = 0;
         for _ in 0..4000 {
             let mut point = |of: &TriangleMesh| {
                 let t = draw.index(of.triangles.len());
                 let (u, v) = (draw.between(0.0, 1.0), draw.between(0.0, 1.0));
-                let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+                let (u, v) = if u + v > 1.0 {
+                    (1.0 - u, 1.0 - v)
+                } else {
+                    (u, v)
+                };
                 (t as u32, at(&of.corners(t), &[1.0 - u - v, u, v]))
             };
-            let holds = |p: &Point3<f64>| voxels.cells().iter().position(|&c| voxels.bounds(c).contains(p));
+            let holds = |p: &Point3<f64>| {
+                voxels
+                    .cells()
+                    .iter()
+                    .position(|&c| voxels.bounds(c).contains(p))
+            };
             // Each point of the surface is in a cube that has its triangle.
             let (t, p) = point(&own);
             let cell = holds(&p).expect("a cube");
@@ -461,8 +633,14 @@ fn voxels_know_what_a_surface_meets() {
             }
         }
         assert!(sampled > 50, "{sampled}");
-        assert!(met.len() < voxels.cells().len() * count || side > 1.0, "control: everything meets everything");
-        let pairs: BTreeSet<[u32; 2]> = voxels.pairs(&tree, &other.vertices, &other.triangles).into_iter().collect();
+        assert!(
+            met.len() < voxels.cells().len() * count || side > 1.0,
+            "control: everything meets everything"
+        );
+        let pairs: BTreeSet<[u32; 2]> = voxels
+            .pairs(&tree, &other.vertices, &other.triangles)
+            .into_iter()
+            .collect();
         let crossed = found(&own, &other);
         assert!(crossed.len() > 3, "{}", crossed.len());
         for f in crossed {
@@ -482,6 +660,11 @@ fn voxels_that_make_no_sense_are_refused() {
     for side in [1e-6, 1e-300] {
         assert_eq!(of(side).unwrap_err(), VoxelError::TooSmall { side });
     }
-    assert!(Voxels::new(&[], &[], 1.0).expect("nothing").cells().is_empty());
+    assert!(
+        Voxels::new(&[], &[], 1.0)
+            .expect("nothing")
+            .cells()
+            .is_empty()
+    );
     assert_eq!(of(100.0).expect("one").cells().len(), 1);
 }

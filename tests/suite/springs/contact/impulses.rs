@@ -6,45 +6,80 @@ use pliant::testing::Draw;
 use proptest::prelude::*;
 
 fn on_line(mass: f64, velocity: f64) -> Part<1> {
-    Part { weights: [1.0], inverse_mass: [1.0 / mass], velocity: [Vector3::x() * velocity] }
+    Part {
+        weights: [1.0],
+        inverse_mass: [1.0 / mass],
+        velocity: [Vector3::x() * velocity],
+    }
 }
 
 #[test]
 fn b06_bodies_part_with_the_restitution_s_share_of_their_approach() {
     let (m, v) = ([1.0, 3.0], [2.0, -1.0]);
     let energy = |u: [f64; 2]| 0.5 * (m[0] * u[0] * u[0] + m[1] * u[1] * u[1]);
-    for (e, parts, left, printed_left, printed_energy) in
-        [(0.0, 0.0, 0.125, -6.0, 13.625), (0.5, 1.5, 0.96875, -7.5, 21.21875), (1.0, 3.0, 3.5, -9.0, 30.5)]
-    {
+    for (e, parts, left, printed_left, printed_energy) in [
+        (0.0, 0.0, 0.125, -6.0, 13.625),
+        (0.5, 1.5, 0.96875, -7.5, 21.21875),
+        (1.0, 3.0, 3.5, -9.0, 30.5),
+    ] {
         let (one, two) = (on_line(m[0], v[0]), on_line(m[1], v[1]));
         let response = Response::new(e, 0.0).expect("in range");
         let j = impulse(&Vector3::x(), &one, &two, response).expect("they approach");
         let after = [one.after(&-j)[0].x, two.after(&j)[0].x];
         assert!((after[1] - after[0] - parts).abs() <= 1e-15, "{after:?}");
-        assert!((m[0] * after[0] + m[1] * after[1] + 1.0).abs() <= 1e-15, "momentum");
-        assert!((energy(after) - left).abs() <= 1e-15 && energy(after) <= energy(v) + 1e-15, "{after:?}");
+        assert!(
+            (m[0] * after[0] + m[1] * after[1] + 1.0).abs() <= 1e-15,
+            "momentum"
+        );
+        assert!(
+            (energy(after) - left).abs() <= 1e-15 && energy(after) <= energy(v) + 1e-15,
+            "{after:?}"
+        );
         // Control: the printed signs drive them into each other, with the same momentum and more energy.
         let printed = [one.after(&j)[0].x, two.after(&-j)[0].x];
-        assert!((printed[1] - printed[0] - printed_left).abs() <= 1e-14, "{printed:?}");
+        assert!(
+            (printed[1] - printed[0] - printed_left).abs() <= 1e-14,
+            "{printed:?}"
+        );
         assert!((m[0] * printed[0] + m[1] * printed[1] + 1.0).abs() <= 1e-14);
         assert!((energy(printed) - printed_energy).abs() <= 1e-14 && energy(printed) > 3.5);
         // Only where they approach: not the other way about, where the printed test is left out and they would be drawn in.
         assert_eq!(impulse(&-Vector3::x(), &one, &two, response), None);
-        assert_eq!(impulse(&Vector3::x(), &on_line(1.0, -1.0), &on_line(1.0, 1.0), response), None);
+        assert_eq!(
+            impulse(
+                &Vector3::x(),
+                &on_line(1.0, -1.0),
+                &on_line(1.0, 1.0),
+                response
+            ),
+            None
+        );
     }
 }
 
 /// Normal velocities of an edge and a triangle from the erratum; n from the edge to the triangle.
 fn erratum_b12() -> (Part<2>, Part<3>) {
     let x = |v: f64| Vector3::new(0.0, 0.0, v);
-    let edge = Part { weights: [0.7, 0.3], inverse_mass: [1.0, 0.5], velocity: [x(1.0), x(0.5)] };
-    let triangle =
-        Part { weights: [0.2, 0.3, 0.5], inverse_mass: [1.0, 1.0, 0.25], velocity: [x(-1.0), x(0.0), x(-0.5)] };
+    let edge = Part {
+        weights: [0.7, 0.3],
+        inverse_mass: [1.0, 0.5],
+        velocity: [x(1.0), x(0.5)],
+    };
+    let triangle = Part {
+        weights: [0.2, 0.3, 0.5],
+        inverse_mass: [1.0, 1.0, 0.25],
+        velocity: [x(-1.0), x(0.0), x(-0.5)],
+    };
     (edge, triangle)
 }
 
 fn momentum<const N: usize>(part: &Part<N>, velocity: &[Vector3<f64>; N]) -> Vector3<f64> {
-    part.inverse_mass.iter().zip(velocity).filter(|(w, _)| **w > 0.0).map(|(w, v)| v / *w).sum()
+    part.inverse_mass
+        .iter()
+        .zip(velocity)
+        .filter(|(w, _)| **w > 0.0)
+        .map(|(w, v)| v / *w)
+        .sum()
 }
 
 #[test]
@@ -54,19 +89,49 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
     let before = momentum(&edge, &edge.velocity) + momentum(&triangle, &triangle.velocity);
     let apart = |a: &Part<2>, b: &Part<3>| (b.at() - a.at()).z;
     assert!((apart(&edge, &triangle) + 1.3).abs() <= 1e-15 && (before.z + 1.0).abs() <= 1e-15);
-    let j = impulse(&z, &edge, &triangle, Response::new(0.5, 0.0).expect("in range")).expect("they approach");
+    let j = impulse(
+        &z,
+        &edge,
+        &triangle,
+        Response::new(0.5, 0.0).expect("in range"),
+    )
+    .expect("they approach");
     let (a, b) = (edge.after(&-j), triangle.after(&j));
-    let after = (Part { velocity: a, ..edge }, Part { velocity: b, ..triangle });
+    let after = (
+        Part {
+            velocity: a,
+            ..edge
+        },
+        Part {
+            velocity: b,
+            ..triangle
+        },
+    );
     assert!((apart(&after.0, &after.1) - 0.65).abs() <= 1e-15);
     assert!((momentum(&edge, &a) + momentum(&triangle, &b) - before).norm() <= 1e-15);
     // Control: the same impulse for all five, by their mean masses, as the source says.
     let j = 1.5 * 1.3 / (1.0 / 1.5 + 1.0 / 2.0);
     let same = |part: &[f64], sign: f64| part.iter().map(|w| sign * j * w).collect::<Vec<_>>();
-    let (by_a, by_b) = (same(&edge.inverse_mass, -1.0), same(&triangle.inverse_mass, 1.0));
+    let (by_a, by_b) = (
+        same(&edge.inverse_mass, -1.0),
+        same(&triangle.inverse_mass, 1.0),
+    );
     let a: [Vector3<f64>; 2] = std::array::from_fn(|i| edge.velocity[i] + z * by_a[i]);
     let b: [Vector3<f64>; 3] = std::array::from_fn(|i| triangle.velocity[i] + z * by_b[i]);
-    let after = (Part { velocity: a, ..edge }, Part { velocity: b, ..triangle });
-    assert!((apart(&after.0, &after.1) - 1.165).abs() <= 5e-4, "the erratum's digits");
+    let after = (
+        Part {
+            velocity: a,
+            ..edge
+        },
+        Part {
+            velocity: b,
+            ..triangle
+        },
+    );
+    assert!(
+        (apart(&after.0, &after.1) - 1.165).abs() <= 5e-4,
+        "the erratum's digits"
+    );
     assert!(((momentum(&edge, &a) + momentum(&triangle, &b)).z - 0.671).abs() <= 5e-4);
     assert!((momentum(&edge, &a) + momentum(&triangle, &b) - before).norm() > 1.0);
 }
@@ -74,14 +139,32 @@ fn b12_an_edge_against_a_triangle_keeps_momentum() {
 #[test]
 fn what_is_held_stays_and_what_is_held_on_both_sides_is_left_alone() {
     let (edge, triangle) = erratum_b12();
-    let held = Part { inverse_mass: [0.0; 3], ..triangle };
+    let held = Part {
+        inverse_mass: [0.0; 3],
+        ..triangle
+    };
     let j = impulse(&Vector3::z(), &edge, &held, Response::default()).expect("they approach");
     assert_eq!(held.after(&j), held.velocity);
-    let after = Part { velocity: edge.after(&-j), ..edge };
-    assert!((held.at() - after.at()).norm() <= 1e-15, "without bounce it goes with what is held");
-    let both = Part { inverse_mass: [0.0; 2], ..edge };
-    assert_eq!(impulse(&Vector3::z(), &both, &held, Response::default()), None);
-    let one = Part { inverse_mass: [0.0, 0.5], ..edge };
+    let after = Part {
+        velocity: edge.after(&-j),
+        ..edge
+    };
+    assert!(
+        (held.at() - after.at()).norm() <= 1e-15,
+        "without bounce it goes with what is held"
+    );
+    let both = Part {
+        inverse_mass: [0.0; 2],
+        ..edge
+    };
+    assert_eq!(
+        impulse(&Vector3::z(), &both, &held, Response::default()),
+        None
+    );
+    let one = Part {
+        inverse_mass: [0.0, 0.5],
+        ..edge
+    };
     let j = impulse(&Vector3::z(), &one, &held, Response::default()).expect("an end is free");
     assert_eq!(one.after(&-j)[0], one.velocity[0]);
 }
@@ -96,8 +179,14 @@ fn responses_out_of_range_are_refused() {
     }
     assert!(Response::new(f64::NAN, 0.0).is_err() && Response::new(0.0, f64::NAN).is_err());
     // What is not finite gives no impulse instead of spoiling everything.
-    let mad = Part { velocity: [Vector3::repeat(f64::INFINITY)], ..on_line(1.0, 1.0) };
-    assert_eq!(impulse(&Vector3::x(), &mad, &on_line(1.0, 0.0), Response::default()), None);
+    let mad = Part {
+        velocity: [Vector3::repeat(f64::INFINITY)],
+        ..on_line(1.0, 1.0)
+    };
+    assert_eq!(
+        impulse(&Vector3::x(), &mad, &on_line(1.0, 0.0), Response::default()),
+        None
+    );
 }
 
 /// An edge and a triangle that share a point, with all that a collision depends on.
@@ -116,15 +205,29 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     let size = draw.decades(-2.0, 2.0);
     let weights = |draw: &mut Draw, n: usize| {
         // Some exactly 0, as of a vertex.
-        let all: Vec<f64> = (0..n).map(|_| (draw.between(-0.3, 1.0)).max(0.0) + 1e-3).collect();
+        let all: Vec<f64> = (0..n)
+            .map(|_| (draw.between(-0.3, 1.0)).max(0.0) + 1e-3)
+            .collect();
         let sum: f64 = all.iter().sum();
         all.into_iter().map(|w| w / sum).collect::<Vec<_>>()
     };
     let (a, b) = (weights(&mut draw, 2), weights(&mut draw, 3));
-    let mut mass = |k: u8| if held >> k & 1 == 1 { 0.0 } else { 1.0 / draw.decades(-2.0, 2.0) };
+    let mut mass = |k: u8| {
+        if held >> k & 1 == 1 {
+            0.0
+        } else {
+            1.0 / draw.decades(-2.0, 2.0)
+        }
+    };
     let inverse_mass = ([mass(0), mass(1)], [mass(2), mass(3), mass(4)]);
     let mut vector = |scale: f64| draw.direction() * (scale * draw.between(0.0, 1.0));
-    let mut velocity = |w: f64| if w > 0.0 { vector(size) } else { Vector3::zeros() };
+    let mut velocity = |w: f64| {
+        if w > 0.0 {
+            vector(size)
+        } else {
+            Vector3::zeros()
+        }
+    };
     let edge_velocity = inverse_mass.0.map(&mut velocity);
     let triangle_velocity = inverse_mass.1.map(&mut velocity);
     let ends = [vector(1.0), vector(1.0)];
@@ -133,8 +236,16 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
     let shared = ends[0] * a[0] + ends[1] * a[1];
     corners[2] = (shared - corners[0] * b[0] - corners[1] * b[1]) / b[2];
     Collision {
-        edge: Part { weights: [a[0], a[1]], inverse_mass: inverse_mass.0, velocity: edge_velocity },
-        triangle: Part { weights: [b[0], b[1], b[2]], inverse_mass: inverse_mass.1, velocity: triangle_velocity },
+        edge: Part {
+            weights: [a[0], a[1]],
+            inverse_mass: inverse_mass.0,
+            velocity: edge_velocity,
+        },
+        triangle: Part {
+            weights: [b[0], b[1], b[2]],
+            inverse_mass: inverse_mass.1,
+            velocity: triangle_velocity,
+        },
         ends,
         corners,
         normal: draw.direction(),
@@ -143,12 +254,22 @@ fn draw(seed: u64, e: f64, mu: f64, held: u8) -> Collision {
 }
 
 fn kinetic<const N: usize>(part: &Part<N>, velocity: &[Vector3<f64>; N]) -> f64 {
-    part.inverse_mass.iter().zip(velocity).filter(|(w, _)| **w > 0.0).map(|(w, v)| 0.5 * v.norm_squared() / w).sum()
+    part.inverse_mass
+        .iter()
+        .zip(velocity)
+        .filter(|(w, _)| **w > 0.0)
+        .map(|(w, v)| 0.5 * v.norm_squared() / w)
+        .sum()
 }
 
-fn spin<const N: usize>(part: &Part<N>, x: &[Vector3<f64>; N], velocity: &[Vector3<f64>; N]) -> Vector3<f64> {
+fn spin<const N: usize>(
+    part: &Part<N>,
+    x: &[Vector3<f64>; N],
+    velocity: &[Vector3<f64>; N],
+) -> Vector3<f64> {
     let free = (0..N).filter(|&i| part.inverse_mass[i] > 0.0);
-    free.map(|i| x[i].cross(&velocity[i]) / part.inverse_mass[i]).sum()
+    free.map(|i| x[i].cross(&velocity[i]) / part.inverse_mass[i])
+        .sum()
 }
 
 /// What is wrong with the velocities after a collision; nothing if all laws hold.
@@ -159,34 +280,89 @@ fn faults(c: &Collision, a: &[Vector3<f64>; 2], b: &[Vector3<f64>; 3]) -> Vec<&'
             faults.push(what)
         }
     };
-    let after = (Part { velocity: *a, ..c.edge }, Part { velocity: *b, ..c.triangle });
+    let after = (
+        Part {
+            velocity: *a,
+            ..c.edge
+        },
+        Part {
+            velocity: *b,
+            ..c.triangle
+        },
+    );
     let (before, now) = (c.triangle.at() - c.edge.at(), after.1.at() - after.0.at());
-    let speed = c.edge.velocity.iter().chain(&c.triangle.velocity).map(|v| v.norm()).sum::<f64>();
+    let speed = c
+        .edge
+        .velocity
+        .iter()
+        .chain(&c.triangle.velocity)
+        .map(|v| v.norm())
+        .sum::<f64>();
     let small = 1e-12 * speed;
     let (u, v) = (before.dot(&c.normal), now.dot(&c.normal));
-    want((v + c.response.restitution() * u).abs() <= small, "restitution");
+    want(
+        (v + c.response.restitution() * u).abs() <= small,
+        "restitution",
+    );
     let energy = kinetic(&c.edge, &c.edge.velocity) + kinetic(&c.triangle, &c.triangle.velocity);
-    want(kinetic(&c.edge, a) + kinetic(&c.triangle, b) <= energy * (1.0 + 1e-12), "energy");
-    let free = c.edge.inverse_mass.iter().chain(&c.triangle.inverse_mass).all(|w| *w > 0.0);
+    want(
+        kinetic(&c.edge, a) + kinetic(&c.triangle, b) <= energy * (1.0 + 1e-12),
+        "energy",
+    );
+    let free = c
+        .edge
+        .inverse_mass
+        .iter()
+        .chain(&c.triangle.inverse_mass)
+        .all(|w| *w > 0.0);
     if free {
-        let before = momentum(&c.edge, &c.edge.velocity) + momentum(&c.triangle, &c.triangle.velocity);
-        let mass: f64 = c.edge.inverse_mass.iter().chain(&c.triangle.inverse_mass).map(|w| 1.0 / w).sum();
-        want((momentum(&c.edge, a) + momentum(&c.triangle, b) - before).norm() <= small * mass, "momentum");
-        let before = spin(&c.edge, &c.ends, &c.edge.velocity) + spin(&c.triangle, &c.corners, &c.triangle.velocity);
+        let before =
+            momentum(&c.edge, &c.edge.velocity) + momentum(&c.triangle, &c.triangle.velocity);
+        let mass: f64 = c
+            .edge
+            .inverse_mass
+            .iter()
+            .chain(&c.triangle.inverse_mass)
+            .map(|w| 1.0 / w)
+            .sum();
+        want(
+            (momentum(&c.edge, a) + momentum(&c.triangle, b) - before).norm() <= small * mass,
+            "momentum",
+        );
+        let before = spin(&c.edge, &c.ends, &c.edge.velocity)
+            + spin(&c.triangle, &c.corners, &c.triangle.velocity);
         let reach = 1.0 + c.corners[2].norm();
         let now = spin(&c.edge, &c.ends, a) + spin(&c.triangle, &c.corners, b);
-        want((now - before).norm() <= small * mass * reach, "angular momentum");
+        want(
+            (now - before).norm() <= small * mass * reach,
+            "angular momentum",
+        );
     }
     let held = |w: &f64, v: &Vector3<f64>, before: &Vector3<f64>| *w > 0.0 || v == before;
-    want((0..2).all(|i| held(&c.edge.inverse_mass[i], &a[i], &c.edge.velocity[i])), "held");
-    want((0..3).all(|i| held(&c.triangle.inverse_mass[i], &b[i], &c.triangle.velocity[i])), "held");
+    want(
+        (0..2).all(|i| held(&c.edge.inverse_mass[i], &a[i], &c.edge.velocity[i])),
+        "held",
+    );
+    want(
+        (0..3).all(|i| held(&c.triangle.inverse_mass[i], &b[i], &c.triangle.velocity[i])),
+        "held",
+    );
     // Sliding goes on the way it went, and no further than friction may act.
     let (before, now) = (before - c.normal * u, now - c.normal * v);
     let mu = c.response.friction();
     let most = mu * (1.0 + c.response.restitution()) * -u;
-    want(now.norm() <= before.norm() + small && now.dot(&before) >= -small * before.norm(), "turned");
-    want((before - now).norm() <= most + small, "more friction than mu allows");
-    want(now.norm() <= small || (before - now).norm() >= most - small, "less friction than there is");
+    want(
+        now.norm() <= before.norm() + small && now.dot(&before) >= -small * before.norm(),
+        "turned",
+    );
+    want(
+        (before - now).norm() <= most + small,
+        "more friction than mu allows",
+    );
+    want(
+        now.norm() <= small || (before - now).norm() >= most - small,
+        "less friction than there is",
+    );
     faults
 }
 
@@ -219,12 +395,29 @@ proptest! {
 
 #[test]
 fn friction_stops_what_is_slow_and_slows_what_is_fast() {
-    let floor = Part { weights: [1.0], inverse_mass: [0.0], velocity: [Vector3::zeros()] };
+    let floor = Part {
+        weights: [1.0],
+        inverse_mass: [0.0],
+        velocity: [Vector3::zeros()],
+    };
     let slide = |along: f64| {
-        let body = Part { weights: [1.0], inverse_mass: [2.0], velocity: [Vector3::new(along, 0.0, -1.0)] };
-        let j = impulse(&-Vector3::z(), &body, &floor, Response::new(0.0, 0.5).expect("in range")).expect("it falls");
+        let body = Part {
+            weights: [1.0],
+            inverse_mass: [2.0],
+            velocity: [Vector3::new(along, 0.0, -1.0)],
+        };
+        let j = impulse(
+            &-Vector3::z(),
+            &body,
+            &floor,
+            Response::new(0.0, 0.5).expect("in range"),
+        )
+        .expect("it falls");
         body.after(&-j)[0]
     };
     assert!((slide(0.3)).norm() <= 1e-15, "within the cone it sticks");
-    assert!((slide(2.0) - Vector3::new(1.5, 0.0, 0.0)).norm() <= 1e-15, "mu times the speed that was stopped");
+    assert!(
+        (slide(2.0) - Vector3::new(1.5, 0.0, 0.0)).norm() <= 1e-15,
+        "mu times the speed that was stopped"
+    );
 }
