@@ -13,6 +13,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 // In the order in which they may import each other, not by letter: `reorder_modules` is off.
+pub mod format;
 pub mod mesh;
 pub mod io;
 pub mod state;
@@ -31,10 +32,5 @@ pub mod geometric;
 pub mod simulation;
 pub mod moment_arms;
 pub mod accuracy;
-pub mod render;
-pub mod report;
-pub mod study;
-pub mod viewer;
-pub mod cli;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

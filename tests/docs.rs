@@ -23,6 +23,14 @@ fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     found
 }
 
+/// The sources of all packages.
+fn sources() -> Vec<PathBuf> {
+    ["src", "render/src", "viewer/src", "cli/src"]
+        .iter()
+        .flat_map(|folder| files(&root().join(folder), "rs"))
+        .collect()
+}
+
 fn documents() -> Vec<PathBuf> {
     let mut all = files(&root().join("docs"), "md");
     all.extend(["README.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(|name| root().join(name)));
@@ -93,10 +101,7 @@ fn every_path_exists() {
 fn every_reference_is_listed() {
     let listed = keys(&fs::read_to_string(root().join("docs/references.bib")).expect("references"));
     let mut used = BTreeSet::new();
-    for file in files(&root().join("src"), "rs")
-        .into_iter()
-        .chain(documents())
-    {
+    for file in sources().into_iter().chain(documents()) {
         used.extend(keys(&fs::read_to_string(&file).expect("a file")));
     }
     let missing: Vec<_> = used.difference(&listed).collect();
@@ -117,7 +122,7 @@ fn errata_of_tests() -> BTreeSet<String> {
     let mut found = BTreeSet::new();
     for file in files(&root().join("tests"), "rs")
         .into_iter()
-        .chain(files(&root().join("src"), "rs"))
+        .chain(sources())
     {
         for name in fs::read_to_string(&file)
             .expect("a file")

@@ -41,7 +41,7 @@ pub struct Candidate {
 }
 
 /// Name of the crate's own way to look for contact.
-pub(crate) const HIERARCHY: &str = "hierarchy";
+pub const HIERARCHY: &str = "hierarchy";
 
 /// Steps a frame of XPBD that are tried, one sweep each.
 const SUBSTEPS: [u32; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
@@ -102,7 +102,7 @@ impl Candidate {
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
                 format!(
                     "substeps {steps}, tolerance {}",
-                    crate::render::number(s.tolerance)
+                    crate::format::number(s.tolerance)
                 )
             }
         }

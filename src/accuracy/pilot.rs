@@ -171,7 +171,7 @@ pub fn choose(
             study.rows.len(),
             candidate.name(),
             candidate.in_words(),
-            crate::render::number(expected_m * 1e3),
+            crate::format::number(expected_m * 1e3),
             expected.time_s / frames.max(1) as f64 * 1e3
         );
         return Ok(Chosen {
@@ -191,8 +191,8 @@ pub fn choose(
         "{} ({}) was {} mm off in frames 1 to {frames}, is expected to be {} mm off at worst, and takes {:.1} ms a frame",
         row.candidate.name(),
         row.candidate.in_words(),
-        crate::render::number(row.error.rms * 1e3),
-        crate::render::number(total(row) * 1e3),
+        crate::format::number(row.error.rms * 1e3),
+        crate::format::number(total(row) * 1e3),
         row.time_s / frames.max(1) as f64 * 1e3
     );
     let why = if fast.is_some() {

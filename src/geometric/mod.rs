@@ -6,6 +6,7 @@
 pub mod chain;
 pub mod file;
 pub mod frame;
+pub mod pose;
 pub mod surface;
 
 pub use chain::{Caps, Chain, ChainError, Shape};

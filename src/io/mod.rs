@@ -10,6 +10,7 @@ mod directx;
 mod encoded;
 mod error;
 pub mod obj;
+pub mod names;
 mod off;
 mod part;
 pub mod ply;
@@ -29,7 +30,7 @@ use std::path::Path;
 use crate::mesh::TriangleMesh;
 use cursor::Cursor;
 pub use error::{Place, Problem, ReadError};
-pub(crate) use part::write_whole;
+pub use part::write_whole;
 pub use warning::{Warned, Warning, Warnings};
 pub use write::{Encoding, WRITABLE, WriteError, write};
 
@@ -154,7 +155,7 @@ pub fn read_point_data(path: &Path) -> Result<Vec<PointData>, ReadError> {
 ///
 /// # Errors
 /// As [`read`] and [`read_point_data`].
-pub(crate) fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), ReadError> {
+pub fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), ReadError> {
     let bytes = bytes_of(path, MAX_FILE_BYTES)?;
     let name = path.display().to_string();
     let file = read_bytes(&bytes, &name)?;

@@ -10,7 +10,7 @@ use crate::mesh::TriangleMesh;
 ///
 /// # Errors
 /// What `fill` returns, or what the operating system refuses; the partial file is then removed.
-pub(crate) fn write_whole(
+pub fn write_whole(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> io::Result<()> {

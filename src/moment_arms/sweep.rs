@@ -359,7 +359,7 @@ impl Running {
 fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     let Sweep { from, to, step, .. } = *sweep;
     let refuse = |text: String| Err(SweepError::Range(text));
-    let degrees = |angle: f64| crate::render::number(angle.to_degrees());
+    let degrees = |angle: f64| crate::format::number(angle.to_degrees());
     if !(from < to) {
         return refuse(format!(
             "from {} to {} degrees is no range; --from must be below --to",

@@ -131,14 +131,17 @@ pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content,
 
 /// A scene's text, the name that messages give it, and the folder that its paths begin in.
 #[derive(Clone, Debug)]
-pub(crate) struct Written {
-    pub(crate) text: String,
-    pub(crate) name: String,
-    pub(crate) folder: PathBuf,
+pub struct Written {
+    /// The text of the scene.
+    pub text: String,
+    /// The name of the scene.
+    pub name: String,
+    /// The folder that relative paths of the scene start from.
+    pub folder: PathBuf,
 }
 
 /// The text of a file or of a built-in scene.
-pub(crate) fn find(name_or_path: &str) -> Result<Written, SceneError> {
+pub fn find(name_or_path: &str) -> Result<Written, SceneError> {
     let path = Path::new(name_or_path);
     let here = Path::new(".");
     let folder = path

@@ -3,8 +3,6 @@
 use std::fmt;
 use std::sync::Arc;
 
-use miette::{Diagnostic, LabeledSpan, NamedSource, SourceCode};
-
 use super::spelling::shown;
 use super::tree::{Sources, Span};
 use super::units::{Dimension, UnitError};
@@ -269,7 +267,7 @@ impl Problem {
     }
 }
 
-/// A problem of a scene and its place, shown with the source line and a caret by [`miette`].
+/// A problem of a scene and its place.
 #[derive(Clone)]
 pub struct SceneError(Box<Placed>);
 
@@ -277,7 +275,8 @@ pub struct SceneError(Box<Placed>);
 struct Placed {
     problem: Problem,
     key: String,
-    source: NamedSource<Arc<str>>,
+    /// Name and text of the file or of the override.
+    source: (Arc<str>, Arc<str>),
     span: Span,
     /// Line and column, both from 1; `None` where the text is no file (an override, a name).
     place: Option<(usize, usize)>,
@@ -296,7 +295,7 @@ impl SceneError {
             + 1;
         // The text of an override is its own name, one line, and needs no place.
         let place = own.then(|| (before.matches('\n').count() + 1, column));
-        let source = NamedSource::new(name, text);
+        let source = (name, text);
         Self(Box::new(Placed {
             problem,
             key: key.to_owned(),
@@ -308,7 +307,7 @@ impl SceneError {
 
     /// An error of a name or a path that was given outside of any file.
     pub(super) fn of_name(problem: Problem, name: &str) -> Self {
-        let source = NamedSource::new("SCENE", Arc::from(name));
+        let source = (Arc::from("SCENE"), Arc::from(name));
         Self(Box::new(Placed {
             problem,
             key: String::new(),
@@ -320,7 +319,7 @@ impl SceneError {
 
     /// An error in a scene without a text.
     pub(super) fn nowhere(problem: Problem, key: &str) -> Self {
-        let source = NamedSource::new("scene", Arc::from(""));
+        let source = (Arc::from("scene"), Arc::from(""));
         Self(Box::new(Placed {
             problem,
             key: key.to_owned(),
@@ -348,17 +347,30 @@ impl SceneError {
         self.0.place
     }
 
-    /// The text that it was found in: of the file, or of an override.
-    pub(super) fn source_text(&self) -> &str {
-        self.0.source.inner()
+    /// Name of the text with the problem: a path, an override, or `SCENE`.
+    #[must_use]
+    pub fn source_name(&self) -> &str {
+        &self.0.source.0
+    }
+
+    /// The text with the problem: the whole file, or the override.
+    #[must_use]
+    pub fn source_text(&self) -> &str {
+        &self.0.source.1
+    }
+
+    /// The problem's bytes within [`source_text`](Self::source_text).
+    #[must_use]
+    pub fn span(&self) -> Span {
+        self.0.span.clone()
     }
 
     /// One line, `file:line:column: error[E052]: key: what is wrong; what to do`, for pipes and logs.
     #[must_use]
     pub fn terse(&self) -> String {
         let at = match self.0.place {
-            Some((line, column)) => format!("{}:{line}:{column}", self.0.source.name()),
-            None => self.0.source.name().to_owned(),
+            Some((line, column)) => format!("{}:{line}:{column}", self.source_name()),
+            None => self.source_name().to_owned(),
         };
         let key = if self.0.key.is_empty() {
             String::new()
@@ -387,29 +399,3 @@ impl fmt::Debug for SceneError {
 }
 
 impl std::error::Error for SceneError {}
-
-impl Diagnostic for SceneError {
-    fn code<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        Some(Box::new(self.0.problem.code()))
-    }
-
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        Some(Box::new(self.0.problem.help()))
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        Some(&self.0.source)
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let label = if self.0.key.is_empty() {
-            "here".to_owned()
-        } else {
-            self.0.key.clone()
-        };
-        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(
-            Some(label),
-            self.0.span.clone(),
-        ))))
-    }
-}

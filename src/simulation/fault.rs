@@ -1,7 +1,5 @@
 //! Why what a scene names cannot be used, with the line of the scene that names it.
 
-use miette::Diagnostic;
-
 use crate::io::ReadError;
 use crate::scene::{Origin, Problem, Scene, SceneError};
 use crate::skin::SkinError;
@@ -229,9 +227,9 @@ impl LoadError {
 }
 
 impl Unfit {
-    /// The error at its line of the scene, for a person.
+    /// The error at its line of the scene.
     #[must_use]
-    pub fn diagnostic(&self) -> &dyn Diagnostic {
+    pub fn scene_error(&self) -> &SceneError {
         &self.placed
     }
 

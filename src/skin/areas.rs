@@ -6,6 +6,14 @@ use super::layers::Layers;
 use crate::mesh::measures::{area, greatest};
 use crate::mesh::sum::tree_sum_by;
 
+/// Limits of every prediction, for reports.
+pub const CAVEATS: [&str; 4] = [
+    "The deformed area is elastic and an upper bound: in pigs about a third of the gain remained when the expander was taken out.",
+    "The intervals are published ratios of a few animals, applied to the area found here; they are not predictions for a patient.",
+    "The stiffness of the skin is assumed unless it was given; areas hardly depend on it, pressures do.",
+    "The limit of the stretch is a setting, not a measured threshold of perfusion.",
+];
+
 /// The share of the area gained over an implant that is still gained when it is taken out, as published for pigs: about
 /// 35 % \[vanrappard1988\], by shape 25 % (round), 32 % (crescent), 38 % (rectangular).
 pub const RETRACTED: Interval = Interval {

@@ -2,7 +2,7 @@
 
 /// A number with three digits that are worth something.
 fn shown(number: f64) -> String {
-    crate::render::number(number)
+    crate::format::number(number)
 }
 
 /// A length in a unit that suits it.

@@ -17,6 +17,7 @@ mod scratch;
 mod seeds;
 mod spring_files;
 mod subject;
+pub mod tolerances;
 
 pub use blocks::block_file;
 pub use collections::check_collection;

@@ -13,7 +13,6 @@ use pliant::io::Encoding;
 use pliant::mesh::shapes::{icosphere, tube};
 use pliant::scene::{Accuracy, Scene, Solver, parse};
 use pliant::simulation::Assets;
-use serde_json::Value;
 
 use crate::tolerances::{T4, worst};
 
@@ -191,39 +190,6 @@ fn errors_of_an_equilibrium_fall_with_its_tolerance() {
 }
 
 #[test]
-fn a_study_has_the_form_that_was_promised() {
-    let study = &*MOTION;
-    let json = study.to_json();
-    assert!(json["reference"]["uncertainty_m"].is_f64() && json["reference"]["solver"].is_string());
-    for row in json["rows"].as_array().expect("rows") {
-        for key in ["rms_error_m", "max_error_m", "volume_error", "time_s"] {
-            assert!(row[key].is_number(), "{key} of {row}");
-        }
-        assert!(row["solver"].is_string() && row["settings"].is_object());
-        let status = row["status"].as_str().expect("a status");
-        assert!(
-            ["converged", "not converged", "diverged"].contains(&status),
-            "{status}"
-        );
-    }
-    let targets: Vec<f64> = json["recommended"]
-        .as_array()
-        .expect("a list")
-        .iter()
-        .filter_map(|r| r["target"].as_f64())
-        .collect();
-    assert_eq!(targets, [0.1, 0.01, 0.001]);
-    let mut csv = Vec::new();
-    study.write_csv(&mut csv).expect("memory");
-    let text = String::from_utf8(csv).expect("text");
-    let cells: Vec<usize> = text.lines().map(|line| line.split(',').count()).collect();
-    assert_eq!(cells.len(), study.rows.len() + 1);
-    assert!(cells.iter().all(|n| *n == cells[0]), "{cells:?}");
-    assert!(study.plot().to_svg().contains("<circle"));
-    assert!(study.recommendation().rows.len() == 3 && study.table().rows.len() == study.rows.len());
-}
-
-#[test]
 fn a_wrong_reference_is_seen() {
     let study = &*MOTION;
     let shift = Vector3::repeat(0.01 * study.length);
@@ -294,5 +260,4 @@ fn what_has_no_energy_or_no_time_is_refused() {
         "{} rows",
         late.rows.len()
     );
-    assert!(late.to_json()["interrupted"] == Value::Bool(true));
 }

@@ -31,5 +31,4 @@ mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
-mod viewer;
 mod ways;

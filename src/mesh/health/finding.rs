@@ -1,5 +1,6 @@
 //! One thing that is wrong with a surface: its code, its place, and what mends it.
 
+use crate::format::counted;
 use serde::{Serialize, Serializer};
 
 use super::{Health, Parts};
@@ -150,11 +151,6 @@ fn list(indices: &[u32]) -> String {
         String::new()
     };
     shown.join(", ") + &rest
-}
-
-/// `1 triangle`, `2 triangles`.
-pub(crate) fn counted(count: usize, one: &str, many: &str) -> String {
-    format!("{count} {}", if count == 1 { one } else { many })
 }
 
 /// Every digit of a coordinate, but not three hundred zeros.

@@ -10,7 +10,6 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 pub use crossings::{Crossings, crossings};
-pub(crate) use finding::counted;
 pub use finding::{Finding, Kind, Place};
 
 use super::boundary::{Rim, rims};

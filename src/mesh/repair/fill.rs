@@ -6,8 +6,8 @@ use nalgebra::Point3;
 
 use super::working::Working;
 use super::{Step, topology};
+use crate::format::counted;
 use crate::mesh::boundary::rims;
-use crate::mesh::health::counted;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 

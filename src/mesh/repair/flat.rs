@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::working::Working;
 use super::{Step, topology};
-use crate::mesh::health::counted;
+use crate::format::counted;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 

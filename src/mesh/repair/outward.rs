@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::working::Working;
 use super::{Step, topology};
-use crate::mesh::health::counted;
+use crate::format::counted;
 use crate::mesh::inside::Inside;
 use crate::mesh::orientation::Orientation;
 

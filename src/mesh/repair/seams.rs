@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::working::Working;
 use super::{Step, topology};
-use crate::mesh::health::counted;
+use crate::format::counted;
 use crate::mesh::measures::greatest;
 
 /// Merges vertices on rims that are at most `within` apart with the lowest of them; 0 merges those in one place.

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::working::Working;
 use super::{Step, topology};
-use crate::mesh::health::counted;
+use crate::format::counted;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::orientation::Orientation;
 use crate::mesh::predicates::is_flat;

@@ -3,9 +3,9 @@
 use nalgebra::Point3;
 
 use super::{Change, Repaired, Step};
+use crate::format::counted;
 use crate::mesh::TriangleMesh;
 use crate::mesh::coincident::{first_in_place, same_corners};
-use crate::mesh::health::counted;
 use crate::mesh::measures::{greatest, triangle_areas};
 use crate::mesh::topology::Topology;
 

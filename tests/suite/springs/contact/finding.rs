@@ -333,7 +333,7 @@ fn coplanar_edges_and_touching_ones_are_not_missed() {
     for size in [1e-200, 1e100] {
         let found = is_one_point(
             [p(0.2, 0.2, -size), p(0.2, 0.2, size)].map(|q| p(q.x * size, q.y * size, q.z)),
-            { unit().map(|q| q * size) },
+            unit().map(|q| q * size),
         );
         assert!(found.is_some_and(|gap| gap <= 1e-15 * size), "{size}");
     }

@@ -1,0 +1,264 @@
+//! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use super::failure::Failure;
+use super::run::stop_on_interrupt;
+use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use crate::report::folder::Folder;
+use crate::report::{skin_accuracy, work_precision};
+use pliant::accuracy::skin::{self, SkinStudyError};
+use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
+use pliant::io::names::file_name;
+use pliant::scene::content::{SkinScene, Staged};
+use pliant::scene::{Content, Scene, builtin, overrides};
+use pliant::simulation::Assets;
+
+/// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant accuracy hip
+  pliant accuracy hip --budget 10min --set frames=100
+  pliant accuracy flat-implant
+  pliant accuracy examples/right-hip.toml --set solver=quasi_static --json > accuracy.json
+
+Results in pliant-out/NAME-accuracy: report.html, work_precision.csv, work_precision.svg, summary.json. The error is the
+distance to a refined solution of the same energy, of the worst frame; for skin it is that of the area gained in
+the last frame, against a finer mesh. Exit code 1: no reference could be computed.")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene
+    #[arg(default_value = "hip")]
+    scene: String,
+    /// Time for all of it, about: "90s", "10min"
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
+    budget: Duration,
+    /// Number of frames to compare, from the first on [default: as many as the budget allows]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    frames: Option<u32>,
+    /// Folder of the results [default: pliant-out/NAME-accuracy]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of threads [default: one for each core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Write the result as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// A time with its unit; a bare number is seconds.
+fn duration(text: &str) -> Result<Duration, String> {
+    let text = text.trim();
+    let digits = text
+        .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+        .unwrap_or(text.len());
+    let (number, unit) = (&text[..digits], text[digits..].trim());
+    let scale = match unit {
+        "" | "s" => 1.0,
+        "ms" => 1e-3,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(format!("`{unit}` is no unit of time; known: ms, s, min, h")),
+    };
+    let seconds: f64 = number
+        .parse()
+        .map_err(|_| "expected a time such as 60s".to_owned())?;
+    // A week is more than anyone waits for.
+    if !(seconds * scale > 0.0 && seconds * scale <= 604_800.0) {
+        return Err("expected more than 0 s and at most 168 h".to_owned());
+    }
+    Ok(Duration::from_secs_f64(seconds * scale))
+}
+
+/// Says on standard error what is being measured; Ctrl-C stops it.
+pub(super) struct Said<'a> {
+    pub(super) stop: &'a AtomicBool,
+}
+
+impl Watch for Said<'_> {
+    fn part(&mut self, text: &str) {
+        warn(text);
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    match builtin::load_content(&arguments.scene, &arguments.set)? {
+        Content::Muscles(scene) => of_muscles(arguments, &scene),
+        Content::Staged(Staged::Skin(scene)) => of_skin(arguments, &scene),
+        Content::Staged(Staged::Lattice(_)) => {
+            let hint = "compare lattices in a study that varies `lattice.points`, see `pliant study --help`";
+            Err(Failure::usage(
+                "accuracy is measured for muscles and for skin",
+                hint,
+            ))
+        }
+    }
+}
+
+/// Where the results go.
+fn path(arguments: &Arguments, scene: &str) -> PathBuf {
+    let path = arguments.out.clone();
+    path.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(scene)))
+    })
+}
+
+/// Recommendation, table and notes to a person.
+fn tell(tables: [String; 2], notes: &[String], path: &Path) {
+    let mut text = format!("{}\n{}\n", tables[0], tables[1]);
+    notes
+        .iter()
+        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
+    let page = path.join("report.html");
+    say(&format!(
+        "{text}\nResults in {}\n  open {} in a browser\n",
+        path.display(),
+        page.display()
+    ));
+}
+
+/// Says what was found, and how it ends.
+fn conclude(
+    arguments: &Arguments,
+    json: &serde_json::Value,
+    tables: [String; 2],
+    notes: &[String],
+    path: &Path,
+    interrupted: bool,
+) -> u8 {
+    if arguments.json {
+        say_json(json)
+    } else {
+        tell(tables, notes, path)
+    }
+    if interrupted { INTERRUPTED } else { DONE }
+}
+
+fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
+    if arguments.frames.is_some() {
+        let hint = "leave --frames out; with --set frames=N the fill ends there";
+        return Err(Failure::usage(
+            "the last frame of skin is what is compared",
+            hint,
+        ));
+    }
+    let stop = stop_on_interrupt("stopping after this frame");
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
+    }
+    let path = path(arguments, &scene.name);
+    let folder = Folder::open(&path)?;
+    let study = match skin::measure(scene, arguments.budget, &mut Said { stop: &stop }) {
+        Ok(study) => study,
+        Err(SkinStudyError::Load(error)) => return Err(error.into()),
+        Err(error @ SkinStudyError::NoReference(_)) => {
+            warn(&format!("error: {error}"));
+            return Ok(if stop.load(Ordering::Relaxed) {
+                INTERRUPTED
+            } else {
+                FAILED
+            });
+        }
+    };
+    skin_accuracy::write(&study, &folder)?;
+    let tables = [
+        skin_accuracy::recommendation(&study).to_text(),
+        skin_accuracy::table(&study).to_text(),
+    ];
+    Ok(conclude(
+        arguments,
+        &skin_accuracy::to_json(&study),
+        tables,
+        &skin_accuracy::notes(&study),
+        &path,
+        study.interrupted,
+    ))
+}
+
+fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
+    if Question::of(&scene.solver).is_none() {
+        return Err(no_energy());
+    }
+    let stop = stop_on_interrupt("stopping after this frame");
+    let cores = std::thread::available_parallelism().map_or(1, Into::into);
+    let options = Options {
+        budget: arguments.budget,
+        frames: arguments.frames.map(|n| n as usize),
+        threads: arguments.threads.map_or(cores, usize::from),
+    };
+    let path = path(arguments, &scene.name);
+    let assets = Assets::load(scene)?;
+    let folder = Folder::open(&path)?;
+    let study = match measure(scene, &assets, options, &mut Said { stop: &stop }) {
+        Ok(study) => study,
+        Err(StudyError::Load(error)) => return Err(error.into()),
+        Err(StudyError::NoEnergy) => return Err(no_energy()),
+        Err(error @ StudyError::NoReference(_)) => {
+            warn(&format!("error: {error}"));
+            return Ok(if stop.load(Ordering::Relaxed) {
+                INTERRUPTED
+            } else {
+                FAILED
+            });
+        }
+    };
+    work_precision::write(&study, &folder)?;
+    let tables = [
+        work_precision::recommendation(&study).to_text(),
+        work_precision::table(&study).to_text(),
+    ];
+    Ok(conclude(
+        arguments,
+        &work_precision::to_json(&study),
+        tables,
+        &work_precision::notes(&study),
+        &path,
+        study.interrupted,
+    ))
+}
+
+fn no_energy() -> Failure {
+    Failure::usage(
+        StudyError::NoEnergy.to_string(),
+        "choose another, as with --set solver=xpbd",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_units() {
+        let seconds = |text: &str| duration(text).map(|d| d.as_secs_f64());
+        assert_eq!(seconds("90s"), Ok(90.0));
+        assert_eq!(seconds(" 1.5 min"), Ok(90.0));
+        assert_eq!(seconds("2"), Ok(2.0));
+        assert_eq!(seconds("250ms"), Ok(0.25));
+        for wrong in [
+            "",
+            "s",
+            "0s",
+            "-3s",
+            "1 fortnight",
+            "1e9h",
+            "999h",
+            "1.2.3s",
+            "nan",
+        ] {
+            assert!(duration(wrong).is_err(), "{wrong}");
+        }
+    }
+}

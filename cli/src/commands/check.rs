@@ -1,0 +1,218 @@
+//! `pliant check`: what is wrong with meshes, whether a simulation takes them, and what repairs them.
+
+mod checked;
+mod words;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::{BAD_INPUT, DONE, FAILED, length_unit, say, say_json};
+use checked::{Checked, Outcome};
+use pliant::io::write_whole;
+use pliant::mesh::repair::{LONGEST_RIM, Options};
+use pliant::scene::units::{self, Dimension};
+
+/// Tell what is wrong with meshes, whether a simulation takes them, and repair them
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant check femur.obj
+  pliant check muscles/*.obj --unit mm --json > health.json
+  pliant check psoas.vtk --repair repaired --close-holes
+  pliant check scan.stl --unit mm --repair repaired --merge-within '0.01 mm' --keep-largest
+
+A repair merges vertices of rims that lie in one place, drops repeated triangles and unused vertices, cuts triangles
+without area, takes surfaces apart where more than two triangles meet, and turns triangles outward. It moves nothing,
+unless --merge-within is given. DIR gets each mesh under its own name (STL, which cannot hold vertices, OFF and DirectX get
+.obj behind it; attributes such as colours are not kept) and changes.json, which lists the elements that each step changed.
+
+Exit codes: 0 a simulation takes every mesh (with --repair: every repaired mesh); 1 it refuses one (a code with E);
+2 a file cannot be read as a mesh, or the usage is wrong.")]
+pub(super) struct Arguments {
+    /// Mesh files
+    #[arg(required = true, value_name = "MESH")]
+    meshes: Vec<PathBuf>,
+    /// Length unit of the files, such as mm; without it sizes are given in the unit of the file, and units are guessed
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<String>,
+    /// Write repaired meshes into this folder
+    #[arg(long, value_name = "DIR")]
+    repair: Option<PathBuf>,
+    /// Also close holes of at most N edges [1 to 500; 100 without a number]
+    #[arg(long, value_name = "N", requires = "repair", num_args = 0..=1, require_equals = true, default_missing_value = "100",
+        value_parser = clap::value_parser!(u16).range(1..=LONGEST_RIM as i64))]
+    close_holes: Option<u16>,
+    /// Also drop all pieces but the one of the greatest area
+    #[arg(long, requires = "repair")]
+    keep_largest: bool,
+    /// Also merge vertices of rims that are at most this far apart, such as '0.01 mm'; needs --unit
+    #[arg(long, value_name = "LENGTH", requires_all = ["repair", "unit"])]
+    merge_within: Option<String>,
+    /// Write over repaired meshes and a changes.json that are there already
+    #[arg(long, requires = "repair")]
+    force: bool,
+    /// Write the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// The list of changes that goes with repaired meshes.
+#[derive(Serialize)]
+struct Changes<'a> {
+    pliant: &'static str,
+    files: Vec<&'a Checked>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let unit = arguments.unit.as_deref().map(length_unit).transpose()?;
+    let options = options(arguments, unit)?;
+    let targets = targets(arguments)?;
+    let work: Vec<(&PathBuf, Option<&PathBuf>)> = arguments
+        .meshes
+        .iter()
+        .enumerate()
+        .map(|(k, mesh)| (mesh, targets.get(k)))
+        .collect();
+    let outcomes: Vec<Outcome> = work
+        .into_par_iter()
+        .map(|(mesh, target)| checked::check(mesh, unit, target.map(PathBuf::as_path), &options))
+        .collect();
+    if let Some(folder) = &arguments.repair {
+        let files = outcomes.iter().filter_map(Outcome::checked).collect();
+        let changes = Changes {
+            pliant: env!("CARGO_PKG_VERSION"),
+            files,
+        };
+        let path = folder.join("changes.json");
+        write_whole(&path, |w| {
+            serde_json::to_writer_pretty(w, &changes).map_err(Into::into)
+        })
+        .map_err(|e| {
+            Failure::usage(
+                format!("{}: cannot be written: {e}", path.display()),
+                "name another folder",
+            )
+        })?;
+    }
+    if arguments.json {
+        say_json(&outcomes);
+    } else {
+        say(&words::report(&outcomes, arguments.unit.as_deref()));
+    }
+    outcomes
+        .iter()
+        .filter_map(Outcome::failure)
+        .for_each(|f| f.show());
+    Ok(exit_code(&outcomes))
+}
+
+fn exit_code(outcomes: &[Outcome]) -> u8 {
+    if outcomes.iter().any(|o| o.checked().is_none()) {
+        BAD_INPUT
+    } else if outcomes
+        .iter()
+        .filter_map(Outcome::checked)
+        .all(Checked::is_fit)
+    {
+        DONE
+    } else {
+        FAILED
+    }
+}
+
+/// What a repair may do, lengths in the unit of the files.
+fn options(arguments: &Arguments, unit: Option<f64>) -> Result<Options, Failure> {
+    let merge_within = match (&arguments.merge_within, unit) {
+        (Some(text), Some(unit)) => {
+            let length = units::parse(text, Dimension::Length)
+                .map_err(|e| Failure::usage(e.to_string(), e.help()))?;
+            if length < 0.0 {
+                return Err(Failure::usage(
+                    format!("--merge-within {text} is negative"),
+                    "give a length of at least zero",
+                ));
+            }
+            length / unit
+        }
+        _ => 0.0,
+    };
+    let close_holes = arguments.close_holes.map_or(0, usize::from);
+    Ok(Options {
+        merge_within,
+        close_holes,
+        keep_largest: arguments.keep_largest,
+    })
+}
+
+/// Where each repaired mesh goes; none without --repair. Nothing that was given is written over.
+fn targets(arguments: &Arguments) -> Result<Vec<PathBuf>, Failure> {
+    let Some(folder) = &arguments.repair else {
+        return Ok(Vec::new());
+    };
+    let mut taken: HashMap<PathBuf, &PathBuf> = HashMap::new();
+    let mut targets = Vec::new();
+    for mesh in &arguments.meshes {
+        let target = folder.join(repaired_name(mesh));
+        if let Some(other) = taken.insert(target.clone(), mesh) {
+            let message = format!(
+                "{} and {} would both become {}",
+                other.display(),
+                mesh.display(),
+                target.display()
+            );
+            return Err(Failure::usage(
+                message,
+                "repair them into different folders",
+            ));
+        }
+        targets.push(target);
+    }
+    std::fs::create_dir_all(folder).map_err(|e| {
+        Failure::usage(
+            format!("{}: no folder can be made there: {e}", folder.display()),
+            "name another folder for --repair",
+        )
+    })?;
+    let same = |a: &Path, b: &Path| {
+        a.canonicalize()
+            .is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b))
+    };
+    for target in &targets {
+        if let Some(mesh) = arguments.meshes.iter().find(|mesh| same(mesh, target)) {
+            let message = format!("{} would be written over", mesh.display());
+            return Err(Failure::usage(message, "name another folder for --repair"));
+        }
+    }
+    let lists = [folder.join("changes.json")];
+    if let Some(old) = targets
+        .iter()
+        .chain(&lists)
+        .find(|path| path.exists() && !arguments.force)
+    {
+        return Err(Failure::usage(
+            format!("{} is there already", old.display()),
+            "name another folder, or add --force",
+        ));
+    }
+    Ok(targets)
+}
+
+/// The name of a repaired mesh: its own, in a format that can be written.
+fn repaired_name(mesh: &Path) -> PathBuf {
+    let name = PathBuf::from(mesh.file_name().unwrap_or(mesh.as_os_str()));
+    let ending = name
+        .extension()
+        .map(|e| e.to_string_lossy().to_ascii_lowercase())
+        .unwrap_or_default();
+    if ["obj", "ply", "vtk", "vtp"].contains(&ending.as_str()) {
+        name
+    } else {
+        let mut name = name.into_os_string();
+        name.push(".obj");
+        name.into()
+    }
+}

@@ -1,0 +1,247 @@
+//! One mesh, examined and perhaps repaired.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::commands::failure::Failure;
+use pliant::io::{self, Encoding, Format, MeshFile, Place, ReadError};
+use pliant::mesh::health::{Finding, Health};
+use pliant::mesh::repair::{Change, Deviation, Options, deviation, repair};
+use pliant::scene::likely_units;
+use pliant::simulation::LoadError;
+
+/// What came of one file.
+pub(super) enum Outcome {
+    /// It is a mesh.
+    Checked(Box<Checked>),
+    /// It cannot be read, or its repaired form cannot be written.
+    Failed {
+        /// The file.
+        file: String,
+        /// Why.
+        failure: Failure,
+    },
+}
+
+impl Outcome {
+    pub fn checked(&self) -> Option<&Checked> {
+        match self {
+            Self::Checked(checked) => Some(checked),
+            Self::Failed { .. } => None,
+        }
+    }
+
+    pub fn failure(&self) -> Option<&Failure> {
+        match self {
+            Self::Checked(_) => None,
+            Self::Failed { failure, .. } => Some(failure),
+        }
+    }
+}
+
+impl Serialize for Outcome {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Failed<'a> {
+            file: &'a str,
+            fit: bool,
+            error: String,
+        }
+        match self {
+            Self::Checked(checked) => checked.serialize(serializer),
+            Self::Failed { file, failure } => Failed {
+                file,
+                fit: false,
+                error: failure.terse(),
+            }
+            .serialize(serializer),
+        }
+    }
+}
+
+/// One mesh and what is said of it; lengths, areas and volumes in the unit of the file.
+#[derive(Serialize)]
+pub(super) struct Checked {
+    /// The file, as it was named.
+    pub file: String,
+    /// The format of its content.
+    pub format: &'static str,
+    /// Length of its unit [m], where that is known.
+    pub unit_m: Option<f64>,
+    /// Units in which its size would be that of a part of a body, the likeliest first; empty where the unit is known.
+    pub likely_units: Vec<&'static str>,
+    /// Whether a simulation takes it as it is.
+    pub fit: bool,
+    /// Polylines beside the triangles.
+    pub lines: usize,
+    #[serde(flatten)]
+    pub health: Health,
+    /// What is wrong with it.
+    pub findings: Vec<Told>,
+    /// What became of it.
+    pub repair: Option<Mended>,
+}
+
+/// A finding with its repair, of the mesh or of the reader.
+#[derive(Clone, Serialize)]
+pub(super) struct Told {
+    pub code: &'static str,
+    pub count: usize,
+    pub message: String,
+    pub repair: &'static str,
+    /// The first place in the mesh.
+    pub place: Option<pliant::mesh::health::Place>,
+    /// The first line of the file, where the reader knows it.
+    pub line: Option<usize>,
+    /// The first byte of the file, where the reader knows it.
+    pub offset: Option<usize>,
+}
+
+impl Told {
+    fn of(finding: &Finding) -> Self {
+        Self {
+            code: finding.kind.code(),
+            count: finding.count,
+            message: finding.message.clone(),
+            repair: finding.kind.repair(),
+            place: Some(finding.place.clone()),
+            line: None,
+            offset: None,
+        }
+    }
+
+    fn of_reader(warned: &io::Warned) -> Self {
+        let (line, offset) = match warned.first {
+            Place::Whole => (None, None),
+            Place::Line(line) => (Some(line), None),
+            Place::Offset(offset) => (None, Some(offset)),
+        };
+        Self {
+            code: warned.warning.code(),
+            count: warned.count,
+            message: warned.to_string(),
+            repair: warned.warning.help(),
+            place: None,
+            line,
+            offset,
+        }
+    }
+
+    pub fn refuses(&self) -> bool {
+        self.code.starts_with('E')
+    }
+}
+
+/// A repaired mesh.
+#[derive(Serialize)]
+pub(super) struct Mended {
+    /// Where it was written.
+    pub file: String,
+    /// Whether a simulation takes it.
+    pub fit: bool,
+    pub changes: Vec<Change>,
+    /// The furthest that a vertex was moved.
+    pub moved: f64,
+    /// How far the surfaces before and after lie apart; none where nothing was changed.
+    pub distance: Option<Deviation>,
+    /// Polylines that the format of the file could not take.
+    pub lines_lost: usize,
+    pub health: Health,
+    pub findings: Vec<Told>,
+}
+
+impl Checked {
+    /// Whether a simulation takes what there is at the end.
+    pub fn is_fit(&self) -> bool {
+        self.repair.as_ref().map_or(self.fit, |mended| mended.fit)
+    }
+}
+
+/// Reads, examines and, where there is a target, repairs and writes one mesh.
+pub(super) fn check(
+    path: &Path,
+    unit: Option<f64>,
+    target: Option<&Path>,
+    options: &Options,
+) -> Outcome {
+    let file = path.display().to_string();
+    let failed = |failure| Outcome::Failed {
+        file: file.clone(),
+        failure,
+    };
+    let read = match io::read(path) {
+        Ok(read) => read,
+        Err(error) => return failed(of_reading(error)),
+    };
+    let health = Health::with_lines(&read.mesh, &read.lines);
+    let mut findings: Vec<Told> = health.findings.iter().map(Told::of).collect();
+    findings.extend(read.warnings.iter().map(Told::of_reader));
+    findings.extend(size_warning(&health, unit));
+    let likely = if unit.is_some() {
+        Vec::new()
+    } else {
+        likely_units(health.length())
+    };
+    let mended = match target
+        .map(|target| mend(&read, target, options))
+        .transpose()
+    {
+        Ok(mended) => mended,
+        Err(error) => {
+            return failed(Failure::usage(
+                error.to_string(),
+                format!("repair into another folder or format: {}", io::WRITABLE),
+            ));
+        }
+    };
+    Outcome::Checked(Box::new(Checked {
+        file: file.clone(),
+        format: read.format.map_or("none", Format::name),
+        unit_m: unit,
+        likely_units: likely.into_iter().map(|(name, _)| name).collect(),
+        fit: health.is_fit(),
+        lines: read.lines.len(),
+        health,
+        findings,
+        repair: mended,
+    }))
+}
+
+fn of_reading(error: ReadError) -> Failure {
+    LoadError::from(Box::new(error)).into()
+}
+
+fn mend(read: &MeshFile, target: &Path, options: &Options) -> Result<Mended, io::WriteError> {
+    let repaired = repair(&read.mesh, &read.lines, options);
+    let lines_lost = io::write(target, &repaired.mesh, &repaired.lines, Encoding::Binary)?;
+    let health = Health::with_lines(&repaired.mesh, &repaired.lines);
+    let unchanged = repaired.changes.is_empty();
+    Ok(Mended {
+        file: target.display().to_string(),
+        fit: health.is_fit(),
+        findings: health.findings.iter().map(Told::of).collect(),
+        changes: repaired.changes,
+        moved: repaired.moved,
+        distance: (!unchanged).then(|| deviation(&read.mesh, &repaired.mesh)),
+        lines_lost,
+        health,
+    })
+}
+
+/// Sizes beyond which a unit is probably wrong [m].
+const ODD: [f64; 2] = [1e-3, 100.0];
+
+fn size_warning(health: &Health, unit: Option<f64>) -> Option<Told> {
+    let side = health.length() * unit?;
+    let odd = !(ODD[0]..=ODD[1]).contains(&side);
+    odd.then(|| Told {
+        code: "W014",
+        count: 1,
+        message: format!("in this unit the longest side is {side:e} m"),
+        repair: "check the unit",
+        place: None,
+        line: None,
+        offset: None,
+    })
+}

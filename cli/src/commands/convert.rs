@@ -1,0 +1,182 @@
+//! `pliant convert`: a mesh in another format, or in another unit.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::{DONE, length_unit, say, say_json};
+use pliant::io::{self, Encoding, WriteError};
+use pliant::simulation::LoadError;
+
+/// Write a mesh in another format or unit
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant convert femur.vtk femur.obj
+  pliant convert scan.stl scan.vtp --unit mm --to-unit m
+  pliant convert femur.obj femur.ply --ascii
+
+The format read is found in the content, the one written in the ending: .obj, .ply, .stl, .vtk or .vtp. Vertices, triangles
+and polylines are kept, other data are not. All formats but binary STL keep every bit of a coordinate.
+
+Exit codes: 0 done; 2 the file cannot be read as a mesh, or the result cannot be written.")]
+pub(super) struct Arguments {
+    /// The mesh to read
+    input: PathBuf,
+    /// The file to write
+    output: PathBuf,
+    /// Length unit of the file that is read, such as mm
+    #[arg(long, value_name = "UNIT", requires = "to_unit")]
+    unit: Option<String>,
+    /// Length unit of the file that is written, such as m
+    #[arg(long, value_name = "UNIT", requires = "unit")]
+    to_unit: Option<String>,
+    /// Write numbers as text where the format leaves the choice
+    #[arg(long)]
+    ascii: bool,
+    /// Write over a file that is there already
+    #[arg(long)]
+    force: bool,
+    /// Write what was done as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Converted {
+    input: String,
+    output: String,
+    format: &'static str,
+    vertices: usize,
+    triangles: usize,
+    lines: usize,
+    lines_lost: usize,
+    warnings: Vec<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let scale = |unit: &Option<String>| unit.as_deref().map_or(Ok(1.0), length_unit);
+    if arguments.output.exists() && !arguments.force {
+        let message = format!("{} is there already", arguments.output.display());
+        return Err(Failure::usage(message, "name another file, or add --force"));
+    }
+    let (from, to) = (scale(&arguments.unit)?, scale(&arguments.to_unit)?);
+    let input = arguments.input.display().to_string();
+    let mut file = io::read(&arguments.input).map_err(|e| LoadError::from(Box::new(e)))?;
+    file.mesh
+        .vertices
+        .iter_mut()
+        .for_each(|v| v.coords.apply(|c| *c = rescaled(*c, from, to)));
+    if let Some(vertex) = file
+        .mesh
+        .vertices
+        .iter()
+        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+    {
+        let message = format!("{input}: vertex {vertex} is too large for a double in the new unit");
+        return Err(Failure::usage(message, "choose a larger unit"));
+    }
+    let encoding = if arguments.ascii {
+        Encoding::Text
+    } else {
+        Encoding::Binary
+    };
+    let lines_lost =
+        io::write(&arguments.output, &file.mesh, &file.lines, encoding).map_err(|error| {
+            let hint = match error {
+                WriteError::UnknownEnding { .. } => {
+                    format!("end the name in one of {}", io::WRITABLE)
+                }
+                WriteError::Io { .. } => {
+                    "check the folder and whether you may write there".to_owned()
+                }
+            };
+            Failure::usage(error.to_string(), hint)
+        })?;
+    let converted = Converted {
+        output: arguments.output.display().to_string(),
+        format: file.format.map_or("none", io::Format::name),
+        vertices: file.mesh.vertices.len(),
+        triangles: file.mesh.triangles.len(),
+        lines: file.lines.len(),
+        lines_lost,
+        warnings: file.warnings.iter().map(|w| w.terse(&input)).collect(),
+        input,
+    };
+    if arguments.json {
+        say_json(&converted);
+    } else {
+        say(&in_words(&converted));
+    }
+    Ok(DONE)
+}
+
+/// A coordinate in another unit, rounded once: the smaller unit always divides.
+fn rescaled(coordinate: f64, from: f64, to: f64) -> f64 {
+    // Powers of ten below 1 are no exact doubles, their inverses are.
+    if from >= to {
+        coordinate * (from / to).round_if_near()
+    } else {
+        coordinate / (to / from).round_if_near()
+    }
+}
+
+/// A ratio of two units.
+trait Ratio {
+    /// The whole number, where rounding alone parts the ratio from it.
+    fn round_if_near(self) -> f64;
+}
+
+impl Ratio for f64 {
+    fn round_if_near(self) -> f64 {
+        let whole = self.round();
+        if (self - whole).abs() <= 4.0 * f64::EPSILON * whole {
+            whole
+        } else {
+            self
+        }
+    }
+}
+
+fn in_words(converted: &Converted) -> String {
+    let Converted {
+        input,
+        output,
+        format,
+        vertices,
+        triangles,
+        lines,
+        lines_lost,
+        ..
+    } = converted;
+    let mut text = format!(
+        "{input} ({format}): {vertices} vertices, {triangles} triangles, {lines} polylines -> {output}\n"
+    );
+    if *lines_lost > 0 {
+        text.push_str(&format!(
+            "{output}: {lines_lost} polylines are lost: this format has none\n"
+        ));
+    }
+    for warning in &converted.warnings {
+        text.push_str(warning);
+        text.push('\n');
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn units_are_exact_both_ways() {
+        for x in [0.1, 83.56, -1.0 / 3.0, 1e300, 5e-324] {
+            assert_eq!(rescaled(x, 1e-3, 1e-3), x);
+            assert_eq!(rescaled(x, 1e-3, 1.0), x / 1000.0);
+            assert_eq!(rescaled(x, 1.0, 1e-3), x * 1000.0);
+            assert_eq!(rescaled(x, 1e-2, 1e-3), x * 10.0);
+        }
+        assert_eq!(rescaled(1.0, 0.0254, 1e-3), 25.4);
+    }
+}

@@ -1,0 +1,208 @@
+//! Why a command could not do its work, and how that is said.
+
+use std::fmt;
+use std::io::IsTerminal;
+
+use miette::{Diagnostic, GraphicalReportHandler, LabeledSpan, NamedSource, SourceCode};
+
+use super::excerpt::Excerpt;
+use super::{BAD_INPUT, FAILED, warn};
+use crate::report::folder::FolderError;
+use pliant::scene::SceneError;
+use pliant::simulation::LoadError;
+
+/// Why a command could not do its work.
+#[derive(Debug)]
+pub(super) enum Failure {
+    /// The scene is wrong.
+    Scene(SceneError),
+    /// A mesh cannot be used.
+    Load {
+        /// Why.
+        error: LoadError,
+        /// Whether a person wrote the scene that names it.
+        written: bool,
+    },
+    /// The results cannot be written.
+    Folder(FolderError),
+    /// Wrong input whose message says what to do.
+    #[cfg(feature = "viewer")]
+    Told(String),
+    /// Anything else that is wrong with what was asked.
+    Usage {
+        /// What is wrong.
+        message: String,
+        /// What to do.
+        hint: String,
+    },
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Self {
+        Self::Scene(error)
+    }
+}
+
+impl From<LoadError> for Failure {
+    fn from(error: LoadError) -> Self {
+        Self::Load {
+            error,
+            written: true,
+        }
+    }
+}
+
+impl From<FolderError> for Failure {
+    fn from(error: FolderError) -> Self {
+        Self::Folder(error)
+    }
+}
+
+impl Failure {
+    /// An error of usage.
+    pub(super) fn usage(message: impl Into<String>, hint: impl Into<String>) -> Self {
+        Self::Usage {
+            message: message.into(),
+            hint: hint.into(),
+        }
+    }
+
+    /// A mesh named on the command line that cannot be used.
+    pub(super) fn of_meshes(error: LoadError) -> Self {
+        Self::Load {
+            error,
+            written: false,
+        }
+    }
+
+    /// The exit code.
+    pub(super) fn code(&self) -> u8 {
+        match self {
+            Self::Folder(
+                FolderError::Io { .. } | FolderError::Picture(_) | FolderError::WriterEnded,
+            ) => FAILED,
+            _ => BAD_INPUT,
+        }
+    }
+
+    /// Says it on standard error: with the source and a caret to a person, in one line to a pipe.
+    pub(super) fn show(&self) {
+        match self {
+            Self::Scene(error) => say_with_source(&SceneDiagnostic::new(error), &self.terse()),
+            Self::Load { error, written } => match (error, written) {
+                // An error of reading names its own file.
+                (LoadError::Read(read), _) => say_with_source(&Excerpt::of(read), &self.terse()),
+                (LoadError::Unfit(unfit), true) => {
+                    say_with_source(&SceneDiagnostic::new(unfit.scene_error()), &self.terse())
+                }
+                (LoadError::Unfit(_), false) => warn(&self.terse()),
+            },
+            #[cfg(feature = "viewer")]
+            Self::Told(_) => warn(&self.terse()),
+            Self::Folder(_) | Self::Usage { .. } => warn(&self.terse()),
+        }
+    }
+
+    /// In one line.
+    pub(super) fn terse(&self) -> String {
+        match self {
+            Self::Scene(error) => error.terse(),
+            Self::Load { error, written } => match (error, written) {
+                (LoadError::Unfit(unfit), false) => unfit.without_place(),
+                _ => error.terse(),
+            },
+            Self::Folder(error) => format!("error: {error}"),
+            #[cfg(feature = "viewer")]
+            Self::Told(message) => format!("error: {message}"),
+            Self::Usage { message, hint } => format!("error: {message}; {hint}"),
+        }
+    }
+}
+
+/// An error of a scene with the line of the scene and a caret.
+#[derive(Debug)]
+struct SceneDiagnostic<'a> {
+    error: &'a SceneError,
+    source: NamedSource<String>,
+}
+
+impl<'a> SceneDiagnostic<'a> {
+    fn new(error: &'a SceneError) -> Self {
+        let source = NamedSource::new(error.source_name(), error.source_text().to_owned());
+        Self { error, source }
+    }
+}
+
+impl fmt::Display for SceneDiagnostic<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.error.fmt(f)
+    }
+}
+
+impl std::error::Error for SceneDiagnostic<'_> {}
+
+impl Diagnostic for SceneDiagnostic<'_> {
+    fn code<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        Some(Box::new(self.error.problem().code()))
+    }
+
+    fn help<'b>(&'b self) -> Option<Box<dyn fmt::Display + 'b>> {
+        Some(Box::new(self.error.problem().help()))
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        Some(&self.source)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let key = self.error.key();
+        let label = if key.is_empty() { "here" } else { key }.to_owned();
+        let span = LabeledSpan::new_with_span(Some(label), self.error.span());
+        Some(Box::new(std::iter::once(span)))
+    }
+}
+
+/// With the source to a person, in one line to a pipe.
+fn say_with_source(error: &dyn Diagnostic, terse: &str) {
+    let text = if std::io::stderr().is_terminal() {
+        graphical(error, &GraphicalReportHandler::new())
+    } else {
+        None
+    };
+    warn(text.as_deref().unwrap_or(terse));
+}
+
+/// An error as a person sees it; `None` if it cannot be shown like that.
+pub(super) fn graphical(
+    error: &dyn Diagnostic,
+    handler: &GraphicalReportHandler,
+) -> Option<String> {
+    let mut text = String::new();
+    handler.render_report(&mut text, error).ok()?;
+    Some(text.trim_end().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_of_a_scene_shows_its_line_and_a_caret() {
+        let text = "frames = 3\nframe_rate = \"60 Hz\"\n[effects.contact]\ntickness = '1 mm'\n";
+        let error =
+            pliant::scene::parse(text, "s.toml", std::path::Path::new(".")).expect_err("refused");
+        let handler = GraphicalReportHandler::new_themed(miette::GraphicalTheme::none());
+        let wanted = "E052
+
+  x unknown key `tickness`, did you mean `thickness`?
+   ,-[s.toml:4:1]
+ 3 | [effects.contact]
+ 4 | tickness = '1 mm'
+   : ^^^^|^^^
+   :     `-- effects.contact
+   `----
+  help: known keys here: thickness, friction";
+        let shown = graphical(&SceneDiagnostic::new(&error), &handler);
+        assert_eq!(shown.as_deref(), Some(wanted));
+    }
+}

@@ -1,0 +1,425 @@
+//! `pliant fibres`: a muscle decomposed into fibres.
+
+use std::cell::OnceCell;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use nalgebra::Point3;
+
+use super::areas::{Written, read_file, read_mesh};
+use super::failure::Failure;
+use super::morph::nothing_written;
+use super::progress::Rounds;
+use super::run::stop_on_interrupt;
+use super::{DONE, FAILED, length_unit, say, say_json, warn};
+use crate::report::fibres::{Bundle, FILES, Summary, size};
+use crate::report::folder::Folder;
+use pliant::contact::Surface;
+use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
+use pliant::fibres::binding::BoundLines;
+use pliant::fibres::each::{Tendon, each};
+use pliant::fibres::harmonic::{DecompositionError, Going, Options, Reached};
+use pliant::fibres::method::{Method, MethodError, decompose_while};
+use pliant::fibres::quality::{measure, tendons};
+use pliant::fibres::slices::SlicesError;
+use pliant::fibres::smooth::Smoothing;
+use pliant::fibres::springs::SpringsError;
+use pliant::fibres::superficial::{Registered, register};
+use pliant::fibres::template::Template;
+use pliant::io::names::file_name;
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::greatest;
+
+/// Muscles of animals are this long [m]; another length hints at a wrong unit.
+const LENGTHS: [f64; 2] = [0.001, 5.0];
+
+/// What is done sooner shows nothing on its way.
+const SILENT: Duration = Duration::from_millis(500);
+
+/// The methods by their names.
+const METHODS: [&str; 4] = ["harmonic", "springs", "slices", "superficial"];
+/// Those that fill the muscle as a template is filled.
+const BY_TEMPLATE: [&str; 2] = ["springs", "slices"];
+
+/// Fill a muscle with fibres from its origin to its insertion
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant fibres gluteus.obj --unit m --origin areas.obj#1 --insertion areas.obj#0
+  pliant fibres soleus.obj --unit mm --origin near:fibula.obj,5mm --insertion near:tibia.obj,2mm --count 200 --json
+  pliant fibres muscle.obj --unit m --origin hip.obj --insertion vertices:end.txt --smooth-steps 10
+  pliant fibres muscle.obj --unit cm --origin a.obj --insertion b.obj --method superficial --lines drawn.vtp
+  pliant fibres vastus.obj --unit m --origin a.obj --insertion b.obj --method springs --template pennate
+  pliant fibres run/frames/gluteus_0020.vtp --unit m --rest run/frames/gluteus_0000.vtp --origin areas.obj#1 --insertion areas.obj#0
+
+AREA is one of
+  FILE               a patch: an open surface on or near the muscle, such as an area on a bone; all of the file
+  FILE#0             its largest component alone; components are counted from 0, by falling area
+  near:BONE.obj,5mm  all of the muscle at most so far from a bone
+  [0,1,2]            vertices of the muscle, counted from 0
+  vertices:FILE      the same in a text file, apart by spaces, commas or lines; `#` begins a remark
+An area is projected onto the muscle. A patch off the muscle (median distance above 2 % of its length) is reached by straight
+tendons, which are no part of the fibres.
+
+Methods: `harmonic`, along the gradient of a harmonic field between the areas, for any surface; `superficial`, along the lines of
+--lines on the surface, whose directions are spread through the inside; `springs` and `slices`, older ones to compare with, along
+the fibres of a --template, laid onto the surface with springs inside, or slice by slice. Springs need a closed surface without
+handles; both may leave the muscle, fold, and slices miss the areas: it is measured and told.
+
+Templates: `parallel`, areas at opposite ends; `pennate`, at opposite sides, fibres oblique; `curved`, on the same side, fibres in
+arches; `rectus`, areas narrower than the belly.
+
+Results in pliant-out/NAME-fibres: fibres.vtp (polylines with `fibre`, `part` (0 fibre, 1 tendon of the origin, 2 of the
+insertion), `length_m` and `pennation_rad`), muscle.vtp (with `area`: 1 origin, 2 insertion), fibres.csv (a row a fibre), points.csv,
+pictures from two sides and in section, summary.json, report.html. All lengths are in m.
+
+Exit codes: 0 done; 1 points lie outside, ends off their areas, or fibres out of order; 2 bad usage or input; 130 after Ctrl-C.")]
+pub(super) struct Arguments {
+    /// The muscle's surface; it may have holes, and be inside out
+    muscle: PathBuf,
+    /// Length unit of it and of all other files, such as mm
+    #[arg(long, value_name = "UNIT")]
+    unit: String,
+    /// Where fibres begin
+    #[arg(long, value_name = "AREA")]
+    origin: String,
+    /// Where they end
+    #[arg(long, value_name = "AREA")]
+    insertion: String,
+    /// How the muscle is decomposed
+    #[arg(long, value_name = "NAME", default_value = "harmonic", value_parser = METHODS)]
+    method: String,
+    /// How fibres run, for --method springs and slices [default: parallel]
+    #[arg(long, value_name = "NAME", value_parser = Template::NAMED.map(|(name, _)| name))]
+    template: Option<String>,
+    /// Polylines along fibres on the surface (.vtp, .vtk, .obj), for --method superficial
+    #[arg(long, value_name = "FILE", required_if_eq("method", "superficial"))]
+    lines: Option<PathBuf>,
+    /// The muscle as areas and lines know it, with the triangles of MUSCLE, which is a frame of a run
+    #[arg(long, value_name = "MESH")]
+    rest: Option<PathBuf>,
+    /// Number of fibres
+    #[arg(long, value_name = "N", default_value = "100", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    count: u32,
+    /// Points of each fibre, its ends among them
+    #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    points: u32,
+    /// Passes in which points move towards the middle of their neighbours
+    #[arg(long, value_name = "N", default_value = "0", value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    smooth_steps: u32,
+    /// Share of that way that they move in a pass, 0 to 1
+    #[arg(long, value_name = "SHARE", default_value = "0.5", allow_negative_numbers = true, value_parser = share)]
+    smooth_factor: f64,
+    /// Folder of the results [default: pliant-out/NAME-fibres]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|n: &f64| (0.0..=1.0).contains(n));
+    number.ok_or_else(|| "expected a share from 0 to 1, such as 0.5".to_owned())
+}
+
+/// What was read.
+struct Given {
+    muscle: TriangleMesh,
+    attachment: Attachment,
+    lines: Registered,
+    notes: Vec<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let unit = length_unit(&arguments.unit)?;
+    let template = template(arguments)?;
+    let areas = [
+        Written::of("--origin", &arguments.origin)?,
+        Written::of("--insertion", &arguments.insertion)?,
+    ];
+    let name = arguments.muscle.file_stem().map_or_else(
+        || "muscle".into(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    let out = PathBuf::from("pliant-out").join(format!("{}-fibres", file_name(&name)));
+    let out = arguments.out.clone().unwrap_or(out);
+    Folder::check(&out, &FILES.map(str::to_owned))?;
+    let given = read(arguments, &areas, unit)?;
+    let Given {
+        muscle,
+        attachment,
+        lines,
+        notes,
+    } = &given;
+    let method = match (arguments.method.as_str(), template) {
+        ("springs", Some((_, template))) => Method::Springs(template),
+        ("slices", Some((_, template))) => Method::Slices(template),
+        ("superficial", _) => Method::Superficial(&lines.lines),
+        _ => Method::Harmonic,
+    };
+    let options = Options {
+        count: arguments.count as usize,
+        points: arguments.points as usize,
+    };
+    let smoothing = Smoothing {
+        steps: arguments.smooth_steps,
+        factor: arguments.smooth_factor,
+    };
+    let begun = Instant::now();
+    let stop = stop_on_interrupt("stopping");
+    let made = match followed(begun, &stop, |going| {
+        decompose_while(muscle, attachment, method, options, smoothing, going)
+    }) {
+        Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
+        other => other.map_err(|error| undone(&error))?,
+    };
+    let time_s = begun.elapsed().as_secs_f64();
+    let quality = measure(
+        muscle,
+        &made.closed,
+        attachment,
+        &made.lines,
+        made.jacobian(muscle, attachment),
+    );
+    if stop.load(Ordering::Relaxed) {
+        return Ok(nothing_written());
+    }
+    let tendons = tendons_of(attachment, &made.lines);
+    let each = each(&made.lines, &tendons);
+    let volume = made.closed.mesh.volume().abs();
+    let off = |area: &Area| greatest(area.distances.iter().copied());
+    let summary = Summary {
+        muscle: name,
+        method: arguments.method.clone(),
+        template: template.map(|(name, _)| name.to_owned()),
+        time_s,
+        vertices: muscle.vertices.len(),
+        volume_m3: volume,
+        cross_section_m2: volume / quality.length_mean_m,
+        length_min_m: each
+            .iter()
+            .map(|e| e.length_m)
+            .fold(f64::INFINITY, f64::min),
+        length_max_m: greatest(each.iter().map(|e| e.length_m)),
+        origin_area_m2: size(muscle, &attachment.origin),
+        insertion_area_m2: size(muscle, &attachment.insertion),
+        origin_distance_max_m: off(&attachment.origin),
+        insertion_distance_max_m: off(&attachment.insertion),
+        lines: lines.lines.len(),
+        lines_distance_max_m: lines.distance_max,
+        smooth_steps: smoothing.steps,
+        smooth_factor: smoothing.factor,
+        notes: notes.clone(),
+        quality,
+    };
+    let (fibres, lines) = (&made.lines[..], &lines.lines[..]);
+    let bundle = Bundle {
+        muscle,
+        attachment,
+        fibres,
+        tendons: &tendons,
+        lines,
+        each: &each,
+        summary: &summary,
+    };
+    bundle.write(&Folder::open(&out)?)?;
+    tell(&bundle, arguments.json, &out);
+    Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) {
+        DONE
+    } else {
+        FAILED
+    })
+}
+
+/// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
+fn followed<T>(begun: Instant, stop: &AtomicBool, work: impl FnOnce(Going<'_>) -> T) -> T {
+    let shown: OnceCell<Rounds> = OnceCell::new();
+    let made = work(&|reached: Reached| {
+        if begun.elapsed() >= SILENT {
+            let Reached { what, done, of } = reached;
+            let rounds = shown.get_or_init(|| Rounds::new(of));
+            rounds.part(&format!("{done} of {of} {what}"));
+            rounds.reach(done, of);
+        }
+        !stop.load(Ordering::Relaxed)
+    });
+    if let Some(rounds) = shown.get() {
+        rounds.end();
+    }
+    made
+}
+
+/// The template of a method that has one; what goes with another method is refused.
+fn template(arguments: &Arguments) -> Result<Option<(&'static str, Template)>, Failure> {
+    if arguments.lines.is_some() && arguments.method != "superficial" {
+        let hint = "add --method superficial";
+        return Err(Failure::usage(
+            "--lines are given, but the method does not follow them",
+            hint,
+        ));
+    }
+    let by_template = BY_TEMPLATE.contains(&arguments.method.as_str());
+    if arguments.template.is_some() && !by_template {
+        let message = format!(
+            "--template is given, but method {} has none",
+            arguments.method
+        );
+        return Err(Failure::usage(
+            message,
+            "add --method springs or --method slices, or leave it out",
+        ));
+    }
+    let named = |name: &str| {
+        Template::NAMED
+            .into_iter()
+            .find(|(known, _)| *known == name)
+    };
+    Ok(named(arguments.template.as_deref().unwrap_or("parallel")).filter(|_| by_template))
+}
+
+/// Reads all files and projects the areas.
+fn read(arguments: &Arguments, areas: &[Written; 2], unit: f64) -> Result<Given, Failure> {
+    let muscle = read_mesh(&arguments.muscle, unit)?;
+    let mut notes = Vec::new();
+    let length = muscle.length();
+    if !(LENGTHS[0]..=LENGTHS[1]).contains(&length) {
+        let note = format!("the muscle is {length:.3e} m long: is --unit right?");
+        // What is refused later on may be so because of it.
+        warn(&format!("note: {note}"));
+        notes.push(note);
+    }
+    let rest = arguments
+        .rest
+        .as_deref()
+        .map(|path| rest(path, unit, &muscle))
+        .transpose()?;
+    let base = rest.as_ref().unwrap_or(&muscle);
+    let origin = areas[0].load("--origin", unit)?;
+    let insertion = areas[1].load("--insertion", unit)?;
+    let mut attachment = Attachment::new(base, origin.source(), insertion.source())
+        .map_err(|error| unusable(&error))?;
+    let mut lines = match &arguments.lines {
+        Some(path) => registered(path, unit, base)?,
+        None => Registered::default(),
+    };
+    if rest.is_some() {
+        if attachment.origin.patch.is_some() || attachment.insertion.patch.is_some() {
+            notes.push(
+                "tendons are left out: where a bone is in this frame is not known".to_owned(),
+            );
+        }
+        (attachment.origin.patch, attachment.insertion.patch) = (None, None);
+        lines.lines = BoundLines::new(&Surface::new(base), &lines.lines).at(&muscle.vertices);
+    }
+    Ok(Given {
+        attachment,
+        lines,
+        notes,
+        muscle,
+    })
+}
+
+/// The muscle as areas and lines know it.
+fn rest(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<TriangleMesh, Failure> {
+    let rest = read_mesh(path, unit)?;
+    if rest.triangles != muscle.triangles || rest.vertices.len() != muscle.vertices.len() {
+        let message = format!(
+            "--rest: {} has other triangles than the muscle ({} vertices and {} triangles, the muscle {} and {})",
+            path.display(),
+            rest.vertices.len(),
+            rest.triangles.len(),
+            muscle.vertices.len(),
+            muscle.triangles.len()
+        );
+        return Err(Failure::usage(
+            message,
+            "name an earlier frame of the same run, such as its first",
+        ));
+    }
+    Ok(rest)
+}
+
+fn registered(path: &Path, unit: f64, muscle: &TriangleMesh) -> Result<Registered, Failure> {
+    let file = read_file(path, unit)?;
+    let shown = path.display();
+    if file.lines.is_empty() {
+        let hint = "lines are read from Lines of a .vtp file, LINES of a legacy VTK file or `l` of an OBJ file";
+        return Err(Failure::usage(
+            format!("--lines: {shown} holds no lines"),
+            hint,
+        ));
+    }
+    let place = |&v: &u32| file.mesh.vertices[v as usize];
+    let lines: Vec<Vec<Point3<f64>>> = file
+        .lines
+        .iter()
+        .map(|line| line.iter().map(place).collect())
+        .collect();
+    register(muscle, &lines).map_err(|error| {
+        Failure::usage(
+            format!("--lines: {shown}: {error}"),
+            "`pliant convert` moves a file to another unit",
+        )
+    })
+}
+
+/// One tendon for each fibre at each end whose patch lies off the muscle.
+fn tendons_of(attachment: &Attachment, fibres: &[Vec<Point3<f64>>]) -> [Vec<Tendon>; 2] {
+    let first: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.first().copied()).collect();
+    let last: Vec<Point3<f64>> = fibres.iter().filter_map(|f| f.last().copied()).collect();
+    [
+        tendons(&attachment.origin, &first),
+        tendons(&attachment.insertion, &last),
+    ]
+}
+
+fn unusable(error: &AttachmentError) -> Failure {
+    Failure::usage(
+        error.to_string(),
+        "`pliant fibres --help` tells how areas are given",
+    )
+}
+
+/// Why not, and the way out that this method leaves.
+fn undone(error: &MethodError) -> Failure {
+    let hint = match error {
+        MethodError::Flow(_) => "`pliant check` tells what is wrong with a mesh",
+        MethodError::Springs(SpringsError::Surface(_) | SpringsError::InsideOut { .. }) => {
+            "use --method harmonic, which takes any surface, or mend this one: `pliant check` tells what is wrong"
+        }
+        MethodError::Springs(SpringsError::WholeSurface { .. } | SpringsError::OnePlace { .. })
+        | MethodError::Slices(SlicesError::NoAxis { .. }) => {
+            "give other areas, or use --method harmonic"
+        }
+        MethodError::Springs(_) | MethodError::Slices(_) => "use --method harmonic",
+    };
+    Failure::usage(error.to_string(), hint)
+}
+
+fn tell(bundle: &Bundle<'_>, json: bool, out: &Path) {
+    for (what, _) in bundle.verdicts().iter().filter(|(_, holds)| !holds) {
+        warn(&format!("FAIL  {what}"));
+    }
+    if json {
+        return say_json(bundle.summary);
+    }
+    let found: Vec<String> = bundle
+        .findings()
+        .iter()
+        .map(|text| format!("found: {text}\n"))
+        .collect();
+    let page = out.join("report.html");
+    let results = format!(
+        "Results in {}\n  open {} in a browser\n",
+        out.display(),
+        page.display()
+    );
+    say(&format!(
+        "{}: {}\n\n{}\n{results}",
+        bundle.summary.muscle,
+        bundle.table().to_text(),
+        found.concat()
+    ));
+}

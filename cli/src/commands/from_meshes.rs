@@ -1,0 +1,226 @@
+//! A scene made of meshes named on the command line, without a scene file.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use super::failure::Failure;
+use super::length_unit;
+use pliant::contact::{Obstacle, Surface};
+use pliant::mesh::TriangleMesh;
+use pliant::scene::{Scene, Surroundings, environment, parse_with};
+use pliant::simulation::Assets;
+
+/// A muscle is held where it is as near as this to a bone [mm].
+const NEAR_MM: f64 = 3.0;
+
+/// At most this share of a muscle is held by one bone [%], and by all together twice as much.
+const LIMIT_PERCENT: f64 = 5.0;
+
+/// Meshes to run without a scene file.
+#[derive(Debug, Default, clap::Args)]
+pub(super) struct Meshes {
+    /// Muscle meshes to run without a scene file; needs --unit
+    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Without a scene file")]
+    muscles: Vec<PathBuf>,
+    /// Bone meshes; bones rest, and hold a muscle where it is within 3 mm
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
+    bones: Vec<PathBuf>,
+    /// Lines along the fibres of the muscles: one file of legacy VTK LINES, or of OBJ `l`, for each muscle in turn
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "muscles", help_heading = "Without a scene file")]
+    fibre_lines: Vec<PathBuf>,
+    /// Length unit of all these files, such as mm
+    #[arg(
+        long,
+        value_name = "UNIT",
+        requires = "muscles",
+        help_heading = "Without a scene file"
+    )]
+    unit: Option<String>,
+}
+
+/// One muscle or bone of the scene being written.
+struct Named {
+    name: String,
+    path: String,
+}
+
+impl Meshes {
+    /// Whether meshes were named at all.
+    pub(super) fn are_given(&self) -> bool {
+        !self.muscles.is_empty()
+    }
+}
+
+/// The scene of these meshes with the changes of the command line applied, and its TOML without them.
+pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, String), Failure> {
+    let Some(unit) = &meshes.unit else {
+        let hint = "add the unit of their coordinates, for example --unit mm";
+        return Err(Failure::usage(
+            "mesh files do not say their length unit",
+            hint,
+        ));
+    };
+    length_unit(unit)?;
+    if meshes.fibre_lines.len() > meshes.muscles.len() {
+        let (fibres, muscles) = (meshes.fibre_lines.len(), meshes.muscles.len());
+        let message = format!("{fibres} files of fibre lines for {muscles} muscles");
+        return Err(Failure::usage(
+            message,
+            "give at most one for each muscle, in their order",
+        ));
+    }
+    let mut used = HashSet::new();
+    let muscles = named(&meshes.muscles, &mut used)?;
+    let bones = named(&meshes.bones, &mut used)?;
+    let fibres = named(&meshes.fibre_lines, &mut HashSet::new())?;
+    let base = Written {
+        unit,
+        muscles,
+        bones,
+        fibres,
+    };
+    // Only the meshes as they are can tell which bones hold which muscle.
+    let free = base.toml(&[]);
+    let assets = Assets::load(&parse(&free, changes)?).map_err(Failure::of_meshes)?;
+    let toml = base.toml(&holders(&assets));
+    Ok((parse(&toml, changes)?, toml))
+}
+
+fn parse(toml: &str, changes: &[String]) -> Result<Scene, Failure> {
+    let surroundings = Surroundings {
+        folder: Path::new("."),
+        variable: &environment,
+        overrides: changes,
+    };
+    Ok(parse_with(toml, "scene.toml", &surroundings)?)
+}
+
+/// Names the files by their stems, each name once, with absolute paths.
+fn named(paths: &[PathBuf], used: &mut HashSet<String>) -> Result<Vec<Named>, Failure> {
+    let mut all = Vec::new();
+    for path in paths {
+        let shown = path.display();
+        let absolute = path.canonicalize().map_err(|e| {
+            let why = if e.kind() == std::io::ErrorKind::NotFound {
+                String::new()
+            } else {
+                format!(": {e}")
+            };
+            let from = if path.is_absolute() {
+                "check the path"
+            } else {
+                "check the path; it is relative to the working folder"
+            };
+            Failure::usage(format!("no file `{shown}`{why}"), from)
+        })?;
+        let (Some(text), Some(stem)) =
+            (absolute.to_str(), path.file_stem().and_then(|s| s.to_str()))
+        else {
+            return Err(Failure::usage(
+                format!("the name of `{shown}` is not UTF-8"),
+                "rename it",
+            ));
+        };
+        // What a scene does not take in a name.
+        let safe = |c: char| {
+            if c.is_control() || r#"/\:*?"<>|"#.contains(c) {
+                '_'
+            } else {
+                c
+            }
+        };
+        let clean: String = stem.chars().map(safe).take(40).collect();
+        let clean = clean.trim().trim_start_matches('.');
+        let first = if clean.is_empty() { "mesh" } else { clean };
+        let mut name = first.to_owned();
+        let mut next = 2;
+        while !used.insert(name.clone()) {
+            name = format!("{first} {next}");
+            next += 1;
+        }
+        all.push(Named {
+            name,
+            path: text.to_owned(),
+        });
+    }
+    Ok(all)
+}
+
+/// For each muscle the bones that some vertex of it is near to.
+fn holders(assets: &Assets) -> Vec<Vec<usize>> {
+    let surfaces: Vec<Surface> = assets.bones.iter().map(Surface::new).collect();
+    let near = |muscle: &TriangleMesh, bone: &Surface| {
+        muscle.vertices.iter().any(|v| {
+            bone.closest(v)
+                .is_some_and(|c| c.distance.abs() <= NEAR_MM * 1e-3)
+        })
+    };
+    let of = |mesh| {
+        (0..surfaces.len())
+            .filter(|&b| near(mesh, &surfaces[b]))
+            .collect()
+    };
+    assets.muscles.iter().map(|m| of(&m.mesh)).collect()
+}
+
+struct Written<'a> {
+    unit: &'a str,
+    muscles: Vec<Named>,
+    bones: Vec<Named>,
+    fibres: Vec<Named>,
+}
+
+impl Written<'_> {
+    /// The scene as TOML; `holders` names the bones that hold each muscle.
+    fn toml(&self, holders: &[Vec<usize>]) -> String {
+        let text = |s: &str| toml::Value::String(s.to_owned()).to_string();
+        let unit = text(self.unit);
+        let scene = self.muscles.first().map_or("meshes", |m| m.name.as_str());
+        let mut toml = format!(
+            "name = {}\nframes = 300\nframe_rate = \"60 Hz\"\n",
+            text(scene)
+        );
+        for bone in &self.bones {
+            let (name, path) = (text(&bone.name), text(&bone.path));
+            toml.push_str(&format!(
+                "\n[[bone]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
+            ));
+        }
+        for (m, muscle) in self.muscles.iter().enumerate() {
+            let (name, path) = (text(&muscle.name), text(&muscle.path));
+            toml.push_str(&format!(
+                "\n[[muscle]]\nname = {name}\nmesh = {path}\nunit = {unit}\n"
+            ));
+            let held = holders.get(m).map_or(&[][..], Vec::as_slice);
+            // All together may hold a tenth of a muscle.
+            let limit = LIMIT_PERCENT.min(2.0 * LIMIT_PERCENT / held.len().max(1) as f64);
+            for &b in held {
+                let bone = text(&self.bones[b].name);
+                toml.push_str(&format!(
+                    "[[muscle.attachment]]\nbone = {bone}\nnear = \"{NEAR_MM} mm\"\nlimit = \"{limit} %\"\n"
+                ));
+            }
+            if let Some(fibres) = self.fibres.get(m) {
+                toml.push_str(&format!(
+                    "[muscle.fibres]\nlines = {}\nunit = {unit}\n",
+                    text(&fibres.path)
+                ));
+            }
+        }
+        toml.push_str(EFFECTS);
+        toml
+    }
+}
+
+/// Everything there is, as in the built-in hip.
+const EFFECTS: &str = r#"
+[effects.stretch]
+[effects.bending]
+[effects.volume]
+[effects.anisotropy]
+strength = 0.3
+[effects.contact]
+thickness = "0.5 mm"
+[effects.damping]
+rate = "5 1/s"
+"#;

@@ -1,0 +1,220 @@
+//! The command `pliant`: one file a command.
+//!
+//! Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+
+mod accuracy;
+mod areas;
+mod biceps;
+mod check;
+mod convert;
+mod excerpt;
+mod failure;
+mod fibres;
+mod from_meshes;
+mod implant;
+mod morph;
+mod moment_arms;
+mod plan;
+mod progress;
+mod register;
+mod resume;
+mod run;
+mod scenes;
+mod springs;
+mod study;
+mod view;
+
+use std::io::Write;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Done.
+const DONE: u8 = 0;
+/// Ran, but the result fails.
+const FAILED: u8 = 1;
+/// Bad usage or input.
+const BAD_INPUT: u8 = 2;
+/// Interrupted by Ctrl-C.
+const INTERRUPTED: u8 = 130;
+
+/// Verified deformation of soft tissue: muscles that slide around moving bones, with the accuracy shown.
+#[derive(Debug, Parser)]
+#[command(
+    name = "pliant",
+    version,
+    disable_help_subcommand = true,
+    after_help = "\
+Without a command: `pliant run hip`. Each command has an example in its --help.
+
+Exit codes: 0 done; 1 ran, but the result fails; 2 bad usage or input; 130 after Ctrl-C.
+
+Example:
+  pliant run hip
+  pliant run examples/right-hip.toml --out results --set 'effects.contact.thickness=1 mm'"
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a scene and write frames, measures, a summary and a report
+    Run(Box<run::Arguments>),
+    /// Open a window on a running scene, and steer it
+    View(view::Arguments),
+    /// Tell which effects a scene will run, on how much, and what is left out and why
+    Plan(plan::Arguments),
+    /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
+    Accuracy(accuracy::Arguments),
+    /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+    Study(study::Arguments),
+    /// Run a mass-spring system to rest: one from a file, or a lattice
+    Springs(Box<springs::Arguments>),
+    /// Change the length of a muscle of frusta that keeps its volume
+    Biceps(biceps::Arguments),
+    /// Fill a muscle with fibres from its origin to its insertion
+    Fibres(Box<fibres::Arguments>),
+    /// Fibres of muscles through the turn of a joint: lengths and moment arms
+    MomentArms(moment_arms::Arguments),
+    /// List the built-in scenes, or show one
+    Scenes(scenes::Arguments),
+    /// Tell what is wrong with meshes, whether a simulation takes them, and repair them
+    Check(check::Arguments),
+    /// Write a mesh in another format or unit
+    Convert(convert::Arguments),
+    /// Blend two closed surfaces: which place belongs to which, shapes and point data in between
+    Morph(morph::Arguments),
+    /// Lay one surface onto another: turned and moved, scaled, or bent
+    Register(register::Arguments),
+    /// Lay skin over implants: areas before, deformed, retracted and grown; which volume gives a wanted area
+    Implant(Box<implant::Arguments>),
+}
+
+/// Reads the command line and does what it says; the result is the exit code of the process.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // Nobody is left to be told if the output is closed.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
+        }
+    };
+    let done = match arguments.command {
+        None => run::run(&run::Arguments::default()),
+        Some(Command::Run(arguments)) => run::run(&arguments),
+        Some(Command::View(arguments)) => view::run(&arguments),
+        Some(Command::Plan(arguments)) => plan::run(&arguments),
+        Some(Command::Accuracy(arguments)) => accuracy::run(&arguments),
+        Some(Command::Study(arguments)) => study::run(&arguments),
+        Some(Command::Springs(arguments)) => springs::run(&arguments),
+        Some(Command::Biceps(arguments)) => biceps::run(&arguments),
+        Some(Command::Fibres(arguments)) => fibres::run(&arguments),
+        Some(Command::MomentArms(arguments)) => moment_arms::run(&arguments),
+        Some(Command::Scenes(arguments)) => scenes::run(&arguments),
+        Some(Command::Check(arguments)) => check::run(&arguments),
+        Some(Command::Convert(arguments)) => convert::run(&arguments),
+        Some(Command::Implant(arguments)) => implant::run(&arguments),
+        Some(Command::Morph(arguments)) => morph::run(&arguments),
+        Some(Command::Register(arguments)) => register::run(&arguments),
+    };
+    match done {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            failure.show();
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+/// Writes to standard output; a reader who has left (`| head`) is no error.
+fn say(text: &str) {
+    let mut out = std::io::stdout().lock();
+    let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+}
+
+/// Writes a line to standard error, as far as that can be done.
+fn warn(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Says what was found and checked: as JSON or to a person, and on standard error what fails. The exit code.
+fn conclude(
+    summary: &impl serde::Serialize,
+    text: &str,
+    verdicts: &[(String, bool)],
+    json: bool,
+    out: &std::path::Path,
+) -> u8 {
+    let failing = || verdicts.iter().filter(|(_, holds)| !holds);
+    failing().for_each(|(what, _)| warn(&format!("FAIL  {what}")));
+    if json {
+        say_json(summary);
+    } else {
+        let page = out.join("report.html");
+        say(&format!(
+            "{text}\nResults in {}\n  open {} in a browser\n",
+            out.display(),
+            page.display()
+        ));
+    }
+    if failing().next().is_none() {
+        DONE
+    } else {
+        FAILED
+    }
+}
+
+/// Any result as JSON on standard output.
+fn say_json(value: &impl serde::Serialize) {
+    // Structures of texts, numbers and lists always have a JSON form.
+    say(&format!(
+        "{}\n",
+        serde_json::to_string_pretty(value).unwrap_or_default()
+    ));
+}
+
+/// The length of a unit [m].
+fn length_unit(name: &str) -> Result<f64, failure::Failure> {
+    use pliant::scene::units::{Dimension, scale};
+    scale(name, Dimension::Length).map_err(|_| {
+        let known = Dimension::Length.known();
+        failure::Failure::usage(
+            format!("`{name}` is no unit of length"),
+            format!("known units: {known}"),
+        )
+    })
+}
+
+/// Columns of text, the first of each row to the left, wide enough for all; `right` marks those set to the right.
+fn columns(rows: &[Vec<String>], right: &[bool]) -> String {
+    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
+    let length = |cell: &String| cell.chars().count();
+    let width = |c: usize| {
+        rows.iter()
+            .filter_map(|r| r.get(c))
+            .map(length)
+            .max()
+            .unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..count).map(width).collect();
+    let mut text = String::new();
+    for row in rows {
+        let mut line = String::new();
+        for (c, cell) in row.iter().enumerate() {
+            let width = widths[c];
+            let cell = if right.get(c) == Some(&true) {
+                format!("{cell:>width$}")
+            } else {
+                format!("{cell:<width$}")
+            };
+            line.push_str("  ");
+            line.push_str(&cell);
+        }
+        text.push_str(line.trim_end());
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,326 @@
+//! `pliant moment-arms`: fibres of muscles through the turn of a joint.
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use clap::ValueEnum;
+use nalgebra::{Unit, Vector3};
+
+use super::failure::Failure;
+use super::progress::Rounds;
+use super::run::stop_on_interrupt;
+use super::{DONE, FAILED, INTERRUPTED, say, say_json};
+use crate::report::folder::Folder;
+use crate::report::moment_arms::{self as files, Asked};
+use pliant::fibres::harmonic::Options;
+use pliant::format::number;
+use pliant::io::names::file_name;
+use pliant::io::pvd::Collection;
+use pliant::moment_arms::arms::Arms;
+use pliant::moment_arms::reference::{ReferenceError, Table};
+use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::scene::units::{Dimension, parse};
+use pliant::scene::{Content, builtin, overrides};
+
+/// Points of the fibres of a muscle at most: each holds a number for every vertex.
+const MOST_POINTS: u64 = 20_000;
+
+/// Fibres of muscles through the turn of a joint: lengths and moment arms
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant moment-arms hip --joint hip --from=-10deg --to 60deg
+  pliant moment-arms examples/right-hip-muscles.toml --joint hip --compare literature_Blemker2005_envelopes.csv
+  pliant moment-arms examples/right-hip-muscles.toml --joint hip --axis 0,0,1 --coordinate hip_adduction --to 20deg
+
+A moment arm is -dL/dq, of a fibre's length L over the joint's angle q: positive where pulling turns the joint towards greater
+angles. Angle 0 is where the meshes are. A joint is a bone's motion with centre and axis; `joint = \"hip\"` there gives it a
+name. A table to compare with has a column for the angle and one for each curve, named after the muscle and ending in its
+unit (psoas_r_moment_arm_m), or rows muscle,coordinate,bound,angle_deg,moment_arm_cm; several curves of a muscle are an
+envelope.
+
+Results in pliant-out/NAME-moment-arms: moment_arms.csv (each muscle over the angle), fibres.csv (each fibre), a plot of each
+muscle as .svg, fibres.pvd (open in ParaView; time is the angle in degrees), pictures, summary.json, report.html. Exit codes:
+0 done; 1 a muscle was stopped; 2 bad usage or input; 130 after Ctrl-C.")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene
+    #[arg(default_value = "hip")]
+    scene: String,
+    /// The joint, by its name or by that of the bone that turns about it
+    #[arg(long, value_name = "NAME")]
+    joint: String,
+    /// First angle, such as -10deg
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "-10deg",
+        allow_hyphen_values = true
+    )]
+    from: String,
+    /// Last angle
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "60deg",
+        allow_hyphen_values = true
+    )]
+    to: String,
+    /// Angle between two values
+    #[arg(
+        long,
+        value_name = "ANGLE",
+        default_value = "1deg",
+        allow_hyphen_values = true
+    )]
+    step: String,
+    /// Axis to turn about instead of the joint's
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = axis)]
+    axis: Option<Unit<Vector3<f64>>>,
+    /// Fibres of each muscle
+    #[arg(long, value_name = "N", default_value = "100", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    count: u32,
+    /// Points of each fibre
+    #[arg(long, value_name = "N", default_value = "15", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    points: u32,
+    /// What moves the muscles: the turn spread over each and corrected for bones and volume, or the scene's solver
+    #[arg(long, value_name = "WHAT", default_value = "spread")]
+    motion: Motion,
+    /// Frames from one value to the next, of the scene's solver
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    frames: u32,
+    /// Values on each side of each that the slope of the length is fitted to, by a cubic; 0 takes differences as they are
+    #[arg(long, value_name = "N", default_value = "4", value_parser = around)]
+    smooth: usize,
+    /// A table of moment arms to compare with; may be given several times
+    #[arg(long, value_name = "FILE")]
+    compare: Vec<PathBuf>,
+    /// What the tables call the angle [default: JOINT_flexion]
+    #[arg(long, value_name = "NAME")]
+    coordinate: Option<String>,
+    /// Folder of the results [default: pliant-out/NAME-moment-arms]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Motion {
+    Spread,
+    Scene,
+}
+
+fn axis(text: &str) -> Result<Unit<Vector3<f64>>, String> {
+    let parts: Vec<f64> = text
+        .split(',')
+        .map_while(|p| p.trim().parse().ok())
+        .collect();
+    let axis = match parts[..] {
+        [x, y, z] if text.split(',').count() == 3 => Unit::try_new(Vector3::new(x, y, z), 0.0),
+        _ => None,
+    };
+    axis.filter(|a| a.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| "expected three numbers, such as 0,0,1".to_owned())
+}
+
+fn around(text: &str) -> Result<usize, String> {
+    text.parse()
+        .ok()
+        .filter(|n| *n == 0 || (2..=100).contains(n))
+        .ok_or_else(|| "expected 0, or 2 to 100".to_owned())
+}
+
+fn angle(name: &str, text: &str) -> Result<f64, Failure> {
+    parse(text, Dimension::Angle)
+        .map_err(|error| Failure::usage(format!("--{name}: {error}"), error.help()))
+}
+
+impl From<SweepError> for Failure {
+    fn from(error: SweepError) -> Self {
+        let hint = match &error {
+            SweepError::Load(_) => "",
+            SweepError::Range(_) | SweepError::NoJoint { .. } => {
+                "`pliant moment-arms --help` has examples"
+            }
+            SweepError::NothingCrosses(_) => {
+                "attach a muscle to bones on both sides, or name another joint"
+            }
+            SweepError::Open(_) => "`pliant check` tells what is wrong with a mesh",
+            SweepError::Areas { .. } => "change the attachments of the muscle in the scene",
+            SweepError::Factor { .. } => "attach every piece of the muscle to a bone",
+            SweepError::Fibres { .. } => {
+                "change --count, or the attachments of the muscle in the scene"
+            }
+        };
+        match error {
+            SweepError::Load(error) => error.into(),
+            error => Self::usage(error.to_string(), hint),
+        }
+    }
+}
+
+fn refused(error: ReferenceError) -> Failure {
+    Failure::usage(
+        error.to_string(),
+        "`pliant moment-arms --help` tells what a table looks like",
+    )
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let sweep = Sweep {
+        joint: arguments.joint.clone(),
+        axis: arguments.axis,
+        from: angle("from", &arguments.from)?,
+        to: angle("to", &arguments.to)?,
+        step: angle("step", &arguments.step)?,
+        frames: arguments.frames,
+        fibres: Options {
+            count: arguments.count as usize,
+            points: arguments.points as usize,
+        },
+        by: if arguments.motion == Motion::Spread {
+            By::Spread
+        } else {
+            By::Scene
+        },
+    };
+    if u64::from(arguments.count) * u64::from(arguments.points) > MOST_POINTS {
+        let message = format!(
+            "{} fibres of {} points are too many to carry",
+            arguments.count, arguments.points
+        );
+        return Err(Failure::usage(
+            message,
+            format!("give --count and --points whose product is at most {MOST_POINTS}"),
+        ));
+    }
+    let tables = arguments
+        .compare
+        .iter()
+        .map(|path| Table::read(path))
+        .collect::<Result<Vec<_>, _>>();
+    let tables = tables.map_err(refused)?;
+    let Content::Muscles(scene) = builtin::load_content(&arguments.scene, &arguments.set)? else {
+        let hint = "name a scene of muscles and bones; `pliant scenes` lists the built-in ones";
+        return Err(Failure::usage(
+            "moment arms are those of muscles, and this scene has none",
+            hint,
+        ));
+    };
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
+    }
+    let stop = stop_on_interrupt("stopping after this angle");
+    let name = scene.name.clone();
+    let out = arguments.out.clone();
+    let out = out.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-moment-arms", file_name(&name)))
+    });
+    let mut running = Running::new(*scene, &sweep)?;
+    if running.angles.len() < 2 * arguments.smooth + 1 {
+        let message = format!(
+            "{} values of the angle are too few to smooth over",
+            running.angles.len()
+        );
+        return Err(Failure::usage(
+            message,
+            format!(
+                "--smooth {} needs {}, or give --smooth 0",
+                arguments.smooth,
+                2 * arguments.smooth + 1
+            ),
+        ));
+    }
+    let folder = Folder::open(&out)?;
+    let (mut series, mut pictures) = (Collection::new(), Vec::new());
+    let rounds = Rounds::new(running.frames());
+    let shown = [0, running.angles.len() / 2, running.angles.len() - 1];
+    let mut before = Instant::now();
+    while !stop.load(Ordering::Relaxed) {
+        let Some(reached) = running.advance() else {
+            break;
+        };
+        rounds.frame(running.simulation.frame(), before.elapsed());
+        before = Instant::now();
+        let Some(k) = reached else { continue };
+        files::write_fibres(&folder, &running, k, &mut series)?;
+        if shown.contains(&k) {
+            let title = format!("at {} degrees", number(running.angles[k].to_degrees()));
+            pictures.push((title, files::picture(&running)));
+        }
+    }
+    rounds.end();
+    let coordinate = arguments
+        .coordinate
+        .clone()
+        .unwrap_or_else(|| format!("{}_flexion", arguments.joint));
+    let mut arms: Vec<Arms> = running
+        .muscles
+        .iter()
+        .map(|m| Arms::new(m, &running, arguments.smooth))
+        .collect();
+    arms.iter_mut()
+        .try_for_each(|a| a.compare(&tables, &coordinate))
+        .map_err(refused)?;
+    let asked = Asked {
+        scene: name,
+        joint: arguments.joint.clone(),
+        coordinate,
+        by: sweep.by,
+        time_s: begun.elapsed().as_secs_f64(),
+        interrupted: running.done() < running.angles.len() && stop.load(Ordering::Relaxed),
+    };
+    files::write(&folder, &asked, &running, &arms, &series, &pictures)?;
+    if arguments.json {
+        say_json(&files::to_json(&asked, &running, &arms));
+    } else {
+        tell(&asked, &running, &arms, &out);
+    }
+    Ok(
+        match (
+            asked.interrupted,
+            running.muscles.iter().any(|m| m.stopped.is_some()),
+        ) {
+            (true, _) => INTERRUPTED,
+            (_, true) => FAILED,
+            _ => DONE,
+        },
+    )
+}
+
+fn tell(asked: &Asked, running: &Running, arms: &[Arms], out: &std::path::Path) {
+    let mut text = format!(
+        "{}: {} of {} angles about the joint {} in {:.1} s\n\n{}",
+        asked.scene,
+        running.done(),
+        running.angles.len(),
+        asked.joint,
+        asked.time_s,
+        files::table(running, arms).to_text()
+    );
+    if arms.iter().any(|a| !a.compared.is_empty()) {
+        text.push_str(&format!("\n{}", files::comparisons(arms).to_text()));
+    }
+    for note in files::notes(running, arms) {
+        text.push_str(&format!("  note: {note}\n"));
+    }
+    let (page, pvd) = (out.join("report.html"), out.join("fibres.pvd"));
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
+        out.display(),
+        page.display(),
+        pvd.display()
+    ));
+    say(&text);
+}

@@ -1,0 +1,324 @@
+//! `pliant morph`: from one closed surface to another.
+
+mod pairs;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use super::failure::Failure;
+use super::run::stop_on_interrupt;
+use super::{INTERRUPTED, conclude, length_unit, warn};
+use crate::report::folder::Folder;
+use crate::report::morph::{Carried, Morph, Shape};
+use pliant::io::names::file_name;
+use pliant::io::{self, PointData};
+use pliant::mesh::TriangleMesh;
+use pliant::morph::align::AlignError;
+use pliant::morph::between::{Between, BetweenError, Method, Settings, Shared};
+use pliant::morph::blend::{self, BlendError, Laplacian, Path as Way};
+use pliant::morph::sphere::SphereError;
+use pliant::morph::sphere::relaxation::Relaxation;
+use pliant::simulation::LoadError;
+
+/// Blend two closed surfaces: which place belongs to which, shapes and point data in between
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant morph neutral.obj smile.obj
+  pliant morph left.vtp right.vtp --unit mm --pairs pairs.txt --blend laplacian --frames 48
+  pliant morph a.obj b.obj --topology first --method relaxation --json > summary.json
+
+Both surfaces must be closed, in one piece and without handles; `pliant check FILE --repair DIR` mends most that are not. Each is
+spread over a sphere without folds, the first is turned and drawn until like parts lie over each other, and with `--topology merged`
+the surface in between has the vertices and edges of both, so that both ends are met exactly; with `first` it has those of A.
+
+PAIRS is a text file with a line `VERTEX_OF_A VERTEX_OF_B` for each pair that must meet, vertices counted from 0 as in the files,
+or six coordinates `X Y Z X Y Z` in the unit of the files, each of which means the nearest vertex; # begins a comment.
+
+Numbers at the vertices are read from .vtp files. Arrays of one name in both are blended, others carried along; frames also
+hold `origin` (0: a vertex of A, 1: of B, 2: a crossing of edges) and `way` (how far the vertex goes).
+
+Results in pliant-out/A-B-morph: frames/*.vtp, A-B.pvd, A-B.gif, sheet.png, spheres.png, measures.csv (volume and area over t),
+summary.json, report.html.
+
+Exit codes: 0 done; 1 an end is not met, or files could not be written; 2 bad usage or input; 130 after Ctrl-C, with nothing
+written.")]
+pub(super) struct Arguments {
+    /// The surface at t = 0
+    a: PathBuf,
+    /// The surface at t = 1
+    b: PathBuf,
+    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<String>,
+    /// Vertices that must meet
+    #[arg(long, value_name = "FILE")]
+    pairs: Option<PathBuf>,
+    /// How surfaces are spread over the sphere
+    #[arg(long, value_name = "NAME", default_value = "robust", value_parser = ["robust", "relaxation"])]
+    method: String,
+    /// How shapes are blended
+    #[arg(long, value_name = "NAME", default_value = "linear", value_parser = ["linear", "hermite", "laplacian"])]
+    blend: String,
+    /// Shapes, both ends included
+    #[arg(long, value_name = "N", default_value = "25", value_parser = clap::value_parser!(u32).range(2..=10_000))]
+    frames: u32,
+    /// Vertices and triangles in between: of both surfaces, or of A
+    #[arg(long, value_name = "WHICH", default_value = "merged", value_parser = ["merged", "first"])]
+    topology: String,
+    /// Folder of the results [default: pliant-out/A-B-morph]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// A surface of the command line, in the unit of the results.
+pub(super) struct Given {
+    pub(super) mesh: TriangleMesh,
+    pub(super) data: Vec<PointData>,
+}
+
+/// Reads a surface and the numbers at its vertices.
+pub(super) fn read(path: &Path, scale: f64) -> Result<Given, Failure> {
+    let failed = |e| Failure::of_meshes(LoadError::from(Box::new(e)));
+    let mut mesh = io::read(path).map_err(failed)?.mesh;
+    if mesh.triangles.is_empty() {
+        return Err(Failure::usage(
+            format!("{}: no triangles", path.display()),
+            "give a surface",
+        ));
+    }
+    mesh.vertices.iter_mut().for_each(|v| v.coords *= scale);
+    if let Some(vertex) = mesh
+        .vertices
+        .iter()
+        .position(|v| !v.coords.iter().all(|c| c.is_finite()))
+    {
+        let message = format!(
+            "{}: vertex {vertex} is too far away for a double in metres",
+            path.display()
+        );
+        return Err(Failure::usage(message, "choose another --unit"));
+    }
+    Ok(Given {
+        mesh,
+        data: io::read_point_data(path).map_err(failed)?,
+    })
+}
+
+/// The name of two files together.
+pub(super) fn name_of(paths: [&Path; 2]) -> String {
+    let stem = |p: &Path| {
+        p.file_stem()
+            .map_or("surface".into(), |s| s.to_string_lossy().into_owned())
+    };
+    format!("{}-{}", stem(paths[0]), stem(paths[1]))
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let stop = stop_on_interrupt("stopping; nothing will be written");
+    let scale = arguments.unit.as_deref().map_or(Ok(1.0), length_unit)?;
+    let paths = [arguments.a.as_path(), &arguments.b];
+    let name = name_of(paths);
+    let out = PathBuf::from("pliant-out").join(format!("{}-morph", file_name(&name)));
+    let out = arguments.out.clone().unwrap_or(out);
+    Folder::check(&out, &Morph::files(&name))?;
+    let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
+    let meshes = [&a.mesh, &b.mesh];
+    let pairs = arguments.pairs.as_ref().map_or(Ok(Vec::new()), |file| {
+        pairs::read(file, meshes, paths, scale)
+    })?;
+    let read_s = begun.elapsed().as_secs_f64();
+    let settings = Settings {
+        method: if arguments.method == "robust" {
+            Method::Robust
+        } else {
+            Method::Relaxation(Relaxation::default())
+        },
+        shared: if arguments.topology == "merged" {
+            Shared::Merged
+        } else {
+            Shared::First
+        },
+        ..Settings::default()
+    };
+    let between = match Between::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
+        Err(BetweenError::Stopped) => return Ok(nothing_written()),
+        other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
+    };
+    let blending = Instant::now();
+    let Some(shapes) = shapes(arguments, &between, &stop)
+        .map_err(|e| Failure::usage(e.to_string(), "take --blend linear"))?
+    else {
+        return Ok(nothing_written());
+    };
+    let data = Carried::of(&between, [&a.data, &b.data]).map_err(|array| {
+        let message = format!(
+            "the array `{array}` has another number of components in {}",
+            paths[1].display()
+        );
+        Failure::usage(message, "rename one of the two, or leave it out")
+    })?;
+    let word = |text: &str, known: &[&'static str]| {
+        known
+            .iter()
+            .copied()
+            .find(|k| *k == text)
+            .unwrap_or_default()
+    };
+    let morph = Morph {
+        files: paths.map(|p| p.display().to_string()),
+        meshes,
+        between: &between,
+        pairs: &pairs,
+        shapes,
+        data,
+        words: [
+            word(&arguments.method, &["robust", "relaxation"]),
+            word(&arguments.blend, &["linear", "hermite", "laplacian"]),
+            word(&arguments.topology, &["merged", "first"]),
+        ],
+        unit: arguments.unit.as_ref().map(|_| "m"),
+        seconds: [read_s, blending.elapsed().as_secs_f64()],
+        name,
+    };
+    let summary = morph.summary();
+    morph.write(&Folder::open(&out)?, &summary)?;
+    Ok(conclude(
+        &summary,
+        &summary.to_text(),
+        summary.verdicts(),
+        arguments.json,
+        &out,
+    ))
+}
+
+pub(super) fn nothing_written() -> u8 {
+    warn("interrupted: nothing is written");
+    INTERRUPTED
+}
+
+/// All shapes; `None` after Ctrl-C.
+fn shapes(
+    arguments: &Arguments,
+    between: &Between,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Shape>>, BlendError> {
+    let ends = [between.places[0].as_slice(), &between.places[1]];
+    let mut way = match arguments.blend.as_str() {
+        "hermite" => Way::Hermite(Box::new(blend::turning(ends)?)),
+        "laplacian" => Way::Laplacian(Box::new(Laplacian::new(
+            ends[0],
+            ends[1],
+            &between.triangles,
+        )?)),
+        _ => Way::Linear,
+    };
+    let mut all = Vec::new();
+    for k in 0..arguments.frames {
+        if stop.load(Ordering::Relaxed) {
+            return Ok(None);
+        }
+        let t = f64::from(k) / f64::from(arguments.frames - 1);
+        all.push(Shape {
+            t,
+            places: way.at(ends, t)?,
+        });
+    }
+    Ok(Some(all))
+}
+
+/// A refusal, with the file it is about and what to do.
+fn refused(
+    error: &BetweenError,
+    paths: [&Path; 2],
+    meshes: [&TriangleMesh; 2],
+    arguments: &Arguments,
+) -> Failure {
+    match error {
+        BetweenError::Surface { side, error } => {
+            let path = paths[*side].display();
+            Failure::usage(
+                format!("{path}: {error}{}", place(error, meshes[*side])),
+                mend(error, paths[*side]),
+            )
+        }
+        BetweenError::InsideOut { side, .. } => {
+            let path = paths[*side].display();
+            Failure::usage(
+                format!("{path}: {error}"),
+                format!("`pliant check {path} --repair DIR` turns them"),
+            )
+        }
+        BetweenError::Align(AlignError::Stuck { feature, left, .. }) => {
+            let file = arguments
+                .pairs
+                .as_ref()
+                .map(|p| p.display().to_string())
+                .unwrap_or_default();
+            let message = format!(
+                "{file}: pair {} cannot be brought together without folding the map: {:.1} degrees are left",
+                feature + 1,
+                left.to_degrees()
+            );
+            Failure::usage(
+                message,
+                "leave it out, or choose pairs that lie alike on both surfaces",
+            )
+        }
+        BetweenError::Align(error) => {
+            Failure::usage(error.to_string(), "change the file of --pairs")
+        }
+        BetweenError::Turn(_) => Failure::usage(
+            error.to_string(),
+            "turn one of the surfaces a little, or coarsen it",
+        ),
+        BetweenError::Overlay(_) => Failure::usage(error.to_string(), "take --topology first"),
+        BetweenError::Stopped => Failure::usage(error.to_string(), "run it again"),
+    }
+}
+
+/// Where the vertex is that an error names first.
+fn place(error: &SphereError, mesh: &TriangleMesh) -> String {
+    let vertex = match error {
+        SphereError::Open { first, .. } => first[0],
+        SphereError::Edge { edge, .. } | SphereError::Turned { edge, .. } => edge[0],
+        SphereError::Vertex { vertex }
+        | SphereError::Unused { vertex, .. }
+        | SphereError::Pieces { vertex, .. }
+        | SphereError::Crowded { vertex, .. } => *vertex,
+        _ => return String::new(),
+    };
+    mesh.vertices
+        .get(vertex as usize)
+        .map_or(String::new(), |p| {
+            let [x, y, z] = [p.x, p.y, p.z].map(pliant::format::number);
+            format!(" (vertex {vertex} is at {x}, {y}, {z})")
+        })
+}
+
+/// What to do about a surface that is no sphere.
+fn mend(error: &SphereError, path: &Path) -> String {
+    let check = format!("`pliant check {} --repair DIR", path.display());
+    match error {
+        SphereError::Open { .. } => format!("{check} --close-holes` closes small holes"),
+        SphereError::Pieces { .. } => format!("{check} --keep-largest` keeps the largest"),
+        SphereError::Genus { .. } => {
+            "cut its handles and close the holes; `pliant check` tells of each surface".to_owned()
+        }
+        SphereError::Edge { .. }
+        | SphereError::Turned { .. }
+        | SphereError::Vertex { .. }
+        | SphereError::Unused { .. }
+        | SphereError::Mesh(_) => format!("{check}` mends it"),
+        SphereError::Collapsed { .. }
+        | SphereError::Flipped { .. }
+        | SphereError::Centre { .. } => "take --method robust".to_owned(),
+        SphereError::TooFew { .. } => "give a closed surface".to_owned(),
+        _ => "coarsen the surface, or look at it with `pliant check`".to_owned(),
+    }
+}

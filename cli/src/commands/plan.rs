@@ -1,0 +1,114 @@
+//! `pliant plan`: what a run will do, before it does it.
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::{DONE, columns, say, say_json};
+use crate::report::run::ready;
+use pliant::scene::{Content, builtin, overrides};
+use pliant::simulation::plan::{LeftOut, Planned};
+use pliant::simulation::{Assets, Plan};
+
+/// Tell which effects a scene will run, on how much, and what is left out and why
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant plan hip
+  pliant plan expander
+  pliant plan examples/right-hip.toml --set effects.contact=off --json")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene
+    #[arg(default_value = "hip")]
+    scene: String,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Write the result as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    scene: &'a str,
+    frames: usize,
+    run: &'a [Planned],
+    left_out: &'a [LeftOut],
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let content = builtin::load_content(&arguments.scene, &arguments.set)?;
+    let (plan, head) = match &content {
+        Content::Muscles(scene) => {
+            let assets = Assets::load(scene)?;
+            (
+                Plan::new(scene, &assets),
+                format!("{} frames at {} Hz", scene.frames, scene.frame_rate),
+            )
+        }
+        Content::Staged(scene) => (
+            ready(scene)?.plan().clone(),
+            format!("{} frames", content.frames()),
+        ),
+    };
+    let scene = content.name();
+    if arguments.json {
+        say_json(&Report {
+            scene,
+            frames: content.frames(),
+            run: &plan.run,
+            left_out: &plan.left_out,
+        });
+        return Ok(DONE);
+    }
+    let of = if matches!(content, Content::Muscles(_)) {
+        "muscle"
+    } else {
+        "part"
+    };
+    let mut text = format!("{scene}: {head}\n\nWill run\n");
+    text.push_str(&runs(&plan, of));
+    if !plan.left_out.is_empty() {
+        text.push_str("\nLeft out\n");
+        let row = |l: &LeftOut| vec![all(&l.muscle), l.effect.clone(), l.why.clone()];
+        text.push_str(&columns(
+            &plan.left_out.iter().map(row).collect::<Vec<_>>(),
+            &[],
+        ));
+    }
+    say(&text);
+    Ok(DONE)
+}
+
+/// What concerns no single muscle concerns all.
+fn all(muscle: &str) -> String {
+    if muscle.is_empty() {
+        "(all)".to_owned()
+    } else {
+        muscle.to_owned()
+    }
+}
+
+fn runs(plan: &Plan, of: &str) -> String {
+    let heads = [of, "effect", "elements", "bytes", "ms/frame"].map(str::to_owned);
+    let mut rows = vec![heads.to_vec()];
+    let row = |p: &Planned| {
+        vec![
+            all(&p.muscle),
+            p.effect.clone(),
+            p.elements.to_string(),
+            p.bytes.to_string(),
+            format!("{:.2}", p.ms_per_frame),
+        ]
+    };
+    rows.extend(plan.run.iter().map(row));
+    let bytes: usize = plan.run.iter().map(|p| p.bytes).sum();
+    let ms: f64 = plan.run.iter().map(|p| p.ms_per_frame).sum();
+    rows.push(vec![
+        "total".to_owned(),
+        String::new(),
+        String::new(),
+        bytes.to_string(),
+        format!("{ms:.2}"),
+    ]);
+    columns(&rows, &[false, false, true, true, true])
+}

@@ -1,0 +1,185 @@
+//! How far a run is: a bar on a terminal, a line now and then on a pipe.
+
+use std::cell::Cell;
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::warn;
+use pliant::mesh::measures::greatest;
+use pliant::simulation::Measures;
+use pliant::springs::rest::StepRecord;
+
+/// On a pipe, a line every so many frames.
+const LINE_EVERY: usize = 50;
+
+/// Shows how far a run is, on standard error.
+pub(super) struct Progress {
+    bar: Option<ProgressBar>,
+    frames: usize,
+}
+
+impl Progress {
+    /// Of a run of so many frames.
+    pub(super) fn new(frames: usize) -> Self {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(frames as u64);
+            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len}  {msg}  {eta} left");
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        Self { bar, frames }
+    }
+
+    /// A frame is done.
+    pub(super) fn frame(&self, frame: usize, took: Duration, measures: &[Measures]) {
+        let due = frame.is_multiple_of(LINE_EVERY) || frame == self.frames;
+        if self.bar.is_none() && !due {
+            return;
+        }
+        let volume = greatest(measures.iter().map(|m| m.volume_error.abs()));
+        let inside: usize = measures
+            .iter()
+            .map(|m| m.vertices_inside_bones + m.bone_vertices_inside)
+            .sum();
+        let ms = took.as_secs_f64() * 1e3;
+        let text = format!("{ms:.0} ms/frame  volume error {volume:.1e}  inside {inside}");
+        match &self.bar {
+            Some(bar) => {
+                bar.set_message(text);
+                bar.set_position(frame as u64);
+            }
+            None => warn(&format!("frame {frame}/{}  {text}", self.frames)),
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// A bar over so many steps, drawn as a template of indicatif says; on a pipe none.
+fn bar(steps: usize, template: &str) -> Option<ProgressBar> {
+    std::io::stderr().is_terminal().then(|| {
+        let style =
+            ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        ProgressBar::new(steps as u64).with_style(style)
+    })
+}
+
+/// On a pipe, a line about so often.
+const SECONDS_BETWEEN: f64 = 5.0;
+
+/// Shows how far a run to rest is, on standard error.
+pub(super) struct Bar {
+    bar: Option<ProgressBar>,
+    steps: usize,
+    said: Cell<Instant>,
+}
+
+impl Bar {
+    /// Of a run of at most so many steps.
+    pub(super) fn new(steps: usize) -> Self {
+        let bar = bar(steps, "  {bar:30} {pos}/at most {len}  {msg}");
+        Self {
+            bar,
+            steps,
+            said: Cell::new(Instant::now()),
+        }
+    }
+
+    /// A step is done.
+    pub(super) fn step(&self, record: &StepRecord) {
+        let text = || {
+            format!(
+                "force {:.1e} N  kinetic energy {:.1e} J",
+                record.residual, record.energy.kinetic
+            )
+        };
+        if let Some(bar) = &self.bar {
+            bar.set_position(record.step as u64);
+            bar.set_message(text());
+        } else if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+            self.said.set(Instant::now());
+            warn(&format!(
+                "step {} of at most {}  {}",
+                record.step,
+                self.steps,
+                text()
+            ));
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Shows how far a run of equilibria is, on standard error.
+pub(super) struct Rounds {
+    bar: Option<ProgressBar>,
+    frames: usize,
+    said: Cell<Instant>,
+}
+
+impl Rounds {
+    /// Of a run of so many frames.
+    pub(super) fn new(frames: usize) -> Self {
+        let bar = bar(frames, "  {bar:30} {pos}/{len}  {msg}");
+        Self {
+            bar,
+            frames,
+            said: Cell::new(Instant::now()),
+        }
+    }
+
+    /// On a bar, so many of so many are done.
+    pub(super) fn reach(&self, done: usize, of: usize) {
+        if let Some(bar) = &self.bar {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        }
+    }
+
+    /// A frame is on its way.
+    pub(super) fn part(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.set_message(text.to_owned()),
+            None => self.now_and_then(text),
+        }
+    }
+
+    /// A frame is done.
+    pub(super) fn frame(&self, frame: usize, took: Duration) {
+        match &self.bar {
+            Some(bar) => bar.set_position(frame as u64),
+            None if frame == self.frames => warn(&format!("frame {frame}/{frame}")),
+            None => self.now_and_then(&format!(
+                "frame {frame}/{}  {:.1} s a frame",
+                self.frames,
+                took.as_secs_f64()
+            )),
+        }
+    }
+
+    fn now_and_then(&self, text: &str) {
+        if self.said.get().elapsed().as_secs_f64() >= SECONDS_BETWEEN {
+            self.said.set(Instant::now());
+            warn(text);
+        }
+    }
+
+    /// The bar goes.
+    pub(super) fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! `pliant register`: one surface onto another.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use super::failure::Failure;
+use super::morph::{name_of, read};
+use super::run::stop_on_interrupt;
+use super::{FAILED, INTERRUPTED, conclude, length_unit, warn};
+use crate::report::folder::Folder;
+use crate::report::register::Registration;
+use pliant::io::names::file_name;
+use pliant::morph::register::icp::Select;
+use pliant::morph::register::whole::{Settings, lay};
+use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface};
+
+/// A start is searched among so many vertices of each surface at most; more make it no better.
+const MOST: usize = 20_000;
+
+/// Lay one surface onto another: turned and moved, scaled, or bent
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant register scan.obj bone.obj
+  pliant register part.ply whole.ply --with similarity --overlap 0.4 --seed 7
+  pliant register left.obj right.obj --unit mm --non-rigid --clusters 150 --json
+
+A is moved onto B. A start is found by RANSAC over pairs of vertices with normals, beside A as it is placed and by its principal
+axes; then closest points are iterated: all vertices, the nearest place of the surface, equal weights, pairs that are far, that face
+apart or that lie at an open rim dropped, distances from tangent planes, least squares. With --non-rigid A then bends: clusters of
+its surface each turn and move as one, blended between them. Surfaces may be open.
+
+Results in pliant-out/A-B-register: moved.vtp (A on B with `distance` from it and `inlier`; with --non-rigid also `cluster`; point data
+of a .vtp are kept), moved.obj, before.png, after.png, summary.json (`matrix`: 4 rows of 4, for columns of positions), report.html.
+
+Exit codes: 0 done; 1 fewer vertices than --overlap asks for lie on B, or files could not be written; 2 bad usage or input; 130
+after Ctrl-C, with nothing written.")]
+pub(super) struct Arguments {
+    /// The surface that moves
+    a: PathBuf,
+    /// The surface that it is laid onto
+    b: PathBuf,
+    /// Length unit of both files, such as mm: results are in metres [default: results are in the unit of the files]
+    #[arg(long, value_name = "UNIT")]
+    unit: Option<String>,
+    /// Motions: turned and moved, or scaled as well
+    #[arg(long, value_name = "MOTION", default_value = "rigid", value_parser = ["rigid", "similarity"])]
+    with: String,
+    /// Then bend A by clusters
+    #[arg(long)]
+    non_rigid: bool,
+    /// Clusters that bend
+    #[arg(long, value_name = "N", default_value = "100", requires = "non_rigid", value_parser = clap::value_parser!(u32).range(2..=5000))]
+    clusters: u32,
+    /// Share of A that has a place on B, at least
+    #[arg(long, value_name = "SHARE", default_value = "0.4", allow_negative_numbers = true, value_parser = share)]
+    overlap: f64,
+    /// Of the draws
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// Folder of the results [default: pliant-out/A-B-register]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok().filter(|s: &f64| *s >= 0.05 && *s <= 1.0);
+    number.ok_or_else(|| "expected a share from 0.05 to 1".to_owned())
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let stop = stop_on_interrupt("stopping; nothing will be written");
+    let scale = arguments.unit.as_deref().map_or(Ok(1.0), length_unit)?;
+    let paths = [arguments.a.as_path(), &arguments.b];
+    let name = name_of(paths);
+    let out = PathBuf::from("pliant-out").join(format!("{}-register", file_name(&name)));
+    let out = arguments.out.clone().unwrap_or(out);
+    Folder::check(&out, &Registration::files())?;
+    let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
+    let wrong = |side: usize| move |error: RegisterError| refused(&error, paths[side]);
+    let surfaces = [
+        Surface::new(&a.mesh).map_err(wrong(0))?,
+        Surface::new(&b.mesh).map_err(wrong(1))?,
+    ];
+    let read_s = begun.elapsed().as_secs_f64();
+    let motion = if arguments.with == "rigid" {
+        Motion::Rigid
+    } else {
+        Motion::Similarity
+    };
+    let settings = Settings {
+        motion,
+        ransac: Ransac {
+            good: arguments.overlap,
+            seed: arguments.seed,
+            ..Ransac::default()
+        },
+        icp: Icp {
+            rounds: 200,
+            select: Select::About(MOST),
+            ..Icp::default()
+        },
+        bending: arguments.non_rigid.then(|| NonRigid {
+            clusters: arguments.clusters as usize,
+            ..NonRigid::default()
+        }),
+    };
+    let laid = match lay(&surfaces[0], &surfaces[1], &settings, &|| {
+        !stop.load(Ordering::Relaxed)
+    }) {
+        Err(RegisterError::Stopped) => {
+            warn("interrupted: nothing is written");
+            return Ok(INTERRUPTED);
+        }
+        Err(error) => {
+            warn(&format!(
+                "error: {error}; lower --overlap, or take --with similarity where sizes differ"
+            ));
+            return Ok(FAILED);
+        }
+        Ok(laid) => laid,
+    };
+    let registration = Registration {
+        name,
+        files: paths.map(|p| p.display().to_string()),
+        meshes: [&a.mesh, &b.mesh],
+        data: &a.data,
+        laid: &laid,
+        motion,
+        overlap: arguments.overlap,
+        seed: arguments.seed,
+        unit: arguments.unit.as_ref().map(|_| "m"),
+        read_s,
+    };
+    let summary = registration.summary();
+    registration.write(&Folder::open(&out)?, &summary)?;
+    Ok(conclude(
+        &summary,
+        &summary.to_text(),
+        summary.verdicts(),
+        arguments.json,
+        &out,
+    ))
+}
+
+fn refused(error: &RegisterError, path: &Path) -> Failure {
+    let hint = match error {
+        RegisterError::Mesh(_) => {
+            format!("`pliant check {} --repair DIR` mends it", path.display())
+        }
+        _ => "give a surface of some triangles".to_owned(),
+    };
+    Failure::usage(format!("{}: {error}", path.display()), hint)
+}

@@ -1,0 +1,376 @@
+//! `pliant run`: a scene from its start to its last frame, and the files of it.
+
+mod staged;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use clap::ValueEnum;
+
+use super::accuracy::Said;
+use super::failure::Failure;
+use super::from_meshes::{self, Meshes};
+use super::progress::Progress;
+use super::{DONE, FAILED, INTERRUPTED, columns, resume, say, warn};
+use crate::report::folder::Folder;
+use crate::report::results::Results;
+use crate::report::summary::Summary;
+use pliant::accuracy::{self, Chosen, StudyError};
+use pliant::io::names::file_name;
+use pliant::scene::{Accuracy, Content, Scene, builtin, overrides};
+use pliant::simulation::checkpoint::Fingerprint;
+use pliant::simulation::{Assets, LoadError, Plan, Simulation};
+
+/// The scene that runs when none is named.
+const FIRST_SCENE: &str = "hip";
+
+/// Run a scene and write frames, measures, a summary and a report
+#[derive(Debug, Default, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant run hip
+  pliant run hip --accuracy \"1 %\"
+  pliant run hip --frames 50 --set effects.contact=off --out without-contact
+  pliant run examples/right-hip.toml --strict --json > summary.json
+  pliant run hip --checkpoint-every 50
+  pliant run hip --resume
+  pliant run flat-implant --set implant.volume=50cc
+  pliant run --muscles psoas.obj --bones femur.obj pelvis.obj --fibre-lines psoas.vtk --unit mm --animate gif
+
+Results: report.html, NAME.pvd (open in ParaView), frames/*.vtp, measures.csv, times.csv, summary.json; NAME.gif with
+--animate, scene.toml with --muscles, checkpoint.pliant with --checkpoint-every. Without --resume a run removes the
+results of an earlier one from its folder, its checkpoint too. Exit code 1: a muscle was stopped (it diverged, or a
+number was not finite), skin or an implant did not come to rest, files could not be written, or with --strict a frame is not
+converged.")]
+pub(super) struct Arguments {
+    /// A scene file, or the name of a built-in scene [default: hip]
+    #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
+    scene: Option<String>,
+    /// Folder of the results [default: pliant-out/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of frames, instead of the scene's
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    frames: Option<u32>,
+    /// Error that is allowed, "0.5 mm" or "1 %" of the muscle's length: choose solver and settings for it from a
+    /// study of the first frames
+    #[arg(long, value_name = "ERROR")]
+    accuracy: Option<String>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Fail (exit code 1) if any frame of any muscle is not converged
+    #[arg(long)]
+    strict: bool,
+    /// Also write NAME.gif, an animation of every fourth frame
+    #[arg(long, value_name = "FORMAT")]
+    animate: Option<Animation>,
+    /// Write checkpoint.pliant into the folder of the results every N frames, at the end and on Ctrl-C
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    checkpoint_every: Option<u32>,
+    /// Go on from the checkpoint in the folder of the results, as if the run had never stopped; give the same scene and
+    /// changes again. --frames may be larger than before; checkpoints go on as often as before
+    #[arg(long)]
+    resume: bool,
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    meshes: Meshes,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Animation {
+    Gif,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let begun = Instant::now();
+    let stop = stop_on_interrupt("stopping after this frame");
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
+    }
+    let mut changes = arguments.set.clone();
+    changes.extend(arguments.frames.map(|n| format!("frames={n}")));
+    changes.extend(
+        arguments
+            .accuracy
+            .as_ref()
+            .map(|error| format!("accuracy={error}")),
+    );
+    if arguments.meshes.are_given() {
+        let (scene, toml) = from_meshes::scene(&arguments.meshes, &changes)?;
+        return of_muscles(arguments, scene, Some(toml), begun, &stop);
+    }
+    match builtin::load_content(arguments.scene.as_deref().unwrap_or(FIRST_SCENE), &changes)? {
+        Content::Muscles(scene) => of_muscles(arguments, *scene, None, begun, &stop),
+        Content::Staged(scene) => staged::run(arguments, &scene, begun, &stop),
+    }
+}
+
+/// A scene of muscles; `written` is its text where nobody wrote it.
+fn of_muscles(
+    arguments: &Arguments,
+    mut scene: Scene,
+    written: Option<String>,
+    begun: Instant,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let made = written.is_some();
+    let refused = |error| {
+        if made {
+            Failure::of_meshes(error)
+        } else {
+            Failure::from(error)
+        }
+    };
+    let out = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
+    let resumed = if arguments.resume {
+        Some(resume::read(&out)?)
+    } else {
+        None
+    };
+    if scene.accuracy.is_some() && (arguments.resume || arguments.checkpoint_every.is_some()) {
+        return Err(Failure::usage(
+            "an accuracy chooses solver and settings by measured times, which a run that goes on need not meet again",
+            "leave accuracy out and give the solver and settings that `pliant accuracy` tells",
+        ));
+    }
+    let assets = Assets::load(&scene).map_err(refused)?;
+    let chosen = match scene.accuracy {
+        Some(accuracy) => match choose(&mut scene, &assets, accuracy, stop, refused)? {
+            None => return Ok(INTERRUPTED),
+            chosen => chosen,
+        },
+        None => None,
+    };
+    let plan = Plan::new(&scene, &assets);
+    let mut simulation = Simulation::with(scene, assets, plan).map_err(refused)?;
+    let animate = arguments.animate.is_some();
+    let (mut results, every) = match resumed {
+        Some(bytes) => resume::go_on(&out, &bytes, &mut simulation, animate, begun)?,
+        None => (
+            Results::begin(Folder::open(&out)?, &simulation, animate, begun)?,
+            0,
+        ),
+    };
+    if let Some(toml) = written {
+        results.write("scene.toml", &toml)?;
+    }
+    let every = arguments.checkpoint_every.map_or(every, |n| n as usize);
+    if every > 0 {
+        results.keep_every(every, Fingerprint::of(&simulation));
+    }
+    let summary = advance(
+        &mut simulation,
+        results,
+        &settings(arguments),
+        stop,
+        chosen.as_ref(),
+    )?;
+    if arguments.json {
+        say(&format!("{}\n", summary.to_json()));
+    } else {
+        say(&in_words(&summary, &out));
+    }
+    Ok(exit_code(&summary, arguments.strict))
+}
+
+/// Share of the time of a run, as the plan estimates it, for the study that chooses solver and settings.
+const STUDY_SHARE: f64 = 0.5;
+
+/// The study takes at least and at most so long [s].
+const STUDY_LIMITS: (f64, f64) = (5.0, 60.0);
+
+/// Chooses solver and settings for an accuracy and puts them into the scene; `None` after Ctrl-C.
+fn choose(
+    scene: &mut Scene,
+    assets: &Assets,
+    accuracy: Accuracy,
+    stop: &AtomicBool,
+    refused: impl Fn(LoadError) -> Failure,
+) -> Result<Option<Chosen>, Failure> {
+    let threads = rayon::current_num_threads();
+    let frame_s: f64 = Plan::new(scene, assets)
+        .run
+        .iter()
+        .map(|planned| planned.ms_per_frame * 1e-3)
+        .sum();
+    let wanted = STUDY_SHARE * frame_s * scene.frames as f64;
+    let budget = Duration::from_secs_f64(wanted.clamp(STUDY_LIMITS.0, STUDY_LIMITS.1));
+    let chosen =
+        match accuracy::choose(scene, assets, accuracy, budget, threads, &mut Said { stop }) {
+            Ok(chosen) => chosen,
+            Err(_) if stop.load(Ordering::Relaxed) => return Ok(None),
+            Err(StudyError::Load(error)) => return Err(refused(error)),
+            Err(error) => {
+                return Err(Failure::usage(
+                    error.to_string(),
+                    "name another solver or leave accuracy out; see `pliant accuracy`",
+                ));
+            }
+        };
+    scene.solver = chosen.candidate.solver;
+    warn(&format!(
+        "accuracy {} mm: {}",
+        pliant::format::number(chosen.target_m * 1e3),
+        chosen.why
+    ));
+    Ok(Some(chosen))
+}
+
+/// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
+fn advance(
+    simulation: &mut Simulation,
+    mut results: Results,
+    settings: &[(String, String)],
+    stop: &AtomicBool,
+    chosen: Option<&Chosen>,
+) -> Result<Summary, Failure> {
+    let progress = Progress::new(simulation.scene.frames);
+    // What goes on has its last frame already.
+    let mut writing = !results.last().is_empty() || results.frame(simulation, Duration::ZERO);
+    let ended = |simulation: &Simulation| simulation.bodies.iter().all(|b| b.stopped.is_some());
+    while writing
+        && simulation.frame() < simulation.scene.frames
+        && !stop.load(Ordering::Relaxed)
+        && !ended(simulation)
+    {
+        let before = Instant::now();
+        simulation.step_frame();
+        writing =
+            results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
+        progress.frame(simulation.frame(), before.elapsed(), results.last());
+    }
+    // A writer that failed tells why when all is finished.
+    let _ = results.checkpoint(simulation, true);
+    progress.end();
+    let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
+    Ok(results.finish(simulation, settings, interrupted, chosen)?)
+}
+
+/// What was asked for, for the report.
+fn settings(arguments: &Arguments) -> Vec<(String, String)> {
+    let scene = match arguments.meshes.are_given() {
+        true => "scene.toml, made of the meshes named".to_owned(),
+        false => arguments
+            .scene
+            .clone()
+            .unwrap_or_else(|| FIRST_SCENE.to_owned()),
+    };
+    let mut all = vec![("scene".to_owned(), scene)];
+    all.extend(
+        arguments
+            .set
+            .iter()
+            .map(|change| ("--set".to_owned(), change.clone())),
+    );
+    all.extend(
+        arguments
+            .frames
+            .map(|n| ("--frames".to_owned(), n.to_string())),
+    );
+    all.push((
+        "threads".to_owned(),
+        rayon::current_num_threads().to_string(),
+    ));
+    all.push(("pliant".to_owned(), env!("CARGO_PKG_VERSION").to_owned()));
+    all
+}
+
+/// A flag that Ctrl-C raises, which says what happens then; a second Ctrl-C ends the process at once.
+pub(super) fn stop_on_interrupt(what: &'static str) -> Arc<AtomicBool> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let raised = stop.clone();
+    let set = ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            // Files appear whole or not at all, so that nothing is lost but what was not begun.
+            std::process::exit(INTERRUPTED.into());
+        }
+        warn(&format!("{what}; press Ctrl-C again to stop at once"));
+    });
+    if let Err(error) = set {
+        warn(&format!(
+            "note: Ctrl-C will end the run without its last files: {error}"
+        ));
+    }
+    stop
+}
+
+fn exit_code(summary: &Summary, strict: bool) -> u8 {
+    if summary.interrupted {
+        INTERRUPTED
+    } else if summary.stopped() || (strict && !summary.converged) {
+        FAILED
+    } else {
+        DONE
+    }
+}
+
+/// What a person wants to know at the end.
+fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
+    let Summary {
+        frames,
+        frames_wanted,
+        time,
+        ..
+    } = summary;
+    let mut text = format!(
+        "{}: {frames} of {frames_wanted} frames in {:.1} s ({:.1} ms a frame){}\n\n",
+        summary.scene,
+        time.total_s,
+        time.frame_ms_median,
+        if summary.interrupted {
+            ", interrupted"
+        } else {
+            ""
+        }
+    );
+    let row = |v: &crate::report::summary::Verdict| {
+        let mark = if v.kept { "pass" } else { "FAIL" };
+        vec![
+            mark.to_owned(),
+            v.muscle.clone(),
+            v.promise.clone(),
+            v.found.clone(),
+        ]
+    };
+    text.push_str(&columns(
+        &summary.verdicts.iter().map(row).collect::<Vec<_>>(),
+        &[],
+    ));
+    text.push('\n');
+    for m in &summary.muscles {
+        text.push_str(&format!(
+            "  {}: {} vertices, {} held; edge stretch rms {:.2} % at worst (frame {}), {:.2} % at the end\n",
+            m.name,
+            m.vertices,
+            m.vertices_attached,
+            m.edge_stretch_rms_worst * 100.0,
+            m.worst_frame,
+            m.edge_stretch_rms_end * 100.0
+        ));
+    }
+    for note in &summary.notes {
+        text.push_str(&format!("  note: {note}\n"));
+    }
+    let pvd = folder.join(format!("{}.pvd", file_name(&summary.scene)));
+    let page = folder.join("report.html");
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
+        folder.display(),
+        page.display(),
+        pvd.display()
+    ));
+    text
+}

@@ -1,0 +1,73 @@
+//! `pliant scenes`: the scenes that need no file.
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::{DONE, columns, say, say_json};
+use pliant::scene::builtin::{BUILTIN, builtin, load};
+
+/// List the built-in scenes, or show one
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant scenes
+  pliant scenes show hip > my.toml")]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Write the result as JSON
+    #[arg(long, global = true)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Print the TOML of a built-in scene
+    #[command(after_help = "Example:\n  pliant scenes show hip > my.toml")]
+    Show {
+        /// Name of the scene
+        name: String,
+    },
+}
+
+#[derive(Serialize)]
+struct Listed {
+    name: &'static str,
+    about: &'static str,
+}
+
+#[derive(Serialize)]
+struct Shown<'a> {
+    name: &'a str,
+    toml: &'static str,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    match &arguments.command {
+        None if arguments.json => {
+            let listed = BUILTIN
+                .iter()
+                .map(|&(name, _, about)| Listed { name, about });
+            say_json(&listed.collect::<Vec<_>>());
+        }
+        None => {
+            let row =
+                |&(name, _, about): &(&str, &str, &str)| vec![name.to_owned(), about.to_owned()];
+            say(&columns(&BUILTIN.iter().map(row).collect::<Vec<_>>(), &[]));
+        }
+        Some(Command::Show { name }) => match builtin(name) {
+            Some(toml) if arguments.json => say_json(&Shown { name, toml }),
+            Some(toml) => say(toml),
+            // The error of loading it names the scenes that there are.
+            None => {
+                load(name, &[])?;
+                let hint = "`pliant scenes` lists those that need no file";
+                return Err(Failure::usage(
+                    format!("`{name}` is a file, not a built-in scene"),
+                    hint,
+                ));
+            }
+        },
+    }
+    Ok(DONE)
+}

@@ -1,0 +1,499 @@
+//! `pliant springs`: a mass-spring system to rest.
+
+mod built;
+mod nearing;
+mod pictures;
+mod written;
+
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::failure::Failure;
+use super::progress::Bar;
+use super::run::stop_on_interrupt;
+use super::{DONE, FAILED, INTERRUPTED, columns, say, say_json, warn};
+use crate::report::folder::Folder;
+use built::Built;
+use nearing::Nearing;
+use pliant::format::number;
+use pliant::io::names::file_name;
+use pliant::springs::Neighbours;
+use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
+use pliant::springs::rest::{End, Rest, Settled, settle_by};
+use pliant::springs::stability::{Mode, Stiffest, limit, stiffest};
+use written::Record;
+
+/// Steps at most where nothing else is said; and without damping, where they only show how it swings.
+const STEPS: u32 = 10_000;
+const UNDAMPED_STEPS: u32 = 1000;
+
+/// Why it is not at rest without damping.
+const NEVER: &str =
+    "without damping it never comes to rest: give --damping, or leave it out for the estimate";
+
+/// Run a mass-spring system to rest: one from a file, or a lattice
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant springs examples/lattice-5x5x5.springs
+  pliant springs examples/lattice-5x5x5.springs --mass 8 --damping 9 --dt 0.01 --every 50
+  pliant springs --lattice 10x10x10 --neighbours 26
+  pliant springs --lattice 5x5x5 --integrator implicit --dt 0.5 --json > rest.json
+
+A file holds points, surface triangles, springs with stiffness, fibres and attachment areas as text; docs/springs.md has the
+format. Its springs are at rest as loaded, so the system is disturbed first: points of the surface are moved towards the
+centre by --shrink and held there, the others follow. A lattice has stiffness 1/L [N/m] for springs of length L [m]. The
+damping is, if not given, the thesis's estimate; the step half of the longest stable one, which is computed before the first
+step: a longer one is refused. Numbers of files have no units and are read as m, kg, s.
+
+Results in pliant-out/NAME-springs: start.vtp, end.vtp and pictures of them (with --every frames/*.vtp and NAME.pvd),
+measures.csv, summary.json, report.html. Exit codes: 0 at rest; 1 not at rest within the steps, or a step failed; 2 bad usage or input;
+130 after Ctrl-C.")]
+pub(super) struct Arguments {
+    /// A file of a spring system
+    #[arg(conflicts_with = "lattice")]
+    file: Option<PathBuf>,
+    /// A block of points in place of a file, such as 50x50x50
+    #[arg(long, value_name = "NxNxN", value_parser = built::sides)]
+    lattice: Option<[usize; 3]>,
+    /// Neighbours that each point of a lattice is joined to: 6 or 26 [default: 6]
+    #[arg(long, value_name = "N", requires = "lattice", conflicts_with = "file", value_parser = neighbours)]
+    neighbours: Option<Neighbours>,
+    /// Longest side of a lattice [m] [default: 1]
+    #[arg(long, value_name = "LENGTH", requires = "lattice", conflicts_with = "file", allow_negative_numbers = true, value_parser = positive)]
+    side: Option<f64>,
+    /// Mass of each point [kg]
+    #[arg(long, value_name = "M", default_value = "1", allow_negative_numbers = true, value_parser = positive)]
+    mass: f64,
+    /// Force against the velocity of each point [N s/m] [default: the estimate (7.2)]
+    #[arg(long, value_name = "C", allow_negative_numbers = true, value_parser = not_negative)]
+    damping: Option<f64>,
+    /// Step [s] [default: half of the longest stable one]
+    #[arg(long, value_name = "DT", allow_negative_numbers = true, value_parser = positive)]
+    dt: Option<f64>,
+    /// How steps are made
+    #[arg(long, value_name = "NAME", default_value = "verlet", value_parser = INTEGRATORS)]
+    integrator: String,
+    /// Let the step grow while it is stable; halve it and do it again where it is not
+    #[arg(long)]
+    adaptive: bool,
+    /// Points that are held: those of the surface, or none
+    #[arg(long, value_name = "WHICH", default_value = "surface", value_parser = ["surface", "none"])]
+    pin: String,
+    /// Share of the way to the centre that points of the surface are moved at the start
+    #[arg(long, value_name = "SHARE", default_value = "0.02", allow_negative_numbers = true, value_parser = share)]
+    shrink: f64,
+    /// It is at rest when no force is above this share of what a strain of one would give, and motion is as small
+    #[arg(long, value_name = "SHARE", default_value = "1e-6", allow_negative_numbers = true, value_parser = tolerance)]
+    tolerance: f64,
+    /// Steps at most [default: 10000; without any damping 1000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
+    steps: Option<u32>,
+    /// Also write a frame every N steps
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    every: Option<u32>,
+    /// Folder of the results [default: pliant-out/NAME-springs]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Write the result as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+fn neighbours(text: &str) -> Result<Neighbours, String> {
+    match text {
+        "6" => Ok(Neighbours::Six),
+        "26" => Ok(Neighbours::TwentySix),
+        _ => Err("a point has 6 or 26 neighbours".to_owned()),
+    }
+}
+
+fn parsed(text: &str, fits: impl Fn(f64) -> bool, wanted: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|n: &f64| n.is_finite() && fits(*n))
+        .ok_or_else(|| format!("expected {wanted}"))
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    parsed(text, |n| n > 0.0, "a positive number")
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    parsed(text, |n| n >= 0.0, "a number of at least 0")
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    parsed(
+        text,
+        |n| (-1.0..1.0).contains(&n),
+        "a share from -1 to less than 1, such as 0.02",
+    )
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    parsed(
+        text,
+        |n| n > 0.0 && n < 1.0,
+        "a share between 0 and 1, such as 1e-6",
+    )
+}
+
+/// What a run found.
+#[derive(Default, Serialize)]
+struct Summary {
+    name: String,
+    points: usize,
+    points_held: usize,
+    springs: usize,
+    neighbours: u32,
+    integrator: String,
+    adaptive: bool,
+    mass_kg: f64,
+    damping_ns_m: f64,
+    damping_estimate_ns_m: Option<f64>,
+    dt_s: f64,
+    stability_limit_s: Option<f64>,
+    stability_limit_of_row_sums_s: Option<f64>,
+    stiffest_1_s2: f64,
+    at_rest: bool,
+    end: String,
+    steps: usize,
+    steps_wanted: usize,
+    time_s: f64,
+    residual_force_n: f64,
+    residual_force_allowed_n: f64,
+    kinetic_energy_j: f64,
+    kinetic_energy_allowed_j: f64,
+    spring_energy_j: f64,
+    wall_s: f64,
+    notes: Vec<String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
+    }
+    let stop = stop_on_interrupt("stopping after this step");
+    let begun = Instant::now();
+    let mut built = match (&arguments.file, arguments.lattice) {
+        (Some(file), _) => Built::of_file(file, arguments.mass)?,
+        (None, Some(sides)) => {
+            let neighbours = arguments.neighbours.unwrap_or(Neighbours::Six);
+            Built::of_lattice(
+                sides,
+                neighbours,
+                arguments.side.unwrap_or(1.0),
+                arguments.mass,
+            )?
+        }
+        (None, None) => {
+            let hint = "name a file, as examples/lattice-5x5x5.springs, or give --lattice 10x10x10";
+            return Err(Failure::usage("nothing to run", hint));
+        }
+    };
+    let estimate = built.estimate();
+    built.system.damping = match arguments.damping.or(estimate) {
+        Some(damping) => damping,
+        None => {
+            return Err(Failure::usage(
+                "no damping can be estimated for such springs",
+                "give it with --damping",
+            ));
+        }
+    };
+    // Of the shape at rest: where the surface is moved the springs inside are softer.
+    let stiffest = stiffest(&built.system);
+    let Chosen {
+        integrator,
+        dt,
+        longest,
+    } = chosen(arguments, &stiffest)?;
+    let rest = Rest::share_of(&built.system, arguments.tolerance);
+    built.disturb(arguments.shrink, arguments.pin == "surface");
+    let path = arguments.out.clone();
+    let path = path.unwrap_or_else(|| {
+        PathBuf::from("pliant-out").join(format!("{}-springs", file_name(&built.name)))
+    });
+    let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
+    // These two damp by themselves.
+    let damps = ["bdf2", "implicit"].contains(&integrator.name());
+    let undamped = !damps && built.system.damping == 0.0;
+    if undamped {
+        warn(
+            "note: without damping nothing comes to rest, it swings for ever; give --damping, or leave it out for the estimate",
+        );
+    }
+    let steps = arguments
+        .steps
+        .unwrap_or(if undamped { UNDAMPED_STEPS } else { STEPS }) as usize;
+    let bar = Bar::new(steps);
+    let mut nearing = Nearing::new(steps, rest);
+    let settled = advance(
+        arguments.adaptive,
+        steps,
+        &mut built,
+        integrator,
+        dt,
+        rest,
+        |system, step| {
+            record.step(system, step);
+            bar.step(step);
+            nearing.step(step);
+            !stop.load(Ordering::Relaxed)
+        },
+    );
+    bar.end();
+    let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
+    summary.steps_wanted = steps;
+    if settled.end == End::Steps {
+        summary.notes.push(if undamped {
+            NEVER.to_owned()
+        } else {
+            nearing.hint()
+        });
+    }
+    (
+        summary.damping_estimate_ns_m,
+        summary.dt_s,
+        summary.stability_limit_s,
+    ) = (estimate, dt, longest);
+    (summary.time_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
+    record.finish(&built, &summary)?;
+    tell(arguments, &summary, &path);
+    Ok(match settled.end {
+        End::Rest => DONE,
+        End::Stopped => INTERRUPTED,
+        End::Steps | End::Failed(_) => FAILED,
+    })
+}
+
+/// What a run found, but for times, the step and what was estimated.
+fn summary(
+    arguments: &Arguments,
+    built: &Built,
+    stiffest: &Stiffest,
+    settled: &Settled,
+    rest: &Rest,
+) -> Summary {
+    let rows = Stiffest {
+        mode: Mode {
+            square: stiffest.bound,
+            ..stiffest.mode
+        },
+        ..*stiffest
+    };
+    let of_rows = by_name(&arguments.integrator)
+        .map(|by| limit(&*by, &rows))
+        .filter(|l| l.is_finite());
+    Summary {
+        name: built.name.clone(),
+        points: built.system.len(),
+        points_held: built.system.pinned().iter().filter(|p| **p).count(),
+        springs: built.lines.len(),
+        neighbours: built.neighbours.count(),
+        integrator: arguments.integrator.clone(),
+        adaptive: arguments.adaptive,
+        mass_kg: arguments.mass,
+        damping_ns_m: built.system.damping,
+        stability_limit_of_row_sums_s: of_rows,
+        stiffest_1_s2: stiffest.mode.square,
+        at_rest: settled.end == End::Rest,
+        end: in_words(settled, rest),
+        steps: settled.steps,
+        residual_force_n: settled.last.residual,
+        residual_force_allowed_n: rest.force,
+        kinetic_energy_j: settled.last.energy.kinetic,
+        kinetic_energy_allowed_j: rest.energy,
+        spring_energy_j: settled.last.energy.stored,
+        notes: built.notes.clone(),
+        ..Summary::default()
+    }
+}
+
+/// What makes the steps.
+struct Chosen {
+    integrator: Box<dyn Integrator>,
+    /// Step [s].
+    dt: f64,
+    /// Longest stable step [s].
+    longest: Option<f64>,
+}
+
+/// The integrator and its step; refuses one that is too long.
+fn chosen(arguments: &Arguments, stiffest: &Stiffest) -> Result<Chosen, Failure> {
+    let name = &arguments.integrator;
+    let Some(integrator) = by_name(name) else {
+        return Err(Failure::usage(
+            format!("no integrator is called {name}"),
+            INTEGRATORS.join(", "),
+        ));
+    };
+    let longest = limit(&*integrator, stiffest);
+    let step = if longest.is_finite() {
+        0.5 * longest
+    } else {
+        5.0 * limit(&Verlet::default(), stiffest)
+    };
+    // Where nothing moves any step does.
+    let step = if step.is_finite() { step } else { 1.0 };
+    let dt = arguments.dt.unwrap_or(step);
+    if !(dt > 0.0) {
+        let (message, hint) = if stiffest.mode.drag > 0.0 {
+            (
+                format!("{name}: the longest stable step is too small for a number"),
+                "give a greater --mass",
+            )
+        } else {
+            (
+                format!("{name}: no step is stable without damping"),
+                "give --damping, or take another integrator",
+            )
+        };
+        return Err(Failure::usage(message, hint));
+    }
+    if dt >= longest && !arguments.adaptive {
+        let message = format!(
+            "a step of {} s is not stable: {name} needs less than {} s here",
+            number(dt),
+            number(longest)
+        );
+        return Err(Failure::usage(
+            message,
+            "take a shorter --dt, --adaptive, or --integrator implicit",
+        ));
+    }
+    Ok(Chosen {
+        integrator,
+        dt,
+        longest: longest.is_finite().then_some(longest),
+    })
+}
+
+fn advance(
+    is_adaptive: bool,
+    steps: usize,
+    built: &mut Built,
+    mut integrator: Box<dyn Integrator>,
+    dt: f64,
+    rest: Rest,
+    mut watch: impl FnMut(&pliant::springs::SpringSystem, &pliant::springs::rest::StepRecord) -> bool,
+) -> Settled {
+    let system = &mut built.system;
+    if is_adaptive {
+        let mut adaptive = Adaptive::new(integrator, dt);
+        settle_by(
+            system,
+            |system| adaptive.step(system).map(|a| a.dt),
+            rest,
+            steps,
+            &mut watch,
+        )
+    } else {
+        settle_by(
+            system,
+            |system| integrator.step(system, dt).map(|()| dt),
+            rest,
+            steps,
+            &mut watch,
+        )
+    }
+}
+
+fn in_words(settled: &Settled, rest: &Rest) -> String {
+    let last = &settled.last;
+    let left = format!(
+        "force {} N (allowed {}), motion {} J (allowed {})",
+        number(last.residual),
+        number(rest.force),
+        number(last.energy.kinetic),
+        number(rest.energy)
+    );
+    match settled.end {
+        End::Rest => format!("at rest after {} steps: {left}", settled.steps),
+        End::Steps => format!("not at rest after {} steps: {left}", settled.steps),
+        End::Stopped => format!("stopped after {} steps: {left}", settled.steps),
+        End::Failed(error) => format!("failed after {} steps: {error}", settled.steps),
+    }
+}
+
+fn tell(arguments: &Arguments, summary: &Summary, path: &std::path::Path) {
+    if arguments.json {
+        return say_json(summary);
+    }
+    let seconds = |limit: Option<f64>| {
+        limit.map_or("none: every step is stable".to_owned(), |s| {
+            format!("{} s", number(s))
+        })
+    };
+    let estimate = summary
+        .damping_estimate_ns_m
+        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
+    let rows = [
+        (
+            "system",
+            format!(
+                "{} points ({} held), {} springs",
+                summary.points, summary.points_held, summary.springs
+            ),
+        ),
+        (
+            "damping",
+            format!("{} N s/m{estimate}", number(summary.damping_ns_m)),
+        ),
+        (
+            "stability limit",
+            format!(
+                "{} of {}",
+                seconds(summary.stability_limit_s),
+                summary.integrator
+            ),
+        ),
+        (
+            "step",
+            format!(
+                "{} s{}",
+                number(summary.dt_s),
+                if summary.adaptive {
+                    " at the start"
+                } else {
+                    ""
+                }
+            ),
+        ),
+        ("end", summary.end.clone()),
+    ];
+    let rows: Vec<Vec<String>> = rows
+        .into_iter()
+        .map(|(name, value)| vec![name.to_owned(), value])
+        .collect();
+    let mut text = format!("{}\n{}", summary.name, columns(&rows, &[]));
+    summary
+        .notes
+        .iter()
+        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
+    let report = path.join("report.html");
+    text.push_str(&format!(
+        "\nResults in {}\n  open {} in a browser\n",
+        path.display(),
+        report.display()
+    ));
+    say(&text);
+    if !summary.at_rest {
+        warn(&format!("note: {}", summary.end));
+        summary
+            .notes
+            .iter()
+            .filter(|note| note.contains("--"))
+            .for_each(|note| warn(&format!("note: {note}")));
+    }
+}

@@ -1,0 +1,280 @@
+//! Files of a run of a spring system.
+
+use std::io::{self, Write};
+
+use nalgebra::Point3;
+
+use super::super::failure::Failure;
+use super::Summary;
+use super::built::Built;
+use super::pictures::Shown;
+use crate::report::folder::{Folder, FolderError};
+use crate::report::{LinePlot, Report, Table};
+use pliant::format::number;
+use pliant::io::names::file_name;
+use pliant::io::pvd::{Collection, Entry};
+use pliant::io::vtp::{self, PolyData};
+use pliant::springs::SpringSystem;
+use pliant::springs::rest::StepRecord;
+
+/// Rows of the table of steps at most; a longer run keeps every second, and so on.
+const MOST_ROWS: usize = 20_000;
+
+/// Points of a plotted line at most.
+const MOST_POINTS: usize = 1000;
+
+/// What is remembered and written of a run.
+pub(super) struct Record {
+    folder: Folder,
+    name: String,
+    start: Vec<Point3<f64>>,
+    lines: Vec<Vec<u32>>,
+    triangles: Vec<[u32; 3]>,
+    shown: Shown,
+    rows: Vec<(StepRecord, f64)>,
+    stride: usize,
+    time: f64,
+    every: Option<u32>,
+    series: Collection,
+    failed: Option<FolderError>,
+}
+
+impl Record {
+    /// Begins with the start, which it writes.
+    pub(super) fn begin(
+        folder: Folder,
+        built: &Built,
+        every: Option<u32>,
+    ) -> Result<Self, Failure> {
+        let mut record = Self {
+            folder,
+            name: file_name(&built.name),
+            start: built.positions().to_vec(),
+            lines: built.lines.iter().map(|ends| ends.to_vec()).collect(),
+            triangles: built.triangles.clone(),
+            shown: Shown::behind_cut(built.positions(), &built.lines, &built.rest),
+            rows: Vec::new(),
+            stride: 1,
+            time: 0.0,
+            every,
+            series: Collection::new(),
+            failed: None,
+        };
+        record.put("start.vtp", &built.system)?;
+        if every.is_some() {
+            record.frame(&built.system, 0)?;
+        }
+        Ok(record)
+    }
+
+    /// Time that was run [s].
+    pub(super) fn time(&self) -> f64 {
+        self.time
+    }
+
+    /// Takes a step; a frame that cannot be written is told at the end.
+    pub(super) fn step(&mut self, system: &SpringSystem, step: &StepRecord) {
+        self.time += step.dt;
+        if step.step.is_multiple_of(self.stride) {
+            self.rows.push((*step, self.time));
+        }
+        if self.rows.len() > MOST_ROWS {
+            self.stride *= 2;
+            let stride = self.stride;
+            self.rows.retain(|(row, _)| row.step.is_multiple_of(stride));
+        }
+        let due = self
+            .every
+            .is_some_and(|every| step.step.is_multiple_of(every as usize));
+        if due && self.failed.is_none() {
+            self.failed = self.frame(system, step.step).err();
+        }
+    }
+
+    fn frame(&mut self, system: &SpringSystem, step: usize) -> Result<(), FolderError> {
+        let file = format!("frames/{}_{step:06}.vtp", self.name);
+        self.put(&file, system)?;
+        self.series.push(Entry {
+            time: self.time,
+            part: 0,
+            name: self.name.clone(),
+            file,
+        });
+        Ok(())
+    }
+
+    fn put(&self, file: &str, system: &SpringSystem) -> Result<(), FolderError> {
+        let moved = system
+            .position
+            .iter()
+            .zip(&self.start)
+            .flat_map(|(x, start)| <[f64; 3]>::from(x - start));
+        let data = PolyData {
+            points: &system.position,
+            triangles: &self.triangles,
+            lines: &self.lines,
+            point_data: vec![
+                ("displacement_m", moved.collect()),
+                (
+                    "speed_m_s",
+                    system.velocity.iter().map(|v| v.norm()).collect(),
+                ),
+                (
+                    "held",
+                    system
+                        .pinned()
+                        .iter()
+                        .map(|p| f64::from(u8::from(*p)))
+                        .collect(),
+                ),
+            ],
+        };
+        let path = self.folder.claim(file)?;
+        vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
+    }
+
+    /// Writes the rest.
+    pub(super) fn finish(mut self, built: &Built, summary: &Summary) -> Result<(), Failure> {
+        if let Some(error) = self.failed.take() {
+            return Err(error.into());
+        }
+        let mut states = vec![("start", &self.start[..])];
+        if built.system.first_non_finite().is_none() {
+            self.put("end.vtp", &built.system)?;
+            states.push(("end", built.positions()));
+        }
+        let pictures = self.pictures(&states)?;
+        if self.every.is_some() {
+            let path = self.folder.claim(&format!("{}.pvd", self.name))?;
+            self.series
+                .write(&path)
+                .map_err(|source| FolderError::Io { path, source })?;
+        }
+        self.folder.write("measures.csv", |w| self.write_rows(w))?;
+        let report = Report {
+            pictures,
+            ..self.report(summary)
+        };
+        self.folder
+            .write("report.html", |w| w.write_all(report.to_html().as_bytes()))?;
+        let json = serde_json::to_string_pretty(summary).unwrap_or_default();
+        self.folder
+            .write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        Ok(())
+    }
+
+    /// Draws each state and writes it; with its caption for the report.
+    fn pictures(
+        &self,
+        states: &[(&str, &[Point3<f64>])],
+    ) -> Result<Vec<(String, Vec<u8>)>, FolderError> {
+        let drawn = self.shown.pictures(states);
+        let drawn = drawn.map_err(|e| FolderError::Io {
+            path: self.folder.path().into(),
+            source: io::Error::other(e),
+        })?;
+        let mut pictures = Vec::new();
+        for ((name, _), png) in states.iter().zip(drawn) {
+            self.folder
+                .write(&format!("{name}.png"), |w| w.write_all(&png))?;
+            pictures.push((
+                format!("{name}: springs behind a cut through the middle, coloured by strain"),
+                png,
+            ));
+        }
+        Ok(pictures)
+    }
+
+    fn write_rows(&self, w: &mut impl Write) -> io::Result<()> {
+        writeln!(
+            w,
+            "step,time_s,dt_s,greatest_move_m,kinetic_energy_j,spring_energy_j,residual_force_n"
+        )?;
+        for (r, time) in &self.rows {
+            let (step, dt, energy) = (r.step, r.dt, r.energy);
+            let (moved, kinetic, stored, residual) =
+                (r.greatest_move, energy.kinetic, energy.stored, r.residual);
+            writeln!(
+                w,
+                "{step},{time:?},{dt:?},{moved:?},{kinetic:?},{stored:?},{residual:?}"
+            )?;
+        }
+        Ok(())
+    }
+
+    fn report(&self, s: &Summary) -> Report {
+        let limit = s
+            .stability_limit_s
+            .map_or("none".to_owned(), |l| format!("{} s", number(l)));
+        let mut table = Table::new("Settings", ["name", "value"]);
+        for (name, value) in [
+            (
+                "points",
+                format!("{}, {} of them held", s.points, s.points_held),
+            ),
+            ("springs", s.springs.to_string()),
+            (
+                "integrator",
+                s.integrator.clone() + if s.adaptive { ", adaptive step" } else { "" },
+            ),
+            ("mass of a point", format!("{} kg", number(s.mass_kg))),
+            ("damping", format!("{} N s/m", number(s.damping_ns_m))),
+            ("step", format!("{} s", number(s.dt_s))),
+            ("stability limit", limit),
+            (
+                "stiffest motion",
+                format!("{} 1/s2", number(s.stiffest_1_s2)),
+            ),
+            ("time that was run", format!("{} s", number(s.time_s))),
+        ] {
+            table.row([name.to_owned(), value]);
+        }
+        let stable = s.stability_limit_s.is_none_or(|limit| s.dt_s < limit) || s.adaptive;
+        Report {
+            title: format!("{}: a spring system", s.name),
+            subtitle: format!("{} steps, {} s of computing", s.steps, number(s.wall_s)),
+            verdict: vec![
+                (s.end.clone(), s.at_rest),
+                (
+                    "the step is below the stability limit, or adapts".to_owned(),
+                    stable,
+                ),
+            ],
+            plots: self.plots(s),
+            tables: vec![table],
+            notes: s.notes.clone(),
+            ..Report::default()
+        }
+    }
+
+    fn plots(&self, s: &Summary) -> Vec<LinePlot> {
+        let line = |value: &dyn Fn(&StepRecord) -> f64| {
+            let each = self.rows.len().div_ceil(MOST_POINTS).max(1);
+            let points: Vec<(f64, f64)> = self
+                .rows
+                .iter()
+                .map(|(r, _)| (r.step as f64, value(r)))
+                .collect();
+            let greatest = |some: &[(f64, f64)]| {
+                some.iter()
+                    .copied()
+                    .reduce(|a, b| if b.1 > a.1 { b } else { a })
+            };
+            points.chunks(each).filter_map(greatest).collect::<Vec<_>>()
+        };
+        let plot = |title: &str| LinePlot::new(title, "step").logarithmic();
+        let mut plots = vec![
+            plot("Energy [J]")
+                .with("kinetic", line(&|r| r.energy.kinetic))
+                .with("springs", line(&|r| r.energy.stored)),
+            plot("Greatest force on a free point [N]")
+                .with("force", line(&|r| r.residual))
+                .with_limit("at rest", s.residual_force_allowed_n),
+            plot("Greatest move in a step [m]").with("move", line(&|r| r.greatest_move)),
+        ];
+        if s.adaptive {
+            plots.push(plot("Step [s]").with("step", line(&|r| r.dt)));
+        }
+        plots
+    }
+}

@@ -1,0 +1,245 @@
+//! `pliant study`: every combination of lists of values over a scene, in one table and on one sheet of pictures.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::time::Instant;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::failure::Failure;
+use super::run::stop_on_interrupt;
+use super::{DONE, INTERRUPTED, say, say_json, warn};
+use crate::report::Table;
+use crate::report::folder::Folder;
+use crate::study::combinations::in_words;
+use crate::study::running::missing;
+use crate::study::{Combination, Combinations, Findings, Outcome, Watch, execute, findings};
+use pliant::io::names::file_name;
+use pliant::scene::{StudyFile, overrides};
+
+/// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant study examples/press-study.toml --dry-run
+  pliant study examples/press-study.toml
+  pliant study my-study.toml --set frames=50 --out short --json > short.json
+
+A study file:
+  scene = \"press\"                        # a built-in scene, or a file beside this one
+  frames = [1, 50, 100]                  # columns of the sheet
+  [set]                                  # optional: changes of all runs, as with --set
+  \"solver\" = \"pbd\"
+  [vary]                                 # every combination of these
+  \"solver.pbd.iterations\" = [1, 3, 10]
+  \"effects.gravity\" = [\"off\", \"on\"]
+  [reference]                            # optional: each run is compared with itself so changed
+  \"solver.pbd.iterations\" = 100
+Also: name; combine = \"one at a time\"; measures = [\"time_s\", ...]. See docs/studies.md.
+
+Results in pliant-out/NAME-study: report.html, sheet.png, study.csv, study.json, and runs/*.json, which a second call
+takes as they are where nothing that they depend on has changed. Exit code 130 after Ctrl-C: finished runs are kept.")]
+pub(super) struct Arguments {
+    /// The study file
+    file: String,
+    /// Folder of the results [default: pliant-out/NAME-study]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = overrides::HELP)]
+    set: Vec<String>,
+    /// Number of threads, and so of runs at once [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Run everything again, also what is finished
+    #[arg(long)]
+    fresh: bool,
+    /// Only list the runs and the time that they are expected to take
+    #[arg(long)]
+    dry_run: bool,
+    /// Write the result as JSON to standard output, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let stop = stop_on_interrupt("stopping after this frame");
+    let cores = std::thread::available_parallelism().map_or(1, Into::into);
+    let threads = arguments.threads.map_or(cores, usize::from);
+    // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+    let _ = rayon::ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build_global();
+    let file = StudyFile::read(&arguments.file, &arguments.set, &findings::names())?;
+    let study = Combinations::of(&file)?;
+    let path = arguments.out.clone().unwrap_or_else(|| {
+        let name = file_name(&study.name);
+        PathBuf::from("pliant-out").join(format!(
+            "{}-study",
+            name.strip_suffix("-study").unwrap_or(&name)
+        ))
+    });
+    let mut wanted = missing(&study, (!arguments.fresh).then_some(path.as_path()));
+    if arguments.dry_run {
+        list(&study, &wanted, threads, arguments.json);
+        return Ok(DONE);
+    }
+    let folder =
+        Folder::open_keeping(&path, &|file| !arguments.fresh && file.starts_with("runs/"))?;
+    // Longest first, so that none is left to run alone at the end.
+    let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
+    wanted.sort_by(|&a, &b| expected[b].total_cmp(&expected[a]).then(a.cmp(&b)));
+    let said = Said::new(&study, &wanted, stop.clone());
+    let taken = study.all.len() - wanted.len();
+    if taken > 0 {
+        warn(&format!(
+            "{taken} of {} runs are finished already",
+            study.all.len()
+        ));
+    }
+    execute(&study, &wanted, &folder, threads, &said)?;
+    said.end();
+    let found = Findings::of(&study, folder.path());
+    let sheets = found.write(&folder)?;
+    if arguments.json {
+        say_json(&found.to_json());
+    } else {
+        let mut text = format!("{}\n", found.table().to_text());
+        let file = |name: &str| path.join(name).display().to_string();
+        text.push_str(&format!(
+            "\nResults in {}\n  open {} in a browser\n",
+            path.display(),
+            file("report.html")
+        ));
+        sheets
+            .first()
+            .into_iter()
+            .for_each(|name| text.push_str(&format!("  pictures: {}\n", file(name))));
+        if found.interrupted {
+            text.push_str("  not complete: the same command goes on where this one stopped\n");
+        }
+        say(&text);
+    }
+    Ok(if found.interrupted { INTERRUPTED } else { DONE })
+}
+
+/// What would be run.
+fn list(study: &Combinations, wanted: &[usize], threads: usize, json: bool) {
+    let expected: Vec<f64> = study.all.iter().map(Combination::expected_s).collect();
+    let all: f64 = wanted.iter().map(|&k| expected[k]).sum();
+    let longest = wanted
+        .iter()
+        .map(|&k| expected[k])
+        .fold(0.0, |a: f64, b| if b > a { b } else { a });
+    let wall = longest.max(all / threads.clamp(1, wanted.len().max(1)) as f64);
+    let state = |k: usize| {
+        if wanted.contains(&k) {
+            "to run"
+        } else {
+            "finished"
+        }
+    };
+    if json {
+        let row = |(k, c): (usize, &Combination)| {
+            let (run, state) = (c.role.name(), state(k));
+            serde_json::json!({"label": c.label, "run": run, "state": state, "expected_s": expected[k]})
+        };
+        let rows: Vec<_> = study.all.iter().enumerate().map(row).collect();
+        return say_json(
+            &serde_json::json!({"study": study.name, "rows": rows, "expected_s": wall}),
+        );
+    }
+    let mut table = Table::new("", ["run", "state", "frames", "expected [s]"]);
+    for (k, c) in study.all.iter().enumerate() {
+        table.row([
+            c.label.clone(),
+            state(k).to_owned(),
+            c.frames().to_string(),
+            format!("{:.1}", expected[k]),
+        ]);
+    }
+    let count = wanted.len();
+    let plan = "by the plan, which does not know how much contact there will be";
+    say(&format!(
+        "{}\n{count} of {} to run, about {} on {threads} threads ({plan})\n",
+        table.to_text(),
+        study.all.len(),
+        in_words(wall)
+    ));
+}
+
+/// Says on standard error how far a study is: a bar on a terminal, a line for each finished run.
+struct Said {
+    stop: Arc<AtomicBool>,
+    bar: Option<ProgressBar>,
+    begun: Instant,
+    runs: usize,
+    done: AtomicUsize,
+    frames: usize,
+    frames_done: AtomicUsize,
+}
+
+impl Said {
+    fn new(study: &Combinations, wanted: &[usize], stop: Arc<AtomicBool>) -> Self {
+        let frames = wanted.iter().map(|&k| study.all[k].frames()).sum();
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let bar = ProgressBar::new(frames as u64);
+            let style = ProgressStyle::with_template("  {bar:30} {pos}/{len} frames  {eta} left");
+            bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar
+        });
+        let (runs, done, frames_done) = (wanted.len(), AtomicUsize::new(0), AtomicUsize::new(0));
+        Self {
+            stop,
+            bar,
+            begun: Instant::now(),
+            runs,
+            done,
+            frames,
+            frames_done,
+        }
+    }
+
+    fn end(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl Watch for Said {
+    fn frame(&self) {
+        self.frames_done.fetch_add(1, Ordering::Relaxed);
+        if let Some(bar) = &self.bar {
+            bar.inc(1);
+        }
+    }
+
+    fn done(&self, combination: &Combination, outcome: &Outcome) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        let text = format!(
+            "[{done}/{}] {}: {}, {}",
+            self.runs,
+            combination.label,
+            outcome.status(),
+            in_words(outcome.number("time_s"))
+        );
+        match &self.bar {
+            Some(bar) => bar.println(text),
+            None => {
+                let (frames, elapsed) = (
+                    self.frames_done.load(Ordering::Relaxed),
+                    self.begun.elapsed().as_secs_f64(),
+                );
+                let left =
+                    elapsed * self.frames.saturating_sub(frames) as f64 / frames.max(1) as f64;
+                warn(&format!("{text}; about {} left", in_words(left)));
+            }
+        }
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}

@@ -1,0 +1,136 @@
+//! `pliant view`: a window on a running scene, or on a finished run.
+
+use std::path::PathBuf;
+
+use super::failure::Failure;
+#[cfg(feature = "viewer")]
+use pliant_viewer::{Pace, Recipe, Replay, Session, StartError, window};
+
+/// What is shown when nothing is named.
+#[cfg(feature = "viewer")]
+const FIRST_SCENE: &str = "hip";
+
+/// Open a window on a running scene, and steer it: every number, bones, vertices, implants, nodes
+#[derive(Debug, clap::Args)]
+#[command(after_help = "\
+Examples:
+  pliant view
+  pliant view examples/right-hip.toml --set muscle.0.edge_length='6 mm'
+  pliant view flat-implant
+  pliant view examples/biceps.toml
+  pliant view --replay pliant-out/hip
+
+Mouse: left drag turns, Shift moves, Ctrl rolls, the wheel comes nearer; a click looks at a vertex, right drag pulls it. Keys:
+Space runs and pauses, . steps, R resets, H shows the first view, C changes the colouring, P saves a picture, G records; F1 lists
+all of them.
+
+The window needs a build with the feature: cargo run --release --features viewer -- view. Exit code 1: there is no display, no
+graphics card or driver, or this build has no window; 2: wrong usage or input.")]
+pub(super) struct Arguments {
+    /// A scene file, a muscle of frusta, or the name of a built-in scene [default: hip]
+    #[arg(conflicts_with = "replay")]
+    scene: Option<String>,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = pliant::scene::overrides::HELP, conflicts_with = "replay")]
+    set: Vec<String>,
+    /// Play the finished run in this folder, any frame, forward and back
+    #[arg(long, value_name = "DIR")]
+    replay: Option<PathBuf>,
+    /// Begin paused
+    #[arg(long)]
+    paused: bool,
+    /// Folder of pictures and recordings [default: pliant-out/NAME-pictures]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Width and height of the window in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
+    size: (u32, u32),
+    /// Write what the window shows to this file, a line of JSON a picture; for tests
+    #[arg(long, value_name = "FILE", hide = true)]
+    trace: Option<PathBuf>,
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+}
+
+/// A width and a height.
+fn size(text: &str) -> Result<(u32, u32), String> {
+    let parts = text.split_once(['x', 'X']);
+    let parsed = parts.and_then(|(w, h)| Some((w.trim().parse().ok()?, h.trim().parse().ok()?)));
+    let fits = |side: &u32| (200..=16_384).contains(side);
+    parsed
+        .filter(|(w, h)| fits(w) && fits(h))
+        .ok_or_else(|| "give width and height of 200 to 16384 pixels, such as 1280x800".to_owned())
+}
+
+/// Says that this build has no window.
+#[cfg(not(feature = "viewer"))]
+pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
+    super::warn(
+        "error: this build has no window; build it with `cargo build --release --features viewer`, or use `pliant run`, \
+         which writes pictures",
+    );
+    Ok(super::FAILED)
+}
+
+/// Opens the window and returns when it is closed.
+#[cfg(feature = "viewer")]
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    use pliant::io::names::file_name;
+    if let Some(threads) = arguments.threads {
+        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.into())
+            .build_global();
+    }
+    let pace = if arguments.paused {
+        Pace::paused()
+    } else {
+        Pace::real_time()
+    };
+    let name = match &arguments.replay {
+        Some(folder) => folder.display().to_string(),
+        None => arguments
+            .scene
+            .clone()
+            .unwrap_or_else(|| FIRST_SCENE.to_owned()),
+    };
+    let stem = std::path::Path::new(&name)
+        .file_stem()
+        .map_or_else(|| name.clone(), |s| s.to_string_lossy().into_owned());
+    let out = arguments.out.clone();
+    let options = window::Options {
+        folder: out.unwrap_or_else(|| {
+            PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))
+        }),
+        name: name.clone(),
+        stem,
+        size: arguments.size,
+        replayed: arguments.replay.is_some(),
+        trace: arguments.trace.clone(),
+    };
+    let shown = match &arguments.replay {
+        Some(folder) => {
+            let replay = Replay::open(folder).map_err(|error| Failure::Told(error.to_string()))?;
+            window::show(move || Session::of(Box::new(replay), pace), &options)
+        }
+        None => {
+            let recipe = Recipe::find(&name, &arguments.set)?;
+            window::show(move || Session::start(recipe, pace), &options)
+        }
+    };
+    match shown {
+        Ok(said) => {
+            said.into_iter().for_each(|said| super::warn(&said));
+            Ok(super::DONE)
+        }
+        Err(window::WindowError::Start(StartError::Scene(error))) => Err(error.into()),
+        Err(window::WindowError::Start(StartError::Load(error))) => Err(error.into()),
+        Err(window::WindowError::Start(error @ StartError::Muscle { .. })) => {
+            Err(Failure::Told(error.to_string()))
+        }
+        Err(error) => {
+            super::warn(&format!("error: {error}; {}", error.help()));
+            Ok(super::FAILED)
+        }
+    }
+}

@@ -1,0 +1,441 @@
+//! Fibres of a muscle as numbers, files, pictures and a page.
+
+mod pictures;
+
+use std::io::Write;
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::folder::{Folder, FolderError};
+use super::{Report, Table};
+use pliant::fibres::attachment::{Area, Attachment};
+use pliant::fibres::each::{Each, Tendon};
+use pliant::fibres::quality::Quality;
+use pliant::format::number;
+use pliant::io::vtp::{self, PolyData};
+use pliant::mesh::TriangleMesh;
+
+/// Farthest that an end may lie from its projected area [m].
+pub const AT_AREA: f64 = 1e-5;
+/// Share of the volume that should lie within one mean spacing of a fibre.
+pub const COVERED: f64 = 0.95;
+/// Rows of the table of fibres in the report; fibres.csv has all.
+const ROWS: usize = 100;
+
+/// The files that are written.
+pub const FILES: [&str; 9] = [
+    "fibres.vtp",
+    "muscle.vtp",
+    "fibres.csv",
+    "points.csv",
+    "summary.json",
+    "broad.png",
+    "narrow.png",
+    "sections.png",
+    "report.html",
+];
+
+/// What is told of fibres in numbers.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Name of the muscle.
+    pub muscle: String,
+    /// Name of the method.
+    pub method: String,
+    /// Name of the template, of a method that has one.
+    pub template: Option<String>,
+    /// What is measured.
+    #[serde(flatten)]
+    pub quality: Quality,
+    /// Time of the decomposition, without reading and projecting areas [s].
+    pub time_s: f64,
+    /// Vertices of the muscle.
+    pub vertices: usize,
+    /// Volume that it encloses, holes closed [m3].
+    pub volume_m3: f64,
+    /// Physiological cross-section: volume over mean length of the fibres [m2].
+    pub cross_section_m2: f64,
+    /// Shortest fibre [m].
+    pub length_min_m: f64,
+    /// Longest fibre [m].
+    pub length_max_m: f64,
+    /// Area of the origin on the muscle [m2].
+    pub origin_area_m2: f64,
+    /// Area of the insertion on the muscle [m2].
+    pub insertion_area_m2: f64,
+    /// Greatest distance of a vertex of the origin to what it was given by [m].
+    pub origin_distance_max_m: f64,
+    /// Greatest distance of a vertex of the insertion to what it was given by [m].
+    pub insertion_distance_max_m: f64,
+    /// Lines on the surface that were followed.
+    pub lines: usize,
+    /// Greatest distance of a point of those lines to the surface before [m].
+    pub lines_distance_max_m: f64,
+    /// Passes of smoothing.
+    pub smooth_steps: u32,
+    /// Share of the way that a point moves in a pass.
+    pub smooth_factor: f64,
+    /// What the reader has to know.
+    pub notes: Vec<String>,
+}
+
+/// Fibres of a muscle.
+#[derive(Debug)]
+pub struct Bundle<'a> {
+    /// The muscle [m].
+    pub muscle: &'a TriangleMesh,
+    /// Its areas.
+    pub attachment: &'a Attachment,
+    /// Each fibre from origin to insertion [m].
+    pub fibres: &'a [Vec<Point3<f64>>],
+    /// One tendon for each fibre, or none, at the origin and at the insertion.
+    pub tendons: &'a [Vec<Tendon>; 2],
+    /// Lines on the surface that were followed [m].
+    pub lines: &'a [Vec<Point3<f64>>],
+    /// What is measured of each fibre.
+    pub each: &'a [Each],
+    /// What is measured of all.
+    pub summary: &'a Summary,
+}
+
+impl Bundle<'_> {
+    /// What is checked, and whether it holds.
+    pub fn verdicts(&self) -> Vec<(String, bool)> {
+        let q = &self.summary.quality;
+        let mut all = vec![
+            (
+                format!(
+                    "{} of {} points lie outside the muscle",
+                    q.outside, q.points
+                ),
+                q.outside == 0,
+            ),
+            (
+                format!(
+                    "every end within 0.01 mm of its area: at most {} mm",
+                    number(1e3 * q.end_distance_max_m)
+                ),
+                q.end_distance_max_m <= AT_AREA,
+            ),
+        ];
+        if !q.jacobian_min.is_nan() {
+            let text = format!(
+                "fibres side by side stay so: least Jacobian of their map {:.1e}, above 0",
+                q.jacobian_min
+            );
+            all.push((text, q.jacobian_min > 0.0));
+        }
+        all
+    }
+
+    /// What is neither right nor wrong, but has to be known.
+    pub fn findings(&self) -> Vec<String> {
+        let q = &self.summary.quality;
+        let mut all = Vec::new();
+        if !(q.coverage >= COVERED) {
+            let bare = 100.0 * (1.0 - q.coverage);
+            all.push(format!(
+                "{bare:.1} % of the volume is farther than one mean spacing from any fibre; 5 % or less is aimed at"
+            ));
+        }
+        for (name, area, tendons) in [
+            ("origin", &self.attachment.origin, &self.tendons[0]),
+            ("insertion", &self.attachment.insertion, &self.tendons[1]),
+        ] {
+            if area.patch.is_some() {
+                let lengths = tendons.iter().map(|[a, b]| 1e3 * (b - a).norm());
+                let (least, most) = lengths.fold((f64::INFINITY, 0.0), |(a, b): (f64, f64), l| {
+                    (a.min(l), b.max(l))
+                });
+                all.push(format!(
+                    "the area of the {name} lies off the muscle: straight tendons of {} to {} mm lead to it",
+                    number(least),
+                    number(most)
+                ));
+            }
+        }
+        all.extend(self.summary.notes.iter().cloned());
+        all
+    }
+
+    /// The numbers in words.
+    pub fn table(&self) -> Table {
+        let (s, q) = (self.summary, &self.summary.quality);
+        let mm = |length: f64| format!("{} mm", number(1e3 * length));
+        let cm2 = |area: f64| format!("{} cm2", number(1e4 * area));
+        let mut table = Table::new("Fibres", ["what", "value"]);
+        table.row([
+            "fibres, points of all".to_owned(),
+            format!("{}, {}", q.fibres, q.points),
+        ]);
+        table.row([
+            "mean fibre length, without tendons".to_owned(),
+            mm(q.length_mean_m),
+        ]);
+        table.row([
+            "shortest to longest".to_owned(),
+            format!("{} to {}", mm(s.length_min_m), mm(s.length_max_m)),
+        ]);
+        let degrees = number(q.pennation_mean_rad.to_degrees());
+        table.row([
+            "mean pennation (angle to the line of action)".to_owned(),
+            format!("{degrees} degrees"),
+        ]);
+        table.row([
+            "volume".to_owned(),
+            format!("{} cm3", number(1e6 * s.volume_m3)),
+        ]);
+        table.row([
+            "physiological cross-section (volume over mean length)".to_owned(),
+            cm2(s.cross_section_m2),
+        ]);
+        table.row(["longest tendon".to_owned(), mm(q.tendon_length_max_m)]);
+        let areas = format!("{}, {}", cm2(s.origin_area_m2), cm2(s.insertion_area_m2));
+        table.row([
+            "areas of origin and insertion on the muscle".to_owned(),
+            areas,
+        ]);
+        table.row([
+            "volume within one mean spacing of a fibre".to_owned(),
+            format!("{:.1} %", 100.0 * q.coverage),
+        ]);
+        table.row([
+            "points outside, farthest".to_owned(),
+            format!("{}, {}", q.outside, mm(q.outside_max_m)),
+        ]);
+        table.row([
+            "farthest end from its area".to_owned(),
+            mm(q.end_distance_max_m),
+        ]);
+        table.row([
+            "closest two fibres, but for their ends".to_owned(),
+            mm(q.spacing_min_m),
+        ]);
+        let jacobian = if q.jacobian_min.is_nan() {
+            "-".to_owned()
+        } else {
+            format!("{:.1e}", q.jacobian_min)
+        };
+        table.row(["least Jacobian of the fibre map".to_owned(), jacobian]);
+        table.row([
+            "time of the decomposition".to_owned(),
+            format!("{:.0} ms", 1e3 * s.time_s),
+        ]);
+        table
+    }
+
+    /// Writes all files.
+    ///
+    /// # Errors
+    /// A file that cannot be written, a picture that cannot be encoded.
+    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
+        self.write_fibres(folder)?;
+        self.write_muscle(folder)?;
+        folder.write("fibres.csv", |w| self.write_each(w))?;
+        folder.write("points.csv", |w| self.write_points(w))?;
+        let json = serde_json::to_string_pretty(self.summary).unwrap_or_default();
+        folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        let (mut pictures, mut sheets) = (Vec::new(), Vec::new());
+        for (name, caption, png) in self.pictures()? {
+            folder.write(name, |w| w.write_all(&png))?;
+            let list = if name == "sections.png" {
+                &mut sheets
+            } else {
+                &mut pictures
+            };
+            list.push((caption, png));
+        }
+        let report = Report {
+            pictures,
+            sheets,
+            ..self.report()
+        };
+        folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+    }
+
+    fn report(&self) -> Report {
+        let mut rows = Table::new(
+            "Each fibre",
+            [
+                "fibre",
+                "length [mm]",
+                "chord [mm]",
+                "pennation [degrees]",
+                "tendons [mm]",
+            ],
+        );
+        for (k, e) in self.each.iter().enumerate().take(ROWS) {
+            let tendons = format!(
+                "{} + {}",
+                number(1e3 * e.tendon_origin_m),
+                number(1e3 * e.tendon_insertion_m)
+            );
+            let degrees = number(e.pennation_rad.to_degrees());
+            rows.row([
+                k.to_string(),
+                number(1e3 * e.length_m),
+                number(1e3 * e.chord_m),
+                degrees,
+                tendons,
+            ]);
+        }
+        let mut notes = vec![
+            "Pennation is the mean angle along a fibre to the line of action, from the mean of all origins to that of all \
+             insertions. The mean spacing of fibres is the root of the volume over the length of all of them."
+                .to_owned(),
+            "The Jacobian is the area that a unit of area at the middle of a fibre's way takes further along it: above 0 no two \
+             fibres side by side change places. It is that of the flow, before smoothing."
+                .to_owned(),
+        ];
+        if self.each.len() > ROWS {
+            notes.push(format!(
+                "The table shows {ROWS} of {} fibres; fibres.csv has all.",
+                self.each.len()
+            ));
+        }
+        Report {
+            title: format!("{}: fibres", self.summary.muscle),
+            subtitle: format!(
+                "Method {}; {} fibres",
+                self.summary.method,
+                self.fibres.len()
+            ),
+            verdict: self.verdicts(),
+            findings: self.findings(),
+            tables: vec![self.table(), rows],
+            notes,
+            ..Report::default()
+        }
+    }
+
+    /// Fibres, then tendons, with what they are, as cell data.
+    fn write_fibres(&self, folder: &Folder) -> Result<(), FolderError> {
+        let mut put = Polylines::default();
+        for (k, (fibre, each)) in self.fibres.iter().zip(self.each).enumerate() {
+            put.add(fibre, [k as f64, 0.0, each.length_m, each.pennation_rad]);
+        }
+        for (end, tendons) in self.tendons.iter().enumerate() {
+            for (k, tendon) in tendons.iter().enumerate() {
+                let numbers = [
+                    k as f64,
+                    1.0 + end as f64,
+                    (tendon[1] - tendon[0]).norm(),
+                    f64::NAN,
+                ];
+                put.add(tendon, numbers);
+            }
+        }
+        let [fibre, part, length, pennation] = put.numbers;
+        let cells = [
+            ("fibre", fibre),
+            ("part", part),
+            ("length_m", length),
+            ("pennation_rad", pennation),
+        ];
+        let path = folder.claim("fibres.vtp")?;
+        let point_data = vec![("along", put.along)];
+        let data = PolyData {
+            points: &put.points,
+            triangles: &[],
+            lines: &put.lines,
+            point_data,
+        };
+        vtp::write_with_cells(&path, &data, &cells)
+            .map_err(|source| FolderError::Io { path, source })
+    }
+
+    /// The muscle with its areas: 1 at triangles of the origin, 2 at those of the insertion.
+    fn write_muscle(&self, folder: &Folder) -> Result<(), FolderError> {
+        let mut area = vec![0.0; self.muscle.triangles.len()];
+        self.attachment
+            .origin
+            .triangles
+            .iter()
+            .for_each(|&t| area[t as usize] = 1.0);
+        self.attachment
+            .insertion
+            .triangles
+            .iter()
+            .for_each(|&t| area[t as usize] = 2.0);
+        let path = folder.claim("muscle.vtp")?;
+        let (points, triangles) = (&self.muscle.vertices, &self.muscle.triangles);
+        let data = PolyData {
+            points,
+            triangles,
+            lines: &[],
+            point_data: Vec::new(),
+        };
+        vtp::write_with_cells(&path, &data, &[("area", area)])
+            .map_err(|source| FolderError::Io { path, source })
+    }
+
+    fn write_each(&self, w: &mut impl Write) -> std::io::Result<()> {
+        writeln!(
+            w,
+            "fibre,length_m,chord_m,pennation_rad,tendon_origin_m,tendon_insertion_m,whole_m"
+        )?;
+        for (k, e) in self.each.iter().enumerate() {
+            let whole = e.tendon_origin_m + e.length_m + e.tendon_insertion_m;
+            let Each {
+                length_m,
+                chord_m,
+                pennation_rad,
+                tendon_origin_m,
+                tendon_insertion_m,
+            } = e;
+            writeln!(
+                w,
+                "{k},{length_m},{chord_m},{pennation_rad},{tendon_origin_m},{tendon_insertion_m},{whole}"
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Every point from origin to insertion, those of tendons on the bone, too.
+    fn write_points(&self, w: &mut impl Write) -> std::io::Result<()> {
+        writeln!(w, "fibre,part,x_m,y_m,z_m")?;
+        for (k, fibre) in self.fibres.iter().enumerate() {
+            let tendon = |end: usize| self.tendons[end].get(k).map(|t: &Tendon| ("tendon", t[1]));
+            let fibre = fibre.iter().map(|p| ("fibre", *p));
+            for (part, p) in tendon(0).into_iter().chain(fibre).chain(tendon(1)) {
+                writeln!(w, "{k},{part},{},{},{}", p.x, p.y, p.z)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Polylines with numbers, as they are written.
+#[derive(Default)]
+struct Polylines {
+    points: Vec<Point3<f64>>,
+    along: Vec<f64>,
+    lines: Vec<Vec<u32>>,
+    numbers: [Vec<f64>; 4],
+}
+
+impl Polylines {
+    fn add(&mut self, line: &[Point3<f64>], numbers: [f64; 4]) {
+        let first = self.points.len() as u32;
+        self.lines
+            .push((first..first + line.len() as u32).collect());
+        self.points.extend_from_slice(line);
+        let last = line.len().saturating_sub(1).max(1) as f64;
+        self.along.extend((0..line.len()).map(|i| i as f64 / last));
+        self.numbers
+            .iter_mut()
+            .zip(numbers)
+            .for_each(|(all, n)| all.push(n));
+    }
+}
+
+/// Area of the triangles of an area of attachment [m2].
+pub fn size(muscle: &TriangleMesh, area: &Area) -> f64 {
+    let triangles: Vec<[u32; 3]> = area
+        .triangles
+        .iter()
+        .map(|&t| muscle.triangles[t as usize])
+        .collect();
+    pliant::mesh::measures::area(&muscle.vertices, &triangles)
+}

@@ -1,0 +1,738 @@
+//! Skin over implants as a table, JSON, pictures, files and a page.
+
+mod pictures;
+
+use nalgebra::Isometry3;
+use serde_json::{Value, json};
+
+use super::folder::{Folder, FolderError};
+use super::html::Report;
+use super::plot::LinePlot;
+use super::table::Table;
+use pliant::io::vtp;
+use pliant::mesh::TriangleMesh;
+use pliant::skin::areas::{CAVEATS, GROWN_SOURCE, RETRACTED_SOURCE, stretches};
+use pliant::skin::plan::{Inserted, Order, Ready, Shell};
+use pliant::skin::settle::Progress;
+use pliant::skin::whole::Whole;
+use pliant::skin::{Areas, Interval};
+
+/// Name, caption and bytes of a picture.
+pub(super) type Picture = (String, String, Vec<u8>);
+
+/// What one of several volumes of an implant does.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// The implant, from 1; the first of those that share skin.
+    pub implant: usize,
+    /// The day of its filling.
+    pub day: Option<f64>,
+    /// Its volume, of several that share skin of all of them [m^3].
+    pub volume: f64,
+    /// The areas.
+    pub areas: Areas,
+    /// How they were found.
+    pub progress: Progress,
+}
+
+/// What was done.
+#[derive(Debug)]
+pub struct Insertion<'a> {
+    /// Name of the skin.
+    pub name: String,
+    /// The skin as read [m].
+    pub skin: &'a TriangleMesh,
+    /// Implants, those that share skin together.
+    pub implants: Vec<(Ready, Inserted)>,
+    /// The numbers of these implants, from 0.
+    pub numbers: Vec<Vec<usize>>,
+    /// Meshes that the implants rest on [m].
+    pub obstacles: &'a [TriangleMesh],
+    /// What several volumes of an implant do.
+    pub curve: Vec<Point>,
+    /// Stretch above which skin counts as stretched too far.
+    pub limit: f64,
+    /// Whether it was interrupted, so that implants or volumes that were asked for are missing.
+    pub interrupted: bool,
+    /// The gain that was asked for [m^2].
+    pub wanted: Option<f64>,
+    /// Time of all of it [s].
+    pub time: f64,
+}
+
+/// One implant, and the skin that it may share with others.
+struct Single<'a> {
+    /// From 0.
+    number: usize,
+    order: &'a Order,
+    frame: &'a Isometry3<f64>,
+    ready: &'a Ready,
+    done: &'a Inserted,
+    /// Which of all regions its skin is.
+    region: usize,
+    /// None of a ball.
+    shell: Option<&'a Shell>,
+    /// Numbers of those that share its skin, from 1.
+    shares: Vec<usize>,
+}
+
+pub(super) fn json_of(areas: &Areas) -> Value {
+    json!({
+        "area_before_m2": areas.before,
+        "area_deformed_m2": areas.deformed,
+        "area_retracted_m2": areas.retracted,
+        "area_grown_m2": areas.grown,
+        "volume_difference_m3": areas.volume_difference,
+        "stretch_max": areas.stretch_max,
+    })
+}
+
+/// Decimals of an area in cm2 that rests on a published span of a gain [m^2]: two digits of the gain at most.
+fn decimals(gain: f64) -> usize {
+    match (gain * 1e4).abs() {
+        gain if gain >= 10.0 => 0,
+        gain if gain >= 1.0 => 1,
+        _ => 2,
+    }
+}
+
+/// Adds the entries of one object to another.
+pub(super) fn joined(mut first: Value, second: Value) -> Value {
+    if let (Some(first), Value::Object(second)) = (first.as_object_mut(), second) {
+        first.extend(second);
+    }
+    first
+}
+
+/// What the table tells of an implant.
+type Told = fn(&Single<'_>) -> String;
+
+/// The rows of the table of implants, which has a column for each.
+const ROWS: [(&str, Told); 11] = [
+    ("shape", |one| one.order.implant.shape.name().to_owned()),
+    ("base [cm]", |one| {
+        format!("{:.1}", one.order.implant.base * 1e2)
+    }),
+    ("volume [cc]", |one| format!("{:.1}", one.volume() * 1e6)),
+    ("vertices", |one| (2 * one.ready.layers.count()).to_string()),
+    ("triangles", |one| {
+        (2 * one.ready.layers.triangles.len()).to_string()
+    }),
+    ("springs", |one| one.ready.layers.springs.len().to_string()),
+    ("steps", |one| one.done.progress.iterations.to_string()),
+    ("residual", |one| {
+        format!("{:.1e}", one.done.progress.residual)
+    }),
+    ("depth in each other [mm]", |one| {
+        format!("{:.3}", one.done.progress.depth * 1e3)
+    }),
+    ("pressure [kPa]", |one| {
+        format!("{:.2}", one.pressure() * 1e-3)
+    }),
+    ("at rest", |one| one.done.progress.rest().to_owned()),
+];
+
+/// Skin that is shown.
+#[derive(Debug)]
+pub(super) struct Shown {
+    /// Before, patches in it.
+    pub whole: Whole,
+    /// As it comes to lie.
+    pub skin: TriangleMesh,
+    /// The greatest stretch at each vertex.
+    pub stretch: Vec<f64>,
+}
+
+impl Single<'_> {
+    /// Its volume [m^3].
+    fn volume(&self) -> f64 {
+        self.shell.map_or(0.0, |shell| shell.volume)
+    }
+
+    /// The pressure in it [Pa].
+    fn pressure(&self) -> f64 {
+        self.shell
+            .map_or(self.done.progress.pressure, |shell| shell.pressure)
+    }
+
+    /// Its shell as it lies; empty for a ball.
+    fn mesh(&self) -> TriangleMesh {
+        self.shell
+            .map_or_else(TriangleMesh::default, |shell| TriangleMesh {
+                vertices: self.done.shell_at(shell).to_vec(),
+                triangles: shell.triangles.clone(),
+            })
+    }
+}
+
+impl Insertion<'_> {
+    /// Each implant by its number.
+    fn each(&self) -> Vec<Single<'_>> {
+        let mut all = Vec::new();
+        for (region, ((ready, done), numbers)) in
+            self.implants.iter().zip(&self.numbers).enumerate()
+        {
+            for (k, ((order, frame), &number)) in ready.sites().zip(numbers).enumerate() {
+                let shares = numbers
+                    .iter()
+                    .filter(|n| **n != number)
+                    .map(|n| n + 1)
+                    .collect();
+                all.push(Single {
+                    number,
+                    order,
+                    frame,
+                    ready,
+                    done,
+                    region,
+                    shell: done.shells.get(k),
+                    shares,
+                });
+            }
+        }
+        all.sort_by_key(|single| single.number);
+        all
+    }
+
+    /// The number of an implant, from 1, with those that share its skin.
+    fn called(&self, implant: usize) -> String {
+        let own = self
+            .numbers
+            .iter()
+            .find(|numbers| numbers.first().map(|k| k + 1) == Some(implant));
+        let numbers = own.map_or(vec![implant], |numbers| {
+            numbers.iter().map(|k| k + 1).collect()
+        });
+        numbers
+            .iter()
+            .map(usize::to_string)
+            .collect::<Vec<_>>()
+            .join(" and ")
+    }
+
+    /// What the gain may be off because of the mesh [m^2]; `None` where that is not known of each.
+    pub fn gain_uncertainty(&self) -> Option<f64> {
+        self.implants
+            .iter()
+            .map(|(_, done)| done.gain_uncertainty())
+            .sum()
+    }
+
+    /// Volume of all implants [m^3].
+    fn volume(&self) -> f64 {
+        self.implants.iter().map(|(_, done)| done.volume()).sum()
+    }
+
+    /// Areas of all implants together.
+    pub fn areas(&self) -> Areas {
+        self.implants.iter().map(|(_, done)| done.areas).sum()
+    }
+
+    /// Whether all came to rest.
+    pub fn converged(&self) -> bool {
+        self.implants
+            .iter()
+            .all(|(_, done)| done.progress.converged)
+            && self.curve.iter().all(|point| point.progress.converged)
+    }
+
+    /// Each check and whether it holds: that everything shown, and every volume of a curve, came to rest.
+    pub fn verdicts(&self) -> Vec<(String, bool)> {
+        let at_rest = "skin and implant are at rest";
+        let alone = |single: &Single| {
+            self.curve
+                .iter()
+                .all(|point| point.implant != single.number + 1)
+        };
+        let shown: Vec<(String, bool)> = self
+            .each()
+            .into_iter()
+            .filter(alone)
+            .map(|one| {
+                let (number, cc) = (one.number + 1, one.volume() * 1e6);
+                (
+                    format!("implant {number}, {cc:.1} cc: {at_rest}"),
+                    one.done.progress.converged,
+                )
+            })
+            .collect();
+        let curve = self.curve.iter().map(|point| {
+            let day = point
+                .day
+                .map_or(String::new(), |day| format!(", day {day}"));
+            (
+                format!(
+                    "implant {}{day}, {:.1} cc: {at_rest}",
+                    self.called(point.implant),
+                    point.volume * 1e6
+                ),
+                point.progress.converged,
+            )
+        });
+        let cut = self.interrupted.then(|| {
+            (
+                "all that was asked for is there: it was interrupted".to_owned(),
+                false,
+            )
+        });
+        cut.into_iter().chain(shown).chain(curve).collect()
+    }
+
+    /// What was found that is neither right nor wrong: skin that is stretched far.
+    pub fn findings(&self) -> Vec<String> {
+        let (area, limit) = (self.over_limit(), self.limit);
+        vec![if area > 0.0 {
+            let cm2 = pliant::format::number(area * 1e4);
+            format!("{cm2} cm2 are stretched beyond {limit:.2}: too far, if that limit is right")
+        } else {
+            format!("nothing is stretched beyond {limit:.2}")
+        }]
+    }
+
+    fn count(&self, of: impl Fn(&Ready) -> usize) -> usize {
+        self.implants.iter().map(|(ready, _)| of(ready)).sum()
+    }
+
+    /// As `--json` gives it.
+    pub fn to_json(&self) -> Value {
+        let each = self.each().into_iter().map(|one| {
+            let (volume, pressure) = (one.volume(), one.pressure());
+            let Single {
+                number,
+                order,
+                frame,
+                ready,
+                done,
+                shares,
+                ..
+            } = one;
+            let own = json!({
+                "implant": number + 1,
+                "shares_skin_with": shares,
+                "shape": order.implant.shape.name(),
+                "base_m": order.implant.base,
+                "implant_volume_m3": volume,
+                "depth_m": order.tissue.depth,
+                "edge_m": ready.layers.edge,
+                "centre_m": frame.translation.vector.as_slice(),
+                "pressure_pa": pressure,
+                "area_gain_uncertainty_m2": done.gain_uncertainty(),
+                "residual": done.progress.residual,
+                "penetration_m": done.progress.depth,
+                "rounds": done.progress.rounds,
+                "steps": done.progress.iterations,
+                "converged": done.progress.converged,
+                "rest_by": done.progress.rest_by(),
+            });
+            joined(own, json_of(&done.areas))
+        });
+        let curve = self.curve.iter().map(|point| {
+            let own = json!({
+                "implant": point.implant,
+                "day": point.day,
+                "implant_volume_m3": point.volume,
+                "converged": point.progress.converged,
+                "steps": point.progress.iterations,
+            });
+            joined(own, json_of(&point.areas))
+        });
+        let verdicts: Vec<Value> = self
+            .verdicts()
+            .iter()
+            .map(|(what, ok)| json!({"what": what, "ok": ok}))
+            .collect();
+        let all = json!({
+            "skin": self.name,
+            "implant_volume_m3": self.volume(),
+            "region": {
+                "vertices": self.count(|r| 2 * r.layers.count()),
+                "triangles": self.count(|r| 2 * r.layers.triangles.len()),
+                "springs": self.count(|r| r.layers.springs.len()),
+            },
+            "area_gain_uncertainty_m2": self.gain_uncertainty(),
+            "steps": self.implants.iter().map(|(_, done)| done.progress.iterations).sum::<u32>(),
+            "converged": self.converged() && !self.interrupted,
+            "interrupted": self.interrupted,
+            "verdicts": verdicts,
+            "findings": self.findings(),
+            // An empty sum is minus zero.
+            "area_over_limit_m2": self.over_limit() + 0.0,
+            "time_s": self.time,
+            "wanted_area_m2": self.wanted,
+            "stretch_limit": self.limit,
+            "sources": {"area_retracted_m2": RETRACTED_SOURCE, "area_grown_m2": GROWN_SOURCE},
+            "implants": each.collect::<Vec<_>>(),
+            "curve": curve.collect::<Vec<_>>(),
+        });
+        joined(json_of(&self.areas()), all)
+    }
+
+    /// What a surgeon reads.
+    pub fn table(&self) -> Table {
+        let areas = self.areas();
+        let mut table = Table::new("Areas and volumes", ["what", "value", "gain", "source"]);
+        let few = decimals(areas.gain());
+        let more = few + 1;
+        let cm2 = |m2: f64| format!("{:.more$}", m2 * 1e4);
+        let gained = |m2: f64| format!("{:+.more$}", (m2 - areas.before) * 1e4);
+        let span = |i: Interval| format!("{:.few$} to {:.few$}", i.low * 1e4, i.high * 1e4);
+        let span_gained = |i: Interval| {
+            format!(
+                "{:+.few$} to {:+.few$}",
+                (i.low - areas.before) * 1e4,
+                (i.high - areas.before) * 1e4
+            )
+        };
+        let mut row = |what: &str, value: String, gain: String, source: &str| {
+            table.row([what.to_owned(), value, gain, source.to_owned()]);
+        };
+        row(
+            "area before [cm2]",
+            cm2(areas.before),
+            String::new(),
+            "the mesh",
+        );
+        row(
+            "area deformed [cm2]",
+            cm2(areas.deformed),
+            gained(areas.deformed),
+            "equilibrium: an upper bound",
+        );
+        if let Some(off) = self.gain_uncertainty() {
+            let off = format!("±{:.more$}", off * 1e4);
+            row(
+                "   of it uncertain by the mesh [cm2]",
+                String::new(),
+                off,
+                "changed by so much from edges twice as long",
+            );
+        }
+        row(
+            "area retracted [cm2]",
+            span(areas.retracted),
+            span_gained(areas.retracted),
+            RETRACTED_SOURCE,
+        );
+        row(
+            "area grown [cm2]",
+            span(areas.grown),
+            span_gained(areas.grown),
+            GROWN_SOURCE,
+        );
+        let cc = |m3: f64| format!("{:.1}", m3 * 1e6);
+        row(
+            "volume of implants [cc]",
+            cc(self.volume()),
+            String::new(),
+            "kept exactly",
+        );
+        row(
+            "volume difference of the region [cc]",
+            cc(areas.volume_difference),
+            String::new(),
+            "closed at its rim",
+        );
+        row(
+            "greatest stretch",
+            format!("{:.2}", areas.stretch_max),
+            String::new(),
+            "of a triangle, any direction",
+        );
+        // An empty sum is minus zero.
+        let over = format!("{:.1}", self.over_limit() * 1e4 + 0.0);
+        row(
+            &format!("area stretched over {:.2} [cm2]", self.limit),
+            over,
+            String::new(),
+            "the limit is --stretch-limit",
+        );
+        table
+    }
+
+    /// How it was found.
+    pub fn run_table(&self) -> Table {
+        let each = self.each();
+        let heads = each.iter().map(|one| format!("implant {}", one.number + 1));
+        let mut table = Table::new("Implants", std::iter::once(String::new()).chain(heads));
+        for (what, value) in ROWS {
+            table.row(std::iter::once(what.to_owned()).chain(each.iter().map(value)));
+        }
+        table
+    }
+
+    /// Area before of what is stretched beyond the limit [m^2].
+    pub(super) fn over_limit(&self) -> f64 {
+        let of = |(ready, done): &(Ready, Inserted)| {
+            let layers = &ready.layers;
+            let n = layers.count();
+            let stretch = stretches(&layers.rest[..n], &done.x[..n], &layers.triangles);
+            let areas =
+                pliant::mesh::measures::triangle_areas(&layers.rest[..n], &layers.triangles);
+            areas
+                .iter()
+                .zip(stretch)
+                .filter(|(_, s)| *s > self.limit)
+                .map(|(a, _)| a)
+                .sum::<f64>()
+        };
+        self.implants.iter().map(of).sum()
+    }
+
+    /// The curve of areas over volumes, or over days, of the first implant that has one; of a single point the table tells all.
+    pub fn plot(&self) -> Option<LinePlot> {
+        let of = |implant: usize| {
+            self.curve
+                .iter()
+                .filter(move |point| point.implant == implant)
+        };
+        let first = self
+            .curve
+            .iter()
+            .find(|point| of(point.implant).count() > 1)?;
+        let own: Vec<&Point> = of(first.implant).collect();
+        let over = |point: &Point| point.day.unwrap_or(point.volume * 1e6);
+        let points = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
+            own.iter()
+                .map(|point| (over(point), (of(&point.areas) - point.areas.before) * 1e4))
+                .collect()
+        };
+        let axis = if first.day.is_some() {
+            "day"
+        } else {
+            "volume [cc]"
+        };
+        Some(
+            LinePlot::new("Area gained [cm2]", axis)
+                .with("deformed", points(&|a| a.deformed))
+                .with("retracted, least", points(&|a| a.retracted.low))
+                .with("retracted, most", points(&|a| a.retracted.high))
+                .with("grown, least", points(&|a| a.grown.low))
+                .with("grown, most", points(&|a| a.grown.high)),
+        )
+    }
+
+    /// What each volume does, as a surgeon reads it.
+    fn curve_table(&self) -> Option<Table> {
+        let head = [
+            "implant",
+            "day",
+            "volume [cc]",
+            "deformed [cm2]",
+            "retracted [cm2]",
+            "grown [cm2]",
+        ];
+        let head = head.into_iter().chain(["greatest stretch", "at rest"]);
+        let mut table = Table::new("Areas gained by volume", head);
+        for point in &self.curve {
+            let gained = |m2: f64| (m2 - point.areas.before) * 1e4;
+            let few = decimals(point.areas.gain());
+            let more = few + 1;
+            let span =
+                |i: Interval| format!("{:+.few$} to {:+.few$}", gained(i.low), gained(i.high));
+            table.row([
+                self.called(point.implant),
+                point.day.map_or("–".to_owned(), |day| day.to_string()),
+                format!("{:.1}", point.volume * 1e6),
+                format!("{:+.more$}", gained(point.areas.deformed)),
+                span(point.areas.retracted),
+                span(point.areas.grown),
+                format!("{:.2}", point.areas.stretch_max),
+                point.progress.rest().to_owned(),
+            ]);
+        }
+        (!self.curve.is_empty()).then_some(table)
+    }
+
+    /// All tables.
+    pub fn tables(&self) -> Vec<Table> {
+        [self.table()]
+            .into_iter()
+            .chain(self.curve_table())
+            .chain([self.run_table()])
+            .collect()
+    }
+
+    /// The curve as CSV.
+    pub fn csv(&self) -> String {
+        let mut text = "implant,day,implant_volume_m3,area_before_m2,area_deformed_m2,area_retracted_low_m2,\
+                        area_retracted_high_m2,area_grown_low_m2,area_grown_high_m2,volume_difference_m3,stretch_max,\
+                        converged\n"
+            .to_owned();
+        for Point {
+            implant,
+            day,
+            volume,
+            areas: a,
+            progress,
+        } in &self.curve
+        {
+            let numbers = [
+                *volume,
+                a.before,
+                a.deformed,
+                a.retracted.low,
+                a.retracted.high,
+                a.grown.low,
+                a.grown.high,
+            ];
+            let numbers: Vec<String> = numbers
+                .iter()
+                .chain(&[a.volume_difference, a.stretch_max])
+                .map(f64::to_string)
+                .collect();
+            let day = day.map_or(String::new(), |day| day.to_string());
+            text.push_str(&format!(
+                "{implant},{day},{},{}\n",
+                numbers.join(","),
+                progress.converged
+            ));
+        }
+        text
+    }
+
+    /// The files that results of so many implants have, with those of a curve.
+    pub fn files(implants: usize, curve: bool) -> Vec<String> {
+        let fixed = [
+            "skin.vtp",
+            "stretch.png",
+            "side.png",
+            "before.png",
+            "summary.json",
+            "report.html",
+        ];
+        let of_curve = ["curve.csv", "curve.svg"].into_iter().filter(|_| curve);
+        let shells = (1..=implants).map(|k| format!("implant_{k}.vtp"));
+        let more = |k: usize| ["stretch", "side", "before"].map(|what| format!("{what}_{k}.png"));
+        let each = shells.chain((2..=implants).flat_map(more));
+        fixed
+            .into_iter()
+            .chain(of_curve)
+            .map(str::to_owned)
+            .chain(each)
+            .collect()
+    }
+
+    /// Writes skins, implants, pictures, tables and the page.
+    ///
+    /// # Errors
+    /// What the folder or an encoder says.
+    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
+        let io = |path: std::path::PathBuf| move |source| FolderError::Io { path, source };
+        let shown = self.shown();
+        let Shown { skin, stretch, .. } = &shown;
+        let path = folder.claim("skin.vtp")?;
+        let over: Vec<f64> = stretch
+            .iter()
+            .map(|s| f64::from(u8::from(*s > self.limit)))
+            .collect();
+        let point_data = vec![("stretch", stretch.clone()), ("over_limit", over)];
+        let data = vtp::PolyData {
+            points: &skin.vertices,
+            triangles: &skin.triangles,
+            lines: &[],
+            point_data,
+        };
+        vtp::write(&path, &data).map_err(io(path))?;
+        for one in self.each() {
+            let path = folder.claim(&format!("implant_{}.vtp", one.number + 1))?;
+            let shell = one.mesh();
+            let (points, triangles) = (&shell.vertices, &shell.triangles);
+            let data = vtp::PolyData {
+                points,
+                triangles,
+                lines: &[],
+                point_data: Vec::new(),
+            };
+            vtp::write(&path, &data).map_err(io(path))?;
+        }
+        let pictures = self.pictures(&shown)?;
+        for (name, _, png) in &pictures {
+            folder.write(&format!("{name}.png"), |w| {
+                std::io::Write::write_all(w, png)
+            })?;
+        }
+        let text = |name: &str, text: String| {
+            folder.write(name, |w| std::io::Write::write_all(w, text.as_bytes()))
+        };
+        text(
+            "summary.json",
+            format!(
+                "{}\n",
+                serde_json::to_string_pretty(&self.to_json()).unwrap_or_default()
+            ),
+        )?;
+        if !self.curve.is_empty() {
+            text("curve.csv", self.csv())?;
+        }
+        if let Some(plot) = self.plot() {
+            text("curve.svg", plot.to_svg())?;
+        }
+        text("report.html", self.page(pictures).to_html())?;
+        Ok(())
+    }
+
+    fn page(&self, pictures: Vec<Picture>) -> Report {
+        Report {
+            title: format!(
+                "{}: {} implant{}",
+                self.name,
+                self.each().len(),
+                if self.each().len() == 1 { "" } else { "s" }
+            ),
+            subtitle: format!("{:.1} s", self.time),
+            verdict: self.verdicts(),
+            findings: self.findings(),
+            pictures: pictures
+                .into_iter()
+                .map(|(_, caption, png)| (caption, png))
+                .collect(),
+            plots_title: "Areas of several volumes".to_owned(),
+            plots: self.plot().into_iter().collect(),
+            tables: self.tables(),
+            notes: CAVEATS.map(str::to_owned).to_vec(),
+            ..Report::default()
+        }
+    }
+
+    /// The whole skin before and as it comes to lie.
+    pub(super) fn shown(&self) -> Shown {
+        let ready: Vec<&Ready> = self.implants.iter().map(|(ready, _)| ready).collect();
+        let whole = Whole::of(self.skin, &ready);
+        let (mut x, mut stretch) = (
+            whole.mesh.vertices.clone(),
+            vec![1.0; whole.mesh.vertices.len()],
+        );
+        for ((ready, done), names) in self.implants.iter().zip(&whole.vertices) {
+            let at = at_vertices(ready, done);
+            for (v, part) in ready.region.vertices.iter().enumerate() {
+                let name = names[*part as usize] as usize;
+                (x[name], stretch[name]) = (done.x[v], at[v]);
+            }
+        }
+        let skin = TriangleMesh {
+            vertices: x,
+            triangles: whole.mesh.triangles.clone(),
+        };
+        Shown {
+            whole,
+            skin,
+            stretch,
+        }
+    }
+}
+
+/// Mean of the greatest stretches of a vertex's triangles.
+fn at_vertices(ready: &Ready, done: &Inserted) -> Vec<f64> {
+    let layers = &ready.layers;
+    let n = layers.count();
+    let mut sums = vec![(0.0, 0.0f64); n];
+    let all = stretches(&layers.rest[..n], &done.x[..n], &layers.triangles);
+    for (t, stretch) in layers.triangles.iter().zip(all) {
+        t.iter().for_each(|v| {
+            sums[*v as usize] = (sums[*v as usize].0 + stretch, sums[*v as usize].1 + 1.0)
+        });
+    }
+    sums.iter()
+        .map(|(sum, count)| sum / count.max(1.0))
+        .collect()
+}

@@ -1,0 +1,504 @@
+//! Files of a sweep of a joint: curves as tables and plots, fibres for ParaView, pictures, a page.
+
+use std::io::{self, Write};
+
+use nalgebra::{Isometry3, Point3, Vector3};
+use serde_json::{Value, json};
+
+use super::folder::{Folder, FolderError};
+use super::record::quoted;
+use super::{LinePlot, Report, Series, Table};
+use pliant::fibres::polyline::length;
+use pliant::format::number;
+use pliant::io::names::file_name;
+use pliant::io::pvd::{Collection, Entry};
+use pliant::io::vtp::{self, PolyData};
+use pliant::mesh::TriangleMesh;
+use pliant::moment_arms::arms::Arms;
+use pliant::moment_arms::curve::extremes;
+use pliant::moment_arms::sweep::{By, Running};
+use pliant_render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, render};
+
+/// Width and height of a picture \[px\].
+const SIZE: (u32, u32) = (620, 620);
+const BONE: Rgb = [0.86, 0.83, 0.76];
+/// Colours of muscles, one after the other, that all eyes tell apart.
+const MUSCLES: [Rgb; 5] = [
+    [0.80, 0.33, 0.22],
+    [0.17, 0.45, 0.75],
+    [0.16, 0.55, 0.33],
+    [0.60, 0.40, 0.60],
+    [0.75, 0.58, 0.05],
+];
+/// Room around the muscles in a picture, as a share of their extent.
+const AROUND: f64 = 0.15;
+
+/// What was asked for, for people.
+#[derive(Clone, Debug)]
+pub struct Asked {
+    /// Name of the scene.
+    pub scene: String,
+    /// Name of the joint.
+    pub joint: String,
+    /// What tables call the angle.
+    pub coordinate: String,
+    /// What moved the muscles.
+    pub by: By,
+    /// Time [s].
+    pub time_s: f64,
+    /// Whether it was stopped by hand.
+    pub interrupted: bool,
+}
+
+/// Writes the fibres at the last value, for ParaView; and adds them to the series.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_fibres(
+    folder: &Folder,
+    running: &Running,
+    k: usize,
+    series: &mut Collection,
+) -> Result<(), FolderError> {
+    let (mut points, mut lines) = (Vec::<Point3<f64>>::new(), Vec::<Vec<u32>>::new());
+    let (mut of, mut stretch) = (Vec::new(), Vec::new());
+    for (m, muscle) in running.muscles.iter().enumerate() {
+        for (now, rest) in muscle.now().iter().zip(&muscle.fibres) {
+            let first = points.len() as u32;
+            lines.push((first..first + now.len() as u32).collect());
+            points.extend(now);
+            of.extend(now.iter().map(|_| m as f64));
+            stretch.extend(now.iter().map(|_| length(now) / length(rest)));
+        }
+    }
+    let file = format!("frames/fibres_{k:06}.vtp");
+    let point_data = vec![("muscle", of), ("length over that at rest", stretch)];
+    put(
+        folder,
+        &file,
+        &PolyData {
+            points: &points,
+            lines: &lines,
+            point_data,
+            ..PolyData::default()
+        },
+    )?;
+    series.push(Entry {
+        time: running.angles[k].to_degrees(),
+        part: 0,
+        name: "fibres".to_owned(),
+        file,
+    });
+    for (b, body) in running.simulation.bodies.iter().enumerate() {
+        let file = format!("frames/{}_{k:06}.vtp", file_name(&body.name));
+        let data = PolyData {
+            points: &body.system.particles.position,
+            triangles: &body.rest.triangles,
+            ..PolyData::default()
+        };
+        put(folder, &file, &data)?;
+        series.push(Entry {
+            time: running.angles[k].to_degrees(),
+            part: 1 + b,
+            name: body.name.clone(),
+            file,
+        });
+    }
+    Ok(())
+}
+
+fn put(folder: &Folder, file: &str, data: &PolyData<'_>) -> Result<(), FolderError> {
+    let path = folder.claim(file)?;
+    vtp::write(&path, data).map_err(|source| FolderError::Io { path, source })
+}
+
+/// Bones as they are at the last value.
+fn bones(running: &Running) -> Vec<TriangleMesh> {
+    let frame = running.simulation.frame() as f64;
+    let posed = |(b, mesh): (usize, &TriangleMesh)| {
+        let pose: Isometry3<f64> = running.simulation.pose(b, frame);
+        TriangleMesh {
+            vertices: mesh.vertices.iter().map(|v| pose * v).collect(),
+            triangles: mesh.triangles.clone(),
+        }
+    };
+    running
+        .simulation
+        .bones
+        .iter()
+        .enumerate()
+        .map(posed)
+        .collect()
+}
+
+/// A picture of the fibres among the bones at the last value, seen along the joint's axis.
+pub fn picture(running: &Running) -> Frame {
+    let axis = running.joint.axis.into_inner();
+    // From the side on which the joint lies of the bones' middle, so that the muscles are before them.
+    let bones = bones(running);
+    let middle = bones
+        .iter()
+        .flat_map(|b| &b.vertices)
+        .map(|v| v.coords)
+        .sum::<Vector3<f64>>()
+        / bones.iter().map(|b| b.vertices.len()).sum::<usize>().max(1) as f64;
+    let side = if axis.dot(&(running.joint.centre.coords - middle)) >= 0.0 {
+        1.0
+    } else {
+        -1.0
+    };
+    let up = if axis.y.abs() < 0.9 {
+        Vector3::y()
+    } else {
+        Vector3::z()
+    };
+    let view = View::orthographic(axis * side, up);
+    let rest = running
+        .muscles
+        .iter()
+        .flat_map(|m| m.fibres.iter().flatten().copied());
+    let turned: Vec<Point3<f64>> = rest
+        .flat_map(|p| {
+            [running.angles[0], running.angles[running.angles.len() - 1]]
+                .map(|q| running.joint.pose(q) * p)
+        })
+        .collect();
+    let bounds = pliant::mesh::measures::Aabb::of_points(&turned);
+    let bounds = bounds.inflate(AROUND * bounds.extents().amax());
+    let camera = Camera::fit(bounds.corners(), &view, Canvas::new(SIZE.0, SIZE.1));
+    let surfaces = bones
+        .iter()
+        .map(|b| Surface::plain(&b.vertices, &b.triangles, BONE).with_opacity(0.45));
+    let mut drawing = Drawing::of(surfaces);
+    for (m, muscle) in running.muscles.iter().enumerate() {
+        drawing = drawing.with_lines(Lines::new(muscle.now(), MUSCLES[m % MUSCLES.len()]));
+    }
+    render(&drawing, &camera)
+}
+
+/// Everything about the sweep as JSON.
+pub fn to_json(asked: &Asked, running: &Running, arms: &[Arms]) -> Value {
+    let muscles: Vec<Value> = arms
+        .iter()
+        .zip(&running.muscles)
+        .map(|(a, m)| of_muscle(a, m))
+        .collect();
+    json!({
+        "scene": asked.scene,
+        "joint": asked.joint,
+        "coordinate": asked.coordinate,
+        "motion": if asked.by == By::Spread { "spread" } else { "scene" },
+        "from_rad": running.angles[0],
+        "to_rad": running.angles[running.angles.len() - 1],
+        "values": running.angles.len(),
+        "values_done": running.done(),
+        "left_out": running.left_out,
+        "muscles": muscles,
+        "interrupted": asked.interrupted,
+        "time_s": asked.time_s,
+    })
+}
+
+fn of_muscle(arms: &Arms, muscle: &pliant::moment_arms::sweep::Crossing) -> Value {
+    let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(
+        |((file, reference, found), straight)| {
+            json!({
+                "straight_overlap": straight,
+                "reference": file,
+                "curves": reference.names,
+                "overlap": found.as_ref().and_then(|f| f.overlap),
+                "difference_mean_m": found.as_ref().map(|f| f.difference_mean_m),
+                "difference_max_m": found.as_ref().map(|f| f.difference_max_m),
+                "range_rad": found.as_ref().map(|f| f.range_rad),
+                "sign_turned": found.as_ref().is_some_and(|f| f.turned),
+            })
+        },
+    );
+    let [least, most] = extremes(arms.mean.iter().copied()).unwrap_or([f64::NAN; 2]);
+    json!({
+        "muscle": arms.name,
+        "fibres": arms.fibres.len(),
+        "coverage": muscle.quality.coverage,
+        "length_mean_at_rest_m": muscle.quality.length_mean_m,
+        "pennation_mean_rad": muscle.quality.pennation_mean_rad,
+        "physiological_area_m2": muscle.physiological_area,
+        "moment_arm_least_m": least,
+        "moment_arm_greatest_m": most,
+        "moment_arm_mean_m": arms.mean.iter().sum::<f64>() / arms.mean.len() as f64,
+        "roughness_rms": arms.roughness.map(|r| r.rms),
+        "roughness_max": arms.roughness.map(|r| r.max),
+        "length_roughness_max": arms.length_roughness.map(|r| r.max),
+        "points_in_bone": muscle.points_in_bone,
+        "point_depth_max_m": muscle.depth,
+        "vertex_depth_max_m": muscle.vertex_depth,
+        "volume_error_max": muscle.volume_error,
+        "values_not_converged": muscle.unconverged,
+        "stopped_at_frame": muscle.stopped.as_ref().map(|s| s.0),
+        "compared": compared.collect::<Vec<_>>(),
+    })
+}
+
+/// Writes all files but the frames.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write(
+    folder: &Folder,
+    asked: &Asked,
+    running: &Running,
+    arms: &[Arms],
+    series: &Collection,
+    pictures: &[(String, Frame)],
+) -> Result<(), FolderError> {
+    let path = folder.claim("fibres.pvd")?;
+    series
+        .write(&path)
+        .map_err(|source| FolderError::Io { path, source })?;
+    folder.write("moment_arms.csv", |w| write_means(w, arms))?;
+    folder.write("fibres.csv", |w| write_each(w, arms))?;
+    let json = serde_json::to_string_pretty(&to_json(asked, running, arms)).unwrap_or_default();
+    folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+    let mut shown = Vec::new();
+    for (k, (title, frame)) in pictures.iter().enumerate() {
+        let png = frame.to_png()?;
+        folder.write(&format!("picture_{k}.png"), |w| w.write_all(&png))?;
+        shown.push((title.clone(), png));
+    }
+    let plots: Vec<LinePlot> = arms.iter().map(plot).chain([lengths(arms)]).collect();
+    for (a, plot) in arms.iter().zip(&plots) {
+        folder.write(&format!("{}.svg", file_name(&a.name)), |w| {
+            w.write_all(plot.to_svg().as_bytes())
+        })?;
+    }
+    let report = page(asked, running, arms, plots, shown);
+    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+}
+
+fn write_means(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
+    writeln!(
+        w,
+        "muscle,angle_deg,length_mean_m,moment_arm_mean_m,moment_arm_least_m,moment_arm_greatest_m,straight_m"
+    )?;
+    for a in arms {
+        for (k, angle) in a.angles.iter().enumerate() {
+            let [least, most] = a.bounds(k);
+            let (name, angle) = (quoted(&a.name), angle.to_degrees());
+            writeln!(
+                w,
+                "{name},{angle},{},{},{least},{most},{}",
+                a.length[k], a.mean[k], a.straight[k]
+            )?;
+        }
+    }
+    Ok(())
+}
+
+fn write_each(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
+    writeln!(w, "muscle,fibre,angle_deg,length_m,moment_arm_m")?;
+    for a in arms {
+        let name = quoted(&a.name);
+        for (f, (lengths, arms)) in a.lengths.iter().zip(&a.fibres).enumerate() {
+            for (angle, (length, arm)) in a.angles.iter().zip(lengths.iter().zip(arms)) {
+                writeln!(w, "{name},{f},{},{length},{arm}", angle.to_degrees())?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A muscle's moment arms with those of others around them.
+fn plot(a: &Arms) -> LinePlot {
+    let over = |values: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
+        a.angles
+            .iter()
+            .enumerate()
+            .map(|(k, q)| (q.to_degrees(), 1e3 * values(k)))
+            .collect()
+    };
+    let mut plot = LinePlot::new(format!("{}: moment arm [mm]", a.name), "angle [degrees]")
+        .with("mean of the fibres", over(&|k| a.mean[k]))
+        .with("least fibre", over(&|k| a.bounds(k)[0]))
+        .with("greatest fibre", over(&|k| a.bounds(k)[1]))
+        .with("straight lines", over(&|k| a.straight[k]));
+    for (file, reference, compared) in &a.compared {
+        let sign = if compared.as_ref().is_some_and(|c| c.turned) {
+            -1.0
+        } else {
+            1.0
+        };
+        for (side, name) in ["least", "greatest"]
+            .iter()
+            .enumerate()
+            .take(reference.count().min(2))
+        {
+            let points = a
+                .angles
+                .iter()
+                .filter_map(|q| Some((q.to_degrees(), 1e3 * sign * reference.at(*q)?[side])));
+            let name = if reference.count() > 1 {
+                format!("{file}, {name}")
+            } else {
+                file.clone()
+            };
+            plot.series.push(Series::new(name, points));
+        }
+    }
+    plot
+}
+
+fn lengths(arms: &[Arms]) -> LinePlot {
+    let mut plot = LinePlot::new("Mean length of the fibres [mm]", "angle [degrees]");
+    for a in arms {
+        let points = a
+            .angles
+            .iter()
+            .zip(&a.length)
+            .map(|(q, l)| (q.to_degrees(), 1e3 * l));
+        plot.series.push(Series::new(a.name.clone(), points));
+    }
+    plot
+}
+
+/// The curves in numbers.
+pub fn table(running: &Running, arms: &[Arms]) -> Table {
+    let title = "Moment arms, mean of the fibres";
+    let header = [
+        "muscle",
+        "least [mm]",
+        "greatest [mm]",
+        "rough (rms) [%]",
+        "points in bone",
+        "fibre [mm]",
+        "area [cm2]",
+    ];
+    let mut table = Table::new(title, header);
+    for (a, m) in arms.iter().zip(&running.muscles) {
+        let ends = extremes(a.mean.iter().copied());
+        let of = |k: usize| ends.map_or("-".into(), |ends| number(1e3 * ends[k]));
+        table.row([
+            a.name.clone(),
+            of(0),
+            of(1),
+            a.roughness.map_or("-".to_owned(), |r| number(1e2 * r.rms)),
+            m.points_in_bone.to_string(),
+            number(1e3 * m.quality.length_mean_m),
+            number(1e4 * m.physiological_area),
+        ]);
+    }
+    table
+}
+
+/// How they compare with others.
+pub fn comparisons(arms: &[Arms]) -> Table {
+    let header = [
+        "muscle",
+        "reference",
+        "curves",
+        "overlap [%]",
+        "mean difference [mm]",
+        "greatest [mm]",
+        "from",
+        "to",
+    ];
+    let mut table = Table::new("Beside others", header);
+    for a in arms {
+        for (file, reference, found) in &a.compared {
+            let or_dash =
+                |v: Option<f64>, scale: f64| v.map_or("-".to_owned(), |v| number(scale * v));
+            let angle =
+                |k: usize| or_dash(found.as_ref().map(|f| f.range_rad[k].to_degrees()), 1.0);
+            table.row([
+                a.name.clone(),
+                file.clone(),
+                reference.count().to_string(),
+                or_dash(found.as_ref().and_then(|f| f.overlap), 1e2),
+                or_dash(found.as_ref().map(|f| f.difference_mean_m), 1e3),
+                or_dash(found.as_ref().map(|f| f.difference_max_m), 1e3),
+                angle(0),
+                angle(1),
+            ]);
+        }
+    }
+    table
+}
+
+/// What a reader has to know.
+pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
+    let mut notes = running.simulation.notes.clone();
+    if !running.left_out.is_empty() {
+        notes.push(format!(
+            "not over this joint, and left out: {}",
+            running.left_out.join(", ")
+        ));
+    }
+    for m in &running.muscles {
+        if let Some((frame, why)) = &m.stopped {
+            notes.push(format!("{}: stopped at frame {frame}: {why:?}", m.name));
+        }
+        if m.unconverged > 0 {
+            notes.push(format!(
+                "{}: not converged at {} of {} angles: forces, volume or depth are above their tolerances there",
+                m.name,
+                m.unconverged,
+                m.lengths.len()
+            ));
+        }
+        if m.points_in_bone > 0 {
+            notes.push(format!(
+                "{}: {} points of fibres over all angles lie in a bone, the deepest {} mm; near where the muscle is held \
+                 by a bone that it overlaps, its fibres do too",
+                m.name,
+                m.points_in_bone,
+                number(1e3 * m.depth)
+            ));
+        }
+    }
+    let turned = arms
+        .iter()
+        .flat_map(|a| a.compared.iter().map(move |c| (&a.name, c)));
+    for (name, (file, _, found)) in turned {
+        if found.as_ref().is_some_and(|f| f.turned) {
+            notes.push(format!(
+                "{name}: {file} has the other sign throughout, and is compared with its sign turned"
+            ));
+        }
+    }
+    notes
+}
+
+fn page(
+    asked: &Asked,
+    running: &Running,
+    arms: &[Arms],
+    plots: Vec<LinePlot>,
+    pictures: Vec<(String, Vec<u8>)>,
+) -> Report {
+    let mut tables = vec![table(running, arms)];
+    if arms.iter().any(|a| !a.compared.is_empty()) {
+        tables.push(comparisons(arms));
+    }
+    let mut all = vec![
+        "Moment arms are -dL/dq: positive where pulling turns the joint towards greater angles. L is the length of a fibre \
+         inside the muscle, without tendons, which are as long at every angle."
+            .to_owned(),
+        match asked.by {
+            By::Spread => "Every vertex of a muscle turns about the joint by a share of its angle: what lies on a bone goes with it, \
+                           between bones the turn spreads evenly. From there tone, bones and volume bring the muscle to rest."
+                .to_owned(),
+            By::Scene => "The scene's solver moves the muscles.".to_owned(),
+        },
+    ];
+    all.extend(notes(running, arms));
+    Report {
+        title: format!(
+            "{}: moment arms about the joint {}",
+            asked.scene, asked.joint
+        ),
+        plots_title: "Over the angle".to_owned(),
+        notes: all,
+        tables,
+        plots,
+        pictures,
+        ..Report::default()
+    }
+}

@@ -1,0 +1,434 @@
+//! Pictures of a run: bones translucent, muscles coloured by the stretch of their edges, fibres as pale
+//! lines inside them.
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+
+use super::frames::{Cast, Snapshot};
+use super::results::Shots;
+use super::turntable::{Side, Turntable};
+use pliant::mesh::measures::Aabb;
+use pliant_render::{
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Surface, TextStyle,
+    View, colour, render, to_overlays,
+};
+
+/// Size of a picture [px].
+const SIZE: (u32, u32) = (720, 640);
+
+/// Size of a picture of the animation [px]; every pixel counts in a GIF.
+const SMALL: (u32, u32) = (480, 420);
+
+/// Size of a picture of the turn-table [px]: one is seen at a time, larger than those that stand side by side.
+const TURNED: (u32, u32) = (560, 480);
+
+/// How much a view is from above, as a share of its horizontal direction: a body looks flat from straight ahead.
+const RAISED: f64 = 0.15;
+
+/// How much of a muscle's surroundings is shown, as a share of its length.
+const AROUND: f64 = 0.08;
+
+/// The smallest upper end of the colour scale [%]: below it differences are noise.
+const LEAST_RANGE: f64 = 0.1;
+
+/// Share of vertices that the colour scale covers in the worst frame, so that one wild vertex does not pale the rest.
+const COVERED: f64 = 0.98;
+
+/// Colour of the fibres where the muscle is bright, which that of the renderer is not made for.
+const LINE: colour::Rgb = [0.95, 0.95, 0.97];
+
+/// Where pictures are taken from, and what their colours mean: the same for all pictures that are to be compared.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    view: View,
+    /// Whether the view is from outside of the bones.
+    is_outside: bool,
+    focus: Vec<Point3<f64>>,
+    range: (f64, f64),
+}
+
+impl Stage {
+    /// Shows muscles within `bounds`, seen as suits a cast at its first frame; colours end at the strain `stretch`.
+    pub fn new(cast: &Cast, first: &Snapshot, bounds: &Aabb, stretch: f64) -> Self {
+        let bounds = bounds.inflate(AROUND * bounds.extents().amax());
+        let most = (stretch * 100.0).max(LEAST_RANGE);
+        let (view, is_outside) = view(cast, first, &bounds);
+        Self {
+            view,
+            is_outside,
+            focus: bounds.corners().to_vec(),
+            range: (0.0, most),
+        }
+    }
+
+    /// The same from three sides, each with the name of where one looks from: as it is, from the side, and from above, or
+    /// from ahead where it is from above or below already.
+    fn sides(&self) -> [(&'static str, Self); 3] {
+        let up = Vector3::y();
+        let from = self.view.from.try_normalize(0.0).unwrap_or_else(Vector3::z);
+        let level = from - up * from.y;
+        // Where any side did, bodies lie along the axes; else the sine of the angle to the vertical decides.
+        let ahead = level
+            .try_normalize(1e-6)
+            .filter(|_| self.is_outside)
+            .unwrap_or_else(Vector3::z);
+        let is_level = !self.is_outside || level.norm() > 0.5;
+        let seen = |from: Vector3<f64>, up| Self {
+            view: View::orthographic(from, up),
+            ..self.clone()
+        };
+        // A flat body would be a line from straight beside or above.
+        let side = seen(up.cross(&ahead) + (up + ahead) * RAISED, up);
+        let third = if is_level {
+            ("above", seen(up + ahead * RAISED, -ahead))
+        } else {
+            ("the front", seen(ahead + up * RAISED, up))
+        };
+        [
+            (
+                if self.is_outside {
+                    "outside"
+                } else {
+                    "the front"
+                },
+                self.clone(),
+            ),
+            ("the side", side),
+            third,
+        ]
+    }
+
+    /// Height over width of what is shown.
+    pub fn aspect(&self) -> f64 {
+        let camera = Camera::fit(
+            self.focus.iter().copied(),
+            &self.view,
+            Canvas::new(1000, 1000),
+        );
+        let pixels: Vec<[f64; 2]> = self
+            .focus
+            .iter()
+            .filter_map(|p| camera.pixel(p))
+            .map(|(at, _)| at)
+            .collect();
+        let [width, height] = [0, 1].map(|k| {
+            let along = || pixels.iter().map(|at| at[k]);
+            along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+        });
+        if width > 0.0 && height.is_finite() {
+            height / width
+        } else {
+            1.0
+        }
+    }
+
+    /// What the colours mean.
+    pub fn legend(&self) -> Legend {
+        Legend::new("Edge stretch", "%", self.range, ColourMap::Viridis)
+    }
+}
+
+/// Draws all pictures of one run from the same place with the same colours.
+#[derive(Debug)]
+pub struct Painter<'a> {
+    cast: &'a Cast,
+    stage: Stage,
+}
+
+impl<'a> Painter<'a> {
+    /// A painter for these shots; `None` if there are none.
+    pub fn new(cast: &'a Cast, shots: &Shots) -> Option<Self> {
+        let (first, last) = (shots.first.as_deref()?, shots.last.as_deref()?);
+        let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
+        let bounds = shots
+            .all()
+            .flat_map(|s| &s.muscles)
+            .map(|(x, _)| Aabb::of_points(x))
+            .reduce(|a, b| a.union(&b))?;
+        let covered = covered_stretch(cast, worst.muscles.iter().map(|(x, _)| x.as_slice()));
+        Some(Self {
+            cast,
+            stage: Stage::new(cast, first, &bounds, covered),
+        })
+    }
+
+    /// A painter that shares its place and colours with others.
+    pub fn on(cast: &'a Cast, stage: &Stage) -> Self {
+        Self {
+            cast,
+            stage: stage.clone(),
+        }
+    }
+
+    /// A picture for the report.
+    pub fn picture(&self, shot: &Snapshot) -> Frame {
+        self.titled(shot, SIZE, true)
+    }
+
+    /// The pictures of an animation, and the seconds that each is shown.
+    pub fn animation(&self, shots: &Shots) -> (Vec<Frame>, f64) {
+        let pictures = shots
+            .animation
+            .shots
+            .par_iter()
+            .map(|s| self.titled(s, SMALL, false))
+            .collect();
+        let apart = match shots.animation.shots.as_slice() {
+            [first, second, ..] => second.time - first.time,
+            _ => 1.0,
+        };
+        (pictures, apart)
+    }
+
+    /// The frames of a run from three sides; `None` of a single frame.
+    ///
+    /// # Errors
+    /// A picture that cannot be encoded.
+    pub fn turntable(&self, shots: &Shots) -> Result<Option<Turntable>, PictureError> {
+        let shown = shots.of_turntable();
+        let ([first, .., last], frames) =
+            (shown.as_slice(), shown.iter().map(|s| s.frame).collect())
+        else {
+            return Ok(None);
+        };
+        let mut caption = format!(
+            "{} of the frames {} to {}",
+            shown.len(),
+            first.frame,
+            last.frame
+        );
+        if shown.len() > last.frame - first.frame {
+            caption = format!("Every frame from {} to {}", first.frame, last.frame);
+        }
+        let mut sides = Vec::new();
+        // One side after the other: the pictures of all would be three times the memory.
+        for (name, stage) in self.stage.sides() {
+            let painter = Self::on(self.cast, &stage);
+            let pictures: Vec<Frame> = shown
+                .par_iter()
+                .map(|s| painter.with_legend(s, TURNED, stage.legend()))
+                .collect();
+            sides.push(Side {
+                name: name.to_owned(),
+                pictures: to_overlays(&pictures)?,
+            });
+        }
+        Ok(Some(Turntable {
+            caption,
+            frames,
+            sides,
+            size: [TURNED.0, TURNED.1],
+        }))
+    }
+
+    fn with_legend(&self, shot: &Snapshot, size: (u32, u32), legend: Legend) -> Frame {
+        let mut frame = self.paint(shot, Canvas::new(size.0, size.1).with_right(legend.width()));
+        legend.draw(&mut frame);
+        frame
+    }
+
+    fn titled(&self, shot: &Snapshot, size: (u32, u32), large: bool) -> Frame {
+        let legend = if large {
+            self.stage.legend().large()
+        } else {
+            self.stage.legend()
+        };
+        let mut frame = self.with_legend(shot, size, legend);
+        let title = format!("frame {}", shot.frame);
+        frame.title(
+            &title,
+            if large {
+                TextStyle::Title
+            } else {
+                TextStyle::Small
+            },
+        );
+        frame
+    }
+
+    /// A picture without title and legend.
+    pub fn paint(&self, shot: &Snapshot, canvas: Canvas) -> Frame {
+        let range = self.stage.range;
+        let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
+        let values = stretches(self.cast, shot);
+        let posed = |((_, mesh), pose): (
+            &(String, pliant::mesh::TriangleMesh),
+            &nalgebra::Isometry3<f64>,
+        )| {
+            mesh.vertices
+                .iter()
+                .map(|v| pose * v)
+                .collect::<Vec<Point3<f64>>>()
+        };
+        let bones: Vec<Vec<Point3<f64>>> =
+            self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
+        let surfaces = self
+            .cast
+            .muscles
+            .iter()
+            .zip(&shot.muscles)
+            .zip(&values)
+            .map(|((actor, (x, _)), values)| {
+                Surface::field(x, &actor.rest.triangles, values, range, ColourMap::Viridis)
+            });
+        let around = self.cast.bones.iter().zip(&bones).map(|((_, mesh), x)| {
+            Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45)
+        });
+        let lines: Vec<Vec<Vec<Point3<f64>>>> = self
+            .cast
+            .muscles
+            .iter()
+            .zip(&shot.muscles)
+            .map(|(actor, (x, _))| {
+                let bare = actor
+                    .lines
+                    .iter()
+                    .map(|line| line.iter().map(|&v| x[v as usize]).collect());
+                actor.fibres.at(x).into_iter().chain(bare).collect()
+            })
+            .collect();
+        let mut drawing = Drawing::of(surfaces.chain(around));
+        for (m, (actor, lines)) in self.cast.muscles.iter().zip(&lines).enumerate() {
+            let ink = if actor.lines.is_empty() {
+                LINE
+            } else {
+                colour::MUSCLE
+            };
+            // Fibres run inside their muscle, which is the surface of the same number.
+            drawing = drawing.with_lines(Lines::new(lines, ink).seen_through(m));
+        }
+        render(&drawing, &camera)
+    }
+}
+
+/// The mean absolute strain of a vertex's edges that all but a few vertices stay below, at positions of each muscle.
+pub fn covered_stretch<'a>(
+    cast: &Cast,
+    positions: impl IntoIterator<Item = &'a [Point3<f64>]>,
+) -> f64 {
+    let mut all: Vec<f64> = cast
+        .muscles
+        .iter()
+        .zip(positions)
+        .flat_map(|(actor, x)| actor.stretch(x))
+        .collect();
+    all.sort_unstable_by(f64::total_cmp);
+    all.get((COVERED * all.len() as f64) as usize)
+        .or(all.last())
+        .copied()
+        .unwrap_or(0.0)
+}
+
+/// Mean absolute strain of the edges at each vertex of each muscle [%].
+fn stretches(cast: &Cast, shot: &Snapshot) -> Vec<Vec<f64>> {
+    let percent = |(actor, (x, _)): (&super::frames::Actor, &(Vec<Point3<f64>>, _))| {
+        actor.stretch(x).into_iter().map(|s| s * 100.0).collect()
+    };
+    cast.muscles
+        .iter()
+        .zip(&shot.muscles)
+        .map(percent)
+        .collect()
+}
+
+/// From outside: from the bones that are near the muscles to the muscles, and a little from above; and whether that is
+/// known, or any side did.
+fn view(cast: &Cast, first: &Snapshot, bounds: &Aabb) -> (View, bool) {
+    let mean = |points: &[Point3<f64>]| {
+        let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+        (!points.is_empty()).then(|| sum / points.len() as f64)
+    };
+    let muscles: Vec<Point3<f64>> = first
+        .muscles
+        .iter()
+        .flat_map(|(x, _)| x.iter().copied())
+        .collect();
+    let bones = cast
+        .bones
+        .iter()
+        .zip(&first.bones)
+        .flat_map(|((_, mesh), pose)| mesh.vertices.iter().map(move |v| pose * v));
+    let bones: Vec<Point3<f64>> = bones.filter(|p| bounds.contains(p)).collect();
+    let outward = mean(&muscles).zip(mean(&bones)).map(|(m, b)| m - b);
+    // Where the bones are all around, as two plates are, any side will do.
+    let clear = outward.filter(|o| o.norm() > 0.03 * bounds.extents().amax());
+    let outward = clear.and_then(|o| o.try_normalize(0.0));
+    let from = outward.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize());
+    (
+        View::orthographic(from + Vector3::y() * RAISED, Vector3::y()),
+        outward.is_some(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stage(from: Vector3<f64>, is_outside: bool) -> Stage {
+        let view = View::orthographic(from, Vector3::y());
+        Stage {
+            view,
+            is_outside,
+            focus: vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)],
+            range: (0.0, 1.0),
+        }
+    }
+
+    #[test]
+    fn three_sides_are_nearly_at_right_angles_and_named_for_where_one_looks_from() {
+        for (from, is_outside, names) in [
+            (
+                Vector3::new(2.0, 0.3, 1.0),
+                true,
+                ["outside", "the side", "above"],
+            ),
+            (
+                Vector3::new(-1.0, -0.8, 0.0),
+                true,
+                ["outside", "the side", "above"],
+            ),
+            (
+                Vector3::new(0.1, 3.0, 0.2),
+                true,
+                ["outside", "the side", "the front"],
+            ),
+            (
+                Vector3::new(0.0, -2.0, 0.0),
+                true,
+                ["outside", "the side", "the front"],
+            ),
+            (
+                Vector3::new(0.5, 0.15, 1.0),
+                false,
+                ["the front", "the side", "above"],
+            ),
+            (Vector3::zeros(), true, ["outside", "the side", "above"]),
+        ] {
+            let sides = stage(from, is_outside).sides();
+            assert_eq!(sides.each_ref().map(|(name, _)| *name), names, "{from}");
+            let ways = sides.map(|(_, stage)| {
+                assert!(
+                    (stage.focus.len(), stage.range) == (2, (0.0, 1.0)),
+                    "what is shown is the same"
+                );
+                let camera = Camera::fit(stage.focus, &stage.view, Canvas::new(100, 100));
+                (camera.towards_viewer(), camera.right_and_up()[1])
+            });
+            for (k, (way, up)) in ways.iter().enumerate() {
+                let is_from = match names[k] {
+                    "above" => way.y >= 0.9,
+                    "outside" => way.dot(&from) >= 0.999 * from.norm(),
+                    _ => (0.0..=0.2).contains(&way.y) && up.y >= 0.9,
+                };
+                assert!(is_from, "{}: {way} {up}", names[k]);
+                for (other, _) in &ways[..k] {
+                    assert!(way.dot(other).abs() <= 0.6, "{way} {other}");
+                }
+            }
+            // From above what was ahead is below, as on a map that is turned to the reader.
+            if names[2] == "above" {
+                assert!(ways[2].1.dot(&ways[0].0) < 0.0);
+            }
+        }
+    }
+}

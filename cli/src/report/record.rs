@@ -1,0 +1,274 @@
+//! What a run says of itself, frame by frame: measures and times, and their tables.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::time::Duration;
+
+use pliant::simulation::{Measures, Simulation};
+use pliant::solvers::effect_of_name;
+use pliant::state::{Corrupt, Reader, Value, Writer};
+
+/// Times of one frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameTimes {
+    /// Frame.
+    pub frame: usize,
+    /// From the begin of the frame to its end, without the audit [ms].
+    pub step_ms: f64,
+    /// Measures and the independent audit [ms].
+    pub audit_ms: f64,
+    /// Each effect, summed over muscles [ms].
+    pub effects_ms: BTreeMap<&'static str, f64>,
+}
+
+/// All frames of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    /// Measures, frame by frame and within it muscle by muscle.
+    pub measures: Vec<Measures>,
+    /// Times of each frame after the start.
+    pub times: Vec<FrameTimes>,
+    before: BTreeMap<&'static str, f64>,
+}
+
+/// The effect as scenes and plans call it, from what its constraint is called.
+pub(super) fn effect_name(constraint: &str) -> &str {
+    if constraint == "distance" {
+        "stretch"
+    } else {
+        constraint
+    }
+}
+
+/// The effect of a name as [`effect_name`] gives it.
+fn known_effect(name: &str) -> Option<&'static str> {
+    if name == "stretch" {
+        Some("stretch")
+    } else {
+        effect_of_name(name)
+    }
+}
+
+impl Value for FrameTimes {
+    const LEAST: usize = 8 + 8 + 8 + 8;
+
+    fn put(&self, to: &mut Writer) {
+        let Self {
+            frame,
+            step_ms,
+            audit_ms,
+            effects_ms,
+        } = self;
+        to.put(frame);
+        to.put(&(*step_ms, *audit_ms));
+        to.put(
+            &effects_ms
+                .iter()
+                .map(|(name, ms)| ((*name).to_owned(), *ms))
+                .collect::<Vec<_>>(),
+        );
+    }
+
+    fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
+        let frame = from.take()?;
+        let (step_ms, audit_ms) = from.take()?;
+        let named: Vec<(String, f64)> = from.take()?;
+        let known = |(name, ms): (String, f64)| known_effect(&name).map(|name| (name, ms));
+        let effects_ms = named.into_iter().map(known).collect::<Option<_>>();
+        Ok(Self {
+            frame,
+            step_ms,
+            audit_ms,
+            effects_ms: effects_ms.ok_or(from.corrupt("no effect has this name"))?,
+        })
+    }
+}
+
+/// Seconds of each effect so far, summed over muscles.
+fn effect_seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
+    let mut sums = BTreeMap::new();
+    for (effect, (seconds, _)) in simulation
+        .bodies
+        .iter()
+        .flat_map(|b| &b.system.clock.effects)
+    {
+        *sums.entry(effect_name(effect)).or_insert(0.0) += seconds;
+    }
+    sums
+}
+
+impl Record {
+    /// What was recorded up to the frame at which `simulation` is, whose clocks go on from there.
+    pub fn going_on(
+        simulation: &Simulation,
+        measures: Vec<Measures>,
+        times: Vec<FrameTimes>,
+    ) -> Self {
+        Self {
+            measures,
+            times,
+            before: effect_seconds(simulation),
+        }
+    }
+
+    /// Adds the frame that `simulation` has just computed, or its start, with its measures.
+    pub fn add(
+        &mut self,
+        simulation: &Simulation,
+        measures: Vec<Measures>,
+        step: Duration,
+        audit: Duration,
+    ) {
+        let now = effect_seconds(simulation);
+        if simulation.frame() > 0 {
+            let ms = |(effect, seconds): (&&'static str, &f64)| {
+                let before = self.before.get(effect).copied().unwrap_or(0.0);
+                (*effect, (seconds - before) * 1e3)
+            };
+            self.times.push(FrameTimes {
+                frame: simulation.frame(),
+                step_ms: step.as_secs_f64() * 1e3,
+                audit_ms: audit.as_secs_f64() * 1e3,
+                effects_ms: now.iter().map(ms).collect(),
+            });
+        }
+        self.before = now;
+        self.measures.extend(measures);
+    }
+
+    /// Seconds of each effect over the run.
+    pub fn effects_s(&self) -> &BTreeMap<&'static str, f64> {
+        &self.before
+    }
+
+    /// Measures of one muscle, by frame.
+    pub fn of_muscle<'a>(&'a self, name: &'a str) -> impl Iterator<Item = &'a Measures> + 'a {
+        self.measures.iter().filter(move |m| m.muscle == name)
+    }
+
+    /// Median time of a frame [ms], without the audit; 0 before the first frame.
+    pub fn median_ms(&self) -> f64 {
+        pliant::mesh::measures::median(self.times.iter().map(|t| t.step_ms).collect())
+            .unwrap_or(0.0)
+    }
+
+    /// Writes `measures.csv`.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn write_measures(&self, w: &mut impl Write) -> io::Result<()> {
+        writeln!(w, "{}", COLUMNS.join(","))?;
+        for m in &self.measures {
+            writeln!(w, "{}", row(m).join(","))?;
+        }
+        Ok(())
+    }
+
+    /// Writes `times.csv`.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn write_times(&self, w: &mut impl Write) -> io::Result<()> {
+        let effects: Vec<&str> = self.before.keys().copied().collect();
+        let columns = effects
+            .iter()
+            .map(|e| format!(",{e}_ms"))
+            .collect::<String>();
+        writeln!(w, "frame,step_ms,audit_ms{columns}")?;
+        for t in &self.times {
+            write!(w, "{},{:.4},{:.4}", t.frame, t.step_ms, t.audit_ms)?;
+            for effect in &effects {
+                write!(
+                    w,
+                    ",{:.4}",
+                    t.effects_ms.get(effect).copied().unwrap_or(0.0)
+                )?;
+            }
+            writeln!(w)?;
+        }
+        Ok(())
+    }
+}
+
+/// Columns of `measures.csv`: the fields of [`Measures`], as a test checks.
+const COLUMNS: [&str; 16] = [
+    "frame",
+    "time_s",
+    "muscle",
+    "volume_error",
+    "volume_ratio",
+    "edge_stretch_rms",
+    "edge_stretch_max",
+    "penetration_m",
+    "vertices_inside_bones",
+    "bone_vertices_inside",
+    "vertices_touching",
+    "vertices_pinched",
+    "residual_m",
+    "kinetic_energy_j",
+    "distance_from_start_rms_m",
+    "converged",
+];
+
+fn row(m: &Measures) -> [String; 16] {
+    // `{:?}` is the shortest text that reads back to the same bits.
+    let number = |x: f64| format!("{x:?}");
+    [
+        m.frame.to_string(),
+        number(m.time_s),
+        quoted(&m.muscle),
+        number(m.volume_error),
+        number(m.volume_ratio),
+        number(m.edge_stretch_rms),
+        number(m.edge_stretch_max),
+        number(m.penetration_m),
+        m.vertices_inside_bones.to_string(),
+        m.bone_vertices_inside.to_string(),
+        m.vertices_touching.to_string(),
+        m.vertices_pinched.to_string(),
+        number(m.residual_m),
+        number(m.kinetic_energy_j),
+        number(m.distance_from_start_rms_m),
+        m.converged.to_string(),
+    ]
+}
+
+/// A text as CSV wants it.
+pub(crate) fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_columns_are_the_fields_of_measures() {
+        let scene = pliant::scene::builtin::load("distance", &[]).unwrap();
+        let mut simulation = Simulation::new(scene).unwrap();
+        // The start has no residual, and JSON no NaN.
+        simulation.step_frame();
+        let measures = simulation.measure();
+        let serde_json::Value::Object(fields) = serde_json::to_value(&measures[0]).unwrap() else {
+            panic!()
+        };
+        let mut known: Vec<&str> = fields.keys().map(String::as_str).collect();
+        let mut columns = COLUMNS.to_vec();
+        known.sort_unstable();
+        columns.sort_unstable();
+        assert_eq!(known, columns);
+        // Each value stands under its own name.
+        for (name, value) in COLUMNS.iter().zip(row(&measures[0])) {
+            let field = &fields[*name];
+            match field.as_f64() {
+                Some(number) => assert_eq!(value.parse::<f64>().unwrap(), number, "{name}"),
+                None => assert_eq!(field.to_string().trim_matches('"'), value, "{name}"),
+            }
+        }
+        assert_eq!(quoted("a,\"b\""), "\"a,\"\"b\"\"\"");
+    }
+}

@@ -1,0 +1,406 @@
+//! Files of a registration: the moved surface with its distances, pictures before and after, summary, page.
+
+use std::io::Write;
+
+use nalgebra::{Matrix3, Point3};
+use serde::Serialize;
+
+use super::folder::{Folder, FolderError};
+use super::{Report, Table};
+use pliant::format::number;
+use pliant::io::vtp::{self, PolyData};
+use pliant::io::{PointData, obj};
+use pliant::mesh::TriangleMesh;
+use pliant::mesh::measures::{Aabb, greatest};
+use pliant::morph::pose::axes;
+use pliant::morph::register::Motion;
+use pliant::morph::register::whole::{Laid, Residual};
+use pliant_render::{
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Rgb, Surface, TextStyle, View, colour,
+    render,
+};
+
+/// Width and height of a picture \[px\].
+const SIZE: (u32, u32) = (520, 480);
+const MOVING: Rgb = [0.25, 0.45, 0.75];
+
+/// A registration, with all that is told of it.
+pub struct Registration<'a> {
+    /// What it is called.
+    pub name: String,
+    /// The files of both surfaces, as they were named.
+    pub files: [String; 2],
+    /// The surface that moves, and the other.
+    pub meshes: [&'a TriangleMesh; 2],
+    /// Numbers at the vertices of the first.
+    pub data: &'a [PointData],
+    /// What was found.
+    pub laid: &'a Laid,
+    /// Whether size could change.
+    pub motion: Motion,
+    /// Share of the first surface that is said to have a place on the other.
+    pub overlap: f64,
+    /// Of the draws.
+    pub seed: u64,
+    /// The unit of all lengths; `None` for that of the files.
+    pub unit: Option<&'static str>,
+    /// Seconds of reading.
+    pub read_s: f64,
+}
+
+/// Distances from B.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Distances {
+    rms: f64,
+    median: f64,
+    max: f64,
+}
+
+/// How A was bent.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Bending {
+    clusters: usize,
+    rounds: usize,
+    converged: bool,
+    pairs: usize,
+    bend_max_rad: f64,
+    moved_rms: f64,
+    moved_max: f64,
+}
+
+/// Seconds of each part.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Seconds {
+    read: f64,
+    start: f64,
+    icp: f64,
+    bend: f64,
+}
+
+/// What `summary.json` holds.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    name: String,
+    a: String,
+    b: String,
+    vertices_a: usize,
+    triangles_a: usize,
+    vertices_b: usize,
+    triangles_b: usize,
+    length_unit: &'static str,
+    with: &'static str,
+    overlap: f64,
+    seed: u64,
+    matrix: [[f64; 4]; 4],
+    scale: f64,
+    turned_rad: f64,
+    draws: usize,
+    start_inliers: usize,
+    start_tried: usize,
+    rounds: usize,
+    converged: bool,
+    pairs: usize,
+    size: f64,
+    inlier_share: f64,
+    residual: Distances,
+    distance: Distances,
+    non_rigid: Option<Bending>,
+    time_s: Seconds,
+    verdicts: Vec<(String, bool)>,
+}
+
+impl Summary {
+    /// What was checked, and whether it holds.
+    pub fn verdicts(&self) -> &[(String, bool)] {
+        &self.verdicts
+    }
+
+    /// A few lines for a terminal.
+    pub fn to_text(&self) -> String {
+        let bent = self.non_rigid.map_or(String::new(), |b| {
+            let (most, turn) = (number(b.moved_max), b.bend_max_rad.to_degrees());
+            format!(
+                "bent by {} clusters: up to {most} further, neighbours turned by up to {turn:.1} degrees\n",
+                b.clusters
+            )
+        });
+        format!(
+            "{} onto {}\nturned by {:.2} degrees, scaled by {}, in {} rounds\n{bent}{:.1} % of the vertices lie on B: distance rms {}, \
+             median {}, greatest {} (B is {} long)\n",
+            self.a,
+            self.b,
+            self.turned_rad.to_degrees(),
+            number(self.scale),
+            self.rounds,
+            self.inlier_share * 100.0,
+            number(self.residual.rms),
+            number(self.residual.median),
+            number(self.residual.max),
+            number(self.size)
+        )
+    }
+}
+
+impl Registration<'_> {
+    /// The files that are written.
+    pub fn files() -> Vec<String> {
+        [
+            "moved.vtp",
+            "moved.obj",
+            "before.png",
+            "after.png",
+            "summary.json",
+            "report.html",
+        ]
+        .map(str::to_owned)
+        .to_vec()
+    }
+
+    /// Measures what is told.
+    pub fn summary(&self) -> Summary {
+        let (laid, [a, b]) = (self.laid, self.meshes);
+        let motion = &laid.registered.motion;
+        let rows = motion.to_homogeneous();
+        let share = laid.share();
+        let bent = laid.bent.as_ref().map(|bent| {
+            let rigid = a.vertices.iter().map(|p| motion * p);
+            let moved = Residual::of(rigid.zip(&laid.points).map(|(p, q)| (q - p).norm()));
+            Bending {
+                clusters: bent.count,
+                rounds: bent.rounds,
+                converged: bent.converged,
+                pairs: bent.pairs,
+                bend_max_rad: bent.bend_max,
+                moved_rms: moved.rms,
+                moved_max: moved.max,
+            }
+        });
+        let told = |r: Residual| Distances {
+            rms: r.rms,
+            median: r.median,
+            max: r.max,
+        };
+        let enough = format!(
+            "at least two thirds of the {:.0} % asked for by --overlap lie on B: {:.1} % do",
+            self.overlap * 100.0,
+            share * 100.0
+        );
+        let rest = "iterated closest points came to rest".to_owned();
+        Summary {
+            name: self.name.clone(),
+            a: self.files[0].clone(),
+            b: self.files[1].clone(),
+            vertices_a: a.vertices.len(),
+            triangles_a: a.triangles.len(),
+            vertices_b: b.vertices.len(),
+            triangles_b: b.triangles.len(),
+            length_unit: self.unit.unwrap_or("that of the files"),
+            with: if self.motion == Motion::Rigid {
+                "rigid"
+            } else {
+                "similarity"
+            },
+            overlap: self.overlap,
+            seed: self.seed,
+            matrix: std::array::from_fn(|i| std::array::from_fn(|k| rows[(i, k)])),
+            scale: motion.scaling(),
+            turned_rad: motion.isometry.rotation.angle(),
+            draws: laid.begun.draws,
+            start_inliers: laid.begun.inliers,
+            start_tried: laid.begun.of,
+            rounds: laid.registered.rounds,
+            converged: laid.registered.converged,
+            pairs: laid.registered.pairs,
+            size: b.length(),
+            inlier_share: share,
+            residual: told(laid.residual()),
+            distance: told(Residual::of(laid.distances.iter().copied())),
+            non_rigid: bent,
+            time_s: Seconds {
+                read: self.read_s,
+                start: laid.times.start,
+                icp: laid.times.icp,
+                bend: laid.times.bend,
+            },
+            verdicts: vec![
+                (enough, share >= self.overlap * 2.0 / 3.0),
+                (rest, laid.registered.converged || bent.is_some()),
+            ],
+        }
+    }
+
+    /// Writes all files.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, folder: &Folder, summary: &Summary) -> Result<(), FolderError> {
+        let (laid, mesh) = (self.laid, self.meshes[0]);
+        let mut point_data: Vec<(&str, Vec<f64>)> = self
+            .data
+            .iter()
+            .map(|d| (d.name.as_str(), d.values.clone()))
+            .collect();
+        let mut own = vec![
+            ("distance", laid.distances.clone()),
+            (
+                "inlier",
+                laid.inliers
+                    .iter()
+                    .map(|on| f64::from(u8::from(*on)))
+                    .collect(),
+            ),
+        ];
+        own.extend(laid.bent.as_ref().map(|b| {
+            (
+                "cluster",
+                b.clusters.iter().map(|c| f64::from(*c)).collect(),
+            )
+        }));
+        for (name, values) in own {
+            if point_data.iter().all(|(other, _)| *other != name) {
+                point_data.push((name, values));
+            }
+        }
+        let data = PolyData {
+            points: &laid.points,
+            triangles: &mesh.triangles,
+            lines: &[],
+            point_data,
+        };
+        let path = folder.claim("moved.vtp")?;
+        vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })?;
+        let moved = TriangleMesh {
+            vertices: laid.points.clone(),
+            triangles: mesh.triangles.clone(),
+        };
+        let path = folder.claim("moved.obj")?;
+        obj::write(&path, &moved, &[]).map_err(|source| FolderError::Io { path, source })?;
+        let before = self.before().to_png()?;
+        let after = self.after().to_png()?;
+        folder.write("before.png", |w| w.write_all(&before))?;
+        folder.write("after.png", |w| w.write_all(&after))?;
+        let json = serde_json::to_string_pretty(summary).unwrap_or_default();
+        folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        let page = self.page(summary, before, after);
+        folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+    }
+
+    fn camera(&self, points: &[&[Point3<f64>]], canvas: Canvas) -> Camera {
+        let frame: Matrix3<f64> = axes(self.meshes[1]);
+        let [long, across] = [0, 2].map(|k| frame.column(k).into_owned());
+        // Not head down, nor from behind.
+        let up = if long.y < 0.0 { -long } else { long };
+        let from = if across.z < 0.0 { -across } else { across };
+        let all = points.iter().flat_map(|x| x.iter().copied());
+        Camera::fit(all, &View::orthographic(from, up), canvas)
+    }
+
+    /// A, blue, and B as they were placed.
+    fn before(&self) -> Frame {
+        let [a, b] = self.meshes;
+        let camera = self.camera(
+            &[&a.vertices, &b.vertices],
+            Canvas::new(SIZE.0, SIZE.1).with_top(26.0),
+        );
+        let moving = Surface::plain(&a.vertices, &a.triangles, MOVING);
+        let fixed = Surface::plain(&b.vertices, &b.triangles, colour::BONE).with_opacity(0.55);
+        let mut frame = render(&Drawing::of([moving, fixed]), &camera);
+        frame.title("before: A blue, B pale", TextStyle::Small);
+        frame
+    }
+
+    /// A by its distance from B, and B around it.
+    fn after(&self) -> Frame {
+        let ([a, b], laid) = (self.meshes, self.laid);
+        // Vertices without a place on B must not pale those that have one.
+        let on = laid
+            .distances
+            .iter()
+            .zip(&laid.inliers)
+            .filter(|(_, on)| **on)
+            .map(|(d, _)| *d);
+        let range = (0.0, greatest(on));
+        let legend = Legend::new(
+            "Distance",
+            self.unit.unwrap_or(""),
+            range,
+            ColourMap::Viridis,
+        );
+        let room = legend.width();
+        let canvas = Canvas::new(SIZE.0 + room as u32, SIZE.1)
+            .with_right(room)
+            .with_top(26.0);
+        let bounds = Aabb::of_points(&b.vertices);
+        let camera = self.camera(&[&laid.points, &bounds.corners()], canvas);
+        let moving = Surface::field(
+            &laid.points,
+            &a.triangles,
+            &laid.distances,
+            range,
+            ColourMap::Viridis,
+        );
+        let fixed = Surface::plain(&b.vertices, &b.triangles, colour::BONE).with_opacity(0.15);
+        let mut frame = render(&Drawing::of([moving, fixed]), &camera);
+        legend.draw(&mut frame);
+        frame.title("after: A by its distance from B", TextStyle::Small);
+        frame
+    }
+
+    fn page(&self, summary: &Summary, before: Vec<u8>, after: Vec<u8>) -> Report {
+        let mut found = Table::new("Motion", ["what", "value"]);
+        found.row([
+            "turned [degrees]",
+            &format!("{:.3}", summary.turned_rad.to_degrees()),
+        ]);
+        found.row(["scaled by", &number(summary.scale)]);
+        found.row([
+            "points of the start that agree",
+            &format!("{} of {}", summary.start_inliers, summary.start_tried),
+        ]);
+        found.row(["rounds of closest points", &summary.rounds.to_string()]);
+        if let Some(bent) = &summary.non_rigid {
+            found.row(["clusters that bend", &bent.clusters.to_string()]);
+            found.row(["rounds of bending", &bent.rounds.to_string()]);
+            found.row([
+                "moved further by bending, greatest",
+                &number(bent.moved_max),
+            ]);
+            found.row([
+                "neighbours turned apart, greatest [degrees]",
+                &format!("{:.2}", bent.bend_max_rad.to_degrees()),
+            ]);
+        }
+        let mut matrix = Table::new("Matrix, for columns of positions of A", ["", "", "", ""]);
+        summary
+            .matrix
+            .iter()
+            .for_each(|row| matrix.row(row.map(|v| format!("{v:.9}"))));
+        let mut distances =
+            Table::new("Distance from B", ["vertices", "rms", "median", "greatest"]);
+        for (what, d) in [("on B", summary.residual), ("all", summary.distance)] {
+            distances.row([
+                what.to_owned(),
+                number(d.rms),
+                number(d.median),
+                number(d.max),
+            ]);
+        }
+        Report {
+            title: format!("{}: registration", self.name),
+            subtitle: format!("{} onto {}", self.files[0], self.files[1]),
+            verdict: summary.verdicts.clone(),
+            pictures: vec![("before".to_owned(), before), ("after".to_owned(), after)],
+            tables: vec![found, distances, matrix],
+            notes: vec![format!(
+                "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same way, and its nearest \
+                 place is at no open rim.",
+                if self.unit.is_some() {
+                    "metres"
+                } else {
+                    "the unit of the files"
+                }
+            )],
+            ..Report::default()
+        }
+    }
+}

@@ -1,0 +1,434 @@
+//! The results of a run, gathered frame by frame and written into a folder.
+
+use std::io::Write;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::folder::{Folder, FolderError};
+use super::frames::{Cast, FrameWriter, Listing, Snapshot};
+use super::gathered::{self, Gathered};
+use super::page;
+use super::pictures::Painter;
+use super::record::Record;
+use super::summary::{Summary, Time};
+use pliant::accuracy::Chosen;
+use pliant::io::names::file_name;
+use pliant::mesh::measures::greatest;
+use pliant::simulation::checkpoint::{self, Fingerprint};
+use pliant::simulation::{Measures, Simulation};
+use pliant_render::{PictureError, to_gif};
+
+/// An animation shows every so many frames.
+const ANIMATION_STEP: usize = 4;
+
+/// Pictures of an animation at most; a longer run shows every second, and so on.
+const MOST_PICTURES: usize = 500;
+
+/// Frames of the turn-table at most, besides the last.
+const MOST_TURNED: usize = 23;
+
+/// Frames that are evenly apart, so few that a run of any length keeps no more.
+#[derive(Clone, Debug)]
+pub struct Evenly {
+    /// The frames so far.
+    pub shots: Vec<Arc<Snapshot>>,
+    /// Frames from one to the next; 0 for none at all.
+    step: usize,
+    /// This many at most; of a longer run every second, and so on.
+    most: usize,
+}
+
+impl Evenly {
+    /// None yet; every `step`-th of a run as long as they are `most`.
+    fn new(step: usize, most: usize) -> Self {
+        Self {
+            shots: Vec::new(),
+            step,
+            most,
+        }
+    }
+
+    fn add(&mut self, snapshot: &Arc<Snapshot>) {
+        if self.step > 0 && snapshot.frame.is_multiple_of(self.step) {
+            self.shots.push(snapshot.clone());
+            if self.shots.len() > self.most {
+                self.step = self.step.saturating_mul(2);
+                let step = self.step;
+                self.shots.retain(|s| s.frame.is_multiple_of(step));
+            }
+        }
+    }
+}
+
+/// The frames that pictures are made of.
+#[derive(Clone, Debug)]
+pub struct Shots {
+    /// The start.
+    pub first: Option<Arc<Snapshot>>,
+    /// The frame with the greatest edge stretch, and that stretch.
+    pub worst: Option<(f64, Arc<Snapshot>)>,
+    /// The last frame.
+    pub last: Option<Arc<Snapshot>>,
+    /// Frames of the animation; none unless one is wanted.
+    pub animation: Evenly,
+    /// Frames of the turn-table, but for the last.
+    pub turned: Evenly,
+}
+
+impl Shots {
+    /// None yet; an animation if one is wanted.
+    pub(super) fn new(animate: bool) -> Self {
+        Self {
+            first: None,
+            worst: None,
+            last: None,
+            animation: Evenly::new(if animate { ANIMATION_STEP } else { 0 }, MOST_PICTURES),
+            turned: Evenly::new(1, MOST_TURNED),
+        }
+    }
+
+    /// The frames that a turn-table shows, the first and the last among them.
+    pub fn of_turntable(&self) -> Vec<Arc<Snapshot>> {
+        let mut all = self.turned.shots.clone();
+        if let Some(last) = self
+            .last
+            .iter()
+            .find(|last| all.last().is_none_or(|shown| shown.frame != last.frame))
+        {
+            all.push(last.clone());
+        }
+        all
+    }
+
+    /// All frames that are kept; one that is kept for several pictures comes as often.
+    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<Snapshot>> {
+        let Self {
+            first,
+            worst,
+            last,
+            animation,
+            turned,
+        } = self;
+        let single = first
+            .iter_mut()
+            .chain(worst.iter_mut().map(|(_, shot)| shot))
+            .chain(last);
+        single.chain(&mut animation.shots).chain(&mut turned.shots)
+    }
+
+    /// As [`Self::all_mut`].
+    pub(super) fn all(&self) -> impl Iterator<Item = &Arc<Snapshot>> {
+        let single = self
+            .first
+            .iter()
+            .chain(self.worst.iter().map(|(_, shot)| shot))
+            .chain(&self.last);
+        single
+            .chain(&self.animation.shots)
+            .chain(&self.turned.shots)
+    }
+
+    /// Adds a frame of muscles.
+    pub(super) fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
+        self.add_stretched(
+            snapshot,
+            greatest(measures.iter().map(|m| m.edge_stretch_rms)),
+        );
+    }
+
+    /// Adds a frame in which edges are stretched by so much.
+    pub(super) fn add_stretched(&mut self, snapshot: &Arc<Snapshot>, stretch: f64) {
+        self.first.get_or_insert_with(|| snapshot.clone());
+        if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
+            self.worst = Some((stretch, snapshot.clone()));
+        }
+        self.last = Some(snapshot.clone());
+        self.animation.add(snapshot);
+        self.turned.add(snapshot);
+    }
+}
+
+/// Results that are being gathered.
+pub struct Results {
+    folder: Arc<Folder>,
+    cast: Arc<Cast>,
+    /// Present until the end.
+    writer: Option<FrameWriter>,
+    record: Record,
+    shots: Shots,
+    begun: Instant,
+    prepared: Duration,
+    /// Time before this run went on, and of it that of making ready.
+    earlier: (Duration, Duration),
+    name: String,
+    checkpoints: Option<Checkpoints>,
+}
+
+/// Checkpoints to be written.
+struct Checkpoints {
+    every: usize,
+    fingerprint: Fingerprint,
+    /// The frame of the last.
+    last: Option<usize>,
+}
+
+impl Results {
+    /// Begins with the start of `simulation`; `begun` is when the run began, with all its reading.
+    ///
+    /// # Errors
+    /// The folder cannot be used.
+    pub fn begin(
+        folder: Folder,
+        simulation: &Simulation,
+        animate: bool,
+        begun: Instant,
+    ) -> Result<Self, FolderError> {
+        let folder = Arc::new(folder);
+        let cast = Arc::new(Cast::of(simulation));
+        let writer = Some(FrameWriter::start(
+            folder.clone(),
+            cast.clone(),
+            Listing::new(&cast),
+        ));
+        let shots = Shots::new(animate);
+        Ok(Self {
+            folder,
+            cast,
+            writer,
+            record: Record::default(),
+            shots,
+            begun,
+            prepared: begun.elapsed(),
+            earlier: Default::default(),
+            name: simulation.scene.name.clone(),
+            checkpoints: None,
+        })
+    }
+
+    /// Goes on with the results in the folder `root`, of which `gathered` is what they held when `simulation` was where it
+    /// is now; `first` is its start. Later frames in the folder go. What pictures show of earlier frames is read from
+    /// their files; without an animation wanted, an animation of the earlier run goes.
+    ///
+    /// # Errors
+    /// A file of an earlier frame is missing or changed, and then nothing was touched; or the folder cannot be used.
+    pub fn resume(
+        root: &Path,
+        simulation: &mut Simulation,
+        gathered: Gathered,
+        first: Snapshot,
+        animate: bool,
+        begun: Instant,
+    ) -> Result<Self, FolderError> {
+        let cast = Arc::new(Cast::of(simulation));
+        let shots = gathered.shots(&cast, simulation, root, first, animate)?;
+        let (listing, files) = gathered::listing(&cast, simulation);
+        let folder = Arc::new(Folder::resume(root, &files, |file| {
+            !animate && file.ends_with(".gif")
+        })?);
+        let writer = Some(FrameWriter::start(folder.clone(), cast.clone(), listing));
+        let [total, prepared] = <[f64; 2]>::from(gathered.times_s).map(seconds);
+        Ok(Self {
+            folder,
+            cast,
+            writer,
+            record: gathered.record(simulation),
+            shots,
+            begun,
+            prepared: begun.elapsed(),
+            earlier: (total, prepared),
+            name: simulation.scene.name.clone(),
+            checkpoints: None,
+        })
+    }
+
+    /// Asks for a checkpoint every so many frames and at the end, of simulations with this `fingerprint`; 0 for none.
+    pub fn keep_every(&mut self, every: usize, fingerprint: Fingerprint) {
+        self.checkpoints = (every > 0).then_some(Checkpoints {
+            every,
+            fingerprint,
+            last: None,
+        });
+    }
+
+    /// Hands a checkpoint of the last frame to the writer where one is due, or at the `end` if there is none yet; as
+    /// [`Self::frame`].
+    pub fn checkpoint(&mut self, simulation: &Simulation, end: bool) -> bool {
+        let frame = simulation.frame();
+        let Some(wanted) = &mut self.checkpoints else {
+            return true;
+        };
+        if wanted.last == Some(frame) || !(end || frame.is_multiple_of(wanted.every)) {
+            return true;
+        }
+        wanted.last = Some(frame);
+        let (total, prepared) = self.earlier;
+        let spent = (
+            (total + self.begun.elapsed()).as_secs_f64(),
+            (prepared + self.prepared).as_secs_f64(),
+        );
+        let beside = gathered::save(simulation, &self.record, wanted.every, spent);
+        let bytes = checkpoint::save(simulation, &wanted.fingerprint, &beside);
+        self.writer
+            .as_ref()
+            .is_some_and(|w| w.push_checkpoint(bytes))
+    }
+
+    /// Takes the frame that `simulation` has just computed in `step`, measures it, and hands it to the writer.
+    /// False once frames cannot be written any more: [`Self::finish`] then tells why.
+    pub fn frame(&mut self, simulation: &Simulation, step: Duration) -> bool {
+        let before = Instant::now();
+        let measures = simulation.measure();
+        let audit = before.elapsed();
+        let snapshot = Arc::new(Snapshot::of(simulation));
+        self.shots.add(&snapshot, &measures);
+        self.record.add(simulation, measures, step, audit);
+        self.writer.as_ref().is_some_and(|w| w.push(snapshot))
+    }
+
+    /// Writes a text into the folder.
+    ///
+    /// # Errors
+    /// What kept it from being written.
+    pub fn write(&self, file: &str, text: &str) -> Result<(), FolderError> {
+        self.folder.write(file, |w| w.write_all(text.as_bytes()))
+    }
+
+    /// Measures of the last frame, muscle by muscle.
+    pub fn last(&self) -> &[Measures] {
+        let all = &self.record.measures;
+        &all[all.len().saturating_sub(self.cast.muscles.len())..]
+    }
+
+    /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report, `chosen` what
+    /// an accuracy asked for led to.
+    ///
+    /// # Errors
+    /// What kept a file from being written.
+    pub fn finish(
+        mut self,
+        simulation: &Simulation,
+        settings: &[(String, String)],
+        interrupted: bool,
+        chosen: Option<&Chosen>,
+    ) -> Result<Summary, FolderError> {
+        let finishing = Instant::now();
+        let collection = match self.writer.take() {
+            Some(writer) => writer.finish()?,
+            None => return Err(FolderError::WriterEnded),
+        };
+        let pvd = format!("{}.pvd", file_name(&simulation.scene.name));
+        let path = self.folder.claim(&pvd)?;
+        collection
+            .write(&path)
+            .map_err(|source| FolderError::Io { path, source })?;
+        let record = &self.record;
+        self.folder
+            .write("measures.csv", |w| record.write_measures(w))?;
+        self.folder.write("times.csv", |w| record.write_times(w))?;
+        let animated = self.write_animation()?;
+        let [total, prepared, finished] = [
+            self.earlier.0 + self.begun.elapsed(),
+            self.earlier.1 + self.prepared,
+            finishing.elapsed(),
+        ]
+        .map(|time| time.as_secs_f64());
+        let time = Time::of(record, total, prepared, finished);
+        let summary = Summary::of(simulation, record, interrupted, time, chosen);
+        self.write_report(&summary, settings, animated)?;
+        let json = summary.to_json();
+        self.folder
+            .write("summary.json", |w| w.write_all(json.as_bytes()))?;
+        self.folder.close()?;
+        Ok(summary)
+    }
+
+    /// Writes the animation, if one is wanted; gives its name.
+    fn write_animation(&self) -> Result<Option<String>, FolderError> {
+        let Some(painter) = Painter::new(&self.cast, &self.shots)
+            .filter(|_| !self.shots.animation.shots.is_empty())
+        else {
+            return Ok(None);
+        };
+        let name = format!("{}.gif", file_name(&self.name));
+        let (pictures, seconds) = painter.animation(&self.shots);
+        let gif = to_gif(&pictures, seconds).map_err(|e| self.picture_error(&name, e))?;
+        self.folder.write(&name, |w| w.write_all(&gif))?;
+        Ok(Some(name))
+    }
+
+    fn write_report(
+        &self,
+        summary: &Summary,
+        settings: &[(String, String)],
+        animated: Option<String>,
+    ) -> Result<(), FolderError> {
+        let page = page::report(summary, &self.record, &self.cast, &self.shots, settings);
+        let mut page = page.map_err(|e| self.picture_error("report.html", e))?;
+        page.notes
+            .extend(animated.map(|name| format!("animation: {name}, beside this page")));
+        self.folder
+            .write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+    }
+
+    fn picture_error(&self, name: &str, error: PictureError) -> FolderError {
+        FolderError::Io {
+            path: self.folder.path().join(name),
+            source: std::io::Error::other(error),
+        }
+    }
+}
+
+/// A time that was kept; one that makes no sense is none.
+fn seconds(kept: f64) -> Duration {
+    Duration::try_from_secs_f64(kept).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames(shots: &[Arc<Snapshot>]) -> Vec<usize> {
+        shots.iter().map(|s| s.frame).collect()
+    }
+
+    #[test]
+    fn a_run_of_any_length_keeps_few_frames_evenly_apart() {
+        let mut shots = Shots::new(true);
+        let mut most = 0;
+        for frame in 0..=100_000 {
+            let snapshot = Snapshot {
+                frame,
+                time: frame as f64,
+                muscles: Vec::new(),
+                bones: Vec::new(),
+            };
+            shots.add_stretched(&Arc::new(snapshot), 0.0);
+            let turned = frames(&shots.of_turntable());
+            most = most.max(turned.len());
+            assert!(
+                turned.first() == Some(&0) && turned.last() == Some(&frame),
+                "{turned:?}"
+            );
+            assert!(
+                shots.turned.shots.len() <= MOST_TURNED
+                    && turned.len() >= (frame + 1).min(MOST_TURNED / 2)
+            );
+            // All but the last are as far apart as the first two.
+            let even = |pair: &[usize]| pair[1] - pair[0] == turned[1];
+            assert!(
+                turned
+                    .split_last()
+                    .is_some_and(|(_, all)| all.windows(2).all(even)),
+                "{turned:?}"
+            );
+        }
+        assert_eq!(most, MOST_TURNED + 1);
+        assert!(shots.animation.shots.len() <= MOST_PICTURES);
+        assert_eq!(frames(&shots.animation.shots)[..3], [0, 256, 512]);
+        assert!(
+            Shots::new(false).animation.shots.is_empty()
+                && Shots::new(false).of_turntable().is_empty()
+        );
+    }
+}

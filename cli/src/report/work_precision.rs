@@ -1,0 +1,397 @@
+//! What accuracy costs, as a table, a CSV, a plot, JSON and a page.
+
+use std::io::{self, Write};
+
+use serde_json::{Value, json};
+
+use super::folder::{Folder, FolderError};
+use super::html::Report;
+use super::plot::{LinePlot, Series};
+use super::table::Table;
+use pliant::accuracy::candidates::HIERARCHY;
+use pliant::accuracy::{Question, Row, Status, Study};
+
+/// The solvers in the order of the key, as people call them.
+const SOLVERS: [(&str, &str); 3] = [
+    ("xpbd", "small-step XPBD"),
+    ("implicit_euler", "implicit Euler"),
+    ("quasi_static", "quasi-static"),
+];
+
+/// Columns of `work_precision.csv`.
+const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,order,tolerance,contact,lanes,threads,status,certain,time_s,time_min_s,\
+                       time_max_s,repeats,rms_error_m,rms_error_share,max_error_m,worst_frame,model_error_m,\
+                       volume_error,penetration_m,fibre_length_error_m,residual_m,error_estimate_m,solver_iterations,on_front";
+
+/// A number for JSON: one that is not finite has none.
+fn number(value: f64) -> Value {
+    if value.is_finite() {
+        json!(value)
+    } else {
+        Value::Null
+    }
+}
+
+/// Whether an error of a row can be told from the reference's own uncertainty.
+pub fn is_certain(row: &Row) -> bool {
+    row.error.rms >= row.uncertainty_m
+}
+
+/// As `--json` gives it.
+pub fn to_json(study: &Study) -> Value {
+    let rows: Vec<Value> = study.rows.iter().map(|row| row_json(study, row)).collect();
+    let recommended = study.recommended.iter().map(|r| {
+        let row = r.row.map(|i| &study.rows[i]);
+        json!({
+            "target": r.target,
+            "solver": row.map(|r| r.candidate.name()),
+            "settings": row.map(|r| r.candidate.settings()),
+            "rms_error_m": row.map(|r| number(r.error.rms)),
+            "model_error_m": row.map(|r| number(r.model_error_m)),
+            "time_s": row.map(|r| number(r.time_s)),
+        })
+    });
+    let reference = |r: &pliant::accuracy::Reference| {
+        json!({
+            "question": question_name(r.question),
+            "solver": r.candidate.name(),
+            "settings": r.candidate.settings(),
+            "uncertainty_m": number(r.uncertainty.rms),
+            "max_uncertainty_m": number(r.uncertainty.max),
+            "steps_m": r.steps,
+            "time_s": number(r.run.time_s),
+        })
+    };
+    json!({
+        "scene": study.scene,
+        "frames": study.frames,
+        "frames_of_scene": study.frames_of_scene,
+        "vertices": study.vertices,
+        "length_m": study.length,
+        "interrupted": study.interrupted,
+        "reference": reference(&study.reference),
+        "other_reference": study.other.as_ref().map(reference),
+        "model_distance_m": number(study.model_distance_m),
+        "rows": rows,
+        "recommended": recommended.collect::<Vec<_>>(),
+        "left_out": study.left_out.iter().map(|c| json!({"solver": c.name(), "settings": c.settings()})).collect::<Vec<_>>(),
+    })
+}
+
+fn row_json(study: &Study, row: &Row) -> Value {
+    json!({
+        "solver": row.candidate.name(),
+        "settings": row.candidate.settings(),
+        "rms_error_m": number(row.error.rms),
+        "max_error_m": number(row.error.max),
+        "rms_error_share": number(row.error.rms / study.length),
+        "worst_frame": row.error.frame,
+        "model_error_m": number(row.model_error_m),
+        "volume_error": number(row.volume_error),
+        "penetration_m": number(row.penetration_m),
+        "fibre_length_error_m": number(row.fibre_error_m),
+        "residual_m": number(row.residual_m),
+        "error_estimate_m": number(row.error_estimate_m),
+        "solver_iterations": row.solver_iterations,
+        "time_s": number(row.time_s),
+        "time_range_s": row.time_range_s.map(number),
+        "repeats": row.repeats,
+        "certain": is_certain(row),
+        "status": row.status.name(),
+    })
+}
+
+/// Writes `work_precision.csv`.
+///
+/// # Errors
+/// What the writer says.
+pub fn write_csv(study: &Study, w: &mut impl Write) -> io::Result<()> {
+    writeln!(w, "{COLUMNS}")?;
+    let name = study.scene.replace(['"', ',', '\n'], "_");
+    let of_study = format!(
+        "{name},{},{},{}",
+        study.vertices, study.frames, study.moved_m
+    );
+    for (i, row) in study.rows.iter().enumerate() {
+        let settings = row.candidate.settings();
+        let setting = |key: &str| match settings.get(key) {
+            Some(Value::String(text)) => text.clone(),
+            Some(other) => other.to_string(),
+            None => String::new(),
+        };
+        let first = [
+            "substeps",
+            "iterations",
+            "order",
+            "tolerance",
+            "contact",
+            "lanes",
+            "threads",
+        ]
+        .map(setting)
+        .join(",");
+        let e = &row.error;
+        let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]]
+            .map(|v| v.to_string())
+            .join(",");
+        let errors = [e.rms, e.rms / study.length, e.max]
+            .map(|v| v.to_string())
+            .join(",");
+        let rest = [
+            row.model_error_m,
+            row.volume_error,
+            row.penetration_m,
+            row.fibre_error_m,
+            row.residual_m,
+            row.error_estimate_m,
+        ];
+        writeln!(
+            w,
+            "{of_study},{},{first},{},{},{numbers},{},{errors},{},{},{},{}",
+            row.candidate.name(),
+            row.status.name(),
+            is_certain(row),
+            row.repeats,
+            e.frame,
+            rest.map(|v| v.to_string()).join(","),
+            row.solver_iterations,
+            study.front.contains(&i)
+        )?;
+    }
+    Ok(())
+}
+
+/// Error against time, a colour a solver, with the front.
+pub fn plot(study: &Study) -> LinePlot {
+    let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
+    let fine = |row: &&Row| row.status != Status::Diverged;
+    let mut series = Vec::new();
+    for (name, title) in SOLVERS {
+        let rows: Vec<&Row> = study
+            .rows
+            .iter()
+            .filter(|r| r.candidate.name() == name)
+            .filter(fine)
+            .collect();
+        if !rows.is_empty() {
+            let bars = rows.iter().filter(|r| r.repeats > 1);
+            let bars = bars.map(|r| (total(r), r.time_range_s[0], r.time_range_s[1]));
+            series.push(Series::new(title, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars));
+        }
+    }
+    let front = study
+        .front
+        .iter()
+        .map(|i| &study.rows[*i])
+        .map(|r| (r.time_s, total(r)));
+    series.push(Series::new("none is better", front));
+    let limits = study
+        .recommended
+        .iter()
+        .map(|r| (String::new(), r.target * study.length * 1e3))
+        .collect();
+    let bound = study.reference.uncertainty.rms * 1e3;
+    let title = format!(
+        "RMS error [mm]; dashed: 10, 1, 0.1 % of {:.0} mm",
+        study.length * 1e3
+    );
+    let x = format!("time of {} frames [s]", study.frames);
+    let unknown_below = Some(("below the reference's own uncertainty".to_owned(), bound));
+    LinePlot {
+        series,
+        limits,
+        unknown_below,
+        ..LinePlot::new(title, x).logarithmic_both()
+    }
+}
+
+/// The recommended settings.
+pub fn recommendation(study: &Study) -> Table {
+    let header = [
+        "accuracy",
+        "solver",
+        "settings",
+        "threads",
+        "RMS error [mm]",
+        "model [mm]",
+        "time [s]",
+        "status",
+    ];
+    let mut table = Table::new("What to choose", header);
+    for r in &study.recommended {
+        let target = format!(
+            "{} % = {:.2} mm",
+            r.target * 100.0,
+            r.target * study.length * 1e3
+        );
+        let Some(row) = r.row.map(|i| &study.rows[i]) else {
+            let why = if study.reference.uncertainty.rms > r.target * study.length {
+                "the reference is not certain to this"
+            } else {
+                "none of those measured reaches it"
+            };
+            table.row([target, "-".into(), why.to_owned()]);
+            continue;
+        };
+        table.row([
+            target,
+            row.candidate.name().to_owned(),
+            row.candidate.in_words(),
+            row.candidate.threads.to_string(),
+            mm(row.error.rms),
+            mm(row.model_error_m),
+            format!("{:.3}", row.time_s),
+            row.status.name().to_owned(),
+        ]);
+    }
+    table
+}
+
+/// Every run.
+pub fn table(study: &Study) -> Table {
+    let header = [
+        "solver",
+        "settings",
+        "lanes, threads, contact",
+        "time [s]",
+        "RMS error [mm]",
+        "% of length",
+        "greatest [mm]",
+        "model [mm]",
+        "volume error",
+        "depth [mm]",
+        "fibres [mm]",
+        "estimated [mm]",
+        "status",
+    ];
+    let mut table = Table::new("Every run", header);
+    for row in &study.rows {
+        let known = if is_certain(row) { "" } else { " (uncertain)" };
+        table.row([
+            row.candidate.name().to_owned(),
+            row.candidate.in_words(),
+            format!(
+                "{}, {}, {}",
+                row.candidate.width.lanes(),
+                row.candidate.threads,
+                row.candidate.way.unwrap_or(HIERARCHY)
+            ),
+            format!("{:.3}", row.time_s),
+            mm(row.error.rms) + known,
+            format!("{:.3}", row.error.rms / study.length * 100.0),
+            mm(row.error.max),
+            mm(row.model_error_m),
+            format!("{:.1e}", row.volume_error),
+            mm(row.penetration_m),
+            mm(row.fibre_error_m),
+            mm(row.error_estimate_m),
+            row.status.name().to_owned(),
+        ]);
+    }
+    table
+}
+
+/// What has to be known to read the numbers.
+pub fn notes(study: &Study) -> Vec<String> {
+    let r = &study.reference;
+    let mut notes = vec![
+        format!(
+            "Reference of the {}: {} with {}; it is off by about {} mm RMS, as \
+             its levels of refinement differed by {} mm.",
+            question_name(r.question),
+            r.candidate.name(),
+            r.candidate.in_words(),
+            mm(r.uncertainty.rms),
+            r.steps.iter().map(|s| mm(*s)).collect::<Vec<_>>().join(", ")
+        ),
+        "The error is that of the solver, against the solution of the same discrete energy; what another mesh or \
+         material would change is not in it."
+            .to_owned(),
+    ];
+    match &study.other {
+        Some(other) => notes.push(format!(
+            "Solvers that answer the other question ({}) are compared with its own reference ({} mm uncertain); both \
+             references are {} mm RMS apart, their model error.",
+            question_name(other.question),
+            mm(other.uncertainty.rms),
+            mm(study.model_distance_m)
+        )),
+        None => notes.push("There is no reference of the other question: its solvers were not run.".to_owned()),
+    }
+    if study.frames < study.frames_of_scene {
+        let (first, last) = (
+            study.reference.frames().iter().take(1),
+            study.reference.frames().iter().rev().take(1),
+        );
+        let [first, last] = [first.cloned().collect::<Vec<_>>(), last.cloned().collect()];
+        notes.push(format!(
+            "Frames 1 to {} of {}, over which vertices move by {} mm RMS: more budget compares more.",
+            study.frames,
+            study.frames_of_scene,
+            mm(pliant::accuracy::Distance::between(&first, &last).rms)
+        ));
+    }
+    if !study.left_out.is_empty() {
+        // Variants in lanes, threads and ways to look for contact are told once.
+        let mut names: Vec<String> = Vec::new();
+        for name in study
+            .left_out
+            .iter()
+            .map(|c| format!("{} ({})", c.name(), c.in_words()))
+        {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        notes.push(format!("No time was left for: {}.", names.join("; ")));
+    }
+    if study.interrupted {
+        notes.push("Interrupted: what is shown was measured before.".to_owned());
+    }
+    notes
+}
+
+/// Writes `work_precision.csv`, `work_precision.svg`, `summary.json` and `report.html`.
+///
+/// # Errors
+/// What the folder says.
+pub fn write(study: &Study, folder: &Folder) -> Result<(), FolderError> {
+    folder.write("work_precision.csv", |w| write_csv(study, w))?;
+    folder.write("work_precision.svg", |w| {
+        w.write_all(plot(study).to_svg().as_bytes())
+    })?;
+    folder.write("summary.json", |w| writeln!(w, "{:#}", to_json(study)))?;
+    let report = Report {
+        title: format!("{}: what accuracy costs", study.scene),
+        subtitle: format!(
+            "{} vertices, {:.0} mm long; frames 1 to {}; times on {} threads",
+            study.vertices,
+            study.length * 1e3,
+            study.frames,
+            study
+                .rows
+                .iter()
+                .map(|r| r.candidate.threads)
+                .max()
+                .unwrap_or(1)
+        ),
+        plots_title: "Error against time".to_owned(),
+        plots: vec![plot(study)],
+        tables: vec![recommendation(study), table(study)],
+        notes: notes(study),
+        ..Report::default()
+    };
+    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+}
+
+fn question_name(question: Question) -> &'static str {
+    match question {
+        Question::Motion => "motion",
+        Question::Equilibrium => "equilibrium",
+    }
+}
+
+/// A length in millimetres with three digits.
+fn mm(length: f64) -> String {
+    pliant::format::number(length * 1e3)
+}

@@ -1,0 +1,507 @@
+//! The scenes of a study: every combination of its values, and the runs that they are compared with.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::findings::{Measure, OF_LATTICES, OF_MUSCLES, OF_SKIN};
+use super::key::{Contents, key_of, name_of};
+use crate::report::run::ready;
+use pliant::format::number;
+use pliant::scene::content::{Content, Staged};
+use pliant::scene::study::{Change, Combine, StudyFile};
+use pliant::scene::{Effects, Mass, Material, Scene, SceneError, Solver};
+use pliant::simulation::{Assets, LoadError, Plan, Simulation};
+
+/// What a run is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// A row of the study.
+    Combination,
+    /// Only to be compared with.
+    Reference,
+}
+
+impl Role {
+    /// For tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Combination => "combination",
+            Self::Reference => "reference",
+        }
+    }
+}
+
+/// What is run.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// Muscles.
+    Muscles {
+        /// The scene.
+        scene: Box<Scene>,
+        /// Its meshes, shared with other combinations where they are the same.
+        assets: Arc<Assets>,
+    },
+    /// A scene without muscles, and the time that its plan expects it to take [s].
+    Staged(Staged, f64),
+}
+
+/// One scene of a study.
+#[derive(Clone, Debug)]
+pub struct Combination {
+    /// What it is for.
+    pub role: Role,
+    /// What tells it from the others, for people.
+    pub label: String,
+    /// The value of each varied key, `None` where it is that of the scene with its fixed changes.
+    pub values: Vec<Option<String>>,
+    /// The changes that make it, besides the fixed ones.
+    pub changes: Vec<Change>,
+    /// What is run.
+    pub subject: Subject,
+    /// Everything that its result depends on, as text.
+    pub key: String,
+    /// Index of the combination that it is compared with.
+    pub reference: Option<usize>,
+}
+
+impl Combination {
+    /// The file of its result in the study's folder.
+    pub fn file(&self) -> String {
+        format!("runs/{}.json", name_of(&self.key))
+    }
+
+    /// Time that the plan expects it to take [s].
+    pub fn expected_s(&self) -> f64 {
+        match &self.subject {
+            Subject::Muscles { scene, assets } => seconds(&Plan::new(scene, assets), scene.frames),
+            Subject::Staged(_, expected) => *expected,
+        }
+    }
+
+    /// Frames of its scene.
+    pub fn frames(&self) -> usize {
+        match &self.subject {
+            Subject::Muscles { scene, .. } => scene.frames,
+            Subject::Staged(Staged::Skin(scene), _) => scene.frames,
+            Subject::Staged(Staged::Lattice(scene), _) => scene.frames,
+        }
+    }
+
+    /// The measures that its runs have.
+    pub fn measures(&self) -> &'static [Measure] {
+        match &self.subject {
+            Subject::Muscles { .. } => &OF_MUSCLES,
+            Subject::Staged(Staged::Skin(_), _) => &OF_SKIN,
+            Subject::Staged(Staged::Lattice(_), _) => &OF_LATTICES,
+        }
+    }
+}
+
+/// What a plan expects so many frames to take [s].
+fn seconds(plan: &Plan, frames: usize) -> f64 {
+    plan.run.iter().map(|p| p.ms_per_frame).sum::<f64>() * 1e-3 * frames as f64
+}
+
+/// All scenes of a study, checked.
+#[derive(Clone, Debug)]
+pub struct Combinations {
+    /// Name of the study.
+    pub name: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// How the lists were combined.
+    pub combine: Combine,
+    /// The varied keys, and how labels call them.
+    pub varied: Vec<(String, String)>,
+    /// Frames to look at, sorted.
+    pub frames: Vec<usize>,
+    /// Measures to show; `None` for all.
+    pub measures: Option<Vec<String>>,
+    /// Combinations in the order of the file, then references.
+    pub all: Vec<Combination>,
+    /// What a reader should know.
+    pub notes: Vec<String>,
+}
+
+/// Values chosen: one of each varied key, or none.
+type Choice<'a> = Vec<Option<&'a Change>>;
+
+impl Combinations {
+    /// Makes and checks all scenes of a study: each is parsed, its meshes are read, its muscles are built once.
+    ///
+    /// # Errors
+    /// The first combination that cannot be run, at its value in the study file.
+    pub fn of(file: &StudyFile) -> Result<Self, SceneError> {
+        let choices = choices(file);
+        let short = short_names(file);
+        let scenes: Vec<Content> = choices
+            .par_iter()
+            .map(|c| file.scene_with(&given(c)))
+            .collect::<Result<_, _>>()?;
+        let scene_name = scenes.first().map(|s| s.name().to_owned());
+        let mut meshes = Meshes::default();
+        let mut contents = Contents::default();
+        let frames = file.frames.clone().unwrap_or_else(|| looked_at(&scenes));
+        let mut made = Making {
+            file,
+            frames: &frames,
+            meshes: &mut meshes,
+            contents: &mut contents,
+        };
+        let mut all: Vec<Combination> = Vec::new();
+        let mut notes = Vec::new();
+        for (choice, scene) in choices.iter().zip(scenes) {
+            let found = made.make(
+                Role::Combination,
+                label(&short, choice),
+                choice,
+                &given(choice),
+                scene,
+            )?;
+            // A value alone that the scene has anyway is the scene itself.
+            if file.combine == Combine::OneAtATime
+                && let Some(base) = all.first_mut().filter(|base| base.key == found.key)
+            {
+                base.values
+                    .iter_mut()
+                    .zip(&found.values)
+                    .for_each(|(to, from)| *to = to.take().or_else(|| from.clone()));
+                continue;
+            }
+            if let Some(same) = all.iter().find(|c| c.key == found.key) {
+                notes.push(format!(
+                    "`{}` is the same scene as `{}`",
+                    found.label, same.label
+                ));
+            }
+            all.push(found);
+        }
+        name_base(&mut all, &short, file.combine);
+        if !file.reference.is_empty() {
+            let chosen = choices.iter().map(|c| given(c)).collect::<Vec<_>>();
+            made.references(&mut all, &chosen)?;
+        }
+        check_bodies(file, &all)?;
+        check_measures(file, &all)?;
+        let varied = file.vary.iter().map(|v| v.key.clone()).zip(short).collect();
+        let scene = scene_name.unwrap_or_default();
+        let (name, combine) = (file.name.clone(), file.combine);
+        Ok(Self {
+            name,
+            scene,
+            combine,
+            varied,
+            frames,
+            measures: file.measures.clone(),
+            all,
+            notes,
+        })
+    }
+
+    /// The rows of the study, without references.
+    pub fn rows(&self) -> impl Iterator<Item = &Combination> {
+        self.all.iter().filter(|c| c.role == Role::Combination)
+    }
+}
+
+/// The frames to look at where the file names none: start, middle and end.
+fn looked_at(scenes: &[Content]) -> Vec<usize> {
+    let last = scenes.iter().map(Content::frames).min().unwrap_or(0);
+    let mut frames = vec![0, last / 2, last];
+    frames.dedup();
+    frames
+}
+
+fn given<'a>(choice: &Choice<'a>) -> Vec<&'a Change> {
+    choice.iter().copied().flatten().collect()
+}
+
+/// Every combination, the last key changing fastest; or the scene itself and each value alone.
+fn choices(file: &StudyFile) -> Vec<Choice<'_>> {
+    let none = vec![None; file.vary.len()];
+    match file.combine {
+        Combine::OneAtATime => {
+            let alone = |(k, value)| {
+                let mut choice = none.clone();
+                choice[k] = Some(value);
+                choice
+            };
+            let each = file
+                .vary
+                .iter()
+                .enumerate()
+                .flat_map(|(k, v)| v.values.iter().map(move |value| (k, value)));
+            std::iter::once(none.clone())
+                .chain(each.map(alone))
+                .collect()
+        }
+        Combine::All => {
+            let mut all: Vec<Choice<'_>> = vec![Vec::new()];
+            for varied in &file.vary {
+                let mut longer = Vec::with_capacity(all.len() * varied.values.len());
+                for choice in &all {
+                    longer.extend(varied.values.iter().map(|v| {
+                        choice
+                            .iter()
+                            .copied()
+                            .chain([Some(v)])
+                            .collect::<Choice<'_>>()
+                    }));
+                }
+                all = longer;
+            }
+            all
+        }
+    }
+}
+
+/// The last part of each key, or the whole where two keys end alike.
+fn short_names(file: &StudyFile) -> Vec<String> {
+    let last = |key: &str| key.rsplit('.').next().unwrap_or(key).to_owned();
+    let ends: Vec<String> = file.vary.iter().map(|v| last(&v.key)).collect();
+    let unique = |end: &String| ends.iter().filter(|e| *e == end).count() == 1;
+    file.vary
+        .iter()
+        .zip(&ends)
+        .map(|(v, end)| {
+            if unique(end) {
+                end.clone()
+            } else {
+                v.key.clone()
+            }
+        })
+        .collect()
+}
+
+fn label(short: &[String], choice: &Choice<'_>) -> String {
+    let pairs = short
+        .iter()
+        .zip(choice)
+        .filter_map(|(name, value)| Some(format!("{name} = {}", value.as_ref()?.value)));
+    pairs.collect::<Vec<_>>().join(", ")
+}
+
+/// The scene itself is called so, with the values of the lists that it has.
+fn name_base(all: &mut [Combination], short: &[String], combine: Combine) {
+    let Some(base) = all.first_mut().filter(|_| combine == Combine::OneAtATime) else {
+        return;
+    };
+    let pairs = short
+        .iter()
+        .zip(&base.values)
+        .filter_map(|(name, v)| Some(format!("{name} = {}", v.as_ref()?)));
+    let pairs: Vec<String> = pairs.collect();
+    base.label = if pairs.is_empty() {
+        "base".to_owned()
+    } else {
+        format!("base ({})", pairs.join(", "))
+    };
+}
+
+struct Making<'a> {
+    file: &'a StudyFile,
+    frames: &'a [usize],
+    meshes: &'a mut Meshes,
+    contents: &'a mut Contents,
+}
+
+impl Making<'_> {
+    fn make(
+        &mut self,
+        role: Role,
+        label: String,
+        choice: &Choice<'_>,
+        changes: &[&Change],
+        scene: Content,
+    ) -> Result<Combination, SceneError> {
+        let refused = |error: LoadError| self.file.refused(changes, &error.terse());
+        let key = key_of(&scene, self.frames, self.contents);
+        let key = key.map_err(|error| self.file.refused(changes, &error.to_string()));
+        let frames = scene.frames();
+        let subject = match scene {
+            Content::Muscles(scene) => {
+                let assets = self.meshes.of(&scene).map_err(refused)?;
+                Subject::Muscles { scene, assets }
+            }
+            Content::Staged(scene) => {
+                let expected = seconds(ready(&scene).map_err(refused)?.plan(), frames);
+                Subject::Staged(scene, expected)
+            }
+        };
+        let key = key?;
+        let values = choice.iter().map(|c| c.map(|c| c.value.clone())).collect();
+        let changes = changes.iter().map(|&c| c.clone()).collect();
+        Ok(Combination {
+            role,
+            label,
+            values,
+            changes,
+            subject,
+            key,
+            reference: None,
+        })
+    }
+
+    /// The run that each combination is compared with: itself with the changes of `[reference]`.
+    fn references(
+        &mut self,
+        all: &mut Vec<Combination>,
+        chosen: &[Vec<&Change>],
+    ) -> Result<(), SceneError> {
+        let none = vec![None; self.file.vary.len()];
+        let mut known: HashMap<String, usize> = HashMap::new();
+        // Rows that were put together with the first have the same reference.
+        let rows: Vec<(usize, &Vec<&Change>)> = match self.file.combine {
+            Combine::All => chosen.iter().enumerate().collect(),
+            Combine::OneAtATime => {
+                let text = |c: &Change| (c.key.clone(), c.value.clone());
+                let of = |row: &Combination| {
+                    let set = self
+                        .file
+                        .vary
+                        .iter()
+                        .zip(&row.values)
+                        .filter_map(|(v, x)| Some((v.key.clone(), x.clone()?)));
+                    let set: Vec<_> = set.collect();
+                    chosen
+                        .iter()
+                        .find(|c| c.iter().map(|c| text(c)).eq(set.iter().cloned()))
+                };
+                let rest = all
+                    .iter()
+                    .enumerate()
+                    .skip(1)
+                    .filter_map(|(k, row)| Some((k, of(row)?)));
+                chosen
+                    .first()
+                    .map(|c| (0, c))
+                    .into_iter()
+                    .chain(rest)
+                    .collect()
+            }
+        };
+        for (k, changes) in rows {
+            let changes: Vec<&Change> = changes
+                .iter()
+                .copied()
+                .chain(&self.file.reference)
+                .collect();
+            let scene = self.file.scene_with(&changes)?;
+            let made = self.make(
+                Role::Reference,
+                format!("reference of {}", all[k].label),
+                &none,
+                &changes,
+                scene,
+            )?;
+            let at = match known.get(&made.key) {
+                Some(&at) => at,
+                None => {
+                    known.insert(made.key.clone(), all.len());
+                    all.push(made);
+                    all.len() - 1
+                }
+            };
+            all[k].reference = Some(at);
+        }
+        Ok(())
+    }
+}
+
+/// Meshes that were read, by what of a scene decides them.
+#[derive(Default)]
+struct Meshes(Vec<(Scene, Arc<Assets>)>);
+
+impl Meshes {
+    fn of(&mut self, scene: &Scene) -> Result<Arc<Assets>, pliant::simulation::LoadError> {
+        let wanted = shape_of(scene);
+        if let Some((_, assets)) = self.0.iter().find(|(known, _)| *known == wanted) {
+            return Ok(assets.clone());
+        }
+        let assets = Arc::new(Assets::load(scene)?);
+        self.0.push((wanted, assets.clone()));
+        Ok(assets)
+    }
+}
+
+/// A scene with all that its meshes do not depend on left out.
+fn shape_of(scene: &Scene) -> Scene {
+    let mut shape = scene.clone();
+    let volume = scene
+        .effects
+        .volume
+        .map(|_| pliant::scene::Volume { pressure: 1.0 });
+    shape.effects = Effects {
+        volume,
+        ..Effects::default()
+    };
+    (shape.frames, shape.frame_rate, shape.accuracy) = (0, 0.0, None);
+    shape.solver = Solver::QuasiStatic(pliant::scene::Minimisation {
+        substeps: 1,
+        iterations: 1,
+        tolerance: 1.0,
+    });
+    shape
+        .bones
+        .iter_mut()
+        .for_each(|bone| bone.motion = Default::default());
+    let material = Material {
+        mass: Mass::PerVertex(1.0),
+        stretch: 1.0,
+        bending: 1.0,
+        bulk: None,
+    };
+    shape
+        .muscles
+        .iter_mut()
+        .for_each(|muscle| muscle.material = material);
+    shape
+}
+
+/// Builds the muscles of each scene once, so that what cannot be held or factored is told before anything runs.
+fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
+    all.par_iter().try_for_each(|c| {
+        // A scene without muscles was made ready for its plan.
+        let Subject::Muscles { scene, assets } = &c.subject else {
+            return Ok(());
+        };
+        match Simulation::with(
+            (**scene).clone(),
+            (**assets).clone(),
+            Plan::new(scene, assets),
+        ) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse())),
+        }
+    })
+}
+
+/// Refuses a measure that the scene does not have.
+fn check_measures(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError> {
+    let (Some(wanted), Some(first)) = (&file.measures, all.first()) else {
+        return Ok(());
+    };
+    let known: Vec<&str> = first.measures().iter().map(|(name, ..)| *name).collect();
+    match wanted.iter().find(|name| !known.contains(&name.as_str())) {
+        None => Ok(()),
+        Some(name) => Err(file.refused(
+            &[],
+            &format!(
+                "it has no measure `{name}`; there are: {}",
+                known.join(", ")
+            ),
+        )),
+    }
+}
+
+/// A time for people.
+pub fn in_words(seconds: f64) -> String {
+    match seconds {
+        s if s < 0.1 => "less than 0.1 s".to_owned(),
+        s if s < 120.0 => format!("{} s", number((s * 10.0).round() / 10.0)),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}

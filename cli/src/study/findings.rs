@@ -1,0 +1,501 @@
+//! What a study found: one row a combination, as a table, a CSV, JSON and a page.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+use super::combinations::{Combination, Combinations, Role};
+use super::outcome::{Outcome, Positions};
+use super::sheet;
+use crate::report::folder::{Folder, FolderError};
+use crate::report::record::quoted;
+use crate::report::{Report, Table};
+use pliant::accuracy::Distance;
+use pliant::format::number;
+
+/// A measure: its name, its head in tables, and the factor to the unit there.
+pub type Measure = (&'static str, &'static str, f64);
+
+/// Measures of scenes of muscles; of several muscles the greatest counts.
+pub const OF_MUSCLES: [Measure; 8] = [
+    ("time_s", "time [s]", 1.0),
+    ("volume_error", "volume error", 1.0),
+    ("penetration_m", "depth in bones [mm]", 1e3),
+    ("edge_stretch_rms_end", "edge stretch rms, end [%]", 100.0),
+    (
+        "edge_stretch_rms_worst",
+        "edge stretch rms, worst [%]",
+        100.0,
+    ),
+    (
+        "distance_from_start_rms_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
+    ("residual_m", "residual [mm]", 1e3),
+    ("error_estimate_m", "error estimate [mm]", 1e3),
+];
+
+/// Measures of scenes of skin, of all implants together, in the last frame.
+pub const OF_SKIN: [Measure; 13] = [
+    ("time_s", "time [s]", 1.0),
+    ("implant_volume_m3", "volume [cc]", 1e6),
+    ("area_before_m2", "area before [cm2]", 1e4),
+    ("area_deformed_m2", "deformed [cm2]", 1e4),
+    ("area_gain_m2", "gain [cm2]", 1e4),
+    ("area_retracted_low_m2", "retracted, least [cm2]", 1e4),
+    ("area_retracted_high_m2", "retracted, most [cm2]", 1e4),
+    ("area_grown_low_m2", "grown, least [cm2]", 1e4),
+    ("area_grown_high_m2", "grown, most [cm2]", 1e4),
+    ("volume_difference_m3", "volume difference [cc]", 1e6),
+    ("stretch_max", "greatest stretch", 1.0),
+    ("pressure_pa", "pressure [kPa]", 1e-3),
+    ("penetration_m", "depth in each other [mm]", 1e3),
+];
+
+/// Measures of scenes of a lattice.
+pub const OF_LATTICES: [Measure; 3] = [
+    ("time_s", "time [s]", 1.0),
+    (
+        "distance_from_start_max_m",
+        "distance to start, greatest [mm]",
+        1e3,
+    ),
+    (
+        "distance_from_start_end_m",
+        "distance to start, end [mm]",
+        1e3,
+    ),
+];
+
+/// The names of all measures that some scene has.
+pub fn names() -> Vec<&'static str> {
+    let mut all: Vec<&str> = Vec::new();
+    for (name, ..) in OF_MUSCLES.iter().chain(&OF_SKIN).chain(&OF_LATTICES) {
+        if !all.contains(name) {
+            all.push(name);
+        }
+    }
+    all
+}
+
+/// One row.
+#[derive(Clone, Debug)]
+pub struct Row {
+    /// What it is for.
+    pub role: Role,
+    /// For people.
+    pub label: String,
+    /// The value of each varied key; `None` where it is the scene's own.
+    pub values: Vec<Option<String>>,
+    /// `None` for a run that was not made.
+    pub outcome: Option<Outcome>,
+    /// Distance to the reference at each frame looked at; `None` without one.
+    pub errors: Vec<Option<Distance>>,
+}
+
+impl Row {
+    /// How it ended.
+    pub fn status(&self) -> &'static str {
+        self.outcome.as_ref().map_or("not run", Outcome::status)
+    }
+
+    fn number(&self, measure: &str) -> f64 {
+        self.outcome
+            .as_ref()
+            .map_or(f64::NAN, |o| o.number(measure))
+    }
+}
+
+/// All rows of a study.
+#[derive(Clone, Debug)]
+pub struct Findings<'a> {
+    study: &'a Combinations,
+    /// Rows in the order of the study; their outcomes without positions.
+    pub rows: Vec<Row>,
+    /// Whether something has not been run.
+    pub interrupted: bool,
+    notes: Vec<String>,
+}
+
+/// A number for CSV: the shortest text that reads back to the same bits; nothing for one that is not finite.
+fn cell(value: f64) -> String {
+    if value.is_finite() {
+        format!("{value:?}")
+    } else {
+        String::new()
+    }
+}
+
+fn finite(value: f64) -> Value {
+    if value.is_finite() {
+        json!(value)
+    } else {
+        Value::Null
+    }
+}
+
+/// RMS and greatest distance of all vertices; `None` where the meshes differ.
+fn distance(a: &Positions, b: &Positions) -> Option<Distance> {
+    let alike = a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.len() == b.len());
+    alike.then(|| Distance::between(&[a.concat()], &[b.concat()]))
+}
+
+impl<'a> Findings<'a> {
+    /// Reads what there is of a study in its folder.
+    pub fn of(study: &'a Combinations, folder: &Path) -> Self {
+        let mut notes = study.notes.clone();
+        let mut rows = Vec::new();
+        for combination in &study.all {
+            let outcome = Outcome::read(&folder.join(combination.file()), &combination.key);
+            let reference = combination.reference.map(|r| &study.all[r]);
+            let reference = reference.and_then(|r| Outcome::read(&folder.join(r.file()), &r.key));
+            let errors = match (&outcome, &reference) {
+                (Some(outcome), Some(reference)) => errors(&study.frames, outcome, reference),
+                _ => vec![None; study.frames.len()],
+            };
+            let both = outcome
+                .iter()
+                .zip(&reference)
+                .flat_map(|(a, b)| a.positions.iter().zip(&b.positions));
+            if both
+                .into_iter()
+                .any(|((_, a), (_, b))| distance(a, b).is_none())
+            {
+                notes.push(format!(
+                    "{}: its mesh is not that of its reference, so there is no error",
+                    combination.label
+                ));
+            }
+            notes.extend(outcome.iter().filter_map(|o| {
+                Some(format!(
+                    "{}: stopped by {}",
+                    combination.label,
+                    o.stopped.as_ref()?
+                ))
+            }));
+            // Positions of all runs at once may not fit into memory.
+            let outcome = outcome.map(|o| Outcome {
+                positions: Vec::new(),
+                ..o
+            });
+            let Combination {
+                role,
+                label,
+                values,
+                ..
+            } = combination.clone();
+            rows.push(Row {
+                role,
+                label,
+                values,
+                outcome,
+                errors,
+            });
+        }
+        let interrupted = rows.iter().any(|r| r.outcome.is_none());
+        Self {
+            study,
+            rows,
+            interrupted,
+            notes,
+        }
+    }
+
+    fn has_errors(&self) -> bool {
+        self.study.all.iter().any(|c| c.reference.is_some())
+    }
+
+    fn measures(&self) -> impl Iterator<Item = &'static Measure> + '_ {
+        let wanted = |name: &str| {
+            self.study
+                .measures
+                .as_ref()
+                .is_none_or(|all| all.iter().any(|m| m == name))
+        };
+        let all = self
+            .study
+            .all
+            .first()
+            .map_or(&[][..], Combination::measures);
+        all.iter().filter(move |(name, ..)| wanted(name))
+    }
+
+    /// For people.
+    pub fn table(&self) -> Table {
+        let mut heads = vec!["run".to_owned(), "status".to_owned(), "frames".to_owned()];
+        heads.extend(self.measures().map(|(_, head, _)| (*head).to_owned()));
+        if self.has_errors() {
+            heads.extend(self.study.frames.iter().map(|f| format!("error {f} [mm]")));
+        }
+        let mut table = Table::new("", heads);
+        for row in &self.rows {
+            let frames = row.outcome.as_ref().map_or(0, |o| o.frames);
+            let mut cells = vec![
+                row.label.clone(),
+                row.status().to_owned(),
+                frames.to_string(),
+            ];
+            let shown = |value: f64| {
+                if value.is_finite() {
+                    short(value)
+                } else {
+                    "-".to_owned()
+                }
+            };
+            cells.extend(
+                self.measures()
+                    .map(|(name, _, scale)| shown(row.number(name) * scale)),
+            );
+            if self.has_errors() {
+                cells.extend(
+                    row.errors
+                        .iter()
+                        .map(|e| e.map_or("-".to_owned(), |e| shown(e.rms * 1e3))),
+                );
+            }
+            table.row(cells);
+        }
+        table
+    }
+
+    /// Writes `study.csv`.
+    ///
+    /// # Errors
+    /// What the writer says.
+    pub fn write_csv(&self, w: &mut impl Write) -> io::Result<()> {
+        let mut heads = vec!["label".to_owned(), "run".to_owned()];
+        heads.extend(self.study.varied.iter().map(|(key, _)| quoted(key)));
+        heads.extend(["status", "converged", "frames", "frames_not_converged"].map(str::to_owned));
+        heads.extend(self.measures().map(|(name, ..)| (*name).to_owned()));
+        if self.has_errors() {
+            heads.extend(
+                self.study
+                    .frames
+                    .iter()
+                    .flat_map(|f| [format!("rms_error_m_{f}"), format!("max_error_m_{f}")]),
+            );
+        }
+        writeln!(w, "{}", heads.join(","))?;
+        for row in &self.rows {
+            let mut cells = vec![quoted(&row.label), row.role.name().to_owned()];
+            cells.extend(
+                row.values
+                    .iter()
+                    .map(|v| quoted(v.as_deref().unwrap_or_default())),
+            );
+            cells.push(row.status().to_owned());
+            match &row.outcome {
+                Some(o) => cells.extend([
+                    (row.status() == "converged").to_string(),
+                    o.frames.to_string(),
+                    o.not_converged.to_string(),
+                ]),
+                None => cells.extend(["", "", ""].map(str::to_owned)),
+            }
+            cells.extend(self.measures().map(|(name, ..)| cell(row.number(name))));
+            if self.has_errors() {
+                let both =
+                    |e: &Option<Distance>| e.map_or([f64::NAN; 2], |e| [e.rms, e.max]).map(cell);
+                cells.extend(row.errors.iter().flat_map(both));
+            }
+            writeln!(w, "{}", cells.join(","))?;
+        }
+        Ok(())
+    }
+
+    /// As `--json` gives it.
+    pub fn to_json(&self) -> Value {
+        let rows: Vec<Value> = self.rows.iter().map(|row| self.row_json(row)).collect();
+        json!({
+            "study": self.study.name,
+            "scene": self.study.scene,
+            "combine": self.study.combine.name(),
+            "frames": self.study.frames,
+            "interrupted": self.interrupted,
+            "rows": rows,
+            "notes": self.notes,
+        })
+    }
+
+    fn row_json(&self, row: &Row) -> Value {
+        let values = self
+            .study
+            .varied
+            .iter()
+            .zip(&row.values)
+            .map(|((key, _), v)| (key.clone(), json!(v)));
+        let error = |(frame, e): (&usize, &Option<Distance>)| {
+            let [rms, max] = [e.map(|e| finite(e.rms)), e.map(|e| finite(e.max))];
+            json!({"frame": frame, "rms_m": rms, "max_m": max})
+        };
+        let mut all = json!({
+            "label": row.label,
+            "run": row.role.name(),
+            "values": values.collect::<Map<_, _>>(),
+            "status": row.status(),
+            "converged": row.outcome.as_ref().map(|o| o.status() == "converged"),
+            "frames": row.outcome.as_ref().map(|o| o.frames),
+            "frames_not_converged": row.outcome.as_ref().map(|o| o.not_converged),
+            "stopped": row.outcome.as_ref().and_then(|o| o.stopped.clone()),
+        });
+        for (name, ..) in self.measures() {
+            all[name] = finite(row.number(name));
+        }
+        if self.has_errors() {
+            all["errors"] = self
+                .study
+                .frames
+                .iter()
+                .zip(&row.errors)
+                .map(error)
+                .collect();
+        }
+        all
+    }
+
+    /// Writes table, sheet and page into the folder; gives the names of the sheets.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, folder: &Folder) -> Result<Vec<String>, FolderError> {
+        folder.write("study.csv", |w| self.write_csv(w))?;
+        let mut sheets = Vec::new();
+        let mut names = Vec::new();
+        let pages = sheet::pages(self.study, &self.rows);
+        for (k, rows) in pages.iter().enumerate() {
+            let name = if pages.len() == 1 {
+                "sheet.png".to_owned()
+            } else {
+                format!("sheet-{}.png", k + 1)
+            };
+            let Some(page) = sheet::draw(self.study, &self.rows, rows, folder.path()) else {
+                continue;
+            };
+            let png = page.to_png();
+            let png = png.map_err(|e| FolderError::Io {
+                path: folder.path().join(&name),
+                source: io::Error::other(e),
+            })?;
+            folder.write(&name, |w| w.write_all(&png))?;
+            // A page of hundreds of sheets would open in no browser.
+            if k < MOST_SHOWN {
+                sheets.push((
+                    format!(
+                        "{name}: same camera and colours in all pictures{}",
+                        self.explained()
+                    ),
+                    png,
+                ));
+            }
+            names.push(name);
+        }
+        let page = self.page(sheets, names.len());
+        folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))?;
+        let json = serde_json::to_string_pretty(&self.to_json()).unwrap_or_default();
+        folder.write("study.json", |w| w.write_all(json.as_bytes()))?;
+        Ok(names)
+    }
+
+    fn explained(&self) -> &'static str {
+        if self.has_errors() {
+            "; below each its distance to its reference, root mean square and greatest"
+        } else {
+            ""
+        }
+    }
+
+    fn page(&self, sheets: Vec<(String, Vec<u8>)>, count: usize) -> Report {
+        let study = self.study;
+        let ran = self.rows.iter().filter(|r| r.outcome.is_some()).count();
+        let mut notes = self.notes.clone();
+        if count > sheets.len() {
+            notes.push(format!(
+                "the first {} of {count} sheets are shown; the others are beside this page",
+                sheets.len()
+            ));
+        }
+        notes
+            .push("times are those of steps alone, while other combinations ran beside".to_owned());
+        Report {
+            title: format!("{}: a study of {}", study.name, study.scene),
+            subtitle: format!(
+                "{ran} of {} runs; combined: {}{}",
+                self.rows.len(),
+                study.combine.name(),
+                if self.interrupted {
+                    "; not complete"
+                } else {
+                    ""
+                }
+            ),
+            sheets,
+            tables: vec![Table {
+                title: "Table".to_owned(),
+                ..self.table()
+            }],
+            notes,
+            ..Report::default()
+        }
+    }
+}
+
+/// Sheets that the page shows at most.
+const MOST_SHOWN: usize = 12;
+
+/// Three digits, which is what tables have room for.
+fn short(value: f64) -> String {
+    let digits = if value == 0.0 {
+        0
+    } else {
+        (2 - value.abs().log10().floor() as i64).clamp(0, 12) as i32
+    };
+    let scale = libm::pow(10.0, f64::from(digits));
+    if value.abs() < 1e-3 && value != 0.0 {
+        format!("{value:.1e}")
+    } else {
+        number((value * scale).round() / scale)
+    }
+}
+
+fn errors(frames: &[usize], outcome: &Outcome, reference: &Outcome) -> Vec<Option<Distance>> {
+    frames
+        .iter()
+        .map(|&f| distance(outcome.at(f)?, reference.at(f)?))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Point3;
+
+    #[test]
+    fn another_mesh_has_no_distance_and_a_number_that_is_none_is_not_hidden() {
+        let x = |c: f64| vec![vec![Point3::new(c, 0.0, 0.0), Point3::origin()]];
+        let found = distance(&x(3.0), &x(0.0)).unwrap();
+        assert!((found.rms - 4.5_f64.sqrt()).abs() <= 1e-15 && found.max == 3.0);
+        assert!(distance(&x(f64::NAN), &x(0.0)).unwrap().rms.is_nan());
+        assert!(distance(&x(0.0), &vec![vec![Point3::origin()]]).is_none());
+        assert!(distance(&x(0.0), &Vec::new()).is_none());
+        assert_eq!(
+            (cell(f64::NAN), cell(0.1 + 0.2)),
+            (String::new(), "0.30000000000000004".to_owned())
+        );
+    }
+
+    #[test]
+    fn numbers_of_tables_have_three_digits() {
+        for (value, text) in [
+            (0.0, "0"),
+            (1.0, "1"),
+            (12.345, "12.3"),
+            (0.01234, "0.0123"),
+            (123.9, "124"),
+            (1.2e-8, "1.2e-8"),
+        ] {
+            assert_eq!(short(value), text);
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! What is kept of a run: its numbers and the positions at the frames looked at, every bit of them.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use nalgebra::Point3;
+use serde_json::{Map, Value, json};
+
+/// Positions of all vertices [m], `[muscle][vertex]`.
+pub type Positions = Vec<Vec<Point3<f64>>>;
+
+/// What is kept of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outcome {
+    /// Frames computed.
+    pub frames: usize,
+    /// Frames of muscles that were not converged.
+    pub not_converged: usize,
+    /// Where and by what it was stopped, in words.
+    pub stopped: Option<String>,
+    /// Whether that is because it diverged.
+    pub diverged: bool,
+    /// Numbers by the name of their measure.
+    pub numbers: Vec<(String, f64)>,
+    /// Positions at each frame looked at that was reached.
+    pub positions: Vec<(usize, Positions)>,
+    /// Least and greatest corner of the muscles at those frames [m].
+    pub bounds: Option<[Point3<f64>; 2]>,
+    /// The mean absolute strain of a vertex's edges that all but a few vertices stay below, in the worst of those
+    /// frames.
+    pub stretch: f64,
+}
+
+impl Outcome {
+    /// A number by its name; NaN for one that is not there.
+    pub fn number(&self, name: &str) -> f64 {
+        self.numbers
+            .iter()
+            .find(|(known, _)| known == name)
+            .map_or(f64::NAN, |(_, value)| *value)
+    }
+
+    /// The positions at a frame, if it was reached.
+    pub fn at(&self, frame: usize) -> Option<&Positions> {
+        self.positions
+            .iter()
+            .find(|(known, _)| *known == frame)
+            .map(|(_, x)| x)
+    }
+
+    /// How it ended, for tables.
+    pub fn status(&self) -> &'static str {
+        match (&self.stopped, self.not_converged) {
+            (Some(_), _) if self.diverged => "diverged",
+            (Some(_), _) => "stopped",
+            (None, 0) => "converged",
+            (None, _) => "not converged",
+        }
+    }
+
+    /// Writes it with the key that it belongs to.
+    ///
+    /// # Errors
+    /// What the writer refuses.
+    pub fn write(&self, key: &str, w: &mut impl Write) -> io::Result<()> {
+        let numbers: Map<String, Value> = self
+            .numbers
+            .iter()
+            .map(|(n, v)| (n.clone(), exact(*v)))
+            .collect();
+        let frame = |(frame, x): &(usize, Positions)| {
+            let positions: Vec<String> = x.iter().map(|x| packed(x)).collect();
+            json!({"frame": frame, "positions": positions})
+        };
+        let all = json!({
+            "key": key,
+            "frames": self.frames,
+            "frames_not_converged": self.not_converged,
+            "stopped": self.stopped,
+            "diverged": self.diverged,
+            "numbers": numbers,
+            "bounds": self.bounds.map(|b| packed(&b)),
+            "stretch": exact(self.stretch),
+            "at": self.positions.iter().map(frame).collect::<Vec<_>>(),
+        });
+        serde_json::to_writer(w, &all).map_err(io::Error::from)
+    }
+
+    /// Reads one of this key back; `None` for a file that is not there, is damaged, or belongs to another key.
+    pub fn read(path: &Path, key: &str) -> Option<Self> {
+        let all: Value = serde_json::from_str(&std::fs::read_to_string(path).ok()?).ok()?;
+        if all["key"].as_str()? != key {
+            return None;
+        }
+        let whole = |name: &str| all[name].as_u64().and_then(|n| usize::try_from(n).ok());
+        let at = |value: &Value| {
+            let x: Option<Positions> = value["positions"]
+                .as_array()?
+                .iter()
+                .map(|x| unpacked(x.as_str()?))
+                .collect();
+            Some((usize::try_from(value["frame"].as_u64()?).ok()?, x?))
+        };
+        Some(Self {
+            frames: whole("frames")?,
+            not_converged: whole("frames_not_converged")?,
+            stopped: all["stopped"].as_str().map(str::to_owned),
+            diverged: all["diverged"].as_bool()?,
+            numbers: all["numbers"]
+                .as_object()?
+                .iter()
+                .map(|(n, v)| Some((n.clone(), inexact(v)?)))
+                .collect::<Option<_>>()?,
+            positions: all["at"]
+                .as_array()?
+                .iter()
+                .map(at)
+                .collect::<Option<_>>()?,
+            bounds: match &all["bounds"] {
+                Value::Null => None,
+                packed => Some(unpacked(packed.as_str()?)?.try_into().ok()?),
+            },
+            stretch: inexact(&all["stretch"])?,
+        })
+    }
+}
+
+/// A number as a text that reads back to the same bits, NaN and infinity too, of which JSON has none.
+fn exact(value: f64) -> Value {
+    Value::String(format!("{value:?}"))
+}
+
+fn inexact(value: &Value) -> Option<f64> {
+    value.as_str()?.parse().ok()
+}
+
+/// Coordinates, 16 digits of their bits each.
+fn packed(points: &[Point3<f64>]) -> String {
+    points
+        .iter()
+        .flat_map(|p| p.coords.iter().copied().collect::<Vec<f64>>())
+        .map(|c| format!("{:016x}", c.to_bits()))
+        .collect()
+}
+
+fn unpacked(text: &str) -> Option<Vec<Point3<f64>>> {
+    if !text.is_ascii() || !text.len().is_multiple_of(48) {
+        return None;
+    }
+    let number = |at: usize| {
+        Some(f64::from_bits(
+            u64::from_str_radix(text.get(at..at + 16)?, 16).ok()?,
+        ))
+    };
+    (0..text.len() / 48)
+        .map(|p| {
+            Some(Point3::new(
+                number(48 * p)?,
+                number(48 * p + 16)?,
+                number(48 * p + 32)?,
+            ))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pliant::testing::Scratch;
+
+    fn outcome() -> Outcome {
+        let x = vec![
+            vec![
+                Point3::new(0.1 + 0.2, -0.0, 5e-324),
+                Point3::new(f64::MAX, 1.0 / 3.0, -1e-9),
+            ],
+            Vec::new(),
+        ];
+        Outcome {
+            frames: 7,
+            not_converged: 2,
+            stopped: Some("stretch at vertex 3 in frame 7".to_owned()),
+            diverged: false,
+            numbers: vec![
+                ("time_s".to_owned(), 0.1 + 0.2),
+                ("volume_error".to_owned(), f64::INFINITY),
+            ],
+            positions: vec![(0, x.clone()), (7, x)],
+            bounds: Some([Point3::origin(), Point3::new(1.0, 2.0, 3.0)]),
+            stretch: 0.25,
+        }
+    }
+
+    #[test]
+    fn every_bit_comes_back_and_only_to_its_own_key() {
+        let path = Scratch::file("outcome.json");
+        let mut bytes = Vec::new();
+        outcome().write("the key\n", &mut bytes).unwrap();
+        std::fs::write(&path, &bytes).unwrap();
+        let back = Outcome::read(&path, "the key\n").unwrap();
+        assert_eq!(back, outcome());
+        assert!(back.positions[0].1[0][0].y.is_sign_negative());
+        assert_eq!(Outcome::read(&path, "the key"), None, "another key");
+        // Cut at any place it is no outcome.
+        for length in (0..bytes.len()).step_by(37) {
+            std::fs::write(&path, &bytes[..length]).unwrap();
+            assert_eq!(Outcome::read(&path, "the key\n"), None, "cut at {length}");
+        }
+        let text = String::from_utf8(bytes).unwrap();
+        for (from, to) in [
+            ("\"3f", "\"3g"),
+            ("\"frames\":7", "\"frames\":-7"),
+            ("\"0.25\"", "\"much\""),
+        ] {
+            assert!(text.contains(from), "{from}");
+            std::fs::write(&path, text.replace(from, to)).unwrap();
+            assert_eq!(Outcome::read(&path, "the key\n"), None, "{to}");
+        }
+    }
+}

@@ -1,0 +1,321 @@
+//! The sheet of pictures: a row for each run, a column for each frame looked at, errors below the pictures.
+
+use std::path::Path;
+
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+use super::combinations::{Combination, Combinations, Role, Subject};
+use super::findings::Row;
+use super::outcome::{Outcome, Positions};
+use crate::report::frames::{Cast, Snapshot};
+use crate::report::pictures::{Painter, Stage};
+use crate::report::run::ready;
+use pliant::format::number;
+use pliant::mesh::measures::Aabb;
+use pliant::simulation::{Plan, Simulation};
+use pliant_render::{Canvas, Frame, Rgb, TextStyle};
+
+/// Width of a picture [px].
+const WIDTH: u32 = 240;
+/// Least and greatest height of a picture [px]; between them it is that of what is shown.
+const HEIGHT: (f64, f64) = (100.0, 240.0);
+/// Width of the labels [px].
+const LABEL: usize = 240;
+/// Between pictures [px].
+const GAP: usize = 8;
+/// Height of the names of frames [px].
+const HEAD: usize = 36;
+/// Height of a line of text [px].
+const LINE: usize = 22;
+/// Rows of one page: it stays readable, and small in memory.
+const ROWS: usize = 16;
+/// A run that spreads further than so many times the median of all does not decide the camera.
+const WILD: f64 = 3.0;
+
+const INK: Rgb = [0.16, 0.17, 0.19];
+const SOFT: Rgb = [0.42, 0.44, 0.48];
+const BAD: Rgb = [0.75, 0.2, 0.11];
+const PAPER: Rgb = [1.0; 3];
+const BLANK: Rgb = [0.955, 0.958, 0.965];
+
+/// Indices of the runs of each page: every reference stands before the first run that is compared with it.
+pub fn pages(study: &Combinations, rows: &[Row]) -> Vec<Vec<usize>> {
+    let mut order: Vec<usize> = Vec::new();
+    for (k, combination) in study.all.iter().enumerate() {
+        for index in combination.reference.into_iter().chain([k]) {
+            if !order.contains(&index) && (combination.role == Role::Combination) {
+                order.push(index);
+            }
+        }
+    }
+    order.retain(|&k| rows[k].outcome.is_some());
+    order.chunks(ROWS).map(<[usize]>::to_vec).collect()
+}
+
+/// Draws one page; `None` where no run of the study has a picture.
+pub fn draw(study: &Combinations, rows: &[Row], page: &[usize], folder: &Path) -> Option<Frame> {
+    let stage = stage(study, rows)?;
+    let legend = stage.legend().large();
+    let tall = (f64::from(WIDTH) * stage.aspect() * 1.1).clamp(HEIGHT.0, HEIGHT.1) as u32;
+    let (cell, count) = ((WIDTH as usize, tall as usize), study.frames.len());
+    let captions = if study.all.iter().any(|c| c.reference.is_some()) {
+        2
+    } else {
+        0
+    };
+    let pitch = (cell.0 + GAP, cell.1 + captions * LINE + GAP);
+    let width = LABEL + count * pitch.0 + legend.width() as usize + 2 * GAP;
+    let height = HEAD + page.len() * pitch.1 + GAP;
+    let mut sheet = Frame::plain(width as u32, height.max(300) as u32, PAPER);
+    for (c, frame) in study.frames.iter().enumerate() {
+        sheet.text(
+            (LABEL + c * pitch.0 + 4) as i64,
+            8,
+            &format!("frame {frame}"),
+            TextStyle::Title,
+            INK,
+        );
+    }
+    for (r, &index) in page.iter().enumerate() {
+        let top = HEAD + r * pitch.1;
+        let row = &rows[index];
+        write_label(&mut sheet, top, row, pitch.1 - GAP);
+        let pictures = pictures(study, &study.all[index], &stage, tall, folder);
+        for (c, picture) in pictures.iter().enumerate() {
+            let left = LABEL + c * pitch.0;
+            sheet.paste(
+                left,
+                top,
+                picture
+                    .as_ref()
+                    .unwrap_or(&Frame::plain(WIDTH, tall, BLANK)),
+            );
+            for (l, (text, colour)) in caption(row, c, picture.is_some())
+                .iter()
+                .take(captions)
+                .enumerate()
+            {
+                let down = top + cell.1 + l * LINE;
+                sheet.text(
+                    (left + 4) as i64,
+                    down as i64,
+                    text,
+                    TextStyle::Large,
+                    *colour,
+                );
+            }
+            if picture.is_none() {
+                let text = match row.status() {
+                    "stopped" | "diverged" => "ended before",
+                    _ => "no picture",
+                };
+                sheet.text(
+                    (left + 40) as i64,
+                    (top + cell.1 / 2 - 8) as i64,
+                    text,
+                    TextStyle::Small,
+                    SOFT,
+                );
+            }
+        }
+    }
+    let mut key = Frame::plain(
+        legend.width() as u32 + 8,
+        sheet.height().min(640) as u32,
+        PAPER,
+    );
+    legend.draw(&mut key);
+    sheet.paste(LABEL + count * pitch.0 + GAP, 0, &key);
+    Some(sheet)
+}
+
+/// What stands below a picture.
+fn caption(row: &Row, column: usize, shown: bool) -> Vec<(String, Rgb)> {
+    let mm = |length: f64| number((length * 1e5).round() / 1e2);
+    match row.errors.get(column).copied().flatten() {
+        Some(e) => vec![
+            (format!("rms {} mm", mm(e.rms)), INK),
+            (format!("max {} mm", mm(e.max)), SOFT),
+        ],
+        None if row.role == Role::Reference && shown => vec![("reference".to_owned(), SOFT)],
+        None => Vec::new(),
+    }
+}
+
+/// The label in lines, and how the run ended.
+fn write_label(sheet: &mut Frame, top: usize, row: &Row, height: usize) {
+    let style = TextStyle::Large;
+    let fits = (LABEL - 2 * GAP) / style.width("m").max(1) as usize;
+    let most = (height / LINE).saturating_sub(1).max(1);
+    let mut lines = wrapped(&row.label, fits);
+    if lines.len() > most {
+        lines.truncate(most);
+        if let Some(last) = lines.last_mut() {
+            *last = last
+                .chars()
+                .take(fits.saturating_sub(3))
+                .chain("...".chars())
+                .collect();
+        }
+    }
+    let colour = match row.status() {
+        "converged" => SOFT,
+        _ => BAD,
+    };
+    let lines = lines
+        .iter()
+        .map(|l| (l.as_str(), INK))
+        .chain([(row.status(), colour)]);
+    for (l, (text, colour)) in lines.enumerate() {
+        sheet.text(GAP as i64, (top + l * LINE) as i64, text, style, colour);
+    }
+}
+
+/// A text in lines of at most so many characters, broken at spaces where that can be.
+fn wrapped(text: &str, fits: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let mut rest: Vec<char> = word.chars().collect();
+        loop {
+            let line = lines.last_mut().map_or(0, |l| l.chars().count());
+            let space = usize::from(line > 0);
+            if line + space + rest.len() <= fits {
+                if let Some(last) = lines.last_mut() {
+                    last.extend(std::iter::repeat_n(' ', space).chain(rest));
+                }
+                break;
+            }
+            if line > 0 {
+                lines.push(String::new());
+            } else {
+                let head = rest.drain(..fits.clamp(1, rest.len())).collect();
+                if let Some(last) = lines.last_mut() {
+                    *last = head;
+                }
+                lines.push(String::new());
+            }
+        }
+    }
+    lines
+}
+
+/// The camera and the colours of all pictures.
+fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
+    // One that was ended goes wild before; it decides only where there is no other.
+    let ended = rows
+        .iter()
+        .filter_map(|r| r.outcome.as_ref())
+        .all(|o| o.stopped.is_some());
+    let ran = || {
+        rows.iter()
+            .filter_map(|r| r.outcome.as_ref())
+            .filter(|o| ended || o.stopped.is_none())
+    };
+    let boxes: Vec<(Aabb, f64)> = ran()
+        .filter_map(|o| o.bounds.map(|[min, max]| (Aabb { min, max }, o.stretch)))
+        .collect();
+    let mut sizes: Vec<f64> = boxes.iter().map(|(b, _)| b.extents().amax()).collect();
+    sizes.sort_unstable_by(f64::total_cmp);
+    let median = *sizes.get(sizes.len() / 2)?;
+    let tame = || {
+        boxes
+            .iter()
+            .filter(|(b, _)| b.extents().amax() <= WILD * median)
+    };
+    let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
+    let stretch = pliant::mesh::measures::greatest(tame().map(|(_, s)| *s));
+    let Start { cast, first, .. } = start(study.all.first()?)?;
+    Some(Stage::new(&cast, &first, &bounds, stretch))
+}
+
+/// The start of a run, and where bones are at a frame.
+struct Start {
+    cast: Cast,
+    first: Snapshot,
+    poses: Box<dyn Fn(usize) -> Vec<Isometry3<f64>>>,
+}
+
+fn start(combination: &Combination) -> Option<Start> {
+    match &combination.subject {
+        Subject::Muscles { scene, assets } => {
+            let plan = Plan::new(scene, assets);
+            let simulation = Simulation::with((**scene).clone(), (**assets).clone(), plan).ok()?;
+            let (cast, first) = (Cast::of(&simulation), Snapshot::of(&simulation));
+            let poses = move |frame: usize| {
+                (0..simulation.bones.len())
+                    .map(|b| simulation.pose(b, frame as f64))
+                    .collect()
+            };
+            Some(Start {
+                cast,
+                first,
+                poses: Box::new(poses),
+            })
+        }
+        Subject::Staged(scene, _) => {
+            let run = ready(scene).ok()?;
+            let (cast, first) = (run.cast(), run.snapshot());
+            Some(Start {
+                cast,
+                first,
+                poses: Box::new(move |frame| run.poses(frame)),
+            })
+        }
+    }
+}
+
+/// The pictures of one run, one for each frame; `None` for a frame that it did not reach.
+fn pictures(
+    study: &Combinations,
+    combination: &Combination,
+    stage: &Stage,
+    tall: u32,
+    folder: &Path,
+) -> Vec<Option<Frame>> {
+    let none = || vec![None; study.frames.len()];
+    let Some(outcome) = Outcome::read(&folder.join(combination.file()), &combination.key) else {
+        return none();
+    };
+    let Some(Start { cast, poses, .. }) = start(combination) else {
+        return none();
+    };
+    let painter = Painter::on(&cast, stage);
+    let shot = |frame: usize, x: &Positions| Snapshot {
+        frame,
+        // No picture tells its time.
+        time: 0.0,
+        muscles: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
+        bones: poses(frame),
+    };
+    let shots: Vec<Option<Snapshot>> = study
+        .frames
+        .iter()
+        .map(|&f| Some(shot(f, outcome.at(f)?)))
+        .collect();
+    let canvas = Canvas::new(WIDTH, tall);
+    shots
+        .par_iter()
+        .map(|shot| shot.as_ref().map(|s| painter.paint(s, canvas)))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_broken_at_spaces_and_long_words_anywhere() {
+        assert_eq!(
+            wrapped("iterations = 10, bending = 0.5", 16),
+            ["iterations = 10,", "bending = 0.5"]
+        );
+        assert_eq!(wrapped("abcdefghij k", 4), ["abcd", "efgh", "ij k"]);
+        assert_eq!(wrapped("", 4), [""]);
+        for fits in 1..6 {
+            let lines = wrapped("a bb ccc dddd eeeee", fits);
+            assert!(lines.iter().all(|l| l.chars().count() <= fits), "{lines:?}");
+            assert_eq!(lines.concat().replace(' ', ""), "abbcccddddeeeee");
+        }
+    }
+}

@@ -1,0 +1,453 @@
+//! Muscles among bones as a subject: what a hand does to a simulation between its frames.
+
+mod shots;
+mod wish;
+
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+
+use nalgebra::{Isometry3, Point3};
+
+use super::panel::{self, Control};
+use super::recipe::{Recipe, Refused, StartError, check_index, check_number, words};
+use super::session::Command;
+use super::snapshot::{Shot, Stage, Steering};
+use super::subject::{Advanced, Subject, Watch};
+use pliant::accuracy::Chosen;
+use pliant::scene::{Key, Motion, Scene};
+use pliant::simulation::{Assets, Plan, Simulation};
+use shots::{angle, seconds};
+use wish::Wish;
+
+/// A hand turns a bone by at most this a frame [rad]: about as fast as the built-in hip turns, times three. Bones that jump
+/// tear muscles.
+pub const MOST_TURN: f64 = 0.03;
+
+/// The hand's spring, over the stiffness of the muscle's surface.
+const DRAG: f64 = 3.0;
+
+/// A choice of solver and settings is asked for its result for so long at a time.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// A bone that is turned by hand.
+#[derive(Clone, Copy, Debug)]
+struct Hand {
+    /// The angle [rad], and the one that is wanted.
+    angle: f64,
+    wanted: f64,
+    /// What its motion did beside turning: pose = turn(angle) offset.
+    offset: Isometry3<f64>,
+}
+
+/// The path of the scene that tells the accuracy wished.
+const ACCURACY: &str = "accuracy";
+
+/// Why no choice begins.
+const NO_THREAD: &str =
+    "the system gives no thread to choose settings in; end other programs and try again";
+
+/// A scene of muscles that runs.
+pub(super) struct Muscles {
+    recipe: Recipe,
+    /// As it was started, and as it is.
+    start: Scene,
+    scene: Arc<Scene>,
+    stage: Arc<Stage>,
+    controls: Arc<Vec<Control>>,
+    assets: Assets,
+    simulation: Simulation,
+    step: fn(&mut Simulation),
+    steering: Vec<Steering>,
+    hands: Vec<Option<Hand>>,
+    fixed: Vec<Vec<u32>>,
+    drags: Vec<Option<(u32, Point3<f64>, f64)>>,
+    probe: Option<(usize, usize)>,
+    /// A choice of solver and settings that is under way, and what came of the last one.
+    wish: Option<Wish>,
+    came_of_it: String,
+    /// Seconds of each effect up to the last frame, and milliseconds in it.
+    clock: BTreeMap<&'static str, f64>,
+    effects: Vec<(&'static str, f64)>,
+}
+
+impl Muscles {
+    /// Reads the meshes of `scene` and makes it ready; each frame is computed by `step`.
+    pub(super) fn new(
+        recipe: Recipe,
+        scene: Scene,
+        step: fn(&mut Simulation),
+    ) -> Result<Self, StartError> {
+        let assets = Assets::load(&scene)?;
+        let plan = Plan::new(&scene, &assets);
+        let simulation = Simulation::with(scene.clone(), assets.clone(), plan)?;
+        Ok(Self {
+            steering: vec![Steering::Motion; scene.bones.len()],
+            hands: vec![None; scene.bones.len()],
+            fixed: vec![Vec::new(); scene.muscles.len()],
+            drags: vec![None; scene.muscles.len()],
+            probe: None,
+            wish: None,
+            came_of_it: String::new(),
+            stage: Arc::new(shots::stage(&simulation)),
+            controls: Arc::new(panel::controls(&scene, &scene)),
+            start: scene.clone(),
+            scene: Arc::new(scene),
+            recipe,
+            assets,
+            simulation,
+            step,
+            clock: BTreeMap::new(),
+            effects: Vec::new(),
+        })
+    }
+
+    fn vertex(&self, muscle: usize, vertex: usize) -> Result<u32, Refused> {
+        check_index("muscle", muscle, self.simulation.bodies.len())?;
+        check_index(
+            "vertex",
+            vertex,
+            self.simulation.bodies[muscle].system.particles.len(),
+        )?;
+        Ok(vertex as u32)
+    }
+
+    fn reset(&mut self) -> Result<(), Refused> {
+        let none = vec![Vec::new(); self.fixed.len()];
+        self.simulation = self.made(&self.scene, &none, false)?;
+        self.fixed = none;
+        self.drags.fill(None);
+        self.hands.fill(None);
+        self.steering.fill(Steering::Motion);
+        self.forget_times();
+        self.effects.clear();
+        Ok(())
+    }
+
+    fn forget_times(&mut self) {
+        self.clock = seconds(&self.simulation);
+    }
+
+    /// A simulation of a scene with the meshes at hand, at its start; one that `goes_on` keeps the muscles' shapes at rest.
+    fn made(
+        &self,
+        scene: &Scene,
+        fixed: &[Vec<u32>],
+        goes_on: bool,
+    ) -> Result<Simulation, Refused> {
+        let mut plan = Plan::new(scene, &self.assets);
+        plan.muscles
+            .iter_mut()
+            .zip(fixed)
+            .for_each(|(plan, fixed)| plan.fixed.clone_from(fixed));
+        if goes_on {
+            let rests = self
+                .simulation
+                .bodies
+                .iter()
+                .map(|body| Some(Arc::new(body.rest.clone())));
+            plan.muscles
+                .iter_mut()
+                .zip(rests)
+                .for_each(|(plan, rest)| plan.rest = rest);
+        }
+        Simulation::with(scene.clone(), self.assets.clone(), plan).map_err(Refused::Load)
+    }
+
+    /// Goes on with other numbers; a wish for an accuracy begins a choice.
+    fn change(&mut self, path: &str, recipe: Recipe) -> Result<(), Refused> {
+        let scene = recipe.checked(path, &self.scene, &self.assets)?;
+        let wish = match (path, scene.accuracy) {
+            (ACCURACY, Some(accuracy)) => Some(
+                Wish::new(&scene, &self.assets, accuracy)
+                    .map_err(|_| Refused::NotHere(NO_THREAD))?,
+            ),
+            _ => None,
+        };
+        self.go_on_as(&scene, self.fixed.clone())?;
+        if path == ACCURACY {
+            (self.wish, self.came_of_it) = (wish, String::new());
+        }
+        self.controls = Arc::new(panel::controls(&self.start, &scene));
+        (self.recipe, self.scene) = (recipe, Arc::new(scene));
+        Ok(())
+    }
+
+    /// Takes what was chosen for the accuracy that was wished.
+    fn grant(&mut self, found: Result<Chosen, String>) {
+        self.wish = None;
+        self.came_of_it = match found {
+            Err(why) => format!("no setting was chosen: {why}"),
+            Ok(chosen) => {
+                let with =
+                    |recipe: Recipe, (path, value): &(String, String)| recipe.with(path, value);
+                let recipe = wish::changes(&chosen)
+                    .iter()
+                    .fold(self.recipe.clone(), with);
+                match self.change("solver", recipe) {
+                    Ok(()) => chosen.why,
+                    Err(refused) => format!("{}; not taken: {refused}", chosen.why),
+                }
+            }
+        };
+    }
+
+    /// Goes on with other vertices fixed.
+    fn hold(&mut self, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
+        let scene = self.scene.clone();
+        self.go_on_as(&scene, fixed)
+    }
+
+    fn go_on_as(&mut self, scene: &Scene, fixed: Vec<Vec<u32>>) -> Result<(), Refused> {
+        let mut simulation = self.made(scene, &fixed, true)?;
+        for (bone, steering) in self.steering.iter().enumerate() {
+            if *steering != Steering::Motion {
+                let pose = self.simulation.pose(bone, self.simulation.frame() as f64);
+                let joint = simulation.scene.bones[bone].motion.joint.take();
+                let key = Key {
+                    frame: self.simulation.frame() as f64,
+                    pose,
+                };
+                simulation.scene.bones[bone].motion = Motion {
+                    keys: vec![key],
+                    joint,
+                };
+            }
+        }
+        // After the bones: what is known of contact holds only where they are.
+        simulation.continue_from(&self.simulation);
+        for (muscle, drag) in self.drags.iter().enumerate() {
+            if let Some((vertex, to, stiffness)) = *drag {
+                simulation.drag(muscle, vertex, to, stiffness);
+            }
+        }
+        self.simulation = simulation;
+        self.fixed = fixed;
+        self.forget_times();
+        Ok(())
+    }
+
+    fn drag(
+        &mut self,
+        muscle: usize,
+        vertex: usize,
+        to: Point3<f64>,
+        stiffness: Option<f64>,
+    ) -> Result<(), Refused> {
+        let v = self.vertex(muscle, vertex)?;
+        let body = &self.simulation.bodies[muscle];
+        if body.attached.iter().any(|(held, _)| *held == v) {
+            return Err(Refused::Held { vertex });
+        }
+        to.iter()
+            .try_for_each(|c| check_number("a coordinate of the place to drag to", *c, false))?;
+        // A surface without stiffness of its own is dragged by its weight in a second.
+        let surface = match self.scene.muscles[muscle].material.stretch {
+            stretch if stretch > 0.0 => DRAG * stretch,
+            _ => DRAG / body.system.particles.inverse_mass[vertex].max(f64::MIN_POSITIVE),
+        };
+        let stiffness = stiffness.unwrap_or(surface);
+        check_number("the stiffness of the spring", stiffness, true)?;
+        self.drags[muscle] = Some((v, to, stiffness));
+        self.simulation.drag(muscle, v, to, stiffness);
+        Ok(())
+    }
+
+    fn fix(&mut self, muscle: usize, vertex: usize) -> Result<(), Refused> {
+        let v = self.vertex(muscle, vertex)?;
+        if self.simulation.bodies[muscle]
+            .attached
+            .iter()
+            .any(|(held, _)| *held == v)
+        {
+            return Err(Refused::Held { vertex });
+        }
+        let mut fixed = self.fixed.clone();
+        if !fixed[muscle].contains(&v) {
+            fixed[muscle].push(v);
+        }
+        self.hold(fixed)
+    }
+
+    fn turn(&mut self, bone: usize, wanted: f64) -> Result<(), Refused> {
+        check_index("bone", bone, self.hands.len())?;
+        check_number("an angle", wanted, false)?;
+        let frame = self.simulation.frame() as f64;
+        let pose = self.simulation.pose(bone, frame);
+        let scene = &self.scene.bones[bone];
+        let Some(joint) = &scene.motion.joint else {
+            return Err(Refused::NoJoint {
+                bone: scene.name.clone(),
+            });
+        };
+        match &mut self.hands[bone] {
+            Some(hand) => hand.wanted = wanted,
+            none => {
+                let angle = angle(joint, &pose);
+                *none = Some(Hand {
+                    angle,
+                    wanted,
+                    offset: joint.pose(angle).inverse() * pose,
+                });
+                self.steering[bone] = Steering::Hand;
+                self.simulation.move_bone(bone, pose);
+            }
+        }
+        Ok(())
+    }
+
+    /// Moves what the hand moves; what it does not touch keeps its motion to the bit.
+    fn steer_bones(&mut self) {
+        let frame = self.simulation.frame() as f64;
+        for bone in 0..self.steering.len() {
+            let motion = &self.scene.bones[bone].motion;
+            match (self.steering[bone], &mut self.hands[bone], &motion.joint) {
+                (Steering::Hand, Some(hand), Some(joint)) if hand.angle != hand.wanted => {
+                    let left = hand.wanted - hand.angle;
+                    hand.angle = if left.abs() <= MOST_TURN {
+                        hand.wanted
+                    } else {
+                        hand.angle + MOST_TURN.copysign(left)
+                    };
+                    self.simulation
+                        .move_bone(bone, joint.pose(hand.angle) * hand.offset);
+                }
+                (Steering::Return, ..) => {
+                    let (now, there) =
+                        (self.simulation.pose(bone, frame), motion.pose(frame + 1.0));
+                    if now == motion.pose(frame) {
+                        self.steering[bone] = Steering::Motion;
+                        self.simulation.scene.bones[bone].motion = motion.clone();
+                        continue;
+                    }
+                    let turn = (now.inverse() * there).rotation.angle();
+                    let keys = vec![
+                        Key {
+                            frame: 0.0,
+                            pose: now,
+                        },
+                        Key {
+                            frame: 1.0,
+                            pose: there,
+                        },
+                    ];
+                    let share = if turn > MOST_TURN {
+                        MOST_TURN / turn
+                    } else {
+                        1.0
+                    };
+                    self.simulation
+                        .move_bone(bone, Motion { keys, joint: None }.pose(share));
+                }
+                _ => {}
+            }
+        }
+    }
+}
+
+impl Subject for Muscles {
+    fn frame_rate(&self) -> f64 {
+        self.scene.frame_rate
+    }
+
+    fn shot(&mut self) -> Shot {
+        self.seen()
+    }
+
+    fn wants_frames(&self) -> bool {
+        self.wish.is_some()
+    }
+
+    fn advance(&mut self, _: Watch<'_>) -> Advanced {
+        // Times are measured meanwhile: nothing else runs.
+        if let Some(wish) = &self.wish {
+            if let Some(found) = wish.wait(PATIENCE) {
+                self.grant(found);
+            }
+            return Advanced::GivenUp;
+        }
+        self.steer_bones();
+        let (step, frame, simulation) =
+            (self.step, self.simulation.frame() + 1, &mut self.simulation);
+        if let Err(panic) = catch_unwind(AssertUnwindSafe(|| step(simulation))) {
+            return Advanced::Failed(format!(
+                "frame {frame}: the simulation panicked: {}",
+                words(&*panic)
+            ));
+        }
+        let now = seconds(&self.simulation);
+        let spent = |(name, s): (&&'static str, &f64)| {
+            (*name, (s - self.clock.get(name).unwrap_or(&0.0)) * 1e3)
+        };
+        self.effects = now.iter().map(spent).collect();
+        self.clock = now;
+        let all_stopped = self
+            .simulation
+            .bodies
+            .iter()
+            .all(|body| body.stopped.is_some());
+        if all_stopped {
+            Advanced::Rests
+        } else {
+            Advanced::On
+        }
+    }
+
+    fn obey(&mut self, command: &Command) -> Result<(), Refused> {
+        match command {
+            Command::Reset => return self.reset(),
+            Command::Set { path, value } => {
+                return self.change(path, self.recipe.with(path, value));
+            }
+            Command::Restore { path } => return self.change(path, self.recipe.without(path)),
+            Command::Turn { bone, angle } => return self.turn(*bone, *angle),
+            Command::Hold { bone } => {
+                check_index("bone", *bone, self.hands.len())?;
+                let pose = self.simulation.pose(*bone, self.simulation.frame() as f64);
+                let now = self.scene.bones[*bone]
+                    .motion
+                    .joint
+                    .as_ref()
+                    .map_or(0.0, |joint| angle(joint, &pose));
+                return self.turn(*bone, now);
+            }
+            Command::ByMotion { bone } => {
+                check_index("bone", *bone, self.hands.len())?;
+                if self.hands[*bone].take().is_some() {
+                    self.steering[*bone] = Steering::Return;
+                }
+            }
+            Command::Drag {
+                body,
+                vertex,
+                to,
+                stiffness,
+            } => return self.drag(*body, *vertex, *to, *stiffness),
+            Command::LetGo { body } => {
+                check_index("muscle", *body, self.drags.len())?;
+                self.drags[*body] = None;
+                self.simulation.let_go(*body);
+            }
+            Command::Fix { body, vertex } => return self.fix(*body, *vertex),
+            Command::Free { body, vertex } => {
+                self.vertex(*body, *vertex)?;
+                let mut fixed = self.fixed.clone();
+                fixed[*body].retain(|v| *v as usize != *vertex);
+                return self.hold(fixed);
+            }
+            Command::Probe(None) => self.probe = None,
+            Command::Probe(Some((body, vertex))) => {
+                self.vertex(*body, *vertex)?;
+                self.probe = Some((*body, *vertex));
+            }
+            Command::Move { handle, .. } => check_index("handle", *handle, 0)?,
+            Command::Seek { .. } | Command::Backwards(_) => {
+                return Err(Refused::NotHere(super::ONLY_REPLAYED));
+            }
+            // The session does these itself.
+            Command::Pause | Command::Run | Command::Step | Command::Speed(_) => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,223 @@
+//! What is seen of muscles that run.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Isometry3;
+
+use super::Muscles;
+use crate::snapshot::{BodyShot, BoneShot, Probe, Reading, Shot, Stage, StageBody, Tissue};
+use pliant::mesh::measures::{greatest, volume};
+use pliant::scene::Joint;
+use pliant::simulation::measures::strain_at_vertices;
+use pliant::simulation::{Body, Simulation};
+
+/// What stays the same of a simulation.
+pub(super) fn stage(simulation: &Simulation) -> Stage {
+    let muscle = |body: &Body| StageBody {
+        name: body.name.clone(),
+        tissue: Tissue::Muscle,
+        triangles: body.rest.triangles.clone(),
+        edges: body.edges.iter().map(|e| e.points).collect(),
+        held: body.attached.iter().map(|(v, _)| *v).collect(),
+        fibres: body.fibres.clone(),
+    };
+    let names = simulation.scene.bones.iter().map(|b| b.name.clone());
+    Stage {
+        bodies: simulation.bodies.iter().map(muscle).collect(),
+        bones: names.zip(simulation.bones.iter().cloned()).collect(),
+    }
+}
+
+impl Muscles {
+    pub(super) fn seen(&self) -> Shot {
+        let simulation = &self.simulation;
+        let mut bodies: Vec<BodyShot> = (0..simulation.bodies.len())
+            .map(|m| body_shot(simulation, m))
+            .collect();
+        for (shot, drag) in bodies.iter_mut().zip(&self.drags) {
+            shot.dragged = drag.map(|(vertex, to, _)| (vertex, to));
+        }
+        let frame = simulation.frame();
+        let bone = |b: usize| {
+            let pose = simulation.pose(b, frame as f64);
+            let angle = self.scene.bones[b]
+                .motion
+                .joint
+                .as_ref()
+                .map(|joint| angle(joint, &pose));
+            BoneShot {
+                pose,
+                angle,
+                steering: self.steering[b],
+            }
+        };
+        Shot {
+            frame,
+            last_frame: self.scene.frames,
+            stage: self.stage.clone(),
+            scene: Some(self.scene.clone()),
+            controls: self.controls.clone(),
+            readings: self.readings(&bodies),
+            probe: self
+                .probe
+                .map(|(body, vertex)| self.probed(body, vertex, &bodies[body])),
+            bodies,
+            bones: (0..self.scene.bones.len()).map(bone).collect(),
+            handles: Vec::new(),
+            effects: self.effects.clone(),
+            notes: simulation
+                .notes
+                .iter()
+                .cloned()
+                .chain(self.said())
+                .collect(),
+        }
+    }
+
+    /// Volume error, stretch and depth of each muscle.
+    fn readings(&self, bodies: &[BodyShot]) -> Vec<Reading> {
+        let many = bodies.len() > 1;
+        let mut all = Vec::new();
+        let effects = &self.scene.effects;
+        for (body, shot) in self.simulation.bodies.iter().zip(bodies) {
+            let of = || {
+                if many {
+                    body.name.clone()
+                } else {
+                    String::new()
+                }
+            };
+            let mut add = |name, unit, value| {
+                all.push(Reading {
+                    name,
+                    of: of(),
+                    unit,
+                    value,
+                })
+            };
+            if effects.volume.is_some() {
+                add("Volume error", "", shot.volume_error.abs());
+            }
+            add(
+                "Greatest stretch",
+                "%",
+                100.0 * greatest(shot.stretch.iter().copied()),
+            );
+            if effects.contact.is_some() {
+                add(
+                    "Greatest depth",
+                    "mm",
+                    1e3 * greatest(shot.depth.iter().copied()),
+                );
+            }
+        }
+        all
+    }
+
+    /// What is to be told of the accuracy that was wished.
+    fn said(&self) -> Option<String> {
+        match &self.wish {
+            Some(wish) => Some(format!("choosing solver and settings, {}", wish.part())),
+            None => (!self.came_of_it.is_empty()).then(|| self.came_of_it.clone()),
+        }
+    }
+
+    /// What is known of a vertex.
+    fn probed(&self, body: usize, vertex: usize, shot: &BodyShot) -> Probe {
+        let system = &self.simulation.bodies[body].system;
+        let mut values = vec![
+            ("stretch", 100.0 * shot.stretch[vertex], "%"),
+            ("speed", 1e3 * shot.speed[vertex], "mm/s"),
+            ("depth", 1e3 * shot.depth[vertex], "mm"),
+        ];
+        if self.simulation.bodies[body].equilibrium.is_none() {
+            for (name, residual) in system.residuals_at(vertex as u32) {
+                values.push((name, 1e3 * residual, "mm"));
+            }
+        }
+        Probe {
+            body,
+            vertex,
+            values,
+        }
+    }
+}
+
+fn body_shot(simulation: &Simulation, m: usize) -> BodyShot {
+    let body = &simulation.bodies[m];
+    let particles = &body.system.particles;
+    let x = &particles.position;
+    let volume_error = match body.target_volume {
+        target if target > 0.0 => volume(x, &body.rest.triangles) / target - 1.0,
+        _ => 0.0,
+    };
+    BodyShot {
+        stretch: strain_at_vertices(&body.edges, x),
+        depth: depths(simulation, body),
+        speed: particles.velocity.iter().map(|v| v.norm()).collect(),
+        touching: body
+            .system
+            .contacts
+            .as_ref()
+            .map_or_else(Vec::new, |contacts| contacts.touching(x)),
+        positions: x.clone(),
+        volume_error,
+        fixed: simulation.plan.muscles[m].fixed.clone(),
+        dragged: None,
+        stopped: body
+            .stopped
+            .as_ref()
+            .map(|(frame, broken)| (*frame, broken.to_string())),
+    }
+}
+
+/// Depth of each free vertex in the obstacles that its muscle is kept out of [m].
+fn depths(simulation: &Simulation, body: &Body) -> Vec<f64> {
+    let x = &body.system.particles.position;
+    let mut depths = vec![0.0; x.len()];
+    let Some(contacts) = &body.system.contacts else {
+        return depths;
+    };
+    for &o in contacts.obstacles() {
+        let Some(placed) = simulation.placed().get(o) else {
+            continue;
+        };
+        let (bounds, back) = (placed.obstacle.bounding_box(), placed.now.inverse());
+        for v in contacts.near(o).map(|v| v as usize) {
+            let local = back * x[v];
+            // What is outside of the box is outside of the bone.
+            if !(0..3).all(|k| bounds.min[k] <= local[k] && local[k] <= bounds.max[k]) {
+                continue;
+            }
+            if let Some(found) = placed
+                .obstacle
+                .closest(&local)
+                .filter(|found| -found.distance > depths[v])
+            {
+                depths[v] = -found.distance;
+            }
+        }
+    }
+    depths
+}
+
+/// Seconds of each effect so far, over all muscles.
+pub(super) fn seconds(simulation: &Simulation) -> BTreeMap<&'static str, f64> {
+    let mut all = BTreeMap::new();
+    for (name, (s, _)) in simulation
+        .bodies
+        .iter()
+        .flat_map(|body| &body.system.clock.effects)
+    {
+        *all.entry(*name).or_insert(0.0) += s;
+    }
+    all
+}
+
+/// The angle [rad] of a pose about the axis of a joint, in -pi..pi.
+pub(super) fn angle(joint: &Joint, pose: &Isometry3<f64>) -> f64 {
+    let q = pose.rotation.quaternion();
+    // Of the two quaternions of a rotation, the one of the shorter way.
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    2.0 * libm::atan2(sign * q.imag().dot(&joint.axis), sign * q.w)
+}

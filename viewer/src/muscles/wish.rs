@@ -1,0 +1,101 @@
+//! An accuracy that somebody wishes for: solver and settings are chosen by a study in a thread of its own.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use pliant::accuracy::{self, Chosen, Watch};
+use pliant::scene::{Accuracy, Scene};
+use pliant::simulation::Assets;
+
+/// A study takes at most about so long.
+const BUDGET: Duration = Duration::from_secs(20);
+
+/// What the study is at, heard and stopped from outside.
+#[derive(Clone, Debug, Default)]
+struct Heard {
+    stop: Arc<AtomicBool>,
+    part: Arc<Mutex<String>>,
+}
+
+impl Watch for Heard {
+    fn part(&mut self, text: &str) {
+        text.clone_into(&mut self.part.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn stops(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+/// A study that runs. Dropping it stops it, without waiting.
+#[derive(Debug)]
+pub(super) struct Wish {
+    heard: Heard,
+    found: Receiver<Result<Chosen, String>>,
+}
+
+impl Wish {
+    /// Begins to choose.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub(super) fn new(scene: &Scene, assets: &Assets, accuracy: Accuracy) -> std::io::Result<Self> {
+        let (scene, assets, heard) = (scene.clone(), assets.clone(), Heard::default());
+        let (tell, found) = channel();
+        let mut watch = heard.clone();
+        std::thread::Builder::new()
+            .name("study".to_owned())
+            .spawn(move || {
+                let threads = rayon::current_num_threads();
+                let chosen =
+                    accuracy::choose(&scene, &assets, accuracy, BUDGET, threads, &mut watch);
+                // Nobody may want it any more.
+                let _ = tell.send(chosen.map_err(|error| error.to_string()));
+            })?;
+        Ok(Self { heard, found })
+    }
+
+    /// What the study is at.
+    pub(super) fn part(&self) -> String {
+        self.heard
+            .part
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    /// What was chosen, if it is within `longest`.
+    pub(super) fn wait(&self, longest: Duration) -> Option<Result<Chosen, String>> {
+        match self.found.recv_timeout(longest) {
+            Ok(found) => Some(found),
+            Err(RecvTimeoutError::Timeout) => None,
+            Err(RecvTimeoutError::Disconnected) => {
+                Some(Err("the study ended without a choice".to_owned()))
+            }
+        }
+    }
+}
+
+impl Drop for Wish {
+    fn drop(&mut self) {
+        self.heard.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// A solver with its settings as changes of a scene: paths and values.
+pub(super) fn changes(chosen: &Chosen) -> Vec<(String, String)> {
+    let name = chosen.candidate.name();
+    let mut all = vec![("solver".to_owned(), name.to_owned())];
+    for (key, value) in chosen.candidate.settings() {
+        // What is no setting of the solver is one of the study's.
+        if !["contact", "lanes", "threads"].contains(&key.as_str()) {
+            let value = value
+                .as_str()
+                .map_or_else(|| value.to_string(), str::to_owned);
+            all.push((format!("solver.{name}.{key}"), value));
+        }
+    }
+    all
+}

@@ -1,0 +1,669 @@
+//! What of a scene can be changed while it runs, as a list of controls; a window draws them, this knows what they mean.
+
+use nalgebra::{Unit, Vector3};
+
+use super::session::Command;
+use super::snapshot::{Shot, Steering};
+use pliant::constraints::Order;
+use pliant::scene::{Accuracy, Bone, Mass, Minimisation, Pbd, Scene, Solver, Xpbd};
+
+/// How a control's range is divided.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Evenly.
+    Linear,
+    /// By factors; both ends are positive.
+    Logarithmic,
+}
+
+/// What a control looks like.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Kind {
+    /// A number between two.
+    Slider {
+        /// The ends, in the control's unit.
+        range: (f64, f64),
+        /// How they are divided.
+        scale: Scale,
+    },
+    /// A whole number between two.
+    Whole {
+        /// The ends.
+        range: (u32, u32),
+        /// How they are divided.
+        scale: Scale,
+    },
+    /// One of some names.
+    Choice(Vec<&'static str>),
+    /// On or off.
+    Switch,
+}
+
+/// What a control is set to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Value {
+    /// Of a slider, in the control's unit.
+    Number(f64),
+    /// Of a whole number.
+    Whole(u32),
+    /// Of a choice, its number among the names.
+    Choice(usize),
+    /// Of a switch.
+    On(bool),
+}
+
+/// What a control changes.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Target {
+    /// The value at a path of the scene.
+    Path(String),
+    /// The length of a vector at a path, along a direction.
+    Vector(String, Unit<Vector3<f64>>),
+    /// A section at a path that is there or not.
+    Section(String),
+    /// The angle of a bone by hand.
+    Angle(usize),
+    /// Whether a bone goes by its motion.
+    Motion(usize),
+}
+
+/// One thing that can be changed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Control {
+    /// What belongs together: an effect, the solver, a muscle, a bone.
+    pub group: String,
+    /// What it is.
+    pub label: String,
+    /// The unit of its numbers; empty for none.
+    pub unit: &'static str,
+    /// What it looks like.
+    pub kind: Kind,
+    /// What it is set to.
+    pub value: Value,
+    target: Target,
+}
+
+/// Why a value is none of a control.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NoValue {
+    /// Out of its range.
+    #[error("{label}: {value} is outside of {low} to {high} {unit}")]
+    Outside {
+        /// The control.
+        label: String,
+        /// The value.
+        value: f64,
+        /// Lower end.
+        low: f64,
+        /// Upper end.
+        high: f64,
+        /// Its unit.
+        unit: &'static str,
+    },
+    /// Of another kind.
+    #[error("{label} takes no such value as {value:?}")]
+    Kind {
+        /// The control.
+        label: String,
+        /// The value.
+        value: Value,
+    },
+}
+
+impl Control {
+    /// The path of the scene that it changes; `None` for a bone, which is turned and not changed.
+    pub fn path(&self) -> Option<&str> {
+        match &self.target {
+            Target::Path(path) | Target::Vector(path, _) | Target::Section(path) => Some(path),
+            Target::Angle(_) | Target::Motion(_) => None,
+        }
+    }
+
+    /// What it is set to at a moment: the angle of a bone changes without being set.
+    pub fn now(&self, shot: &Shot) -> Value {
+        match (&self.target, self.value) {
+            (Target::Angle(bone), Value::Number(_)) => {
+                let angle = shot
+                    .bones
+                    .get(*bone)
+                    .and_then(|bone| bone.angle)
+                    .unwrap_or(0.0)
+                    .to_degrees();
+                let Kind::Slider {
+                    range: (low, high), ..
+                } = self.kind
+                else {
+                    return self.value;
+                };
+                Value::Number(angle.clamp(low, high))
+            }
+            (Target::Motion(bone), _) => Value::On(
+                shot.bones
+                    .get(*bone)
+                    .is_none_or(|bone| bone.steering != Steering::Hand),
+            ),
+            (_, value) => value,
+        }
+    }
+
+    /// What to tell a session so that it has another value.
+    ///
+    /// # Errors
+    /// A value of another kind, or out of the range.
+    pub fn command(&self, value: Value) -> Result<Command, NoValue> {
+        let text = self.checked(value)?;
+        Ok(match (&self.target, value) {
+            (Target::Path(path), _) => Command::Set {
+                path: path.clone(),
+                value: text,
+            },
+            (Target::Vector(path, along), Value::Number(length)) => {
+                let parts = (along.as_ref() * length).map(|c| format!("\"{c} {}\"", self.unit));
+                Command::Set {
+                    path: path.clone(),
+                    value: format!("[{}]", parts.as_slice().join(", ")),
+                }
+            }
+            (Target::Section(path), Value::On(true)) => Command::Restore { path: path.clone() },
+            (Target::Section(path), _) => Command::Set {
+                path: path.clone(),
+                value: "off".to_owned(),
+            },
+            (Target::Angle(bone), Value::Number(angle)) => Command::Turn {
+                bone: *bone,
+                angle: angle.to_radians(),
+            },
+            (Target::Motion(bone), Value::On(true)) => Command::ByMotion { bone: *bone },
+            // Held where it is: the angle of now is the one that is wanted.
+            (Target::Motion(bone), _) => Command::Hold { bone: *bone },
+            (Target::Vector(..) | Target::Angle(_), _) => return Err(self.no_such(value)),
+        })
+    }
+
+    /// The text of a value that it can have.
+    fn checked(&self, value: Value) -> Result<String, NoValue> {
+        let outside = |value: f64, low: f64, high: f64| NoValue::Outside {
+            label: self.label.clone(),
+            value,
+            low,
+            high,
+            unit: self.unit,
+        };
+        match (&self.kind, value) {
+            (
+                Kind::Slider {
+                    range: (low, high), ..
+                },
+                Value::Number(number),
+            ) => {
+                // Not `<`, which a NaN would pass.
+                if !(*low <= number && number <= *high) {
+                    return Err(outside(number, *low, *high));
+                }
+                Ok(if self.unit.is_empty() {
+                    number.to_string()
+                } else {
+                    format!("{number} {}", self.unit)
+                })
+            }
+            (
+                Kind::Whole {
+                    range: (low, high), ..
+                },
+                Value::Whole(number),
+            ) => {
+                if !(low..=high).contains(&&number) {
+                    return Err(outside(number.into(), (*low).into(), (*high).into()));
+                }
+                Ok(number.to_string())
+            }
+            (Kind::Choice(names), Value::Choice(chosen)) => names
+                .get(chosen)
+                .map(|name| (*name).to_owned())
+                .ok_or_else(|| self.no_such(value)),
+            (Kind::Switch, Value::On(on)) => Ok(if on { "on" } else { "off" }.to_owned()),
+            _ => Err(self.no_such(value)),
+        }
+    }
+
+    fn no_such(&self, value: Value) -> NoValue {
+        NoValue::Kind {
+            label: self.label.clone(),
+            value,
+        }
+    }
+
+    /// The value at `share` (0..1) of the way from one end to the other.
+    pub fn at(&self, share: f64) -> Value {
+        let share = share.clamp(0.0, 1.0);
+        match &self.kind {
+            Kind::Slider { range, scale } => Value::Number(between(*range, *scale, share)),
+            Kind::Whole {
+                range: (low, high),
+                scale,
+            } => {
+                let value = between((f64::from(*low), f64::from(*high)), *scale, share);
+                Value::Whole((value.round() as u32).clamp(*low, *high))
+            }
+            Kind::Choice(names) => {
+                Value::Choice((share * names.len().saturating_sub(1) as f64).round() as usize)
+            }
+            Kind::Switch => Value::On(share >= 0.5),
+        }
+    }
+
+    /// Where its value is between the ends, 0 to 1: what [`Self::at`] undoes.
+    pub fn share(&self) -> f64 {
+        let of = |value: f64, (low, high): (f64, f64), scale: Scale| match scale {
+            Scale::Linear => (value - low) / (high - low),
+            Scale::Logarithmic => libm::log(value / low) / libm::log(high / low),
+        };
+        let share = match (&self.kind, self.value) {
+            (Kind::Slider { range, scale }, Value::Number(value)) => of(value, *range, *scale),
+            (
+                Kind::Whole {
+                    range: (low, high),
+                    scale,
+                },
+                Value::Whole(value),
+            ) => of(value.into(), ((*low).into(), (*high).into()), *scale),
+            (Kind::Choice(names), Value::Choice(chosen)) => {
+                chosen as f64 / names.len().saturating_sub(1).max(1) as f64
+            }
+            (_, Value::On(true)) => 1.0,
+            _ => 0.0,
+        };
+        if share.is_finite() {
+            share.clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Exact at both ends.
+fn between((low, high): (f64, f64), scale: Scale, share: f64) -> f64 {
+    match (share, scale) {
+        (0.0, _) => low,
+        (1.0, _) => high,
+        (_, Scale::Linear) => low + (high - low) * share,
+        (_, Scale::Logarithmic) => (low * libm::pow(high / low, share)).clamp(low, high),
+    }
+}
+
+/// The controls of a scene as it was started, set to what `now`, the same with changes, says: only those of effects that
+/// it has, of the solver in use, and of bones with a joint.
+pub fn controls(start: &Scene, now: &Scene) -> Vec<Control> {
+    let mut list = List::default();
+    list.effects(start, now);
+    for (m, muscle) in now.muscles.iter().enumerate() {
+        list.muscle(
+            m,
+            &muscle.name,
+            &muscle.material,
+            &start.muscles[m].material,
+            now,
+        );
+    }
+    list.solver(now);
+    now.bones
+        .iter()
+        .enumerate()
+        .for_each(|(b, bone)| list.bone(b, bone));
+    list.0
+}
+
+/// Controls in the making.
+#[derive(Default)]
+pub(super) struct List(pub(super) Vec<Control>);
+
+/// A number that is shown: its unit and range.
+pub(super) struct Shown {
+    pub(super) unit: &'static str,
+    pub(super) range: (f64, f64),
+    pub(super) scale: Scale,
+}
+
+impl Shown {
+    pub(super) fn even(unit: &'static str, low: f64, high: f64) -> Self {
+        Self {
+            unit,
+            range: (low, high),
+            scale: Scale::Linear,
+        }
+    }
+
+    /// From a `span`th to `span` times what it was at the start; from 0 where that is no positive number.
+    pub(super) fn about(unit: &'static str, start: f64, span: f64, otherwise: f64) -> Self {
+        match start > 0.0 {
+            true => Self {
+                unit,
+                range: (start / span, start * span),
+                scale: Scale::Logarithmic,
+            },
+            false => Self::even(unit, 0.0, otherwise),
+        }
+    }
+
+    /// Wide enough for a value that was given by other means.
+    fn holding(mut self, value: f64) -> Self {
+        self.range = (self.range.0.min(value), self.range.1.max(value));
+        if self.range.0 <= 0.0 {
+            self.scale = Scale::Linear;
+        }
+        self
+    }
+}
+
+impl List {
+    pub(super) fn slider(
+        &mut self,
+        group: &str,
+        label: &str,
+        target: Target,
+        value: f64,
+        shown: Shown,
+    ) {
+        let Shown { unit, range, scale } = shown.holding(value);
+        let (group, label) = (group.to_owned(), label.to_owned());
+        let kind = Kind::Slider { range, scale };
+        self.0.push(Control {
+            group,
+            label,
+            unit,
+            kind,
+            value: Value::Number(value),
+            target,
+        });
+    }
+
+    pub(super) fn other(
+        &mut self,
+        group: &str,
+        label: &str,
+        target: Target,
+        kind: Kind,
+        value: Value,
+    ) {
+        let (group, label) = (group.to_owned(), label.to_owned());
+        self.0.push(Control {
+            group,
+            label,
+            unit: "",
+            kind,
+            value,
+            target,
+        });
+    }
+
+    fn switch(&mut self, effect: &str, on: bool) {
+        let target = Target::Section(format!("effects.{effect}"));
+        self.other(effect, effect, target, Kind::Switch, Value::On(on));
+    }
+
+    fn effects(&mut self, start: &Scene, now: &Scene) {
+        let (had, has) = (&start.effects, &now.effects);
+        let path = |key: &str| Target::Path(format!("effects.{key}"));
+        if had.stretch {
+            self.switch("stretch", has.stretch);
+        }
+        if had.bending {
+            self.switch("bending", has.bending);
+        }
+        if had.volume.is_some() {
+            self.switch("volume", has.volume.is_some());
+        }
+        if let Some(volume) = has.volume {
+            let shown = Shown {
+                unit: "",
+                range: (0.5, 2.0),
+                scale: Scale::Logarithmic,
+            };
+            self.slider(
+                "volume",
+                "pressure",
+                path("volume.pressure"),
+                volume.pressure,
+                shown,
+            );
+        }
+        if had.anisotropy.is_some() {
+            self.switch("anisotropy", has.anisotropy.is_some());
+        }
+        if let Some(anisotropy) = has.anisotropy {
+            let (strength, power) = (path("anisotropy.strength"), path("anisotropy.power"));
+            self.slider(
+                "anisotropy",
+                "strength",
+                strength,
+                anisotropy.strength,
+                Shown::even("", 0.0, 1.0),
+            );
+            let shown = Shown {
+                unit: "",
+                range: (1.0, 100.0),
+                scale: Scale::Logarithmic,
+            };
+            self.slider("anisotropy", "power", power, anisotropy.power, shown);
+        }
+        if had.contact.is_some() {
+            self.switch("contact", has.contact.is_some());
+        }
+        if let Some(contact) = has.contact {
+            let thickness = had.contact.map_or(0.0, |c| 1e3 * c.thickness);
+            let shown = Shown::about("mm", thickness, 4.0, 1.0);
+            self.slider(
+                "contact",
+                "thickness",
+                path("contact.thickness"),
+                1e3 * contact.thickness,
+                shown,
+            );
+            self.slider(
+                "contact",
+                "friction",
+                path("contact.friction"),
+                contact.friction,
+                Shown::even("", 0.0, 1.0),
+            );
+        }
+        if had.gravity.is_some() {
+            self.switch("gravity", has.gravity.is_some());
+        }
+        if let (Some(began), Some(gravity)) = (had.gravity, has.gravity) {
+            let along = Unit::try_new(began, 0.0).unwrap_or(-Vector3::y_axis());
+            let target = Target::Vector("effects.gravity.acceleration".to_owned(), along);
+            self.slider(
+                "gravity",
+                "acceleration",
+                target,
+                gravity.norm(),
+                Shown::even("m/s2", 0.0, 20.0),
+            );
+        }
+        if had.damping.is_some() {
+            self.switch("damping", has.damping.is_some());
+        }
+        if let Some(rate) = has.damping {
+            let most = (4.0 * had.damping.unwrap_or(0.0)).max(20.0);
+            self.slider(
+                "damping",
+                "rate",
+                path("damping.rate"),
+                rate,
+                Shown::even("1/s", 0.0, most),
+            );
+        }
+    }
+
+    fn muscle(
+        &mut self,
+        m: usize,
+        name: &str,
+        now: &pliant::scene::Material,
+        start: &pliant::scene::Material,
+        scene: &Scene,
+    ) {
+        let group = format!("muscle {name}");
+        let path = |key: &str| Target::Path(format!("muscle.{m}.material.{key}"));
+        // Classic PBD has stiffness of its own.
+        if !matches!(scene.solver, Solver::Pbd(_)) {
+            if scene.effects.stretch {
+                let shown = Shown::about("N/m", start.stretch, 100.0, 300.0);
+                self.slider(&group, "stretch", path("stretch"), now.stretch, shown);
+            }
+            if scene.effects.bending {
+                let shown = Shown::about("N m", start.bending, 100.0, 2e-4);
+                self.slider(&group, "bending", path("bending"), now.bending, shown);
+            }
+            if let (Some(_), Some(bulk)) = (scene.effects.volume, now.bulk) {
+                let shown = Shown::about("Pa", start.bulk.unwrap_or(bulk), 100.0, 1e5);
+                self.slider(&group, "bulk modulus", path("bulk"), bulk, shown);
+            }
+        }
+        match (now.mass, start.mass) {
+            // An equilibrium has mass only where there is weight.
+            _ if matches!(scene.solver, Solver::QuasiStatic(_))
+                && scene.effects.gravity.is_none() => {}
+            (Mass::Density(density), Mass::Density(began)) => {
+                self.slider(
+                    &group,
+                    "density",
+                    path("density"),
+                    density,
+                    Shown::about("kg/m3", began, 10.0, 1e4),
+                );
+            }
+            (Mass::PerVertex(mass), Mass::PerVertex(began)) => {
+                self.slider(
+                    &group,
+                    "mass of a vertex",
+                    path("vertex_mass"),
+                    mass,
+                    Shown::about("kg", began, 10.0, 1.0),
+                );
+            }
+            _ => {}
+        }
+    }
+
+    fn solver(&mut self, scene: &Scene) {
+        // Classic PBD minimises nothing that an error could be measured against.
+        if !matches!(scene.solver, Solver::Pbd(_)) {
+            let wished = match scene.accuracy {
+                Some(Accuracy::Share(share)) => 100.0 * share,
+                // One per cent where none is wished, or one in millimetres.
+                _ => 1.0,
+            };
+            let shown = Shown {
+                unit: "%",
+                range: (0.01, 10.0),
+                scale: Scale::Logarithmic,
+            };
+            self.slider(
+                "solver",
+                "accuracy wished",
+                Target::Path("accuracy".to_owned()),
+                wished,
+                shown,
+            );
+        }
+        let names = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
+        let chosen = match scene.solver {
+            Solver::Xpbd(_) => 0,
+            Solver::Pbd(_) => 1,
+            Solver::QuasiStatic(_) => 2,
+            Solver::ImplicitEuler(_) => 3,
+        };
+        let target = Target::Path("solver".to_owned());
+        self.other(
+            "solver",
+            "solver",
+            target,
+            Kind::Choice(names.to_vec()),
+            Value::Choice(chosen),
+        );
+        let name = names[chosen];
+        let path = |key: &str| Target::Path(format!("solver.{name}.{key}"));
+        let (most_steps, most_sweeps) = match scene.solver {
+            Solver::Xpbd(Xpbd { .. }) | Solver::Pbd(Pbd { .. }) => (200, 100),
+            Solver::QuasiStatic(Minimisation { .. })
+            | Solver::ImplicitEuler(Minimisation { .. }) => (20, 2000),
+        };
+        for (key, value, most) in [
+            ("substeps", scene.solver.substeps(), most_steps),
+            ("iterations", scene.solver.iterations(), most_sweeps),
+        ] {
+            let kind = Kind::Whole {
+                range: (1, most.max(value)),
+                scale: Scale::Logarithmic,
+            };
+            self.other("solver", key, path(key), kind, Value::Whole(value));
+        }
+        let shown = Shown {
+            unit: "",
+            range: (1e-6, 1.0),
+            scale: Scale::Logarithmic,
+        };
+        self.slider(
+            "solver",
+            "tolerance",
+            path("tolerance"),
+            scene.solver.tolerance(),
+            shown,
+        );
+        if matches!(scene.solver, Solver::Xpbd(_) | Solver::Pbd(_)) {
+            let names = Order::NAMES.map(|(name, _)| name).to_vec();
+            let order = Order::NAMES
+                .iter()
+                .position(|(_, order)| *order == scene.solver.order())
+                .unwrap_or(0);
+            self.other(
+                "solver",
+                "order of a sweep",
+                path("order"),
+                Kind::Choice(names),
+                Value::Choice(order),
+            );
+        }
+        if let Solver::Pbd(pbd) = scene.solver {
+            let shares = [
+                (scene.effects.stretch, "stretch", pbd.stretch),
+                (scene.effects.bending, "bending", pbd.bending),
+                (scene.effects.volume.is_some(), "volume", pbd.volume),
+                (true, "velocity_damping", pbd.velocity_damping),
+            ];
+            for (_, key, value) in shares.into_iter().filter(|(acts, ..)| *acts) {
+                self.slider(
+                    "solver",
+                    &key.replace('_', " "),
+                    path(key),
+                    value,
+                    Shown::even("", 0.0, 1.0),
+                );
+            }
+        }
+    }
+
+    /// A bone that can be turned; a window shows the angle of the last snapshot.
+    fn bone(&mut self, b: usize, bone: &Bone) {
+        if bone.motion.joint.is_none() {
+            return;
+        }
+        let group = format!("bone {}", bone.name);
+        self.other(
+            &group,
+            "by its motion",
+            Target::Motion(b),
+            Kind::Switch,
+            Value::On(true),
+        );
+        self.slider(
+            &group,
+            "angle",
+            Target::Angle(b),
+            0.0,
+            Shown::even("deg", -120.0, 120.0),
+        );
+    }
+}

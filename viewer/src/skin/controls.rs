@@ -1,0 +1,198 @@
+//! What of skin and implants can be changed.
+
+use super::implants;
+use super::shots::Spot;
+use crate::panel::{Control, Kind, List, Shown, Target, Value};
+use crate::recipe::{Recipe, Refused};
+use pliant::scene::content::{Filled, SkinScene, Under};
+use pliant::scene::units::{Dimension, parse};
+use pliant::simulation::skin::SkinRun;
+use pliant::skin::Shape;
+
+/// Of so many fillings at most each has a control; of more only the last.
+const FILLINGS: usize = 8;
+
+/// A slider ends so much below the largest volume, that its own end is none that bulges too far.
+const FULL: f64 = 0.999;
+
+/// What sliders range about: the scene as it was started.
+pub(super) struct Ranges {
+    start: SkinScene,
+    /// Whether an implant is filled by a list.
+    filled: Vec<bool>,
+}
+
+/// The implant that a path would turn: `implant.K.turn`.
+pub(super) fn turned(path: &str) -> Option<usize> {
+    path.strip_prefix("implant.")?
+        .strip_suffix(".turn")?
+        .parse()
+        .ok()
+}
+
+/// The angle that a turn is written as [degrees].
+pub(super) fn degrees(path: &str, value: &str) -> Result<f64, Refused> {
+    let wanted = || Refused::Value {
+        path: path.to_owned(),
+        value: value.to_owned(),
+        wanted: "an angle as in `30 deg`",
+    };
+    parse(value, Dimension::Angle)
+        .map(f64::to_degrees)
+        .map_err(|_| wanted())
+}
+
+impl Ranges {
+    pub fn of(recipe: &Recipe, scene: &SkinScene) -> Self {
+        // Only the text knows which way a volume was written.
+        let by_list = |k: usize| {
+            recipe
+                .with(&format!("implant.{k}.fill.0.volume"), "1 cc")
+                .content()
+                .is_ok()
+        };
+        Self {
+            filled: (0..implants(scene).len()).map(by_list).collect(),
+            start: scene.clone(),
+        }
+    }
+
+    /// The controls of a run.
+    pub fn controls(&self, run: &SkinRun, spots: &[Spot]) -> Vec<Control> {
+        let mut list = List::default();
+        for (k, filled) in implants(&run.scene).iter().enumerate() {
+            let group = format!("implant {}", filled.name);
+            let path = |key: &str| Target::Path(format!("implant.{k}.{key}"));
+            let (implant, began) = (filled.order.implant, &implants(&self.start)[k].order);
+            let edge = run
+                .parts
+                .iter()
+                .find(|part| part.members.contains(&k))
+                .map_or(0.0, |p| p.ready.layers.edge);
+            self.volumes(
+                &mut list,
+                &group,
+                k,
+                filled,
+                1e6 * FULL * implant.largest(edge),
+            );
+            let names = Shape::ALL.map(|(name, _)| name);
+            let chosen = Shape::ALL
+                .iter()
+                .position(|(_, shape)| *shape == implant.shape)
+                .unwrap_or(0);
+            list.other(
+                &group,
+                "shape",
+                path("shape"),
+                Kind::Choice(names.to_vec()),
+                Value::Choice(chosen),
+            );
+            let shown = Shown::about("cm", 1e2 * began.implant.base, 2.0, 20.0);
+            list.slider(&group, "base", path("base"), 1e2 * implant.base, shown);
+            if let Some(spot) = spots.get(k).filter(|_| implant.shape != Shape::Round) {
+                let shown = Shown::even("deg", -180.0, 180.0);
+                list.slider(
+                    &group,
+                    "turn",
+                    path("turn"),
+                    spot.angle().to_degrees(),
+                    shown,
+                );
+            }
+            let shown = Shown::about("mm", 1e3 * began.tissue.depth, 3.0, 10.0);
+            list.slider(
+                &group,
+                "depth",
+                path("depth"),
+                1e3 * filled.order.tissue.depth,
+                shown,
+            );
+            let shown = Shown::about("N/m", began.implant.membrane, 10.0, 1e3);
+            list.slider(&group, "shell", path("shell"), implant.membrane, shown);
+        }
+        if let (Under::Ball(ball), Under::Ball(began)) = (&run.scene.under, &self.start.under) {
+            let path = |key: &str| Target::Path(format!("ball.{key}"));
+            let shown = Shown::about("mm", 1e3 * began.radius, 2.0, 10.0);
+            list.slider("ball", "radius", path("radius"), 1e3 * ball.radius, shown);
+            let shown = Shown::about("mm", 1e3 * began.order.tissue.depth, 3.0, 10.0);
+            list.slider(
+                "ball",
+                "depth",
+                path("depth"),
+                1e3 * ball.order.tissue.depth,
+                shown,
+            );
+        }
+        self.skin(&mut list, &run.scene);
+        list.0
+    }
+
+    fn volumes(&self, list: &mut List, group: &str, k: usize, filled: &Filled, most: f64) {
+        let shown = || Shown::even("cc", 0.0, most);
+        let path = |key: String| Target::Path(format!("implant.{k}.{key}"));
+        if !self.filled[k] {
+            let volume = filled.order.implant.volume;
+            return list.slider(
+                group,
+                "volume",
+                path("volume".to_owned()),
+                1e6 * volume,
+                shown(),
+            );
+        }
+        let first = if filled.fill.len() > FILLINGS {
+            filled.fill.len() - 1
+        } else {
+            0
+        };
+        for (at, (frame, volume)) in filled.fill.iter().enumerate().skip(first) {
+            let label = format!("volume in frame {frame}");
+            list.slider(
+                group,
+                &label,
+                path(format!("fill.{at}.volume")),
+                1e6 * volume,
+                shown(),
+            );
+        }
+    }
+
+    /// What all skin is made of.
+    fn skin(&self, list: &mut List, now: &SkinScene) {
+        let order = |scene: &SkinScene| match &scene.under {
+            Under::Implants(all) => all.first().map(|filled| filled.order.clone()),
+            Under::Ball(ball) => Some(ball.order.clone()),
+        };
+        let (Some(began), Some(now)) = (order(&self.start), order(now)) else {
+            return;
+        };
+        let path = |key: &str| Target::Path(format!("skin.0.{key}"));
+        let shown = Shown::about("mm", 1e3 * began.tissue.thickness, 3.0, 10.0);
+        list.slider(
+            "skin",
+            "thickness",
+            path("thickness"),
+            1e3 * now.tissue.thickness,
+            shown,
+        );
+        let shown = Shown::about("kPa", 1e-3 * began.tissue.modulus, 10.0, 1e3);
+        list.slider(
+            "skin",
+            "modulus",
+            path("modulus"),
+            1e-3 * now.tissue.modulus,
+            shown,
+        );
+        if let (Some(began), Some(edge)) = (began.edge, now.edge) {
+            let shown = Shown::about("mm", 1e3 * began, 2.0, 10.0);
+            list.slider(
+                "skin",
+                "edge length",
+                path("edge_length"),
+                1e3 * edge,
+                shown,
+            );
+        }
+    }
+}

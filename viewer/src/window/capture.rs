@@ -1,0 +1,185 @@
+//! Pictures and recordings of what the window shows, without the panel.
+
+use std::path::{Path, PathBuf};
+
+use kiss3d::prelude::Window;
+
+use crate::recording::{
+    Pushed, Recorded, Recorder, Recording, RecordingError, free_name, save_png,
+};
+
+/// What is recorded or written.
+pub struct Capture {
+    folder: PathBuf,
+    name: String,
+    film: Option<Recorder>,
+    writing: Option<Recording>,
+    /// Whether a picture is on its way from the graphics card.
+    is_read: bool,
+    /// A picture is wanted of what is rendered next.
+    is_wanted: bool,
+}
+
+impl Capture {
+    /// Pictures go into `folder`, called after `name`.
+    pub fn new(folder: &Path, name: &str) -> Self {
+        let (folder, name) = (folder.to_owned(), name.to_owned());
+        Self {
+            folder,
+            name,
+            film: None,
+            writing: None,
+            is_read: false,
+            is_wanted: false,
+        }
+    }
+
+    /// Whether a film is being recorded.
+    pub fn is_recording(&self) -> bool {
+        self.film.is_some()
+    }
+
+    /// Whether what lies over the scene is to be left out of what is rendered next.
+    pub fn is_taking(&self) -> bool {
+        self.is_wanted || self.film.is_some()
+    }
+
+    /// Whether what is rendered next is kept as a picture.
+    pub fn is_picture_wanted(&self) -> bool {
+        self.is_wanted
+    }
+
+    /// A picture of what is rendered next.
+    pub fn picture(&mut self) {
+        self.is_wanted = true;
+    }
+
+    /// Begins a film, or ends it; what there is to be said.
+    pub fn record(&mut self) -> String {
+        if let Some(film) = self.film.take() {
+            let text = format!("writing {}", film.path().display());
+            self.writing = Some(film.stop());
+            return text;
+        }
+        let begun = self
+            .next_name("gif")
+            .and_then(|path| Recorder::start(&path));
+        match begun {
+            Ok(film) => {
+                let text = format!("recording {}", film.path().display());
+                self.film = Some(film);
+                text
+            }
+            Err(error) => error.to_string(),
+        }
+    }
+
+    fn next_name(&self, ending: &str) -> Result<PathBuf, RecordingError> {
+        let refused = |source| RecordingError::Write {
+            path: self.folder.clone(),
+            source,
+        };
+        std::fs::create_dir_all(&self.folder).map_err(refused)?;
+        free_name(&self.folder, &self.name, ending)
+    }
+
+    /// Called after each picture, of which the left `width` pixels are the scene; what there is to be said.
+    pub fn rendered(&mut self, window: &Window, width: usize) -> Option<String> {
+        let mut said = None;
+        if self.is_read {
+            // What was begun after the last picture is there by now.
+            self.is_read = false;
+            if let Some(image) = window.snap_finish() {
+                said = self.push(
+                    image.width() as usize,
+                    image.height() as usize,
+                    image.as_raw(),
+                    width,
+                );
+            }
+        }
+        if self.film.as_ref().is_some_and(Recorder::is_due) {
+            window.snap_begin();
+            self.is_read = true;
+        }
+        if std::mem::take(&mut self.is_wanted) {
+            said = Some(
+                self.save(window, width)
+                    .unwrap_or_else(|error| error.to_string()),
+            );
+        }
+        said.or_else(|| self.written())
+    }
+
+    fn push(&mut self, width: usize, height: usize, rgb: &[u8], wanted: usize) -> Option<String> {
+        let film = self.film.as_mut()?;
+        let (width, rgb) = left(width, rgb, wanted);
+        match film.push(width, height, &rgb) {
+            // It ends by itself.
+            Ok(Pushed::Full) => Some(self.record()),
+            Ok(_) => None,
+            Err(error) => {
+                self.film = None;
+                Some(error.to_string())
+            }
+        }
+    }
+
+    /// What became of a film that was stopped.
+    fn written(&mut self) -> Option<String> {
+        let said = match self.writing.as_mut()?.poll()? {
+            Ok(film) => in_words(film),
+            Err(error) => error.to_string(),
+        };
+        self.writing = None;
+        Some(said)
+    }
+
+    fn save(&self, window: &Window, wanted: usize) -> Result<String, RecordingError> {
+        let image = window.snap_image();
+        let (width, rgb) = left(image.width() as usize, image.as_raw(), wanted);
+        let path = self.next_name("png")?;
+        save_png(&path, width, image.height() as usize, &rgb)?;
+        Ok(format!("wrote {}", path.display()))
+    }
+
+    /// Ends a film and waits until it is written: the window closes.
+    pub fn close(mut self) -> Option<String> {
+        if self.film.is_some() {
+            self.record();
+        }
+        let done = self.writing.take()?.wait();
+        Some(done.map_or_else(|error| error.to_string(), |film| in_words(&film)))
+    }
+}
+
+fn in_words(film: &Recorded) -> String {
+    let Recorded {
+        path,
+        pictures,
+        dropped,
+        is_full,
+    } = film;
+    let lacks = if *dropped > 0 {
+        format!(", {dropped} more were dropped")
+    } else {
+        String::new()
+    };
+    let full = if *is_full {
+        "; it was as long as it may be"
+    } else {
+        ""
+    };
+    format!("wrote {}: {pictures} pictures{lacks}{full}", path.display())
+}
+
+/// The left `wanted` columns of a picture.
+fn left(width: usize, rgb: &[u8], wanted: usize) -> (usize, Vec<u8>) {
+    let wanted = wanted.clamp(1, width.max(1));
+    (
+        wanted,
+        rgb.chunks_exact(3 * width.max(1))
+            .flat_map(|row| row[..3 * wanted].iter().copied())
+            .collect(),
+    )
+}

@@ -1,0 +1,656 @@
+//! The window of the viewer: what a session shows, seen and steered by hand.
+
+mod capture;
+mod drawn;
+mod hand;
+mod lens;
+mod panel;
+mod plots;
+mod trace;
+
+use std::path::PathBuf;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use kiss3d::egui;
+use kiss3d::post_processing::Tonemap;
+use kiss3d::prelude::{Context, NumSamples, Window};
+use nalgebra::{Point3, Vector3};
+
+use super::Session;
+use super::camera::Camera;
+use super::colour::{Colouring, Field};
+use super::history::History;
+use super::recipe::StartError;
+use super::snapshot::{Shot, Snapshot};
+use capture::Capture;
+use drawn::{Drawn, Look};
+use hand::{Hand, Wish};
+use lens::Lens;
+use panel::{Asked, Panel};
+use pliant::mesh::measures::Aabb;
+use trace::{Trace, Widgets};
+
+/// Least width of the panel, in points of the screen.
+const PANEL: f32 = 370.0;
+
+/// Time between two pictures while meshes are read.
+const READING: Duration = Duration::from_millis(50);
+
+/// A picture that takes longer than this is drawn by the processor, or by a card that is busy: half of the time is then left
+/// to the simulation.
+const SLOW: Duration = Duration::from_millis(25);
+
+/// As long as the hand moved so lately, nothing is left.
+const LATELY: Duration = Duration::from_millis(500);
+
+/// Share of the vertices that the range of colours holds.
+const COVERED: f64 = 0.98;
+
+/// What is behind everything.
+const BACKGROUND: pliant_render::colour::Rgb = [0.16, 0.17, 0.2];
+
+/// Pictures over which their rate is taken.
+const RATED: usize = 30;
+
+/// What a window is opened with.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name of what is shown.
+    pub name: String,
+    /// What its pictures are called after.
+    pub stem: String,
+    /// Width and height [px].
+    pub size: (u32, u32),
+    /// Whether a finished run is played.
+    pub replayed: bool,
+    /// Where pictures and recordings go.
+    pub folder: PathBuf,
+    /// A file that gets a line of JSON a picture, for tests.
+    pub trace: Option<PathBuf>,
+}
+
+/// Why no window was shown, or why it closed.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// There is no screen to open it on.
+    #[error("no display to open a window on ({0})")]
+    NoDisplay(String),
+    /// There is no graphics card, nor a driver that stands in for one.
+    #[error("no graphics card or driver that can draw ({0})")]
+    NoGraphics(String),
+    /// The subject cannot be shown.
+    #[error("{0}")]
+    Start(#[from] StartError),
+    /// The trace cannot be written.
+    #[error("{0}: {1}")]
+    Trace(PathBuf, std::io::Error),
+}
+
+impl WindowError {
+    /// What to do about it.
+    pub fn help(&self) -> &'static str {
+        match self {
+            Self::NoDisplay(_) => {
+                "run it on a desktop, or under `xvfb-run`; without a display use `pliant run`, which writes pictures"
+            }
+            Self::NoGraphics(_) => {
+                "install a Vulkan driver (Debian: mesa-vulkan-drivers, which also draws without a graphics card), or use \
+                 `pliant run`, which writes pictures"
+            }
+            Self::Start(_) => "see the message",
+            Self::Trace(..) => "name a file that can be written",
+        }
+    }
+}
+
+/// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed, with what there is to be said.
+///
+/// # Errors
+/// No display, no graphics card, or nothing to be shown.
+pub fn show(
+    start: impl FnOnce() -> Result<Session, StartError> + Send + 'static,
+    options: &Options,
+) -> Result<Option<String>, WindowError> {
+    let starting = std::thread::Builder::new()
+        .name("start".to_owned())
+        .spawn(start)
+        .map_err(|error| WindowError::Start(StartError::Thread(error)))?;
+    let trace = match &options.trace {
+        Some(path) => {
+            Some(Trace::create(path).map_err(|error| WindowError::Trace(path.clone(), error))?)
+        }
+        None => None,
+    };
+    let opened = open(options);
+    let window = match opened {
+        Ok(window) => window,
+        // A scene that is wrong is told before a screen that is missing.
+        Err(error) => {
+            begun(starting)?;
+            return Err(error);
+        }
+    };
+    kiss3d::pollster::block_on(shown(window, starting, options, trace))
+}
+
+/// The session of a thread that began it.
+fn begun(starting: JoinHandle<Result<Session, StartError>>) -> Result<Session, WindowError> {
+    match starting.join() {
+        Ok(session) => Ok(session?),
+        Err(panic) => std::panic::resume_unwind(panic),
+    }
+}
+
+/// A window, or why there is none: the library that makes it panics.
+fn open(options: &Options) -> Result<Window, WindowError> {
+    if cfg!(target_os = "linux") {
+        let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+        if !is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY") && !is_set("WAYLAND_SOCKET") {
+            return Err(WindowError::NoDisplay(
+                "neither DISPLAY nor WAYLAND_DISPLAY is set".to_owned(),
+            ));
+        }
+    }
+    let title = format!("Pliant: {}", options.name);
+    let (width, height) = options.size;
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let made = std::panic::catch_unwind(|| {
+        kiss3d::pollster::block_on(Window::new_with_size(&title, width, height))
+    });
+    std::panic::set_hook(hook);
+    made.map_err(|panic| {
+        let why = super::recipe::words(&*panic);
+        let first = why.lines().next().unwrap_or_default().to_owned();
+        let of_screen = ["event loop", "create window"]
+            .iter()
+            .any(|words| why.contains(words));
+        if of_screen {
+            WindowError::NoDisplay(first)
+        } else {
+            WindowError::NoGraphics(first)
+        }
+    })
+}
+
+/// Shows an empty window until the session is there, then the session, until the window is closed.
+async fn shown(
+    mut window: Window,
+    starting: JoinHandle<Result<Session, StartError>>,
+    options: &Options,
+    trace: Option<Trace>,
+) -> Result<Option<String>, WindowError> {
+    window.set_background_color(drawn::ink(BACKGROUND, 1.0));
+    window.set_ambient(0.45);
+    // Colours mean numbers: nothing may shift or darken them but the shape itself.
+    window.set_tonemap(Tonemap::None);
+    window.set_shadows_enabled(false);
+    // Where pictures are slow a click takes longer than the library expects.
+    window
+        .egui_context()
+        .options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
+    let nothing = Aabb {
+        min: Point3::origin(),
+        max: Point3::origin(),
+    };
+    let size = window.size();
+    let mut lens = Lens {
+        camera: Camera::fit(&nothing, Vector3::z(), Vector3::y()),
+        window: (f64::from(size.x), f64::from(size.y)),
+        panel: 0.0,
+    };
+    let mut drawn = Drawn::new();
+    drawn.rehearse();
+    let by_processor = is_drawn_by_processor();
+    window.set_samples(if by_processor {
+        NumSamples::One
+    } else {
+        NumSamples::Four
+    });
+    while !starting.is_finished() {
+        Drawn::rehearse_lines(&mut window);
+        window.draw_ui(|ctx| reading(ctx, &options.name));
+        if !window.render_3d(drawn.root(), &mut lens).await {
+            // Closed before anything was shown: the thread is left to end with the process.
+            return Ok(None);
+        }
+        // A word needs no sixty pictures a second, and reading needs the processor.
+        std::thread::sleep(READING);
+    }
+    let session = match begun(starting) {
+        Ok(session) => session,
+        Err(error) => {
+            // Where nothing was rendered yet the library panics when its window goes.
+            window.render_3d(drawn.root(), &mut lens).await;
+            return Err(error);
+        }
+    };
+    let first = session.latest();
+    let panel = f64::from(PANEL) * window.scale_factor();
+    lens.camera = fitted(&first, (lens.window.0 - panel) / lens.window.1.max(1.0));
+    let mut viewer = Viewer {
+        options,
+        session,
+        lens,
+        drawn,
+        look: Look::default(),
+        colouring: Colouring::new(Field::Stretch),
+        history: if options.replayed {
+            History::of_finished_run()
+        } else {
+            History::default()
+        },
+        hand: Hand::default(),
+        state: panel::State::default(),
+        has_panel: true,
+        panel_width: PANEL,
+        closes: false,
+        by_processor,
+        frame: first.frame,
+        fitted_to: first.stage.bodies.len(),
+        pictures: std::collections::VecDeque::new(),
+        trace,
+        capture: Capture::new(&options.folder, &options.stem),
+        heard: Instant::now(),
+    };
+    loop {
+        let begun = Instant::now();
+        if !viewer.picture(&mut window).await || viewer.closes {
+            // A film that was not stopped is written.
+            return Ok(viewer.capture.close());
+        }
+        let took = begun.elapsed();
+        if took > SLOW && viewer.heard.elapsed() > LATELY {
+            std::thread::sleep(took.min(4 * SLOW));
+        }
+    }
+}
+
+/// Whether a driver stands in for a graphics card. The type's name alone can be had from here.
+fn is_drawn_by_processor() -> bool {
+    format!("{:?}", Context::get().adapter.get_info().device_type) == "Cpu"
+}
+
+/// A word while meshes are read.
+fn reading(ctx: &egui::Context, name: &str) {
+    egui::Area::new(egui::Id::new("reading"))
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(ctx, |ui| {
+            ui.label(format!("reading {name} …"));
+        });
+}
+
+/// A camera that shows all bodies, from outside.
+fn fitted(shot: &Shot, aspect: f64) -> Camera {
+    let boxes = shot
+        .bodies
+        .iter()
+        .filter(|b| !b.positions.is_empty())
+        .map(|b| Aabb::of_points(&b.positions));
+    let bounds = boxes.reduce(|a, b| a.union(&b)).unwrap_or(Aabb {
+        min: Point3::origin(),
+        max: Point3::origin(),
+    });
+    Camera::fit(&bounds, outward(shot), Vector3::y()).in_window(aspect)
+}
+
+/// From the bones to the bodies, and a little from above.
+fn outward(shot: &Shot) -> Vector3<f64> {
+    let mean = |points: &mut dyn Iterator<Item = Point3<f64>>| {
+        let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), p| {
+            (sum + p.coords, count + 1.0)
+        });
+        (count > 0.0).then(|| sum / count)
+    };
+    let bodies = mean(
+        &mut shot
+            .bodies
+            .iter()
+            .flat_map(|body| body.positions.iter().copied()),
+    );
+    let bones = shot.bones.iter().zip(&shot.stage.bones);
+    let bones =
+        mean(&mut bones.flat_map(|(bone, (_, mesh))| mesh.vertices.iter().map(|v| bone.pose * v)));
+    let away = bodies
+        .zip(bones)
+        .map(|(a, b)| a - b)
+        .and_then(|away| away.try_normalize(0.0));
+    away.unwrap_or_else(|| Vector3::new(0.5, 0.0, 1.0).normalize()) + Vector3::y() * 0.15
+}
+
+/// Everything behind a window.
+struct Viewer<'a> {
+    options: &'a Options,
+    session: Session,
+    lens: Lens,
+    drawn: Drawn,
+    look: Look,
+    colouring: Colouring,
+    history: History,
+    hand: Hand,
+    state: panel::State,
+    has_panel: bool,
+    /// As its widgets need it, in points of the screen.
+    panel_width: f32,
+    closes: bool,
+    /// Whether there is no graphics card.
+    by_processor: bool,
+    /// The frame of the last picture.
+    frame: usize,
+    fitted_to: usize,
+    pictures: std::collections::VecDeque<Instant>,
+    trace: Option<Trace>,
+    capture: Capture,
+    /// When the hand last moved or a key was pressed.
+    heard: Instant,
+}
+
+impl Viewer<'_> {
+    /// One picture; whether the window is still open.
+    async fn picture(&mut self, window: &mut Window) -> bool {
+        let shot = self.session.latest();
+        self.history.see(&shot);
+        if shot.frame < self.frame && !self.options.replayed {
+            // A new start has its own range.
+            self.colouring = Colouring::new(self.colouring.field);
+        }
+        self.frame = shot.frame;
+        if self.fitted_to != shot.stage.bodies.len() {
+            self.fitted_to = shot.stage.bodies.len();
+            let seen = self.lens.window.0 - self.lens.panel;
+            self.lens.camera = fitted(&shot, seen / self.lens.window.1.max(1.0));
+        }
+        for body in &shot.bodies {
+            let mut values = self.colouring.field.values(body);
+            values.sort_unstable_by(f64::total_cmp);
+            // A few wild vertices do not pale the rest.
+            let covered = (COVERED * values.len() as f64) as usize;
+            self.colouring.see(&values[..covered]);
+        }
+        let scale = window.scale_factor();
+        let size = window.size();
+        self.lens.window = (f64::from(size.x), f64::from(size.y));
+        self.lens.panel = if self.has_panel {
+            f64::from(self.panel_width) * scale
+        } else {
+            0.0
+        };
+        self.hear(window, &shot);
+        let before = self.colouring.clone();
+        let mut widgets = Widgets::new(self.trace.is_some());
+        let asked = self.interface(window, &shot, &mut widgets);
+        let afresh = before != self.colouring;
+        // Smooth edges cost a processor as much as all the rest; a picture that is kept has them.
+        let is_fine = !self.by_processor || self.capture.is_picture_wanted();
+        window.set_samples(if is_fine {
+            NumSamples::Four
+        } else {
+            NumSamples::One
+        });
+        self.drawn
+            .update(&shot, shot.serial, &self.colouring, afresh);
+        self.drawn.dress(
+            &self.look,
+            &shot,
+            &self.colouring,
+            &self.lens.camera.rotation,
+        );
+        self.drawn.overlay(window, &shot, &self.look);
+        let open = window.render_3d(self.drawn.root(), &mut self.lens).await;
+        let seen = (self.lens.window.0 - self.lens.panel).max(1.0) as usize;
+        if let Some(said) = self.capture.rendered(window, seen) {
+            self.state.message = said;
+        }
+        asked.into_iter().for_each(|asked| self.answer(asked));
+        self.state.recording = self.capture.is_recording();
+        if let Some(trace) = &mut self.trace {
+            let waiting = self.state.waiting(shot.answered);
+            trace.picture(
+                &shot,
+                widgets,
+                waiting,
+                &places(grips(&shot, &self.lens), &self.lens),
+            );
+        }
+        self.pictures.push_back(Instant::now());
+        if self.pictures.len() > RATED {
+            self.pictures.pop_front();
+        }
+        open
+    }
+
+    /// Pictures a second.
+    fn rate(&self) -> f64 {
+        match (self.pictures.front(), self.pictures.back()) {
+            (Some(first), Some(last)) if last > first => {
+                (self.pictures.len() - 1) as f64 / (*last - *first).as_secs_f64()
+            }
+            _ => 0.0,
+        }
+    }
+
+    /// Takes what mouse and keys did.
+    fn hear(&mut self, window: &mut Window, shot: &Snapshot) {
+        let typing = window.is_egui_capturing_keyboard();
+        let (widgets, scale) = (window.egui_context().clone(), window.scale_factor());
+        let is_covered = |x: f64, y: f64| {
+            let layer = widgets.layer_id_at(egui::pos2((x / scale) as f32, (y / scale) as f32));
+            layer.is_some_and(|layer| layer.order != egui::Order::Background)
+        };
+        let field = hand::Field {
+            width: self.lens.window.0 - self.lens.panel,
+            height: self.lens.window.1,
+        };
+        let mut wishes = Vec::new();
+        for event in window.events().iter() {
+            self.heard = Instant::now();
+            if typing && event.value.is_keyboard_event() {
+                continue;
+            }
+            let (command, wish) =
+                self.hand
+                    .take(&event.value, field, &mut self.lens.camera, shot, is_covered);
+            if let Some(command) = command {
+                self.session.send(command);
+            }
+            wishes.extend(wish);
+        }
+        if let Some(command) = self.hand.moved() {
+            self.session.send(command);
+        }
+        wishes.into_iter().for_each(|wish| self.grant(wish, shot));
+    }
+
+    fn grant(&mut self, wish: Wish, shot: &Shot) {
+        let turn = |on: &mut bool| *on = !*on;
+        match wish {
+            Wish::NextField => {
+                let there = |field: &Field| {
+                    shot.bodies
+                        .iter()
+                        .any(|body| !field.values(body).is_empty())
+                };
+                let at = Field::ALL
+                    .iter()
+                    .position(|field| *field == self.colouring.field)
+                    .unwrap_or(0);
+                let next = Field::ALL
+                    .iter()
+                    .cycle()
+                    .skip(at + 1)
+                    .take(Field::ALL.len())
+                    .find(|field| there(field));
+                self.colouring = Colouring::new(next.copied().unwrap_or(self.colouring.field));
+            }
+            Wish::Wireframe => turn(&mut self.look.wireframe),
+            Wish::Fibres => turn(&mut self.look.fibres),
+            Wish::Attachments => turn(&mut self.look.attachments),
+            Wish::Contacts => turn(&mut self.look.contacts),
+            Wish::Panel => turn(&mut self.has_panel),
+            Wish::Help => turn(&mut self.state.help),
+            Wish::Picture => self.state.asked.push(Asked::Picture),
+            Wish::Record => self.state.asked.push(Asked::Record),
+            Wish::Close => self.closes = true,
+        }
+    }
+
+    /// The panel, the legend and the list of keys; returns what was asked for.
+    fn interface(
+        &mut self,
+        window: &mut Window,
+        shot: &Snapshot,
+        widgets: &mut Widgets,
+    ) -> Vec<Asked> {
+        let mut asked = std::mem::take(&mut self.state.asked);
+        let pictures = self.rate();
+        let is_taking = self.capture.is_taking();
+        let handles = places(
+            shot.handles.iter().map(|handle| Some(handle.at)),
+            &self.lens,
+        );
+        let session = &self.session;
+        let mut send = |command| session.send(command);
+        let (look, colouring, history) = (&mut self.look, &mut self.colouring, &self.history);
+        let (state, has_panel, replayed) = (&mut self.state, self.has_panel, self.options.replayed);
+        let panel_width = &mut self.panel_width;
+        window.draw_ui(|ctx| {
+            let screen = ctx.content_rect();
+            let (asked, send) = (&mut asked, &mut send);
+            let mut panel = Panel {
+                shot,
+                state,
+                look,
+                colouring,
+                history,
+                pictures,
+                replayed,
+                widgets,
+                send,
+                asked,
+            };
+            if has_panel {
+                *panel_width = beside(ctx, |ui| panel.show(ui));
+            }
+            if panel.tells() && !is_taking {
+                over(ctx, 0.4 * screen.width(), |ui| panel.told(ui));
+            }
+            let (colouring, has_help) = (&*panel.colouring, panel.state.help);
+            let painter = ctx.layer_painter(egui::LayerId::background());
+            if shot
+                .bodies
+                .iter()
+                .any(|body| !colouring.field.values(body).is_empty())
+            {
+                plots::legend(
+                    &painter,
+                    egui::pos2(screen.left() + 16.0, screen.bottom() - 16.0),
+                    colouring,
+                );
+            }
+            // Over what hides them: an implant is under skin.
+            let points = handles
+                .iter()
+                .map(|[x, y]| egui::pos2(*x as f32, *y as f32) / ctx.pixels_per_point());
+            plots::handles(&painter, points);
+            if has_help {
+                keys(ctx);
+            }
+        });
+        asked
+    }
+
+    fn answer(&mut self, asked: Asked) {
+        match asked {
+            Asked::FirstView => self.lens.camera.reset(),
+            Asked::View(from) => {
+                let from = Vector3::from(from.map(f64::from));
+                let up = if from.y == 0.0 {
+                    Vector3::y()
+                } else {
+                    -Vector3::z()
+                };
+                self.lens.camera = self.lens.camera.seen_from(from, up);
+            }
+            Asked::Picture => self.capture.picture(),
+            Asked::Record => self.state.message = self.capture.record(),
+        }
+    }
+}
+
+/// A panel at the right of the window, as high as it is; returns its width, which is more than wished where a row needs it.
+fn beside(ctx: &egui::Context, contents: impl FnOnce(&mut egui::Ui)) -> f32 {
+    let screen = ctx.content_rect();
+    let shown = egui::Window::new("Panel")
+        .title_bar(false)
+        .resizable(false)
+        .movable(false)
+        .frame(egui::Frame::window(&ctx.global_style()).corner_radius(0.0))
+        .fixed_pos(egui::pos2(screen.right() - PANEL, screen.top()))
+        .fixed_size(egui::vec2(PANEL - 14.0, screen.height()))
+        .show(ctx, |ui| {
+            egui::ScrollArea::vertical()
+                .auto_shrink(false)
+                .show(ui, contents);
+        });
+    shown.map_or(PANEL, |shown| screen.right() - shown.response.rect.left())
+}
+
+/// A sheet over the upper left of the scene.
+fn over(ctx: &egui::Context, width: f32, contents: impl FnOnce(&mut egui::Ui)) {
+    egui::Area::new(egui::Id::new("told"))
+        .fixed_pos(egui::pos2(12.0, 12.0))
+        .show(ctx, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.set_max_width(width.min(PANEL));
+                contents(ui);
+            });
+        });
+}
+
+/// The list of keys.
+fn keys(ctx: &egui::Context) {
+    egui::Area::new(egui::Id::new("keys"))
+        .anchor(egui::Align2::CENTER_CENTER, egui::Vec2::ZERO)
+        .show(ctx, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                egui::Grid::new("keys").show(ui, |ui| {
+                    for (keys, what) in hand::HELP {
+                        ui.strong(keys);
+                        ui.label(what);
+                        ui.end_row();
+                    }
+                });
+            });
+        });
+}
+
+/// Points that can be taken: handles, then of each body the vertex nearest to the eye.
+fn grips(shot: &Shot, lens: &Lens) -> Vec<Option<Point3<f64>>> {
+    let eye = lens.camera.eye();
+    let nearest = |x: &Vec<Point3<f64>>| {
+        x.iter()
+            .copied()
+            .min_by(|a, b| (a - eye).norm().total_cmp(&(b - eye).norm()))
+    };
+    let handles = shot.handles.iter().map(|handle| Some(handle.at));
+    handles
+        .chain(shot.bodies.iter().map(|body| nearest(&body.positions)))
+        .collect()
+}
+
+/// Where in the window [px] points are; (-1, -1) for none and for what is behind the eye.
+fn places(points: impl IntoIterator<Item = Option<Point3<f64>>>, lens: &Lens) -> Vec<[f64; 2]> {
+    let (width, height) = (lens.window.0 - lens.panel, lens.window.1);
+    let pixel = |p: Option<Point3<f64>>| {
+        let seen = lens.camera.project(&p?)?;
+        Some([
+            0.5 * width + seen.x * height,
+            0.5 * height - seen.y * height,
+        ])
+    };
+    points
+        .into_iter()
+        .map(|p| pixel(p).unwrap_or([-1.0, -1.0]))
+        .collect()
+}
