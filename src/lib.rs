@@ -11,6 +11,8 @@
 #![allow(rustdoc::broken_intra_doc_links)]
 // `!(error <= bound)` is meant: it also catches NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
+// A build with few features leaves parts without a caller.
+#![cfg_attr(not(feature = "scene"), allow(dead_code))]
 
 // In the order in which they may import each other, not by letter: `reorder_modules` is off.
 pub mod format;
@@ -23,14 +25,22 @@ pub mod constraints;
 pub mod contact;
 pub mod springs;
 pub mod solvers;
+#[cfg(feature = "sparse")]
 pub mod morph;
+#[cfg(all(feature = "contact", feature = "sparse"))]
 pub mod fibres;
+#[cfg(feature = "contact")]
 pub mod muscles;
+#[cfg(all(feature = "contact", feature = "sparse"))]
 pub mod skin;
+#[cfg(feature = "scene")]
 pub mod scene;
 pub mod geometric;
+#[cfg(feature = "scene")]
 pub mod simulation;
+#[cfg(feature = "scene")]
 pub mod moment_arms;
+#[cfg(feature = "scene")]
 pub mod accuracy;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;

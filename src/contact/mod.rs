@@ -6,14 +6,24 @@
 pub mod capsule;
 mod faces;
 mod nearest;
+#[cfg(feature = "contact")]
 pub mod remedies;
+#[cfg(feature = "contact")]
+mod response;
+#[cfg(not(feature = "contact"))]
+#[path = "absent.rs"]
 mod response;
 mod row;
 pub mod smooth;
+#[cfg(feature = "contact")]
 pub mod surface;
+#[cfg(feature = "contact")]
 mod triangles;
+#[cfg(feature = "contact")]
 pub mod untangle;
+#[cfg(feature = "contact")]
 mod vertices;
+#[cfg(feature = "contact")]
 pub mod ways;
 
 use std::sync::Arc;
@@ -21,10 +31,15 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 pub use faces::OnTriangle;
+#[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use faces::pseudo_normal;
+#[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use nearest::on_triangle;
-pub use response::{Barred, Contacts, Counts};
+#[cfg(feature = "contact")]
+pub use response::Counts;
+pub use response::{Barred, Contacts};
 pub use row::Row;
+#[cfg(feature = "contact")]
 pub use surface::Surface;
 
 use crate::mesh::measures::Aabb;

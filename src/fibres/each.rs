@@ -1,15 +1,14 @@
 //! Numbers of each fibre.
 
-use nalgebra::{Point3, Vector3};
-use serde::Serialize;
-
 use super::polyline::length;
+use nalgebra::{Point3, Vector3};
 
 /// A straight tendon, from the end of a fibre to a patch.
 pub type Tendon = [Point3<f64>; 2];
 
 /// What is measured of one fibre.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Each {
     /// Length without tendons [m].
     pub length_m: f64,

@@ -1,9 +1,5 @@
 //! How good fibres are, whatever made them.
 
-use nalgebra::{Point3, Vector3};
-use rayon::prelude::*;
-use serde::Serialize;
-
 use super::attachment::{Area, Attachment};
 use super::each::{Tendon, action, turned};
 use super::polyline::length;
@@ -11,6 +7,8 @@ use super::solid::Closed;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
 
 /// A point counts as outside where it is farther out than this share of the muscle's length.
 pub const OUTSIDE: f64 = 1e-9;
@@ -18,7 +16,8 @@ pub const OUTSIDE: f64 = 1e-9;
 const PROBES: f64 = 6_000.0;
 
 /// What is measured of fibres.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Quality {
     /// Number of fibres.
     pub fibres: usize,

@@ -4,8 +4,10 @@
 //! [`frame`] places the bars by the law of cosines; [`surface`] makes a mesh; [`file`](mod@file) reads all of it.
 
 pub mod chain;
+#[cfg(feature = "scene")]
 pub mod file;
 pub mod frame;
+#[cfg(feature = "scene")]
 pub mod pose;
 pub mod surface;
 

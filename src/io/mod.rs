@@ -6,6 +6,8 @@
 //! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
 
 pub(crate) mod cursor;
+#[cfg(feature = "compression")]
+mod decompress;
 mod directx;
 mod encoded;
 mod error;

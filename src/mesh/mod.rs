@@ -23,6 +23,7 @@ use nalgebra::Point3;
 pub use health::Health;
 pub use isosurface::isosurface;
 pub use measures::Aabb;
+#[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use refine::refine_patch;
 pub use refine::{RefineError, RefineReport, Refined, refine};
 pub use topology::Topology;

@@ -35,7 +35,8 @@ pub const RETRACTED_SOURCE: &str = "25 to 38 % of the gain remains: pigs, by sha
 pub const GROWN_SOURCE: &str = "growth is 0.82 to 1.03 times the elastic stretch: minipigs, 60 cc, an hour to a week [janes2020]";
 
 /// From a lower to an upper value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Interval {
     /// The lower.
     pub low: f64,

@@ -8,20 +8,26 @@
 //! *Limitations.* The first two are local: an error that spreads over the whole muscle falls slowly with sweeps. Both
 //! damp: fast vibration loses amplitude with the step. The others know no time.
 
+#[cfg(feature = "sparse")]
 mod active;
+#[cfg(feature = "sparse")]
 pub mod descent;
 pub mod energy;
 pub mod grip;
 mod history;
+#[cfg(feature = "sparse")]
 pub mod newton;
 pub mod potential;
 pub mod press;
+#[cfg(feature = "sparse")]
 pub mod quasi_static;
+#[cfg(feature = "sparse")]
 pub mod sparse;
 pub mod stiffness;
 mod step;
 pub mod tension;
 pub mod tracking;
+#[cfg(feature = "sparse")]
 mod unknowns;
 
 pub use step::{Broken, Clock, DIVERGENCE, Held, Settings, System, effect_of_name};

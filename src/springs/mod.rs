@@ -8,6 +8,7 @@
 pub mod anchors;
 pub mod angular;
 pub mod buckling;
+#[cfg(feature = "contact")]
 pub mod contact;
 pub mod damping;
 pub mod force;

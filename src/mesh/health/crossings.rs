@@ -1,12 +1,10 @@
 //! Triangles of one surface that meet where they are not joined.
 
-use nalgebra::Point3;
-use rayon::prelude::*;
-use serde::Serialize;
-
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::Aabb;
 use crate::mesh::predicates;
+use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// Triangles searched between two looks at the budget; a part of what a search that stopped early reports.
 const CHUNK: usize = 4096;
@@ -19,7 +17,8 @@ const BUDGET: (usize, usize) = (1 << 22, 256);
 const LISTED: usize = 100;
 
 /// Triangles that meet where they are not joined.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Crossings {
     /// Pairs of triangles, the lower index first, ascending; at most 100 of them.
     pub pairs: Vec<[u32; 2]>,

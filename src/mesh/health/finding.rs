@@ -1,9 +1,7 @@
 //! One thing that is wrong with a surface: its code, its place, and what mends it.
 
-use crate::format::counted;
-use serde::{Serialize, Serializer};
-
 use super::{Health, Parts};
+use crate::format::counted;
 use crate::mesh::TriangleMesh;
 
 /// What can be wrong with a surface. `E`: a simulation refuses it; `W`: it is said and nothing more.
@@ -108,14 +106,16 @@ impl Kind {
     }
 }
 
-impl Serialize for Kind {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+#[cfg(feature = "serde")]
+impl serde::Serialize for Kind {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.code())
     }
 }
 
 /// Where the first of several is, indices counted from 0 in the order of the file.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Place {
     /// Vertices.
     pub vertices: Vec<u32>,
@@ -126,10 +126,11 @@ pub struct Place {
 }
 
 /// One thing that is wrong.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Finding {
     /// Its code.
-    #[serde(rename = "code")]
+    #[cfg_attr(feature = "serde", serde(rename = "code"))]
     pub kind: Kind,
     /// How often it was found.
     pub count: usize,

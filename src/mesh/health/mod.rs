@@ -6,11 +6,9 @@
 pub mod crossings;
 mod finding;
 
-use nalgebra::Point3;
-use serde::Serialize;
-
 pub use crossings::{Crossings, crossings};
 pub use finding::{Finding, Kind, Place};
+use nalgebra::Point3;
 
 use super::boundary::{Rim, rims};
 use super::coincident::{first_in_place, same_corners};
@@ -23,7 +21,8 @@ use super::{TriangleMesh, predicates};
 pub const SLIVER: f64 = std::f64::consts::PI / 180.0;
 
 /// Everything that is counted about a surface; lengths in the unit of its coordinates.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Health {
     /// Number of vertices.
     pub vertices: usize,
@@ -72,7 +71,7 @@ pub struct Health {
     /// Highest corner of the bounding box.
     pub highest: [f64; 3],
     /// What is wrong, what refuses a simulation first.
-    #[serde(skip)]
+    #[cfg_attr(feature = "serde", serde(skip))]
     pub findings: Vec<Finding>,
 }
 

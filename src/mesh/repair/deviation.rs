@@ -1,16 +1,15 @@
 //! How far two surfaces lie apart.
 
-use nalgebra::Point3;
-use rayon::prelude::*;
-use serde::Serialize;
-
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
+use nalgebra::Point3;
+use rayon::prelude::*;
 
 /// Greatest distances between two surfaces, measured from the corners, mid-sides and centroids of all triangles
 /// [unit of the coordinates]; `None` where one of them has no triangle.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Deviation {
     /// From points of the first to the second: what the second lost or moved.
     pub lost: Option<f64>,

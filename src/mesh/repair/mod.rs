@@ -11,8 +11,6 @@ mod seams;
 mod split;
 mod working;
 
-use serde::Serialize;
-
 pub use deviation::{Deviation, deviation};
 
 use super::TriangleMesh;
@@ -34,7 +32,8 @@ pub struct Options {
 }
 
 /// One thing that was changed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Change {
     /// Which of the steps.
     pub step: Step,
@@ -47,8 +46,9 @@ pub struct Change {
 }
 
 /// The steps of a repair, in their order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Step {
     /// Vertices on rims that were merged with another.
     MergedVertices,

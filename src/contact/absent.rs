@@ -1,0 +1,51 @@
+//! A build without the feature `contact`: contacts with triangle meshes are a type that has no value.
+
+use nalgebra::Point3;
+
+use super::Placed;
+use crate::particles::{Particles, Slot};
+use crate::state::{Corrupt, Reader, State, Writer};
+
+/// Contacts of a body with obstacles; without the feature `contact` there are none.
+pub enum Contacts {}
+
+/// Directions that contact bars; without the feature `contact` there are none.
+pub enum Barred {}
+
+impl Contacts {
+    pub(crate) fn begin_step(&mut self, _: &[Point3<f64>]) {
+        match *self {}
+    }
+
+    pub(crate) fn project(&mut self, _: &[Placed], _: &mut Particles) {
+        match *self {}
+    }
+
+    pub(crate) fn barred(&self, _: &[Point3<f64>]) -> Barred {
+        match *self {}
+    }
+
+    pub(crate) fn end_step(&mut self, _: &[Placed], _: &mut Particles, _: f64) {
+        match *self {}
+    }
+
+    pub(crate) fn is_clear(&mut self, _: &[Placed], _: &[Point3<f64>], _: f64) -> bool {
+        match *self {}
+    }
+}
+
+impl State for Contacts {
+    fn save(&self, _: &mut Writer) {
+        match *self {}
+    }
+
+    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
+        match *self {}
+    }
+}
+
+impl Barred {
+    pub(crate) fn restrict(&self, _: &mut [Slot], _: f64) {
+        match *self {}
+    }
+}
