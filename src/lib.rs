@@ -5,12 +5,7 @@
 //! The data flow one way: a [`scene`] is read and checked, a plan says which effects it calls for, a simulation
 //! runs only those, and writers turn frames and measures into files. A module imports only what stands above it
 //! in this list.
-#![forbid(unsafe_code)]
-#![warn(missing_docs)]
-// Units are written in brackets, [m], which rustdoc would take for links.
-#![allow(rustdoc::broken_intra_doc_links)]
-// `!(error <= bound)` is meant: it also catches NaN.
-#![allow(clippy::neg_cmp_op_on_partial_ord)]
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
 // A build with few features leaves parts without a caller.
 #![cfg_attr(not(feature = "scene"), allow(dead_code))]
 

@@ -21,12 +21,7 @@
 //! translucent but where they are seen through their own surface, the fainter the deeper. The bytes are the same for any
 //! number of threads and any order of surfaces; another order of the triangles in one surface changes its normals by
 //! rounding, and so a byte here and there.
-#![forbid(unsafe_code)]
-#![warn(missing_docs)]
-// Units are written in brackets, [m], which rustdoc would take for links.
-#![allow(rustdoc::broken_intra_doc_links)]
-// `!(error <= bound)` is meant: it also catches NaN.
-#![allow(clippy::neg_cmp_op_on_partial_ord)]
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 mod animation;
 mod camera;

@@ -1,6 +1,4 @@
 //! What the crate promises, one file a promise; `docs/verification.md` says which property is shown where.
-// `!(error <= tolerance)` is also true for NaN: that is why controls are written so.
-#![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod accuracy;
 mod biceps;

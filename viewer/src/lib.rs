@@ -25,12 +25,7 @@
 //! lattice with another number of points begins anew; with other springs it goes on, velocities rounded once. A geometric
 //! muscle whose nodes, growth or inserted nodes are edited keeps from then on the volume that it has at rest with that; its
 //! length is the animation's until it is set, and again when `animation` is set to `on`.
-#![forbid(unsafe_code)]
-#![warn(missing_docs)]
-// Units are written in brackets, [m], which rustdoc would take for links.
-#![allow(rustdoc::broken_intra_doc_links)]
-// `!(error <= bound)` is meant: it also catches NaN.
-#![allow(clippy::neg_cmp_op_on_partial_ord)]
+#![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 mod biceps;
 pub mod camera;

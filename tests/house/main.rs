@@ -1,0 +1,62 @@
+//! The rules of the house that a machine can check: who may import whom, what the library never does, how much it pulls in.
+
+mod order;
+mod packages;
+mod quiet;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The root of the workspace.
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// Every Rust source below a folder of the workspace, sorted.
+fn sources(folder: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut open = vec![root().join(folder)];
+    while let Some(folder) = open.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder of the workspace") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    assert!(!found.is_empty(), "no sources in {folder}");
+    found
+}
+
+/// What ships of a source: without its test module, which stands last, and without comments.
+fn shipped(source: &str) -> String {
+    let end = source.find("#[cfg(test)]\nmod ").unwrap_or(source.len());
+    let lines = source[..end].lines();
+    lines
+        .filter(|line| !line.trim_start().starts_with("//"))
+        .map(|line| format!("{line}\n"))
+        .collect()
+}
+
+/// The sources of the library that ship, with their text; conformance checks and test modules are none.
+fn library() -> Vec<(PathBuf, String)> {
+    sources("src")
+        .into_iter()
+        .filter(|path| !path.ends_with("tests.rs"))
+        .filter(|path| !path.starts_with(root().join("src/testing")))
+        .map(|path| {
+            let text = fs::read_to_string(&path).expect("a source");
+            (path, shipped(&text))
+        })
+        .collect()
+}
+
+#[test]
+fn comments_and_test_modules_do_not_ship() {
+    let source =
+        "use a;\n// eprintln!\n    /// println!\nfn f() {}\n#[cfg(test)]\nmod tests {\n    x\n}\n";
+    assert_eq!(shipped(source), "use a;\nfn f() {}\n");
+}
