@@ -49,7 +49,7 @@ const SCENES: [(&str, &[&str]); 4] = [
 
 fn load(name: &str, changes: &[&str]) -> Option<(Scene, Assets)> {
     let changes: Vec<String> = changes.iter().map(|c| (*c).to_owned()).collect();
-    let scene = builtin::load(name, &changes).ok()?;
+    let scene = builtin::load_with(name, &changes, |name| std::env::var_os(name)).ok()?;
     let assets = Assets::load(&scene).ok()?;
     Some((scene, assets))
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, parse_content, parse_with, unknown_name};
 use super::spelling::shown_path;
-use super::{Content, Scene, paths};
+use super::{Content, Scene, Variables, no_variables};
 
 /// Largest scene file [bytes]; a larger one is no scene.
 const LARGEST: u64 = 4 << 20;
@@ -84,7 +84,7 @@ pub fn builtin(name: &str) -> Option<&'static str> {
 }
 
 /// Reads a scene of muscles by its name or path, with overrides: a file if one is there or the name ends in `.toml`, else a
-/// built-in scene, whose relative paths begin in the working folder.
+/// built-in scene, whose relative paths begin in the working folder. No path may begin with a variable.
 ///
 /// # Errors
 /// No such file or scene, a file that cannot be read, or whatever is wrong with the scene.
@@ -95,16 +95,25 @@ pub fn builtin(name: &str) -> Option<&'static str> {
 /// assert!(matches!(scene.solver, Solver::Xpbd(s) if s.substeps == 40));
 /// ```
 pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneError> {
+    load_with(name_or_path, overrides, no_variables)
+}
+
+/// As [`load`], with variables that paths may begin with.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with(
+    name_or_path: &str,
+    overrides: &[String],
+    variables: Variables,
+) -> Result<Scene, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
-    parse_with(
-        &text,
-        &name,
-        &Surroundings {
-            folder: &folder,
-            variable: &paths::environment,
-            overrides,
-        },
-    )
+    let surroundings = Surroundings {
+        folder: &folder,
+        variable: &variables,
+        overrides,
+    };
+    parse_with(&text, &name, &surroundings)
 }
 
 /// As [`load`], a scene of any kind.
@@ -117,16 +126,25 @@ pub fn load(name_or_path: &str, overrides: &[String]) -> Result<Scene, SceneErro
 /// assert_eq!((scene.name(), scene.frames()), ("flat-implant", 1));
 /// ```
 pub fn load_content(name_or_path: &str, overrides: &[String]) -> Result<Content, SceneError> {
+    load_content_with(name_or_path, overrides, no_variables)
+}
+
+/// As [`load_content`], with variables that paths may begin with.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_content_with(
+    name_or_path: &str,
+    overrides: &[String],
+    variables: Variables,
+) -> Result<Content, SceneError> {
     let Written { text, name, folder } = find(name_or_path)?;
-    parse_content(
-        &text,
-        &name,
-        &Surroundings {
-            folder: &folder,
-            variable: &paths::environment,
-            overrides,
-        },
-    )
+    let surroundings = Surroundings {
+        folder: &folder,
+        variable: &variables,
+        overrides,
+    };
+    parse_content(&text, &name, &surroundings)
 }
 
 /// A scene's text, the name that messages give it, and the folder that its paths begin in.

@@ -31,7 +31,7 @@ pub use error::{Problem, SceneError};
 pub use guess::likely_units;
 pub use origin::Origin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
-pub use paths::environment;
+pub use paths::{Variables, no_variables};
 pub use shapes_known::{FIBRE_SHAPES, SHAPES, SKIN_SHAPES};
 pub use study::StudyFile;
 

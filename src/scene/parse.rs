@@ -39,25 +39,26 @@ const LONGEST_NAME: usize = 100;
 pub struct Surroundings<'a> {
     /// Folder of the scene file: relative paths begin here and stay here.
     pub folder: &'a Path,
-    /// Value of a variable that a path begins with, [`paths::environment`](super::environment) as a rule.
+    /// Value of a variable that a path begins with.
     pub variable: &'a dyn Fn(&str) -> Option<OsString>,
     /// Texts `path.key=value`, applied in turn before the scene is checked.
     pub overrides: &'a [String],
 }
 
 impl<'a> Surroundings<'a> {
-    /// A folder, the variables of the environment, no overrides.
+    /// A folder, no variables, no overrides.
     #[must_use]
     pub fn of(folder: &'a Path) -> Self {
         Self {
             folder,
-            variable: &paths::environment,
+            variable: &paths::no_variables,
             overrides: &[],
         }
     }
 }
 
-/// Reads and checks a scene; `name` stands for the text in messages, `folder` is where its relative paths begin.
+/// Reads and checks a scene; `name` stands for the text in messages, `folder` is where its relative paths begin. No path
+/// may begin with a variable.
 ///
 /// # Errors
 /// The first thing that is wrong, with its place; see [`Problem`].
@@ -81,7 +82,7 @@ pub fn parse(text: &str, name: &str, folder: &Path) -> Result<Scene, SceneError>
     parse_with(text, name, &Surroundings::of(folder))
 }
 
-/// As [`parse`], with overrides and with variables from elsewhere.
+/// As [`parse`], with overrides and with variables.
 ///
 /// # Errors
 /// The first thing that is wrong, with its place; see [`Problem`]. A scene without muscles is an error.

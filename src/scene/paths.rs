@@ -6,25 +6,14 @@ use std::path::{Component, Path, PathBuf};
 use super::error::Problem;
 use super::spelling::{shown, shown_path};
 
-/// The variable that names the folder of measured data.
-const DATA: &str = "PLIANT_DATA";
+/// Value of a variable that a path of a scene may begin with. The library reads no environment: its caller says what a
+/// variable means.
+pub type Variables = fn(&str) -> Option<OsString>;
 
-/// Value of an environment variable; for `PLIANT_DATA` that is not set, the folder `shared/data` beside the working
-/// folder, or beside the folder of the crate that cargo runs, if there is one.
+/// Knows no variable.
 #[must_use]
-pub fn environment(name: &str) -> Option<OsString> {
-    let set = std::env::var_os(name).filter(|v| !v.is_empty());
-    if set.is_some() || name != DATA {
-        return set;
-    }
-    let crate_folder = std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from);
-    let folders = [std::env::current_dir().ok(), crate_folder];
-    folders
-        .into_iter()
-        .flatten()
-        .filter_map(|folder| Some(folder.parent()?.join("shared").join("data")))
-        .find(|data| data.is_dir())
-        .map(OsString::from)
+pub fn no_variables(_: &str) -> Option<OsString> {
+    None
 }
 
 /// The file that a text of a scene in `folder` means; it must exist.

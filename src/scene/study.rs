@@ -10,7 +10,7 @@ use super::Content;
 use super::builtin::{self, Written};
 use super::error::{Problem, SceneError};
 use super::parse::{Surroundings, checked_name, name_fault, parse_content, unknown_name};
-use super::paths;
+use super::paths::{Variables, no_variables};
 use super::reader::{Context, Item, Section};
 use super::schema::{Kind, Schema};
 use super::spelling::{shown, shown_path};
@@ -107,6 +107,8 @@ pub struct StudyFile {
     pub reference: Vec<Change>,
     /// Changes from the command line, applied after those of `set`.
     more: Vec<String>,
+    /// What paths of the scene may begin with.
+    variables: Variables,
     written: Written,
     sources: Sources,
     at: Places,
@@ -124,11 +126,17 @@ type Read<T> = Result<T, SceneError>;
 
 impl StudyFile {
     /// Reads a study file and its scene's text, and checks the scene with the fixed changes; `more` are changes from
-    /// the command line, `measures` the names that the key of that name may hold.
+    /// the command line, `measures` the names that the key of that name may hold, `variables` what paths of the scene may begin
+    /// with.
     ///
     /// # Errors
     /// The first thing that is wrong, with its place.
-    pub fn read(path: &str, more: &[String], measures: &[&str]) -> Read<Self> {
+    pub fn read(
+        path: &str,
+        more: &[String],
+        measures: &[&str],
+        variables: Variables,
+    ) -> Read<Self> {
         let file = Path::new(path);
         let text = builtin::read(file).map_err(|reason| {
             let hint = "name a study file; `pliant study --help` has an example";
@@ -145,10 +153,10 @@ impl StudyFile {
             .parent()
             .filter(|f| !f.as_os_str().is_empty())
             .unwrap_or(Path::new("."));
-        Self::parse(&text, path, folder, more, measures)
+        Self::parse_with(&text, path, folder, more, measures, variables)
     }
 
-    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins.
+    /// As [`Self::read`], of a text; `folder` is where the path of the scene begins. No path begins with a variable.
     ///
     /// # Errors
     /// The first thing that is wrong, with its place.
@@ -158,6 +166,17 @@ impl StudyFile {
         folder: &Path,
         more: &[String],
         measures: &[&str],
+    ) -> Read<Self> {
+        Self::parse_with(text, path, folder, more, measures, no_variables)
+    }
+
+    fn parse_with(
+        text: &str,
+        path: &str,
+        folder: &Path,
+        more: &[String],
+        measures: &[&str],
+        variables: Variables,
     ) -> Read<Self> {
         let sources = Sources::new(path, text);
         let document = tree::document(&sources)?;
@@ -202,6 +221,7 @@ impl StudyFile {
             set,
             reference: changes(&root, "reference")?,
             more: more.to_vec(),
+            variables,
             written: find(&scene, folder)?,
             at: Places {
                 scene: span_of("scene"),
@@ -266,7 +286,7 @@ impl StudyFile {
         let Written { text, name, folder } = &self.written;
         let surroundings = Surroundings {
             folder,
-            variable: &paths::environment,
+            variable: &self.variables,
             overrides: &overrides,
         };
         parse_content(text, name, &surroundings)

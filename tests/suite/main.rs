@@ -30,3 +30,10 @@ mod solvers;
 mod springs;
 mod tolerances;
 mod ways;
+
+/// Value of an environment variable; `PLIANT_DATA` that is not set is the folder `shared/data` beside the repository.
+fn measured_data(name: &str) -> Option<std::ffi::OsString> {
+    let beside = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    std::env::var_os(name)
+        .or_else(|| (name == "PLIANT_DATA" && beside.is_dir()).then(|| beside.into()))
+}

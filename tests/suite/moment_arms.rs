@@ -240,15 +240,18 @@ fn what_cannot_be_swept_says_why() {
 /// flexes.
 #[test]
 fn the_real_hip() {
-    let data =
-        pliant::scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
+    let data = crate::measured_data("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     if data.is_none() {
         println!("skipped: 1 test, because there is no folder of measured data");
         return;
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/right-hip-muscles.toml");
-    let scene =
-        pliant::scene::builtin::load(path.to_str().expect("a plain name"), &[]).expect("a scene");
+    let scene = pliant::scene::builtin::load_with(
+        path.to_str().expect("a plain name"),
+        &[],
+        crate::measured_data,
+    )
+    .expect("a scene");
     let fibres = pliant::fibres::harmonic::Options {
         count: 40,
         points: 15,

@@ -7,7 +7,7 @@ mod refused;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use pliant::scene::builtin::{BUILTIN, builtin, load, load_content};
+use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
 use pliant::scene::content::{Staged, Under};
 use pliant::scene::{
     self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source,
@@ -615,7 +615,7 @@ fn a_wide_turn_about_one_axis_is_followed_all_the_way() {
 
 #[test]
 fn the_examples_are_scenes_where_the_data_are() {
-    let data = scene::environment("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
+    let data = crate::measured_data("PLIANT_DATA").filter(|d| Path::new(d).join("body").is_dir());
     let examples = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
     let (mut read, mut skipped) = (0, 0);
     for (name, muscles) in [
@@ -628,8 +628,12 @@ fn the_examples_are_scenes_where_the_data_are() {
             skipped += 1;
             continue;
         }
-        let scene =
-            load(path.to_str().expect("a plain name"), &[]).unwrap_or_else(|e| panic!("{e:?}"));
+        let scene = load_with(
+            path.to_str().expect("a plain name"),
+            &[],
+            crate::measured_data,
+        )
+        .unwrap_or_else(|e| panic!("{e:?}"));
         assert_eq!(
             (scene.name.as_str(), scene.bones.len(), scene.muscles.len()),
             (name, 3, muscles)

@@ -13,7 +13,8 @@ use pliant::scene::builtin::{self, Written};
 use pliant::scene::content::Staged;
 use pliant::scene::units::UnitError;
 use pliant::scene::{
-    Area, Content, Scene, SceneError, Source, Surroundings, environment, parse_content, parse_with,
+    Area, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables, parse_content,
+    parse_with,
 };
 use pliant::simulation::{Assets, LoadError, Simulation};
 
@@ -158,6 +159,7 @@ pub struct Recipe {
     text: String,
     name: String,
     folder: PathBuf,
+    variables: Variables,
     given: Vec<String>,
     changes: Vec<(String, String)>,
 }
@@ -173,9 +175,16 @@ impl Recipe {
             text,
             name,
             folder,
+            variables: no_variables,
             given: overrides.to_vec(),
             changes: Vec::new(),
         })
+    }
+
+    /// The same with variables that paths of the scene may begin with.
+    #[must_use]
+    pub fn with_variables(self, variables: Variables) -> Self {
+        Self { variables, ..self }
     }
 
     /// The scene with all changes.
@@ -187,7 +196,7 @@ impl Recipe {
         overrides.extend(self.changes());
         let surroundings = Surroundings {
             folder: &self.folder,
-            variable: &environment,
+            variable: &self.variables,
             overrides: &overrides,
         };
         parse_with(&self.text, &self.name, &surroundings)
@@ -240,7 +249,7 @@ impl Recipe {
         overrides.extend(self.changes());
         let surroundings = Surroundings {
             folder: &self.folder,
-            variable: &environment,
+            variable: &self.variables,
             overrides: &overrides,
         };
         parse_content(&self.text, &self.name, &surroundings)

@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use super::{DONE, FAILED, INTERRUPTED, environment, say, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::{skin_accuracy, work_precision};
 use pliant::accuracy::skin::{self, SkinStudyError};
 use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
 use pliant::io::names::file_name;
 use pliant::scene::content::{SkinScene, Staged};
-use pliant::scene::{Content, Scene, builtin, overrides};
+use pliant::scene::{Content, Scene, overrides};
 use pliant::simulation::Assets;
 
 /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
@@ -91,7 +91,7 @@ impl Watch for Said<'_> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    match builtin::load_content(&arguments.scene, &arguments.set)? {
+    match environment::load_content(&arguments.scene, &arguments.set)? {
         Content::Muscles(scene) => of_muscles(arguments, &scene),
         Content::Staged(Staged::Skin(scene)) => of_skin(arguments, &scene),
         Content::Staged(Staged::Lattice(_)) => {

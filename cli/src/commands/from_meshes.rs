@@ -4,10 +4,10 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
-use super::length_unit;
+use super::{environment, length_unit};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
-use pliant::scene::{Scene, Surroundings, environment, parse_with};
+use pliant::scene::{Scene, Surroundings, parse_with};
 use pliant::simulation::Assets;
 
 /// A muscle is held where it is as near as this to a bone [mm].
@@ -89,7 +89,7 @@ pub(super) fn scene(meshes: &Meshes, changes: &[String]) -> Result<(Scene, Strin
 fn parse(toml: &str, changes: &[String]) -> Result<Scene, Failure> {
     let surroundings = Surroundings {
         folder: Path::new("."),
-        variable: &environment,
+        variable: &environment::variable,
         overrides: changes,
     };
     Ok(parse_with(toml, "scene.toml", &surroundings)?)

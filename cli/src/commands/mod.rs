@@ -7,6 +7,7 @@ mod areas;
 mod biceps;
 mod check;
 mod convert;
+mod environment;
 mod excerpt;
 mod failure;
 mod fibres;

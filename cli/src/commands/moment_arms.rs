@@ -10,7 +10,7 @@ use nalgebra::{Unit, Vector3};
 use super::failure::Failure;
 use super::progress::Rounds;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, say, say_json};
+use super::{DONE, FAILED, INTERRUPTED, environment, say, say_json};
 use crate::report::folder::Folder;
 use crate::report::moment_arms::{self as files, Asked};
 use pliant::fibres::harmonic::Options;
@@ -21,7 +21,7 @@ use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::reference::{ReferenceError, Table};
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
 use pliant::scene::units::{Dimension, parse};
-use pliant::scene::{Content, builtin, overrides};
+use pliant::scene::{Content, overrides};
 
 /// Points of the fibres of a muscle at most: each holds a number for every vertex.
 const MOST_POINTS: u64 = 20_000;
@@ -208,7 +208,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map(|path| Table::read(path))
         .collect::<Result<Vec<_>, _>>();
     let tables = tables.map_err(refused)?;
-    let Content::Muscles(scene) = builtin::load_content(&arguments.scene, &arguments.set)? else {
+    let Content::Muscles(scene) = environment::load_content(&arguments.scene, &arguments.set)?
+    else {
         let hint = "name a scene of muscles and bones; `pliant scenes` lists the built-in ones";
         return Err(Failure::usage(
             "moment arms are those of muscles, and this scene has none",

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::{DONE, columns, say, say_json};
+use super::{DONE, columns, environment, say, say_json};
 use crate::report::run::ready;
-use pliant::scene::{Content, builtin, overrides};
+use pliant::scene::{Content, overrides};
 use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{Assets, Plan};
 
@@ -36,7 +36,7 @@ struct Report<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let content = builtin::load_content(&arguments.scene, &arguments.set)?;
+    let content = environment::load_content(&arguments.scene, &arguments.set)?;
     let (plan, head) = match &content {
         Content::Muscles(scene) => {
             let assets = Assets::load(scene)?;

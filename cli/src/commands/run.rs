@@ -13,13 +13,13 @@ use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::progress::Progress;
-use super::{DONE, FAILED, INTERRUPTED, columns, resume, say, warn};
+use super::{DONE, FAILED, INTERRUPTED, columns, environment, resume, say, warn};
 use crate::report::folder::Folder;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
 use pliant::accuracy::{self, Chosen, StudyError};
 use pliant::io::names::file_name;
-use pliant::scene::{Accuracy, Content, Scene, builtin, overrides};
+use pliant::scene::{Accuracy, Content, Scene, overrides};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{Assets, LoadError, Plan, Simulation};
 
@@ -109,7 +109,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let (scene, toml) = from_meshes::scene(&arguments.meshes, &changes)?;
         return of_muscles(arguments, scene, Some(toml), begun, &stop);
     }
-    match builtin::load_content(arguments.scene.as_deref().unwrap_or(FIRST_SCENE), &changes)? {
+    match environment::load_content(arguments.scene.as_deref().unwrap_or(FIRST_SCENE), &changes)? {
         Content::Muscles(scene) => of_muscles(arguments, *scene, None, begun, &stop),
         Content::Staged(scene) => staged::run(arguments, &scene, begun, &stop),
     }

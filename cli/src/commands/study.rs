@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::failure::Failure;
 use super::run::stop_on_interrupt;
-use super::{DONE, INTERRUPTED, say, say_json, warn};
+use super::{DONE, INTERRUPTED, environment, say, say_json, warn};
 use crate::report::Table;
 use crate::report::folder::Folder;
 use crate::study::combinations::in_words;
@@ -71,7 +71,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let _ = rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global();
-    let file = StudyFile::read(&arguments.file, &arguments.set, &findings::names())?;
+    let file = StudyFile::read(
+        &arguments.file,
+        &arguments.set,
+        &findings::names(),
+        environment::variable,
+    )?;
     let study = Combinations::of(&file)?;
     let path = arguments.out.clone().unwrap_or_else(|| {
         let name = file_name(&study.name);

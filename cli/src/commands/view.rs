@@ -72,6 +72,15 @@ pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
     Ok(super::FAILED)
 }
 
+/// Calls `open` with no message of a panic on the terminal: where there is no screen, the error that follows says so.
+#[cfg(feature = "viewer")]
+fn quietly(open: &mut dyn FnMut()) {
+    let hook = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    open();
+    std::panic::set_hook(hook);
+}
+
 /// Opens the window and returns when it is closed.
 #[cfg(feature = "viewer")]
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -111,11 +120,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let shown = match &arguments.replay {
         Some(folder) => {
             let replay = Replay::open(folder).map_err(|error| Failure::Told(error.to_string()))?;
-            window::show(move || Session::of(Box::new(replay), pace), &options)
+            window::show(
+                move || Session::of(Box::new(replay), pace),
+                &options,
+                quietly,
+            )
         }
         None => {
-            let recipe = Recipe::find(&name, &arguments.set)?;
-            window::show(move || Session::start(recipe, pace), &options)
+            let recipe =
+                Recipe::find(&name, &arguments.set)?.with_variables(super::environment::variable);
+            window::show(move || Session::start(recipe, pace), &options, quietly)
         }
     };
     match shown {

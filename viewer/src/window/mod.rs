@@ -106,11 +106,15 @@ impl WindowError {
 
 /// Opens a window on a session that `start` begins meanwhile, and returns when the window is closed, with what there is to be said.
 ///
+/// `quietly` calls what it takes; a command that writes panics to a terminal keeps them from there meanwhile. The library
+/// that makes the window panics where it cannot; this is caught and returned as an error.
+///
 /// # Errors
 /// No display, no graphics card, or nothing to be shown.
 pub fn show(
     start: impl FnOnce() -> Result<Session, StartError> + Send + 'static,
     options: &Options,
+    quietly: impl FnOnce(&mut dyn FnMut()),
 ) -> Result<Option<String>, WindowError> {
     let starting = std::thread::Builder::new()
         .name("start".to_owned())
@@ -122,8 +126,9 @@ pub fn show(
         }
         None => None,
     };
-    let opened = open(options);
-    let window = match opened {
+    let mut opened = None;
+    quietly(&mut || opened = Some(open(options)));
+    let window = match opened.unwrap_or_else(|| open(options)) {
         Ok(window) => window,
         // A scene that is wrong is told before a screen that is missing.
         Err(error) => {
@@ -144,6 +149,7 @@ fn begun(starting: JoinHandle<Result<Session, StartError>>) -> Result<Session, W
 
 /// A window, or why there is none: the library that makes it panics.
 fn open(options: &Options) -> Result<Window, WindowError> {
+    // The library that makes the window reads the same variables.
     if cfg!(target_os = "linux") {
         let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         if !is_set("DISPLAY") && !is_set("WAYLAND_DISPLAY") && !is_set("WAYLAND_SOCKET") {
@@ -154,12 +160,9 @@ fn open(options: &Options) -> Result<Window, WindowError> {
     }
     let title = format!("Pliant: {}", options.name);
     let (width, height) = options.size;
-    let hook = std::panic::take_hook();
-    std::panic::set_hook(Box::new(|_| {}));
     let made = std::panic::catch_unwind(|| {
         kiss3d::pollster::block_on(Window::new_with_size(&title, width, height))
     });
-    std::panic::set_hook(hook);
     made.map_err(|panic| {
         let why = super::recipe::words(&*panic);
         let first = why.lines().next().unwrap_or_default().to_owned();
