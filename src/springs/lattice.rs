@@ -322,15 +322,6 @@ impl<F: Number> Lattice<F> {
         self.set_pinned(point, false);
     }
 
-    /// Holds every point of the box's surface where it is.
-    pub fn pin_surface(&mut self) {
-        let shape = self.shape;
-        shape
-            .each()
-            .filter(|&point| shape.on_surface(point))
-            .for_each(|point| self.pin(point));
-    }
-
     /// Whether a point is held.
     pub fn is_pinned(&self, point: [usize; 3]) -> bool {
         let _ = self.index(point);
@@ -358,11 +349,6 @@ impl<F: Number> Lattice<F> {
     pub fn force(&self, point: [usize; 3]) -> [f64; 3] {
         self.index(point)
             .map(|at| self.frame.external.get(at).map_or(0.0, |f| f.to_f64()))
-    }
-
-    /// No forces from outside; steps are a little faster without.
-    pub fn clear_forces(&mut self) {
-        self.frame.external = Vec::new();
     }
 
     /// Each pattern of pinned points of a row once.
