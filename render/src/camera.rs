@@ -257,15 +257,6 @@ impl Camera {
         let y = self.centre[1] - scale * self.axes[1].dot(&from_eye);
         (x.is_finite() && y.is_finite() && depth.is_finite()).then_some(([x, y], depth))
     }
-
-    /// The length \[m\] that one pixel covers at the given depth \[m\].
-    pub fn metres_per_pixel(&self, depth: f64) -> f64 {
-        if self.perspective {
-            depth.max(self.near) / self.scale
-        } else {
-            1.0 / self.scale
-        }
-    }
 }
 
 fn extent(points: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {

@@ -1,7 +1,5 @@
 //! A finished picture, and its PNG.
 
-use std::path::Path;
-
 use super::camera::MAX_SIDE;
 use super::colour::{Rgb, mix, quantise};
 
@@ -217,17 +215,6 @@ impl Frame {
         writer.finish()?;
         Ok(bytes)
     }
-
-    /// Writes the picture as a PNG.
-    ///
-    /// # Errors
-    /// The encoder failed, or the file cannot be written.
-    pub fn write_png(&self, path: &Path) -> Result<(), PictureError> {
-        std::fs::write(path, self.to_png()?).map_err(|source| PictureError::Write {
-            path: path.into(),
-            source,
-        })
-    }
 }
 
 #[cfg(test)]
@@ -309,13 +296,5 @@ mod tests {
         }
         let dark: Vec<usize> = (0..12).filter(|p| frame.pixels()[*p] == [0; 3]).collect();
         assert_eq!(dark, [6, 7, 10, 11]);
-    }
-
-    #[test]
-    fn a_folder_that_is_missing_is_named() {
-        let error = Frame::plain(1, 1, [0.0; 3])
-            .write_png(Path::new("no/such/folder/a.png"))
-            .expect_err("must fail");
-        assert!(error.to_string().contains("no/such/folder/a.png"));
     }
 }

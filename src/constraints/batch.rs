@@ -170,11 +170,6 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         &self.constraints
     }
 
-    /// The constraints in sweep order, to be changed between steps; their points must stay the same.
-    pub fn constraints_mut(&mut self) -> &mut [C] {
-        &mut self.constraints
-    }
-
     /// Multipliers in sweep order.
     pub fn multipliers(&self) -> &[f64] {
         &self.multipliers

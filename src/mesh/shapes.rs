@@ -24,13 +24,10 @@ pub struct Shape {
     pub fibres: Vec<Vec<Point3<f64>>>,
 }
 
-/// The names that [`make`] knows.
+/// The names that [`make`] knows: those of [`SCENE_NAMES`], then three bodies of tests and benches.
 pub const NAMES: &[&str] = &[
     "tetrahedron",
     "chain",
-    "icosphere",
-    "tube",
-    "box",
     "press-muscle",
     "press-plate",
     "hip-socket",
@@ -40,7 +37,19 @@ pub const NAMES: &[&str] = &[
     "soft-ball",
     "soft-table",
     "skull",
+    "icosphere",
+    "tube",
+    "box",
 ];
+
+/// The names that `shape = "..."` of a scene accepts.
+pub const SCENE_NAMES: &[&str] = NAMES.split_at(NAMES.len() - 3).0;
+
+/// The shapes that a skin can have; the section `sheet` of a scene describes the first one.
+pub const SKIN_NAMES: &[&str] = &["sheet", "scalp"];
+
+/// The shapes that also have polylines along their fibres.
+pub const FIBRE_NAMES: &[&str] = &["hip-gluteus"];
 
 /// Makes the shape of that name; `None` for a name not in [`NAMES`].
 pub fn make(name: &str) -> Option<Shape> {

@@ -83,24 +83,6 @@ pub fn centre(map: &SphereMap, area: &[u32]) -> Result<Point3<f64>, AlignError> 
         .ok_or(AlignError::NoCentre { points: area.len() })
 }
 
-/// The rotation that takes `origin` exactly to its target and `insertion` as near as that allows to its own.
-///
-/// About the axis a of the target the angle is atan2(a . (s x t), s . t - (a . s)(a . t)).
-pub fn origin_then_insertion(
-    origin: [&Point3<f64>; 2],
-    insertion: [&Point3<f64>; 2],
-) -> UnitQuaternion<f64> {
-    let (from, a) = (origin[0].coords, origin[1].coords);
-    let first = UnitQuaternion::rotation_between(&from, &a).unwrap_or_else(|| {
-        // Opposite: half a turn about any axis square to it.
-        let aside = from.cross(&Vector3::ith(from.iamin(), 1.0));
-        UnitQuaternion::from_scaled_axis(aside.normalize() * std::f64::consts::PI)
-    });
-    let (s, t) = (first * insertion[0].coords, insertion[1].coords);
-    let angle = libm::atan2(a.dot(&s.cross(&t)), s.dot(&t) - a.dot(&s) * a.dot(&t));
-    UnitQuaternion::from_scaled_axis(a * angle) * first
-}
-
 /// The rotation with the least sum of squared distances from `from` to `to` \[kabsch1976\].
 ///
 /// # Errors

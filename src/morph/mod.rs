@@ -7,7 +7,6 @@ pub mod align;
 pub mod between;
 pub mod blend;
 pub mod distortion;
-mod draws;
 mod likeness;
 pub mod locate;
 pub mod overlay;

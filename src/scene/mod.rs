@@ -19,7 +19,6 @@ mod parse_skin;
 mod paths;
 mod reader;
 mod schema;
-mod shapes_known;
 mod spelling;
 pub mod study;
 mod tree;
@@ -32,7 +31,6 @@ pub use guess::likely_units;
 pub use origin::Origin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
-pub use shapes_known::{FIBRE_SHAPES, SHAPES, SKIN_SHAPES};
 pub use study::StudyFile;
 
 use std::path::PathBuf;
@@ -99,7 +97,7 @@ pub enum Source {
         /// Length of the file's unit \[m\].
         scale: f64,
     },
-    /// A shape made by code, by its name in [`SHAPES`].
+    /// A shape made by code, by its name in [`shapes::SCENE_NAMES`](crate::mesh::shapes::SCENE_NAMES).
     Shape(String),
 }
 

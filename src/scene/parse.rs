@@ -21,7 +21,6 @@ use super::content::Staged;
 use super::error::{Problem, SceneError};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
-use super::shapes_known::SHAPES;
 use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Sources};
 use super::units::{self, Dimension};
@@ -29,7 +28,7 @@ use super::{
     Bone, Capsule, Content, Origin, Scene, Source, motion, overrides, parse_effects, parse_lattice,
     parse_muscle, parse_skin, paths,
 };
-use crate::mesh::repair;
+use crate::mesh::{repair, shapes};
 
 /// Longest name [bytes]; it becomes part of the names of files.
 const LONGEST_NAME: usize = 100;
@@ -330,7 +329,7 @@ pub(super) fn unknown_name<'a>(
 
 /// `mesh` with its `unit`, or `shape`.
 pub(super) fn surface(section: &Section<'_>) -> Result<Source, SceneError> {
-    surface_of(section, SHAPES)
+    surface_of(section, shapes::SCENE_NAMES)
 }
 
 /// As [`surface`], with other shapes.

@@ -3,10 +3,10 @@
 use super::error::{Problem, SceneError};
 use super::parse::{KnownBones, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
-use super::shapes_known::FIBRE_SHAPES;
 use super::tree::Value;
 use super::units::Dimension;
 use super::{Area, Attachment, Displacement, Force, Mass, Material, Muscle, Source};
+use crate::mesh::shapes;
 
 /// Density of muscle [kg/m^3].
 const DENSITY: f64 = 1060.0;
@@ -223,16 +223,18 @@ fn fibres(section: &Section<'_>, muscle: &Source) -> Result<Source, SceneError> 
     };
     section.exclusive("shape", "unit")?;
     match (&item.node.value, muscle) {
-        (Value::Boolean(true), Source::Shape(name)) if FIBRE_SHAPES.contains(&name.as_str()) => {
+        (Value::Boolean(true), Source::Shape(name))
+            if shapes::FIBRE_NAMES.contains(&name.as_str()) =>
+        {
             Ok(muscle.clone())
         }
         (Value::Boolean(_), _) => item.fail(Problem::OutOfRange {
             found: "this".to_owned(),
             allowed: format!(
                 "a text; only muscles of the shape {} have fibres of their own",
-                FIBRE_SHAPES.join(", ")
+                shapes::FIBRE_NAMES.join(", ")
             ),
         }),
-        _ => shape(&item, FIBRE_SHAPES),
+        _ => shape(&item, shapes::FIBRE_NAMES),
     }
 }

@@ -8,9 +8,9 @@ use super::content::{Ball, Filled, Obstacle, Skin, SkinScene, SkinSurface, Under
 use super::error::{Problem, SceneError};
 use super::parse::{checked_name, repair, surface, surface_of, unique_name, unknown_name};
 use super::reader::{Item, Limit, Section};
-use super::shapes_known::SKIN_SHAPES;
 use super::units::Dimension;
 use super::{Origin, Source};
+use crate::mesh::shapes;
 use crate::skin::implant::{Implant, SILICONE};
 use crate::skin::layers::Tissue;
 use crate::skin::plan::Place;
@@ -87,7 +87,7 @@ pub(super) fn scene(root: &Section<'_>, name: String) -> Read<SkinScene> {
 
 fn skin(section: &Section<'_>, root: &Section<'_>) -> Read<Skin> {
     let sheet = root.get("sheet");
-    let found = surface_of(section, SKIN_SHAPES)?;
+    let found = surface_of(section, shapes::SKIN_NAMES)?;
     let surface = match (found, sheet, root.section("sheet")?) {
         (Source::Shape(name), _, Some(sheet)) if name == "sheet" => SkinSurface::Sheet {
             side: sheet.need_quantity("side", Dimension::Length, Limit::Positive)?,

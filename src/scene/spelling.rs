@@ -1,5 +1,7 @@
 //! How texts of the user are shown, and which known name a misspelt one is nearest to.
 
+use strsim::osa_distance;
+
 /// Longest text that a message repeats [characters].
 const SHOWN: usize = 64;
 
@@ -53,31 +55,10 @@ pub(super) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) 
     known
         .into_iter()
         .filter(|k| k.chars().count() <= SHOWN)
-        .map(|k| (edits(&lower, &k.to_lowercase()), k))
+        .map(|k| (osa_distance(&lower, &k.to_lowercase()), k))
         .filter(|&(edits, k)| edits <= (k.chars().count().max(lower.chars().count()) / 3).max(1))
         .min_by_key(|&(edits, _)| edits)
         .map(|(_, k)| k)
-}
-
-/// Number of insertions, deletions, replacements and swaps of neighbours between two texts
-/// (optimal string alignment).
-fn edits(a: &str, b: &str) -> usize {
-    let a: Vec<char> = a.chars().collect();
-    let b: Vec<char> = b.chars().collect();
-    let mut before = vec![0; b.len() + 1];
-    let mut last: Vec<usize> = (0..=b.len()).collect();
-    for i in 1..=a.len() {
-        let mut row = vec![i; b.len() + 1];
-        for j in 1..=b.len() {
-            let differs = usize::from(a[i - 1] != b[j - 1]);
-            row[j] = (last[j] + 1).min(row[j - 1] + 1).min(last[j - 1] + differs);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                row[j] = row[j].min(before[j - 2] + 1);
-            }
-        }
-        before = std::mem::replace(&mut last, row);
-    }
-    last[b.len()]
 }
 
 #[cfg(test)]
@@ -93,7 +74,11 @@ mod tests {
             ("ab", "ba", 1),
             ("abc", "abc", 0),
         ] {
-            assert_eq!((edits(a, b), edits(b, a)), (count, count), "{a} {b}");
+            assert_eq!(
+                (osa_distance(a, b), osa_distance(b, a)),
+                (count, count),
+                "{a} {b}"
+            );
         }
     }
 

@@ -16,7 +16,6 @@ use super::settle::{Filled, Method, Model, Progress};
 use super::sheet::Sheet;
 use super::start::Begin;
 use super::{Shape, SkinError};
-use crate::contact::Surface;
 use crate::mesh::measures::{greatest, volume};
 use crate::mesh::{Topology, TriangleMesh};
 
@@ -415,19 +414,6 @@ impl Ready {
     /// The largest volume [m^3] of the first implant whose dome does not bulge too far beyond its base.
     pub fn largest(&self) -> f64 {
         self.order.implant.largest(self.layers.edge)
-    }
-
-    /// Whether something of the lower layer or of the implant is under an obstacle, and how far [m].
-    pub fn depth_in(&self, obstacles: &[TriangleMesh], x: &[Point3<f64>]) -> f64 {
-        let surfaces: Vec<Surface> = obstacles.iter().map(Surface::new).collect();
-        let free = (0..x.len()).filter(|v| !self.layers.held.get(*v).copied().unwrap_or(false));
-        let depth = |v: usize| {
-            let each = surfaces
-                .iter()
-                .filter_map(|s| s.nearest(&x[v], self.order.implant.base));
-            greatest(each.map(|on| (-on.closest.distance).max(0.0)))
-        };
-        greatest(free.map(depth))
     }
 }
 

@@ -44,30 +44,6 @@ impl Anchors {
         anchors.sort_by_key(key);
         Ok(Self { anchors })
     }
-
-    /// Anchors with rest length 0 of `points` where they are at `x` [m], each of `stiffness` [N/m].
-    ///
-    /// # Errors
-    /// As [`Self::new`].
-    pub fn where_they_are(
-        x: &[Point3<f64>],
-        points: &[u32],
-        stiffness: f64,
-    ) -> Result<Self, PairError> {
-        let law = Hooke {
-            rest: 0.0,
-            stiffness,
-        };
-        let outside = points.iter().position(|&p| p as usize >= x.len());
-        if let Some(spring) = outside {
-            return Err(PairError::OutOfRange {
-                spring,
-                point: points[spring],
-                count: x.len(),
-            });
-        }
-        Self::new(x.len(), points.iter().map(|&p| (p, x[p as usize], law)))
-    }
 }
 
 impl Force for Anchors {

@@ -25,7 +25,6 @@ mod advance;
 mod aligned;
 mod error;
 mod kernel;
-mod lanes;
 mod rest;
 mod shape;
 mod stability;
@@ -36,14 +35,13 @@ use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
 use kernel::{Carried, Frame, Sloped, Spring};
-pub use lanes::{InLanes, Lanes, Number};
 pub use rest::{Rest, Settled};
 pub use shape::Shape;
 pub use stability::{largest_stiffness, stability_limit};
 
 use super::damping::{self, Body};
 use super::neighbours::Neighbours;
-use crate::constraints::Width;
+use crate::simd::{Number, Width};
 
 /// D of a spring, from its length at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -322,15 +320,6 @@ impl<F: Number> Lattice<F> {
         self.set_pinned(point, false);
     }
 
-    /// Holds every point of the box's surface where it is.
-    pub fn pin_surface(&mut self) {
-        let shape = self.shape;
-        shape
-            .each()
-            .filter(|&point| shape.on_surface(point))
-            .for_each(|point| self.pin(point));
-    }
-
     /// Whether a point is held.
     pub fn is_pinned(&self, point: [usize; 3]) -> bool {
         let _ = self.index(point);
@@ -358,11 +347,6 @@ impl<F: Number> Lattice<F> {
     pub fn force(&self, point: [usize; 3]) -> [f64; 3] {
         self.index(point)
             .map(|at| self.frame.external.get(at).map_or(0.0, |f| f.to_f64()))
-    }
-
-    /// No forces from outside; steps are a little faster without.
-    pub fn clear_forces(&mut self) {
-        self.frame.external = Vec::new();
     }
 
     /// Each pattern of pinned points of a row once.

@@ -4,7 +4,6 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::force::Force;
-use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::particles::is_shared;
 
@@ -258,13 +257,6 @@ impl SpringSystem {
             stored,
             loads,
         }
-    }
-
-    /// The greatest force without damping on a free point [N]; NaN where one is not a number.
-    pub fn greatest_force(&self) -> f64 {
-        let mut force = Vec::new();
-        self.static_force(&self.position, &mut force);
-        greatest(force.iter().map(Vector3::norm))
     }
 
     /// The first point whose position or velocity is not finite.

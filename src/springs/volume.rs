@@ -132,15 +132,6 @@ impl TrueVolume {
         self.surface.value(x) + self.rest
     }
 
-    /// Keeps another volume from now on [m3], as of an implant that is filled; one that is not positive is ignored.
-    pub fn set_rest(&mut self, rest: f64) {
-        if rest > 0.0 && rest.is_finite() {
-            let triangles = self.surface.triangles().to_vec();
-            self.surface = EnclosedVolume::new(&triangles, self.weight.len(), rest, 0.0);
-            self.rest = rest;
-        }
-    }
-
     /// Pressure inside over outside [Pa].
     pub fn pressure(&self, x: &[Point3<f64>]) -> f64 {
         -self.bulk * self.surface.value(x) / self.rest

@@ -3,25 +3,28 @@
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 
 use crate::constraints::Parameter;
-use crate::random;
+use crate::random::Random;
 
 /// A small seeded generator (SplitMix64): the same seed gives the same draws on every machine.
 #[derive(Clone, Debug)]
 pub struct Draw {
     /// Printed with every failure.
     pub seed: u64,
-    state: u64,
+    stream: Random,
 }
 
 impl Draw {
     /// Draws from `seed`.
     pub fn new(seed: u64) -> Self {
-        Self { seed, state: seed }
+        Self {
+            seed,
+            stream: Random::new(seed),
+        }
     }
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
-        random::bits(&mut self.state)
+        self.stream.bits()
     }
 
     /// Uniform in `low..high`.

@@ -707,6 +707,5 @@ fn what_is_pinned_stays_and_what_is_released_goes() {
     assert_eq!(lattice.previous_position(free), there);
     (0..10).for_each(|_| lattice.step().expect("stable"));
     assert!(lattice.position(held) != before[0] && lattice.position(free) == there);
-    lattice.clear_forces();
     assert_eq!(lattice.steps(), 20);
 }

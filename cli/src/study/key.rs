@@ -8,26 +8,10 @@ use std::path::{Path, PathBuf};
 
 use pliant::scene::content::{Content, SkinSurface, Staged};
 use pliant::scene::{Area, Scene, Source};
+use pliant::state::Hash;
 
 /// Layout of the stored results: another number makes all old ones unfit.
 const LAYOUT: u32 = 1;
-
-/// Fowler, Noll and Vo's hash of 128 bits (FNV-1a): no protection against intent, but chance will not meet it.
-#[derive(Clone, Copy)]
-struct Hash(u128);
-
-impl Hash {
-    const fn new() -> Self {
-        Self(0x6c62_272e_07bb_0142_62b8_2175_6295_c58d)
-    }
-
-    fn add(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            self.0 =
-                (self.0 ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
-        }
-    }
-}
 
 /// Hashes of files, each read once.
 #[derive(Debug, Default)]
@@ -39,15 +23,15 @@ impl Contents {
             return Ok(*hash);
         }
         let mut file = File::open(path)?;
-        let (mut hash, mut block) = (Hash::new(), vec![0; 1 << 16]);
+        let (mut hash, mut block) = (Hash::default(), vec![0; 1 << 16]);
         loop {
             match file.read(&mut block)? {
                 0 => break,
                 count => hash.add(&block[..count]),
             }
         }
-        self.0.insert(path.to_owned(), hash.0);
-        Ok(hash.0)
+        self.0.insert(path.to_owned(), hash.value());
+        Ok(hash.value())
     }
 }
 
@@ -110,9 +94,7 @@ fn path_of(source: &Source) -> Option<&PathBuf> {
 
 /// The name of a file for a key.
 pub fn name_of(key: &str) -> String {
-    let mut hash = Hash::new();
-    hash.add(key.as_bytes());
-    format!("{:032x}", hash.0)
+    format!("{:032x}", Hash::of(key.as_bytes()))
 }
 
 #[cfg(test)]

@@ -62,18 +62,8 @@ pub fn fit(
     ))
 }
 
-/// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
-pub fn expected_draws(good: f64, count: u32) -> f64 {
-    good.powi(count as i32).recip()
-}
-
-/// Standard deviation of that number: sqrt(1 - w^N)/w^N.
-pub fn draws_deviation(good: f64, count: u32) -> f64 {
-    let all = good.powi(count as i32);
-    (1.0 - all).sqrt() / all
-}
-
-/// Draws after which an all-good one is among them with probability `sure`: ln(1 - z)/ln(1 - w^N).
+/// Number of draws of `count` points, of which a share `good` is good, after which one draw of good points alone is among
+/// them with probability `sure`: ln(1 - z)/ln(1 - w^N).
 ///
 /// The printed log(1 - z) E(k) is negative (M9).
 pub fn draws_needed(good: f64, count: u32, sure: f64) -> f64 {

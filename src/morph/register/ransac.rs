@@ -12,11 +12,11 @@ use nalgebra::{
 
 use rayon::prelude::*;
 
-use super::super::draws::Draws;
 use super::fit::{Motion, draws_needed};
 use super::icp::Select;
 use super::{Icp, RegisterError, Surface};
 use crate::mesh::Aabb;
+use crate::random::Random;
 
 /// Settings of the search.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -165,7 +165,7 @@ impl Ransac {
         others: &[Similarity3<f64>],
         go_on: &dyn Fn() -> bool,
     ) -> Result<Begun, RegisterError> {
-        let mut draws = Draws::new(self.seed);
+        let mut draws = Random::new(self.seed);
         let mut best: Option<(usize, Begun)> = None;
         for _ in 0..ATTEMPTS {
             let search = Search::new(self, moving, fixed, &mut draws);
@@ -195,7 +195,7 @@ impl Ransac {
         &self,
         search: &Search<'_>,
         others: &[Similarity3<f64>],
-        draws: &mut Draws,
+        draws: &mut Random,
         go_on: &dyn Fn() -> bool,
     ) -> Result<(usize, Begun), RegisterError> {
         let needed = (self.patience
@@ -314,9 +314,9 @@ impl<'a> Search<'a> {
         settings: &'a Ransac,
         moving: &'a Surface<'a>,
         fixed: &'a Surface<'a>,
-        draws: &mut Draws,
+        draws: &mut Random,
     ) -> Self {
-        let sample = |count: usize, of: usize, draws: &mut Draws| -> Vec<u32> {
+        let sample = |count: usize, of: usize, draws: &mut Random| -> Vec<u32> {
             let mut all: Vec<u32> = (0..of as u32).collect();
             for i in 0..count.min(of) {
                 let j = i + draws.index(of - i);
@@ -366,7 +366,7 @@ impl<'a> Search<'a> {
     }
 
     /// Two points of the moving surface that are well apart.
-    fn draw(&self, draws: &mut Draws) -> Option<Oriented> {
+    fn draw(&self, draws: &mut Random) -> Option<Oriented> {
         if self.with.is_empty() {
             return None;
         }

@@ -6,11 +6,11 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::super::draws::Draws;
 use super::centre::{bounding_sphere, inside_near};
 use super::{SphereError, SphereMap, check, flipped};
 use crate::mesh::TriangleMesh;
 use crate::mesh::shapes::tetrahedron;
+use crate::random::Random;
 
 /// How relaxation goes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,7 +79,7 @@ impl Relaxation {
             .map(|v| thrown(&(v - centre)))
             .collect();
         let (start, neighbours) = topology.vertex_neighbours();
-        let mut draws = Draws::new(self.seed);
+        let mut draws = Random::new(self.seed);
         let mut last = SphereError::Collapsed {
             attempts: 0,
             anchor: 0,
@@ -121,7 +121,7 @@ impl Relaxation {
         &self,
         mut state: State<'_>,
         mesh: &TriangleMesh,
-        draws: &mut Draws,
+        draws: &mut Random,
     ) -> Result<(Vec<Point3<f64>>, usize, usize), SphereError> {
         let anchors = state.anchors(draws);
         let first = state.relax(&anchors, self.threshold, self.sweeps);
@@ -169,7 +169,7 @@ fn thrown(direction: &Vector3<f64>) -> Point3<f64> {
 
 impl State<'_> {
     /// Vertices nearest to the corners of a random tetrahedron, four of them.
-    fn anchors(&self, draws: &mut Draws) -> [u32; 4] {
+    fn anchors(&self, draws: &mut Random) -> [u32; 4] {
         let mut found = [0, 1, 2, 3];
         for _ in 0..100 {
             let turn = draws.rotation();

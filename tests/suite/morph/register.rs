@@ -3,10 +3,21 @@
 use crate::tolerances::{T9, T18, T19, T20, worst};
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
-use pliant::morph::register::fit::{draws_deviation, draws_needed, expected_draws};
+use pliant::morph::register::fit::draws_needed;
 use pliant::morph::register::icp::{Measure, Reject, Select, Weigh};
 use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface, fit};
 use pliant::testing::Draw;
+
+/// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
+fn expected_draws(good: f64, count: u32) -> f64 {
+    good.powi(count as i32).recip()
+}
+
+/// Standard deviation of that number: sqrt(1 - w^N)/w^N.
+fn draws_deviation(good: f64, count: u32) -> f64 {
+    let all = good.powi(count as i32);
+    (1.0 - all).sqrt() / all
+}
 
 /// Table 4.1 of the source, to its printed digits.
 #[test]

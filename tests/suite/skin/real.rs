@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Point3;
+use pliant::contact::Surface;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::plan::{Inserted, Place, Ready};
 use pliant::skin::whole::Whole;
@@ -103,6 +104,24 @@ fn in_a_fold_nothing_sinks_into_anything() {
     settled(&face, &crescent, &[]);
 }
 
+/// How far a free vertex is under an obstacle at most [m].
+fn depth_in(ready: &Ready, obstacles: &[TriangleMesh], x: &[Point3<f64>]) -> f64 {
+    let mut deepest = 0.0_f64;
+    for surface in obstacles.iter().map(Surface::new) {
+        for (v, p) in x.iter().enumerate() {
+            let is_held = ready.layers.held.get(v).copied().unwrap_or(false);
+            if is_held {
+                continue;
+            }
+            if let Some(on) = surface.nearest(p, ready.order.implant.base) {
+                assert!(on.closest.distance.is_finite());
+                deepest = deepest.max(-on.closest.distance);
+            }
+        }
+    }
+    deepest
+}
+
 /// Bones of the skull.
 fn bones() -> Vec<TriangleMesh> {
     let names = [
@@ -126,7 +145,7 @@ fn the_scalp_stays_outside_the_skull() {
     let mut order = Order::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
-    let depth = ready.depth_in(&bones, &done.x);
+    let depth = depth_in(&ready, &bones, &done.x);
     assert!(
         depth <= 1e-3 * order.implant.base,
         "{depth} m into the skull"
@@ -134,7 +153,7 @@ fn the_scalp_stays_outside_the_skull() {
     // The check sees what is inside: everything, moved into the head by a centimetre.
     let down = ready.frame * nalgebra::Vector3::z() * 0.01;
     let sunk: Vec<Point3<f64>> = done.x.iter().map(|p| p - down).collect();
-    assert!(ready.depth_in(&bones, &sunk) > 1e-3);
+    assert!(depth_in(&ready, &bones, &sunk) > 1e-3);
 }
 
 #[test]
@@ -147,7 +166,7 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
     let mut order = Order::round(Place::Vertex(60), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
-    assert!(ready.depth_in(&bones, &done.x) <= 1e-3 * order.implant.base);
+    assert!(depth_in(&ready, &bones, &done.x) <= 1e-3 * order.implant.base);
 }
 
 #[test]
