@@ -14,7 +14,6 @@ pub mod energy;
 pub mod grip;
 mod history;
 pub mod newton;
-pub mod potential;
 pub mod press;
 pub mod quasi_static;
 pub mod sparse;
