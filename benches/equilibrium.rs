@@ -10,13 +10,13 @@ use std::time::{Duration, Instant};
 use measured::{key, quick, result};
 use nalgebra::{Point3, Rotation3, Unit, Vector3};
 use pliant::constraints::EnclosedVolume;
+use pliant::constraints::Quadratic;
 use pliant::mesh::shapes::make;
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, refine};
 use pliant::solvers::descent::{Settings, Unguarded};
 use pliant::solvers::energy::Energy;
 use pliant::solvers::newton::Newton;
-use pliant::solvers::potential::Quadratic;
 use pliant::solvers::quasi_static::QuasiStatic;
 use pliant::solvers::stiffness;
 

@@ -2,10 +2,10 @@
 
 use nalgebra::{Point3, Rotation3, Vector3};
 use pliant::constraints::EnclosedVolume;
+use pliant::constraints::Quadratic;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::solvers::descent::{Settings, Unguarded};
 use pliant::solvers::energy::Energy;
-use pliant::solvers::potential::Quadratic;
 use pliant::solvers::quasi_static::QuasiStatic;
 use pliant::solvers::stiffness;
 

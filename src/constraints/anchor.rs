@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Constraint, Parameter, Scalar, safe_norm};
+use super::{Constraint, Scalar, safe_norm};
 
 /// Draws a particle to `target` [m]: C = |p - a|, gradient (p - a)/|p - a|. Undefined where it is already there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,13 +15,6 @@ pub struct Anchor {
 
 impl Constraint<1> for Anchor {
     const NAME: &'static str = "anchor";
-    const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] =
-        &[Parameter::Coordinate(0), Parameter::Coordinate(1), Parameter::Coordinate(2)];
-
-    fn from_parameters(points: [u32; 1], parameters: &[f64]) -> Self {
-        Self { points, target: Point3::new(parameters[0], parameters[1], parameters[2]) }
-    }
 
     #[inline]
     fn points(&self) -> [u32; 1] {
@@ -37,6 +30,27 @@ impl Constraint<1> for Anchor {
     fn value_and_gradient(&self, x: &[Point3<f64>; 1]) -> Option<(f64, [Vector3<f64>; 1])> {
         let d = x[0] - self.target;
         let length = safe_norm(&d);
-        if length == 0.0 { None } else { Some((length, [d / length])) }
+        if length == 0.0 {
+            None
+        } else {
+            Some((length, [d / length]))
+        }
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<1> for Anchor {
+    const DEGREE: i32 = 1;
+    const PARAMETERS: &'static [super::Parameter] = &[
+        super::Parameter::Coordinate(0),
+        super::Parameter::Coordinate(1),
+        super::Parameter::Coordinate(2),
+    ];
+
+    fn from_parameters(points: [u32; 1], parameters: &[f64]) -> Self {
+        Self {
+            points,
+            target: Point3::new(parameters[0], parameters[1], parameters[2]),
+        }
     }
 }

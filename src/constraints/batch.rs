@@ -6,9 +6,10 @@ use nalgebra::Vector3;
 
 use super::Constraint;
 use super::blocks::Block;
-use super::lanes::{self, Width};
+use super::kernel::SweepBlock;
+use super::lanes::Width;
 use super::order::{Order, Schedule, schedule};
-use super::projection::{Span, Sweep, Swept};
+use super::projection::{Span, Sweep};
 use crate::mesh::measures::greatest;
 use crate::particles::{Numbering, Packed, Particles};
 use crate::state::{Corrupt, Reader, State, Writer};
@@ -28,6 +29,17 @@ pub struct Residual {
     pub count: usize,
 }
 
+/// Work and memory of a set of constraints.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Usage {
+    /// Sweeps so far.
+    pub calls: u64,
+    /// Projections left out so far because the gradient was undefined.
+    pub skipped: u64,
+    /// Heap memory held [bytes].
+    pub bytes: usize,
+}
+
 /// A set of constraints that a solver can sweep over: one dynamic call a sweep. Its state goes into checkpoints.
 pub trait Project: State + Send + Sync {
     /// The effect's name.
@@ -38,24 +50,26 @@ pub trait Project: State + Send + Sync {
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
-    /// Heap memory held [bytes].
-    fn bytes(&self) -> usize;
     /// Forgets the multipliers: a new step begins.
     fn begin_step(&mut self);
     /// One sweep with time step `dt` [s].
     fn project(&mut self, particles: &mut Particles, dt: f64);
-    /// One sweep as of [`Self::project`] over a packed copy: what sweeps several sets packs only once.
+    /// One sweep as of [`Self::project`] over a packed copy: a solver that sweeps several sets packs only once.
     fn project_packed(&mut self, packed: &mut Packed, dt: f64);
-    /// Distance from satisfaction after the last sweep.
-    fn residual(&self, particles: &Particles, dt: f64) -> Residual;
+    /// Distance from satisfaction after the last sweep; zero for what has no constraint to satisfy.
+    fn residual(&self, _particles: &Particles, _dt: f64) -> Residual {
+        Residual::default()
+    }
     /// The greatest distance [m] from satisfaction among those that act on a particle; `None` where none does.
-    fn residual_at(&self, particles: &Particles, dt: f64, particle: u32) -> Option<f64>;
-    /// Sweeps done so far.
-    fn calls(&self) -> u64;
-    /// Computes at most so many constraints at once; no bit of a result depends on it.
-    fn set_width(&mut self, width: Width);
-    /// Projections left out so far because the gradient was undefined.
-    fn skipped(&self) -> u64;
+    fn residual_at(&self, _particles: &Particles, _dt: f64, _particle: u32) -> Option<f64> {
+        None
+    }
+    /// Work and memory; zero for what does not count them.
+    fn usage(&self) -> Usage {
+        Usage::default()
+    }
+    /// Computes at most so many constraints at once, where the set can; no bit of a result depends on it.
+    fn set_width(&mut self, _width: Width) {}
 }
 
 /// Constraints of one kind in the order in which they are swept.
@@ -188,6 +202,26 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
         self
     }
 
+    /// Heap memory held [bytes].
+    fn bytes(&self) -> usize {
+        self.constraints.capacity() * size_of::<C>()
+            + (self.compliance.capacity()
+                + self.relaxation.capacity()
+                + self.multipliers.capacity())
+                * 8
+            + self.schedule.sequence.capacity() * 4
+            + self.schedule.colours.capacity() * size_of::<Range<usize>>()
+            + self
+                .schedule
+                .phases
+                .iter()
+                .map(|blocks| blocks.capacity() * size_of::<Block>())
+                .sum::<usize>()
+            + self.places.capacity() * size_of::<[u32; K]>()
+            + self.spans.capacity() * size_of::<Span>()
+            + self.packed.bytes()
+    }
+
     /// |C + alpha lambda| / |grad C| of the `j`th [m]; `None` where it cannot act.
     fn distance(&self, j: usize, particles: &Particles, dt: f64) -> Option<f64> {
         let constraint = &self.constraints[j];
@@ -204,7 +238,6 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
     }
 
     fn sweep_packed(&mut self, packed: &mut Packed, dt: f64) {
-        let width = if C::LANES { self.width } else { Width::One };
         let parallel =
             self.constraints.len() * K * K >= PARALLEL && rayon::current_num_threads() > 1;
         let mut all = Sweep {
@@ -223,45 +256,39 @@ impl<C: Constraint<K>, const K: usize> Batch<C, K> {
             let origin = (first.places.start, first.particles.start);
             self.skipped += Phase {
                 spans: &self.spans,
-                width,
+                width: self.width,
                 parallel,
+                sweep: C::kernel().sweep,
             }
-            .sweep(phase, origin, rest);
+            .run(phase, origin, rest);
         }
     }
 }
 
 /// How the blocks of a phase are swept.
 #[derive(Clone, Copy)]
-struct Phase<'a> {
+struct Phase<'a, C, const K: usize> {
     spans: &'a [Span],
     width: Width,
     parallel: bool,
+    sweep: SweepBlock<C, K>,
 }
 
-impl Phase<'_> {
+impl<C: Constraint<K>, const K: usize> Phase<'_, C, K> {
     /// Sweeps `blocks` over what begins at the place and particle `origin`; returns how many projections were left out.
-    fn sweep<C: Constraint<K>, const K: usize>(
-        self,
-        blocks: &[Block],
-        origin: (usize, usize),
-        mut over: Sweep<C, K>,
-    ) -> u64 {
+    fn run(self, blocks: &[Block], origin: (usize, usize), mut over: Sweep<C, K>) -> u64 {
         if let [block] = blocks {
             let [mut own, _] = over.split(block.places.len(), block.particles.end - origin.1);
             own.slots = &mut own.slots[block.particles.start - origin.1..];
-            lanes::run(
-                self.width,
-                Swept(&mut own, &self.spans[block.colours.clone()]),
-            );
+            (self.sweep)(&mut own, &self.spans[block.colours.clone()], self.width);
             return own.skipped;
         }
         let (left, right) = blocks.split_at(blocks.len() / 2);
         let middle = (right[0].places.start, right[0].particles.start);
         let [first, second] = over.split(middle.0 - origin.0, middle.1 - origin.1);
         let (a, b) = (
-            || self.sweep(left, origin, first),
-            || self.sweep(right, middle, second),
+            || self.run(left, origin, first),
+            || self.run(right, middle, second),
         );
         let (a, b) = if self.parallel {
             rayon::join(a, b)
@@ -304,25 +331,25 @@ fn spans<const K: usize>(schedule: &Schedule, points: &[[u32; K]]) -> Vec<Span> 
     spans
 }
 
-/// Appends what constraints remember; nothing for those that have no memory.
-pub(crate) fn save_memory<C: Constraint<K>, const K: usize>(constraints: &[C], to: &mut Writer) {
-    if C::PERIODIC {
+/// Appends the branches of periodic constraints; nothing for others.
+pub(crate) fn save_branches<C: Constraint<K>, const K: usize>(constraints: &[C], to: &mut Writer) {
+    if let Some(branch) = C::kernel().branch {
         to.put(&constraints.len());
-        constraints.iter().for_each(|c| to.put(&c.memory()));
+        constraints.iter().for_each(|c| to.put(&(branch.get)(c)));
     }
 }
 
-/// Lets constraints remember what [`save_memory`] appended.
-pub(crate) fn restore_memory<C: Constraint<K>, const K: usize>(
+/// Takes the branches that [`save_branches`] appended.
+pub(crate) fn restore_branches<C: Constraint<K>, const K: usize>(
     constraints: &mut [C],
     from: &mut Reader<'_>,
 ) -> Result<(), Corrupt> {
-    if C::PERIODIC {
-        let memory = from.exactly::<f64>(constraints.len())?;
+    if let Some(branch) = C::kernel().branch {
+        let values = from.exactly::<f64>(constraints.len())?;
         constraints
             .iter_mut()
-            .zip(memory)
-            .for_each(|(c, value)| c.remember(value));
+            .zip(values)
+            .for_each(|(c, value)| (branch.set)(c, value));
     }
     Ok(())
 }
@@ -342,14 +369,14 @@ impl<C: Constraint<K>, const K: usize> State for Batch<C, K> {
             calls,
             skipped,
         } = self;
-        save_memory(constraints, to);
+        save_branches(constraints, to);
         // Forgotten when a step begins, but what a frame measures is measured after its last.
         to.list(multipliers);
         to.put(&(*calls, *skipped));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        restore_memory(&mut self.constraints, from)?;
+        restore_branches(&mut self.constraints, from)?;
         from.fill(&mut self.multipliers)?;
         (self.calls, self.skipped) = from.take()?;
         Ok(())
@@ -363,25 +390,6 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
 
     fn len(&self) -> usize {
         self.constraints.len()
-    }
-
-    fn bytes(&self) -> usize {
-        self.constraints.capacity() * size_of::<C>()
-            + (self.compliance.capacity()
-                + self.relaxation.capacity()
-                + self.multipliers.capacity())
-                * 8
-            + self.schedule.sequence.capacity() * 4
-            + self.schedule.colours.capacity() * size_of::<Range<usize>>()
-            + self
-                .schedule
-                .phases
-                .iter()
-                .map(|blocks| blocks.capacity() * size_of::<Block>())
-                .sum::<usize>()
-            + self.places.capacity() * size_of::<[u32; K]>()
-            + self.spans.capacity() * size_of::<Span>()
-            + self.packed.bytes()
     }
 
     fn begin_step(&mut self) {
@@ -435,15 +443,15 @@ impl<C: Constraint<K>, const K: usize> Project for Batch<C, K> {
         distances.peek().is_some().then(|| greatest(distances))
     }
 
-    fn calls(&self) -> u64 {
-        self.calls
+    fn usage(&self) -> Usage {
+        Usage {
+            calls: self.calls,
+            skipped: self.skipped,
+            bytes: self.bytes(),
+        }
     }
 
     fn set_width(&mut self, width: Width) {
         self.width = width;
-    }
-
-    fn skipped(&self) -> u64 {
-        self.skipped
     }
 }

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::angle::{atan2, atan2_in_lanes};
 use super::lanes::{cross, dot, neg, scale, sub};
-use super::{Constraint, Lane, Parameter, Scalar, Several};
+use super::{Constraint, Kernel, Lane, LaneConstraint, Periodic, Scalar, Several};
 
 /// A triangle with area below this share of its longest edge squared has no usable normal. The rule is relative, so
 /// it does not change with the unit of length.
@@ -33,7 +33,11 @@ pub struct Bending {
 impl Bending {
     /// A hinge at its rest angle [rad].
     pub fn new(points: [u32; 4], rest: f64) -> Self {
-        Self { points, rest, last: 0.0 }
+        Self {
+            points,
+            rest,
+            last: 0.0,
+        }
     }
 }
 
@@ -44,7 +48,11 @@ fn unwrap<S: Scalar>(angle: S, last: f64) -> S {
         return angle;
     }
     let turns = ((off + PI) / TAU).ceil() - 1.0;
-    if turns == 0.0 { angle } else { angle - S::of(turns * TAU) }
+    if turns == 0.0 {
+        angle
+    } else {
+        angle - S::of(turns * TAU)
+    }
 }
 
 /// Signed angle between the triangles of a hinge [rad], 0 where flat.
@@ -58,28 +66,10 @@ pub fn dihedral<S: Scalar>(x: &[Point3<S>; 4]) -> S {
 
 impl Constraint<4> for Bending {
     const NAME: &'static str = "bending";
-    const DEGREE: i32 = 0;
-    const PARAMETERS: &'static [Parameter] = &[Parameter::Angle];
-
-    fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
-        Self::new(points, parameters[0])
-    }
 
     #[inline]
     fn points(&self) -> [u32; 4] {
         self.points
-    }
-
-    const PERIODIC: bool = true;
-
-    #[inline]
-    fn remember(&mut self, value: f64) {
-        self.last = value;
-    }
-
-    fn memory(&self) -> f64 {
-        let Self { points: _, rest: _, last } = self;
-        *last
     }
 
     fn value<S: Scalar>(&self, x: &[Point3<S>; 4]) -> S {
@@ -90,13 +80,41 @@ impl Constraint<4> for Bending {
     #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
         let points = [x[0], x[1], x[2], x[3]].map(|p| p.coords.into());
-        let Several { value, gradient, usual } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+        let Several {
+            value,
+            gradient,
+            usual,
+        } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
         let [a, b, c, d] = gradient;
-        if usual { Some((value, [a.into(), b.into(), c.into(), d.into()])) } else { self.unusual(x) }
+        if usual {
+            Some((value, [a.into(), b.into(), c.into(), d.into()]))
+        } else {
+            self.unusual(x)
+        }
     }
 
-    const LANES: bool = true;
+    fn kernel() -> Kernel<Self, 4> {
+        Kernel::periodic_in_lanes()
+    }
+}
 
+impl Periodic<4> for Bending {
+    fn branch(&self) -> f64 {
+        let Self {
+            points: _,
+            rest: _,
+            last,
+        } = self;
+        *last
+    }
+
+    #[inline]
+    fn set_branch(&mut self, value: f64) {
+        self.last = value;
+    }
+}
+
+impl LaneConstraint<4> for Bending {
     #[inline(always)]
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 4]) -> Several<N, 4> {
         let of = |value| N::splat(machine, value);
@@ -129,7 +147,11 @@ impl Constraint<4> for Bending {
         let t4 = dot(b, e) * per_ee;
         let g2 = sub(neg(scale(g3, t3)), scale(g4, t4));
         let g1 = sub(neg(scale(g3, one - t3)), scale(g4, one - t4));
-        Several { value, gradient: [g1, g2, g3, g4], usual: solid & angular & unwrapped & in_range }
+        Several {
+            value,
+            gradient: [g1, g2, g3, g4],
+            usual: solid & angular & unwrapped & in_range,
+        }
     }
 }
 
@@ -162,5 +184,15 @@ impl Bending {
         let g1 = -g3 * (1.0 - t3) - g4 * (1.0 - t4);
         let g2 = -g3 * t3 - g4 * t4;
         Some((unwrap(theta - self.rest, self.last), [g1, g2, g3, g4]))
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<4> for Bending {
+    const DEGREE: i32 = 0;
+    const PARAMETERS: &'static [super::Parameter] = &[super::Parameter::Angle];
+
+    fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
+        Self::new(points, parameters[0])
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::lanes::{dot, neg, scale, sub};
-use super::{Constraint, Lane, Parameter, Scalar, Several, safe_norm};
+use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several, safe_norm};
 
 /// Keeps two particles `rest` [m] apart: C = |p1 - p2| - d \[mueller2007\], gradient (u, -u) with
 /// u = (p1 - p2) / |p1 - p2|. Undefined where both points coincide.
@@ -17,19 +17,11 @@ pub struct Distance {
 
 impl Constraint<2> for Distance {
     const NAME: &'static str = "distance";
-    const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] = &[Parameter::Length];
-
-    fn from_parameters(points: [u32; 2], parameters: &[f64]) -> Self {
-        Self { points, rest: parameters[0] }
-    }
 
     #[inline]
     fn points(&self) -> [u32; 2] {
         self.points
     }
-
-    const UNIT: bool = true;
 
     fn value<S: Scalar>(&self, x: &[Point3<S>; 2]) -> S {
         let d = x[0] - x[1];
@@ -39,11 +31,25 @@ impl Constraint<2> for Distance {
     #[inline(always)]
     fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
         let points = [x[0].coords.into(), x[1].coords.into()];
-        let Several { value, gradient: [u, v], usual } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
-        if usual { Some((value, [u.into(), v.into()])) } else { self.unusual(x) }
+        let Several {
+            value,
+            gradient: [u, v],
+            usual,
+        } = Self::in_lanes::<f64>(std::slice::from_ref(self), (), &points);
+        if usual {
+            Some((value, [u.into(), v.into()]))
+        } else {
+            self.unusual(x)
+        }
     }
 
-    const LANES: bool = true;
+    fn kernel() -> Kernel<Self, 2> {
+        Kernel::in_lanes()
+    }
+}
+
+impl LaneConstraint<2> for Distance {
+    const UNIT: bool = true;
 
     #[inline(always)]
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
@@ -53,7 +59,11 @@ impl Constraint<2> for Distance {
         let usual = N::splat(machine, 1e-280).lt(squared) & squared.lt(N::splat(machine, 1e280));
         let length = squared.sqrt();
         let u = scale(d, N::splat(machine, 1.0) / length);
-        Several { value: length - N::each(machine, |l| these[l].rest), gradient: [u, neg(u)], usual }
+        Several {
+            value: length - N::each(machine, |l| these[l].rest),
+            gradient: [u, neg(u)],
+            usual,
+        }
     }
 }
 
@@ -68,5 +78,18 @@ impl Distance {
         }
         let u = d / length;
         Some((length - self.rest, [u, -u]))
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<2> for Distance {
+    const DEGREE: i32 = 1;
+    const PARAMETERS: &'static [super::Parameter] = &[super::Parameter::Length];
+
+    fn from_parameters(points: [u32; 2], parameters: &[f64]) -> Self {
+        Self {
+            points,
+            rest: parameters[0],
+        }
     }
 }

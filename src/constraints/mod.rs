@@ -1,76 +1,89 @@
 //! Constraints: scalar functions of a few points, zero where they hold, each with its analytic gradient.
 //!
 //! A constraint is written once, in its own file, as [`Constraint::value`] over any number and
-//! [`Constraint::value_and_gradient`] over `f64`. The projection is written once, in [`batch`]. One line in the list
-//! below makes a new constraint part of the crate and of the conformance suite.
+//! [`Constraint::value_and_gradient`] over `f64`. The projection is written once, in [`batch`]; the energy
+//! k C^2 / 2 with its forces and second derivatives is written once, in [`quadratic`]. One line in the list below makes a
+//! new constraint part of the crate and of the conformance suite.
 
 mod angle;
 pub mod batch;
 pub mod blocks;
 pub mod enclosed_volume;
+mod kernel;
 pub mod lanes;
 pub mod order;
+pub mod potential;
 mod projection;
+pub mod quadratic;
 mod rings;
 mod scalar;
 pub mod second;
+#[cfg(any(test, feature = "testing"))]
+mod spec;
 
-pub use batch::{Batch, Project, Residual};
+pub mod anchor;
+pub mod bending;
+pub mod distance;
+pub mod plane_contact;
+pub mod tetrahedron_volume;
+pub mod triangle_contact;
+
+pub use anchor::Anchor;
+pub use batch::{Batch, Project, Residual, Usage};
+pub use bending::Bending;
+pub use distance::Distance;
 pub use enclosed_volume::EnclosedVolume;
+pub use kernel::{Kernel, LaneConstraint};
 pub use lanes::{Lane, Several, Width};
 pub use order::Order;
+pub use plane_contact::PlaneContact;
+pub use potential::Potential;
+pub use quadratic::Quadratic;
 pub use scalar::Scalar;
+#[cfg(any(test, feature = "testing"))]
+pub use spec::{ForEachKind, Parameter, Spec};
+pub use tetrahedron_volume::TetrahedronVolume;
+pub use triangle_contact::TriangleContact;
 
 use nalgebra::{Point3, Vector3};
 
-/// What a parameter of a constraint means: how the conformance suite draws, moves and scales it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parameter {
-    /// A length [m], scales with the shape.
-    Length,
-    /// An angle [rad], unchanged by scaling.
-    Angle,
-    /// A volume [m^3].
-    Volume,
-    /// One coordinate of a point in space [m] (0, 1, 2): moves with the shape.
-    Coordinate(usize),
-    /// One component of a unit direction (0, 1, 2).
-    Direction(usize),
-    /// A barycentric weight; the suite draws them to sum to 1.
-    Weight,
-}
-
 /// A scalar function C(x) of `K` points, zero where the constraint holds.
+///
+/// The points, the value and the gradient are all that a new constraint has to write. [`Batch`] projects it and
+/// [`Quadratic`] takes its square as an energy:
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use pliant::constraints::{Batch, Constraint, Order, Project, Scalar};
+/// use pliant::particles::Particles;
+///
+/// /// Height of a particle over the ground [m].
+/// #[derive(Clone, Copy)]
+/// struct Height(u32);
+///
+/// impl Constraint<1> for Height {
+///     fn points(&self) -> [u32; 1] {
+///         [self.0]
+///     }
+///     fn value<S: Scalar>(&self, x: &[Point3<S>; 1]) -> S {
+///         x[0].z
+///     }
+///     fn value_and_gradient(&self, x: &[Point3<f64>; 1]) -> Option<(f64, [Vector3<f64>; 1])> {
+///         Some((x[0].z, [Vector3::z()]))
+///     }
+/// }
+///
+/// let mut particles = Particles::at_rest(vec![Point3::new(1.0, 2.0, 3.0)], vec![1.0]);
+/// let mut batch = Batch::new(vec![Height(0)], vec![0.0], Order::Stored, 1, &[]);
+/// batch.project(&mut particles, 0.01);
+/// assert_eq!(particles.position[0], Point3::new(1.0, 2.0, 0.0));
+/// ```
 pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
-    /// Name, as in `docs/notation.md`.
-    const NAME: &'static str;
-    /// Degree of homogeneity: C(s x) = s^DEGREE C(x) when the parameters scale with the shape.
-    const DEGREE: i32;
-    /// What `from_parameters` takes.
-    const PARAMETERS: &'static [Parameter];
-
-    /// A constraint on the particles `points` with parameters as listed in [`Self::PARAMETERS`].
-    fn from_parameters(points: [u32; K], parameters: &[f64]) -> Self;
+    /// Name of the effect in messages, times and measures, as in `docs/notation.md`.
+    const NAME: &'static str = "constraint";
 
     /// The particles it acts on.
     fn points(&self) -> [u32; K];
-
-    /// Called with C at each projection; only a constraint whose value is known up to a period has a memory.
-    #[inline]
-    fn remember(&mut self, _value: f64) {}
-
-    /// What [`Self::remember`] noted last: the state of a constraint, as its points and parameters never change.
-    #[inline]
-    fn memory(&self) -> f64 {
-        0.0
-    }
-
-    /// Whether C is known up to a period only: to be set with [`Self::remember`], which energies call only then,
-    /// and with [`Self::memory`].
-    const PERIODIC: bool = false;
-
-    /// Whether the gradient at each point has length one wherever it is defined: a projection then need not measure it.
-    const UNIT: bool = false;
 
     /// C(x), in any number.
     fn value<S: Scalar>(&self, x: &[Point3<S>; K]) -> S;
@@ -78,34 +91,32 @@ pub trait Constraint<const K: usize>: Copy + Send + Sync + 'static {
     /// C(x) and dC/dx_i; `None` where the gradient is undefined (each constraint says where).
     fn value_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])>;
 
-    /// Whether [`Self::in_lanes`] is written: a constraint may do without.
-    const LANES: bool = false;
-
-    /// C(x) and dC/dx_i of several constraints, one a lane, with the bits of [`Self::value_and_gradient`] wherever
-    /// `usual` says so.
-    #[inline(always)]
-    fn in_lanes<N: Lane>(_these: &[Self], _machine: N::Machine, _x: &[[N; 3]; K]) -> Several<N, K> {
-        unreachable!("{} says that it has no form in lanes", Self::NAME)
+    /// How batches and energies evaluate it: one by one, unless it has a form in lanes ([`LaneConstraint`]) or a branch
+    /// ([`Periodic`]).
+    fn kernel() -> Kernel<Self, K> {
+        Kernel::one_by_one()
     }
 }
 
-/// Declares the constraints, and calls a macro on each: the one list that a new constraint must join.
+/// A constraint whose value is known up to a period: it stores C of its last visit, and the value next to it counts.
+pub trait Periodic<const K: usize>: Constraint<K> {
+    /// C when it was last visited: its whole state, as its points and parameters never change.
+    fn branch(&self) -> f64;
+
+    /// Stores C.
+    fn set_branch(&mut self, value: f64);
+}
+
+/// Names the kinds of constraints, and calls a visitor on each: the one list that a new constraint must join.
 macro_rules! constraints {
     ($($module:ident::$kind:ident<$points:literal>),* $(,)?) => {
-        $(pub mod $module; pub use $module::$kind;)*
-
         /// Names of all constraints with a fixed number of points.
         pub const KINDS: &[&str] = &[$(<$kind as Constraint<$points>>::NAME),*];
 
-        /// Something to be done for each kind of constraint.
-        pub trait ForEachKind {
-            /// Called once for each kind.
-            fn visit<C: Constraint<K>, const K: usize>(&mut self);
-        }
-
         /// Calls `visitor` once for each kind of constraint.
+        #[cfg(any(test, feature = "testing"))]
         pub fn for_each_kind(visitor: &mut impl ForEachKind) {
-            $(visitor.visit::<$kind, $points>();)*
+            $(visitor.visit::<$module::$kind, $points>();)*
         }
     };
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Constraint, Parameter, Scalar};
+use super::{Constraint, Scalar};
 
 /// Height of a particle over the plane through `origin` [m] with unit `normal`, less `thickness` [m]. Contact holds
 /// where C >= 0, so only negative values are corrected. The gradient is the normal, everywhere.
@@ -20,20 +20,6 @@ pub struct PlaneContact {
 
 impl Constraint<1> for PlaneContact {
     const NAME: &'static str = "plane contact";
-    const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] = &[
-        Parameter::Coordinate(0),
-        Parameter::Coordinate(1),
-        Parameter::Coordinate(2),
-        Parameter::Direction(0),
-        Parameter::Direction(1),
-        Parameter::Direction(2),
-        Parameter::Length,
-    ];
-
-    fn from_parameters(points: [u32; 1], p: &[f64]) -> Self {
-        Self { points, origin: Point3::new(p[0], p[1], p[2]), normal: Vector3::new(p[3], p[4], p[5]), thickness: p[6] }
-    }
 
     #[inline]
     fn points(&self) -> [u32; 1] {
@@ -46,6 +32,32 @@ impl Constraint<1> for PlaneContact {
 
     #[inline]
     fn value_and_gradient(&self, x: &[Point3<f64>; 1]) -> Option<(f64, [Vector3<f64>; 1])> {
-        Some(((x[0] - self.origin).dot(&self.normal) - self.thickness, [self.normal]))
+        Some((
+            (x[0] - self.origin).dot(&self.normal) - self.thickness,
+            [self.normal],
+        ))
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<1> for PlaneContact {
+    const DEGREE: i32 = 1;
+    const PARAMETERS: &'static [super::Parameter] = &[
+        super::Parameter::Coordinate(0),
+        super::Parameter::Coordinate(1),
+        super::Parameter::Coordinate(2),
+        super::Parameter::Direction(0),
+        super::Parameter::Direction(1),
+        super::Parameter::Direction(2),
+        super::Parameter::Length,
+    ];
+
+    fn from_parameters(points: [u32; 1], p: &[f64]) -> Self {
+        Self {
+            points,
+            origin: Point3::new(p[0], p[1], p[2]),
+            normal: Vector3::new(p[3], p[4], p[5]),
+            thickness: p[6],
+        }
     }
 }

@@ -1,11 +1,13 @@
 //! The one projection that all kinds of constraints share, for one constraint and for several in lanes alike.
 
+use std::marker::PhantomData;
 use std::ops::Range;
 
 use nalgebra::Point3;
 
-use super::Constraint;
-use super::lanes::{InLanes, Lane, Several, dot, scale, unrolled};
+use super::kernel::Mode;
+use super::lanes::{self, InLanes, Lane, Several, Width, dot, scale, unrolled};
+use super::{Constraint, LaneConstraint};
 use crate::particles::Slot;
 
 /// Lanes at most.
@@ -85,7 +87,7 @@ impl<C, const K: usize> Sweep<'_, C, K> {
 
 /// Change of the multiplier, and sum w |g|^2.
 #[inline(always)]
-fn change<C: Constraint<K>, N: Lane, const K: usize>(
+fn change<C, M: Mode<C, K>, N: Lane, const K: usize>(
     machine: N::Machine,
     (value, gradient): (N, &[[N; 3]; K]),
     inverse_mass: &[N; K],
@@ -94,7 +96,7 @@ fn change<C: Constraint<K>, N: Lane, const K: usize>(
     let mut weight = N::splat(machine, 0.0);
     unrolled!(k in K => {
         let inverse_mass = inverse_mass[k];
-        weight = weight + if C::UNIT { inverse_mass } else { inverse_mass * dot(gradient[k], gradient[k]) };
+        weight = weight + if M::UNIT { inverse_mass } else { inverse_mass * dot(gradient[k], gradient[k]) };
     });
     // Of an infinite compliance, infinity times a multiplier of zero would be NaN.
     let largest = N::splat(machine, f64::MAX);
@@ -108,7 +110,7 @@ fn change<C: Constraint<K>, N: Lane, const K: usize>(
 
 /// The change of the multiplier and of each point by one projection; `None` where nothing can or need be done.
 #[inline(always)]
-pub fn correction<C: Constraint<K>, const K: usize>(
+fn correction<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
     constraint: &C,
     at: [[f64; 4]; K],
     numbers: (f64, f64, f64),
@@ -117,7 +119,7 @@ pub fn correction<C: Constraint<K>, const K: usize>(
         constraint.value_and_gradient(&at.map(|[x, y, z, _]| Point3::new(x, y, z)))?;
     let inverse_mass = at.map(|slot| slot[3]);
     let mut move_by = gradient.map(Into::into);
-    let (change, weight) = change::<C, f64, K>((), (value, &move_by), &inverse_mass, numbers);
+    let (change, weight) = change::<C, M, f64, K>((), (value, &move_by), &inverse_mass, numbers);
     // All points held, or a gradient of zero: nothing that moves could change C.
     if weight <= 0.0 {
         return None;
@@ -135,7 +137,7 @@ pub fn correction<C: Constraint<K>, const K: usize>(
 impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     /// What constraint `j` is projected with: compliance over dt^2, relaxation, multiplier.
     #[inline(always)]
-    pub fn numbers(&self, j: usize) -> (f64, f64, f64) {
+    fn numbers(&self, j: usize) -> (f64, f64, f64) {
         (
             self.compliance[j] * self.per_dt2,
             self.relaxation[j],
@@ -145,7 +147,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
 
     /// Applies what was computed for constraint `j`.
     #[inline(always)]
-    pub fn apply(&mut self, j: usize, correction: Option<Correction<K>>) {
+    fn apply<M: Mode<C, K>>(&mut self, j: usize, correction: Option<Correction<K>>) {
         let Some(Correction {
             value,
             change,
@@ -156,7 +158,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
             return;
         };
         self.multipliers[j] += change;
-        self.constraints[j].remember(value);
+        M::note(&mut self.constraints[j], value);
         for (p, by) in self.places[j].into_iter().zip(move_by) {
             let slot = &mut self.slots[p as usize].0;
             for k in 0..3 {
@@ -165,44 +167,46 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
         }
     }
 
-    /// Projects the constraints of a range one by one.
+    /// Projects one constraint, whatever its numbers and particles are.
+    #[inline(always)]
+    fn alone<M: Mode<C, K>>(&mut self, j: usize) {
+        let at = self.places[j].map(|p| self.slots[p as usize].0);
+        let correction = correction::<C, M, K>(&self.constraints[j], at, self.numbers(j));
+        self.apply::<M>(j, correction);
+    }
+}
+
+impl<C: LaneConstraint<K>, const K: usize> Sweep<'_, C, K> {
+    /// Projects the constraints of a range one by one, in one lane where that holds.
     // A function of its own: inlined, it would stand in each loop over lanes again.
     #[inline(never)]
-    pub fn serial(&mut self, range: Range<usize>, independent: bool) {
+    fn serial<M: Mode<C, K>>(&mut self, range: Range<usize>, independent: bool) {
         for j in range {
-            if !(C::LANES && independent && self.side_by_side::<f64>((), j, 1)) {
-                self.alone(j);
+            if !(independent && self.side_by_side::<M, f64>((), j, 1)) {
+                self.alone::<M>(j);
             }
         }
     }
 
-    /// Projects one constraint, whatever its numbers and particles are.
-    #[inline(always)]
-    fn alone(&mut self, j: usize) {
-        let at = self.places[j].map(|p| self.slots[p as usize].0);
-        let correction = correction(&self.constraints[j], at, self.numbers(j));
-        self.apply(j, correction);
-    }
-
     /// Projects as many constraints from `j` on as there are lanes.
     #[inline(always)]
-    fn group<N: Lane>(&mut self, machine: N::Machine, j: usize) {
-        if !self.side_by_side::<N>(machine, j, N::COUNT) {
-            self.unusual(j..j + N::COUNT);
+    fn group<M: Mode<C, K>, N: Lane>(&mut self, machine: N::Machine, j: usize) {
+        if !self.side_by_side::<M, N>(machine, j, N::COUNT) {
+            self.unusual::<M>(j..j + N::COUNT);
         }
     }
 
     /// Projects constraints for which the form in lanes does not hold.
     #[cold]
     #[inline(never)]
-    fn unusual(&mut self, range: Range<usize>) {
-        self.serial(range, true);
+    fn unusual<M: Mode<C, K>>(&mut self, range: Range<usize>) {
+        self.serial::<M>(range, true);
     }
 
     /// Projects the constraints of a range, fewer than there are lanes: the last of them fills the others, which do and
     /// write the same.
     #[inline(always)]
-    fn rest<N: Lane>(&mut self, machine: N::Machine, range: Range<usize>) {
+    fn rest<M: Mode<C, K>, N: Lane>(&mut self, machine: N::Machine, range: Range<usize>) {
         let Some(last) = range.clone().next_back() else {
             return;
         };
@@ -219,12 +223,12 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
             per_dt2: self.per_dt2,
             skipped: 0,
         };
-        if !filled.side_by_side::<N>(machine, 0, few) {
-            return self.unusual(range);
+        if !filled.side_by_side::<M, N>(machine, 0, few) {
+            return self.unusual::<M>(range);
         }
         self.skipped += filled.skipped;
         self.multipliers[range.clone()].copy_from_slice(&multipliers[..few]);
-        if C::PERIODIC {
+        if M::PERIODIC {
             self.constraints[range].copy_from_slice(&constraints[..few]);
         }
     }
@@ -233,7 +237,12 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
     /// repetition of the last: only the first `counted` are. Returns false and does nothing where the form in lanes
     /// does not hold for all.
     #[inline(always)]
-    fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize, counted: usize) -> bool {
+    fn side_by_side<M: Mode<C, K>, N: Lane>(
+        &mut self,
+        machine: N::Machine,
+        j: usize,
+        counted: usize,
+    ) -> bool {
         let range = j..j + N::COUNT;
         let these = &self.constraints[range.clone()];
         let places = &self.places[range.clone()];
@@ -257,7 +266,7 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
         let relaxation = N::load(machine, &self.relaxation[range.clone()]);
         let numbers = (compliance, relaxation, multiplier);
         let (change, weight) =
-            change::<C, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
+            change::<C, M, N, K>(machine, (value, &gradient), &inverse_mass, numbers);
         // All points held, or a gradient of zero: nothing that moves could change C.
         let still = weight.le(zero);
         let change = N::select(still, zero, change);
@@ -268,35 +277,62 @@ impl<C: Constraint<K>, const K: usize> Sweep<'_, C, K> {
             N::scatter(to, self.slots, |l| places[l][k]);
         });
         (multiplier + change).store(&mut self.multipliers[range.clone()]);
-        if C::PERIODIC {
+        if M::PERIODIC {
             let mut values = [0.0; MOST];
             value.store(&mut values);
             self.constraints[range]
                 .iter_mut()
                 .zip(values)
-                .for_each(|(c, value)| c.remember(value));
+                .for_each(|(c, value)| M::note(c, value));
         }
         true
     }
 }
 
-/// A sweep over the spans of a block, in lanes where a span allows it.
-pub struct Swept<'a, 'b, C, const K: usize>(pub &'b mut Sweep<'a, C, K>, pub &'b [Span]);
+/// Projects the constraints of some spans one after the other.
+pub fn one_by_one<C: Constraint<K>, M: Mode<C, K>, const K: usize>(
+    sweep: &mut Sweep<'_, C, K>,
+    spans: &[Span],
+    _: Width,
+) {
+    for span in spans {
+        for j in span.range.clone() {
+            sweep.alone::<M>(j);
+        }
+    }
+}
 
-impl<C: Constraint<K>, const K: usize> InLanes for Swept<'_, '_, C, K> {
+/// Projects the constraints of some spans, in lanes where a span allows it.
+pub fn in_lanes<C: LaneConstraint<K>, M: Mode<C, K>, const K: usize>(
+    sweep: &mut Sweep<'_, C, K>,
+    spans: &[Span],
+    width: Width,
+) {
+    let mode = PhantomData::<M>;
+    lanes::run(width, Swept { sweep, spans, mode });
+}
+
+/// A sweep over the spans of a block, in lanes where a span allows it.
+struct Swept<'a, 'b, C, M, const K: usize> {
+    sweep: &'b mut Sweep<'a, C, K>,
+    spans: &'b [Span],
+    mode: PhantomData<M>,
+}
+
+impl<C: LaneConstraint<K>, M: Mode<C, K>, const K: usize> InLanes for Swept<'_, '_, C, M, K> {
     #[inline(always)]
     fn run<N: Lane>(self, machine: N::Machine) {
-        for Span { range, independent } in self.1 {
+        for Span { range, independent } in self.spans {
             let mut rest = range.clone();
-            if C::LANES && *independent && N::COUNT > 1 {
+            if *independent && N::COUNT > 1 {
                 while rest.len() >= N::COUNT {
-                    self.0.group::<N>(machine, rest.start);
+                    self.sweep.group::<M, N>(machine, rest.start);
                     rest.start += N::COUNT;
                 }
-                self.0.rest::<N>(machine, rest);
+                self.sweep.rest::<M, N>(machine, rest);
                 continue;
             }
-            self.0.serial(rest, *independent);
+            self.sweep.serial::<M>(rest, *independent);
         }
     }
 }

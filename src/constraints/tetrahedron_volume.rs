@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Constraint, Parameter, Scalar};
+use super::{Constraint, Scalar};
 
 /// Keeps the signed volume of a tetrahedron at `rest` [m^3]; value and gradient carry the same factor 1/6 (erratum
 /// A06, A07). The gradient is defined everywhere; it is zero where all four points are on one line.
@@ -16,12 +16,6 @@ pub struct TetrahedronVolume {
 
 impl Constraint<4> for TetrahedronVolume {
     const NAME: &'static str = "tetrahedron volume";
-    const DEGREE: i32 = 3;
-    const PARAMETERS: &'static [Parameter] = &[Parameter::Volume];
-
-    fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
-        Self { points, rest: parameters[0] }
-    }
 
     #[inline]
     fn points(&self) -> [u32; 4] {
@@ -41,5 +35,18 @@ impl Constraint<4> for TetrahedronVolume {
         let g3 = c.cross(&a) / 6.0;
         let g4 = a.cross(&b) / 6.0;
         Some((a.dot(&bc) / 6.0 - self.rest, [-(g2 + g3 + g4), g2, g3, g4]))
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<4> for TetrahedronVolume {
+    const DEGREE: i32 = 3;
+    const PARAMETERS: &'static [super::Parameter] = &[super::Parameter::Volume];
+
+    fn from_parameters(points: [u32; 4], parameters: &[f64]) -> Self {
+        Self {
+            points,
+            rest: parameters[0],
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Constraint, Parameter, Scalar};
+use super::{Constraint, Scalar};
 
 /// Height of the bone vertex `origin` [m] over the point of a triangle with barycentric `weights`, along the unit
 /// `normal` out of the muscle, less `thickness` [m]. Contact holds where C >= 0. Gradient -b_i n, everywhere.
@@ -22,18 +22,40 @@ pub struct TriangleContact {
 
 impl Constraint<3> for TriangleContact {
     const NAME: &'static str = "triangle contact";
+
+    #[inline]
+    fn points(&self) -> [u32; 3] {
+        self.points
+    }
+
+    fn value<S: Scalar>(&self, x: &[Point3<S>; 3]) -> S {
+        // Differences to the first corner, so that a translation changes no bit.
+        let offset =
+            (x[1] - x[0]) * S::of(self.weights[1]) + (x[2] - x[0]) * S::of(self.weights[2]);
+        let height = self.origin.map(S::of) - x[0] - offset;
+        height.dot(&self.normal.map(S::of)) - S::of(self.thickness)
+    }
+
+    #[inline]
+    fn value_and_gradient(&self, x: &[Point3<f64>; 3]) -> Option<(f64, [Vector3<f64>; 3])> {
+        Some((self.value(x), self.weights.map(|w| self.normal * -w)))
+    }
+}
+
+#[cfg(any(test, feature = "testing"))]
+impl super::Spec<3> for TriangleContact {
     const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] = &[
-        Parameter::Coordinate(0),
-        Parameter::Coordinate(1),
-        Parameter::Coordinate(2),
-        Parameter::Direction(0),
-        Parameter::Direction(1),
-        Parameter::Direction(2),
-        Parameter::Weight,
-        Parameter::Weight,
-        Parameter::Weight,
-        Parameter::Length,
+    const PARAMETERS: &'static [super::Parameter] = &[
+        super::Parameter::Coordinate(0),
+        super::Parameter::Coordinate(1),
+        super::Parameter::Coordinate(2),
+        super::Parameter::Direction(0),
+        super::Parameter::Direction(1),
+        super::Parameter::Direction(2),
+        super::Parameter::Weight,
+        super::Parameter::Weight,
+        super::Parameter::Weight,
+        super::Parameter::Length,
     ];
 
     fn from_parameters(points: [u32; 3], p: &[f64]) -> Self {
@@ -44,22 +66,5 @@ impl Constraint<3> for TriangleContact {
             weights: [p[6], p[7], p[8]],
             thickness: p[9],
         }
-    }
-
-    #[inline]
-    fn points(&self) -> [u32; 3] {
-        self.points
-    }
-
-    fn value<S: Scalar>(&self, x: &[Point3<S>; 3]) -> S {
-        // Differences to the first corner, so that a translation changes no bit.
-        let offset = (x[1] - x[0]) * S::of(self.weights[1]) + (x[2] - x[0]) * S::of(self.weights[2]);
-        let height = self.origin.map(S::of) - x[0] - offset;
-        height.dot(&self.normal.map(S::of)) - S::of(self.thickness)
-    }
-
-    #[inline]
-    fn value_and_gradient(&self, x: &[Point3<f64>; 3]) -> Option<(f64, [Vector3<f64>; 3])> {
-        Some((self.value(x), self.weights.map(|w| self.normal * -w)))
     }
 }

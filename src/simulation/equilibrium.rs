@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::constraints::EnclosedVolume;
+use crate::constraints::Quadratic;
 use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
 use crate::contact::{Contacts, Placed, Row};
@@ -10,7 +11,6 @@ use crate::particles::Particles;
 use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
 use crate::solvers::energy::{Energy, Inertia};
-use crate::solvers::potential::Quadratic;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};

@@ -51,6 +51,8 @@ pub struct Parts<'a> {
 /// A muscle's shape as a function of the prescribed one.
 pub struct Tracked {
     solver: Newton,
+    /// What draws it to its target; the first elastic part.
+    tracking: Tracking,
     /// Its tone.
     tension: Tension,
     /// Vertices that at rest lie on an obstacle, and the direction away from it in its own frame.
@@ -107,9 +109,8 @@ impl Tracked {
             ..Energy::default()
         };
         let shares = stiffness.iter().map(|k| k * tracking).collect();
-        energy
-            .elastic
-            .push(Box::new(Tracking::new(points, shares, shape.clone())));
+        let tracking = Tracking::new(points, shares, shape.clone());
+        energy.elastic.push(Box::new(tracking.clone()));
         let tension = Tension::new(edges.to_vec(), stiffness);
         energy.elastic.push(Box::new(tension.clone()));
         let lies_on = system.contacts.as_ref().map_or_else(Vec::new, |contacts| {
@@ -120,6 +121,7 @@ impl Tracked {
         let solver = Newton::new(energy, &shape, &particles.inverse_mass, settings)?;
         Ok(Self {
             solver,
+            tracking,
             tension,
             lies_on,
             outcome: Outcome::default(),
@@ -146,12 +148,7 @@ impl Tracked {
             .held
             .iter()
             .for_each(|h| x[h.vertex as usize] = placed[h.bone].now * h.local);
-        self.solver
-            .problem
-            .energy
-            .elastic
-            .iter_mut()
-            .for_each(|part| part.aim(next));
+        self.solver.problem.energy.elastic[0] = Box::new(self.tracking.toward(next));
         last.copy_from_slice(next);
         self.solver.problem.energy.forces = self.support(placed);
         let obstacles = system.contacts.as_ref().map_or(&[][..], |c| c.obstacles());

@@ -3,10 +3,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use crate::constraints::Potential;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
-use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A plane, at rest or carried by a triangle, or a sphere, that a vertex must stay over: n.(x - y) >= 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -231,15 +230,6 @@ impl Touching {
     }
 }
 
-impl State for Touching {
-    // Found anew from positions whenever it is needed.
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
-    }
-}
-
 impl Potential for Touching {
     fn name(&self) -> &'static str {
         "contact of skin and implant"
@@ -333,17 +323,6 @@ impl Potential for Touching {
             }
         }
     }
-
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        // Judged by what the springs exert.
-        0.0
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        self.touches.capacity() * size_of::<Touch>()
-    }
 }
 
 /// Springs of rest length zero that hold vertices near places [N/m].
@@ -353,14 +332,6 @@ pub struct Anchors {
     pub places: Vec<(u32, Point3<f64>)>,
     /// Stiffness of each [N/m].
     pub stiffness: f64,
-}
-
-impl State for Anchors {
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
-    }
 }
 
 impl Potential for Anchors {
@@ -395,15 +366,5 @@ impl Potential for Anchors {
         self.places
             .iter()
             .for_each(|(v, _)| add(*v, *v, self.stiffness));
-    }
-
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        0.0
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        self.places.capacity() * size_of::<(u32, Point3<f64>)>()
     }
 }

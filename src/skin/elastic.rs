@@ -3,8 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::constraints::distance::Distance;
-use crate::solvers::potential::{Potential, Quadratic};
-use crate::state::{Corrupt, Reader, State, Writer};
+use crate::constraints::{Potential, Quadratic};
 
 /// The energy sum k (l - l0)^2 / 2.
 #[derive(Clone, Debug)]
@@ -28,17 +27,6 @@ impl Elastic {
                 .zip(stiffness.iter().copied())
                 .collect(),
         }
-    }
-}
-
-impl State for Elastic {
-    fn save(&self, to: &mut Writer) {
-        let Self { energy, springs: _ } = self;
-        energy.save(to);
-    }
-
-    fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        self.energy.restore(from)
     }
 }
 
@@ -91,14 +79,6 @@ impl Potential for Elastic {
 
     fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
         self.energy.force_scale(x)
-    }
-
-    fn remember(&mut self, x: &[Point3<f64>]) {
-        self.energy.remember(x);
-    }
-
-    fn bytes(&self) -> usize {
-        self.energy.bytes() + self.springs.capacity() * size_of::<(Distance, f64)>()
     }
 }
 

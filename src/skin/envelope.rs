@@ -2,10 +2,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
-use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
 
 /// Share of its stiffness with which a spring pulls its ends together however long it is: it spreads the vertices of a
 /// slack shell, whose places would be anyone's guess, and costs as much as a strain of one in a hundred.
@@ -53,14 +52,6 @@ impl Envelope {
             let [a, b] = spring.points.map(|p| x[p as usize]);
             (spring.points, a - b, (a - b).norm(), spring.rest, *k)
         })
-    }
-}
-
-impl State for Envelope {
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
     }
 }
 
@@ -133,11 +124,5 @@ impl Potential for Envelope {
             .zip(&self.stiffness)
             .for_each(|(spring, k)| sum.add((k * spring.rest).powi(2)));
         (sum.total() / self.springs.len().max(1) as f64).sqrt()
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        self.springs.capacity() * size_of::<Distance>() + self.stiffness.capacity() * 8
     }
 }

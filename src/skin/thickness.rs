@@ -4,9 +4,8 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::contact::law;
 use super::layers::Layers;
+use crate::constraints::Potential;
 use crate::mesh::sum::Compensated;
-use crate::solvers::potential::Potential;
-use crate::state::{Corrupt, Reader, State, Writer};
 
 /// It begins to resist where what lies between the layers has this share of its volume, and as a spring from as far below
 /// [`MIDDLE`].
@@ -105,14 +104,6 @@ impl Thickness {
     }
 }
 
-impl State for Thickness {
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
-    }
-}
-
 impl Potential for Thickness {
     fn name(&self) -> &'static str {
         "thickness of the skin"
@@ -162,17 +153,6 @@ impl Potential for Thickness {
                 }
             }
         }
-    }
-
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        // Judged by what the springs exert.
-        0.0
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        self.prisms.capacity() * size_of::<Prism>()
     }
 }
 

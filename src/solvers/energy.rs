@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::potential::{Potential, volume_hessian};
 use super::press::Press;
 use crate::constraints::EnclosedVolume;
+use crate::constraints::potential::{Potential, volume_hessian};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{Corrupt, Reader, State, Writer};
@@ -143,7 +143,8 @@ impl Energy {
 
     /// Lets constraints that are known up to a period take note of where they are.
     pub fn remember(&mut self, x: &[Point3<f64>]) {
-        self.elastic.iter_mut().for_each(|part| part.remember(x));
+        let memories = self.elastic.iter_mut().filter_map(|part| part.memory_mut());
+        memories.for_each(|memory| memory.remember(x));
     }
 }
 
@@ -157,12 +158,12 @@ impl State for Energy {
             volumes: _,
             press: _,
         } = self;
-        elastic.iter().for_each(|part| part.save(to));
+        let memories = elastic.iter().filter_map(|part| part.memory());
+        memories.for_each(|memory| memory.save(to));
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        self.elastic
-            .iter_mut()
-            .try_for_each(|part| part.restore(from))
+        let mut memories = self.elastic.iter_mut().filter_map(|part| part.memory_mut());
+        memories.try_for_each(|memory| memory.restore(from))
     }
 }

@@ -5,9 +5,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::potential::Potential;
-use crate::constraints::lanes::Width;
-use crate::constraints::{Project, Residual};
+use crate::constraints::{Potential, Project};
 use crate::particles::{Packed, Particles};
 use crate::state::{Corrupt, Reader, State, Writer};
 
@@ -22,7 +20,6 @@ pub struct Grip {
     pub stiffness: f64,
     /// Force times the square of the step [N s^2], as multipliers of constraints are kept.
     multiplier: Vector3<f64>,
-    calls: u64,
 }
 
 /// The name of what a grip does, as an effect.
@@ -36,14 +33,12 @@ impl Grip {
             to,
             stiffness,
             multiplier: Vector3::zeros(),
-            calls: 0,
         }
     }
 
     /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the update of \[macklin2016\] with the
     /// unit matrix as gradient.
     fn displacement(&mut self, x: &Point3<f64>, w: f64, dt: f64) -> Vector3<f64> {
-        self.calls += 1;
         let compliance = 1.0 / (self.stiffness * dt * dt);
         // Nothing moves a vertex that is held, and a spring without stiffness moves none.
         if !(w > 0.0 && compliance.is_finite()) {
@@ -72,10 +67,6 @@ impl Project for Grip {
         1
     }
 
-    fn bytes(&self) -> usize {
-        size_of::<Self>()
-    }
-
     fn begin_step(&mut self) {
         self.multiplier = Vector3::zeros();
     }
@@ -91,26 +82,6 @@ impl Project for Grip {
         let [x, y, z, w] = packed.slots[place].0;
         let moved = self.displacement(&Point3::new(x, y, z), w, dt);
         packed.slots[place].0 = [x + moved.x, y + moved.y, z + moved.z, w];
-    }
-
-    /// None: a hand's spring is not meant to be satisfied.
-    fn residual(&self, _: &Particles, _: f64) -> Residual {
-        Residual::default()
-    }
-
-    /// None, as of [`Self::residual`].
-    fn residual_at(&self, _: &Particles, _: f64, _: u32) -> Option<f64> {
-        None
-    }
-
-    fn calls(&self) -> u64 {
-        self.calls
-    }
-
-    fn set_width(&mut self, _: Width) {}
-
-    fn skipped(&self) -> u64 {
-        0
     }
 }
 
@@ -140,17 +111,6 @@ impl Potential for Grip {
 
     fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
         add(self.vertex, self.vertex, self.stiffness);
-    }
-
-    /// None: the muscle's own forces are the scale.
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        0.0
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        size_of::<Self>()
     }
 }
 

@@ -17,7 +17,6 @@ pub mod grip;
 mod history;
 #[cfg(feature = "sparse")]
 pub mod newton;
-pub mod potential;
 pub mod press;
 #[cfg(feature = "sparse")]
 pub mod quasi_static;

@@ -2,10 +2,9 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::potential::Potential;
+use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
-use crate::state::{Corrupt, Reader, State, Writer};
 
 /// How fast the force of passive muscle grows with its strain: by a factor e each time that the strain grows by the
 /// inverse of this. The exponent 4 over the strain 0.6 at the greatest isometric force \[thelen2003\].
@@ -145,21 +144,6 @@ impl Potential for Tension {
             .map(|(e, k)| (k * e.rest).powi(2))
             .sum();
         (squares / self.edges.len().max(1) as f64).sqrt()
-    }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn bytes(&self) -> usize {
-        self.edges.capacity() * std::mem::size_of::<Distance>() + self.stiffness.capacity() * 8
-    }
-}
-
-/// It knows nothing but its edges.
-impl State for Tension {
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
     }
 }
 

@@ -3,9 +3,8 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::potential::Potential;
+use crate::constraints::Potential;
 use crate::mesh::sum::Compensated;
-use crate::state::{Corrupt, Reader, State, Writer};
 
 /// The energy `sum k |d_a - d_b|^2 / 2` over edges, `d` the displacement from the target: a membrane of corrections. It
 /// is quadratic, so that without obstacles its minimum is unique and moves smoothly with the target.
@@ -25,6 +24,15 @@ impl Tracking {
             edges,
             stiffness,
             target,
+        }
+    }
+
+    /// The same edges, drawn to another target [m].
+    #[must_use]
+    pub fn toward(&self, target: &[Point3<f64>]) -> Self {
+        Self {
+            target: target.to_vec(),
+            ..self.clone()
         }
     }
 
@@ -96,25 +104,6 @@ impl Potential for Tracking {
             .sum();
         (squares / self.edges.len().max(1) as f64).sqrt()
     }
-
-    fn remember(&mut self, _: &[Point3<f64>]) {}
-
-    fn aim(&mut self, target: &[Point3<f64>]) {
-        self.target.copy_from_slice(target);
-    }
-
-    fn bytes(&self) -> usize {
-        self.edges.capacity() * 8 + self.stiffness.capacity() * 8 + self.target.capacity() * 24
-    }
-}
-
-/// Every step sets the target.
-impl State for Tracking {
-    fn save(&self, _: &mut Writer) {}
-
-    fn restore(&mut self, _: &mut Reader<'_>) -> Result<(), Corrupt> {
-        Ok(())
-    }
 }
 
 #[cfg(test)]
@@ -169,12 +158,12 @@ mod tests {
 
     #[test]
     fn a_shifted_target_costs_nothing_and_is_where_it_rests() {
-        let (mut part, x) = drawn();
+        let (part, x) = drawn();
         let shifted: Vec<Point3<f64>> = x
             .iter()
             .map(|p| p + Vector3::new(0.25, -0.5, 1.0))
             .collect();
-        part.aim(&shifted);
+        let part = part.toward(&shifted);
         let size = greatest(x.iter().map(|p| p.coords.norm())) + 1.25;
         assert!(part.energy(&x) <= 300.0 * 5.0 * (8.0 * f64::EPSILON * size).powi(2));
         assert!(drawn().0.energy(&x) > 1e-3, "control");

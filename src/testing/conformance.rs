@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::draw::Draw;
 use super::dual::Dual;
 use super::subject::{Fixed, Subject};
-use crate::constraints::{Constraint, Parameter, Scalar};
+use crate::constraints::{Parameter, Scalar, Spec};
 
 /// A check that did not hold.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -145,7 +145,7 @@ fn taylor<T: Subject>(
 ///
 /// # Errors
 /// The first check that does not hold.
-pub fn check_constraint<C: Constraint<K>, const K: usize>(
+pub fn check_constraint<C: Spec<K>, const K: usize>(
     seed: u64,
     cases: usize,
 ) -> Result<(), Failure> {
@@ -165,7 +165,7 @@ pub fn check_constraint<C: Constraint<K>, const K: usize>(
             .map_err(|d| fail("translation, bit for bit (P3)", d))?;
         scaling(&kind, &x, &parameters).map_err(|d| fail("unit of length, bit for bit (P8)", d))?;
         balance::<C, K>(&kind, &x).map_err(|d| fail("forces and torques balance (P5, P6)", d))?;
-        if C::UNIT {
+        if C::kernel().has_unit_gradients() {
             let at = kind.value_and_gradient(&std::array::from_fn(|k| x[k]));
             at.map_or(Ok(()), |(_, g)| unit(&g))
                 .map_err(|d| fail("gradients of length one", d))?;
@@ -221,7 +221,7 @@ fn same_bits<const K: usize>(
     }
 }
 
-fn translation<C: Constraint<K>, const K: usize>(
+fn translation<C: Spec<K>, const K: usize>(
     kind: &C,
     x: &[Point3<f64>],
     parameters: &[f64],
@@ -238,7 +238,7 @@ fn translation<C: Constraint<K>, const K: usize>(
     )
 }
 
-fn scaling<C: Constraint<K>, const K: usize>(
+fn scaling<C: Spec<K>, const K: usize>(
     kind: &C,
     x: &[Point3<f64>],
     parameters: &[f64],
@@ -264,7 +264,7 @@ fn scaling<C: Constraint<K>, const K: usize>(
     Ok(())
 }
 
-/// Each gradient has length one to rounding, as a constraint says that declares [`Constraint::UNIT`].
+/// Each gradient has length one to rounding, as [`crate::constraints::LaneConstraint::UNIT`] declares.
 fn unit(gradient: &[Vector3<f64>]) -> Result<(), String> {
     let off = |g: &Vector3<f64>| (g.norm() - 1.0).abs();
     match gradient.iter().find(|g| !(off(g) <= 4.0 * f64::EPSILON)) {
@@ -273,7 +273,7 @@ fn unit(gradient: &[Vector3<f64>]) -> Result<(), String> {
     }
 }
 
-fn balance<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Result<(), String> {
+fn balance<C: Spec<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Result<(), String> {
     let places = C::PARAMETERS
         .iter()
         .any(|p| matches!(p, Parameter::Coordinate(_) | Parameter::Direction(_)));
@@ -298,7 +298,7 @@ fn balance<C: Constraint<K>, const K: usize>(kind: &C, x: &[Point3<f64>]) -> Res
     Ok(())
 }
 
-fn rotation<C: Constraint<K>, const K: usize>(
+fn rotation<C: Spec<K>, const K: usize>(
     kind: &C,
     x: &[Point3<f64>],
     parameters: &[f64],
@@ -349,7 +349,7 @@ mod tests {
 
     struct Conformance(Vec<&'static str>);
     impl ForEachKind for Conformance {
-        fn visit<C: Constraint<K>, const K: usize>(&mut self) {
+        fn visit<C: Spec<K>, const K: usize>(&mut self) {
             check_constraint::<C, K>(1, 256).unwrap_or_else(|f| panic!("{f}"));
             self.0.push(C::NAME);
         }
@@ -364,7 +364,7 @@ mod tests {
 
     struct Rejected;
     impl ForEachKind for Rejected {
-        fn visit<C: Constraint<K>, const K: usize>(&mut self) {
+        fn visit<C: Spec<K>, const K: usize>(&mut self) {
             let mut draw = Draw::new(2);
             let x = draw.shape(K);
             let mut parameters = draw.parameters(C::PARAMETERS);

@@ -93,7 +93,7 @@ fn p20_a_collapsed_edge_is_skipped_and_a_tiny_or_huge_one_is_not() {
     let before = bits(&particles);
     let mut one = batch(vec![edge], 0.0, Order::Stored, 2);
     one.project(&mut particles, 0.01);
-    assert_eq!((bits(&particles), one.skipped()), (before, 1));
+    assert_eq!((bits(&particles), one.usage().skipped), (before, 1));
     let mut draw = Draw::new(20);
     for exponent in [-300, -170, -100, 0, 100, 170, 300] {
         let d = draw.direction() * 10f64.powi(exponent);
@@ -147,7 +147,7 @@ fn p21_a_triangle_without_area_is_skipped_by_a_relative_rule() {
     let mut one = batch(vec![Bending::new([0, 1, 2, 3], 0.1)], 0.0, Order::Stored, 4);
     one.project(&mut particles, 0.01);
     assert_eq!(
-        (particles.position.as_slice(), one.skipped()),
+        (particles.position.as_slice(), one.usage().skipped),
         (needle.as_slice(), 1)
     );
 }
@@ -211,7 +211,7 @@ fn p22_a_tetrahedron_without_extent_is_left_alone() {
             4,
         );
         one.project(&mut particles, 0.01);
-        assert_eq!((bits(&particles), one.skipped()), (before.clone(), 1));
+        assert_eq!((bits(&particles), one.usage().skipped), (before.clone(), 1));
         let mut closed = EnclosedVolume::new(&tetrahedron().triangles, 4, 1.0, 0.0);
         assert!(closed.project(&mut particles, 0.01).is_err());
         assert_eq!((bits(&particles), closed.unsolved()), (before, 1));
@@ -239,7 +239,7 @@ fn p23_coincident_particles_stay_finite() {
             let mut batch = batch(all.clone(), 0.0, Order::Coloured, n as usize);
             (0..20).for_each(|_| batch.project(&mut particles, 0.01));
             assert!(finite(&particles));
-            (bits(&particles), batch.skipped(), particles)
+            (bits(&particles), batch.usage().skipped, particles)
         };
         // The documented rule: an edge without direction is skipped and counted.
         let (same, skipped, _) = run(0.0);

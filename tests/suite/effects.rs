@@ -188,7 +188,12 @@ fn traces(wish: &Wish) -> Traces {
             .iter()
             .map(|(name, (_, calls))| (*name, *calls))
             .collect(),
-        bytes: system.elastic.iter().map(|b| b.bytes()).chain(held).sum(),
+        bytes: system
+            .elastic
+            .iter()
+            .map(|b| b.usage().bytes)
+            .chain(held)
+            .sum(),
         gravity: system.settings.gravity.into(),
         velocity_factor: system.settings.velocity_factor,
         obstacles: system.contacts.as_ref().map_or(0, |c| c.obstacles().len()),

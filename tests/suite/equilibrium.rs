@@ -3,7 +3,8 @@
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use pliant::constraints::second::Second;
 use pliant::constraints::{
-    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, for_each_kind,
+    Bending, Constraint, Distance, EnclosedVolume, ForEachKind, Potential, Quadratic, Spec,
+    for_each_kind,
 };
 use pliant::contact::Row;
 use pliant::mesh::TriangleMesh;
@@ -13,7 +14,6 @@ use pliant::mesh::topology::Topology;
 use pliant::solvers::descent::{Guard, Settings, Unguarded};
 use pliant::solvers::energy::Energy;
 use pliant::solvers::newton::Newton;
-use pliant::solvers::potential::{Potential, Quadratic};
 use pliant::solvers::quasi_static::QuasiStatic;
 use pliant::solvers::sparse::{Factor, FactorError};
 use pliant::solvers::stiffness;
@@ -57,7 +57,7 @@ fn hessian_error<C: Constraint<K>, const K: usize>(
 }
 
 impl ForEachKind for Derivatives {
-    fn visit<C: Constraint<K>, const K: usize>(&mut self) {
+    fn visit<C: Spec<K>, const K: usize>(&mut self) {
         self.kinds += 1;
         let mut orders = Vec::new();
         for _ in 0..20 {

@@ -1,7 +1,7 @@
 //! Errata of the first source that no promise of another file shows; `docs/errata.md` lists them all.
 
 use nalgebra::{Isometry3, Point3, Vector3};
-use pliant::constraints::{Batch, Constraint, Distance, Order, Parameter, Project, Scalar};
+use pliant::constraints::{Batch, Constraint, Distance, Order, Project, Scalar};
 use pliant::contact::ways::{BitGrid, Fill, Voxels, Way};
 use pliant::contact::{Contacts, Obstacle, Placed, Surface};
 use pliant::io::{read_bytes, vtk};
@@ -25,14 +25,6 @@ struct Scaled {
 
 impl Constraint<2> for Scaled {
     const NAME: &'static str = "scaled distance";
-    const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] = Distance::PARAMETERS;
-    fn from_parameters(points: [u32; 2], p: &[f64]) -> Self {
-        Self {
-            edge: Distance::from_parameters(points, p),
-            by: 1.0,
-        }
-    }
     fn points(&self) -> [u32; 2] {
         self.edge.points
     }

@@ -2,8 +2,8 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::constraints::{
-    Batch, Bending, Constraint, Distance, EnclosedVolume, Lane, Order, Parameter, Project, Scalar,
-    Several, Width,
+    Batch, Bending, Constraint, Distance, EnclosedVolume, Kernel, Lane, LaneConstraint, Order,
+    Periodic, Project, Scalar, Several, Width,
 };
 use pliant::mesh::shapes::icosphere;
 use pliant::particles::Particles;
@@ -83,7 +83,7 @@ fn swept<C: Constraint<K>, const K: usize>(
         Left {
             particles: bits(&particles),
             multipliers,
-            skipped: batch.skipped(),
+            skipped: batch.usage().skipped,
         },
         batch.constraints().to_vec(),
     )
@@ -211,19 +211,67 @@ fn p42_lanes_change_no_bit_of_the_volume() {
     assert!(one != bits(&body));
 }
 
+/// A hinge without its form in lanes, and without its branch where `ON_BRANCH` is false.
+#[derive(Clone, Copy, PartialEq)]
+struct OneByOne<const ON_BRANCH: bool>(Bending);
+
+impl<const ON_BRANCH: bool> Constraint<4> for OneByOne<ON_BRANCH> {
+    fn points(&self) -> [u32; 4] {
+        self.0.points
+    }
+    fn value<S: Scalar>(&self, x: &[Point3<S>; 4]) -> S {
+        self.0.value(x)
+    }
+    fn value_and_gradient(&self, x: &[Point3<f64>; 4]) -> Option<(f64, [Vector3<f64>; 4])> {
+        self.0.value_and_gradient(x)
+    }
+    fn kernel() -> Kernel<Self, 4> {
+        if ON_BRANCH {
+            Kernel::periodic()
+        } else {
+            Kernel::one_by_one()
+        }
+    }
+}
+
+impl<const ON_BRANCH: bool> Periodic<4> for OneByOne<ON_BRANCH> {
+    fn branch(&self) -> f64 {
+        self.0.branch()
+    }
+    fn set_branch(&mut self, value: f64) {
+        self.0.set_branch(value);
+    }
+}
+
+/// What hinges leave without lanes, and their branches then.
+fn without_lanes<const ON_BRANCH: bool>(all: &[Bending], body: &Particles) -> (Left, Vec<Bending>) {
+    let all: Vec<OneByOne<ON_BRANCH>> = all.iter().copied().map(OneByOne).collect();
+    let (left, then) = swept(&all, body, Width::best());
+    (left, then.into_iter().map(|hinge| hinge.0).collect())
+}
+
+#[test]
+fn a_hinge_one_by_one_on_its_branch_leaves_the_bits_of_lanes() {
+    let (mesh, body) = odd_body();
+    let all = hinges(&mesh);
+    let (lanes, then) = swept(&all, &body, Width::best());
+    let (left, branches) = without_lanes::<true>(&all, &body);
+    assert!(left == lanes && branches == then);
+    let (_, branches) = without_lanes::<false>(&all, &body);
+    assert!(branches != then, "control: without a branch none is stored");
+    assert!(
+        left != lanes,
+        "control: some hinge went through half a turn"
+    );
+}
+
 /// A distance whose form in lanes is not the scalar one: what the comparison must find.
 #[derive(Clone, Copy, PartialEq)]
 struct Wrong<const HOW: usize>(Distance);
 
 impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
     const NAME: &'static str = "wrong";
-    const DEGREE: i32 = 1;
-    const PARAMETERS: &'static [Parameter] = &[Parameter::Length];
-    const LANES: bool = true;
 
-    fn from_parameters(points: [u32; 2], parameters: &[f64]) -> Self {
-        Self(Distance::from_parameters(points, parameters))
-    }
     fn points(&self) -> [u32; 2] {
         self.0.points
     }
@@ -233,6 +281,14 @@ impl<const HOW: usize> Constraint<2> for Wrong<HOW> {
     fn value_and_gradient(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
         self.0.value_and_gradient(x)
     }
+    fn kernel() -> Kernel<Self, 2> {
+        Kernel::in_lanes()
+    }
+}
+
+impl<const HOW: usize> LaneConstraint<2> for Wrong<HOW> {
+    const UNIT: bool = true;
+
     #[inline(always)]
     fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; 2]) -> Several<N, 2> {
         let mut at = *x;

@@ -19,7 +19,7 @@ use pliant::particles::Particles;
 use pliant::solvers::descent::{Settings as Limits, Unguarded};
 use pliant::solvers::energy::Energy;
 use pliant::solvers::newton::Newton;
-use pliant::solvers::potential::Quadratic;
+use pliant::constraints::Quadratic;
 use pliant::solvers::quasi_static::QuasiStatic;
 use pliant::solvers::{Settings, System, stiffness};
 use rapier3d::prelude::{PhysicsWorld, SoftBodyBuilder, SoftBodyHandle, SoftBodyMaterial, SpringCoefficients, Vector};

@@ -1,11 +1,11 @@
 //! Bodies of edges and hinges that the crate's solvers of equilibrium bring to rest.
 
 use nalgebra::{Point3, Vector3};
+use pliant::constraints::Quadratic;
 use pliant::constraints::{Bending, Distance, EnclosedVolume};
 use pliant::solvers::descent::{Outcome, Settings, Unguarded};
 use pliant::solvers::energy::{Energy, Inertia};
 use pliant::solvers::newton::Newton;
-use pliant::solvers::potential::Quadratic;
 use pliant::solvers::quasi_static::QuasiStatic;
 
 use crate::tolerances::{T17, worst};

@@ -1,46 +1,16 @@
-//! Elastic energy: half the stiffness times the square of each constraint, with its first two derivatives.
+//! The energy k C^2 / 2 of constraints, with its first two derivatives.
 
-use nalgebra::{DMatrix, Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::constraints::batch::{restore_memory, save_memory};
-use crate::constraints::lanes::{self, InLanes, Lane, Several, Width, unrolled};
-use crate::constraints::second::Second;
-use crate::constraints::{Constraint, EnclosedVolume};
+use super::batch::{restore_branches, save_branches};
+use super::lanes::{self, InLanes, Lane, Several, Width, unrolled};
+use super::potential::{Memory, Potential, positive_part};
+use super::second::Second;
+use super::{Constraint, LaneConstraint};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 use crate::particles::Slot;
 use crate::state::{Corrupt, Reader, State, Writer};
-
-/// A part of a body's energy. Its state goes into checkpoints.
-pub trait Potential: State + Send + Sync {
-    /// The effect's name.
-    fn name(&self) -> &'static str;
-    /// Energy [J] at positions `x` [m].
-    fn energy(&self, x: &[Point3<f64>]) -> f64;
-    /// Energy [J]; adds its gradient [N] to `gradient`, one entry a vertex.
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64;
-    /// Calls `pair` with every two vertices between which the second derivative may differ from zero.
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32));
-    /// Calls `add` with the blocks of the second derivative [N/m], by row and column; with `convex`, of its nearest
-    /// positive semi-definite part, constraint by constraint.
-    fn hessian(
-        &self,
-        x: &[Point3<f64>],
-        convex: bool,
-        add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
-    );
-    /// Calls `add` with entries [N/m] of a positive semi-definite matrix over vertices that stands for the second
-    /// derivative at `x` in every direction of space.
-    fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64));
-    /// Greatest force [N] that a unit of strain or angle gives, a scale to judge forces by.
-    fn force_scale(&self, x: &[Point3<f64>]) -> f64;
-    /// Lets constraints whose value is known up to a period take note of where they are.
-    fn remember(&mut self, x: &[Point3<f64>]);
-    /// Takes note of the shape that the body is to track [m], one place a vertex; most parts track none.
-    fn aim(&mut self, _target: &[Point3<f64>]) {}
-    /// Heap memory held [bytes].
-    fn bytes(&self) -> usize;
-}
 
 /// The energy k C^2 / 2 of constraints of one kind, k the stiffness of each [J per unit of C squared].
 #[derive(Clone, Debug)]
@@ -77,11 +47,11 @@ impl<C: Constraint<K>, const K: usize> State for Quadratic<C, K> {
             constraints,
             stiffness: _,
         } = self;
-        save_memory(constraints, to);
+        save_branches(constraints, to);
     }
 
     fn restore(&mut self, from: &mut Reader<'_>) -> Result<(), Corrupt> {
-        restore_memory(&mut self.constraints, from)
+        restore_branches(&mut self.constraints, from)
     }
 }
 
@@ -112,7 +82,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
             gradient,
             sum: &mut sum,
         };
-        lanes::run(if C::LANES { Width::best() } else { Width::One }, forces);
+        (C::kernel().forces)(forces);
         sum.total()
     }
 
@@ -180,25 +150,31 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
         (sum.total() / self.constraints.len().max(1) as f64).sqrt()
     }
 
+    fn memory(&self) -> Option<&dyn Memory> {
+        C::kernel().branch.map(|_| self as &dyn Memory)
+    }
+
+    fn memory_mut(&mut self) -> Option<&mut dyn Memory> {
+        C::kernel().branch.map(|_| self as &mut dyn Memory)
+    }
+}
+
+impl<C: Constraint<K>, const K: usize> Memory for Quadratic<C, K> {
     fn remember(&mut self, x: &[Point3<f64>]) {
-        if !C::PERIODIC {
+        let Some(branch) = C::kernel().branch else {
             return;
-        }
+        };
         for constraint in &mut self.constraints {
             let at = constraint.points().map(|p| x[p as usize]);
             if let Some((c, _)) = constraint.value_and_gradient(&at) {
-                constraint.remember(c);
+                (branch.set)(constraint, c);
             }
         }
-    }
-
-    fn bytes(&self) -> usize {
-        self.constraints.capacity() * size_of::<C>() + self.stiffness.capacity() * 8
     }
 }
 
 /// Energy and forces, added in the order of the constraints however many are computed at once.
-struct Forces<'a, C, const K: usize> {
+pub(crate) struct Forces<'a, C, const K: usize> {
     of: &'a Quadratic<C, K>,
     x: &'a [Point3<f64>],
     slots: &'a [Slot],
@@ -224,7 +200,9 @@ impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
             self.add(j, value, &gradient.map(Into::into));
         }
     }
+}
 
+impl<C: LaneConstraint<K>, const K: usize> Forces<'_, C, K> {
     #[inline(always)]
     fn side_by_side<N: Lane>(&mut self, machine: N::Machine, j: usize) {
         let these = &self.of.constraints[j..j + N::COUNT];
@@ -259,11 +237,11 @@ impl<C: Constraint<K>, const K: usize> Forces<'_, C, K> {
     }
 }
 
-impl<C: Constraint<K>, const K: usize> InLanes for Forces<'_, C, K> {
+impl<C: LaneConstraint<K>, const K: usize> InLanes for Forces<'_, C, K> {
     #[inline(always)]
     fn run<N: Lane>(mut self, machine: N::Machine) {
         let (count, mut next) = (self.of.constraints.len(), 0);
-        if C::LANES && N::COUNT > 1 {
+        if N::COUNT > 1 {
             while next + N::COUNT <= count {
                 self.side_by_side::<N>(machine, next);
                 next += N::COUNT;
@@ -273,34 +251,12 @@ impl<C: Constraint<K>, const K: usize> InLanes for Forces<'_, C, K> {
     }
 }
 
-/// The nearest positive semi-definite matrix: negative eigenvalues become zero.
-fn positive_part<const K: usize>(blocks: &[[Matrix3<f64>; K]; K]) -> [[Matrix3<f64>; K]; K] {
-    let whole = DMatrix::from_fn(3 * K, 3 * K, |r, c| blocks[r / 3][c / 3][(r % 3, c % 3)]);
-    let mut split = whole.symmetric_eigen();
-    split.eigenvalues.iter_mut().for_each(|v| *v = v.max(0.0));
-    let whole = split.recompose();
-    std::array::from_fn(|i| {
-        std::array::from_fn(|j| whole.fixed_view::<3, 3>(3 * i, 3 * j).into_owned())
-    })
+/// Adds energy and forces of one constraint after the other.
+pub(crate) fn one_by_one<C: Constraint<K>, const K: usize>(mut forces: Forces<'_, C, K>) {
+    (0..forces.of.constraints.len()).for_each(|j| forces.alone(j));
 }
 
-/// Second derivative of the enclosed volume: calls `add` with its blocks times `factor`, by row and column.
-pub fn volume_hessian(
-    volume: &EnclosedVolume,
-    x: &[Point3<f64>],
-    factor: f64,
-    add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
-) {
-    for t in volume.triangles() {
-        let p = t.map(|v| x[v as usize]);
-        for k in 0..3 {
-            // V = a.(b x c)/6: d2V/(da db) v = (v x c)/6. On a closed surface only the difference of c to that of the
-            // edge's other triangle survives, so both may count from the middle of the edge.
-            let (i, j, c) = (t[k], t[(k + 1) % 3], p[(k + 2) % 3]);
-            let middle = nalgebra::center(&p[k], &p[(k + 1) % 3]);
-            let block = (c - middle).cross_matrix() * (-factor / 6.0);
-            add(i, j, &block);
-            add(j, i, &block.transpose());
-        }
-    }
+/// Adds energy and forces of as many constraints at once as the processor has lanes.
+pub(crate) fn in_lanes<C: LaneConstraint<K>, const K: usize>(forces: Forces<'_, C, K>) {
+    lanes::run(Width::best(), forces);
 }

@@ -1,0 +1,145 @@
+//! Evaluation of one kind of constraints in sweeps and energies: one by one or in lanes, with or without a branch.
+
+use super::lanes::{Lane, Several, Width};
+use super::projection::{self, Span, Sweep};
+use super::quadratic::{self, Forces};
+use super::{Constraint, Periodic};
+
+/// A constraint that several lanes evaluate at once.
+pub trait LaneConstraint<const K: usize>: Constraint<K> {
+    /// Whether the gradient at each point has length one wherever it is defined: a projection then need not measure it.
+    const UNIT: bool = false;
+
+    /// C(x) and dC/dx_i of several constraints, one a lane, with the bits of [`Constraint::value_and_gradient`] wherever
+    /// `usual` says so.
+    fn in_lanes<N: Lane>(these: &[Self], machine: N::Machine, x: &[[N; 3]; K]) -> Several<N, K>;
+}
+
+/// Facts of a kind of constraints that the loops of sweeps and energies need when they are compiled.
+pub(crate) trait Mode<C, const K: usize> {
+    /// See [`LaneConstraint::UNIT`].
+    const UNIT: bool;
+    /// Whether each constraint stores its branch.
+    const PERIODIC: bool;
+    /// Stores C as the branch of a constraint, if it has one.
+    fn note(constraint: &mut C, value: f64);
+}
+
+/// One by one, no branch.
+pub(crate) struct Plain;
+/// In lanes, no branch.
+pub(crate) struct Lanes;
+/// One by one, on a branch.
+pub(crate) struct OnBranch;
+/// In lanes, on a branch.
+pub(crate) struct LanesOnBranch;
+
+impl<C: Constraint<K>, const K: usize> Mode<C, K> for Plain {
+    const UNIT: bool = false;
+    const PERIODIC: bool = false;
+    #[inline(always)]
+    fn note(_: &mut C, _: f64) {}
+}
+
+impl<C: LaneConstraint<K>, const K: usize> Mode<C, K> for Lanes {
+    const UNIT: bool = C::UNIT;
+    const PERIODIC: bool = false;
+    #[inline(always)]
+    fn note(_: &mut C, _: f64) {}
+}
+
+impl<C: Periodic<K>, const K: usize> Mode<C, K> for OnBranch {
+    const UNIT: bool = false;
+    const PERIODIC: bool = true;
+    #[inline(always)]
+    fn note(constraint: &mut C, value: f64) {
+        constraint.set_branch(value);
+    }
+}
+
+impl<C: Periodic<K> + LaneConstraint<K>, const K: usize> Mode<C, K> for LanesOnBranch {
+    const UNIT: bool = C::UNIT;
+    const PERIODIC: bool = true;
+    #[inline(always)]
+    fn note(constraint: &mut C, value: f64) {
+        constraint.set_branch(value);
+    }
+}
+
+/// Reads and stores the branch of a constraint.
+#[derive(Clone, Copy)]
+pub(crate) struct Branch<C> {
+    pub get: fn(&C) -> f64,
+    pub set: fn(&mut C, f64),
+}
+
+/// A sweep over the spans of a block.
+pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span], Width);
+
+/// The functions by which batches and energies evaluate constraints of one kind; [`Constraint::kernel`] chooses them.
+///
+/// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no other bit of a result.
+#[derive(Clone, Copy)]
+pub struct Kernel<C, const K: usize> {
+    pub(crate) sweep: SweepBlock<C, K>,
+    pub(crate) forces: fn(Forces<'_, C, K>),
+    pub(crate) branch: Option<Branch<C>>,
+    unit: bool,
+}
+
+impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
+    /// One constraint after the other.
+    pub fn one_by_one() -> Self {
+        Self {
+            sweep: projection::one_by_one::<C, Plain, K>,
+            forces: quadratic::one_by_one,
+            branch: None,
+            unit: false,
+        }
+    }
+
+    /// As many constraints at once as the processor has lanes.
+    pub fn in_lanes() -> Self
+    where
+        C: LaneConstraint<K>,
+    {
+        Self {
+            sweep: projection::in_lanes::<C, Lanes, K>,
+            forces: quadratic::in_lanes,
+            branch: None,
+            unit: C::UNIT,
+        }
+    }
+
+    /// One constraint after the other, each on its branch.
+    pub fn periodic() -> Self
+    where
+        C: Periodic<K>,
+    {
+        Self {
+            sweep: projection::one_by_one::<C, OnBranch, K>,
+            branch: Some(Branch {
+                get: C::branch,
+                set: C::set_branch,
+            }),
+            ..Self::one_by_one()
+        }
+    }
+
+    /// As many constraints at once as the processor has lanes, each on its branch.
+    pub fn periodic_in_lanes() -> Self
+    where
+        C: Periodic<K> + LaneConstraint<K>,
+    {
+        Self {
+            sweep: projection::in_lanes::<C, LanesOnBranch, K>,
+            branch: Self::periodic().branch,
+            ..Self::in_lanes()
+        }
+    }
+
+    /// Whether gradients are taken to have length one, see [`LaneConstraint::UNIT`].
+    pub fn has_unit_gradients(&self) -> bool {
+        self.unit
+    }
+}
