@@ -361,7 +361,7 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
         format!("{unconverged} frames are not"),
         unconverged == 0,
     );
-    if plan.volume
+    if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
         && scene.solver.share("volume").is_none()
     {
