@@ -70,7 +70,7 @@ pub fn pareto(rows: &[Row]) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::accuracy::{Candidate, Distance, candidates};
+    use crate::accuracy::{Candidate, Distance, Question};
 
     fn row(time_s: f64, rms: f64, model_error_m: f64, status: Status) -> Row {
         let error = Distance {
@@ -78,7 +78,7 @@ mod tests {
             max: rms,
             frame: 1,
         };
-        let candidate = Candidate::new(candidates::implicit_euler(1, 1e-3), 1);
+        let candidate = Candidate::new(Question::Motion.minimised(1, 1e-3), 1);
         Row {
             error,
             uncertainty_m: 1e-4,

@@ -8,29 +8,64 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::candidates::{Candidate, MOST};
+use super::candidates::Candidate;
 use super::study::{Row, Status, Study};
 use crate::constraints::Order;
-use crate::scene::Solver;
+use crate::scene::solvers::{ENOUGH_ITERATIONS, SOLVERS};
+use crate::scene::{Question, SolverSpec};
 
 /// The sweeps that the shipped model is fitted on, as `pliant accuracy` writes them; `docs/accuracy.md` says which.
 const SWEEPS: &str = include_str!("sweeps.csv");
 
-/// Settings whose times and errors follow one law.
+/// Settings whose times and errors follow one law: those of one solver, equilibria with few iterations apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Family {
-    Sweeps,
-    Limited,
-    Equilibrium,
-    ImplicitEuler,
+struct Family {
+    solver: &'static str,
+    is_limited: bool,
 }
 
-const FAMILIES: [Family; 4] = [
-    Family::Sweeps,
-    Family::Limited,
-    Family::Equilibrium,
-    Family::ImplicitEuler,
-];
+impl Family {
+    /// The family of a solver's settings, and the setting that is varied in it; `None` for settings that no model
+    /// describes.
+    fn of(
+        spec: &SolverSpec,
+        iterations: f64,
+        order: &str,
+        tolerance: Option<f64>,
+    ) -> Option<(Self, f64)> {
+        let question = spec.question?;
+        let solver = spec.key;
+        let Some(tolerance) = tolerance else {
+            let family = Self {
+                solver,
+                is_limited: false,
+            };
+            return (order == Order::Coloured.name()).then_some((family, iterations));
+        };
+        let is_limited =
+            question == Question::Equilibrium && iterations < f64::from(ENOUGH_ITERATIONS);
+        let setting = if is_limited {
+            iterations
+        } else {
+            1.0 / tolerance
+        };
+        Some((Self { solver, is_limited }, setting))
+    }
+
+    /// Every family that may have runs.
+    fn all() -> Vec<Self> {
+        let mut all = Vec::new();
+        for spec in &SOLVERS {
+            for is_limited in [false, true] {
+                all.push(Self {
+                    solver: spec.key,
+                    is_limited,
+                });
+            }
+        }
+        all
+    }
+}
 
 /// Steps a frame, and the setting that is varied.
 type Features = [f64; 2];
@@ -84,14 +119,12 @@ pub struct Model {
 }
 
 fn family(candidate: &Candidate) -> Option<(Family, Features)> {
-    let (family, setting) = match candidate.solver {
-        Solver::Xpbd(s) if s.order == Order::Coloured => (Family::Sweeps, f64::from(s.iterations)),
-        Solver::QuasiStatic(s) if s.iterations < MOST => (Family::Limited, f64::from(s.iterations)),
-        Solver::QuasiStatic(s) => (Family::Equilibrium, 1.0 / s.tolerance),
-        Solver::ImplicitEuler(s) => (Family::ImplicitEuler, 1.0 / s.tolerance),
-        Solver::Xpbd(_) | Solver::Pbd(_) => return None,
-    };
-    Some((family, [f64::from(candidate.solver.substeps()), setting]))
+    let solver = candidate.solver;
+    let tolerance = solver.minimisation().map(|s| s.tolerance);
+    let iterations = f64::from(solver.iterations());
+    let (family, setting) =
+        Family::of(solver.spec(), iterations, solver.order().name(), tolerance)?;
+    Some((family, [f64::from(solver.substeps()), setting]))
 }
 
 impl Model {
@@ -101,14 +134,12 @@ impl Model {
     }
 
     fn fitted(known: &[Known], study: &Study) -> Self {
-        let lines = FAMILIES.iter().map(|f| {
-            (
-                *f,
-                line_of(known, *f, &EXTRA, time),
-                line_of(known, *f, &[0.0], error),
-            )
-        });
-        let lines = lines.collect();
+        let mut lines = Vec::new();
+        for family in Family::all() {
+            let time = line_of(known, family, &EXTRA, time);
+            let error = line_of(known, family, &[0.0], error);
+            lines.push((family, time, error));
+        }
         let work = study.vertices as f64 * study.frames as f64;
         Self {
             lines,
@@ -286,13 +317,8 @@ fn read(csv: &str) -> Vec<Known> {
         };
         let value = |name: &str| text(name)?.parse::<f64>().ok();
         let (steps, iterations) = (value("substeps")?, value("iterations")?);
-        let (family, setting) = match (text("solver")?, text("order")?) {
-            ("xpbd", "coloured") => (Family::Sweeps, iterations),
-            ("quasi_static", _) if iterations < f64::from(MOST) => (Family::Limited, iterations),
-            ("quasi_static", _) => (Family::Equilibrium, 1.0 / value("tolerance")?),
-            ("implicit_euler", _) => (Family::ImplicitEuler, 1.0 / value("tolerance")?),
-            _ => return None,
-        };
+        let spec = SolverSpec::named(text("solver")?)?;
+        let (family, setting) = Family::of(spec, iterations, text("order")?, value("tolerance"))?;
         if text("status")? == "diverged"
             || text("contact")? != super::candidates::HIERARCHY
             || text("lanes")? == "1"
@@ -323,6 +349,11 @@ fn read(csv: &str) -> Vec<Known> {
 mod tests {
     use super::*;
 
+    const SWEEPS_OF_XPBD: Family = Family {
+        solver: "xpbd",
+        is_limited: false,
+    };
+
     /// Times with eight steps' worth of what does not go with them.
     fn known(scene: &str, features: Features, factor: f64) -> Known {
         let ([steps, setting], more) = (logarithms(&features, 0.0), libm::log(features[0] + 8.0));
@@ -330,7 +361,7 @@ mod tests {
         let error = -1.1 * steps - 0.3 * setting - 2.0 * factor;
         Known {
             scene: scene.to_owned(),
-            family: Family::Sweeps,
+            family: SWEEPS_OF_XPBD,
             features,
             time,
             error,
@@ -345,7 +376,7 @@ mod tests {
                 all.push(known(scene, features, factor));
             }
         }
-        let line = line_of(&all, Family::Sweeps, &EXTRA, time);
+        let line = line_of(&all, SWEEPS_OF_XPBD, &EXTRA, time);
         assert!(
             (line.slopes[0] - 0.9).abs() <= 1e-12 && (line.slopes[1] - 0.4).abs() <= 1e-12,
             "{line:?}"
@@ -356,9 +387,9 @@ mod tests {
         );
         assert_eq!(line.extra, 8.0);
         // Controls: without extra steps, or with one number in disorder, the slope is another.
-        assert!((line_of(&all, Family::Sweeps, &[0.0], time).slopes[0] - 0.9).abs() > 0.01);
+        assert!((line_of(&all, SWEEPS_OF_XPBD, &[0.0], time).slopes[0] - 0.9).abs() > 0.01);
         all[5].time += 1.0;
-        assert!((line_of(&all, Family::Sweeps, &[8.0], time).slopes[0] - 0.9).abs() > 0.01);
+        assert!((line_of(&all, SWEEPS_OF_XPBD, &[8.0], time).slopes[0] - 0.9).abs() > 0.01);
     }
 
     #[test]
@@ -366,18 +397,27 @@ mod tests {
         let all: Vec<Known> = [[1.0, 3.0], [2.0, 3.0], [4.0, 3.0]]
             .map(|f| known("a", f, 0.0))
             .to_vec();
-        let line = line_of(&all, Family::Sweeps, &[0.0], error);
+        let line = line_of(&all, SWEEPS_OF_XPBD, &[0.0], error);
         assert!(
             (line.slopes[0] + 1.1).abs() <= 1e-12 && line.slopes[1] == 0.0,
             "{line:?}"
         );
-        assert_eq!(line_of(&[], Family::Sweeps, &EXTRA, time), Line::default());
+        assert_eq!(line_of(&[], SWEEPS_OF_XPBD, &EXTRA, time), Line::default());
     }
 
     #[test]
     fn the_shipped_sweeps_are_of_several_scenes_and_more_work_takes_longer_and_errs_less() {
         let all = read(SWEEPS);
-        for family in FAMILIES {
+        let mut families: Vec<Family> = all.iter().map(|k| k.family).collect();
+        families.dedup();
+        families.sort_unstable_by_key(|f| (f.solver, f.is_limited));
+        families.dedup();
+        let limited = |f: &&Family| f.is_limited;
+        assert_eq!(
+            (families.len(), families.iter().filter(limited).count()),
+            (4, 1)
+        );
+        for family in families {
             let these: Vec<&Known> = all
                 .iter()
                 .filter(|k| k.family == family && k.error.is_finite())

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::candidates::{Candidate, Question, implicit_euler, quasi_static};
+use super::candidates::{Candidate, Question};
 use super::distance::Distance;
 use super::trajectory::Trajectory;
 use crate::constraints::Order;
@@ -37,14 +37,14 @@ impl Reference {
 fn level(scene: &Scene, question: Question, k: u32) -> Solver {
     let tolerance = |ratio: f64| 1e-4 * libm::pow(ratio, f64::from(k));
     match question {
-        Question::Equilibrium => quasi_static(1 << (k / 2), tolerance(1.0 / 16.0)),
+        Question::Equilibrium => question.minimised(1 << (k / 2), tolerance(1.0 / 16.0)),
         Question::Motion if has_friction(scene) => Solver::Xpbd(Xpbd {
             substeps: scene.solver.substeps().max(16) << (k + 1),
             iterations: 1,
             order: Order::Coloured,
             tolerance: 0.01,
         }),
-        Question::Motion => implicit_euler(1 << k, tolerance(0.25)),
+        Question::Motion => question.minimised(1 << k, tolerance(0.25)),
     }
 }
 

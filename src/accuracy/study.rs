@@ -9,7 +9,7 @@ use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::Width;
 use crate::contact::ways::WAYS;
-use crate::scene::{Scene, Solver};
+use crate::scene::Scene;
 use crate::simulation::{Assets, LoadError};
 
 /// What to measure.
@@ -299,11 +299,7 @@ impl Measuring<'_> {
             return Ok(frames.min(self.scene.frames));
         }
         watch.part("a first look at what a frame costs");
-        let solver = match question {
-            Question::Equilibrium => candidates::quasi_static(1, 1e-4),
-            Question::Motion => candidates::implicit_euler(1, 1e-4),
-        };
-        let candidate = Candidate::new(solver, self.options.threads);
+        let candidate = Candidate::new(question.minimised(1, 1e-4), self.options.threads);
         let mut a_frame = f64::INFINITY;
         // The first frame of all also waits for what is touched for the first time.
         let goes_on = &mut |_: usize, took: f64| {
@@ -492,7 +488,7 @@ impl Measuring<'_> {
             .filter_map(|r| r.row)
             .map(|row| study.rows[row].candidate)
         {
-            if matches!(candidate.solver, Solver::Xpbd(_)) && candidate.width != Width::One {
+            if candidate.solver.minimisation().is_none() && candidate.width != Width::One {
                 add(Candidate {
                     width: Width::One,
                     ..candidate

@@ -96,7 +96,7 @@ impl Trajectory {
         run.iterations = simulation
             .bodies
             .iter()
-            .filter_map(|b| b.equilibrium.as_ref())
+            .filter_map(|b| b.equilibrium())
             .map(|e| e.iterations)
             .sum();
         run.fibre_length_m = fibre_length(&simulation);

@@ -15,6 +15,7 @@ use crate::mesh::Topology;
 use crate::mesh::measures::greatest;
 use crate::moment_arms::shares::{Distances, distances, shares};
 use crate::scene::{Area, Joint, Key, Minimisation, Motion, Scene, Solver};
+use crate::simulation::Method;
 use crate::simulation::tracked::{self, Parts, Tracked};
 use crate::simulation::{Body, LoadError, Simulation, audit};
 use crate::solvers::Broken;
@@ -291,7 +292,7 @@ impl Running {
         let angle = self.angle(self.simulation.frame() + 1);
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
             let turned = |(x, share): (&Point3<f64>, &f64)| self.joint.pose(angle * share) * x;
-            if let Some(tracked) = &mut body.tracked {
+            if let Method::Tracked(tracked) = &mut body.method {
                 tracked.aim(
                     body.rest
                         .vertices
@@ -544,8 +545,7 @@ fn track(
         .map(|&(v, b)| (v, if turning[b] { 1.0 } else { 0.0 }))
         .collect();
     let shares = shares(&body.rest, &Topology::new(&body.rest), near, &held).map_err(failed)?;
-    body.tracked = Some(made);
-    body.equilibrium = None;
+    body.method = Method::Tracked(Box::new(made));
     Ok(shares)
 }
 

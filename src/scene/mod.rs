@@ -6,8 +6,10 @@
 
 pub mod builtin;
 pub mod content;
+pub mod effects;
 pub mod error;
 mod guess;
+pub mod keys;
 pub mod motion;
 mod origin;
 pub mod overrides;
@@ -19,6 +21,7 @@ mod parse_skin;
 mod paths;
 mod reader;
 mod schema;
+pub mod solvers;
 mod spelling;
 pub mod study;
 mod tree;
@@ -26,11 +29,13 @@ pub mod units;
 
 pub use crate::constraints::Order;
 pub use content::Content;
+pub use effects::{Anisotropy, ContactEffect, EffectSpec, Effects, Mass, Material, Volume};
 pub use error::{Problem, SceneError};
 pub use guess::likely_units;
 pub use origin::Origin;
 pub use parse::{Surroundings, parse, parse_content, parse_with};
 pub use paths::{Variables, no_variables};
+pub use solvers::{Minimisation, Pbd, Question, Solver, SolverSpec, Xpbd};
 pub use study::StudyFile;
 
 use std::path::PathBuf;
@@ -186,28 +191,6 @@ pub struct Muscle {
     pub displacements: Vec<Displacement>,
 }
 
-/// Material constants of a surface muscle.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Material {
-    /// What the mass comes from.
-    pub mass: Mass,
-    /// In-plane stiffness of the surface [N/m]; zero leaves the effect out.
-    pub stretch: f64,
-    /// Bending stiffness of the surface [N m]; zero leaves the effect out.
-    pub bending: f64,
-    /// Bulk modulus \[Pa\]; `None` is incompressible.
-    pub bulk: Option<f64>,
-}
-
-/// What the mass of a vertex comes from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Mass {
-    /// Density of the enclosed volume [kg/m^3], shared among vertices by area.
-    Density(f64),
-    /// The same mass for each vertex \[kg\].
-    PerVertex(f64),
-}
-
 /// Where and to which bone a muscle is held.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attachment {
@@ -253,144 +236,4 @@ pub struct Displacement {
     pub vertices: Vec<u32>,
     /// Displacement \[m\].
     pub by: Vector3<f64>,
-}
-
-/// What acts in a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Effects {
-    /// Edges resist a change of length (material constant `stretch`).
-    pub stretch: bool,
-    /// Neighbouring triangles resist a change of their angle (material constant `bending`).
-    pub bending: bool,
-    /// The enclosed volume is kept (material constant `bulk`).
-    pub volume: Option<Volume>,
-    /// Stretching along fibres is easier.
-    pub anisotropy: Option<Anisotropy>,
-    /// Muscles are kept out of bones and bones out of muscles.
-    pub contact: Option<ContactEffect>,
-    /// Acceleration [m/s^2].
-    pub gravity: Option<Vector3<f64>>,
-    /// Rate at which velocities decay [1/s].
-    pub damping: Option<f64>,
-}
-
-/// The enclosed volume is kept at `pressure` times its start.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Volume {
-    /// Pressure factor, 0.5 to 2.
-    pub pressure: f64,
-}
-
-/// Stiffness of an edge is scaled by `1 - strength |u.v|^power`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Anisotropy {
-    /// A in 0..1.
-    pub strength: f64,
-    /// Exponent, at least 1.
-    pub power: f64,
-}
-
-/// Contact with Coulomb friction.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ContactEffect {
-    /// Distance kept between muscle and bone \[m\].
-    pub thickness: f64,
-    /// Coefficient of Coulomb friction.
-    pub friction: f64,
-}
-
-/// How the motion is computed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Solver {
-    /// Extended position-based dynamics with small steps and material stiffness.
-    Xpbd(Xpbd),
-    /// Classic position-based dynamics with stiffness 0..1, for comparison.
-    Pbd(Pbd),
-    /// Equilibrium at every frame, without mass and velocity.
-    QuasiStatic(Minimisation),
-    /// Implicit Euler steps, each solved as the minimum of energy and inertia.
-    ImplicitEuler(Minimisation),
-}
-
-impl Solver {
-    /// Steps a frame.
-    pub fn substeps(&self) -> u32 {
-        match self {
-            Self::Xpbd(s) => s.substeps,
-            Self::Pbd(s) => s.substeps,
-            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.substeps,
-        }
-    }
-
-    /// Sweeps or iterations a step, at most.
-    pub fn iterations(&self) -> u32 {
-        match self {
-            Self::Xpbd(s) => s.iterations,
-            Self::Pbd(s) => s.iterations,
-            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.iterations,
-        }
-    }
-
-    /// Largest relative residual at which a frame counts as converged.
-    pub fn tolerance(&self) -> f64 {
-        match self {
-            Self::Xpbd(s) => s.tolerance,
-            Self::Pbd(s) => s.tolerance,
-            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.tolerance,
-        }
-    }
-
-    /// Order of a sweep; a solver without sweeps has none.
-    pub fn order(&self) -> Order {
-        match self {
-            Self::Xpbd(s) => s.order,
-            Self::Pbd(s) => s.order,
-            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => Order::default(),
-        }
-    }
-}
-
-/// Settings of the solvers that minimise an energy.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Minimisation {
-    /// Steps a frame, the bones moving between them.
-    pub substeps: u32,
-    /// Iterations a step, at most.
-    pub iterations: u32,
-    /// Largest force left, as a share of that of a strain of one, at which a frame counts as converged.
-    pub tolerance: f64,
-}
-
-/// Settings of small-step XPBD.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Xpbd {
-    /// Steps a frame.
-    pub substeps: u32,
-    /// Sweeps a step.
-    pub iterations: u32,
-    /// Order of a sweep.
-    pub order: Order,
-    /// Largest relative residual at which a frame counts as converged.
-    pub tolerance: f64,
-}
-
-/// Settings of classic PBD.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pbd {
-    /// Steps a frame.
-    pub substeps: u32,
-    /// Sweeps a step.
-    pub iterations: u32,
-    /// Stiffness of edges, 0..1.
-    pub stretch: f64,
-    /// Stiffness of hinges, 0..1.
-    pub bending: f64,
-    /// Stiffness of the volume, 0..1.
-    pub volume: f64,
-    /// Factor on velocities each frame, 0..1.
-    pub velocity_damping: f64,
-    /// Order of a sweep.
-    pub order: Order,
-    /// Largest relative residual at which a frame counts as converged.
-    pub tolerance: f64,
 }

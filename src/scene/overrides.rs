@@ -7,14 +7,22 @@
 //! `contact.friction=0.3`, `substeps=40`. The value is TOML, but texts need no quotes; `none` or `off` removes a key
 //! or a whole section, `on` switches on a section that needs no keys, and `solver=pbd` changes the solver.
 
+use super::effects::EffectSpec;
 use super::error::{Problem, SceneError};
 use super::reader::unknown_key;
-use super::schema::{EFFECTS, Kind, ROOT, SOLVER, Schema};
+use super::schema::{Kind, ROOT, Schema};
+use super::solvers::{SOLVERS, SolverSpec};
 use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
 
-/// What the help text of `--set` says.
-pub const HELP: &str = "\
+/// The help text of `--set`.
+#[must_use]
+pub fn help() -> String {
+    let solvers = listed(SOLVERS.iter().map(|spec| spec.key));
+    format!("{HELP}\nSolvers: {solvers}.")
+}
+
+const HELP: &str = "\
 Change the scene before it is checked: PATH=VALUE
   --set effects.contact.friction=0.3      a key by its path
   --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
@@ -22,7 +30,7 @@ Change the scene before it is checked: PATH=VALUE
   --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
   --set effects.contact=off               remove a section or a key (none or off)
   --set effects.stretch=on                add a section that needs no keys
-  --set solver=quasi_static               change the solver, with its default settings
+  --set solver=NAME                       change the solver, with its default settings
 Texts need no quotes. May be given several times; the last one wins.";
 
 /// One segment of a path.
@@ -147,22 +155,23 @@ fn in_full(path: Vec<Segment>, root: &Table) -> Vec<Segment> {
     if ROOT.get(key).is_some() {
         return path;
     }
-    if EFFECTS.get(key).is_some() {
+    if EffectSpec::named(key).is_some() {
         return put(&["effects"], path);
     }
-    if SOLVER.get(key).is_some() {
+    if SolverSpec::named(key).is_some() {
         return put(&["solver"], path);
     }
     let in_use = match root.get("solver").map(|e| &e.node.value) {
-        Some(Value::Table(solver)) => SOLVER
-            .names()
-            .find(|name| solver.get(name).is_some())
-            .unwrap_or("xpbd"),
-        _ => "xpbd",
+        Some(Value::Table(solver)) => SOLVERS
+            .iter()
+            .find(|spec| solver.get(spec.key).is_some())
+            .unwrap_or(&SOLVERS[0]),
+        _ => &SOLVERS[0],
     };
-    match SOLVER.get(in_use) {
-        Some(Kind::Table(schema)) if schema.get(key).is_some() => put(&["solver", in_use], path),
-        _ => path,
+    if in_use.schema.get(key).is_some() {
+        put(&["solver", in_use.key], path)
+    } else {
+        path
     }
 }
 
@@ -283,14 +292,12 @@ impl Change<'_> {
         let span = segment.span.clone();
         match (kind, self.value) {
             (_, "none" | "off") => table.remove(key),
-            (Kind::Table(schema), "on") if schema.get("xpbd").is_none() => {
+            (Kind::Table(schema), "on") if !matches!(schema, Schema::Solvers) => {
                 if table.get(key).is_none() {
                     table.set(key, span, self.empty_table());
                 }
             }
-            (Kind::Table(schema), name)
-                if schema.get("xpbd").is_some() && schema.get(name).is_some() =>
-            {
+            (Kind::Table(Schema::Solvers), name) if SolverSpec::named(name).is_some() => {
                 let mut inner = Table::default();
                 inner.set(name, span.clone(), self.empty_table());
                 table.set(

@@ -1,6 +1,8 @@
 //! Reads the sections `[[muscle]]`.
 
+use super::effects::material_constants;
 use super::error::{Problem, SceneError};
+use super::keys::KeyValue;
 use super::parse::{KnownBones, file, file_at, repair, shape, surface};
 use super::reader::{Item, Limit, Section};
 use super::tree::Value;
@@ -8,12 +10,6 @@ use super::units::Dimension;
 use super::{Area, Attachment, Displacement, Force, Mass, Material, Muscle, Source};
 use crate::mesh::shapes;
 
-/// Density of muscle [kg/m^3].
-const DENSITY: f64 = 1060.0;
-/// In-plane stiffness [N/m].
-const STRETCH: f64 = 300.0;
-/// Bending stiffness [N m].
-const BENDING: f64 = 2e-4;
 /// Share of the vertices that an attachment may hold.
 const LIMIT: f64 = 0.1;
 
@@ -31,12 +27,7 @@ pub(super) fn muscle(
         .transpose()?;
     let material = match section.section("material")? {
         Some(section) => material(&section)?,
-        None => Material {
-            mass: Mass::Density(DENSITY),
-            stretch: STRETCH,
-            bending: BENDING,
-            bulk: None,
-        },
+        None => Material::default(),
     };
     let attachments = attachments(section, bones)?;
     let fibres = section
@@ -85,29 +76,21 @@ pub(super) fn muscle(
 
 fn material(section: &Section<'_>) -> Result<Material, SceneError> {
     section.exclusive("density", "vertex_mass")?;
-    let mass = match section.get("vertex_mass") {
-        Some(item) => Mass::PerVertex(item.quantity(Dimension::Mass, Limit::Positive)?),
-        None => Mass::Density(section.quantity_or(
-            "density",
-            Dimension::Density,
-            Limit::Positive,
-            DENSITY,
-        )?),
-    };
-    Ok(Material {
-        mass,
-        stretch: section.quantity_or(
-            "stretch",
-            Dimension::Stiffness,
-            Limit::NotNegative,
-            STRETCH,
-        )?,
-        bending: section.quantity_or("bending", Dimension::Moment, Limit::NotNegative, BENDING)?,
-        bulk: section
-            .get("bulk")
-            .map(|i| i.quantity(Dimension::Pressure, Limit::Positive))
-            .transpose()?,
-    })
+    let mut material = Material::default();
+    if let Some(item) = section.get("vertex_mass") {
+        material.mass = Mass::PerVertex(item.quantity(Dimension::Mass, Limit::Positive)?);
+    }
+    if let Some(item) = section.get("density") {
+        material.mass = Mass::Density(item.quantity(Dimension::Density, Limit::Positive)?);
+    }
+    for constant in material_constants() {
+        if let Some(item) = section.get(constant.key.key)
+            && let KeyValue::Number(value) = constant.key.value(&item)?
+        {
+            constant.set(&mut material, value);
+        }
+    }
+    Ok(material)
 }
 
 fn attachments(

@@ -3,6 +3,7 @@
 use nalgebra::{Unit, Vector3};
 
 use super::error::{Problem, SceneError};
+pub(super) use super::keys::Limit;
 use super::parse::Surroundings;
 use super::schema::{Kind, Schema};
 use super::spelling::{nearest, shown};
@@ -32,15 +33,6 @@ pub(super) struct Section<'a> {
     schema: &'static Schema,
     span: Span,
     pub(super) key: String,
-}
-
-/// What a number must be besides finite.
-#[derive(Clone, Copy)]
-pub(super) enum Limit {
-    Any,
-    Positive,
-    NotNegative,
-    Within(f64, f64),
 }
 
 impl Limit {
@@ -271,14 +263,15 @@ impl<'a> Item<'a> {
 
 /// The error for a key that a table does not have.
 pub(super) fn unknown_key(key: &str, schema: &Schema) -> Problem {
-    let known = if schema.keys.is_empty() {
+    let names = schema.names();
+    let known = if names.is_empty() {
         "none".to_owned()
     } else {
         schema.known()
     };
     Problem::UnknownKey {
         key: shown(key),
-        nearest: nearest(key, schema.names()).map(str::to_owned),
+        nearest: nearest(key, names.into_iter()).map(str::to_owned),
         known,
     }
 }

@@ -1,9 +1,22 @@
 //! Every key a scene may have and where it may stand, known to the reader and to the overrides alike.
 
+use super::effects::{EFFECTS, material_constants};
+use super::keys::KeySpec;
+use super::solvers::SOLVERS;
+
 /// The keys of one table.
 #[derive(Debug)]
-pub(super) struct Schema {
-    pub(super) keys: &'static [(&'static str, Kind)],
+pub(super) enum Schema {
+    /// These keys.
+    Listed(&'static [(&'static str, Kind)]),
+    /// The keys of an effect or a solver.
+    Keys(&'static [KeySpec]),
+    /// A table for each effect.
+    Effects,
+    /// A table for the solver; at most one may be there.
+    Solvers,
+    /// The material constants of a muscle.
+    Material,
 }
 
 /// What stands at a key.
@@ -20,284 +33,192 @@ pub(super) enum Kind {
 }
 
 impl Schema {
-    pub(super) fn get(&self, key: &str) -> Option<Kind> {
-        self.keys
-            .iter()
-            .find(|(name, _)| *name == key)
-            .map(|&(_, kind)| kind)
+    /// Every key with what stands there.
+    fn entries(&self) -> Vec<(&'static str, Kind)> {
+        let mut all = Vec::new();
+        match self {
+            Self::Listed(keys) => all.extend_from_slice(keys),
+            Self::Keys(keys) => all.extend(keys.iter().map(|key| (key.key, key.schema()))),
+            Self::Effects => {
+                all.extend(EFFECTS.iter().map(|e| (e.key, Kind::Table(&e.schema))));
+            }
+            Self::Solvers => {
+                all.extend(SOLVERS.iter().map(|s| (s.key, Kind::Table(&s.schema))));
+            }
+            Self::Material => {
+                all.extend([("density", Text), ("vertex_mass", Text)]);
+                all.extend(material_constants().map(|c| (c.key.key, c.key.schema())));
+            }
+        }
+        all
     }
 
-    pub(super) fn names(&self) -> impl Iterator<Item = &'static str> {
-        self.keys.iter().map(|&(name, _)| name)
+    pub(super) fn get(&self, key: &str) -> Option<Kind> {
+        self.entries()
+            .into_iter()
+            .find(|(name, _)| *name == key)
+            .map(|(_, kind)| kind)
+    }
+
+    pub(super) fn names(&self) -> Vec<&'static str> {
+        self.entries().into_iter().map(|(name, _)| name).collect()
     }
 
     /// All keys, as messages list them.
     pub(super) fn known(&self) -> String {
-        self.names().collect::<Vec<_>>().join(", ")
+        self.names().join(", ")
     }
 }
 
 use Kind::{List, Plain, Text};
 
 /// The document.
-pub(super) const ROOT: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("frames", Plain),
-        ("frame_rate", Text),
-        ("accuracy", Text),
-        ("bone", List(&BONE)),
-        ("capsule", List(&CAPSULE)),
-        ("muscle", List(&MUSCLE)),
-        ("effects", Kind::Table(&EFFECTS)),
-        ("solver", Kind::Table(&SOLVER)),
-        ("skin", List(&SKIN)),
-        ("sheet", Kind::Table(&SHEET)),
-        ("implant", List(&IMPLANT)),
-        ("ball", Kind::Table(&BALL)),
-        ("obstacle", List(&OBSTACLE)),
-        ("lattice", Kind::Table(&LATTICE)),
-    ],
-};
+pub(super) const ROOT: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("frames", Plain),
+    ("frame_rate", Text),
+    ("accuracy", Text),
+    ("bone", List(&BONE)),
+    ("capsule", List(&CAPSULE)),
+    ("muscle", List(&MUSCLE)),
+    ("effects", Kind::Table(&Schema::Effects)),
+    ("solver", Kind::Table(&Schema::Solvers)),
+    ("skin", List(&SKIN)),
+    ("sheet", Kind::Table(&SHEET)),
+    ("implant", List(&IMPLANT)),
+    ("ball", Kind::Table(&BALL)),
+    ("obstacle", List(&OBSTACLE)),
+    ("lattice", Kind::Table(&LATTICE)),
+]);
 
-const SKIN: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("mesh", Text),
-        ("shape", Text),
-        ("unit", Text),
-        ("repair", Plain),
-        ("close_holes", Plain),
-        ("keep_largest", Plain),
-        ("merge_within", Text),
-        ("edge_length", Text),
-        ("thickness", Text),
-        ("modulus", Text),
-        ("stretch_limit", Plain),
-        ("method", Text),
-    ],
-};
+const SKIN: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("mesh", Text),
+    ("shape", Text),
+    ("unit", Text),
+    ("repair", Plain),
+    ("close_holes", Plain),
+    ("keep_largest", Plain),
+    ("merge_within", Text),
+    ("edge_length", Text),
+    ("thickness", Text),
+    ("modulus", Text),
+    ("stretch_limit", Plain),
+    ("method", Text),
+]);
 
-const SHEET: Schema = Schema {
-    keys: &[("side", Text), ("cells", Plain)],
-};
+const SHEET: Schema = Schema::Listed(&[("side", Text), ("cells", Plain)]);
 
-const IMPLANT: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("at", Plain),
-        ("near_vertex", Plain),
-        ("shape", Text),
-        ("base", Text),
-        ("long", Plain),
-        ("depth", Text),
-        ("volume", Text),
-        ("fill", List(&FILL)),
-        ("shell", Text),
-    ],
-};
+const IMPLANT: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("at", Plain),
+    ("near_vertex", Plain),
+    ("shape", Text),
+    ("base", Text),
+    ("long", Plain),
+    ("depth", Text),
+    ("volume", Text),
+    ("fill", List(&FILL)),
+    ("shell", Text),
+]);
 
-const FILL: Schema = Schema {
-    keys: &[("frame", Plain), ("volume", Text)],
-};
+const FILL: Schema = Schema::Listed(&[("frame", Plain), ("volume", Text)]);
 
-const BALL: Schema = Schema {
-    keys: &[
-        ("radius", Text),
-        ("from", Plain),
-        ("to", Plain),
-        ("depth", Text),
-    ],
-};
+const BALL: Schema = Schema::Listed(&[
+    ("radius", Text),
+    ("from", Plain),
+    ("to", Plain),
+    ("depth", Text),
+]);
 
-const OBSTACLE: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("mesh", Text),
-        ("shape", Text),
-        ("unit", Text),
-        ("repair", Plain),
-        ("close_holes", Plain),
-        ("keep_largest", Plain),
-        ("merge_within", Text),
-    ],
-};
+const OBSTACLE: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("mesh", Text),
+    ("shape", Text),
+    ("unit", Text),
+    ("repair", Plain),
+    ("close_holes", Plain),
+    ("keep_largest", Plain),
+    ("merge_within", Text),
+]);
 
-const LATTICE: Schema = Schema {
-    keys: &[
-        ("points", Plain),
-        ("side", Text),
-        ("neighbours", Plain),
-        ("stiffness", Text),
-        ("mass", Text),
-        ("damping", Plain),
-        ("drag", Plain),
-        ("release", Plain),
-    ],
-};
+const LATTICE: Schema = Schema::Listed(&[
+    ("points", Plain),
+    ("side", Text),
+    ("neighbours", Plain),
+    ("stiffness", Text),
+    ("mass", Text),
+    ("damping", Plain),
+    ("drag", Plain),
+    ("release", Plain),
+]);
 
-const BONE: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("mesh", Text),
-        ("shape", Text),
-        ("unit", Text),
-        ("repair", Plain),
-        ("close_holes", Plain),
-        ("keep_largest", Plain),
-        ("merge_within", Text),
-        ("motion", Kind::Table(&MOTION)),
-    ],
-};
+const BONE: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("mesh", Text),
+    ("shape", Text),
+    ("unit", Text),
+    ("repair", Plain),
+    ("close_holes", Plain),
+    ("keep_largest", Plain),
+    ("merge_within", Text),
+    ("motion", Kind::Table(&MOTION)),
+]);
 
-const MOTION: Schema = Schema {
-    keys: &[
-        ("joint", Plain),
-        ("centre", Plain),
-        ("axis", Plain),
-        ("keys", List(&KEY)),
-    ],
-};
+const MOTION: Schema = Schema::Listed(&[
+    ("joint", Plain),
+    ("centre", Plain),
+    ("axis", Plain),
+    ("keys", List(&KEY)),
+]);
 
-const KEY: Schema = Schema {
-    keys: &[
-        ("frame", Plain),
-        ("angle", Text),
-        ("slide", Text),
-        ("axis", Plain),
-        ("translation", Plain),
-    ],
-};
+const KEY: Schema = Schema::Listed(&[
+    ("frame", Plain),
+    ("angle", Text),
+    ("slide", Text),
+    ("axis", Plain),
+    ("translation", Plain),
+]);
 
-const CAPSULE: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("bone", Text),
-        ("from", Plain),
-        ("to", Plain),
-        ("radius", Text),
-    ],
-};
+const CAPSULE: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("bone", Text),
+    ("from", Plain),
+    ("to", Plain),
+    ("radius", Text),
+]);
 
-const MUSCLE: Schema = Schema {
-    keys: &[
-        ("name", Text),
-        ("mesh", Text),
-        ("shape", Text),
-        ("unit", Text),
-        ("repair", Plain),
-        ("close_holes", Plain),
-        ("keep_largest", Plain),
-        ("merge_within", Text),
-        ("edge_length", Text),
-        ("material", Kind::Table(&MATERIAL)),
-        ("attachment", List(&ATTACHMENT)),
-        ("fibres", Kind::Table(&FIBRES)),
-        ("force", List(&FORCE)),
-        ("displace", List(&DISPLACE)),
-    ],
-};
+const MUSCLE: Schema = Schema::Listed(&[
+    ("name", Text),
+    ("mesh", Text),
+    ("shape", Text),
+    ("unit", Text),
+    ("repair", Plain),
+    ("close_holes", Plain),
+    ("keep_largest", Plain),
+    ("merge_within", Text),
+    ("edge_length", Text),
+    ("material", Kind::Table(&MATERIAL)),
+    ("attachment", List(&ATTACHMENT)),
+    ("fibres", Kind::Table(&FIBRES)),
+    ("force", List(&FORCE)),
+    ("displace", List(&DISPLACE)),
+]);
 
-const MATERIAL: Schema = Schema {
-    keys: &[
-        ("density", Text),
-        ("vertex_mass", Text),
-        ("stretch", Text),
-        ("bending", Text),
-        ("bulk", Text),
-    ],
-};
+const MATERIAL: Schema = Schema::Material;
 
-const ATTACHMENT: Schema = Schema {
-    keys: &[
-        ("bone", Text),
-        ("near", Text),
-        ("patch", Text),
-        ("unit", Text),
-        ("within", Text),
-        ("vertices", Plain),
-        ("limit", Plain),
-    ],
-};
+const ATTACHMENT: Schema = Schema::Listed(&[
+    ("bone", Text),
+    ("near", Text),
+    ("patch", Text),
+    ("unit", Text),
+    ("within", Text),
+    ("vertices", Plain),
+    ("limit", Plain),
+]);
 
-const FIBRES: Schema = Schema {
-    keys: &[("lines", Text), ("unit", Text), ("shape", Plain)],
-};
+const FIBRES: Schema = Schema::Listed(&[("lines", Text), ("unit", Text), ("shape", Plain)]);
 
-const FORCE: Schema = Schema {
-    keys: &[("vertices", Plain), ("force", Plain)],
-};
+const FORCE: Schema = Schema::Listed(&[("vertices", Plain), ("force", Plain)]);
 
-const DISPLACE: Schema = Schema {
-    keys: &[("vertices", Plain), ("by", Plain)],
-};
-
-/// What acts.
-pub(super) const EFFECTS: Schema = Schema {
-    keys: &[
-        ("stretch", Kind::Table(&NOTHING)),
-        ("bending", Kind::Table(&NOTHING)),
-        ("volume", Kind::Table(&VOLUME)),
-        ("anisotropy", Kind::Table(&ANISOTROPY)),
-        ("contact", Kind::Table(&CONTACT)),
-        ("gravity", Kind::Table(&GRAVITY)),
-        ("damping", Kind::Table(&DAMPING)),
-    ],
-};
-
-const NOTHING: Schema = Schema { keys: &[] };
-const VOLUME: Schema = Schema {
-    keys: &[("pressure", Plain)],
-};
-const ANISOTROPY: Schema = Schema {
-    keys: &[("strength", Plain), ("power", Plain)],
-};
-const CONTACT: Schema = Schema {
-    keys: &[("thickness", Text), ("friction", Plain)],
-};
-const GRAVITY: Schema = Schema {
-    keys: &[("acceleration", Plain)],
-};
-const DAMPING: Schema = Schema {
-    keys: &[("rate", Text)],
-};
-
-/// How the motion is computed.
-pub(super) const SOLVER: Schema = Schema {
-    keys: &[
-        ("xpbd", Kind::Table(&XPBD)),
-        ("pbd", Kind::Table(&PBD)),
-        ("quasi_static", Kind::Table(&MINIMISATION)),
-        ("implicit_euler", Kind::Table(&MINIMISATION)),
-    ],
-};
-
-const MINIMISATION: Schema = Schema {
-    keys: &[
-        ("substeps", Plain),
-        ("iterations", Plain),
-        ("tolerance", Plain),
-    ],
-};
-
-const XPBD: Schema = Schema {
-    keys: &[
-        ("substeps", Plain),
-        ("iterations", Plain),
-        ("order", Text),
-        ("tolerance", Plain),
-    ],
-};
-
-const PBD: Schema = Schema {
-    keys: &[
-        ("substeps", Plain),
-        ("iterations", Plain),
-        ("stretch", Plain),
-        ("bending", Plain),
-        ("volume", Plain),
-        ("velocity_damping", Plain),
-        ("order", Text),
-        ("tolerance", Plain),
-    ],
-};
+const DISPLACE: Schema = Schema::Listed(&[("vertices", Plain), ("by", Plain)]);

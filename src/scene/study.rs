@@ -22,21 +22,19 @@ pub const MOST_COMBINATIONS: usize = 10_000;
 /// Most frames that a study looks at.
 pub const MOST_FRAMES: usize = 24;
 
-const STUDY: Schema = Schema {
-    keys: &[
-        ("name", Kind::Text),
-        ("scene", Kind::Text),
-        ("frames", Kind::Plain),
-        ("measures", Kind::Plain),
-        ("combine", Kind::Text),
-        ("set", Kind::Table(&ANY)),
-        ("vary", Kind::Table(&ANY)),
-        ("reference", Kind::Table(&ANY)),
-    ],
-};
+const STUDY: Schema = Schema::Listed(&[
+    ("name", Kind::Text),
+    ("scene", Kind::Text),
+    ("frames", Kind::Plain),
+    ("measures", Kind::Plain),
+    ("combine", Kind::Text),
+    ("set", Kind::Table(&ANY)),
+    ("vary", Kind::Table(&ANY)),
+    ("reference", Kind::Table(&ANY)),
+]);
 
 /// Not looked at: which keys there are is the scene's matter.
-const ANY: Schema = Schema { keys: &[] };
+const ANY: Schema = Schema::Listed(&[]);
 
 /// How lists of values become combinations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -5,23 +5,23 @@ use std::sync::Arc;
 use nalgebra::Vector3;
 
 use super::assets::Assets;
-use super::equilibrium::{Equilibrium, Parts};
+use super::effects::MODELS;
+use super::equilibrium::Equilibrium;
 use super::fault::{Fault, LoadError};
 use super::plan::MusclePlan;
 use super::ready::{Fibres, Rest};
 use super::tracked::Tracked;
-use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
-use crate::constraints::{Batch, Constraint, EnclosedVolume, Order, Project};
+use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
 use crate::contact::untangle::Untangled;
 use crate::contact::{Contacts, Obstacle, Placed, Surface};
-use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 use crate::muscles::attachments::{self, Attached};
-use crate::particles::{Numbering, Particles};
-use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene, Solver};
+use crate::particles::Particles;
+use crate::scene::{Area, ContactEffect, Mass, Muscle, Scene};
+use crate::solvers::potential::{Potential, Quadratic};
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, Held, Settings, System, stiffness};
 use crate::state::{Corrupt, Reader, State, Writer};
@@ -31,6 +31,16 @@ const SPEED_LIMIT: f64 = 200.0;
 
 /// An edge so many times as long as its muscle at rest was torn.
 const TORN: f64 = 10.0;
+
+/// How a step computes the positions of a muscle.
+pub enum Method {
+    /// Sweeps over constraints.
+    Sweeps,
+    /// The minimum of an energy.
+    Minimum(Box<Equilibrium>),
+    /// The shape nearest to a prescribed one.
+    Tracked(Box<Tracked>),
+}
 
 /// A muscle that runs.
 pub struct Body {
@@ -42,10 +52,8 @@ pub struct Body {
     pub rest: TriangleMesh,
     /// Edges with their rest lengths [m].
     pub edges: Vec<Distance>,
-    /// Its equilibrium, where the scene asks for that instead of motion.
-    pub equilibrium: Option<Equilibrium>,
-    /// How it tracks a prescribed shape, where it is to do that instead of what the scene asks for.
-    pub tracked: Option<Tracked>,
+    /// How a step computes its positions.
+    pub method: Method,
     /// Vertices held by bones.
     pub attached: Vec<Attached>,
     /// Fibres bound to the surface.
@@ -112,79 +120,44 @@ impl Body {
         let points: Vec<[u32; 2]> = edges.iter().map(|e| e.points).collect();
         let fibres = rest.fibres(&asset.fibres, &points);
         let loaded = loaded_vertices(muscle);
-        let factors = if plan.stretch {
-            factors(scene, plan, &rest, &fibres)
-        } else {
-            Vec::new()
-        };
-        let hinges = if plan.bending {
-            stiffness::hinges(mesh, topology, muscle.material.bending)
-        } else {
-            Default::default()
-        };
         let rest_volume = if topology.is_closed() {
             mesh.volume()
         } else {
             0.0
         };
         let pressure = scene.effects.volume.map_or(1.0, |v| v.pressure);
-        let target_volume = if plan.volume {
+        let target_volume = if plan.runs("volume") {
             pressure * rest_volume
         } else {
             0.0
         };
-        if plan.volume {
-            system.volume = Some(volume(scene, muscle, mesh, target_volume, rest_volume));
-        }
         system.held = hold(&attached, mesh, placed);
         system.forces = forces(scene, m, count)?;
-        let mut equilibrium = None;
-        if let Solver::QuasiStatic(settings) | Solver::ImplicitEuler(settings) = scene.solver {
-            let step = matches!(scene.solver, Solver::ImplicitEuler(_)).then(|| time_step(scene));
-            let k = edge_stiffness
-                .iter()
-                .zip(&factors)
-                .map(|(k, f)| k * f)
-                .collect();
-            let edges = if plan.stretch {
-                (edges.clone(), k)
-            } else {
-                Default::default()
-            };
-            let parts = Parts {
-                edges,
-                hinges,
-                volume: system.volume.clone(),
-            };
-            let made = system.clock.time("equilibrium", || {
-                Equilibrium::new(
-                    parts,
-                    &system.particles,
-                    &system.forces,
-                    &scene.effects,
-                    settings,
-                    step,
-                )
-            });
-            equilibrium = Some(made.map_err(|error| unsolvable(scene, m, error))?);
-        } else {
-            let over = || Over {
-                order: scene.solver.order(),
-                numbering,
-                count,
-                loaded: &loaded,
-            };
-            if plan.stretch {
-                system
-                    .elastic
-                    .push(stretch(scene, &edges, &edge_stiffness, &factors, over()));
-            }
-            if plan.bending {
-                system
-                    .elastic
-                    .push(bending(scene, hinges.0, &hinges.1, over()));
-            }
-        }
+        let mut builder = Builder {
+            scene,
+            muscle,
+            plan,
+            rest: &rest,
+            edges: &edges,
+            edge_stiffness: &edge_stiffness,
+            fibres: &fibres,
+            loaded: &loaded,
+            target_volume,
+            rest_volume,
+            volume: None,
+            elastic: Vec::new(),
+            potentials: Vec::new(),
+        };
+        builder.build();
+        let Builder {
+            volume,
+            elastic,
+            potentials,
+            ..
+        } = builder;
+        (system.volume, system.elastic) = (volume, elastic);
+        let method =
+            method(scene, &mut system, potentials).map_err(|error| unsolvable(scene, m, error))?;
         if let (Some(contact), false) = (scene.effects.contact, plan.obstacles.is_empty()) {
             system.contacts = Some(contacts(
                 &rest,
@@ -198,12 +171,11 @@ impl Body {
         Ok(Self {
             name: muscle.name.clone(),
             good: system.particles.clone(),
-            resists_stretch: plan.stretch,
+            resists_stretch: plan.runs("stretch"),
             system,
             edge_length: crate::mesh::measures::median(lengths).unwrap_or(length),
             edges,
-            equilibrium,
-            tracked: None,
+            method,
             attached,
             fibres: fibres.bound.clone(),
             untangled,
@@ -221,13 +193,30 @@ impl Body {
     /// A number that is not finite appeared.
     pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
         let begin = std::time::Instant::now();
-        let done = match (&mut self.tracked, &mut self.equilibrium) {
-            (Some(tracked), _) => tracked.step(&mut self.system, placed),
-            (None, Some(equilibrium)) => equilibrium.step(&mut self.system, placed, dt),
-            (None, None) => return self.system.step(placed, dt),
+        let done = match &mut self.method {
+            Method::Tracked(tracked) => tracked.step(&mut self.system, placed),
+            Method::Minimum(equilibrium) => equilibrium.step(&mut self.system, placed, dt),
+            Method::Sweeps => return self.system.step(placed, dt),
         };
         self.system.clock.note("equilibrium", begin);
         done
+    }
+
+    /// Its equilibrium, if a step is the minimum of an energy.
+    #[must_use]
+    pub fn equilibrium(&self) -> Option<&Equilibrium> {
+        match &self.method {
+            Method::Minimum(equilibrium) => Some(equilibrium),
+            Method::Sweeps | Method::Tracked(_) => None,
+        }
+    }
+
+    /// As [`Body::equilibrium`], to be changed between steps.
+    pub(super) fn equilibrium_mut(&mut self) -> Option<&mut Equilibrium> {
+        match &mut self.method {
+            Method::Minimum(equilibrium) => Some(equilibrium),
+            Method::Sweeps | Method::Tracked(_) => None,
+        }
     }
 
     /// Estimate of the solver's error [m], RMS over the vertices, from the greatest residual [m]: a residual adds up
@@ -270,8 +259,7 @@ impl Body {
             system,
             rest: _,
             edges: _,
-            equilibrium,
-            tracked: _,
+            method,
             attached: _,
             fibres: _,
             untangled: _,
@@ -294,9 +282,9 @@ impl Body {
             .contacts
             .iter()
             .for_each(|contacts| contacts.save(to));
-        equilibrium
-            .iter()
-            .for_each(|equilibrium| equilibrium.save(to));
+        if let Method::Minimum(equilibrium) = method {
+            equilibrium.save(to);
+        }
         to.put(stopped);
         // A frame ends with both the same, unless somebody moved particles since.
         let differs = !same_bits(good, &system.particles);
@@ -315,9 +303,9 @@ impl Body {
     ) -> Result<(), Corrupt> {
         self.system.restore(from)?;
         self.restore_contact(from, placed, contact)?;
-        self.equilibrium
-            .iter_mut()
-            .try_for_each(|equilibrium| equilibrium.restore(from))?;
+        if let Some(equilibrium) = self.equilibrium_mut() {
+            equilibrium.restore(from)?;
+        }
         self.stopped = from.take()?;
         if from.take()? {
             self.good.restore(from)?;
@@ -379,14 +367,6 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
     positions && a.velocity.iter().zip(&b.velocity).all(|(a, b)| same(a, b))
 }
 
-/// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.
-fn factors(scene: &Scene, plan: &MusclePlan, rest: &Rest, fibres: &Fibres) -> Vec<f64> {
-    match scene.effects.anisotropy.filter(|_| plan.anisotropy) {
-        Some(a) => anisotropy::factors(&fibres.cosines(rest), a.strength, a.power),
-        None => vec![1.0; fibres.points.len()],
-    }
-}
-
 /// Contact at the start; what is near is known already, unless vertices are displaced.
 fn contacts(
     rest: &Rest,
@@ -435,11 +415,8 @@ fn unsolvable(scene: &Scene, m: usize, error: FactorError) -> LoadError {
 
 fn settings(scene: &Scene, length: f64) -> Settings {
     let (substeps, iterations) = (scene.solver.substeps(), scene.solver.iterations());
-    let per_frame = if let Solver::Pbd(s) = scene.solver {
-        s.velocity_damping
-    } else {
-        1.0
-    };
+    let own = scene.solver.velocity_damping();
+    let per_frame = own.unwrap_or(1.0);
     let dt = time_step(scene);
     let damping = scene.effects.damping.unwrap_or(0.0);
     let velocity_factor =
@@ -448,11 +425,7 @@ fn settings(scene: &Scene, length: f64) -> Settings {
         iterations,
         gravity: scene.effects.gravity.unwrap_or_else(Vector3::zeros),
         velocity_factor,
-        force_factor: if matches!(scene.solver, Solver::Pbd(_)) {
-            velocity_factor
-        } else {
-            1.0
-        },
+        force_factor: if own.is_some() { velocity_factor } else { 1.0 },
         speed_limit: SPEED_LIMIT * length,
     }
 }
@@ -480,86 +453,102 @@ fn edges_of(
     (edges, k)
 }
 
-/// In which order constraints are swept, over which particles.
-struct Over<'a> {
-    order: Order,
-    numbering: &'a Numbering,
-    count: usize,
+/// A muscle whose effects are being built: each effect reads what the muscle is made of and adds a part.
+pub(super) struct Builder<'a> {
+    pub scene: &'a Scene,
+    pub muscle: &'a Muscle,
+    pub plan: &'a MusclePlan,
+    pub rest: &'a Rest,
+    pub edges: &'a [Distance],
+    /// Stiffness of the edges [N/m].
+    pub edge_stiffness: &'a [f64],
+    pub fibres: &'a Fibres,
+    /// Vertices that forces or displacements act on.
     loaded: &'a [u32],
+    /// Volume to keep [m^3].
+    pub target_volume: f64,
+    /// Volume at rest [m^3].
+    pub rest_volume: f64,
+    /// The enclosed volume, where it is kept.
+    pub volume: Option<EnclosedVolume>,
+    /// Constraints of a solver that sweeps.
+    elastic: Vec<Box<dyn Project>>,
+    /// Energies of a solver that minimises.
+    potentials: Vec<Box<dyn Potential>>,
 }
 
-impl Over<'_> {
+impl Builder<'_> {
+    fn build(&mut self) {
+        for model in &MODELS {
+            if let Some(build) = model.build.filter(|_| self.plan.runs(model.key)) {
+                build(self);
+            }
+        }
+    }
+
+    /// Adds constraints with their stiffness, as batch or as energy, whichever the solver takes.
+    pub fn add<C: Constraint<K> + 'static, const K: usize>(
+        &mut self,
+        constraints: Vec<C>,
+        stiffness: Vec<f64>,
+    ) {
+        if self.scene.solver.minimisation().is_none() {
+            let compliance = stiffness::compliance(&stiffness);
+            let batch = self.batch(constraints, compliance);
+            self.elastic.push(Box::new(batch));
+        } else if !constraints.is_empty() {
+            let energy = Quadratic::<C, K>::new(constraints, stiffness);
+            self.potentials.push(Box::new(energy));
+        }
+    }
+
+    /// Adds constraints that are projected by a share of their own, 0..1, each.
+    pub fn add_relaxed<C: Constraint<K> + 'static, const K: usize>(
+        &mut self,
+        constraints: Vec<C>,
+        relaxation: &[f64],
+    ) {
+        let compliance = vec![0.0; constraints.len()];
+        let batch = self.batch(constraints, compliance);
+        self.elastic
+            .push(Box::new(batch.with_relaxation(relaxation)));
+    }
+
     fn batch<C: Constraint<K>, const K: usize>(
         &self,
         constraints: Vec<C>,
         compliance: Vec<f64>,
     ) -> Batch<C, K> {
-        Batch::numbered(
-            constraints,
-            compliance,
-            self.order,
-            (self.numbering, self.count),
-            self.loaded,
-        )
+        let count = self.rest.mesh.vertices.len();
+        let numbering = self.rest.numbering();
+        let order = self.scene.solver.order();
+        let particles = (&*numbering, count);
+        Batch::numbered(constraints, compliance, order, particles, self.loaded)
     }
 }
 
-fn stretch(
+/// The method of the scene's solver.
+fn method(
     scene: &Scene,
-    edges: &[Distance],
-    k: &[f64],
-    factors: &[f64],
-    over: Over,
-) -> Box<dyn Project> {
-    match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
-            // An edge without stiffness (along a fibre, at full strength) is no constraint.
-            let weighed = edges
-                .iter()
-                .copied()
-                .zip(k.iter().zip(factors).map(|(k, f)| k * f));
-            let (edges, k): (Vec<_>, Vec<_>) = weighed.filter(|(_, k)| *k > 0.0).unzip();
-            Box::new(over.batch(edges, stiffness::compliance(&k)))
-        }
-        Solver::Pbd(s) => {
-            let relaxation: Vec<f64> = factors.iter().map(|f| f * s.stretch).collect();
-            Box::new(
-                over.batch(edges.to_vec(), vec![0.0; edges.len()])
-                    .with_relaxation(&relaxation),
-            )
-        }
-    }
-}
-
-fn bending(scene: &Scene, hinges: Vec<Bending>, k: &[f64], over: Over) -> Box<dyn Project> {
-    match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
-            Box::new(over.batch(hinges, stiffness::compliance(k)))
-        }
-        Solver::Pbd(s) => {
-            let (relaxation, compliance) = (vec![s.bending; hinges.len()], vec![0.0; hinges.len()]);
-            Box::new(over.batch(hinges, compliance).with_relaxation(&relaxation))
-        }
-    }
-}
-
-fn volume(
-    scene: &Scene,
-    muscle: &Muscle,
-    mesh: &TriangleMesh,
-    target: f64,
-    rest: f64,
-) -> EnclosedVolume {
-    let count = mesh.vertices.len();
-    match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => {
-            let compliance = muscle.material.bulk.map_or(0.0, |bulk| rest / bulk);
-            EnclosedVolume::new(&mesh.triangles, count, target, compliance)
-        }
-        Solver::Pbd(s) => {
-            EnclosedVolume::new(&mesh.triangles, count, target, 0.0).with_relaxation(s.volume)
-        }
-    }
+    system: &mut System,
+    potentials: Vec<Box<dyn Potential>>,
+) -> Result<Method, FactorError> {
+    let Some(settings) = scene.solver.minimisation() else {
+        return Ok(Method::Sweeps);
+    };
+    let step = scene.solver.has_inertia().then(|| time_step(scene));
+    let begin = std::time::Instant::now();
+    let volume = system.volume.clone();
+    let made = Equilibrium::new(
+        (potentials, volume),
+        &system.particles,
+        &system.forces,
+        &scene.effects,
+        settings,
+        step,
+    )?;
+    system.clock.note("equilibrium", begin);
+    Ok(Method::Minimum(Box::new(made)))
 }
 
 fn attach(

@@ -3,14 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::constraints::EnclosedVolume;
-use crate::constraints::Quadratic;
-use crate::constraints::bending::Bending;
-use crate::constraints::distance::Distance;
 use crate::contact::{Contacts, Placed, Row};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
 use crate::solvers::energy::{Energy, Inertia};
+use crate::solvers::potential::Potential;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};
@@ -18,16 +16,6 @@ use crate::state::{Corrupt, Reader, State, Writer};
 
 /// A vertex touches a bone where it has no more room than this many contact thicknesses.
 const TOUCHING: f64 = 0.02;
-
-/// What a muscle's energy is made of.
-pub(super) struct Parts {
-    /// Edges and their stiffness [N/m].
-    pub edges: (Vec<Distance>, Vec<f64>),
-    /// Hinges and their stiffness [N m].
-    pub hinges: (Vec<Bending>, Vec<f64>),
-    /// The enclosed volume.
-    pub volume: Option<EnclosedVolume>,
-}
 
 /// A muscle's equilibrium, followed from step to step.
 pub struct Equilibrium {
@@ -47,7 +35,7 @@ impl Equilibrium {
     /// # Errors
     /// A part of it that nothing holds, or no memory.
     pub(super) fn new(
-        parts: Parts,
+        (elastic, volume): (Vec<Box<dyn Potential>>, Option<EnclosedVolume>),
         particles: &Particles,
         loads: &[(u32, Vector3<f64>)],
         effects: &Effects,
@@ -55,24 +43,10 @@ impl Equilibrium {
         step: Option<f64>,
     ) -> Result<Self, FactorError> {
         let mut energy = Energy {
-            volumes: parts.volume.into_iter().collect(),
+            elastic,
+            volumes: volume.into_iter().collect(),
             ..Energy::default()
         };
-        let (edges, k) = parts.edges;
-        // An edge without stiffness (along a fibre, at full strength) exerts no force.
-        let (edges, k): (Vec<_>, Vec<_>) =
-            edges.into_iter().zip(k).filter(|(_, k)| *k > 0.0).unzip();
-        if !edges.is_empty() {
-            energy
-                .elastic
-                .push(Box::new(Quadratic::<Distance, 2>::new(edges, k)));
-        }
-        if !parts.hinges.0.is_empty() {
-            energy.elastic.push(Box::new(Quadratic::<Bending, 4>::new(
-                parts.hinges.0,
-                parts.hinges.1,
-            )));
-        }
         energy.forces = forces(particles, loads, effects.gravity);
         energy.inertia = step.map(|dt| {
             let weight = |w: &f64| if *w > 0.0 { 1.0 / (w * dt * dt) } else { 0.0 };

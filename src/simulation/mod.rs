@@ -4,6 +4,7 @@ pub mod assets;
 pub mod audit;
 pub mod body;
 pub mod checkpoint;
+mod effects;
 pub mod equilibrium;
 pub mod tracked;
 mod fault;
@@ -20,7 +21,7 @@ use nalgebra::Isometry3;
 use rayon::prelude::*;
 
 pub use assets::Assets;
-pub use body::Body;
+pub use body::{Body, Method};
 pub use fault::{Fault, LoadError, Unfit};
 pub use measures::Measures;
 pub use plan::Plan;
@@ -274,7 +275,7 @@ impl State for Simulation {
 }
 
 fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thickness: f64) {
-    if let Some(equilibrium) = &mut body.equilibrium {
+    if let Some(equilibrium) = body.equilibrium_mut() {
         equilibrium.begin_frame();
     }
     for placed in steps {
@@ -296,7 +297,7 @@ fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thic
         return;
     }
     // An equilibrium ends with contact and volume satisfied.
-    let at_rest = body.equilibrium.is_some() || body.tracked.is_some();
+    let at_rest = !matches!(body.method, Method::Sweeps);
     if let Some(last) = steps.last().filter(|_| !at_rest) {
         body.system.settle(last, SETTLED * thickness);
     }

@@ -7,10 +7,12 @@ use std::sync::Arc;
 use nalgebra::Isometry3;
 use serde::Serialize;
 
-use super::assets::Assets;
+use super::assets::{Assets, MuscleAsset};
+use super::effects::{EffectModel, MODELS, Scope};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
-use crate::scene::{Scene, Solver};
+use crate::scene::effects::EFFECTS;
+use crate::scene::{EffectSpec, Scene};
 
 /// An effect that will run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -41,14 +43,8 @@ pub struct LeftOut {
 /// What will happen to one muscle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MusclePlan {
-    /// Edges resist stretching.
-    pub stretch: bool,
-    /// Hinges resist bending.
-    pub bending: bool,
-    /// The volume is kept.
-    pub volume: bool,
-    /// Stretching along fibres is easier.
-    pub anisotropy: bool,
+    /// The keys of the effects that run on it, in the order in which they are built.
+    pub effects: Vec<&'static str>,
     /// Obstacles in reach: bones by index, then capsules.
     pub obstacles: Vec<usize>,
     /// Vertices that somebody fixed in space, beside those that bones hold; none as planned.
@@ -56,6 +52,14 @@ pub struct MusclePlan {
     /// The shape at rest of a muscle that goes on, see [`super::Simulation::continue_from`], in place of that as read without
     /// its overlap; none as planned.
     pub rest: Option<Arc<TriangleMesh>>,
+}
+
+impl MusclePlan {
+    /// Whether the effect with a key runs on the muscle.
+    #[must_use]
+    pub fn runs(&self, effect: &str) -> bool {
+        self.effects.contains(&effect)
+    }
 }
 
 /// The plan of a run.
@@ -69,21 +73,6 @@ pub struct Plan {
     pub muscles: Vec<MusclePlan>,
 }
 
-/// Nanoseconds a step of an edge, a hinge, a vertex of the enclosed volume, a vertex in reach of an obstacle, as the
-/// built-in hip took them on two cores: for estimates only.
-const NS: [(&str, f64); 4] = [
-    ("stretch", 16.0),
-    ("bending", 58.0),
-    ("volume", 60.0),
-    ("contact", 49.0),
-];
-
-fn nanoseconds(effect: &str) -> f64 {
-    NS.iter()
-        .find(|(name, _)| *name == effect)
-        .map_or(0.0, |(_, ns)| *ns)
-}
-
 impl Plan {
     /// Decides for each muscle and effect.
     pub fn new(scene: &Scene, assets: &Assets) -> Self {
@@ -91,27 +80,14 @@ impl Plan {
         for m in 0..scene.muscles.len() {
             plan.add_muscle(scene, assets, m);
         }
-        plan.add_global(scene);
-        plan
-    }
-
-    fn run(&mut self, scene: &Scene, muscle: &str, effect: &str, elements: usize, bytes: usize) {
-        let sweeps = match scene.solver {
-            // An equilibrium next to the last takes about so many evaluations.
-            Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
-                f64::from(s.substeps) * f64::from(s.iterations.min(20))
+        for spec in &EFFECTS {
+            if let Some(model) = EffectModel::of(spec).filter(|m| m.scope == Scope::Scene) {
+                let mut planner = Planner::of_scene(scene, assets, &mut plan);
+                planner.decide(spec, model);
             }
-            _ => f64::from(scene.solver.substeps()) * f64::from(scene.solver.iterations()),
-        };
-        let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;
-        let (muscle, effect) = (muscle.to_string(), effect.to_string());
-        self.run.push(Planned {
-            muscle,
-            effect,
-            elements,
-            bytes,
-            ms_per_frame,
-        });
+        }
+        plan.leave_friction(scene);
+        plan
     }
 
     fn leave(&mut self, muscle: &str, effect: &str, why: impl Into<String>) {
@@ -123,134 +99,18 @@ impl Plan {
     }
 
     fn add_muscle(&mut self, scene: &Scene, assets: &Assets, m: usize) {
-        let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
-        let name = muscle.name.as_str();
-        let rest = assets.ready.rest(&asset.mesh);
-        let topology = rest.topology();
-        let edges = topology.edges.len() + asset.edges.len();
-        let hinges = topology.hinges.len();
-        let mut decided = MusclePlan::default();
-        let (stretch, bending, volume) = stiffness(scene, muscle);
-        match (scene.effects.stretch, stretch) {
-            (false, _) => self.leave(name, "stretch", "the scene has no [effects.stretch]"),
-            (true, 0.0) => self.leave(name, "stretch", "its stiffness is zero"),
-            (true, _) => {
-                decided.stretch = true;
-                self.run(scene, name, "stretch", edges, edges * 52);
+        let mut planner = Planner::of_muscle(scene, assets, m, self);
+        for spec in &EFFECTS {
+            if let Some(model) = EffectModel::of(spec).filter(|m| m.scope == Scope::Muscle) {
+                planner.decide(spec, model);
             }
         }
-        match (scene.effects.bending, bending) {
-            (false, _) => self.leave(name, "bending", "the scene has no [effects.bending]"),
-            (true, 0.0) => self.leave(name, "bending", "its stiffness is zero"),
-            (true, _) if hinges == 0 => {
-                self.leave(name, "bending", "no two triangles share an edge")
-            }
-            (true, _) => {
-                decided.bending = true;
-                self.run(scene, name, "bending", hinges, hinges * 60);
-            }
-        }
-        match scene.effects.volume {
-            None => self.leave(name, "volume", "the scene has no [effects.volume]"),
-            Some(_) if volume == 0.0 => self.leave(name, "volume", "its stiffness is zero"),
-            Some(_) if asset.mesh.triangles.is_empty() => {
-                self.leave(
-                    name,
-                    "volume",
-                    "the body has no triangles that could enclose one",
-                );
-            }
-            Some(_) => {
-                decided.volume = true;
-                let n = asset.mesh.vertices.len();
-                self.run(
-                    scene,
-                    name,
-                    "volume",
-                    n,
-                    n * 52 + asset.mesh.triangles.len() * 36,
-                );
-            }
-        }
-        self.add_anisotropy(scene, name, asset.fibres.len(), &mut decided, edges);
-        self.add_contact(scene, assets, m, &mut decided);
+        let decided = planner.decided;
         self.muscles.push(decided);
     }
 
-    fn add_anisotropy(
-        &mut self,
-        scene: &Scene,
-        name: &str,
-        fibres: usize,
-        decided: &mut MusclePlan,
-        edges: usize,
-    ) {
-        match scene.effects.anisotropy {
-            None => self.leave(name, "anisotropy", "the scene has no [effects.anisotropy]"),
-            Some(a) if a.strength == 0.0 => self.leave(name, "anisotropy", "its strength is zero"),
-            Some(_) if fibres == 0 => self.leave(name, "anisotropy", "the muscle has no fibres"),
-            Some(_) if !decided.stretch => {
-                self.leave(name, "anisotropy", "it scales stretch, which is left out")
-            }
-            Some(_) => {
-                decided.anisotropy = true;
-                // It is in the stiffness of each edge from the start: no memory, no time of its own.
-                self.run(scene, name, "anisotropy", edges, 0);
-            }
-        }
-    }
-
-    fn add_contact(&mut self, scene: &Scene, assets: &Assets, m: usize, decided: &mut MusclePlan) {
-        let name = scene.muscles[m].name.as_str();
-        if scene.effects.contact.is_none() {
-            return self.leave(name, "contact", "the scene has no [effects.contact]");
-        }
-        let mesh = &assets.muscles[m].mesh;
-        if mesh.triangles.is_empty() {
-            return self.leave(name, "contact", "the body has no triangles");
-        }
-        if scene.bones.is_empty() {
-            return self.leave(name, "contact", "the scene has no bones");
-        }
-        let reach = reach(scene, mesh, m);
-        let n = mesh.vertices.len();
-        for o in 0..scene.bones.len() + scene.capsules.len() {
-            let (other, bone, bounds) = obstacle(scene, assets, o);
-            let effect = format!("contact with {other}");
-            let swept = swept(scene, bone, &bounds);
-            if reach.is_none_or(|r| r.intersects(&swept)) {
-                decided.obstacles.push(o);
-                let elements = if o < scene.bones.len() {
-                    n + assets.bones[o].vertices.len()
-                } else {
-                    n
-                };
-                self.run(scene, name, &effect, elements, n * 96 + elements * 8);
-                if let Some(last) = self.run.last_mut() {
-                    // By vertices: what a bone's points cost goes with the muscle that they meet.
-                    last.ms_per_frame = n as f64 * nanoseconds("contact") * sub_steps(scene) * 1e-6;
-                }
-            } else {
-                self.leave(
-                    name,
-                    &effect,
-                    "the boxes that muscle and bone sweep never meet",
-                );
-            }
-        }
-    }
-
-    fn add_global(&mut self, scene: &Scene) {
-        let count = self.muscles.len();
-        match scene.effects.gravity {
-            None => self.leave("", "gravity", "the scene has no [effects.gravity]"),
-            Some(g) if g.norm() == 0.0 => self.leave("", "gravity", "its acceleration is zero"),
-            Some(_) => self.run(scene, "", "gravity", count, 0),
-        }
-        let minimises = matches!(
-            scene.solver,
-            Solver::QuasiStatic(_) | Solver::ImplicitEuler(_)
-        );
+    fn leave_friction(&mut self, scene: &Scene) {
+        let minimises = scene.solver.minimisation().is_some();
         if minimises && scene.effects.contact.is_some_and(|c| c.friction > 0.0) {
             self.leave(
                 "",
@@ -258,31 +118,133 @@ impl Plan {
                 "a minimum of energy knows none; `solver.xpbd` has it",
             );
         }
-        match scene.effects.damping {
-            None => self.leave("", "damping", "the scene has no [effects.damping]"),
-            Some(0.0) => self.leave("", "damping", "its rate is zero"),
-            Some(_) if matches!(scene.solver, Solver::QuasiStatic(_)) => {
-                self.leave("", "damping", "an equilibrium has no velocities");
-            }
-            Some(_) => self.run(scene, "", "damping", count, 0),
+    }
+}
+
+/// Decides which effects run on one muscle, or on the scene as a whole.
+pub(super) struct Planner<'a> {
+    pub scene: &'a Scene,
+    pub assets: &'a Assets,
+    /// Edges of the muscle.
+    pub edges: usize,
+    /// Pairs of triangles of the muscle that share an edge.
+    pub hinges: usize,
+    /// The muscle; the first one where the scene as a whole is planned.
+    m: usize,
+    /// Name of the muscle; empty for the scene as a whole.
+    name: &'a str,
+    decided: MusclePlan,
+    plan: &'a mut Plan,
+}
+
+impl<'a> Planner<'a> {
+    fn of_scene(scene: &'a Scene, assets: &'a Assets, plan: &'a mut Plan) -> Self {
+        Self {
+            scene,
+            assets,
+            edges: 0,
+            hinges: 0,
+            m: 0,
+            name: "",
+            decided: MusclePlan::default(),
+            plan,
         }
     }
+
+    fn of_muscle(scene: &'a Scene, assets: &'a Assets, m: usize, plan: &'a mut Plan) -> Self {
+        let asset = &assets.muscles[m];
+        let rest = assets.ready.rest(&asset.mesh);
+        let topology = rest.topology();
+        Self {
+            edges: topology.edges.len() + asset.edges.len(),
+            hinges: topology.hinges.len(),
+            m,
+            name: &scene.muscles[m].name,
+            ..Self::of_scene(scene, assets, plan)
+        }
+    }
+
+    fn decide(&mut self, spec: &EffectSpec, model: &EffectModel) {
+        let material = &self.scene.muscles[self.m].material;
+        let constant = spec.material.as_ref().and_then(|c| c.value(material));
+        if !spec.is_on(&self.scene.effects) {
+            self.leave(spec.key, format!("the scene has no [effects.{}]", spec.key));
+        } else if self.scene.solver.share(spec.key).or(constant) == Some(0.0) {
+            self.leave(spec.key, "its stiffness is zero");
+        } else {
+            (model.plan)(self);
+        }
+    }
+
+    /// The mesh of the muscle.
+    pub fn mesh(&self) -> &'a TriangleMesh {
+        &self.assets.muscles[self.m].mesh
+    }
+
+    /// The meshes of the muscle.
+    pub fn asset(&self) -> &'a MuscleAsset {
+        &self.assets.muscles[self.m]
+    }
+
+    /// Whether an effect was decided to run.
+    pub fn runs(&self, effect: &str) -> bool {
+        self.decided.runs(effect)
+    }
+
+    /// The box that the muscle is expected to stay in, see [`reach`].
+    pub fn reach(&self) -> Option<Aabb> {
+        reach(self.scene, self.mesh(), self.m)
+    }
+
+    /// The effect with a key does not run.
+    pub fn leave(&mut self, effect: &str, why: impl Into<String>) {
+        self.plan.leave(self.name, effect, why);
+    }
+
+    /// The effect with a key runs on some elements.
+    pub fn run(&mut self, effect: &'static str, elements: usize, bytes: usize) {
+        let sweeps = match self.scene.solver.minimisation() {
+            // An equilibrium next to the last takes about so many evaluations.
+            Some(s) => f64::from(s.substeps) * f64::from(s.iterations.min(20)),
+            None => {
+                f64::from(self.scene.solver.substeps()) * f64::from(self.scene.solver.iterations())
+            }
+        };
+        let ms_per_frame = elements as f64 * nanoseconds(effect) * sweeps * 1e-6;
+        self.decided.effects.push(effect);
+        self.add(effect, elements, bytes, ms_per_frame);
+    }
+
+    /// The muscle reaches obstacle `o`; the effect is contact with it.
+    pub fn reaches(&mut self, o: usize, effect: &str, elements: usize, bytes: usize) {
+        // By vertices: what a bone's points cost goes with the muscle that they meet.
+        let vertices = self.mesh().vertices.len() as f64;
+        let ms_per_frame = vertices * nanoseconds("contact") * sub_steps(self.scene) * 1e-6;
+        self.decided.obstacles.push(o);
+        self.add(effect, elements, bytes, ms_per_frame);
+    }
+
+    fn add(&mut self, effect: &str, elements: usize, bytes: usize, ms_per_frame: f64) {
+        self.plan.run.push(Planned {
+            muscle: self.name.to_owned(),
+            effect: effect.to_owned(),
+            elements,
+            bytes,
+            ms_per_frame,
+        });
+    }
+}
+
+/// Time of an element of an effect in a sweep or step [ns].
+fn nanoseconds(effect: &str) -> f64 {
+    MODELS
+        .iter()
+        .find(|model| model.key == effect)
+        .map_or(0.0, |model| model.nanoseconds)
 }
 
 fn sub_steps(scene: &Scene) -> f64 {
     f64::from(scene.solver.substeps())
-}
-
-/// Stiffness of stretch, bending and volume as the scene's solver takes them; only zero or not matters here.
-fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
-    match scene.solver {
-        Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => (
-            muscle.material.stretch,
-            muscle.material.bending,
-            muscle.material.bulk.unwrap_or(1.0),
-        ),
-        Solver::Pbd(s) => (s.stretch, s.bending, s.volume),
-    }
 }
 
 /// Name, carrying bone and local bounds of obstacle `o`: bones first, then capsules.
@@ -306,7 +268,8 @@ fn poses(scene: &Scene, bone: usize) -> impl Iterator<Item = Isometry3<f64>> + '
     (0..=scene.frames).map(move |f| scene.bones[bone].motion.pose(f as f64))
 }
 
-fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
+/// The box of a bone over all frames.
+pub(super) fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
     poses(scene, bone)
         .map(|p| bounds.transformed(&p))
         .reduce(|a, b| a.union(&b))

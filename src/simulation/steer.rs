@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3};
 
 use super::ready::same_pose;
-use super::{Body, Simulation};
+use super::{Body, Method, Simulation};
 use crate::contact::{Contacts, Placed};
 use crate::scene::{ContactEffect, Key, Motion};
 use crate::solvers::System;
@@ -73,7 +73,7 @@ impl Simulation {
     pub fn drag(&mut self, muscle: usize, vertex: u32, to: Point3<f64>, stiffness: f64) {
         self.let_go(muscle);
         let (body, grip) = (&mut self.bodies[muscle], Grip::new(vertex, to, stiffness));
-        match &mut body.equilibrium {
+        match body.equilibrium_mut() {
             Some(equilibrium) => equilibrium.energy_mut().elastic.push(Box::new(grip)),
             None => body.system.elastic.push(Box::new(grip)),
         }
@@ -83,7 +83,7 @@ impl Simulation {
     pub fn let_go(&mut self, muscle: usize) {
         let body = &mut self.bodies[muscle];
         body.system.elastic.retain(|part| part.name() != DRAG);
-        if let Some(equilibrium) = &mut body.equilibrium {
+        if let Some(equilibrium) = body.equilibrium_mut() {
             equilibrium
                 .energy_mut()
                 .elastic
@@ -126,7 +126,7 @@ impl Body {
             // Of the same kind and number, so that it fits.
             let _ = part.restore(&mut Reader::new(&kept.bytes));
         }
-        if let Some(equilibrium) = &mut self.equilibrium {
+        if let Method::Minimum(equilibrium) = &mut self.method {
             equilibrium
                 .energy_mut()
                 .remember(&system.particles.position);

@@ -5,7 +5,10 @@ use nalgebra::{Unit, Vector3};
 use super::session::Command;
 use super::snapshot::{Shot, Steering};
 use pliant::constraints::Order;
-use pliant::scene::{Accuracy, Bone, Mass, Minimisation, Pbd, Scene, Solver, Xpbd};
+use pliant::scene::effects::EFFECTS;
+use pliant::scene::keys::{KeySpec, KeyValue, Slider};
+use pliant::scene::solvers::SOLVERS;
+use pliant::scene::{Accuracy, Bone, EffectSpec, Mass, Material, Scene};
 
 /// How a control's range is divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -345,6 +348,21 @@ impl Shown {
         }
     }
 
+    /// As a key is declared; `start` is its value at the start in the unit of the panel.
+    fn declared(key: &KeySpec, start: f64) -> Self {
+        let unit = key.unit.0;
+        match key.slider {
+            Slider::Even(low, high) => Self::even(unit, low, high),
+            Slider::Factors(low, high) => Self {
+                unit,
+                range: (low, high),
+                scale: Scale::Logarithmic,
+            },
+            Slider::About { span, otherwise } => Self::about(unit, start, span, otherwise),
+            Slider::UpTo { span, least } => Self::even(unit, 0.0, (span * start).max(least)),
+        }
+    }
+
     /// Wide enough for a value that was given by other means.
     fn holding(mut self, value: f64) -> Self {
         self.range = (self.range.0.min(value), self.range.1.max(value));
@@ -402,134 +420,90 @@ impl List {
     }
 
     fn effects(&mut self, start: &Scene, now: &Scene) {
-        let (had, has) = (&start.effects, &now.effects);
-        let path = |key: &str| Target::Path(format!("effects.{key}"));
-        if had.stretch {
-            self.switch("stretch", has.stretch);
-        }
-        if had.bending {
-            self.switch("bending", has.bending);
-        }
-        if had.volume.is_some() {
-            self.switch("volume", has.volume.is_some());
-        }
-        if let Some(volume) = has.volume {
-            let shown = Shown {
-                unit: "",
-                range: (0.5, 2.0),
-                scale: Scale::Logarithmic,
-            };
-            self.slider(
-                "volume",
-                "pressure",
-                path("volume.pressure"),
-                volume.pressure,
-                shown,
-            );
-        }
-        if had.anisotropy.is_some() {
-            self.switch("anisotropy", has.anisotropy.is_some());
-        }
-        if let Some(anisotropy) = has.anisotropy {
-            let (strength, power) = (path("anisotropy.strength"), path("anisotropy.power"));
-            self.slider(
-                "anisotropy",
-                "strength",
-                strength,
-                anisotropy.strength,
-                Shown::even("", 0.0, 1.0),
-            );
-            let shown = Shown {
-                unit: "",
-                range: (1.0, 100.0),
-                scale: Scale::Logarithmic,
-            };
-            self.slider("anisotropy", "power", power, anisotropy.power, shown);
-        }
-        if had.contact.is_some() {
-            self.switch("contact", has.contact.is_some());
-        }
-        if let Some(contact) = has.contact {
-            let thickness = had.contact.map_or(0.0, |c| 1e3 * c.thickness);
-            let shown = Shown::about("mm", thickness, 4.0, 1.0);
-            self.slider(
-                "contact",
-                "thickness",
-                path("contact.thickness"),
-                1e3 * contact.thickness,
-                shown,
-            );
-            self.slider(
-                "contact",
-                "friction",
-                path("contact.friction"),
-                contact.friction,
-                Shown::even("", 0.0, 1.0),
-            );
-        }
-        if had.gravity.is_some() {
-            self.switch("gravity", has.gravity.is_some());
-        }
-        if let (Some(began), Some(gravity)) = (had.gravity, has.gravity) {
-            let along = Unit::try_new(began, 0.0).unwrap_or(-Vector3::y_axis());
-            let target = Target::Vector("effects.gravity.acceleration".to_owned(), along);
-            self.slider(
-                "gravity",
-                "acceleration",
-                target,
-                gravity.norm(),
-                Shown::even("m/s2", 0.0, 20.0),
-            );
-        }
-        if had.damping.is_some() {
-            self.switch("damping", has.damping.is_some());
-        }
-        if let Some(rate) = has.damping {
-            let most = (4.0 * had.damping.unwrap_or(0.0)).max(20.0);
-            self.slider(
-                "damping",
-                "rate",
-                path("damping.rate"),
-                rate,
-                Shown::even("1/s", 0.0, most),
-            );
+        for spec in &EFFECTS {
+            let (began, now) = (spec.values(&start.effects), spec.values(&now.effects));
+            if began.is_some() {
+                self.switch(spec.key, now.is_some());
+            }
+            let began = began.unwrap_or_default();
+            for (k, (key, value)) in spec.keys.iter().zip(now.unwrap_or_default()).enumerate() {
+                let path = format!("effects.{}.{}", spec.key, key.key);
+                self.key(spec.key, key, path, value, began.get(k).copied());
+            }
         }
     }
 
-    fn muscle(
+    /// The control of a declared key; `start` is its value at the start.
+    fn key(
         &mut self,
-        m: usize,
-        name: &str,
-        now: &pliant::scene::Material,
-        start: &pliant::scene::Material,
-        scene: &Scene,
+        group: &str,
+        key: &KeySpec,
+        path: String,
+        value: KeyValue,
+        start: Option<KeyValue>,
     ) {
+        match value {
+            KeyValue::Number(value) => {
+                let start = match start {
+                    Some(KeyValue::Number(start)) => start,
+                    _ => 0.0,
+                };
+                let per_si = key.unit.1;
+                let shown = Shown::declared(key, per_si * start);
+                self.slider(group, key.label, Target::Path(path), per_si * value, shown);
+            }
+            KeyValue::Vector(value) => {
+                // Without a vector at the start there is no direction to move along.
+                if let Some(KeyValue::Vector(start)) = start {
+                    let along = Unit::try_new(start, 0.0).unwrap_or(-Vector3::y_axis());
+                    let shown = Shown::declared(key, start.norm());
+                    let target = Target::Vector(path, along);
+                    self.slider(group, key.label, target, value.norm(), shown);
+                }
+            }
+            KeyValue::Whole(value) => {
+                let Shown { range, scale, .. } = Shown::declared(key, 0.0);
+                let range = (range.0 as u32, (range.1 as u32).max(value));
+                let kind = Kind::Whole { range, scale };
+                let target = Target::Path(path);
+                self.other(group, key.label, target, kind, Value::Whole(value));
+            }
+            KeyValue::Order(value) => {
+                let names = Order::NAMES.map(|(name, _)| name).to_vec();
+                let chosen = Order::NAMES
+                    .iter()
+                    .position(|(_, order)| *order == value)
+                    .unwrap_or(0);
+                let (target, kind) = (Target::Path(path), Kind::Choice(names));
+                self.other(group, key.label, target, kind, Value::Choice(chosen));
+            }
+        }
+    }
+
+    fn muscle(&mut self, m: usize, name: &str, now: &Material, start: &Material, scene: &Scene) {
         let group = format!("muscle {name}");
-        let path = |key: &str| Target::Path(format!("muscle.{m}.material.{key}"));
-        // Classic PBD has stiffness of its own.
-        if !matches!(scene.solver, Solver::Pbd(_)) {
-            if scene.effects.stretch {
-                let shown = Shown::about("N/m", start.stretch, 100.0, 300.0);
-                self.slider(&group, "stretch", path("stretch"), now.stretch, shown);
-            }
-            if scene.effects.bending {
-                let shown = Shown::about("N m", start.bending, 100.0, 2e-4);
-                self.slider(&group, "bending", path("bending"), now.bending, shown);
-            }
-            if let (Some(_), Some(bulk)) = (scene.effects.volume, now.bulk) {
-                let shown = Shown::about("Pa", start.bulk.unwrap_or(bulk), 100.0, 1e5);
-                self.slider(&group, "bulk modulus", path("bulk"), bulk, shown);
+        let path = |key: &str| format!("muscle.{m}.material.{key}");
+        for effect in &EFFECTS {
+            // A solver may have a stiffness of its own.
+            let is_used = effect.is_on(&scene.effects) && scene.solver.share(effect.key).is_none();
+            let Some(constant) = effect.material.as_ref().filter(|_| is_used) else {
+                continue;
+            };
+            if let Some(value) = constant.value(now) {
+                let began = constant.value(start).unwrap_or(value);
+                let path = path(constant.key.key);
+                let (value, began) = (KeyValue::Number(value), KeyValue::Number(began));
+                self.key(&group, &constant.key, path, value, Some(began));
             }
         }
         match (now.mass, start.mass) {
             // An equilibrium has mass only where there is weight.
-            _ if matches!(scene.solver, Solver::QuasiStatic(_))
-                && scene.effects.gravity.is_none() => {}
+            _ if !scene.solver.has_inertia() && scene.effects.gravity.is_none() => {}
             (Mass::Density(density), Mass::Density(began)) => {
                 self.slider(
                     &group,
                     "density",
-                    path("density"),
+                    Target::Path(path("density")),
                     density,
                     Shown::about("kg/m3", began, 10.0, 1e4),
                 );
@@ -538,7 +512,7 @@ impl List {
                 self.slider(
                     &group,
                     "mass of a vertex",
-                    path("vertex_mass"),
+                    Target::Path(path("vertex_mass")),
                     mass,
                     Shown::about("kg", began, 10.0, 1.0),
                 );
@@ -548,8 +522,9 @@ impl List {
     }
 
     fn solver(&mut self, scene: &Scene) {
-        // Classic PBD minimises nothing that an error could be measured against.
-        if !matches!(scene.solver, Solver::Pbd(_)) {
+        let spec = scene.solver.spec();
+        // A solver without an energy has nothing that an error could be measured against.
+        if spec.question.is_some() {
             let wished = match scene.accuracy {
                 Some(Accuracy::Share(share)) => 100.0 * share,
                 // One per cent where none is wished, or one in millimetres.
@@ -568,79 +543,20 @@ impl List {
                 shown,
             );
         }
-        let names = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
-        let chosen = match scene.solver {
-            Solver::Xpbd(_) => 0,
-            Solver::Pbd(_) => 1,
-            Solver::QuasiStatic(_) => 2,
-            Solver::ImplicitEuler(_) => 3,
-        };
-        let target = Target::Path("solver".to_owned());
+        let names: Vec<&str> = SOLVERS.iter().map(|solver| solver.key).collect();
+        let chosen = names.iter().position(|name| *name == spec.key).unwrap_or(0);
         self.other(
             "solver",
             "solver",
-            target,
-            Kind::Choice(names.to_vec()),
+            Target::Path("solver".to_owned()),
+            Kind::Choice(names),
             Value::Choice(chosen),
         );
-        let name = names[chosen];
-        let path = |key: &str| Target::Path(format!("solver.{name}.{key}"));
-        let (most_steps, most_sweeps) = match scene.solver {
-            Solver::Xpbd(Xpbd { .. }) | Solver::Pbd(Pbd { .. }) => (200, 100),
-            Solver::QuasiStatic(Minimisation { .. })
-            | Solver::ImplicitEuler(Minimisation { .. }) => (20, 2000),
-        };
-        for (key, value, most) in [
-            ("substeps", scene.solver.substeps(), most_steps),
-            ("iterations", scene.solver.iterations(), most_sweeps),
-        ] {
-            let kind = Kind::Whole {
-                range: (1, most.max(value)),
-                scale: Scale::Logarithmic,
-            };
-            self.other("solver", key, path(key), kind, Value::Whole(value));
-        }
-        let shown = Shown {
-            unit: "",
-            range: (1e-6, 1.0),
-            scale: Scale::Logarithmic,
-        };
-        self.slider(
-            "solver",
-            "tolerance",
-            path("tolerance"),
-            scene.solver.tolerance(),
-            shown,
-        );
-        if matches!(scene.solver, Solver::Xpbd(_) | Solver::Pbd(_)) {
-            let names = Order::NAMES.map(|(name, _)| name).to_vec();
-            let order = Order::NAMES
-                .iter()
-                .position(|(_, order)| *order == scene.solver.order())
-                .unwrap_or(0);
-            self.other(
-                "solver",
-                "order of a sweep",
-                path("order"),
-                Kind::Choice(names),
-                Value::Choice(order),
-            );
-        }
-        if let Solver::Pbd(pbd) = scene.solver {
-            let shares = [
-                (scene.effects.stretch, "stretch", pbd.stretch),
-                (scene.effects.bending, "bending", pbd.bending),
-                (scene.effects.volume.is_some(), "volume", pbd.volume),
-                (true, "velocity_damping", pbd.velocity_damping),
-            ];
-            for (_, key, value) in shares.into_iter().filter(|(acts, ..)| *acts) {
-                self.slider(
-                    "solver",
-                    &key.replace('_', " "),
-                    path(key),
-                    value,
-                    Shown::even("", 0.0, 1.0),
-                );
+        for (key, value) in scene.solver.settings() {
+            // The stiffness of an effect that is off changes nothing.
+            if EffectSpec::named(key.key).is_none_or(|effect| effect.is_on(&scene.effects)) {
+                let path = format!("solver.{}.{}", spec.key, key.key);
+                self.key("solver", key, path, value, Some(value));
             }
         }
     }

@@ -7,6 +7,7 @@ use super::failure::Failure;
 use super::{environment, length_unit};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
+use pliant::scene::effects::EFFECTS;
 use pliant::scene::{Scene, Surroundings, parse_with};
 use pliant::simulation::Assets;
 
@@ -207,20 +208,18 @@ impl Written<'_> {
                 ));
             }
         }
-        toml.push_str(EFFECTS);
+        toml.push_str(&usual_effects());
         toml
     }
 }
 
-/// Everything there is, as in the built-in hip.
-const EFFECTS: &str = r#"
-[effects.stretch]
-[effects.bending]
-[effects.volume]
-[effects.anisotropy]
-strength = 0.3
-[effects.contact]
-thickness = "0.5 mm"
-[effects.damping]
-rate = "5 1/s"
-"#;
+/// Every effect that a muscle usually has, as in the built-in hip.
+fn usual_effects() -> String {
+    let mut toml = "\n".to_owned();
+    for effect in &EFFECTS {
+        if let Some(keys) = effect.usual {
+            toml.push_str(&format!("[effects.{}]\n{keys}", effect.key));
+        }
+    }
+    toml
+}

@@ -101,7 +101,7 @@ pub(super) struct Arguments {
     /// Folder of the results [default: pliant-out/NAME-moment-arms]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
     set: Vec<String>,
     /// Number of threads [default: one for each core]; the results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

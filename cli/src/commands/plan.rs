@@ -20,7 +20,7 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
     set: Vec<String>,
     /// Write the result as JSON
     #[arg(long)]

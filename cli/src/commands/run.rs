@@ -51,7 +51,7 @@ pub(super) struct Arguments {
     /// Folder of the results [default: pliant-out/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
     set: Vec<String>,
     /// Number of frames, instead of the scene's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]

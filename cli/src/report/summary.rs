@@ -264,35 +264,11 @@ fn cut(body: &Body) -> Option<String> {
 
 /// The solver and its settings in one line.
 fn solver(solver: &Solver) -> String {
-    match solver {
-        Solver::Xpbd(s) => format!(
-            "small-step XPBD: substeps {}, iterations {}, order {:?}, tolerance {}",
-            s.substeps, s.iterations, s.order, s.tolerance
-        ),
-        Solver::Pbd(s) => format!(
-            "classic PBD: substeps {}, iterations {}, stretch {}, bending {}, volume {}, velocity damping {}, order {:?}, \
-             tolerance {}",
-            s.substeps,
-            s.iterations,
-            s.stretch,
-            s.bending,
-            s.volume,
-            s.velocity_damping,
-            s.order,
-            s.tolerance
-        ),
-        Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => format!(
-            "{}: substeps {}, iterations at most {}, tolerance {} of the force of a strain of one",
-            if matches!(solver, Solver::QuasiStatic(_)) {
-                "quasi-static"
-            } else {
-                "implicit Euler"
-            },
-            s.substeps,
-            s.iterations,
-            s.tolerance
-        ),
+    let mut settings = Vec::new();
+    for (key, value) in solver.settings() {
+        settings.push(format!("{} {value}", key.key.replace('_', " ")));
     }
+    format!("{}: {}", solver.spec().name, settings.join(", "))
 }
 
 /// Whether the accuracy that was asked for is kept, as far as can be estimated.
@@ -385,9 +361,9 @@ fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verd
         format!("{unconverged} frames are not"),
         unconverged == 0,
     );
-    if plan.volume
+    if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
-        && !matches!(scene.solver, Solver::Pbd(_))
+        && scene.solver.share("volume").is_none()
     {
         let kept = s.volume_error_max <= VOLUME_HELD;
         say(

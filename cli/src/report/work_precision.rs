@@ -10,13 +10,15 @@ use super::plot::{LinePlot, Series};
 use super::table::Table;
 use pliant::accuracy::candidates::HIERARCHY;
 use pliant::accuracy::{Question, Row, Status, Study};
+use pliant::scene::SolverSpec;
+use pliant::scene::solvers::SOLVERS;
 
-/// The solvers in the order of the key, as people call them.
-const SOLVERS: [(&str, &str); 3] = [
-    ("xpbd", "small-step XPBD"),
-    ("implicit_euler", "implicit Euler"),
-    ("quasi_static", "quasi-static"),
-];
+/// The solvers in the order of the key: those of a motion before those of an equilibrium.
+fn solvers() -> Vec<&'static SolverSpec> {
+    let mut solvers: Vec<&SolverSpec> = SOLVERS.iter().collect();
+    solvers.sort_by_key(|spec| spec.question == Some(Question::Equilibrium));
+    solvers
+}
 
 /// Columns of `work_precision.csv`.
 const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,order,tolerance,contact,lanes,threads,status,certain,time_s,time_min_s,\
@@ -166,17 +168,17 @@ pub fn plot(study: &Study) -> LinePlot {
     let total = |row: &Row| (row.error.rms + row.model_error_m) * 1e3;
     let fine = |row: &&Row| row.status != Status::Diverged;
     let mut series = Vec::new();
-    for (name, title) in SOLVERS {
+    for SolverSpec { key, name, .. } in solvers() {
         let rows: Vec<&Row> = study
             .rows
             .iter()
-            .filter(|r| r.candidate.name() == name)
+            .filter(|r| r.candidate.name() == *key)
             .filter(fine)
             .collect();
         if !rows.is_empty() {
             let bars = rows.iter().filter(|r| r.repeats > 1);
             let bars = bars.map(|r| (total(r), r.time_range_s[0], r.time_range_s[1]));
-            series.push(Series::new(title, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars));
+            series.push(Series::new(*name, rows.iter().map(|r| (r.time_s, total(r)))).dotted(bars));
         }
     }
     let front = study

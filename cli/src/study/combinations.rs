@@ -11,7 +11,7 @@ use crate::report::run::ready;
 use pliant::format::number;
 use pliant::scene::content::{Content, Staged};
 use pliant::scene::study::{Change, Combine, StudyFile};
-use pliant::scene::{Effects, Mass, Material, Scene, SceneError, Solver};
+use pliant::scene::{Effects, Material, Scene, SceneError, Solver};
 use pliant::simulation::{Assets, LoadError, Plan, Simulation};
 
 /// What a run is for.
@@ -438,25 +438,14 @@ fn shape_of(scene: &Scene) -> Scene {
         ..Effects::default()
     };
     (shape.frames, shape.frame_rate, shape.accuracy) = (0, 0.0, None);
-    shape.solver = Solver::QuasiStatic(pliant::scene::Minimisation {
-        substeps: 1,
-        iterations: 1,
-        tolerance: 1.0,
-    });
+    shape.solver = Solver::default();
     shape
         .bones
         .iter_mut()
         .for_each(|bone| bone.motion = Default::default());
-    let material = Material {
-        mass: Mass::PerVertex(1.0),
-        stretch: 1.0,
-        bending: 1.0,
-        bulk: None,
-    };
-    shape
-        .muscles
-        .iter_mut()
-        .for_each(|muscle| muscle.material = material);
+    for muscle in &mut shape.muscles {
+        muscle.material = Material::default();
+    }
     shape
 }
 

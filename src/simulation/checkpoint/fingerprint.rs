@@ -113,18 +113,12 @@ impl Fingerprint {
         );
         // What is fixed shows as inverse masses, a shape at rest as itself.
         let MusclePlan {
-            stretch,
-            bending,
-            volume,
-            anisotropy,
+            effects,
             obstacles,
             fixed: _,
             rest: _,
         } = plan;
-        self.add(
-            format!("the effects that run on muscle `{name}`"),
-            &[stretch, bending, volume, anisotropy],
-        );
+        self.add(format!("the effects that run on muscle `{name}`"), effects);
         self.add(
             format!("the bones in reach of muscle `{name}` over all frames that are wanted"),
             obstacles,

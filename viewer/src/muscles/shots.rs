@@ -130,7 +130,7 @@ impl Muscles {
             ("speed", 1e3 * shot.speed[vertex], "mm/s"),
             ("depth", 1e3 * shot.depth[vertex], "mm"),
         ];
-        if self.simulation.bodies[body].equilibrium.is_none() {
+        if self.simulation.bodies[body].equilibrium().is_none() {
             for (name, residual) in system.residuals_at(vertex as u32) {
                 values.push((name, 1e3 * residual, "mm"));
             }

@@ -1,0 +1,400 @@
+//! The effects. [`EFFECTS`] declares each one once: scene files, overrides, panel and scenes made of meshes alone read the
+//! table. How an effect is planned, what it costs and what it builds stands in `crate::simulation::effects`.
+
+use nalgebra::Vector3;
+
+use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
+use super::schema::Schema;
+use super::units::Dimension;
+
+/// What acts in a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Effects {
+    /// Edges resist a change of length (material constant `stretch`).
+    pub stretch: bool,
+    /// Neighbouring triangles resist a change of their angle (material constant `bending`).
+    pub bending: bool,
+    /// The enclosed volume is kept (material constant `bulk`).
+    pub volume: Option<Volume>,
+    /// Stretching along fibres is easier.
+    pub anisotropy: Option<Anisotropy>,
+    /// Muscles are kept out of bones and bones out of muscles.
+    pub contact: Option<ContactEffect>,
+    /// Acceleration [m/s^2].
+    pub gravity: Option<Vector3<f64>>,
+    /// Rate at which velocities decay [1/s].
+    pub damping: Option<f64>,
+}
+
+/// The enclosed volume is kept at `pressure` times its start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Pressure factor, 0.5 to 2.
+    pub pressure: f64,
+}
+
+/// Stiffness of an edge is scaled by `1 - strength |u.v|^power`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Anisotropy {
+    /// A in 0..1.
+    pub strength: f64,
+    /// Exponent, at least 1.
+    pub power: f64,
+}
+
+/// Contact with Coulomb friction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactEffect {
+    /// Distance kept between muscle and bone \[m\].
+    pub thickness: f64,
+    /// Coefficient of Coulomb friction.
+    pub friction: f64,
+}
+
+/// Material constants of a surface muscle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Material {
+    /// What the mass comes from.
+    pub mass: Mass,
+    /// In-plane stiffness of the surface [N/m]; zero leaves the effect out.
+    pub stretch: f64,
+    /// Bending stiffness of the surface [N m]; zero leaves the effect out.
+    pub bending: f64,
+    /// Bulk modulus \[Pa\]; `None` is incompressible.
+    pub bulk: Option<f64>,
+}
+
+impl Default for Material {
+    /// Muscle of 1060 kg/m^3 that is incompressible.
+    fn default() -> Self {
+        Self {
+            mass: Mass::Density(1060.0),
+            stretch: 300.0,
+            bending: 2e-4,
+            bulk: None,
+        }
+    }
+}
+
+/// What the mass of a vertex comes from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mass {
+    /// Density of the enclosed volume [kg/m^3], shared among vertices by area.
+    Density(f64),
+    /// The same mass for each vertex \[kg\].
+    PerVertex(f64),
+}
+
+/// The declaration of an effect.
+#[derive(Debug)]
+pub struct EffectSpec {
+    /// The key of its section below `[effects]`.
+    pub key: &'static str,
+    /// One sentence about it.
+    pub help: &'static str,
+    /// The keys of its section.
+    pub keys: &'static [KeySpec],
+    /// The constant of a muscle's material that gives its stiffness.
+    pub material: Option<MaterialSpec>,
+    /// The text of its section in a scene made of meshes alone; `None` leaves it out there.
+    pub usual: Option<&'static str>,
+    pub(super) schema: Schema,
+    values: fn(&Effects) -> Option<Vec<KeyValue>>,
+    set: fn(&mut Effects, &[KeyValue]),
+}
+
+/// The declaration of a material constant.
+#[derive(Debug)]
+pub struct MaterialSpec {
+    /// Its key below `[muscle.material]`.
+    pub key: KeySpec,
+    value: fn(&Material) -> Option<f64>,
+    set: fn(&mut Material, f64),
+}
+
+/// Every effect.
+pub static EFFECTS: [EffectSpec; 7] = [
+    EffectSpec {
+        key: "stretch",
+        help: "Edges resist a change of length.",
+        keys: &[],
+        material: Some(MaterialSpec {
+            key: stiffness("stretch", Dimension::Stiffness, "In-plane stiffness.")
+                .shown_in("N/m", 1.0)
+                .over(about(100.0, 300.0)),
+            value: |material| Some(material.stretch),
+            set: |material, value| material.stretch = value,
+        }),
+        usual: Some(""),
+        schema: Schema::Keys(&[]),
+        values: |effects| effects.stretch.then(Vec::new),
+        set: |effects, _| effects.stretch = true,
+    },
+    EffectSpec {
+        key: "bending",
+        help: "Neighbouring triangles resist a change of their angle.",
+        keys: &[],
+        material: Some(MaterialSpec {
+            key: stiffness("bending", Dimension::Moment, "Bending stiffness.")
+                .shown_in("N m", 1.0)
+                .over(about(100.0, 2e-4)),
+            value: |material| Some(material.bending),
+            set: |material, value| material.bending = value,
+        }),
+        usual: Some(""),
+        schema: Schema::Keys(&[]),
+        values: |effects| effects.bending.then(Vec::new),
+        set: |effects, _| effects.bending = true,
+    },
+    EffectSpec {
+        key: "volume",
+        help: "The enclosed volume is kept.",
+        keys: VOLUME,
+        material: Some(MaterialSpec {
+            key: KeySpec::new(
+                "bulk",
+                KeyKind::Quantity(Dimension::Pressure, Limit::Positive),
+                "Bulk modulus; a muscle without one is incompressible.",
+            )
+            .labelled("bulk modulus")
+            .shown_in("Pa", 1.0)
+            .over(about(100.0, 1e5)),
+            value: |material| material.bulk,
+            set: |material, value| material.bulk = Some(value),
+        }),
+        usual: Some(""),
+        schema: Schema::Keys(VOLUME),
+        values: |effects| Some(vec![KeyValue::Number(effects.volume?.pressure)]),
+        set: |effects, values| {
+            if let &[KeyValue::Number(pressure)] = values {
+                effects.volume = Some(Volume { pressure });
+            }
+        },
+    },
+    EffectSpec {
+        key: "anisotropy",
+        help: "Stretching along fibres is easier.",
+        keys: ANISOTROPY,
+        material: None,
+        usual: Some("strength = 0.3\n"),
+        schema: Schema::Keys(ANISOTROPY),
+        values: |effects| {
+            let Anisotropy { strength, power } = effects.anisotropy?;
+            Some(vec![KeyValue::Number(strength), KeyValue::Number(power)])
+        },
+        set: |effects, values| {
+            if let &[KeyValue::Number(strength), KeyValue::Number(power)] = values {
+                effects.anisotropy = Some(Anisotropy { strength, power });
+            }
+        },
+    },
+    EffectSpec {
+        key: "contact",
+        help: "Muscles are kept out of bones and bones out of muscles.",
+        keys: CONTACT,
+        material: None,
+        usual: Some("thickness = \"0.5 mm\"\n"),
+        schema: Schema::Keys(CONTACT),
+        values: |effects| {
+            let ContactEffect {
+                thickness,
+                friction,
+            } = effects.contact?;
+            Some(vec![
+                KeyValue::Number(thickness),
+                KeyValue::Number(friction),
+            ])
+        },
+        set: |effects, values| {
+            if let &[KeyValue::Number(thickness), KeyValue::Number(friction)] = values {
+                effects.contact = Some(ContactEffect {
+                    thickness,
+                    friction,
+                });
+            }
+        },
+    },
+    EffectSpec {
+        key: "gravity",
+        help: "Every vertex that is not held is accelerated.",
+        keys: GRAVITY,
+        material: None,
+        usual: None,
+        schema: Schema::Keys(GRAVITY),
+        values: |effects| Some(vec![KeyValue::Vector(effects.gravity?)]),
+        set: |effects, values| {
+            if let &[KeyValue::Vector(acceleration)] = values {
+                effects.gravity = Some(acceleration);
+            }
+        },
+    },
+    EffectSpec {
+        key: "damping",
+        help: "Velocities decay.",
+        keys: DAMPING,
+        material: None,
+        usual: Some("rate = \"5 1/s\"\n"),
+        schema: Schema::Keys(DAMPING),
+        values: |effects| Some(vec![KeyValue::Number(effects.damping?)]),
+        set: |effects, values| {
+            if let &[KeyValue::Number(rate)] = values {
+                effects.damping = Some(rate);
+            }
+        },
+    },
+];
+
+const VOLUME: &[KeySpec] = &[KeySpec::new(
+    "pressure",
+    KeyKind::Number(Limit::Within(0.5, 2.0)),
+    "Factor on the volume at the start.",
+)
+.or(1.0)
+.over(Slider::Factors(0.5, 2.0))];
+
+const ANISOTROPY: &[KeySpec] = &[
+    KeySpec::new(
+        "strength",
+        KeyKind::Number(Limit::Within(0.0, 1.0)),
+        "Share of the stiffness that an edge along the fibres loses.",
+    )
+    .such_as("0.5"),
+    KeySpec::new(
+        "power",
+        KeyKind::Number(Limit::Within(1.0, 1000.0)),
+        "Exponent of the cosine between edge and fibres.",
+    )
+    .or(1.0)
+    .over(Slider::Factors(1.0, 100.0)),
+];
+
+const CONTACT: &[KeySpec] = &[
+    KeySpec::new(
+        "thickness",
+        KeyKind::Quantity(Dimension::Length, Limit::NotNegative),
+        "Distance kept between muscle and bone.",
+    )
+    .shown_in("mm", 1e3)
+    .over(about(4.0, 1.0)),
+    KeySpec::new(
+        "friction",
+        KeyKind::Number(Limit::NotNegative),
+        "Coefficient of Coulomb friction.",
+    )
+    .or(0.0),
+];
+
+const GRAVITY: &[KeySpec] = &[KeySpec::new(
+    "acceleration",
+    KeyKind::Vector(Dimension::Acceleration),
+    "Acceleration of every vertex.",
+)
+.such_as("[\"0 m/s2\", \"-9.81 m/s2\", \"0 m/s2\"]")
+.shown_in("m/s2", 1.0)
+.over(Slider::Even(0.0, 20.0))];
+
+const DAMPING: &[KeySpec] = &[KeySpec::new(
+    "rate",
+    KeyKind::Quantity(Dimension::Rate, Limit::NotNegative),
+    "Rate at which velocities decay.",
+)
+.shown_in("1/s", 1.0)
+.over(Slider::UpTo {
+    span: 4.0,
+    least: 20.0,
+})];
+
+const fn stiffness(key: &'static str, dimension: Dimension, help: &'static str) -> KeySpec {
+    KeySpec::new(key, KeyKind::Quantity(dimension, Limit::NotNegative), help)
+}
+
+const fn about(span: f64, otherwise: f64) -> Slider {
+    Slider::About { span, otherwise }
+}
+
+impl EffectSpec {
+    /// The values of [`EffectSpec::keys`]; `None` if the effect is absent.
+    #[must_use]
+    pub fn values(&self, effects: &Effects) -> Option<Vec<KeyValue>> {
+        (self.values)(effects)
+    }
+
+    /// Whether a scene has the effect.
+    #[must_use]
+    pub fn is_on(&self, effects: &Effects) -> bool {
+        self.values(effects).is_some()
+    }
+
+    /// Switches the effect on with the values of [`EffectSpec::keys`].
+    pub(super) fn set(&self, effects: &mut Effects, values: &[KeyValue]) {
+        (self.set)(effects, values);
+    }
+
+    /// The declaration of the effect with a key.
+    #[must_use]
+    pub fn named(key: &str) -> Option<&'static Self> {
+        EFFECTS.iter().find(|spec| spec.key == key)
+    }
+}
+
+impl MaterialSpec {
+    /// Its value in SI units; `None` if the material has none.
+    #[must_use]
+    pub fn value(&self, material: &Material) -> Option<f64> {
+        (self.value)(material)
+    }
+
+    pub(super) fn set(&self, material: &mut Material, value: f64) {
+        (self.set)(material, value);
+    }
+}
+
+/// The material constants of all effects.
+pub fn material_constants() -> impl Iterator<Item = &'static MaterialSpec> {
+    EFFECTS.iter().filter_map(|spec| spec.material.as_ref())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_effect_gives_back_the_values_it_takes_and_touches_no_other() {
+        for spec in &EFFECTS {
+            let mut values: Vec<KeyValue> = Vec::new();
+            for (k, key) in spec.keys.iter().enumerate() {
+                let number = 0.5 + k as f64;
+                values.push(match key.kind {
+                    KeyKind::Vector(_) => KeyValue::Vector(Vector3::new(number, 0.0, 1.0)),
+                    _ => KeyValue::Number(number),
+                });
+            }
+            let mut effects = Effects::default();
+            spec.set(&mut effects, &values);
+            let on: Vec<&str> = EFFECTS
+                .iter()
+                .filter(|other| other.is_on(&effects))
+                .map(|other| other.key)
+                .collect();
+            assert_eq!(on, [spec.key]);
+            assert_eq!(spec.values(&effects), Some(values));
+            // Control: one value too many is not taken.
+            if !spec.keys.is_empty() {
+                let mut none = Effects::default();
+                spec.set(&mut none, &[KeyValue::Whole(1)]);
+                assert!(!spec.is_on(&none), "{}", spec.key);
+            }
+        }
+    }
+
+    #[test]
+    fn every_material_constant_gives_back_the_value_it_takes() {
+        let mut material = Material::default();
+        for (k, constant) in material_constants().enumerate() {
+            let value = 7.0 + k as f64;
+            assert_ne!(constant.value(&material), Some(value));
+            constant.set(&mut material, value);
+            assert_eq!(constant.value(&material), Some(value));
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! The keys of effects and solvers. Schema, reader, help and panel come from one declaration of each key.
+
+use std::fmt;
+
+use nalgebra::Vector3;
+
+use super::error::SceneError;
+use super::parse::unknown_name;
+use super::reader::{Item, Section};
+use super::schema::Kind;
+use super::units::Dimension;
+use crate::constraints::Order;
+
+/// What a number of a scene must be, besides finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Limit {
+    /// Any number.
+    Any,
+    /// Greater than zero.
+    Positive,
+    /// Zero or greater.
+    NotNegative,
+    /// From the first to the second number, both included.
+    Within(f64, f64),
+}
+
+/// The value of a key, in SI units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum KeyValue {
+    /// A plain number or a quantity.
+    Number(f64),
+    /// A whole number.
+    Whole(u32),
+    /// Three quantities.
+    Vector(Vector3<f64>),
+    /// The order of a sweep.
+    Order(Order),
+}
+
+impl fmt::Display for KeyValue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Number(number) => write!(f, "{number}"),
+            Self::Whole(number) => write!(f, "{number}"),
+            Self::Vector(v) => write!(f, "[{}, {}, {}]", v.x, v.y, v.z),
+            Self::Order(order) => f.write_str(order.name()),
+        }
+    }
+}
+
+/// What a key holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum KeyKind {
+    /// A plain number.
+    Number(Limit),
+    /// A number with its unit.
+    Quantity(Dimension, Limit),
+    /// Three numbers with their units.
+    Vector(Dimension),
+    /// A whole number from 1 to this one.
+    Whole(u32),
+    /// The name of an order of sweeps.
+    Order,
+}
+
+/// The range over which a panel changes a number, in the unit of the panel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Slider {
+    /// Between two numbers, evenly.
+    Even(f64, f64),
+    /// Between two positive numbers, by factors.
+    Factors(f64, f64),
+    /// From a `span`th to `span` times the value at the start; from 0 to `otherwise` if that value is not positive.
+    About {
+        /// Greatest factor.
+        span: f64,
+        /// Upper end if the value at the start is zero.
+        otherwise: f64,
+    },
+    /// From 0 to `span` times the value at the start, and to `least` at least.
+    UpTo {
+        /// Greatest factor.
+        span: f64,
+        /// Least upper end.
+        least: f64,
+    },
+}
+
+/// The declaration of a key.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeySpec {
+    /// Its name in a scene file.
+    pub key: &'static str,
+    /// Its name in a panel.
+    pub label: &'static str,
+    /// One sentence about it.
+    pub help: &'static str,
+    /// What it holds.
+    pub kind: KeyKind,
+    /// The value of an absent key; `None` if the key must be there.
+    pub default: Option<KeyValue>,
+    /// A value as a scene file has it, for the message about a missing key.
+    pub example: &'static str,
+    /// The unit of a panel and how many of it make the SI unit.
+    pub unit: (&'static str, f64),
+    /// The range of a panel.
+    pub slider: Slider,
+}
+
+impl KeySpec {
+    /// A key that must be there, with the slider from 0 to 1.
+    pub(super) const fn new(key: &'static str, kind: KeyKind, help: &'static str) -> Self {
+        Self {
+            key,
+            label: key,
+            help,
+            kind,
+            default: None,
+            example: "",
+            unit: ("", 1.0),
+            slider: Slider::Even(0.0, 1.0),
+        }
+    }
+
+    pub(super) const fn labelled(mut self, label: &'static str) -> Self {
+        self.label = label;
+        self
+    }
+
+    pub(super) const fn or(mut self, default: f64) -> Self {
+        self.default = Some(KeyValue::Number(default));
+        self
+    }
+
+    pub(super) const fn such_as(mut self, example: &'static str) -> Self {
+        self.example = example;
+        self
+    }
+
+    pub(super) const fn over(mut self, slider: Slider) -> Self {
+        self.slider = slider;
+        self
+    }
+
+    /// `per_si` of the `unit` make the SI unit.
+    pub(super) const fn shown_in(mut self, unit: &'static str, per_si: f64) -> Self {
+        self.unit = (unit, per_si);
+        self
+    }
+
+    /// What the schema says about it.
+    pub(super) fn schema(&self) -> Kind {
+        match self.kind {
+            KeyKind::Quantity(..) | KeyKind::Order => Kind::Text,
+            KeyKind::Number(_) | KeyKind::Vector(_) | KeyKind::Whole(_) => Kind::Plain,
+        }
+    }
+
+    /// Its value in a section, or the `default` if the key is absent.
+    ///
+    /// # Errors
+    /// A value of another type or outside of the limit; an absent key without a default.
+    pub(super) fn read(
+        &self,
+        section: &Section<'_>,
+        default: Option<KeyValue>,
+    ) -> Result<KeyValue, SceneError> {
+        match (section.get(self.key), default) {
+            (Some(item), _) => self.value(&item),
+            (None, Some(value)) => Ok(value),
+            (None, None) => self.value(&section.need(self.key, &self.shown_example())?),
+        }
+    }
+
+    /// The value of an item.
+    ///
+    /// # Errors
+    /// A value of another type or outside of the limit.
+    pub(super) fn value(&self, item: &Item<'_>) -> Result<KeyValue, SceneError> {
+        Ok(match self.kind {
+            KeyKind::Number(limit) => KeyValue::Number(item.number(limit)?),
+            KeyKind::Quantity(dimension, limit) => {
+                KeyValue::Number(item.quantity(dimension, limit)?)
+            }
+            KeyKind::Vector(dimension) => KeyValue::Vector(item.vector(dimension)?),
+            KeyKind::Whole(most) => KeyValue::Whole(item.whole(1, most)?),
+            KeyKind::Order => KeyValue::Order(order(item)?),
+        })
+    }
+
+    fn shown_example(&self) -> String {
+        match self.kind {
+            KeyKind::Quantity(dimension, _) if self.example.is_empty() => {
+                format!("\"{}\"", dimension.example())
+            }
+            _ => self.example.to_owned(),
+        }
+    }
+}
+
+/// The values of several keys of a section.
+///
+/// # Errors
+/// As for the first key that cannot be read.
+pub(super) fn read(keys: &[KeySpec], section: &Section<'_>) -> Result<Vec<KeyValue>, SceneError> {
+    keys.iter()
+        .map(|key| key.read(section, key.default))
+        .collect()
+}
+
+fn order(item: &Item<'_>) -> Result<Order, SceneError> {
+    let name = item.text("coloured")?;
+    let names = Order::NAMES.iter().map(|(known, _)| *known);
+    match Order::NAMES.iter().find(|(known, _)| *known == name) {
+        Some(&(_, order)) => Ok(order),
+        None => item.fail(unknown_name("order", name, names)),
+    }
+}

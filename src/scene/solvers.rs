@@ -1,0 +1,578 @@
+//! The solvers. [`SOLVERS`] declares each one once: scene files, overrides, panel, reports and the candidates of an
+//! accuracy study read the table.
+
+use super::keys::{KeyKind, KeySpec, KeyValue, Limit, Slider};
+use super::schema::Schema;
+use crate::constraints::Order;
+
+/// How the motion is computed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Solver {
+    /// Extended position-based dynamics with small steps and material stiffness.
+    Xpbd(Xpbd),
+    /// Classic position-based dynamics with stiffness 0..1, for comparison.
+    Pbd(Pbd),
+    /// Equilibrium at every frame, without mass and velocity.
+    QuasiStatic(Minimisation),
+    /// Implicit Euler steps, each solved as the minimum of energy and inertia.
+    ImplicitEuler(Minimisation),
+}
+
+/// Settings of small-step XPBD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Xpbd {
+    /// Steps a frame.
+    pub substeps: u32,
+    /// Sweeps a step.
+    pub iterations: u32,
+    /// Order of a sweep.
+    pub order: Order,
+    /// Largest relative residual at which a frame counts as converged.
+    pub tolerance: f64,
+}
+
+/// Settings of classic PBD.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pbd {
+    /// Steps a frame.
+    pub substeps: u32,
+    /// Sweeps a step.
+    pub iterations: u32,
+    /// Stiffness of edges, 0..1.
+    pub stretch: f64,
+    /// Stiffness of hinges, 0..1.
+    pub bending: f64,
+    /// Stiffness of the volume, 0..1.
+    pub volume: f64,
+    /// Factor on velocities each frame, 0..1.
+    pub velocity_damping: f64,
+    /// Order of a sweep.
+    pub order: Order,
+    /// Largest relative residual at which a frame counts as converged.
+    pub tolerance: f64,
+}
+
+/// Settings of the solvers that minimise an energy.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Minimisation {
+    /// Steps a frame, the bones moving between them.
+    pub substeps: u32,
+    /// Iterations a step, at most.
+    pub iterations: u32,
+    /// Largest force left, as a share of that of a strain of one, at which a frame counts as converged.
+    pub tolerance: f64,
+}
+
+/// What a solver answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Question {
+    /// Where the muscles are at each time, mass and damping included.
+    Motion,
+    /// Where they come to rest at each pose of the bones.
+    Equilibrium,
+}
+
+/// The declaration of a solver.
+#[derive(Debug)]
+pub struct SolverSpec {
+    /// The key of its section in a scene file.
+    pub key: &'static str,
+    /// Its name in reports.
+    pub name: &'static str,
+    /// One sentence about it.
+    pub help: &'static str,
+    /// Its settings.
+    pub keys: &'static [KeySpec],
+    /// The solver with its default settings.
+    pub default: Solver,
+    /// What it answers; `None` for a solver that minimises no energy.
+    pub question: Option<Question>,
+    pub(super) schema: Schema,
+    /// The values of `keys`; `None` for the settings of another solver.
+    values: fn(&Solver) -> Option<Vec<KeyValue>>,
+    set: fn(&mut Solver, &[KeyValue]),
+    /// Settings that an accuracy study tries, the cheap ones first, for a scene with the given solver.
+    candidates: fn(&Solver) -> Vec<Solver>,
+}
+
+/// Every solver; a scene without a section `[solver]` has the first one.
+pub static SOLVERS: [SolverSpec; 4] = [
+    SolverSpec {
+        key: "xpbd",
+        name: "small-step XPBD",
+        help: "Extended position-based dynamics with small steps and material stiffness.",
+        keys: XPBD,
+        default: Solver::Xpbd(Xpbd {
+            substeps: 20,
+            iterations: 1,
+            order: Order::Coloured,
+            tolerance: RESIDUAL,
+        }),
+        question: Some(Question::Motion),
+        schema: Schema::Keys(XPBD),
+        values: |solver| match solver {
+            Solver::Xpbd(s) => Some(vec![
+                KeyValue::Whole(s.substeps),
+                KeyValue::Whole(s.iterations),
+                KeyValue::Number(s.tolerance),
+                KeyValue::Order(s.order),
+            ]),
+            _ => None,
+        },
+        set: |solver, values| {
+            if let (
+                Solver::Xpbd(s),
+                &[
+                    KeyValue::Whole(substeps),
+                    KeyValue::Whole(iterations),
+                    KeyValue::Number(tolerance),
+                    KeyValue::Order(order),
+                ],
+            ) = (solver, values)
+            {
+                *s = Xpbd {
+                    substeps,
+                    iterations,
+                    order,
+                    tolerance,
+                };
+            }
+        },
+        candidates: small_steps,
+    },
+    SolverSpec {
+        key: "pbd",
+        name: "classic PBD",
+        help: "Classic position-based dynamics with stiffness from 0 to 1, for comparison.",
+        keys: PBD,
+        default: Solver::Pbd(Pbd {
+            substeps: 1,
+            iterations: 3,
+            stretch: 1.0,
+            bending: 0.9,
+            volume: 1.0,
+            velocity_damping: 0.99,
+            order: Order::Coloured,
+            tolerance: RESIDUAL,
+        }),
+        question: None,
+        schema: Schema::Keys(PBD),
+        values: |solver| match solver {
+            Solver::Pbd(s) => Some(vec![
+                KeyValue::Whole(s.substeps),
+                KeyValue::Whole(s.iterations),
+                KeyValue::Number(s.tolerance),
+                KeyValue::Order(s.order),
+                KeyValue::Number(s.stretch),
+                KeyValue::Number(s.bending),
+                KeyValue::Number(s.volume),
+                KeyValue::Number(s.velocity_damping),
+            ]),
+            _ => None,
+        },
+        set: |solver, values| {
+            if let (
+                Solver::Pbd(s),
+                &[
+                    KeyValue::Whole(substeps),
+                    KeyValue::Whole(iterations),
+                    KeyValue::Number(tolerance),
+                    KeyValue::Order(order),
+                    KeyValue::Number(stretch),
+                    KeyValue::Number(bending),
+                    KeyValue::Number(volume),
+                    KeyValue::Number(velocity_damping),
+                ],
+            ) = (solver, values)
+            {
+                *s = Pbd {
+                    substeps,
+                    iterations,
+                    stretch,
+                    bending,
+                    volume,
+                    velocity_damping,
+                    order,
+                    tolerance,
+                };
+            }
+        },
+        candidates: |_| Vec::new(),
+    },
+    SolverSpec {
+        key: "quasi_static",
+        name: "quasi-static",
+        help: "Equilibrium at every frame, without mass and velocity.",
+        keys: MINIMISATION,
+        default: Solver::QuasiStatic(TO_TOLERANCE),
+        question: Some(Question::Equilibrium),
+        schema: Schema::Keys(MINIMISATION),
+        values: |solver| match solver {
+            Solver::QuasiStatic(s) => Some(s.values()),
+            _ => None,
+        },
+        set: |solver, values| {
+            if let Solver::QuasiStatic(s) = solver {
+                s.set(values);
+            }
+        },
+        candidates: equilibria,
+    },
+    SolverSpec {
+        key: "implicit_euler",
+        name: "implicit Euler",
+        help: "Implicit Euler steps, each the minimum of energy and inertia.",
+        keys: MINIMISATION,
+        default: Solver::ImplicitEuler(TO_TOLERANCE),
+        question: Some(Question::Motion),
+        schema: Schema::Keys(MINIMISATION),
+        values: |solver| match solver {
+            Solver::ImplicitEuler(s) => Some(s.values()),
+            _ => None,
+        },
+        set: |solver, values| {
+            if let Solver::ImplicitEuler(s) = solver {
+                s.set(values);
+            }
+        },
+        candidates: implicit_steps,
+    },
+];
+
+/// Iterations that are enough for any tolerance.
+pub const ENOUGH_ITERATIONS: u32 = 500;
+
+/// Largest relative residual of a frame that counts as converged.
+const RESIDUAL: f64 = 0.01;
+
+/// The largest force left is a share of that of a strain of one. At this share the error of a pose is about a thousandth
+/// of a muscle's length.
+const TO_TOLERANCE: Minimisation = Minimisation {
+    substeps: 1,
+    iterations: ENOUGH_ITERATIONS,
+    tolerance: 2e-4,
+};
+
+const XPBD: &[KeySpec] = &[substeps(200), sweeps(), tolerance(), order()];
+
+/// A stiffness has the key of its effect, see [`Solver::share`].
+const PBD: &[KeySpec] = &[
+    substeps(200),
+    sweeps(),
+    tolerance(),
+    order(),
+    share("stretch", "Stiffness of edges."),
+    share("bending", "Stiffness of hinges."),
+    share("volume", "Stiffness of the volume."),
+    share("velocity_damping", "Factor on velocities each frame.").labelled("velocity damping"),
+];
+
+const MINIMISATION: &[KeySpec] = &[substeps(20), iterations(), tolerance()];
+
+/// Steps a frame and iterations a step are at most this many.
+const MOST: u32 = 1_000_000;
+
+const fn substeps(most: u32) -> KeySpec {
+    KeySpec::new("substeps", KeyKind::Whole(MOST), "Steps a frame.")
+        .over(Slider::Factors(1.0, most as f64))
+}
+
+const fn sweeps() -> KeySpec {
+    KeySpec::new("iterations", KeyKind::Whole(MOST), "Sweeps a step.")
+        .over(Slider::Factors(1.0, 100.0))
+}
+
+const fn iterations() -> KeySpec {
+    KeySpec::new(
+        "iterations",
+        KeyKind::Whole(MOST),
+        "Iterations a step, at most.",
+    )
+    .over(Slider::Factors(1.0, 2000.0))
+}
+
+const fn tolerance() -> KeySpec {
+    let help = "Largest residual at which a frame counts as converged.";
+    KeySpec::new("tolerance", KeyKind::Number(Limit::Positive), help)
+        .over(Slider::Factors(1e-6, 1.0))
+}
+
+const fn order() -> KeySpec {
+    KeySpec::new("order", KeyKind::Order, "Order of a sweep.").labelled("order of a sweep")
+}
+
+const fn share(key: &'static str, help: &'static str) -> KeySpec {
+    KeySpec::new(key, KeyKind::Number(Limit::Within(0.0, 1.0)), help)
+}
+
+impl SolverSpec {
+    /// The solver whose settings have these values, in the order of [`SolverSpec::keys`].
+    pub(super) fn with(&self, values: &[KeyValue]) -> Solver {
+        let mut solver = self.default;
+        (self.set)(&mut solver, values);
+        solver
+    }
+
+    /// The declaration of the solver with a key.
+    #[must_use]
+    pub fn named(key: &str) -> Option<&'static Self> {
+        SOLVERS.iter().find(|spec| spec.key == key)
+    }
+}
+
+impl Default for Solver {
+    fn default() -> Self {
+        SOLVERS[0].default
+    }
+}
+
+impl Solver {
+    /// Its declaration.
+    #[must_use]
+    pub fn spec(&self) -> &'static SolverSpec {
+        SOLVERS
+            .iter()
+            .find(|spec| (spec.values)(self).is_some())
+            .unwrap_or(&SOLVERS[0])
+    }
+
+    /// Its settings.
+    #[must_use]
+    pub fn settings(&self) -> Vec<(&'static KeySpec, KeyValue)> {
+        let spec = self.spec();
+        let values = (spec.values)(self).unwrap_or_default();
+        spec.keys.iter().zip(values).collect()
+    }
+
+    /// Steps a frame.
+    #[must_use]
+    pub fn substeps(&self) -> u32 {
+        match self {
+            Self::Xpbd(s) => s.substeps,
+            Self::Pbd(s) => s.substeps,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.substeps,
+        }
+    }
+
+    /// Sweeps or iterations a step, at most.
+    #[must_use]
+    pub fn iterations(&self) -> u32 {
+        match self {
+            Self::Xpbd(s) => s.iterations,
+            Self::Pbd(s) => s.iterations,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.iterations,
+        }
+    }
+
+    /// Largest relative residual at which a frame counts as converged.
+    #[must_use]
+    pub fn tolerance(&self) -> f64 {
+        match self {
+            Self::Xpbd(s) => s.tolerance,
+            Self::Pbd(s) => s.tolerance,
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => s.tolerance,
+        }
+    }
+
+    /// Order of a sweep; a solver without sweeps has none.
+    #[must_use]
+    pub fn order(&self) -> Order {
+        match self {
+            Self::Xpbd(s) => s.order,
+            Self::Pbd(s) => s.order,
+            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => Order::default(),
+        }
+    }
+
+    /// The same solver with another order of a sweep; `None` for a solver without sweeps.
+    #[must_use]
+    pub fn with_order(self, order: Order) -> Option<Self> {
+        match self {
+            Self::Xpbd(s) => Some(Self::Xpbd(Xpbd { order, ..s })),
+            Self::Pbd(s) => Some(Self::Pbd(Pbd { order, ..s })),
+            Self::QuasiStatic(_) | Self::ImplicitEuler(_) => None,
+        }
+    }
+
+    /// The settings of a solver that minimises an energy; `None` for a solver that sweeps over constraints.
+    #[must_use]
+    pub fn minimisation(&self) -> Option<Minimisation> {
+        match *self {
+            Self::QuasiStatic(s) | Self::ImplicitEuler(s) => Some(s),
+            Self::Xpbd(_) | Self::Pbd(_) => None,
+        }
+    }
+
+    /// Whether bodies have velocities and inertia.
+    #[must_use]
+    pub fn has_inertia(&self) -> bool {
+        self.question() != Some(Question::Equilibrium)
+    }
+
+    /// What it answers; `None` for a solver that minimises no energy.
+    #[must_use]
+    pub fn question(&self) -> Option<Question> {
+        self.spec().question
+    }
+
+    /// The stiffness 0..1 of an effect by its key; `None` for a solver that takes the stiffness of the material.
+    #[must_use]
+    pub fn share(&self, effect: &str) -> Option<f64> {
+        self.settings()
+            .into_iter()
+            .find_map(|setting| match setting {
+                (key, KeyValue::Number(share)) if key.key == effect => Some(share),
+                _ => None,
+            })
+    }
+
+    /// The factor on velocities each frame that belongs to the solver itself; `None` for a solver without one.
+    #[must_use]
+    pub fn velocity_damping(&self) -> Option<f64> {
+        self.share("velocity_damping")
+    }
+}
+
+impl Question {
+    /// What `solver` answers; `None` for a solver that minimises no energy.
+    #[must_use]
+    pub fn of(solver: &Solver) -> Option<Self> {
+        solver.question()
+    }
+
+    /// The solver that answers it by minimising an energy to a tolerance.
+    #[must_use]
+    pub fn minimised(self, substeps: u32, tolerance: f64) -> Solver {
+        let settings = Minimisation {
+            substeps,
+            iterations: ENOUGH_ITERATIONS,
+            tolerance,
+        };
+        match self {
+            Self::Motion => Solver::ImplicitEuler(settings),
+            Self::Equilibrium => Solver::QuasiStatic(settings),
+        }
+    }
+}
+
+impl Minimisation {
+    fn values(&self) -> Vec<KeyValue> {
+        vec![
+            KeyValue::Whole(self.substeps),
+            KeyValue::Whole(self.iterations),
+            KeyValue::Number(self.tolerance),
+        ]
+    }
+
+    fn set(&mut self, values: &[KeyValue]) {
+        if let &[
+            KeyValue::Whole(substeps),
+            KeyValue::Whole(iterations),
+            KeyValue::Number(tolerance),
+        ] = values
+        {
+            *self = Self {
+                substeps,
+                iterations,
+                tolerance,
+            };
+        }
+    }
+}
+
+/// Settings of every solver that an accuracy study tries for a scene with the given solver.
+#[must_use]
+pub fn candidates(solver: &Solver) -> Vec<Solver> {
+    SOLVERS
+        .iter()
+        .flat_map(|spec| (spec.candidates)(solver))
+        .collect()
+}
+
+fn small_steps(solver: &Solver) -> Vec<Solver> {
+    let own = matches!(solver, Solver::Xpbd(_)).then_some(*solver);
+    let tolerance = own.map_or(RESIDUAL, |s| s.tolerance());
+    let settings = |substeps, iterations, order| {
+        Solver::Xpbd(Xpbd {
+            substeps,
+            iterations,
+            order,
+            tolerance,
+        })
+    };
+    let mut all = Vec::new();
+    for substeps in [2, 4, 8, 16, 32, 64, 128, 256] {
+        all.push(settings(substeps, 1, Order::Coloured));
+    }
+    for substeps in [8, 16, 32] {
+        all.push(settings(substeps, 4, Order::Coloured));
+    }
+    all.push(settings(32, 1, Order::Stored));
+    all.extend(own);
+    all
+}
+
+/// Limited iterations follow a moving bone at a fixed price; a tolerance, at a fixed accuracy.
+fn equilibria(_: &Solver) -> Vec<Solver> {
+    let mut all = Vec::new();
+    for iterations in [1, 2, 4, 8] {
+        all.push(Solver::QuasiStatic(Minimisation {
+            iterations,
+            ..TO_TOLERANCE
+        }));
+    }
+    for tolerance in [1e-2, 3e-3, 1e-3, 3e-4, 1e-4] {
+        all.push(Question::Equilibrium.minimised(1, tolerance));
+    }
+    all
+}
+
+fn implicit_steps(_: &Solver) -> Vec<Solver> {
+    let mut all = Vec::new();
+    for substeps in [1, 2, 4] {
+        for tolerance in [1e-2, 1e-3, 1e-4] {
+            all.push(Question::Motion.minimised(substeps, tolerance));
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_solver_gives_back_the_values_it_takes() {
+        for spec in &SOLVERS {
+            let values = (spec.values)(&spec.default).expect("its own settings");
+            assert_eq!(values.len(), spec.keys.len(), "{}", spec.key);
+            let mut others = values.clone();
+            for value in &mut others {
+                match value {
+                    KeyValue::Number(number) => *number *= 0.5,
+                    KeyValue::Whole(number) => *number += 1,
+                    KeyValue::Order(order) => *order = Order::Reversed,
+                    KeyValue::Vector(vector) => *vector *= 2.0,
+                }
+            }
+            let other = spec.with(&others);
+            assert_eq!((spec.values)(&other), Some(others), "{}", spec.key);
+            assert!(std::ptr::eq(other.spec(), spec), "{}", spec.key);
+            // Control: values of other kinds change nothing, which the comparison above would show.
+            assert_eq!(spec.with(&values[1..]), spec.default, "{}", spec.key);
+            for candidate in (spec.candidates)(&SOLVERS[1].default) {
+                assert!(std::ptr::eq(candidate.spec(), spec), "{}", spec.key);
+            }
+        }
+    }
+
+    #[test]
+    fn a_share_is_found_by_the_key_of_its_effect() {
+        let pbd = SolverSpec::named("pbd").expect("there is one").default;
+        assert_eq!(
+            (pbd.share("bending"), pbd.share("contact")),
+            (Some(0.9), None)
+        );
+        assert_eq!(Solver::default().share("bending"), None);
+    }
+}

@@ -1,0 +1,241 @@
+//! How each effect of [`crate::scene::effects`] is planned, what it costs, and what it builds of a muscle.
+
+use super::body::Builder;
+use super::plan::{Planner, obstacle, swept};
+use crate::constraints::EnclosedVolume;
+use crate::fibres::anisotropy;
+use crate::scene::EffectSpec;
+use crate::solvers::stiffness;
+
+/// What runs of an effect.
+pub(super) struct EffectModel {
+    /// Its key in a scene.
+    pub key: &'static str,
+    /// Whether it is planned for each muscle or once for the scene.
+    pub scope: Scope,
+    /// Time of an element in a sweep or, for contact, in a step, as the built-in hip took it on two cores [ns]: for
+    /// estimates only.
+    pub nanoseconds: f64,
+    /// Decides whether it runs, where the scene has it and its stiffness is not zero.
+    pub plan: fn(&mut Planner<'_>),
+    /// Adds its part to a muscle on which it runs; `None` for an effect that is a number of another part.
+    pub build: Option<fn(&mut Builder<'_>)>,
+}
+
+/// What an effect acts on.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scope {
+    Muscle,
+    Scene,
+}
+
+/// Every effect, in the order in which they are planned and built.
+pub(super) static MODELS: [EffectModel; 7] = [
+    EffectModel {
+        key: "stretch",
+        scope: Scope::Muscle,
+        nanoseconds: 16.0,
+        plan: |planner| {
+            let edges = planner.edges;
+            planner.run("stretch", edges, edges * 52);
+        },
+        build: Some(build_stretch),
+    },
+    EffectModel {
+        key: "bending",
+        scope: Scope::Muscle,
+        nanoseconds: 58.0,
+        plan: |planner| match planner.hinges {
+            0 => planner.leave("bending", "no two triangles share an edge"),
+            hinges => planner.run("bending", hinges, hinges * 60),
+        },
+        build: Some(build_bending),
+    },
+    EffectModel {
+        key: "volume",
+        scope: Scope::Muscle,
+        nanoseconds: 60.0,
+        plan: plan_volume,
+        build: Some(build_volume),
+    },
+    EffectModel {
+        key: "anisotropy",
+        scope: Scope::Muscle,
+        // It is in the stiffness of each edge from the start: no memory, no time of its own.
+        nanoseconds: 0.0,
+        plan: plan_anisotropy,
+        build: None,
+    },
+    EffectModel {
+        key: "contact",
+        scope: Scope::Muscle,
+        nanoseconds: 49.0,
+        plan: plan_contact,
+        build: None,
+    },
+    EffectModel {
+        key: "gravity",
+        scope: Scope::Scene,
+        nanoseconds: 0.0,
+        plan: plan_gravity,
+        build: None,
+    },
+    EffectModel {
+        key: "damping",
+        scope: Scope::Scene,
+        nanoseconds: 0.0,
+        plan: plan_damping,
+        build: None,
+    },
+];
+
+impl EffectModel {
+    /// What is planned and built of an effect.
+    pub(super) fn of(spec: &EffectSpec) -> Option<&'static Self> {
+        MODELS.iter().find(|model| model.key == spec.key)
+    }
+}
+
+fn plan_volume(planner: &mut Planner<'_>) {
+    let mesh = planner.mesh();
+    if mesh.triangles.is_empty() {
+        let why = "the body has no triangles that could enclose one";
+        return planner.leave("volume", why);
+    }
+    let (count, triangles) = (mesh.vertices.len(), mesh.triangles.len());
+    planner.run("volume", count, count * 52 + triangles * 36);
+}
+
+fn plan_anisotropy(planner: &mut Planner<'_>) {
+    let strength = planner.scene.effects.anisotropy.map_or(0.0, |a| a.strength);
+    let why = if strength == 0.0 {
+        "its strength is zero"
+    } else if planner.asset().fibres.is_empty() {
+        "the muscle has no fibres"
+    } else if !planner.runs("stretch") {
+        "it scales stretch, which is left out"
+    } else {
+        let edges = planner.edges;
+        return planner.run("anisotropy", edges, 0);
+    };
+    planner.leave("anisotropy", why);
+}
+
+fn plan_contact(planner: &mut Planner<'_>) {
+    let (scene, assets) = (planner.scene, planner.assets);
+    let mesh = planner.mesh();
+    if mesh.triangles.is_empty() {
+        return planner.leave("contact", "the body has no triangles");
+    }
+    if scene.bones.is_empty() {
+        return planner.leave("contact", "the scene has no bones");
+    }
+    let reach = planner.reach();
+    let n = mesh.vertices.len();
+    for o in 0..scene.bones.len() + scene.capsules.len() {
+        let (other, bone, bounds) = obstacle(scene, assets, o);
+        let effect = format!("contact with {other}");
+        let swept = swept(scene, bone, &bounds);
+        if reach.is_none_or(|r| r.intersects(&swept)) {
+            let points = assets.bones.get(o).map_or(0, |bone| bone.vertices.len());
+            let elements = n + points;
+            planner.reaches(o, &effect, elements, n * 96 + elements * 8);
+        } else {
+            planner.leave(&effect, "the boxes that muscle and bone sweep never meet");
+        }
+    }
+}
+
+fn plan_gravity(planner: &mut Planner<'_>) {
+    if planner
+        .scene
+        .effects
+        .gravity
+        .is_some_and(|g| g.norm() == 0.0)
+    {
+        return planner.leave("gravity", "its acceleration is zero");
+    }
+    planner.run("gravity", planner.scene.muscles.len(), 0);
+}
+
+fn plan_damping(planner: &mut Planner<'_>) {
+    if planner.scene.effects.damping == Some(0.0) {
+        planner.leave("damping", "its rate is zero");
+    } else if !planner.scene.solver.has_inertia() {
+        planner.leave("damping", "an equilibrium has no velocities");
+    } else {
+        planner.run("damping", planner.scene.muscles.len(), 0);
+    }
+}
+
+fn build_stretch(builder: &mut Builder<'_>) {
+    let factors = stretch_factors(builder);
+    if let Some(share) = builder.scene.solver.share("stretch") {
+        let relaxation: Vec<f64> = factors.iter().map(|f| f * share).collect();
+        let edges = builder.edges.to_vec();
+        return builder.add_relaxed(edges, &relaxation);
+    }
+    let (mut edges, mut stiffness) = (Vec::new(), Vec::new());
+    let weighed = builder.edge_stiffness.iter().zip(&factors);
+    for (edge, (k, factor)) in builder.edges.iter().zip(weighed) {
+        // An edge without stiffness (along a fibre, at full strength) is no constraint.
+        if k * factor > 0.0 {
+            edges.push(*edge);
+            stiffness.push(k * factor);
+        }
+    }
+    builder.add(edges, stiffness);
+}
+
+/// Factors on the stiffness of edges by their direction against the fibres; 1 without anisotropy.
+fn stretch_factors(builder: &Builder<'_>) -> Vec<f64> {
+    let is_anisotropic = builder.plan.runs("anisotropy");
+    match builder.scene.effects.anisotropy.filter(|_| is_anisotropic) {
+        Some(a) => {
+            let cosines = builder.fibres.cosines(builder.rest);
+            anisotropy::factors(&cosines, a.strength, a.power)
+        }
+        None => vec![1.0; builder.fibres.points.len()],
+    }
+}
+
+fn build_bending(builder: &mut Builder<'_>) {
+    let mesh = &builder.rest.mesh;
+    let topology = builder.rest.topology();
+    let (hinges, k) = stiffness::hinges(mesh, &topology, builder.muscle.material.bending);
+    match builder.scene.solver.share("bending") {
+        Some(share) => {
+            let relaxation = vec![share; hinges.len()];
+            builder.add_relaxed(hinges, &relaxation);
+        }
+        None => builder.add(hinges, k),
+    }
+}
+
+fn build_volume(builder: &mut Builder<'_>) {
+    let mesh = &builder.rest.mesh;
+    let (count, target) = (mesh.vertices.len(), builder.target_volume);
+    builder.volume = Some(match builder.scene.solver.share("volume") {
+        Some(share) => {
+            EnclosedVolume::new(&mesh.triangles, count, target, 0.0).with_relaxation(share)
+        }
+        None => {
+            let bulk = builder.muscle.material.bulk;
+            let compliance = bulk.map_or(0.0, |bulk| builder.rest_volume / bulk);
+            EnclosedVolume::new(&mesh.triangles, count, target, compliance)
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::effects::EFFECTS;
+
+    #[test]
+    fn every_effect_of_a_scene_has_its_model() {
+        let declared: Vec<&str> = EFFECTS.iter().map(|spec| spec.key).collect();
+        let modelled: Vec<&str> = MODELS.iter().map(|model| model.key).collect();
+        assert_eq!(declared, modelled);
+    }
+}
