@@ -10,11 +10,12 @@ use nalgebra::Point3;
 use super::areas::{Written, read_file, read_mesh};
 use super::failure::Failure;
 use super::morph::nothing_written;
+use super::options::Output;
 use super::progress::Rounds;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, length_unit, say, say_json, warn};
+use super::{length_unit, warn};
 use crate::report::fibres::{Bundle, FILES, Summary, size};
-use crate::report::folder::Folder;
+use crate::report::folder::{Folder, FolderError};
 use pliant::contact::Surface;
 use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
 use pliant::fibres::binding::BoundLines;
@@ -27,7 +28,6 @@ use pliant::fibres::smooth::Smoothing;
 use pliant::fibres::springs::SpringsError;
 use pliant::fibres::superficial::{Registered, register};
 use pliant::fibres::template::Template;
-use pliant::io::names::file_name;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::greatest;
 
@@ -111,12 +111,8 @@ pub(super) struct Arguments {
     /// Share of that way that they move in a pass, 0 to 1
     #[arg(long, value_name = "SHARE", default_value = "0.5", allow_negative_numbers = true, value_parser = share)]
     smooth_factor: f64,
-    /// Folder of the results [default: pliant-out/NAME-fibres]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -133,6 +129,7 @@ struct Given {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let all_begun = Instant::now();
     let unit = length_unit(&arguments.unit)?;
     let template = template(arguments)?;
     let areas = [
@@ -143,8 +140,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         || "muscle".into(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    let out = PathBuf::from("pliant-out").join(format!("{}-fibres", file_name(&name)));
-    let out = arguments.out.clone().unwrap_or(out);
+    let out = arguments.output.folder(&name, "fibres");
+    arguments.output.threads.start();
     Folder::check(&out, &FILES.map(str::to_owned))?;
     let given = read(arguments, &areas, unit)?;
     let Given {
@@ -175,7 +172,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Err(MethodError::Flow(DecompositionError::Stopped)) => return Ok(nothing_written()),
         other => other.map_err(|error| undone(&error))?,
     };
-    let time_s = begun.elapsed().as_secs_f64();
+    let decomposition_s = begun.elapsed().as_secs_f64();
     let quality = measure(
         muscle,
         &made.closed,
@@ -191,10 +188,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let volume = made.closed.mesh.volume().abs();
     let off = |area: &Area| greatest(area.distances.iter().copied());
     let summary = Summary {
-        muscle: name,
         method: arguments.method.clone(),
         template: template.map(|(name, _)| name.to_owned()),
-        time_s,
+        decomposition_s,
         vertices: muscle.vertices.len(),
         volume_m3: volume,
         cross_section_m2: volume / quality.length_mean_m,
@@ -211,11 +207,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         lines_distance_max_m: lines.distance_max,
         smooth_steps: smoothing.steps,
         smooth_factor: smoothing.factor,
-        notes: notes.clone(),
         quality,
     };
     let (fibres, lines) = (&made.lines[..], &lines.lines[..]);
     let bundle = Bundle {
+        name: &name,
         muscle,
         attachment,
         fibres,
@@ -223,14 +219,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         lines,
         each: &each,
         summary: &summary,
+        notes,
+        time_s: all_begun.elapsed().as_secs_f64(),
     };
-    bundle.write(&Folder::open(&out)?)?;
-    tell(&bundle, arguments.json, &out);
-    Ok(if bundle.verdicts().iter().all(|(_, holds)| *holds) {
-        DONE
-    } else {
-        FAILED
-    })
+    let output = bundle.output().map_err(FolderError::from)?;
+    arguments.output.finish(&Folder::open(&out)?, output)
 }
 
 /// Does what may take long: shown on standard error once it does, and stopped by Ctrl-C.
@@ -396,30 +389,4 @@ fn undone(error: &MethodError) -> Failure {
         MethodError::Springs(_) | MethodError::Slices(_) => "use --method harmonic",
     };
     Failure::usage(error.to_string(), hint)
-}
-
-fn tell(bundle: &Bundle<'_>, json: bool, out: &Path) {
-    for (what, _) in bundle.verdicts().iter().filter(|(_, holds)| !holds) {
-        warn(&format!("FAIL  {what}"));
-    }
-    if json {
-        return say_json(bundle.summary);
-    }
-    let found: Vec<String> = bundle
-        .findings()
-        .iter()
-        .map(|text| format!("found: {text}\n"))
-        .collect();
-    let page = out.join("report.html");
-    let results = format!(
-        "Results in {}\n  open {} in a browser\n",
-        out.display(),
-        page.display()
-    );
-    say(&format!(
-        "{}: {}\n\n{}\n{results}",
-        bundle.summary.muscle,
-        bundle.table().to_text(),
-        found.concat()
-    ));
 }

@@ -2,18 +2,18 @@
 
 mod orders;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::failure::Failure;
+use super::options::Output;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, length_unit, say, say_json, warn};
-use crate::report::folder::Folder;
+use super::{INTERRUPTED, length_unit, warn};
+use crate::report::folder::{Folder, FolderError};
 use crate::report::implant::{Insertion, Point};
 use orders::{Question, Said, limit, order, question, refused};
 use pliant::io;
-use pliant::io::names::file_name;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::greatest;
 use pliant::simulation::LoadError;
@@ -148,15 +148,8 @@ pub(super) struct Arguments {
         allow_hyphen_values = true
     )]
     stretch_limit: f64,
-    /// Folder of the results [default: pliant-out/NAME-implant]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Write the result as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 fn vertex(text: &str) -> Result<usize, String> {
@@ -216,12 +209,7 @@ fn warn_of_small(extent: f64, skin: &TriangleMesh, groups: &[Group]) {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
+    arguments.output.threads.start();
     let stop = stop_on_interrupt(
         "stopping; volumes and implants that are at rest already will be written",
     );
@@ -251,8 +239,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .skin
         .file_stem()
         .map_or("skin".into(), |s| s.to_string_lossy().into_owned());
-    let out = PathBuf::from("pliant-out").join(format!("{}-implant", file_name(&stem)));
-    let out = arguments.out.clone().unwrap_or(out);
+    let out = arguments.output.folder(&stem, "implant");
     Folder::check(
         &out,
         &Insertion::files(orders.len(), questions.iter().any(Question::is_curve)),
@@ -295,15 +282,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             }
         }),
         time: begun.elapsed().as_secs_f64(),
+        under: "implant",
     };
-    insertion.write(&Folder::open(&out)?)?;
-    tell(&insertion, arguments.json, &out);
-    let holds = insertion.verdicts().iter().all(|(_, ok)| *ok);
-    Ok(match (insertion.interrupted, holds) {
-        (true, _) => INTERRUPTED,
-        (false, true) => DONE,
-        (false, false) => FAILED,
-    })
+    let output = insertion.output().map_err(FolderError::from)?;
+    arguments.output.finish(&Folder::open(&out)?, output)
 }
 
 /// A refusal of one of several implants, which is told by its number.
@@ -319,36 +301,6 @@ fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
 fn nothing_written() -> u8 {
     warn("interrupted before any implant was at rest: nothing is written");
     INTERRUPTED
-}
-
-fn tell(insertion: &Insertion<'_>, json: bool, out: &Path) {
-    for (what, _) in insertion.verdicts().iter().filter(|(_, ok)| !ok) {
-        warn(&format!("FAIL  {what}"));
-    }
-    if json {
-        return say_json(&insertion.to_json());
-    }
-    let page = out.join("report.html");
-    let tables: Vec<String> = insertion
-        .tables()
-        .iter()
-        .map(|table| table.to_text())
-        .collect();
-    let found: Vec<String> = insertion
-        .findings()
-        .iter()
-        .map(|text| format!("found: {text}\n"))
-        .collect();
-    let results = format!(
-        "Results in {}\n  open {} in a browser\n",
-        out.display(),
-        page.display()
-    );
-    say(&format!(
-        "{}\n{}\n{results}",
-        tables.join("\n"),
-        found.concat()
-    ));
 }
 
 /// What came to rest.

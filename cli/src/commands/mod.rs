@@ -15,6 +15,7 @@ mod from_meshes;
 mod implant;
 mod morph;
 mod moment_arms;
+mod options;
 mod plan;
 mod progress;
 mod register;
@@ -141,40 +142,9 @@ fn warn(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Says what was found and checked: as JSON or to a person, and on standard error what fails. The exit code.
-fn conclude(
-    summary: &impl serde::Serialize,
-    text: &str,
-    verdicts: &[(String, bool)],
-    json: bool,
-    out: &std::path::Path,
-) -> u8 {
-    let failing = || verdicts.iter().filter(|(_, holds)| !holds);
-    failing().for_each(|(what, _)| warn(&format!("FAIL  {what}")));
-    if json {
-        say_json(summary);
-    } else {
-        let page = out.join("report.html");
-        say(&format!(
-            "{text}\nResults in {}\n  open {} in a browser\n",
-            out.display(),
-            page.display()
-        ));
-    }
-    if failing().next().is_none() {
-        DONE
-    } else {
-        FAILED
-    }
-}
-
 /// Any result as JSON on standard output.
 fn say_json(value: &impl serde::Serialize) {
-    // Structures of texts, numbers and lists always have a JSON form.
-    say(&format!(
-        "{}\n",
-        serde_json::to_string_pretty(value).unwrap_or_default()
-    ));
+    say(&crate::report::output::json_text(value));
 }
 
 /// The length of a unit [m].

@@ -8,14 +8,14 @@ use clap::ValueEnum;
 use nalgebra::{Unit, Vector3};
 
 use super::failure::Failure;
+use super::options::Output;
 use super::progress::Rounds;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, environment, say, say_json};
-use crate::report::folder::Folder;
-use crate::report::moment_arms::{self as files, Asked};
+use super::environment;
+use crate::report::folder::{Folder, FolderError};
+use crate::report::moment_arms::{self as files, Swept};
 use pliant::fibres::harmonic::Options;
 use pliant::format::number;
-use pliant::io::names::file_name;
 use pliant::io::pvd::Collection;
 use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::reference::{ReferenceError, Table};
@@ -98,17 +98,10 @@ pub(super) struct Arguments {
     /// What the tables call the angle [default: JOINT_flexion]
     #[arg(long, value_name = "NAME")]
     coordinate: Option<String>,
-    /// Folder of the results [default: pliant-out/NAME-moment-arms]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
     #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
     set: Vec<String>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -216,18 +209,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             hint,
         ));
     };
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
+    arguments.output.threads.start();
     let stop = stop_on_interrupt("stopping after this angle");
     let name = scene.name.clone();
-    let out = arguments.out.clone();
-    let out = out.unwrap_or_else(|| {
-        PathBuf::from("pliant-out").join(format!("{}-moment-arms", file_name(&name)))
-    });
+    let out = arguments.output.folder(&name, "moment-arms");
     let mut running = Running::new(*scene, &sweep)?;
     if running.angles.len() < 2 * arguments.smooth + 1 {
         let message = format!(
@@ -274,7 +259,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     arms.iter_mut()
         .try_for_each(|a| a.compare(&tables, &coordinate))
         .map_err(refused)?;
-    let asked = Asked {
+    let swept = Swept {
         scene: name,
         joint: arguments.joint.clone(),
         coordinate,
@@ -282,46 +267,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         time_s: begun.elapsed().as_secs_f64(),
         interrupted: running.done() < running.angles.len() && stop.load(Ordering::Relaxed),
     };
-    files::write(&folder, &asked, &running, &arms, &series, &pictures)?;
-    if arguments.json {
-        say_json(&files::to_json(&asked, &running, &arms));
-    } else {
-        tell(&asked, &running, &arms, &out);
-    }
-    Ok(
-        match (
-            asked.interrupted,
-            running.muscles.iter().any(|m| m.stopped.is_some()),
-        ) {
-            (true, _) => INTERRUPTED,
-            (_, true) => FAILED,
-            _ => DONE,
-        },
-    )
-}
-
-fn tell(asked: &Asked, running: &Running, arms: &[Arms], out: &std::path::Path) {
-    let mut text = format!(
-        "{}: {} of {} angles about the joint {} in {:.1} s\n\n{}",
-        asked.scene,
-        running.done(),
-        running.angles.len(),
-        asked.joint,
-        asked.time_s,
-        files::table(running, arms).to_text()
-    );
-    if arms.iter().any(|a| !a.compared.is_empty()) {
-        text.push_str(&format!("\n{}", files::comparisons(arms).to_text()));
-    }
-    for note in files::notes(running, arms) {
-        text.push_str(&format!("  note: {note}\n"));
-    }
-    let (page, pvd) = (out.join("report.html"), out.join("fibres.pvd"));
-    text.push_str(&format!(
-        "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
-        out.display(),
-        page.display(),
-        pvd.display()
-    ));
-    say(&text);
+    let output =
+        files::output(&swept, &running, &arms, series, &pictures).map_err(FolderError::from)?;
+    arguments.output.finish(&folder, output)
 }

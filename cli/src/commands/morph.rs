@@ -7,11 +7,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use super::failure::Failure;
+use super::options::Output;
 use super::run::stop_on_interrupt;
-use super::{INTERRUPTED, conclude, length_unit, warn};
-use crate::report::folder::Folder;
+use super::{INTERRUPTED, length_unit, warn};
+use crate::report::folder::{Folder, FolderError};
 use crate::report::morph::{Carried, Morph, Shape};
-use pliant::io::names::file_name;
 use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::align::AlignError;
@@ -67,12 +67,8 @@ pub(super) struct Arguments {
     /// Vertices and triangles in between: of both surfaces, or of A
     #[arg(long, value_name = "WHICH", default_value = "merged", value_parser = ["merged", "first"])]
     topology: String,
-    /// Folder of the results [default: pliant-out/A-B-morph]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// A surface of the command line, in the unit of the results.
@@ -124,8 +120,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scale = arguments.unit.as_deref().map_or(Ok(1.0), length_unit)?;
     let paths = [arguments.a.as_path(), &arguments.b];
     let name = name_of(paths);
-    let out = PathBuf::from("pliant-out").join(format!("{}-morph", file_name(&name)));
-    let out = arguments.out.clone().unwrap_or(out);
+    let out = arguments.output.folder(&name, "morph");
+    arguments.output.threads.start();
     Folder::check(&out, &Morph::files(&name))?;
     let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
     let meshes = [&a.mesh, &b.mesh];
@@ -184,17 +180,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ],
         unit: arguments.unit.as_ref().map(|_| "m"),
         seconds: [read_s, blending.elapsed().as_secs_f64()],
+        time_s: begun.elapsed().as_secs_f64(),
         name,
     };
-    let summary = morph.summary();
-    morph.write(&Folder::open(&out)?, &summary)?;
-    Ok(conclude(
-        &summary,
-        &summary.to_text(),
-        summary.verdicts(),
-        arguments.json,
-        &out,
-    ))
+    let output = morph.output().map_err(FolderError::from)?;
+    arguments.output.finish(&Folder::open(&out)?, output)
 }
 
 pub(super) fn nothing_written() -> u8 {

@@ -5,12 +5,12 @@ use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::failure::Failure;
-use super::morph::{name_of, read};
+use super::morph::{name_of, nothing_written, read};
+use super::options::Output;
 use super::run::stop_on_interrupt;
-use super::{FAILED, INTERRUPTED, conclude, length_unit, warn};
-use crate::report::folder::Folder;
+use super::{FAILED, length_unit, warn};
+use crate::report::folder::{Folder, FolderError};
 use crate::report::register::Registration;
-use pliant::io::names::file_name;
 use pliant::morph::register::icp::Select;
 use pliant::morph::register::whole::{Settings, lay};
 use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface};
@@ -59,12 +59,8 @@ pub(super) struct Arguments {
     /// Of the draws
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// Folder of the results [default: pliant-out/A-B-register]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -78,8 +74,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let scale = arguments.unit.as_deref().map_or(Ok(1.0), length_unit)?;
     let paths = [arguments.a.as_path(), &arguments.b];
     let name = name_of(paths);
-    let out = PathBuf::from("pliant-out").join(format!("{}-register", file_name(&name)));
-    let out = arguments.out.clone().unwrap_or(out);
+    let out = arguments.output.folder(&name, "register");
+    arguments.output.threads.start();
     Folder::check(&out, &Registration::files())?;
     let [a, b] = [read(paths[0], scale)?, read(paths[1], scale)?];
     let wrong = |side: usize| move |error: RegisterError| refused(&error, paths[side]);
@@ -114,8 +110,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         !stop.load(Ordering::Relaxed)
     }) {
         Err(RegisterError::Stopped) => {
-            warn("interrupted: nothing is written");
-            return Ok(INTERRUPTED);
+            return Ok(nothing_written());
         }
         Err(error) => {
             warn(&format!(
@@ -136,16 +131,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         seed: arguments.seed,
         unit: arguments.unit.as_ref().map(|_| "m"),
         read_s,
+        time_s: begun.elapsed().as_secs_f64(),
     };
-    let summary = registration.summary();
-    registration.write(&Folder::open(&out)?, &summary)?;
-    Ok(conclude(
-        &summary,
-        &summary.to_text(),
-        summary.verdicts(),
-        arguments.json,
-        &out,
-    ))
+    let output = registration.output().map_err(FolderError::from)?;
+    arguments.output.finish(&Folder::open(&out)?, output)
 }
 
 fn refused(error: &RegisterError, path: &Path) -> Failure {

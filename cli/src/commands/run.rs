@@ -13,8 +13,9 @@ use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
 use super::progress::Progress;
-use super::{DONE, FAILED, INTERRUPTED, columns, environment, resume, say, warn};
+use super::{DONE, FAILED, INTERRUPTED, environment, resume, say, warn};
 use crate::report::folder::Folder;
+use crate::report::output::verdict_table;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
 use pliant::accuracy::{self, Chosen, StudyError};
@@ -336,19 +337,7 @@ fn in_words(summary: &Summary, folder: &std::path::Path) -> String {
             ""
         }
     );
-    let row = |v: &crate::report::summary::Verdict| {
-        let mark = if v.kept { "pass" } else { "FAIL" };
-        vec![
-            mark.to_owned(),
-            v.muscle.clone(),
-            v.promise.clone(),
-            v.found.clone(),
-        ]
-    };
-    text.push_str(&columns(
-        &summary.verdicts.iter().map(row).collect::<Vec<_>>(),
-        &[],
-    ));
+    text.push_str(&verdict_table(&summary.verdicts).to_text());
     text.push('\n');
     for m in &summary.muscles {
         text.push_str(&format!(

@@ -12,14 +12,15 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::failure::Failure;
+use super::options::Output;
 use super::progress::Bar;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, columns, say, say_json, warn};
+use super::warn;
 use crate::report::folder::Folder;
+use crate::report::output::Verdict;
 use built::Built;
 use nearing::Nearing;
 use pliant::format::number;
-use pliant::io::names::file_name;
 use pliant::springs::Neighbours;
 use pliant::springs::integrators::{Adaptive, INTEGRATORS, Integrator, Verlet, by_name};
 use pliant::springs::rest::{End, Rest, Settled, settle_by};
@@ -95,15 +96,8 @@ pub(super) struct Arguments {
     /// Also write a frame every N steps
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     every: Option<u32>,
-    /// Folder of the results [default: pliant-out/NAME-springs]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Write the result as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 fn neighbours(text: &str) -> Result<Neighbours, String> {
@@ -145,10 +139,9 @@ fn tolerance(text: &str) -> Result<f64, String> {
     )
 }
 
-/// What a run found.
+/// Measures of a run.
 #[derive(Default, Serialize)]
 struct Summary {
-    name: String,
     points: usize,
     points_held: usize,
     springs: usize,
@@ -166,23 +159,44 @@ struct Summary {
     end: String,
     steps: usize,
     steps_wanted: usize,
-    time_s: f64,
+    simulated_s: f64,
     residual_force_n: f64,
     residual_force_allowed_n: f64,
     kinetic_energy_j: f64,
     kinetic_energy_allowed_j: f64,
     spring_energy_j: f64,
+    #[serde(skip)]
     wall_s: f64,
+    #[serde(skip)]
+    interrupted: bool,
+    #[serde(skip)]
+    hint: Option<String>,
+    #[serde(skip)]
     notes: Vec<String>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
+impl Summary {
+    /// Results of the checks.
+    fn verdicts(&self) -> Vec<Verdict> {
+        let rest = Verdict::new("the system is at rest", self.at_rest).at(self.end.as_str());
+        let stable = self.stability_limit_s.is_none_or(|limit| self.dt_s < limit) || self.adaptive;
+        let step = Verdict::new("the step is below the stability limit, or adapts", stable);
+        let step = Verdict {
+            limit: self.stability_limit_s,
+            ..step.with_value(self.dt_s).in_unit("s")
+        };
+        vec![
+            Verdict {
+                what_to_do: self.hint.clone(),
+                ..rest
+            },
+            step,
+        ]
     }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    arguments.output.threads.start();
     let stop = stop_on_interrupt("stopping after this step");
     let begun = Instant::now();
     let mut built = match (&arguments.file, arguments.lattice) {
@@ -220,10 +234,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } = chosen(arguments, &stiffest)?;
     let rest = Rest::share_of(&built.system, arguments.tolerance);
     built.disturb(arguments.shrink, arguments.pin == "surface");
-    let path = arguments.out.clone();
-    let path = path.unwrap_or_else(|| {
-        PathBuf::from("pliant-out").join(format!("{}-springs", file_name(&built.name)))
-    });
+    let path = arguments.output.folder(&built.name, "springs");
     let mut record = Record::begin(Folder::open(&path)?, &built, arguments.every)?;
     // These two damp by themselves.
     let damps = ["bdf2", "implicit"].contains(&integrator.name());
@@ -256,25 +267,24 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut summary = summary(arguments, &built, &stiffest, &settled, &rest);
     summary.steps_wanted = steps;
     if settled.end == End::Steps {
-        summary.notes.push(if undamped {
+        let hint = if undamped {
             NEVER.to_owned()
         } else {
             nearing.hint()
-        });
+        };
+        summary.notes.push(hint.clone());
+        summary.hint = Some(hint);
     }
     (
         summary.damping_estimate_ns_m,
         summary.dt_s,
         summary.stability_limit_s,
     ) = (estimate, dt, longest);
-    (summary.time_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
-    record.finish(&built, &summary)?;
-    tell(arguments, &summary, &path);
-    Ok(match settled.end {
-        End::Rest => DONE,
-        End::Stopped => INTERRUPTED,
-        End::Steps | End::Failed(_) => FAILED,
-    })
+    (summary.simulated_s, summary.wall_s) = (record.time(), begun.elapsed().as_secs_f64());
+    summary.interrupted = settled.end == End::Stopped;
+    record.check()?;
+    let output = record.output(&built, summary)?;
+    arguments.output.finish(record.folder(), output)
 }
 
 /// What a run found, but for times, the step and what was estimated.
@@ -296,7 +306,6 @@ fn summary(
         .map(|by| limit(&*by, &rows))
         .filter(|l| l.is_finite());
     Summary {
-        name: built.name.clone(),
         points: built.system.len(),
         points_held: built.system.pinned().iter().filter(|p| **p).count(),
         springs: built.lines.len(),
@@ -423,77 +432,5 @@ fn in_words(settled: &Settled, rest: &Rest) -> String {
         End::Steps => format!("not at rest after {} steps: {left}", settled.steps),
         End::Stopped => format!("stopped after {} steps: {left}", settled.steps),
         End::Failed(error) => format!("failed after {} steps: {error}", settled.steps),
-    }
-}
-
-fn tell(arguments: &Arguments, summary: &Summary, path: &std::path::Path) {
-    if arguments.json {
-        return say_json(summary);
-    }
-    let seconds = |limit: Option<f64>| {
-        limit.map_or("none: every step is stable".to_owned(), |s| {
-            format!("{} s", number(s))
-        })
-    };
-    let estimate = summary
-        .damping_estimate_ns_m
-        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
-    let rows = [
-        (
-            "system",
-            format!(
-                "{} points ({} held), {} springs",
-                summary.points, summary.points_held, summary.springs
-            ),
-        ),
-        (
-            "damping",
-            format!("{} N s/m{estimate}", number(summary.damping_ns_m)),
-        ),
-        (
-            "stability limit",
-            format!(
-                "{} of {}",
-                seconds(summary.stability_limit_s),
-                summary.integrator
-            ),
-        ),
-        (
-            "step",
-            format!(
-                "{} s{}",
-                number(summary.dt_s),
-                if summary.adaptive {
-                    " at the start"
-                } else {
-                    ""
-                }
-            ),
-        ),
-        ("end", summary.end.clone()),
-    ];
-    let rows: Vec<Vec<String>> = rows
-        .into_iter()
-        .map(|(name, value)| vec![name.to_owned(), value])
-        .collect();
-    let mut text = format!("{}\n{}", summary.name, columns(&rows, &[]));
-    summary
-        .notes
-        .iter()
-        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
-    let report = path.join("report.html");
-    text.push_str(&format!(
-        "\nResults in {}\n  open {} in a browser\n",
-        path.display(),
-        report.display()
-    ));
-    say(&text);
-    if !summary.at_rest {
-        warn(&format!("note: {}", summary.end));
-        summary
-            .notes
-            .iter()
-            .filter(|note| note.contains("--"))
-            .for_each(|note| warn(&format!("note: {note}")));
     }
 }

@@ -1,18 +1,22 @@
 //! Files of a geometric muscle: mesh, picture, animation, table over all lengths.
 
-use std::io::{self, Write};
+use std::io;
+use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::folder::{Folder, FolderError};
-use super::{LinePlot, Report, Series, Table};
+use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict, measures};
+use super::{LinePlot, Series, Table};
 use pliant::format::number;
 use pliant::geometric::file::Muscle;
 use pliant::geometric::pose::{Pose, at, cycle};
 use pliant::io::names::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
-use pliant_render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, render, to_gif};
+use pliant_render::{
+    Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render, to_gif,
+};
+use serde::Serialize;
 
 /// Lengths in the table.
 const ROWS: u32 = 100;
@@ -23,66 +27,141 @@ const BONE: Rgb = [0.35, 0.33, 0.30];
 /// Pictures an animation shows a second.
 const RATE: f64 = 24.0;
 
-/// Writes all files; `frames` pictures of an animation where one is wanted.
-///
-/// # Errors
-/// A file that cannot be written.
-pub fn write(
-    folder: &Folder,
-    name: &str,
-    muscle: &Muscle,
-    frames: Option<u32>,
-    summary: &serde_json::Value,
-) -> Result<(), FolderError> {
-    let pose = Pose::of(muscle);
-    let poses = frames.map_or(Vec::new(), |count| cycle(muscle, count));
-    put(folder, "muscle.vtp", &pose)?;
-    let camera = camera(poses.iter().chain([&pose]));
-    let mut pictures = Vec::new();
-    let png = draw(&pose, &camera).to_png()?;
-    folder.write("muscle.png", |w| w.write_all(&png))?;
-    pictures.push((
-        format!("at a length of {}", number(pose.length / muscle.unit)),
-        png,
-    ));
-    if !poses.is_empty() {
-        let file = file_name(name);
-        let mut series = Collection::new();
-        for (k, pose) in poses.iter().enumerate() {
-            let path = format!("frames/{file}_{k:06}.vtp");
-            put(folder, &path, pose)?;
-            series.push(Entry {
-                time: k as f64 / RATE,
-                part: 0,
-                name: file.clone(),
-                file: path,
-            });
-        }
-        let path = folder.claim(&format!("{file}.pvd"))?;
-        series
-            .write(&path)
-            .map_err(|source| FolderError::Io { path, source })?;
-        let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
-        let gif = to_gif(&drawn, 1.0 / RATE)?;
-        folder.write(&format!("{file}.gif"), |w| w.write_all(&gif))?;
-        pictures.push(("over all lengths that it can take".to_owned(), gif));
-    }
-    let [least, most] = muscle.range;
-    let table = at(
-        muscle,
-        (0..=ROWS).map(|k| least + (most - least) * f64::from(k) / f64::from(ROWS)),
-    );
-    folder.write("lengths.csv", |w| write_lengths(w, &table))?;
-    let json = serde_json::to_string_pretty(summary).unwrap_or_default();
-    folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-    let report = Report {
-        pictures,
-        ..report(name, muscle, &pose, &table)
-    };
-    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+/// The volume is kept to this share.
+const VOLUME_HELD: f64 = 1e-9;
+
+/// Measures of a geometric muscle.
+#[derive(Serialize)]
+struct Measures {
+    nodes: usize,
+    length_m: f64,
+    length_at_rest_m: f64,
+    shortest_m: f64,
+    longest_m: f64,
+    volume_m3: f64,
+    volume_error: f64,
+    radius_max_m: f64,
+    radius_min_m: f64,
+    joint_angle_deg: Option<f64>,
+    poses: usize,
 }
 
-fn put(folder: &Folder, file: &str, pose: &Pose) -> Result<(), FolderError> {
+impl Measures {
+    fn of(muscle: &Muscle, pose: &Pose, poses: Option<u32>) -> Self {
+        let chain = &muscle.chain;
+        let radii = || chain.radii().iter().copied();
+        Self {
+            nodes: chain.radii().len(),
+            length_m: chain.length(),
+            length_at_rest_m: chain.rest().length,
+            shortest_m: muscle.range[0],
+            longest_m: muscle.range[1],
+            volume_m3: chain.volume_now(),
+            volume_error: chain.volume_now() / chain.volume() - 1.0,
+            radius_max_m: radii().fold(0.0, f64::max),
+            radius_min_m: radii().fold(f64::INFINITY, f64::min),
+            joint_angle_deg: pose.joint_angle.map(f64::to_degrees),
+            poses: poses.unwrap_or(1) as usize,
+        }
+    }
+
+    /// Lines for a terminal, lengths in the unit of the file.
+    fn to_text(&self, name: &str, unit: f64) -> String {
+        let length = |value: f64| number(value / unit);
+        let joint = self.joint_angle_deg.map_or(String::new(), |angle| {
+            format!("joint at {angle:.1} degrees\n")
+        });
+        format!(
+            "{name}: {} nodes, length {} (from {} to {}), greatest radius {}, volume kept to {:.1e}\n{joint}",
+            self.nodes,
+            length(self.length_m),
+            length(self.shortest_m),
+            length(self.longest_m),
+            length(self.radius_max_m),
+            self.volume_error.abs()
+        )
+    }
+}
+
+/// The result: the muscle as it is; with `frames`, also an animation of that many pictures.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn output<'a>(
+    name: &str,
+    muscle: &'a Muscle,
+    frames: Option<u32>,
+) -> Result<RunOutput<'a>, PictureError> {
+    let pose = Pose::of(muscle);
+    let poses = frames.map_or(Vec::new(), |count| cycle(muscle, count));
+    let camera = camera(poses.iter().chain([&pose]));
+    let mut pictures = vec![Picture {
+        file: "muscle.png".to_owned(),
+        caption: format!("at a length of {}", number(pose.length / muscle.unit)),
+        bytes: draw(&pose, &camera).to_png()?,
+        wide: false,
+    }];
+    let file = file_name(name);
+    if !poses.is_empty() {
+        let drawn: Vec<Frame> = poses.iter().map(|pose| draw(pose, &camera)).collect();
+        pictures.push(Picture {
+            file: format!("{file}.gif"),
+            caption: "over all lengths that it can take".to_owned(),
+            bytes: to_gif(&drawn, 1.0 / RATE)?,
+            wide: false,
+        });
+    }
+    let [least, most] = muscle.range;
+    let share = |k: u32| least + (most - least) * f64::from(k) / f64::from(ROWS);
+    let table = at(muscle, (0..=ROWS).map(share));
+    let own = Measures::of(muscle, &pose, frames);
+    let plot = |plot| Plot { file: None, plot };
+    let volume = Verdict::at_most(
+        "volume error at most 1e-9",
+        own.volume_error.abs(),
+        VOLUME_HELD,
+    );
+    let unit = muscle.unit;
+    Ok(RunOutput {
+        kind: "biceps",
+        name: name.to_owned(),
+        measures: measures(&own),
+        text: own.to_text(name, unit),
+        verdicts: vec![volume],
+        title: format!("{name}: a muscle of frusta"),
+        plots_title: "Over all lengths".to_owned(),
+        plots: plots(unit, &table).into_iter().map(plot).collect(),
+        tables: vec![nodes(muscle)],
+        explanations: vec![facts(muscle, &pose)],
+        pictures,
+        data: vec![lengths(table)],
+        files: files(&file, pose, poses),
+        ..RunOutput::default()
+    })
+}
+
+/// The mesh, and a mesh for each pose of an animation with a file that lists them.
+fn files<'a>(file: &str, pose: Pose, poses: Vec<Pose>) -> Vec<OutputFile<'a>> {
+    let mut all = vec![OutputFile::new("muscle.vtp", move |path| put(path, &pose))];
+    let (mut series, is_animated) = (Collection::new(), !poses.is_empty());
+    for (k, pose) in poses.into_iter().enumerate() {
+        let name = format!("frames/{file}_{k:06}.vtp");
+        series.push(Entry {
+            time: k as f64 / RATE,
+            part: 0,
+            name: file.to_owned(),
+            file: name.clone(),
+        });
+        all.push(OutputFile::new(name, move |path| put(path, &pose)));
+    }
+    if is_animated {
+        let name = format!("{file}.pvd");
+        all.push(OutputFile::new(name, move |path| series.write(path)));
+    }
+    all
+}
+
+fn put(path: &Path, pose: &Pose) -> io::Result<()> {
     let mut points = pose.mesh.vertices.clone();
     let mut lines = Vec::new();
     for bar in &pose.bars {
@@ -90,14 +169,13 @@ fn put(folder: &Folder, file: &str, pose: &Pose) -> Result<(), FolderError> {
         lines.push((first..first + bar.len() as u32).collect::<Vec<u32>>());
         points.extend(bar);
     }
-    let path = folder.claim(file)?;
     let data = PolyData {
         points: &points,
         triangles: &pose.mesh.triangles,
         lines: &lines,
         point_data: Vec::new(),
     };
-    vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
+    vtp::write(path, &data)
 }
 
 fn camera<'a>(poses: impl Iterator<Item = &'a Pose>) -> Camera {
@@ -119,16 +197,25 @@ fn draw(pose: &Pose, camera: &Camera) -> Frame {
     render(&Drawing::of([surface]).with_lines(bars), camera)
 }
 
-fn write_lengths(w: &mut impl Write, poses: &[Pose]) -> io::Result<()> {
-    writeln!(w, "length_m,radius_max_m,volume_error,joint_angle_rad")?;
-    for p in poses {
+/// A row for each length that the muscle can take.
+fn lengths<'a>(poses: Vec<Pose>) -> DataFile<'a> {
+    let columns = [
+        "length_m",
+        "radius_max_m",
+        "volume_error",
+        "joint_angle_rad",
+    ];
+    let row = |p: Pose| {
         let angle = p.joint_angle.map_or(String::new(), |a| a.to_string());
-        writeln!(w, "{},{},{},{angle}", p.length, p.radius, p.volume_error)?;
-    }
-    Ok(())
+        let numbers = [p.length, p.radius, p.volume_error];
+        let cells = numbers.iter().map(f64::to_string);
+        cells.chain([angle]).collect()
+    };
+    DataFile::new("lengths.csv", columns, poses.into_iter().map(row))
 }
 
-fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
+/// The nodes, lengths in the unit of the file.
+fn nodes(muscle: &Muscle) -> Table {
     let unit = |value: f64| value / muscle.unit;
     let mut nodes = Table::new(
         "Nodes",
@@ -144,6 +231,12 @@ fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
             number(unit(*r)),
         ]);
     }
+    nodes
+}
+
+/// Radius and angle over the length, in the unit of the file.
+fn plots(unit: f64, poses: &[Pose]) -> Vec<LinePlot> {
+    let unit = |value: f64| value / unit;
     let radius = Series::new(
         "greatest radius",
         poses.iter().map(|p| (unit(p.length), unit(p.radius))),
@@ -163,20 +256,18 @@ fn report(name: &str, muscle: &Muscle, pose: &Pose, poses: &[Pose]) -> Report {
             ..LinePlot::new("Angle at the joint [degrees]", "length")
         });
     }
-    let facts = format!(
+    plots
+}
+
+fn facts(muscle: &Muscle, pose: &Pose) -> String {
+    let unit = |value: f64| value / muscle.unit;
+    let rest = muscle.chain.rest();
+    format!(
         "Length {} of {} at rest, from {} to {}; lengths are in the unit of the file. The volume differs by {:.1e} of itself from that at rest.",
         number(unit(pose.length)),
         number(unit(rest.length)),
         number(unit(muscle.range[0])),
         number(unit(muscle.range[1])),
         pose.volume_error.abs()
-    );
-    Report {
-        title: format!("{name}: a muscle of frusta"),
-        plots_title: "Over all lengths".to_owned(),
-        notes: vec![facts],
-        tables: vec![nodes],
-        plots,
-        ..Report::default()
-    }
+    )
 }

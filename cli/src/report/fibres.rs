@@ -2,19 +2,21 @@
 
 mod pictures;
 
-use std::io::Write;
+use std::io;
+use std::path::Path;
 
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::folder::{Folder, FolderError};
-use super::{Report, Table};
+use super::Table;
+use super::output::{DataFile, OutputFile, RunOutput, Verdict, measures};
 use pliant::fibres::attachment::{Area, Attachment};
 use pliant::fibres::each::{Each, Tendon};
 use pliant::fibres::quality::Quality;
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
+use pliant_render::PictureError;
 
 /// Farthest that an end may lie from its projected area [m].
 pub const AT_AREA: f64 = 1e-5;
@@ -36,20 +38,18 @@ pub const FILES: [&str; 9] = [
     "report.html",
 ];
 
-/// What is told of fibres in numbers.
+/// Measures of the fibres of a muscle.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// Name of the muscle.
-    pub muscle: String,
     /// Name of the method.
     pub method: String,
     /// Name of the template, of a method that has one.
     pub template: Option<String>,
-    /// What is measured.
+    /// Measures of the fibres.
     #[serde(flatten)]
     pub quality: Quality,
     /// Time of the decomposition, without reading and projecting areas [s].
-    pub time_s: f64,
+    pub decomposition_s: f64,
     /// Vertices of the muscle.
     pub vertices: usize,
     /// Volume that it encloses, holes closed [m3].
@@ -76,13 +76,13 @@ pub struct Summary {
     pub smooth_steps: u32,
     /// Share of the way that a point moves in a pass.
     pub smooth_factor: f64,
-    /// What the reader has to know.
-    pub notes: Vec<String>,
 }
 
 /// Fibres of a muscle.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub struct Bundle<'a> {
+    /// Name of the muscle.
+    pub name: &'a str,
     /// The muscle [m].
     pub muscle: &'a TriangleMesh,
     /// Its areas.
@@ -95,36 +95,31 @@ pub struct Bundle<'a> {
     pub lines: &'a [Vec<Point3<f64>>],
     /// What is measured of each fibre.
     pub each: &'a [Each],
-    /// What is measured of all.
+    /// Measures of all.
     pub summary: &'a Summary,
+    /// What the reader has to know.
+    pub notes: &'a [String],
+    /// Wall time of all of it [s].
+    pub time_s: f64,
 }
 
-impl Bundle<'_> {
-    /// What is checked, and whether it holds.
-    pub fn verdicts(&self) -> Vec<(String, bool)> {
+impl<'a> Bundle<'a> {
+    /// Results of the checks.
+    pub fn verdicts(&self) -> Vec<Verdict> {
         let q = &self.summary.quality;
         let mut all = vec![
-            (
-                format!(
-                    "{} of {} points lie outside the muscle",
-                    q.outside, q.points
-                ),
-                q.outside == 0,
-            ),
-            (
-                format!(
-                    "every end within 0.01 mm of its area: at most {} mm",
-                    number(1e3 * q.end_distance_max_m)
-                ),
-                q.end_distance_max_m <= AT_AREA,
-            ),
+            Verdict::none("points outside the muscle", q.outside),
+            Verdict::at_most(
+                "distance of an end from its area",
+                q.end_distance_max_m,
+                AT_AREA,
+            )
+            .in_unit("m"),
         ];
         if !q.jacobian_min.is_nan() {
-            let text = format!(
-                "fibres side by side stay so: least Jacobian of their map {:.1e}, above 0",
-                q.jacobian_min
-            );
-            all.push((text, q.jacobian_min > 0.0));
+            let name = "fibres side by side stay so: least Jacobian of their map, above 0";
+            let verdict = Verdict::new(name, q.jacobian_min > 0.0);
+            all.push(verdict.with_value(q.jacobian_min).with_limit(0.0));
         }
         all
     }
@@ -155,7 +150,6 @@ impl Bundle<'_> {
                 ));
             }
         }
-        all.extend(self.summary.notes.iter().cloned());
         all
     }
 
@@ -220,41 +214,55 @@ impl Bundle<'_> {
         table.row(["least Jacobian of the fibre map".to_owned(), jacobian]);
         table.row([
             "time of the decomposition".to_owned(),
-            format!("{:.0} ms", 1e3 * s.time_s),
+            format!("{:.0} ms", 1e3 * s.decomposition_s),
         ]);
         table
     }
 
-    /// Writes all files.
+    /// The result.
     ///
     /// # Errors
-    /// A file that cannot be written, a picture that cannot be encoded.
-    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
-        self.write_fibres(folder)?;
-        self.write_muscle(folder)?;
-        folder.write("fibres.csv", |w| self.write_each(w))?;
-        folder.write("points.csv", |w| self.write_points(w))?;
-        let json = serde_json::to_string_pretty(self.summary).unwrap_or_default();
-        folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-        let (mut pictures, mut sheets) = (Vec::new(), Vec::new());
-        for (name, caption, png) in self.pictures()? {
-            folder.write(name, |w| w.write_all(&png))?;
-            let list = if name == "sections.png" {
-                &mut sheets
-            } else {
-                &mut pictures
-            };
-            list.push((caption, png));
-        }
-        let report = Report {
-            pictures,
-            sheets,
-            ..self.report()
-        };
-        folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+    /// A picture that cannot be encoded.
+    pub fn output(self) -> Result<RunOutput<'a>, PictureError> {
+        let (fibres, columns) = self.each_rows();
+        let table = self.table();
+        Ok(RunOutput {
+            kind: "fibres",
+            name: self.name.to_owned(),
+            measures: measures(self.summary),
+            verdicts: self.verdicts(),
+            findings: self.findings(),
+            notes: self.notes.to_vec(),
+            time_s: self.time_s,
+            title: format!("{}: fibres", self.name),
+            subtitle: format!(
+                "Method {}; {} fibres",
+                self.summary.method,
+                self.fibres.len()
+            ),
+            text: format!("{}:\n", self.name),
+            tables_of_text: 1,
+            tables: vec![table, self.rows()],
+            pictures: self.pictures()?,
+            explanations: self.explanations(),
+            data: vec![
+                DataFile::new("fibres.csv", columns, fibres),
+                DataFile::new(
+                    "points.csv",
+                    ["fibre", "part", "x_m", "y_m", "z_m"],
+                    self.point_rows(),
+                ),
+            ],
+            files: vec![
+                OutputFile::new("fibres.vtp", move |path| self.write_fibres(path)),
+                OutputFile::new("muscle.vtp", move |path| self.write_muscle(path)),
+            ],
+            ..RunOutput::default()
+        })
     }
 
-    fn report(&self) -> Report {
+    /// The first fibres, one by one.
+    fn rows(&self) -> Table {
         let mut rows = Table::new(
             "Each fibre",
             [
@@ -280,6 +288,10 @@ impl Bundle<'_> {
                 tendons,
             ]);
         }
+        rows
+    }
+
+    fn explanations(&self) -> Vec<String> {
         let mut notes = vec![
             "Pennation is the mean angle along a fibre to the line of action, from the mean of all origins to that of all \
              insertions. The mean spacing of fibres is the root of the volume over the length of all of them."
@@ -294,23 +306,11 @@ impl Bundle<'_> {
                 self.each.len()
             ));
         }
-        Report {
-            title: format!("{}: fibres", self.summary.muscle),
-            subtitle: format!(
-                "Method {}; {} fibres",
-                self.summary.method,
-                self.fibres.len()
-            ),
-            verdict: self.verdicts(),
-            findings: self.findings(),
-            tables: vec![self.table(), rows],
-            notes,
-            ..Report::default()
-        }
+        notes
     }
 
     /// Fibres, then tendons, with what they are, as cell data.
-    fn write_fibres(&self, folder: &Folder) -> Result<(), FolderError> {
+    fn write_fibres(&self, path: &Path) -> io::Result<()> {
         let mut put = Polylines::default();
         for (k, (fibre, each)) in self.fibres.iter().zip(self.each).enumerate() {
             put.add(fibre, [k as f64, 0.0, each.length_m, each.pennation_rad]);
@@ -333,7 +333,6 @@ impl Bundle<'_> {
             ("length_m", length),
             ("pennation_rad", pennation),
         ];
-        let path = folder.claim("fibres.vtp")?;
         let point_data = vec![("along", put.along)];
         let data = PolyData {
             points: &put.points,
@@ -341,12 +340,11 @@ impl Bundle<'_> {
             lines: &put.lines,
             point_data,
         };
-        vtp::write_with_cells(&path, &data, &cells)
-            .map_err(|source| FolderError::Io { path, source })
+        vtp::write_with_cells(path, &data, &cells)
     }
 
     /// The muscle with its areas: 1 at triangles of the origin, 2 at those of the insertion.
-    fn write_muscle(&self, folder: &Folder) -> Result<(), FolderError> {
+    fn write_muscle(&self, path: &Path) -> io::Result<()> {
         let mut area = vec![0.0; self.muscle.triangles.len()];
         self.attachment
             .origin
@@ -358,7 +356,6 @@ impl Bundle<'_> {
             .triangles
             .iter()
             .for_each(|&t| area[t as usize] = 2.0);
-        let path = folder.claim("muscle.vtp")?;
         let (points, triangles) = (&self.muscle.vertices, &self.muscle.triangles);
         let data = PolyData {
             points,
@@ -366,43 +363,55 @@ impl Bundle<'_> {
             lines: &[],
             point_data: Vec::new(),
         };
-        vtp::write_with_cells(&path, &data, &[("area", area)])
-            .map_err(|source| FolderError::Io { path, source })
+        vtp::write_with_cells(path, &data, &[("area", area)])
     }
 
-    fn write_each(&self, w: &mut impl Write) -> std::io::Result<()> {
-        writeln!(
-            w,
-            "fibre,length_m,chord_m,pennation_rad,tendon_origin_m,tendon_insertion_m,whole_m"
-        )?;
-        for (k, e) in self.each.iter().enumerate() {
-            let whole = e.tendon_origin_m + e.length_m + e.tendon_insertion_m;
-            let Each {
-                length_m,
-                chord_m,
-                pennation_rad,
-                tendon_origin_m,
-                tendon_insertion_m,
-            } = e;
-            writeln!(
-                w,
-                "{k},{length_m},{chord_m},{pennation_rad},{tendon_origin_m},{tendon_insertion_m},{whole}"
-            )?;
-        }
-        Ok(())
+    /// A row for each fibre, and the names of its columns.
+    fn each_rows(
+        &self,
+    ) -> (
+        impl Iterator<Item = Vec<String>> + use<'a>,
+        [&'static str; 7],
+    ) {
+        let columns = [
+            "fibre",
+            "length_m",
+            "chord_m",
+            "pennation_rad",
+            "tendon_origin_m",
+            "tendon_insertion_m",
+            "whole_m",
+        ];
+        let row = |(k, e): (usize, &Each)| {
+            let numbers = [
+                e.length_m,
+                e.chord_m,
+                e.pennation_rad,
+                e.tendon_origin_m,
+                e.tendon_insertion_m,
+                e.tendon_origin_m + e.length_m + e.tendon_insertion_m,
+            ];
+            let cells = numbers.iter().map(f64::to_string);
+            std::iter::once(k.to_string()).chain(cells).collect()
+        };
+        (self.each.iter().enumerate().map(row), columns)
     }
 
-    /// Every point from origin to insertion, those of tendons on the bone, too.
-    fn write_points(&self, w: &mut impl Write) -> std::io::Result<()> {
-        writeln!(w, "fibre,part,x_m,y_m,z_m")?;
-        for (k, fibre) in self.fibres.iter().enumerate() {
-            let tendon = |end: usize| self.tendons[end].get(k).map(|t: &Tendon| ("tendon", t[1]));
+    /// A row for each point from origin to insertion, those of tendons on the bone, too.
+    fn point_rows(&self) -> impl Iterator<Item = Vec<String>> + use<'a> {
+        let (fibres, tendons) = (self.fibres, self.tendons);
+        fibres.iter().enumerate().flat_map(move |(k, fibre)| {
+            let tendon = |end: usize| tendons[end].get(k).map(|t: &Tendon| ("tendon", t[1]));
             let fibre = fibre.iter().map(|p| ("fibre", *p));
-            for (part, p) in tendon(0).into_iter().chain(fibre).chain(tendon(1)) {
-                writeln!(w, "{k},{part},{},{},{}", p.x, p.y, p.z)?;
-            }
-        }
-        Ok(())
+            let points = tendon(0).into_iter().chain(fibre).chain(tendon(1));
+            points.map(move |(part, p)| {
+                let place = [p.x, p.y, p.z].map(|c| c.to_string());
+                [k.to_string(), part.to_owned()]
+                    .into_iter()
+                    .chain(place)
+                    .collect()
+            })
+        })
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::output::Verdict;
 use super::plot::LinePlot;
 use super::table::Table;
 use super::turntable::{self, Turntable};
@@ -13,8 +14,8 @@ pub struct Report {
     pub title: String,
     /// A line below it.
     pub subtitle: String,
-    /// What was checked, with its number, and whether it passed.
-    pub verdict: Vec<(String, bool)>,
+    /// Results of checks.
+    pub verdict: Vec<Verdict>,
     /// What was found and is neither right nor wrong, below the checks.
     pub findings: Vec<String>,
     /// Caption and bytes (PNG or GIF) of each picture, shown side by side.
@@ -134,7 +135,7 @@ impl Report {
         }
         let (all, failed) = (
             self.verdict.len(),
-            self.verdict.iter().filter(|(_, passed)| !passed).count(),
+            self.verdict.iter().filter(|v| !v.passed).count(),
         );
         let (class, sum) = match (all, failed) {
             (0, 0) => ("found", "Nothing was checked".to_owned()),
@@ -153,10 +154,9 @@ impl Report {
             "<p class=\"sum {class}\">{sum}</p>\n<ul class=\"card checks\">"
         );
         // What failed is what the reader has to know first.
-        let (failed, passed): (Vec<_>, Vec<_>) =
-            self.verdict.iter().partition(|(_, passed)| !passed);
-        for (text, passed) in failed.into_iter().chain(passed) {
-            let (class, mark) = if *passed {
+        let (failed, passed): (Vec<_>, Vec<_>) = self.verdict.iter().partition(|v| !v.passed);
+        for verdict in failed.into_iter().chain(passed) {
+            let (class, mark) = if verdict.passed {
                 ("pass", "✓ pass")
             } else {
                 ("fail", "✗ fail")
@@ -164,7 +164,7 @@ impl Report {
             let _ = writeln!(
                 html,
                 "<li class=\"{class}\"><b>{mark}</b><span>{}</span></li>",
-                escape(text)
+                escape(&verdict.to_text())
             );
         }
         for text in &self.findings {
@@ -288,7 +288,7 @@ mod tests {
         Report {
             title: evil(),
             subtitle: evil(),
-            verdict: vec![(evil(), true), (evil(), false)],
+            verdict: vec![Verdict::new(evil(), true), Verdict::new(evil(), false)],
             findings: Vec::new(),
             pictures: vec![(evil(), b"\"><script>".to_vec())],
             sheets: vec![(evil(), Vec::new())],
@@ -348,7 +348,7 @@ mod tests {
     fn failures_come_first_and_are_counted() {
         let findings = vec!["4 cm2 are <stretched>".to_owned()];
         let html = Report {
-            verdict: vec![("kept".into(), true)],
+            verdict: vec![Verdict::new("kept", true)],
             findings,
             ..Report::default()
         }
@@ -359,8 +359,8 @@ mod tests {
         );
         assert!(html.contains("class=\"found\"") && html.contains("4 cm2 are &lt;stretched&gt;"));
         let verdict = vec![
-            ("volume kept".into(), true),
-            ("no vertex in a bone".into(), false),
+            Verdict::new("volume kept", true),
+            Verdict::new("no vertex in a bone", false),
         ];
         let html = Report {
             verdict,
@@ -370,7 +370,7 @@ mod tests {
         assert!(html.contains("1 of 2 checks fails"));
         assert!(html.find("no vertex in a bone") < html.find("volume kept"));
         let html = Report {
-            verdict: vec![("volume kept".into(), true)],
+            verdict: vec![Verdict::new("volume kept", true)],
             ..Report::default()
         }
         .to_html();

@@ -2,11 +2,13 @@
 
 mod pictures;
 
+use std::io;
+use std::path::Path;
+
 use nalgebra::Isometry3;
 use serde_json::{Value, json};
 
-use super::folder::{Folder, FolderError};
-use super::html::Report;
+use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict};
 use super::plot::LinePlot;
 use super::table::Table;
 use pliant::io::vtp;
@@ -16,9 +18,7 @@ use pliant::skin::plan::{Inserted, Order, Ready, Shell};
 use pliant::skin::settle::Progress;
 use pliant::skin::whole::Whole;
 use pliant::skin::{Areas, Interval};
-
-/// Name, caption and bytes of a picture.
-pub(super) type Picture = (String, String, Vec<u8>);
+use pliant_render::PictureError;
 
 /// What one of several volumes of an implant does.
 #[derive(Clone, Copy, Debug)]
@@ -58,6 +58,8 @@ pub struct Insertion<'a> {
     pub wanted: Option<f64>,
     /// Time of all of it [s].
     pub time: f64,
+    /// What lies under the skin, `implant` or `ball`, in captions.
+    pub under: &'static str,
 }
 
 /// One implant, and the skin that it may share with others.
@@ -236,45 +238,29 @@ impl Insertion<'_> {
             && self.curve.iter().all(|point| point.progress.converged)
     }
 
-    /// Each check and whether it holds: that everything shown, and every volume of a curve, came to rest.
-    pub fn verdicts(&self) -> Vec<(String, bool)> {
+    /// Results of the checks: whether everything shown, and every volume of a curve, is at rest.
+    pub fn verdicts(&self) -> Vec<Verdict> {
         let at_rest = "skin and implant are at rest";
         let alone = |single: &Single| {
             self.curve
                 .iter()
                 .all(|point| point.implant != single.number + 1)
         };
-        let shown: Vec<(String, bool)> = self
-            .each()
-            .into_iter()
-            .filter(alone)
-            .map(|one| {
-                let (number, cc) = (one.number + 1, one.volume() * 1e6);
-                (
-                    format!("implant {number}, {cc:.1} cc: {at_rest}"),
-                    one.done.progress.converged,
-                )
-            })
-            .collect();
+        let shown = self.each().into_iter().filter(alone).map(|one| {
+            let (number, cc) = (one.number + 1, one.volume() * 1e6);
+            Verdict::new(at_rest, one.done.progress.converged)
+                .at(format!("implant {number}, {cc:.1} cc"))
+        });
         let curve = self.curve.iter().map(|point| {
             let day = point
                 .day
                 .map_or(String::new(), |day| format!(", day {day}"));
-            (
-                format!(
-                    "implant {}{day}, {:.1} cc: {at_rest}",
-                    self.called(point.implant),
-                    point.volume * 1e6
-                ),
-                point.progress.converged,
-            )
+            let (called, cc) = (self.called(point.implant), point.volume * 1e6);
+            Verdict::new(at_rest, point.progress.converged)
+                .at(format!("implant {called}{day}, {cc:.1} cc"))
         });
-        let cut = self.interrupted.then(|| {
-            (
-                "all that was asked for is there: it was interrupted".to_owned(),
-                false,
-            )
-        });
+        let complete = Verdict::new("the result is complete: it was interrupted", false);
+        let cut = self.interrupted.then_some(complete);
         cut.into_iter().chain(shown).chain(curve).collect()
     }
 
@@ -293,7 +279,7 @@ impl Insertion<'_> {
         self.implants.iter().map(|(ready, _)| of(ready)).sum()
     }
 
-    /// As `--json` gives it.
+    /// Measures of areas, volumes and each implant.
     pub fn to_json(&self) -> Value {
         let each = self.each().into_iter().map(|one| {
             let (volume, pressure) = (one.volume(), one.pressure());
@@ -336,11 +322,6 @@ impl Insertion<'_> {
             });
             joined(own, json_of(&point.areas))
         });
-        let verdicts: Vec<Value> = self
-            .verdicts()
-            .iter()
-            .map(|(what, ok)| json!({"what": what, "ok": ok}))
-            .collect();
         let all = json!({
             "skin": self.name,
             "implant_volume_m3": self.volume(),
@@ -352,12 +333,8 @@ impl Insertion<'_> {
             "area_gain_uncertainty_m2": self.gain_uncertainty(),
             "steps": self.implants.iter().map(|(_, done)| done.progress.iterations).sum::<u32>(),
             "converged": self.converged() && !self.interrupted,
-            "interrupted": self.interrupted,
-            "verdicts": verdicts,
-            "findings": self.findings(),
             // An empty sum is minus zero.
             "area_over_limit_m2": self.over_limit() + 0.0,
-            "time_s": self.time,
             "wanted_area_m2": self.wanted,
             "stretch_limit": self.limit,
             "sources": {"area_retracted_m2": RETRACTED_SOURCE, "area_grown_m2": GROWN_SOURCE},
@@ -444,7 +421,7 @@ impl Insertion<'_> {
             &format!("area stretched over {:.2} [cm2]", self.limit),
             over,
             String::new(),
-            "the limit is --stretch-limit",
+            "the limit that was given",
         );
         table
     }
@@ -552,42 +529,42 @@ impl Insertion<'_> {
             .collect()
     }
 
-    /// The curve as CSV.
-    pub fn csv(&self) -> String {
-        let mut text = "implant,day,implant_volume_m3,area_before_m2,area_deformed_m2,area_retracted_low_m2,\
-                        area_retracted_high_m2,area_grown_low_m2,area_grown_high_m2,volume_difference_m3,stretch_max,\
-                        converged\n"
-            .to_owned();
-        for Point {
-            implant,
-            day,
-            volume,
-            areas: a,
-            progress,
-        } in &self.curve
-        {
+    /// The curve: its columns, and a row for each volume.
+    fn csv(&self) -> DataFile<'_> {
+        let columns = [
+            "implant",
+            "day",
+            "implant_volume_m3",
+            "area_before_m2",
+            "area_deformed_m2",
+            "area_retracted_low_m2",
+            "area_retracted_high_m2",
+            "area_grown_low_m2",
+            "area_grown_high_m2",
+            "volume_difference_m3",
+            "stretch_max",
+            "converged",
+        ];
+        let row = |point: &Point| {
+            let a = &point.areas;
             let numbers = [
-                *volume,
+                point.volume,
                 a.before,
                 a.deformed,
                 a.retracted.low,
                 a.retracted.high,
                 a.grown.low,
                 a.grown.high,
+                a.volume_difference,
+                a.stretch_max,
             ];
-            let numbers: Vec<String> = numbers
-                .iter()
-                .chain(&[a.volume_difference, a.stretch_max])
-                .map(f64::to_string)
-                .collect();
-            let day = day.map_or(String::new(), |day| day.to_string());
-            text.push_str(&format!(
-                "{implant},{day},{},{}\n",
-                numbers.join(","),
-                progress.converged
-            ));
-        }
-        text
+            let day = point.day.map_or(String::new(), |day| day.to_string());
+            let mut cells = vec![point.implant.to_string(), day];
+            cells.extend(numbers.iter().map(f64::to_string));
+            cells.push(point.progress.converged.to_string());
+            cells
+        };
+        DataFile::new("curve.csv", columns, self.curve.iter().map(row))
     }
 
     /// The files that results of so many implants have, with those of a curve.
@@ -612,86 +589,76 @@ impl Insertion<'_> {
             .collect()
     }
 
-    /// Writes skins, implants, pictures, tables and the page.
+    /// The result.
     ///
     /// # Errors
-    /// What the folder or an encoder says.
-    pub fn write(&self, folder: &Folder) -> Result<(), FolderError> {
-        let io = |path: std::path::PathBuf| move |source| FolderError::Io { path, source };
-        let shown = self.shown();
-        let Shown { skin, stretch, .. } = &shown;
-        let path = folder.claim("skin.vtp")?;
-        let over: Vec<f64> = stretch
+    /// A picture that cannot be encoded.
+    pub fn output(&self) -> Result<RunOutput<'_>, PictureError> {
+        let (shown, each) = (self.shown(), self.each());
+        let (count, tables) = (each.len(), self.tables());
+        let pictures = self.pictures(&shown)?;
+        let mut files = vec![OutputFile::new("skin.vtp", move |path| {
+            self.write_skin(&shown, path)
+        })];
+        for one in each {
+            let name = format!("implant_{}.vtp", one.number + 1);
+            files.push(OutputFile::new(name, move |path| {
+                let shell = one.mesh();
+                let data = vtp::PolyData {
+                    points: &shell.vertices,
+                    triangles: &shell.triangles,
+                    ..vtp::PolyData::default()
+                };
+                vtp::write(path, &data)
+            }));
+        }
+        let plot = |plot| Plot {
+            file: Some("curve.svg".to_owned()),
+            plot,
+        };
+        Ok(RunOutput {
+            kind: "implant",
+            name: self.name.clone(),
+            measures: self.to_json(),
+            verdicts: self.verdicts(),
+            findings: self.findings(),
+            interrupted: self.interrupted,
+            time_s: self.time,
+            title: format!(
+                "{}: {count} implant{}",
+                self.name,
+                if count == 1 { "" } else { "s" }
+            ),
+            subtitle: format!("{:.1} s", self.time),
+            tables_of_text: tables.len(),
+            tables,
+            pictures,
+            plots_title: "Areas of several volumes".to_owned(),
+            plots: self.plot().into_iter().map(plot).collect(),
+            explanations: CAVEATS.map(str::to_owned).to_vec(),
+            data: Some(self.csv())
+                .filter(|_| !self.curve.is_empty())
+                .into_iter()
+                .collect(),
+            files,
+            ..RunOutput::default()
+        })
+    }
+
+    /// The whole skin with its stretch.
+    fn write_skin(&self, shown: &Shown, path: &Path) -> io::Result<()> {
+        let over: Vec<f64> = shown
+            .stretch
             .iter()
             .map(|s| f64::from(u8::from(*s > self.limit)))
             .collect();
-        let point_data = vec![("stretch", stretch.clone()), ("over_limit", over)];
         let data = vtp::PolyData {
-            points: &skin.vertices,
-            triangles: &skin.triangles,
+            points: &shown.skin.vertices,
+            triangles: &shown.skin.triangles,
             lines: &[],
-            point_data,
+            point_data: vec![("stretch", shown.stretch.clone()), ("over_limit", over)],
         };
-        vtp::write(&path, &data).map_err(io(path))?;
-        for one in self.each() {
-            let path = folder.claim(&format!("implant_{}.vtp", one.number + 1))?;
-            let shell = one.mesh();
-            let (points, triangles) = (&shell.vertices, &shell.triangles);
-            let data = vtp::PolyData {
-                points,
-                triangles,
-                lines: &[],
-                point_data: Vec::new(),
-            };
-            vtp::write(&path, &data).map_err(io(path))?;
-        }
-        let pictures = self.pictures(&shown)?;
-        for (name, _, png) in &pictures {
-            folder.write(&format!("{name}.png"), |w| {
-                std::io::Write::write_all(w, png)
-            })?;
-        }
-        let text = |name: &str, text: String| {
-            folder.write(name, |w| std::io::Write::write_all(w, text.as_bytes()))
-        };
-        text(
-            "summary.json",
-            format!(
-                "{}\n",
-                serde_json::to_string_pretty(&self.to_json()).unwrap_or_default()
-            ),
-        )?;
-        if !self.curve.is_empty() {
-            text("curve.csv", self.csv())?;
-        }
-        if let Some(plot) = self.plot() {
-            text("curve.svg", plot.to_svg())?;
-        }
-        text("report.html", self.page(pictures).to_html())?;
-        Ok(())
-    }
-
-    fn page(&self, pictures: Vec<Picture>) -> Report {
-        Report {
-            title: format!(
-                "{}: {} implant{}",
-                self.name,
-                self.each().len(),
-                if self.each().len() == 1 { "" } else { "s" }
-            ),
-            subtitle: format!("{:.1} s", self.time),
-            verdict: self.verdicts(),
-            findings: self.findings(),
-            pictures: pictures
-                .into_iter()
-                .map(|(_, caption, png)| (caption, png))
-                .collect(),
-            plots_title: "Areas of several volumes".to_owned(),
-            plots: self.plot().into_iter().collect(),
-            tables: self.tables(),
-            notes: CAVEATS.map(str::to_owned).to_vec(),
-            ..Report::default()
-        }
+        vtp::write(path, &data)
     }
 
     /// The whole skin before and as it comes to lie.

@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Vector3};
 use serde_json::json;
 
 use super::frames::{Cast, Snapshot};
+use super::output::Verdict;
 use super::run::{Account, Run};
 use super::skin::actor;
-use super::summary::Verdict;
 use super::{LinePlot, Table};
 use pliant::format::number;
 use pliant::mesh::measures::greatest;
@@ -30,30 +30,24 @@ fn is_free(run: &LatticeRun) -> bool {
 }
 
 fn verdicts(run: &LatticeRun) -> Vec<Verdict> {
-    let mut all = Vec::new();
-    let mut say = |promise: &str, found: String, kept: bool| {
-        all.push(Verdict {
-            muscle: run.scene.name.clone(),
-            promise: promise.to_owned(),
-            found,
-            kept,
-        });
-    };
-    let stable = run.lattice.time_step() < run.lattice.stability_limit();
-    say(
-        "the step is stable",
-        format!("{:.2e} s", run.lattice.time_step()),
-        stable,
-    );
+    let (step, longest) = (run.lattice.time_step(), run.lattice.stability_limit());
+    let mut all = vec![
+        Verdict::new("the step is stable", step < longest)
+            .with_value(step)
+            .with_limit(longest)
+            .in_unit("s"),
+    ];
     if is_free(run) && run.scene.neighbours == Neighbours::TwentySix {
         let share = distance(run) / run.lattice.shape().spacing[0];
-        say(
-            "back to 1 % of the spacing from the start",
-            format!("{:.2} %", share * 100.0),
-            share <= BACK,
-        );
+        all.push(Verdict::at_most(
+            "back to 1 % of the spacing from the start, as a share of the spacing",
+            share,
+            BACK,
+        ));
     }
-    all
+    all.into_iter()
+        .map(|v| v.at(run.scene.name.as_str()))
+        .collect()
 }
 
 fn csv(run: &LatticeRun) -> String {

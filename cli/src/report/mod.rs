@@ -14,6 +14,7 @@ pub mod implant;
 mod lattice;
 pub mod moment_arms;
 pub mod morph;
+pub mod output;
 pub mod page;
 pub mod pictures;
 mod plot;

@@ -1,13 +1,11 @@
 //! Files of a sweep of a joint: curves as tables and plots, fibres for ParaView, pictures, a page.
 
-use std::io::{self, Write};
-
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::folder::{Folder, FolderError};
-use super::record::quoted;
-use super::{LinePlot, Report, Series, Table};
+use super::output::{DataFile, OutputFile, Picture, Plot, RunOutput, Verdict};
+use super::{LinePlot, Series, Table};
 use pliant::fibres::polyline::length;
 use pliant::format::number;
 use pliant::io::names::file_name;
@@ -16,8 +14,10 @@ use pliant::io::vtp::{self, PolyData};
 use pliant::mesh::TriangleMesh;
 use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::curve::extremes;
-use pliant::moment_arms::sweep::{By, Running};
-use pliant_render::{Camera, Canvas, Drawing, Frame, Lines, Rgb, Surface, View, render};
+use pliant::moment_arms::sweep::{By, Crossing, Running};
+use pliant_render::{
+    Camera, Canvas, Drawing, Frame, Lines, PictureError, Rgb, Surface, View, render,
+};
 
 /// Width and height of a picture \[px\].
 const SIZE: (u32, u32) = (620, 620);
@@ -33,9 +33,9 @@ const MUSCLES: [Rgb; 5] = [
 /// Room around the muscles in a picture, as a share of their extent.
 const AROUND: f64 = 0.15;
 
-/// What was asked for, for people.
+/// The sweep that was computed.
 #[derive(Clone, Debug)]
-pub struct Asked {
+pub struct Swept {
     /// Name of the scene.
     pub scene: String,
     /// Name of the joint.
@@ -176,30 +176,27 @@ pub fn picture(running: &Running) -> Frame {
     render(&drawing, &camera)
 }
 
-/// Everything about the sweep as JSON.
-pub fn to_json(asked: &Asked, running: &Running, arms: &[Arms]) -> Value {
+/// Measures of the sweep.
+fn to_json(swept: &Swept, running: &Running, arms: &[Arms]) -> Value {
     let muscles: Vec<Value> = arms
         .iter()
         .zip(&running.muscles)
         .map(|(a, m)| of_muscle(a, m))
         .collect();
     json!({
-        "scene": asked.scene,
-        "joint": asked.joint,
-        "coordinate": asked.coordinate,
-        "motion": if asked.by == By::Spread { "spread" } else { "scene" },
-        "from_rad": running.angles[0],
-        "to_rad": running.angles[running.angles.len() - 1],
+        "joint": swept.joint,
+        "coordinate": swept.coordinate,
+        "motion": if swept.by == By::Spread { "spread" } else { "scene" },
+        "from_deg": running.angles[0].to_degrees(),
+        "to_deg": running.angles[running.angles.len() - 1].to_degrees(),
         "values": running.angles.len(),
         "values_done": running.done(),
         "left_out": running.left_out,
         "muscles": muscles,
-        "interrupted": asked.interrupted,
-        "time_s": asked.time_s,
     })
 }
 
-fn of_muscle(arms: &Arms, muscle: &pliant::moment_arms::sweep::Crossing) -> Value {
+fn of_muscle(arms: &Arms, muscle: &Crossing) -> Value {
     let compared = arms.compared.iter().zip(&arms.straight_overlaps).map(
         |((file, reference, found), straight)| {
             json!({
@@ -209,7 +206,7 @@ fn of_muscle(arms: &Arms, muscle: &pliant::moment_arms::sweep::Crossing) -> Valu
                 "overlap": found.as_ref().and_then(|f| f.overlap),
                 "difference_mean_m": found.as_ref().map(|f| f.difference_mean_m),
                 "difference_max_m": found.as_ref().map(|f| f.difference_max_m),
-                "range_rad": found.as_ref().map(|f| f.range_rad),
+                "range_deg": found.as_ref().map(|f| f.range_rad.map(f64::to_degrees)),
                 "sign_turned": found.as_ref().is_some_and(|f| f.turned),
             })
         },
@@ -220,8 +217,8 @@ fn of_muscle(arms: &Arms, muscle: &pliant::moment_arms::sweep::Crossing) -> Valu
         "fibres": arms.fibres.len(),
         "coverage": muscle.quality.coverage,
         "length_mean_at_rest_m": muscle.quality.length_mean_m,
-        "pennation_mean_rad": muscle.quality.pennation_mean_rad,
-        "physiological_area_m2": muscle.physiological_area,
+        "pennation_mean_deg": muscle.quality.pennation_mean_rad.to_degrees(),
+        "cross_section_m2": muscle.physiological_area,
         "moment_arm_least_m": least,
         "moment_arm_greatest_m": most,
         "moment_arm_mean_m": arms.mean.iter().sum::<f64>() / arms.mean.len() as f64,
@@ -238,72 +235,125 @@ fn of_muscle(arms: &Arms, muscle: &pliant::moment_arms::sweep::Crossing) -> Valu
     })
 }
 
-/// Writes all files but the frames.
+/// The result; `series` lists the frames that are written already.
 ///
 /// # Errors
-/// A file that cannot be written.
-pub fn write(
-    folder: &Folder,
-    asked: &Asked,
+/// A picture that cannot be encoded.
+pub fn output<'a>(
+    swept: &Swept,
     running: &Running,
-    arms: &[Arms],
-    series: &Collection,
+    arms: &'a [Arms],
+    series: Collection,
     pictures: &[(String, Frame)],
-) -> Result<(), FolderError> {
-    let path = folder.claim("fibres.pvd")?;
-    series
-        .write(&path)
-        .map_err(|source| FolderError::Io { path, source })?;
-    folder.write("moment_arms.csv", |w| write_means(w, arms))?;
-    folder.write("fibres.csv", |w| write_each(w, arms))?;
-    let json = serde_json::to_string_pretty(&to_json(asked, running, arms)).unwrap_or_default();
-    folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-    let mut shown = Vec::new();
-    for (k, (title, frame)) in pictures.iter().enumerate() {
-        let png = frame.to_png()?;
-        folder.write(&format!("picture_{k}.png"), |w| w.write_all(&png))?;
-        shown.push((title.clone(), png));
+) -> Result<RunOutput<'a>, PictureError> {
+    let picture = |(k, (caption, frame)): (usize, &(String, Frame))| {
+        Ok(Picture {
+            file: format!("picture_{k}.png"),
+            caption: caption.clone(),
+            bytes: frame.to_png()?,
+            wide: false,
+        })
+    };
+    let pictures: Result<Vec<Picture>, PictureError> =
+        pictures.iter().enumerate().map(picture).collect();
+    let of_muscle = |a: &Arms| Plot {
+        file: Some(format!("{}.svg", file_name(&a.name))),
+        plot: plot(a),
+    };
+    let lengths = Plot {
+        file: None,
+        plot: lengths(arms),
+    };
+    let mut tables = vec![table(running, arms)];
+    if arms.iter().any(|a| !a.compared.is_empty()) {
+        tables.push(comparisons(arms));
     }
-    let plots: Vec<LinePlot> = arms.iter().map(plot).chain([lengths(arms)]).collect();
-    for (a, plot) in arms.iter().zip(&plots) {
-        folder.write(&format!("{}.svg", file_name(&a.name)), |w| {
-            w.write_all(plot.to_svg().as_bytes())
-        })?;
-    }
-    let report = page(asked, running, arms, plots, shown);
-    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+    Ok(RunOutput {
+        kind: "moment_arms",
+        name: swept.scene.clone(),
+        measures: to_json(swept, running, arms),
+        verdicts: verdicts(running),
+        notes: notes(running, arms),
+        interrupted: swept.interrupted,
+        time_s: swept.time_s,
+        title: format!(
+            "{}: moment arms about the joint {}",
+            swept.scene, swept.joint
+        ),
+        text: format!(
+            "{}: {} of {} angles about the joint {} in {:.1} s\n",
+            swept.scene,
+            running.done(),
+            running.angles.len(),
+            swept.joint,
+            swept.time_s
+        ),
+        tables_of_text: tables.len(),
+        tables,
+        plots_title: "Over the angle".to_owned(),
+        plots: arms.iter().map(of_muscle).chain([lengths]).collect(),
+        pictures: pictures?,
+        explanations: explanations(swept.by),
+        data: vec![means(arms), each(arms)],
+        files: vec![OutputFile::new("fibres.pvd", move |path| {
+            series.write(path)
+        })],
+        ..RunOutput::default()
+    })
 }
 
-fn write_means(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
-    writeln!(
-        w,
-        "muscle,angle_deg,length_mean_m,moment_arm_mean_m,moment_arm_least_m,moment_arm_greatest_m,straight_m"
-    )?;
-    for a in arms {
-        for (k, angle) in a.angles.iter().enumerate() {
+/// Whether each muscle was moved through all angles.
+fn verdicts(running: &Running) -> Vec<Verdict> {
+    let moved = "the muscle moves without being stopped";
+    let of = |m: &Crossing| match &m.stopped {
+        None => Verdict::new(moved, true).at(m.name.as_str()),
+        Some((frame, why)) => {
+            Verdict::new(moved, false).at(format!("{}, frame {frame}: {why:?}", m.name))
+        }
+    };
+    running.muscles.iter().map(of).collect()
+}
+
+/// A row for each muscle and angle.
+fn means(arms: &[Arms]) -> DataFile<'_> {
+    let columns = [
+        "muscle",
+        "angle_deg",
+        "length_mean_m",
+        "moment_arm_mean_m",
+        "moment_arm_least_m",
+        "moment_arm_greatest_m",
+        "straight_m",
+    ];
+    let rows = arms.iter().flat_map(|a| {
+        a.angles.iter().enumerate().map(move |(k, angle)| {
             let [least, most] = a.bounds(k);
-            let (name, angle) = (quoted(&a.name), angle.to_degrees());
-            writeln!(
-                w,
-                "{name},{angle},{},{},{least},{most},{}",
-                a.length[k], a.mean[k], a.straight[k]
-            )?;
-        }
-    }
-    Ok(())
+            let angle = angle.to_degrees();
+            let numbers = [angle, a.length[k], a.mean[k], least, most, a.straight[k]];
+            let cells = numbers.iter().map(f64::to_string);
+            std::iter::once(a.name.clone()).chain(cells).collect()
+        })
+    });
+    DataFile::new("moment_arms.csv", columns, rows)
 }
 
-fn write_each(w: &mut impl Write, arms: &[Arms]) -> io::Result<()> {
-    writeln!(w, "muscle,fibre,angle_deg,length_m,moment_arm_m")?;
-    for a in arms {
-        let name = quoted(&a.name);
-        for (f, (lengths, arms)) in a.lengths.iter().zip(&a.fibres).enumerate() {
-            for (angle, (length, arm)) in a.angles.iter().zip(lengths.iter().zip(arms)) {
-                writeln!(w, "{name},{f},{},{length},{arm}", angle.to_degrees())?;
-            }
-        }
-    }
-    Ok(())
+/// A row for each fibre and angle.
+fn each(arms: &[Arms]) -> DataFile<'_> {
+    let columns = ["muscle", "fibre", "angle_deg", "length_m", "moment_arm_m"];
+    let rows = arms.iter().flat_map(|a| {
+        let fibres = a.lengths.iter().zip(&a.fibres).enumerate();
+        fibres.flat_map(move |(f, (lengths, arms))| {
+            let values = a.angles.iter().zip(lengths.iter().zip(arms));
+            values.map(move |(angle, (length, arm))| {
+                let numbers = [angle.to_degrees(), *length, *arm].map(|n| n.to_string());
+                [a.name.clone(), f.to_string()]
+                    .into_iter()
+                    .chain(numbers)
+                    .collect()
+            })
+        })
+    });
+    DataFile::new("fibres.csv", columns, rows)
 }
 
 /// A muscle's moment arms with those of others around them.
@@ -360,7 +410,7 @@ fn lengths(arms: &[Arms]) -> LinePlot {
 }
 
 /// The curves in numbers.
-pub fn table(running: &Running, arms: &[Arms]) -> Table {
+fn table(running: &Running, arms: &[Arms]) -> Table {
     let title = "Moment arms, mean of the fibres";
     let header = [
         "muscle",
@@ -389,7 +439,7 @@ pub fn table(running: &Running, arms: &[Arms]) -> Table {
 }
 
 /// How they compare with others.
-pub fn comparisons(arms: &[Arms]) -> Table {
+fn comparisons(arms: &[Arms]) -> Table {
     let header = [
         "muscle",
         "reference",
@@ -423,7 +473,7 @@ pub fn comparisons(arms: &[Arms]) -> Table {
 }
 
 /// What a reader has to know.
-pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
+fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     let mut notes = running.simulation.notes.clone();
     if !running.left_out.is_empty() {
         notes.push(format!(
@@ -432,9 +482,6 @@ pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
         ));
     }
     for m in &running.muscles {
-        if let Some((frame, why)) = &m.stopped {
-            notes.push(format!("{}: stopped at frame {frame}: {why:?}", m.name));
-        }
         if m.unconverged > 0 {
             notes.push(format!(
                 "{}: not converged at {} of {} angles: forces, volume or depth are above their tolerances there",
@@ -466,39 +513,16 @@ pub fn notes(running: &Running, arms: &[Arms]) -> Vec<String> {
     notes
 }
 
-fn page(
-    asked: &Asked,
-    running: &Running,
-    arms: &[Arms],
-    plots: Vec<LinePlot>,
-    pictures: Vec<(String, Vec<u8>)>,
-) -> Report {
-    let mut tables = vec![table(running, arms)];
-    if arms.iter().any(|a| !a.compared.is_empty()) {
-        tables.push(comparisons(arms));
-    }
-    let mut all = vec![
+fn explanations(by: By) -> Vec<String> {
+    vec![
         "Moment arms are -dL/dq: positive where pulling turns the joint towards greater angles. L is the length of a fibre \
          inside the muscle, without tendons, which are as long at every angle."
             .to_owned(),
-        match asked.by {
+        match by {
             By::Spread => "Every vertex of a muscle turns about the joint by a share of its angle: what lies on a bone goes with it, \
                            between bones the turn spreads evenly. From there tone, bones and volume bring the muscle to rest."
                 .to_owned(),
             By::Scene => "The scene's solver moves the muscles.".to_owned(),
         },
-    ];
-    all.extend(notes(running, arms));
-    Report {
-        title: format!(
-            "{}: moment arms about the joint {}",
-            asked.scene, asked.joint
-        ),
-        plots_title: "Over the angle".to_owned(),
-        notes: all,
-        tables,
-        plots,
-        pictures,
-        ..Report::default()
-    }
+    ]
 }

@@ -2,13 +2,14 @@
 
 mod pictures;
 
-use std::io::{self, Write};
+use std::io;
+use std::path::Path;
 
 use nalgebra::Point3;
 use serde::Serialize;
 
-use super::folder::{Folder, FolderError};
-use super::{LinePlot, Report, Table};
+use super::output::{DataFile, OutputFile, Plot, RunOutput, Verdict, measures};
+use super::{LinePlot, Table};
 use pliant::format::number;
 use pliant::io::PointData;
 use pliant::io::names::file_name;
@@ -19,6 +20,7 @@ use pliant::mesh::closest::SurfaceTree;
 use pliant::mesh::measures::{area, greatest, volume};
 use pliant::morph::sphere::flipped;
 use pliant::morph::{Between, Distortion};
+use pliant_render::PictureError;
 
 /// How near the ends of a blend must come to both shapes, over their size.
 const ENDS: f64 = 1e-12;
@@ -128,8 +130,10 @@ pub struct Morph<'a> {
     pub words: [&'static str; 3],
     /// The unit of all lengths; `None` for that of the files.
     pub unit: Option<&'static str>,
-    /// Seconds of reading and of blending.
+    /// Wall time of reading and of blending [s].
     pub seconds: [f64; 2],
+    /// Wall time of all of it [s].
+    pub time_s: f64,
 }
 
 /// How a surface is spread over the sphere.
@@ -173,36 +177,34 @@ pub struct Told {
     of: &'static str,
 }
 
-/// Seconds of each part.
+/// Wall time of each part [s].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Seconds {
-    read: f64,
-    map_a: f64,
-    map_b: f64,
-    align: f64,
-    merge: f64,
-    blend: f64,
+    read_s: f64,
+    map_a_s: f64,
+    map_b_s: f64,
+    align_s: f64,
+    merge_s: f64,
+    blend_s: f64,
 }
 
-/// What `summary.json` holds.
+/// Measures of a morph; lengths, areas and volumes are in the unit `length_unit`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// What it is called.
-    pub name: String,
     length_unit: &'static str,
     method: &'static str,
     blend: &'static str,
     topology: &'static str,
     pairs: usize,
     aligned_by: &'static str,
-    drawn_rad: f64,
+    drawn_deg: f64,
     a: Side,
     b: Side,
     vertices: usize,
     triangles: usize,
     crossings: usize,
     euler: i64,
-    turned_rad: f64,
+    turned_deg: f64,
     flipped_a: usize,
     flipped_b: usize,
     between: Spread,
@@ -212,20 +214,16 @@ pub struct Summary {
     area_0: f64,
     area_1: f64,
     arrays: Vec<Told>,
-    time_s: Seconds,
-    verdicts: Vec<(String, bool)>,
+    times: Seconds,
+    #[serde(skip)]
+    verdicts: Vec<Verdict>,
 }
 
 impl Summary {
-    /// What was checked, and whether it holds.
-    pub fn verdicts(&self) -> &[(String, bool)] {
-        &self.verdicts
-    }
-
     /// How far the map of A was drawn to like places, where it was.
     fn drawn(&self) -> String {
-        if self.drawn_rad > 0.0 {
-            format!(", the map of A drawn by {:.2} rad", self.drawn_rad)
+        if self.drawn_deg > 0.0 {
+            format!(", the map of A drawn by {:.1} degrees", self.drawn_deg)
         } else {
             String::new()
         }
@@ -304,36 +302,30 @@ impl Morph<'_> {
         };
         let worst = greatest([a.end_error, b.end_error]);
         let verdicts = vec![
-            (
-                format!(
-                    "no triangle is turned over on the sphere: {} and {} are",
-                    flipped[0], flipped[1]
-                ),
-                flipped == [0, 0],
-            ),
-            (
-                format!("the common surface is a sphere: V - E + F = {euler}"),
-                euler == 2,
-            ),
-            (
-                format!("both ends are met to 1e-12 of the size: {worst:.1e}"),
-                worst <= ENDS,
+            Verdict::none("triangles of A turned over on the sphere", flipped[0]),
+            Verdict::none("triangles of B turned over on the sphere", flipped[1]),
+            Verdict::new("the common surface is a sphere: V - E + F is 2", euler == 2)
+                .with_value(euler as f64)
+                .with_limit(2.0),
+            Verdict::at_most(
+                "distance of the ends from A and B over their size",
+                worst,
+                ENDS,
             ),
         ];
         Summary {
-            name: self.name.clone(),
             length_unit: self.unit.unwrap_or("that of the files"),
             method: self.words[0],
             blend: self.words[1],
             topology: self.words[2],
             pairs: self.pairs.len(),
             aligned_by: between.start.name(),
-            drawn_rad: between.drawn,
+            drawn_deg: between.drawn.to_degrees(),
             vertices: between.kinds.len(),
             triangles: between.triangles.len(),
             crossings: between.kinds.iter().filter(|k| **k == 2).count(),
             euler,
-            turned_rad: between.turned,
+            turned_deg: between.turned.to_degrees(),
             flipped_a: flipped[0],
             flipped_b: flipped[1],
             between: spread(
@@ -348,13 +340,13 @@ impl Morph<'_> {
             area_0: at(0, area),
             area_1: at(last, area),
             arrays: self.data.iter().map(told).collect(),
-            time_s: Seconds {
-                read: self.seconds[0],
-                map_a: between.times.maps[0],
-                map_b: between.times.maps[1],
-                align: between.times.align,
-                merge: between.times.merge,
-                blend: self.seconds[1],
+            times: Seconds {
+                read_s: self.seconds[0],
+                map_a_s: between.times.maps[0],
+                map_b_s: between.times.maps[1],
+                align_s: between.times.align,
+                merge_s: between.times.merge,
+                blend_s: self.seconds[1],
             },
             verdicts,
             a,
@@ -399,44 +391,70 @@ impl Morph<'_> {
         }
     }
 
-    /// Writes all files.
+    /// The result.
     ///
     /// # Errors
-    /// A file that cannot be written.
-    pub fn write(&self, folder: &Folder, summary: &Summary) -> Result<(), FolderError> {
-        let file = file_name(&self.name);
+    /// A picture that cannot be encoded.
+    pub fn output(&self) -> Result<RunOutput<'_>, PictureError> {
+        let (summary, file) = (self.summary(), file_name(&self.name));
+        let drawn = pictures::Drawn::new(self, summary.length_unit)?;
+        Ok(RunOutput {
+            kind: "morph",
+            name: self.name.clone(),
+            measures: measures(&summary),
+            text: summary.to_text(),
+            tables: tables(&summary),
+            verdicts: summary.verdicts,
+            time_s: self.time_s,
+            title: format!("{}: a morph", self.name),
+            subtitle: format!("{} to {}", self.files[0], self.files[1]),
+            plots_title: "Over t".to_owned(),
+            plots: vec![Plot {
+                file: None,
+                plot: self.plot(),
+            }],
+            pictures: drawn.pictures(&file),
+            explanations: vec![format!(
+                "Lengths are in {}. Conformal distortion is the greater over the smaller stretch of a triangle, area distortion its \
+                 share of the whole area after over that before, or the inverse.",
+                if self.unit.is_some() {
+                    "metres"
+                } else {
+                    "the unit of the files"
+                }
+            )],
+            data: vec![DataFile::new(
+                "measures.csv",
+                ["t", "volume", "area"],
+                self.rows(),
+            )],
+            files: self.frames(&file),
+            ..RunOutput::default()
+        })
+    }
+
+    /// A file for each shape, and one that lists them.
+    fn frames(&self, file: &str) -> Vec<OutputFile<'_>> {
+        let mut files = Vec::new();
         let mut series = Collection::new();
         for (k, shape) in self.shapes.iter().enumerate() {
             let path = format!("frames/{file}_{k:06}.vtp");
-            self.put(folder, &path, shape)?;
+            files.push(OutputFile::new(path.clone(), move |path| {
+                self.put(path, shape)
+            }));
             series.push(Entry {
                 time: shape.t,
                 part: 0,
-                name: file.clone(),
+                name: file.to_owned(),
                 file: path,
             });
         }
-        let path = folder.claim(&format!("{file}.pvd"))?;
-        series
-            .write(&path)
-            .map_err(|source| FolderError::Io { path, source })?;
-        let drawn = pictures::Drawn::new(self, summary.length_unit)?;
-        for (name, bytes) in [
-            (format!("{file}.gif"), &drawn.film),
-            ("sheet.png".into(), &drawn.sheet),
-            ("spheres.png".into(), &drawn.spheres),
-        ] {
-            folder.write(&name, |w| w.write_all(bytes))?;
-        }
-        folder.write("measures.csv", |w| self.write_measures(w))?;
-        let json = serde_json::to_string_pretty(summary).unwrap_or_default();
-        folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-        let page = self.page(summary, drawn);
-        folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+        let list = format!("{file}.pvd");
+        files.push(OutputFile::new(list, move |path| series.write(path)));
+        files
     }
 
-    fn put(&self, folder: &Folder, file: &str, shape: &Shape) -> Result<(), FolderError> {
-        let path = folder.claim(file)?;
+    fn put(&self, path: &Path, shape: &Shape) -> io::Result<()> {
         let mut point_data: Vec<(&str, Vec<f64>)> = self
             .data
             .iter()
@@ -459,7 +477,7 @@ impl Morph<'_> {
             lines: &[],
             point_data,
         };
-        vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
+        vtp::write(path, &data)
     }
 
     /// How far each vertex goes from one surface to the other.
@@ -468,22 +486,20 @@ impl Morph<'_> {
         a.iter().zip(b).map(|(a, b)| (b - a).norm()).collect()
     }
 
-    fn write_measures(&self, w: &mut impl Write) -> io::Result<()> {
-        writeln!(w, "t,volume,area")?;
-        for s in &self.shapes {
-            let triangles = &self.between.triangles;
-            writeln!(
-                w,
-                "{},{},{}",
+    /// Volume and area of each shape.
+    fn rows(&self) -> impl Iterator<Item = Vec<String>> + '_ {
+        let triangles = &self.between.triangles;
+        self.shapes.iter().map(|s| {
+            let numbers = [
                 s.t,
                 volume(&s.places, triangles),
-                area(&s.places, triangles)
-            )?;
-        }
-        Ok(())
+                area(&s.places, triangles),
+            ];
+            numbers.iter().map(f64::to_string).collect()
+        })
     }
 
-    fn page(&self, summary: &Summary, drawn: pictures::Drawn) -> Report {
+    fn plot(&self) -> LinePlot {
         let triangles = &self.between.triangles;
         let line = |of: Measure| {
             let start = self
@@ -495,33 +511,9 @@ impl Morph<'_> {
                 .map(|s| (s.t, of(&s.places, triangles) / start))
                 .collect::<Vec<(f64, f64)>>()
         };
-        let plot = LinePlot::new("Volume and area over those of A", "t")
+        LinePlot::new("Volume and area over those of A", "t")
             .with("volume", line(volume))
-            .with("area", line(area));
-        Report {
-            title: format!("{}: a morph", self.name),
-            subtitle: format!("{} to {}", self.files[0], self.files[1]),
-            verdict: summary.verdicts.clone(),
-            sheets: vec![
-                ("from A (t = 0) to B (t = 1), each about its own middle, coloured by how far places go beside that".to_owned(), drawn.sheet),
-                (
-                    "images on the sphere from two sides, coloured by the share of the area that each place has there over that \
-                     on the surface"
-                        .to_owned(),
-                    drawn.spheres,
-                ),
-            ],
-            pictures: vec![("over t".to_owned(), drawn.film)],
-            plots_title: "On the way".to_owned(),
-            plots: vec![plot],
-            tables: tables(summary),
-            notes: vec![format!(
-                "Lengths are in {}. Conformal distortion is the greater over the smaller stretch of a triangle, area distortion its \
-                 share of the whole area after over that before, or the inverse.",
-                if self.unit.is_some() { "metres" } else { "the unit of the files" }
-            )],
-            ..Report::default()
-        }
+            .with("area", line(area))
     }
 }
 
@@ -608,14 +600,14 @@ fn tables(summary: &Summary) -> Vec<Table> {
         ]);
     }
     let mut times = Table::new("Time [s]", ["part", "seconds"]);
-    let t = &summary.time_s;
+    let t = &summary.times;
     for (part, s) in [
-        ("read", t.read),
-        ("map of A", t.map_a),
-        ("map of B", t.map_b),
-        ("align", t.align),
-        ("merge", t.merge),
-        ("blend", t.blend),
+        ("read", t.read_s),
+        ("map of A", t.map_a_s),
+        ("map of B", t.map_b_s),
+        ("align", t.align_s),
+        ("merge", t.merge_s),
+        ("blend", t.blend_s),
     ] {
         times.row([part.to_owned(), format!("{s:.3}")]);
     }

@@ -26,13 +26,11 @@ pub fn report(
     shots: &Shots,
     settings: &[(String, String)],
 ) -> Result<Report, PictureError> {
-    let verdict =
-        |v: &super::summary::Verdict| (format!("{}: {}: {}", v.muscle, v.promise, v.found), v.kept);
     Ok(Report {
         findings: Vec::new(),
         title: summary.scene.clone(),
         subtitle: subtitle(summary),
-        verdict: summary.verdicts.iter().map(verdict).collect(),
+        verdict: summary.verdicts.clone(),
         pictures: pictures(cast, shots)?,
         sheets: Vec::new(),
         turntable: turntable(cast, shots)?,

@@ -1,12 +1,13 @@
 //! Files of a registration: the moved surface with its distances, pictures before and after, summary, page.
 
-use std::io::Write;
+use std::io;
+use std::path::Path;
 
 use nalgebra::{Matrix3, Point3};
 use serde::Serialize;
 
-use super::folder::{Folder, FolderError};
-use super::{Report, Table};
+use super::Table;
+use super::output::{OutputFile, Picture, RunOutput, Verdict, measures};
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
 use pliant::io::{PointData, obj};
@@ -16,8 +17,8 @@ use pliant::morph::pose::axes;
 use pliant::morph::register::Motion;
 use pliant::morph::register::whole::{Laid, Residual};
 use pliant_render::{
-    Camera, Canvas, ColourMap, Drawing, Frame, Legend, Rgb, Surface, TextStyle, View, colour,
-    render,
+    Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Rgb, Surface, TextStyle, View,
+    colour, render,
 };
 
 /// Width and height of a picture \[px\].
@@ -44,8 +45,10 @@ pub struct Registration<'a> {
     pub seed: u64,
     /// The unit of all lengths; `None` for that of the files.
     pub unit: Option<&'static str>,
-    /// Seconds of reading.
+    /// Wall time of reading [s].
     pub read_s: f64,
+    /// Wall time of all of it [s].
+    pub time_s: f64,
 }
 
 /// Distances from B.
@@ -63,24 +66,23 @@ pub struct Bending {
     rounds: usize,
     converged: bool,
     pairs: usize,
-    bend_max_rad: f64,
+    bend_max_deg: f64,
     moved_rms: f64,
     moved_max: f64,
 }
 
-/// Seconds of each part.
+/// Wall time of each part [s].
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Seconds {
-    read: f64,
-    start: f64,
-    icp: f64,
-    bend: f64,
+    read_s: f64,
+    start_s: f64,
+    icp_s: f64,
+    bend_s: f64,
 }
 
-/// What `summary.json` holds.
+/// Measures of a registration; lengths are in the unit `length_unit`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    name: String,
     a: String,
     b: String,
     vertices_a: usize,
@@ -93,7 +95,7 @@ pub struct Summary {
     seed: u64,
     matrix: [[f64; 4]; 4],
     scale: f64,
-    turned_rad: f64,
+    turned_deg: f64,
     draws: usize,
     start_inliers: usize,
     start_tried: usize,
@@ -105,20 +107,16 @@ pub struct Summary {
     residual: Distances,
     distance: Distances,
     non_rigid: Option<Bending>,
-    time_s: Seconds,
-    verdicts: Vec<(String, bool)>,
+    times: Seconds,
+    #[serde(skip)]
+    verdicts: Vec<Verdict>,
 }
 
 impl Summary {
-    /// What was checked, and whether it holds.
-    pub fn verdicts(&self) -> &[(String, bool)] {
-        &self.verdicts
-    }
-
     /// A few lines for a terminal.
     pub fn to_text(&self) -> String {
         let bent = self.non_rigid.map_or(String::new(), |b| {
-            let (most, turn) = (number(b.moved_max), b.bend_max_rad.to_degrees());
+            let (most, turn) = (number(b.moved_max), b.bend_max_deg);
             format!(
                 "bent by {} clusters: up to {most} further, neighbours turned by up to {turn:.1} degrees\n",
                 b.clusters
@@ -129,7 +127,7 @@ impl Summary {
              median {}, greatest {} (B is {} long)\n",
             self.a,
             self.b,
-            self.turned_rad.to_degrees(),
+            self.turned_deg,
             number(self.scale),
             self.rounds,
             self.inlier_share * 100.0,
@@ -170,7 +168,7 @@ impl Registration<'_> {
                 rounds: bent.rounds,
                 converged: bent.converged,
                 pairs: bent.pairs,
-                bend_max_rad: bent.bend_max,
+                bend_max_deg: bent.bend_max.to_degrees(),
                 moved_rms: moved.rms,
                 moved_max: moved.max,
             }
@@ -180,14 +178,9 @@ impl Registration<'_> {
             median: r.median,
             max: r.max,
         };
-        let enough = format!(
-            "at least two thirds of the {:.0} % asked for by --overlap lie on B: {:.1} % do",
-            self.overlap * 100.0,
-            share * 100.0
-        );
-        let rest = "iterated closest points came to rest".to_owned();
+        let enough = "share of the vertices that lie on B: two thirds of the overlap at least";
+        let rest = "iterated closest points came to rest";
         Summary {
-            name: self.name.clone(),
             a: self.files[0].clone(),
             b: self.files[1].clone(),
             vertices_a: a.vertices.len(),
@@ -204,7 +197,7 @@ impl Registration<'_> {
             seed: self.seed,
             matrix: std::array::from_fn(|i| std::array::from_fn(|k| rows[(i, k)])),
             scale: motion.scaling(),
-            turned_rad: motion.isometry.rotation.angle(),
+            turned_deg: motion.isometry.rotation.angle().to_degrees(),
             draws: laid.begun.draws,
             start_inliers: laid.begun.inliers,
             start_tried: laid.begun.of,
@@ -216,24 +209,73 @@ impl Registration<'_> {
             residual: told(laid.residual()),
             distance: told(Residual::of(laid.distances.iter().copied())),
             non_rigid: bent,
-            time_s: Seconds {
-                read: self.read_s,
-                start: laid.times.start,
-                icp: laid.times.icp,
-                bend: laid.times.bend,
+            times: Seconds {
+                read_s: self.read_s,
+                start_s: laid.times.start,
+                icp_s: laid.times.icp,
+                bend_s: laid.times.bend,
             },
             verdicts: vec![
-                (enough, share >= self.overlap * 2.0 / 3.0),
-                (rest, laid.registered.converged || bent.is_some()),
+                Verdict::at_least(enough, share, self.overlap * 2.0 / 3.0)
+                    .else_do("lower --overlap, or take --with similarity where sizes differ"),
+                Verdict::new(rest, laid.registered.converged || bent.is_some()),
             ],
         }
     }
 
-    /// Writes all files.
+    /// The result.
     ///
     /// # Errors
-    /// A file that cannot be written.
-    pub fn write(&self, folder: &Folder, summary: &Summary) -> Result<(), FolderError> {
+    /// A picture that cannot be encoded.
+    pub fn output(&self) -> Result<RunOutput<'_>, PictureError> {
+        let summary = self.summary();
+        let picture = |name: &str, frame: Frame| -> Result<Picture, PictureError> {
+            Ok(Picture {
+                file: format!("{name}.png"),
+                caption: name.to_owned(),
+                bytes: frame.to_png()?,
+                wide: false,
+            })
+        };
+        Ok(RunOutput {
+            kind: "register",
+            name: self.name.clone(),
+            measures: measures(&summary),
+            text: summary.to_text(),
+            tables: self.tables(&summary),
+            verdicts: summary.verdicts,
+            time_s: self.time_s,
+            title: format!("{}: registration", self.name),
+            subtitle: format!("{} onto {}", self.files[0], self.files[1]),
+            pictures: vec![
+                picture("before", self.before())?,
+                picture("after", self.after())?,
+            ],
+            explanations: vec![format!(
+                "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same way, and its nearest \
+                 place is at no open rim.",
+                if self.unit.is_some() {
+                    "metres"
+                } else {
+                    "the unit of the files"
+                }
+            )],
+            files: vec![
+                OutputFile::new("moved.vtp", |path| self.write_moved(path)),
+                OutputFile::new("moved.obj", |path| {
+                    let moved = TriangleMesh {
+                        vertices: self.laid.points.clone(),
+                        triangles: self.meshes[0].triangles.clone(),
+                    };
+                    obj::write(path, &moved, &[])
+                }),
+            ],
+            ..RunOutput::default()
+        })
+    }
+
+    /// The moved surface with its distances from B.
+    fn write_moved(&self, path: &Path) -> io::Result<()> {
         let (laid, mesh) = (self.laid, self.meshes[0]);
         let mut point_data: Vec<(&str, Vec<f64>)> = self
             .data
@@ -267,22 +309,7 @@ impl Registration<'_> {
             lines: &[],
             point_data,
         };
-        let path = folder.claim("moved.vtp")?;
-        vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })?;
-        let moved = TriangleMesh {
-            vertices: laid.points.clone(),
-            triangles: mesh.triangles.clone(),
-        };
-        let path = folder.claim("moved.obj")?;
-        obj::write(&path, &moved, &[]).map_err(|source| FolderError::Io { path, source })?;
-        let before = self.before().to_png()?;
-        let after = self.after().to_png()?;
-        folder.write("before.png", |w| w.write_all(&before))?;
-        folder.write("after.png", |w| w.write_all(&after))?;
-        let json = serde_json::to_string_pretty(summary).unwrap_or_default();
-        folder.write("summary.json", |w| w.write_all(json.as_bytes()))?;
-        let page = self.page(summary, before, after);
-        folder.write("report.html", |w| w.write_all(page.to_html().as_bytes()))
+        vtp::write(path, &data)
     }
 
     fn camera(&self, points: &[&[Point3<f64>]], canvas: Canvas) -> Camera {
@@ -346,12 +373,9 @@ impl Registration<'_> {
         frame
     }
 
-    fn page(&self, summary: &Summary, before: Vec<u8>, after: Vec<u8>) -> Report {
+    fn tables(&self, summary: &Summary) -> Vec<Table> {
         let mut found = Table::new("Motion", ["what", "value"]);
-        found.row([
-            "turned [degrees]",
-            &format!("{:.3}", summary.turned_rad.to_degrees()),
-        ]);
+        found.row(["turned [degrees]", &format!("{:.3}", summary.turned_deg)]);
         found.row(["scaled by", &number(summary.scale)]);
         found.row([
             "points of the start that agree",
@@ -367,7 +391,7 @@ impl Registration<'_> {
             ]);
             found.row([
                 "neighbours turned apart, greatest [degrees]",
-                &format!("{:.2}", bent.bend_max_rad.to_degrees()),
+                &format!("{:.2}", bent.bend_max_deg),
             ]);
         }
         let mut matrix = Table::new("Matrix, for columns of positions of A", ["", "", "", ""]);
@@ -385,22 +409,6 @@ impl Registration<'_> {
                 number(d.max),
             ]);
         }
-        Report {
-            title: format!("{}: registration", self.name),
-            subtitle: format!("{} onto {}", self.files[0], self.files[1]),
-            verdict: summary.verdicts.clone(),
-            pictures: vec![("before".to_owned(), before), ("after".to_owned(), after)],
-            tables: vec![found, distances, matrix],
-            notes: vec![format!(
-                "Lengths are in {}. A vertex lies on B if it is nearer than a hundredth of B's size, faces the same way, and its nearest \
-                 place is at no open rim.",
-                if self.unit.is_some() {
-                    "metres"
-                } else {
-                    "the unit of the files"
-                }
-            )],
-            ..Report::default()
-        }
+        vec![found, distances, matrix]
     }
 }

@@ -9,10 +9,10 @@ use serde_json::{Map, Value, json};
 
 use super::folder::{Folder, FolderError};
 use super::frames::{Cast, FrameWriter, Listing, Snapshot};
+use super::output::Verdict;
 use super::page::{of_effects, pictures, turntable};
 use super::pictures::Painter;
 use super::results::Shots;
-use super::summary::Verdict;
 use super::{LinePlot, Report, Table};
 use pliant::io::names::file_name;
 use pliant::mesh::measures::median;
@@ -243,7 +243,6 @@ impl Told {
         let mut tables = account.tables.clone();
         tables.extend(of_effects("part", &run.plan().run, &run.plan().left_out));
         tables.push(set);
-        let verdict = |v: &Verdict| (format!("{}: {}: {}", v.muscle, v.promise, v.found), v.kept);
         let seconds = wanted.begun.elapsed().as_secs_f64();
         Ok(Report {
             title: run.name().to_owned(),
@@ -255,8 +254,8 @@ impl Told {
             verdict: account
                 .verdicts
                 .iter()
-                .chain(&failed(self.failed.as_deref()))
-                .map(verdict)
+                .cloned()
+                .chain(failed(self.failed.as_deref()))
                 .collect(),
             pictures: shown,
             turntable: turntable(cast, &self.shots)?,
@@ -270,13 +269,7 @@ impl Told {
 
 /// The verdict of a frame that could not be computed.
 fn failed(why: Option<&str>) -> Option<Verdict> {
-    let promise = "every frame can be computed".to_owned();
-    why.map(|why| Verdict {
-        muscle: "all".to_owned(),
-        promise,
-        found: why.to_owned(),
-        kept: false,
-    })
+    why.map(|why| Verdict::new("every frame can be computed", false).at(why))
 }
 
 fn summary(run: &dyn Run, account: &Account, told: &Told, interrupted: bool, time: Value) -> Value {

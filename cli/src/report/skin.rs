@@ -7,9 +7,9 @@ use serde_json::{Map, Value, json};
 
 use super::frames::{Actor, Cast, Snapshot, unused};
 use super::implant::{Insertion, joined, json_of};
+use super::output::Verdict;
 use super::record::quoted;
 use super::run::{Account, Run};
-use super::summary::Verdict;
 use super::{LinePlot, Table};
 use pliant::constraints::distance::Distance;
 use pliant::fibres::binding::BoundLines;
@@ -93,45 +93,33 @@ fn insertion(run: &SkinRun) -> Insertion<'_> {
         wanted: None,
         interrupted: false,
         time: run.parts.iter().map(Part::time_s).sum(),
+        under: match run.scene.under {
+            Under::Implants(_) => "implant",
+            Under::Ball(_) => "ball",
+        },
     }
 }
 
 fn verdicts(run: &SkinRun) -> Vec<Verdict> {
     let mut all = Vec::new();
     for part in &run.parts {
-        let mut say = |promise: &str, found: String, kept: bool| {
-            all.push(Verdict {
-                muscle: part.name.clone(),
-                promise: promise.to_owned(),
-                found,
-                kept,
-            });
-        };
+        let mut say = |verdict: Verdict| all.push(verdict.at(part.name.as_str()));
         let unrest = part.frames.iter().filter(|f| !f.progress.converged).count();
-        say(
-            "at rest in every frame",
-            format!("{unrest} frames are not"),
-            unrest == 0,
-        );
+        say(Verdict::none(
+            "at rest in every frame: frames that are not",
+            unrest,
+        ));
         let base = part
             .ready
             .sites()
             .map(|(order, _)| order.implant.base)
             .fold(f64::INFINITY, f64::min);
         let deep = greatest(part.frames.iter().map(|f| f.progress.depth));
-        let found = format!("{:.3} mm", deep * 1e3);
-        let may = deepest(base);
-        say(
-            "bodies sink into each other by at most 0.1 % of the base",
-            found,
-            deep <= may,
-        );
+        let name = "bodies sink into each other by at most 0.1 % of the base";
+        say(Verdict::at_most(name, deep, deepest(base)).in_unit("m"));
         if let Some(off) = volume_error(run, part) {
-            say(
-                "the implant's volume is kept to 1e-6",
-                format!("{off:.1e}"),
-                off <= VOLUME_HELD,
-            );
+            let name = "the implant's volume is kept to 1e-6";
+            say(Verdict::at_most(name, off, VOLUME_HELD));
         }
     }
     all
@@ -508,14 +496,7 @@ impl Run for SkinRun {
         let implants = matches!(self.scene.under, Under::Implants(_));
         let insertion = insertion(self);
         let tables = if implants && self.frame() > 0 {
-            let mut areas = insertion.table();
-            // Here the limit is a key.
-            areas
-                .rows
-                .iter_mut()
-                .flatten()
-                .for_each(|cell| *cell = cell.replace("--stretch-limit", "`stretch_limit`"));
-            vec![areas, insertion.run_table()]
+            vec![insertion.table(), insertion.run_table()]
         } else {
             vec![ball_table(self)]
         };
@@ -558,13 +539,9 @@ impl Run for SkinRun {
             ..insertion(self)
         };
         let pictures = insertion.pictures(&insertion.shown())?;
-        let caption = |caption: String| match self.scene.under {
-            Under::Implants(_) => caption,
-            Under::Ball(_) => caption.replace("implant", "ball"),
-        };
         Ok(pictures
             .into_iter()
-            .map(|(_, of, png)| (caption(of), png))
+            .map(|picture| (picture.caption, picture.bytes))
             .collect())
     }
 }

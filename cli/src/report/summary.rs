@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::output::Verdict;
 use super::record::{Record, effect_name};
 use pliant::accuracy::Chosen;
 use pliant::mesh::measures::greatest;
@@ -43,7 +44,7 @@ pub struct Summary {
     pub effects: Effects,
     /// The solver and its settings.
     pub solver: String,
-    /// Whether each promise is kept.
+    /// Results of the checks.
     pub verdicts: Vec<Verdict>,
     /// Notes of reading and running.
     pub notes: Vec<String>,
@@ -156,19 +157,6 @@ pub struct Effects {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Whether a promise is kept.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Verdict {
-    /// Muscle.
-    pub muscle: String,
-    /// What is promised.
-    pub promise: String,
-    /// What was found.
-    pub found: String,
-    /// Whether it is kept.
-    pub kept: bool,
-}
-
 impl Time {
     /// The times of a record, within those of the whole.
     pub fn of(record: &Record, total_s: f64, prepare_s: f64, finish_s: f64) -> Self {
@@ -273,12 +261,11 @@ fn solver(solver: &Solver) -> String {
 
 /// Whether the accuracy that was asked for is kept, as far as can be estimated.
 fn verdict_of(chosen: &Chosen) -> Verdict {
-    let mm = |length: f64| pliant::format::number(length * 1e3);
+    let name = "the error is at most that of the accuracy";
+    let verdict = Verdict::at_most(name, chosen.expected_m, chosen.target_m).in_unit("m");
     Verdict {
-        muscle: "all".to_owned(),
-        promise: format!("the error is at most {} mm", mm(chosen.target_m)),
-        found: format!("estimated {} mm; {}", mm(chosen.expected_m), chosen.why),
-        kept: chosen.is_kept(),
+        passed: chosen.is_kept(),
+        ..verdict.at(format!("all muscles, estimated: {}", chosen.why))
     }
 }
 
@@ -337,78 +324,42 @@ fn muscle(body: &Body, record: &Record, chosen: Option<&Chosen>) -> MuscleSummar
 fn verdicts_of(simulation: &Simulation, m: usize, s: &MuscleSummary) -> Vec<Verdict> {
     let (scene, plan) = (&simulation.scene, &simulation.plan.muscles[m]);
     let mut all = Vec::new();
-    let mut say = |promise: &str, found: String, kept: bool| {
-        all.push(Verdict {
-            muscle: s.name.clone(),
-            promise: promise.to_owned(),
-            found,
-            kept,
-        });
-    };
-    match &s.stopped {
-        None => say("all numbers stay finite", "all finite".to_owned(), true),
-        Some(at) => {
-            let found = format!(
-                "stopped at frame {}: {} at vertex {}",
-                at.frame, at.effect, at.particle
-            );
-            say("all numbers stay finite", found, false);
-        }
-    }
-    let unconverged = s.frames_not_converged;
-    say(
-        "every frame is converged",
-        format!("{unconverged} frames are not"),
-        unconverged == 0,
-    );
+    let place = s.stopped.as_ref().map_or(s.name.clone(), |at| {
+        format!(
+            "{}, stopped at frame {}: {} at vertex {}",
+            s.name, at.frame, at.effect, at.particle
+        )
+    });
+    all.push(Verdict::new("all numbers stay finite", s.stopped.is_none()).at(place));
+    let mut say = |verdict: Verdict| all.push(verdict.at(s.name.as_str()));
+    let name = "every frame is converged: frames that are not";
+    say(Verdict::none(name, s.frames_not_converged));
     if plan.runs("volume")
         && scene.muscles[m].material.bulk.is_none()
         && scene.solver.share("volume").is_none()
     {
-        let kept = s.volume_error_max <= VOLUME_HELD;
-        say(
-            "volume error at most 1e-6",
-            format!("{:.1e}", s.volume_error_max),
-            kept,
-        );
+        let name = "volume error at most 1e-6";
+        say(Verdict::at_most(name, s.volume_error_max, VOLUME_HELD));
     }
     if !plan.obstacles.is_empty() {
-        let found = format!(
-            "{} (deepest {:.4} mm)",
-            s.vertices_inside_bones_max,
-            s.penetration_max_m * 1e3
+        let deepest = pliant::format::number(s.penetration_max_m * 1e3);
+        let name = format!(
+            "no vertex deeper than 0.01 mm in a bone (deepest {deepest} mm): vertices that are"
         );
-        say(
-            "no vertex deeper than 0.01 mm in a bone",
-            found,
-            s.vertices_inside_bones_max == 0,
-        );
-        let inside = s.bone_vertices_inside_max;
-        say(
-            "no bone vertex inside the muscle",
-            inside.to_string(),
-            inside == 0,
-        );
+        say(Verdict::none(name, s.vertices_inside_bones_max));
+        let name = "no bone vertex inside the muscle: bone vertices that are";
+        say(Verdict::none(name, s.bone_vertices_inside_max));
     }
-    let returned = simulation.frame() >= scene.frames && returns(simulation);
-    if returned {
+    if simulation.frame() >= scene.frames && returns(simulation) {
         let share = s.distance_from_start_rms_m / s.length_m;
-        let found = format!(
-            "{:.2} mm, {:.2} %",
-            s.distance_from_start_rms_m * 1e3,
-            share * 100.0
-        );
-        say(
-            "back to 2 % of its length from the start",
-            found,
-            share <= RETURN_DISTANCE,
-        );
-        let stretch = s.edge_stretch_rms_end;
-        say(
-            "edge stretch at the end at most 5 %",
-            format!("{:.2} %", stretch * 100.0),
-            stretch <= RETURN_STRETCH,
-        );
+        let name = "back to 2 % of its length from the start, as a share of it";
+        say(Verdict::at_most(name, share, RETURN_DISTANCE));
+        let name = "edge stretch at the end at most 5 %, as a share";
+        say(Verdict::at_most(
+            name,
+            s.edge_stretch_rms_end,
+            RETURN_STRETCH,
+        ));
     }
     all
 }

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{Scratch, json, names_in, run, shown, text};
+use super::{Scratch, json, measures, names_in, run, shown, text};
 
 const EXAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
 
@@ -20,7 +20,7 @@ fn a_length_and_an_animation() {
         shown(&out),
     ]);
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let summary = json(&out.join("summary.json"));
+    let summary = measures(&json(&out.join("summary.json")));
     assert!(
         summary["volume_error"].as_f64().expect("a number").abs() <= 1e-12,
         "{summary}"

@@ -10,7 +10,7 @@ use pliant::skin::plan::{Place, Ready};
 use pliant_cli::report::implant::Insertion;
 use serde_json::Value;
 
-use super::{Scratch, json, run, shown, text};
+use super::{Scratch, json, measures, run, shown, text};
 
 /// A flat sheet of 20 cm in `n` by `n` cells as OBJ in centimetres; its middle vertex is `(n + 1) n / 2 + n / 2`.
 fn sheet(n: u32) -> String {
@@ -53,7 +53,7 @@ fn an_implant_gives_areas_with_their_sources_and_files() {
     ];
     let done = run(&[&common[..], &["--volume", "100cc", "--json"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     let number = |path: &str| {
         result
             .pointer(path)
@@ -98,7 +98,7 @@ fn an_implant_gives_areas_with_their_sources_and_files() {
     let skin = pliant::io::read(&out.join("skin.vtp")).unwrap().mesh;
     let highest = skin.vertices.iter().map(|p| p.z).fold(0.0, f64::max);
     assert!((0.02..0.08).contains(&highest), "{highest} m");
-    let kept = json(&out.join("summary.json"));
+    let kept = measures(&json(&out.join("summary.json")));
     assert_eq!(kept["area_deformed_m2"], result["area_deformed_m2"]);
 }
 
@@ -123,7 +123,7 @@ fn volumes_give_a_curve_and_a_wanted_area_its_volume() {
     ];
     let done = run(&[&common[..], &["--volumes", "40,60cc,80"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     let gains: Vec<f64> = result["curve"]
         .as_array()
         .unwrap()
@@ -148,7 +148,7 @@ fn volumes_give_a_curve_and_a_wanted_area_its_volume() {
     let wanted = 0.5 * (gains[0] + gains[1]) * 1e4;
     let done = run(&[&common[..], &["--wanted-area", &format!("{wanted}cm2")]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     let volume = result["implant_volume_m3"].as_f64().unwrap();
     assert!((40e-6..60e-6).contains(&volume), "{volume}");
     assert!(!out.join("curve.csv").exists(), "an earlier result is left");
@@ -173,7 +173,7 @@ fn an_implant_is_filled_over_days() {
     ];
     let done = run(&[&common[..], &["--fill", "0:30cc,7:50cc,14:70cc", "--json"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     let curve = result["curve"].as_array().unwrap();
     let days: Vec<f64> = curve
         .iter()
@@ -379,7 +379,7 @@ fn implants_that_share_skin_are_told_by_their_numbers_and_every_file_is_known_be
     ];
     let done = run(&[&common[..], &three[..], &["--json"]].concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     let told: Vec<(u64, f64)> = result["implants"]
         .as_array()
         .unwrap()
@@ -530,7 +530,7 @@ fn a_face_of_two_triangles_takes_a_small_implant_and_is_refined_beside_it_only()
     ]
     .concat());
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
-    let result: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let result = measures(&serde_json::from_slice(&done.stdout).unwrap());
     // On a flat face the region is a disc of 1.5 bases, or some triangles more.
     let before = result["area_before_m2"].as_f64().unwrap() * 1e4;
     let disc = std::f64::consts::PI * 0.75 * 0.75;
@@ -679,21 +679,19 @@ fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
     let (code, result, page) = of(&["--volumes", "60,80", "--stretch-limit", "1.01"]);
     let verdicts = result["verdicts"].as_array().unwrap();
     assert_eq!(verdicts.len(), 2, "{verdicts:?}");
-    let all = verdicts.iter().all(|v| v["ok"] == true);
+    let all = verdicts.iter().all(|v| v["passed"] == true);
     assert!(
-        verdicts[0]["what"]
-            .as_str()
-            .unwrap()
-            .contains("60.0 cc: skin and implant are at rest"),
+        verdicts[0]["name"] == "skin and implant are at rest"
+            && verdicts[0]["where"].as_str().unwrap().contains("60.0 cc"),
         "{verdicts:?}"
     );
     assert_eq!(
-        (code, result["converged"].as_bool()),
+        (code, result["implant"]["converged"].as_bool()),
         (Some(i32::from(!all)), Some(all)),
         "{result}"
     );
     assert!(
-        result["area_over_limit_m2"].as_f64().unwrap() > 1e-4,
+        result["implant"]["area_over_limit_m2"].as_f64().unwrap() > 1e-4,
         "{result}"
     );
     assert!(
@@ -710,7 +708,7 @@ fn far_stretched_skin_is_a_finding_and_every_check_is_in_the_exit_code() {
     );
     assert!(page.contains("→ found") && page.contains("stretched beyond 1.01"));
     let (_, result, page) = of(&["--volume", "60cc", "--stretch-limit", "9"]);
-    assert_eq!(result["area_over_limit_m2"].as_f64(), Some(0.0));
+    assert_eq!(result["implant"]["area_over_limit_m2"].as_f64(), Some(0.0));
     assert!(page.contains("nothing is stretched beyond 9.00"));
 }
 
@@ -740,7 +738,8 @@ fn any_number_of_threads_gives_the_same() {
     };
     let one = of("1");
     assert!(
-        one.0["area_deformed_m2"].as_f64().unwrap() > one.0["area_before_m2"].as_f64().unwrap()
+        one.0["implant"]["area_deformed_m2"].as_f64().unwrap()
+            > one.0["implant"]["area_before_m2"].as_f64().unwrap()
     );
     assert!(of("3") == one);
     assert_eq!(
@@ -815,12 +814,12 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
         "{said}"
     );
     let summary = json(&out.join("summary.json"));
-    let curve = summary["curve"].as_array().unwrap();
+    let curve = summary["implant"]["curve"].as_array().unwrap();
     assert!((2..60).contains(&curve.len()), "{} volumes", curve.len());
     assert_eq!(
         (
             summary["interrupted"].as_bool(),
-            summary["converged"].as_bool()
+            summary["implant"]["converged"].as_bool()
         ),
         (Some(true), Some(false))
     );
@@ -829,7 +828,7 @@ fn ctrl_c_keeps_the_volumes_that_are_done() {
             .as_array()
             .unwrap()
             .iter()
-            .any(|v| v["ok"] == false)
+            .any(|v| v["passed"] == false)
     );
     let rows = fs::read_to_string(out.join("curve.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + curve.len());

@@ -62,6 +62,11 @@ fn json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
+/// The measures of a summary, which stand under the name of its kind.
+fn measures(summary: &Value) -> Value {
+    summary[summary["kind"].as_str().unwrap_or_default()].clone()
+}
+
 /// The turn-table of a page with its script, and the page without it.
 fn turntable(page: &str) -> (String, String) {
     let at = page.find("<h2>Frame by frame</h2>").expect("a turn-table");

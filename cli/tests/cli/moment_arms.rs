@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{Scratch, json, names_in, run, shown, text};
+use super::{Scratch, json, measures, names_in, run, shown, text};
 
 const SMALL: [&str; 12] = [
     "moment-arms",
@@ -37,6 +37,7 @@ fn the_built_in_hip() {
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let said: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
     assert_eq!(said, json(&out.join("summary.json")));
+    let said = measures(&said);
     let muscle = &said["muscles"][0];
     let number = |key: &str| muscle[key].as_f64().unwrap_or(f64::NAN);
     assert_eq!(

@@ -46,7 +46,7 @@ fn summary(arguments: &[&str]) -> (Scratch, Value) {
     assert!(number(&printed, "/time/total_s") > 0.0);
     let verdicts = printed["verdicts"].as_array().unwrap();
     assert!(
-        !verdicts.is_empty() && verdicts.iter().all(|v| v["kept"] == true),
+        !verdicts.is_empty() && verdicts.iter().all(|v| v["passed"] == true),
         "{verdicts:?}"
     );
     (scratch, printed)

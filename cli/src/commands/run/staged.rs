@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use super::Arguments;
 use crate::commands::failure::Failure;
 use crate::commands::progress::Rounds;
-use crate::commands::{DONE, FAILED, INTERRUPTED, columns, say, say_json};
+use crate::commands::{DONE, FAILED, INTERRUPTED, say, say_json};
 use crate::report::folder::Folder;
+use crate::report::output::verdict_table;
 use crate::report::run::{Ended, Listener, Run, Wanted, perform, ready};
-use crate::report::summary::Verdict;
 use pliant::io::names::file_name;
 use pliant::scene::content::Staged;
 
@@ -90,19 +90,7 @@ fn in_words(run: &dyn Run, ended: &Ended, folder: &Path, took: Duration) -> Stri
         "{}: {frames} of {wanted} frames in {seconds:.1} s{interrupted}\n\n",
         run.name()
     );
-    let row = |v: &Verdict| {
-        let mark = if v.kept { "pass" } else { "FAIL" };
-        vec![
-            mark.to_owned(),
-            v.muscle.clone(),
-            v.promise.clone(),
-            v.found.clone(),
-        ]
-    };
-    text.push_str(&columns(
-        &ended.account.verdicts.iter().map(row).collect::<Vec<_>>(),
-        &[],
-    ));
+    text.push_str(&verdict_table(&ended.account.verdicts).to_text());
     if let Some(why) = ended.summary["stopped"].as_str() {
         text.push_str(&format!("  FAIL  {why}\n"));
     }

@@ -1,7 +1,5 @@
 //! Files of a run of a spring system.
 
-use std::io::{self, Write};
-
 use nalgebra::Point3;
 
 use super::super::failure::Failure;
@@ -9,7 +7,8 @@ use super::Summary;
 use super::built::Built;
 use super::pictures::Shown;
 use crate::report::folder::{Folder, FolderError};
-use crate::report::{LinePlot, Report, Table};
+use crate::report::output::{DataFile, OutputFile, Picture, Plot, RunOutput, measures};
+use crate::report::{LinePlot, Table};
 use pliant::format::number;
 use pliant::io::names::file_name;
 use pliant::io::pvd::{Collection, Entry};
@@ -133,118 +132,90 @@ impl Record {
         vtp::write(&path, &data).map_err(|source| FolderError::Io { path, source })
     }
 
-    /// Writes the rest.
-    pub(super) fn finish(mut self, built: &Built, summary: &Summary) -> Result<(), Failure> {
-        if let Some(error) = self.failed.take() {
-            return Err(error.into());
-        }
+    /// The folder of the results.
+    pub(super) fn folder(&self) -> &Folder {
+        &self.folder
+    }
+
+    /// The first frame that could not be written, as an error.
+    pub(super) fn check(&mut self) -> Result<(), FolderError> {
+        self.failed.take().map_or(Ok(()), Err)
+    }
+
+    /// The result.
+    pub(super) fn output(&self, built: &Built, summary: Summary) -> Result<RunOutput<'_>, Failure> {
+        let mut written = vec!["start.vtp".to_owned()];
         let mut states = vec![("start", &self.start[..])];
         if built.system.first_non_finite().is_none() {
             self.put("end.vtp", &built.system)?;
+            written.push("end.vtp".to_owned());
             states.push(("end", built.positions()));
         }
-        let pictures = self.pictures(&states)?;
-        if self.every.is_some() {
-            let path = self.folder.claim(&format!("{}.pvd", self.name))?;
-            self.series
-                .write(&path)
-                .map_err(|source| FolderError::Io { path, source })?;
-        }
-        self.folder.write("measures.csv", |w| self.write_rows(w))?;
-        let report = Report {
-            pictures,
-            ..self.report(summary)
+        let series = self
+            .every
+            .map(|_| OutputFile::new(format!("{}.pvd", self.name), |path| self.series.write(path)));
+        let plot = |plot| Plot { file: None, plot };
+        Ok(RunOutput {
+            kind: "springs",
+            name: built.name.clone(),
+            measures: measures(&summary),
+            pictures: self.pictures(&states)?,
+            title: format!("{}: a spring system", built.name),
+            subtitle: format!(
+                "{} steps, {} s of computing",
+                summary.steps,
+                number(summary.wall_s)
+            ),
+            text: format!("{}: {}\n", built.name, summary.end),
+            tables_of_text: 1,
+            tables: vec![settings(&summary)],
+            plots: self.plots(&summary).into_iter().map(plot).collect(),
+            time_s: summary.wall_s,
+            interrupted: summary.interrupted,
+            verdicts: summary.verdicts(),
+            notes: summary.notes,
+            data: vec![self.data()],
+            files: series.into_iter().collect(),
+            written,
+            ..RunOutput::default()
+        })
+    }
+
+    /// Draws each state, with its caption for the report.
+    fn pictures(&self, states: &[(&str, &[Point3<f64>])]) -> Result<Vec<Picture>, FolderError> {
+        let drawn = self.shown.pictures(states)?;
+        let picture = |((name, _), bytes): (&(&str, &[Point3<f64>]), Vec<u8>)| Picture {
+            file: format!("{name}.png"),
+            caption: format!("{name}: springs behind a cut through the middle, coloured by strain"),
+            bytes,
+            wide: false,
         };
-        self.folder
-            .write("report.html", |w| w.write_all(report.to_html().as_bytes()))?;
-        let json = serde_json::to_string_pretty(summary).unwrap_or_default();
-        self.folder
-            .write("summary.json", |w| w.write_all(json.as_bytes()))?;
-        Ok(())
+        Ok(states.iter().zip(drawn).map(picture).collect())
     }
 
-    /// Draws each state and writes it; with its caption for the report.
-    fn pictures(
-        &self,
-        states: &[(&str, &[Point3<f64>])],
-    ) -> Result<Vec<(String, Vec<u8>)>, FolderError> {
-        let drawn = self.shown.pictures(states);
-        let drawn = drawn.map_err(|e| FolderError::Io {
-            path: self.folder.path().into(),
-            source: io::Error::other(e),
-        })?;
-        let mut pictures = Vec::new();
-        for ((name, _), png) in states.iter().zip(drawn) {
-            self.folder
-                .write(&format!("{name}.png"), |w| w.write_all(&png))?;
-            pictures.push((
-                format!("{name}: springs behind a cut through the middle, coloured by strain"),
-                png,
-            ));
-        }
-        Ok(pictures)
-    }
-
-    fn write_rows(&self, w: &mut impl Write) -> io::Result<()> {
-        writeln!(
-            w,
-            "step,time_s,dt_s,greatest_move_m,kinetic_energy_j,spring_energy_j,residual_force_n"
-        )?;
-        for (r, time) in &self.rows {
-            let (step, dt, energy) = (r.step, r.dt, r.energy);
-            let (moved, kinetic, stored, residual) =
-                (r.greatest_move, energy.kinetic, energy.stored, r.residual);
-            writeln!(
-                w,
-                "{step},{time:?},{dt:?},{moved:?},{kinetic:?},{stored:?},{residual:?}"
-            )?;
-        }
-        Ok(())
-    }
-
-    fn report(&self, s: &Summary) -> Report {
-        let limit = s
-            .stability_limit_s
-            .map_or("none".to_owned(), |l| format!("{} s", number(l)));
-        let mut table = Table::new("Settings", ["name", "value"]);
-        for (name, value) in [
-            (
-                "points",
-                format!("{}, {} of them held", s.points, s.points_held),
-            ),
-            ("springs", s.springs.to_string()),
-            (
-                "integrator",
-                s.integrator.clone() + if s.adaptive { ", adaptive step" } else { "" },
-            ),
-            ("mass of a point", format!("{} kg", number(s.mass_kg))),
-            ("damping", format!("{} N s/m", number(s.damping_ns_m))),
-            ("step", format!("{} s", number(s.dt_s))),
-            ("stability limit", limit),
-            (
-                "stiffest motion",
-                format!("{} 1/s2", number(s.stiffest_1_s2)),
-            ),
-            ("time that was run", format!("{} s", number(s.time_s))),
-        ] {
-            table.row([name.to_owned(), value]);
-        }
-        let stable = s.stability_limit_s.is_none_or(|limit| s.dt_s < limit) || s.adaptive;
-        Report {
-            title: format!("{}: a spring system", s.name),
-            subtitle: format!("{} steps, {} s of computing", s.steps, number(s.wall_s)),
-            verdict: vec![
-                (s.end.clone(), s.at_rest),
-                (
-                    "the step is below the stability limit, or adapts".to_owned(),
-                    stable,
-                ),
-            ],
-            plots: self.plots(s),
-            tables: vec![table],
-            notes: s.notes.clone(),
-            ..Report::default()
-        }
+    fn data(&self) -> DataFile<'_> {
+        let columns = [
+            "step",
+            "time_s",
+            "dt_s",
+            "greatest_move_m",
+            "kinetic_energy_j",
+            "spring_energy_j",
+            "residual_force_n",
+        ];
+        let row = |(r, time): &(StepRecord, f64)| {
+            let numbers = [
+                *time,
+                r.dt,
+                r.greatest_move,
+                r.energy.kinetic,
+                r.energy.stored,
+                r.residual,
+            ];
+            let cells = numbers.iter().map(|n| format!("{n:?}"));
+            std::iter::once(r.step.to_string()).chain(cells).collect()
+        };
+        DataFile::new("measures.csv", columns, self.rows.iter().map(row))
     }
 
     fn plots(&self, s: &Summary) -> Vec<LinePlot> {
@@ -277,4 +248,41 @@ impl Record {
         }
         plots
     }
+}
+
+/// The system and its integration.
+fn settings(s: &Summary) -> Table {
+    let seconds = |limit: Option<f64>| {
+        limit.map_or("none: every step is stable".to_owned(), |s| {
+            format!("{} s", number(s))
+        })
+    };
+    let estimate = s
+        .damping_estimate_ns_m
+        .map_or(String::new(), |c| format!(" (estimate {})", number(c)));
+    let adaptive = if s.adaptive { ", adaptive step" } else { "" };
+    let mut table = Table::new("Settings", ["name", "value"]);
+    for (name, value) in [
+        (
+            "points",
+            format!("{}, {} of them held", s.points, s.points_held),
+        ),
+        ("springs", s.springs.to_string()),
+        ("integrator", format!("{}{adaptive}", s.integrator)),
+        ("mass of a point", format!("{} kg", number(s.mass_kg))),
+        (
+            "damping",
+            format!("{} N s/m{estimate}", number(s.damping_ns_m)),
+        ),
+        ("step", format!("{} s", number(s.dt_s))),
+        ("stability limit", seconds(s.stability_limit_s)),
+        (
+            "stiffest motion",
+            format!("{} 1/s2", number(s.stiffest_1_s2)),
+        ),
+        ("simulated time", format!("{} s", number(s.simulated_s))),
+    ] {
+        table.row([name.to_owned(), value]);
+    }
+    table
 }

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::Bundle;
+use crate::report::output::Picture;
 use pliant::fibres::attachment::Area;
 use pliant::fibres::each::action;
 use pliant::mesh::cut::{cut, filled};
@@ -103,9 +104,6 @@ fn legend(title: &str, unit: &str, values: &[f64]) -> Legend {
     Legend::new(title, unit, (least, most), ColourMap::Viridis).large()
 }
 
-/// File, caption and bytes of a picture.
-type Picture = (&'static str, String, Vec<u8>);
-
 impl Bundle<'_> {
     pub(super) fn pictures(&self) -> Result<Vec<Picture>, PictureError> {
         let axes = axes(self.muscle, &action(self.fibres));
@@ -133,20 +131,27 @@ impl Bundle<'_> {
         };
         let length = legend("Length", "mm", &lengths);
         let pennation = legend("Pennation", "degrees", &angles);
+        let sections = "Sections across the line of action at a quarter, half and three quarters of the muscle's \
+                        length; each dot is a fibre";
         Ok(vec![
-            ("broad.png", caption("From its broad side", "length"), self.side(&axes, out, &length, &lengths)?),
-            (
-                "narrow.png",
-                caption("From its narrow side", "pennation"),
-                self.side(&axes, broad, &pennation, &angles)?,
-            ),
-            (
-                "sections.png",
-                "Sections across the line of action at a quarter, half and three quarters of the muscle's length; each dot is a \
-                 fibre"
-                    .to_owned(),
-                self.sections(&axes)?,
-            ),
+            Picture {
+                file: "broad.png".to_owned(),
+                caption: caption("From its broad side", "length"),
+                bytes: self.side(&axes, out, &length, &lengths)?,
+                wide: false,
+            },
+            Picture {
+                file: "narrow.png".to_owned(),
+                caption: caption("From its narrow side", "pennation"),
+                bytes: self.side(&axes, broad, &pennation, &angles)?,
+                wide: false,
+            },
+            Picture {
+                file: "sections.png".to_owned(),
+                caption: sections.to_owned(),
+                bytes: self.sections(&axes)?,
+                wide: true,
+            },
         ])
     }
 

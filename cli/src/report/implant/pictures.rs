@@ -57,31 +57,32 @@ impl Insertion<'_> {
         let mut all = Vec::new();
         let groups = self.groups();
         for (g, group) in groups.iter().enumerate() {
-            let (name, which) = (|what: &str| numbered(what, g), self.which(&group.implants));
+            let which = self.which(&group.implants);
+            let picture = |what: &str, number: usize, caption: String, bytes: Vec<u8>| Picture {
+                file: format!("{}.png", numbered(what, number)),
+                caption,
+                bytes,
+                wide: false,
+            };
             let stage = Stage::new(self, shown, group);
             let (over, limit) = stage.over()?;
-            all.push((
-                name("stretch"),
-                format!("Skin over {which}, coloured by its greatest stretch; {limit}"),
-                over,
-            ));
+            let caption = format!("Skin over {which}, coloured by its greatest stretch; {limit}");
+            all.push(picture("stretch", g, caption, over));
             for &k in &group.implants {
                 let one = self.which(&[k]);
                 let caption = format!(
-                    "Section through {one}: skin, implant and what is below; green line: skin before"
+                    "Section through {one}: skin, {} and what is below; green line: skin before",
+                    self.under
                 );
-                all.push((
-                    numbered("side", self.each()[k].number),
-                    caption,
-                    self.section(shown, k)?,
-                ));
+                let number = self.each()[k].number;
+                all.push(picture("side", number, caption, self.section(shown, k)?));
             }
             let caption = if groups.len() == 1 {
                 "Before".to_owned()
             } else {
                 format!("Before, at {which}")
             };
-            all.push((name("before"), caption, stage.before()?));
+            all.push(picture("before", g, caption, stage.before()?));
         }
         Ok(all)
     }
@@ -94,10 +95,10 @@ impl Insertion<'_> {
             .map(|k| (each[*k].number + 1).to_string())
             .collect();
         match (self.each().len(), numbers.as_slice()) {
-            (1, _) => "the implant".to_owned(),
-            (_, [one]) => format!("implant {one}"),
-            (all, some) if all == some.len() => "the implants".to_owned(),
-            (_, some) => format!("implants {}", some.join(", ")),
+            (1, _) => format!("the {}", self.under),
+            (_, [one]) => format!("{} {one}", self.under),
+            (all, some) if all == some.len() => format!("the {}s", self.under),
+            (_, some) => format!("{}s {}", self.under, some.join(", ")),
         }
     }
 

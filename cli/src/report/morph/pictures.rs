@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::{Morph, Shape};
+use crate::report::output::Picture;
 use pliant::mesh::measures::{Aabb, greatest};
 use pliant::morph::distortion::area_shares;
 use pliant::morph::pose::axes;
@@ -37,6 +38,26 @@ pub(super) struct Drawn {
 }
 
 impl Drawn {
+    /// The pictures as files of a morph whose files are called `file`.
+    pub(super) fn pictures(self, file: &str) -> Vec<Picture> {
+        let sheet =
+            "from A (t = 0) to B (t = 1), each about its own middle, coloured by how far places go";
+        let spheres = "images on the sphere from two sides, coloured by the share of the area that each place has there \
+                       over that on the surface";
+        let all = [
+            (format!("{file}.gif"), "over t", self.film, false),
+            ("sheet.png".to_owned(), sheet, self.sheet, true),
+            ("spheres.png".to_owned(), spheres, self.spheres, true),
+        ];
+        let picture = |(file, caption, bytes, wide): (String, &str, Vec<u8>, bool)| Picture {
+            file,
+            caption: caption.to_owned(),
+            bytes,
+            wide,
+        };
+        all.into_iter().map(picture).collect()
+    }
+
     pub(super) fn new(morph: &Morph<'_>, unit: &str) -> Result<Self, PictureError> {
         let shapes: Vec<Shape> = morph.shapes.iter().map(centred).collect();
         let ways = match (shapes.first(), shapes.last()) {

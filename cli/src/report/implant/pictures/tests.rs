@@ -35,6 +35,7 @@ fn inserted<'a>(skin: &'a TriangleMesh, places: &[Vector3<f64>]) -> Insertion<'a
         limit: 1.05,
         wanted: None,
         time: 0.0,
+        under: "implant",
     }
 }
 
@@ -77,9 +78,12 @@ fn implants_that_look_apart_have_pictures_of_their_own() {
         assert!(
             pictures
                 .iter()
-                .all(|(_, _, png)| png.starts_with(b"\x89PNG"))
+                .all(|picture| picture.bytes.starts_with(b"\x89PNG"))
         );
-        pictures.into_iter().map(|(name, ..)| name).collect()
+        pictures
+            .into_iter()
+            .map(|picture| picture.file.replace(".png", ""))
+            .collect()
     };
     let (top, aside, bottom) = (Vector3::z(), Vector3::new(0.9, 0.0, 1.0), -Vector3::z());
     assert_eq!(names(&[top]), ["stretch", "side", "before"]);

@@ -1,0 +1,104 @@
+//! Options that commands share, and the end of every command that writes results.
+
+use std::path::PathBuf;
+
+use super::failure::Failure;
+use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
+use crate::report::folder::Folder;
+use crate::report::output::RunOutput;
+use pliant::io::names::file_name;
+
+/// What goes to standard output.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(super) struct Printing {
+    /// Write the summary as JSON to standard output, and nothing else
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Write nothing to standard output, but JSON with --json
+    #[arg(long)]
+    pub(super) quiet: bool,
+}
+
+impl Printing {
+    /// Says a text to a person, unless standard output is for JSON or for nothing.
+    pub(super) fn say(&self, text: &str) {
+        if !self.json && !self.quiet {
+            say(text);
+        }
+    }
+}
+
+/// The threads of a computation.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(super) struct Threads {
+    /// Number of threads [default: one for each core]; the results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub(super) threads: Option<u16>,
+}
+
+impl Threads {
+    /// Starts the threads.
+    pub(super) fn start(self) {
+        if let Some(threads) = self.threads {
+            // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
+            let _ = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads.into())
+                .build_global();
+        }
+    }
+}
+
+/// Options of a command that writes a folder of results.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(super) struct Output {
+    /// Folder of the results [default: pliant-out/NAME, named after what is computed]
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) threads: Threads,
+    #[command(flatten)]
+    pub(super) printing: Printing,
+}
+
+impl Output {
+    /// The folder of the results: `pliant-out/NAME-JOB`, without `-JOB` where `job` is empty, unless another is given.
+    pub(super) fn folder(&self, name: &str, job: &str) -> PathBuf {
+        let dash = if job.is_empty() { "" } else { "-" };
+        let default =
+            || PathBuf::from("pliant-out").join(format!("{}{dash}{job}", file_name(name)));
+        self.out.clone().unwrap_or_else(default)
+    }
+
+    /// Writes a result into its folder, says it, and returns the exit code.
+    pub(super) fn finish(&self, folder: &Folder, output: RunOutput<'_>) -> Result<u8, Failure> {
+        let summary = output.summary();
+        let code = match (output.interrupted, output.passed()) {
+            (true, _) => INTERRUPTED,
+            (false, true) => DONE,
+            (false, false) => FAILED,
+        };
+        for verdict in output.verdicts.iter().filter(|v| !v.passed) {
+            warn(&format!("FAIL  {}", verdict.to_text()));
+            if let Some(what) = &verdict.what_to_do {
+                warn(&format!("      {what}"));
+            }
+        }
+        let shown = |name: &str| folder.path().join(name).display().to_string();
+        let mut text = format!(
+            "{}\nResults in {}\n  open {} in a browser\n",
+            output.to_text(),
+            folder.path().display(),
+            shown("report.html")
+        );
+        let series = output.files.iter().find(|f| f.name.ends_with(".pvd"));
+        if let Some(series) = series {
+            text += &format!("  open {} in ParaView\n", shown(&series.name));
+        }
+        output.write(folder, &summary)?;
+        if self.printing.json {
+            say_json(&summary);
+        }
+        self.printing.say(&text);
+        Ok(code)
+    }
+}

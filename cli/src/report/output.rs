@@ -1,0 +1,439 @@
+//! The result of a command as data, and the one writer of `summary.json`, CSV files, pictures and `report.html`.
+//!
+//! `docs/summary.md` explains the summary, `docs/summary.schema.json` is its schema.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::folder::{Folder, FolderError};
+use super::{LinePlot, Report, Table};
+use pliant::format::number;
+
+/// Version of the form of summaries; it grows when a key changes its name or its meaning.
+pub const FORMAT: u32 = 1;
+
+/// The result of one check.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Verdict {
+    /// The property that is checked, in words.
+    pub name: String,
+    /// The value that was found; none where the property has no number.
+    pub value: Option<f64>,
+    /// The value that is still allowed.
+    pub limit: Option<f64>,
+    /// Unit of value and limit; none of a pure number.
+    pub unit: Option<&'static str>,
+    /// Whether the property holds.
+    pub passed: bool,
+    /// The part of the result that was checked, and where the value was found.
+    #[serde(rename = "where")]
+    pub place: Option<String>,
+    /// What a user can do about a failure.
+    pub what_to_do: Option<String>,
+}
+
+impl Verdict {
+    /// A property without a number.
+    pub fn new(name: impl Into<String>, passed: bool) -> Self {
+        Self {
+            name: name.into(),
+            value: None,
+            limit: None,
+            unit: None,
+            passed,
+            place: None,
+            what_to_do: None,
+        }
+    }
+
+    /// A value that must not be above a limit; NaN fails.
+    pub fn at_most(name: impl Into<String>, value: f64, limit: f64) -> Self {
+        let passed = value <= limit;
+        Self::new(name, passed).with_value(value).with_limit(limit)
+    }
+
+    /// A value that must not be below a limit; NaN fails.
+    pub fn at_least(name: impl Into<String>, value: f64, limit: f64) -> Self {
+        let passed = value >= limit;
+        Self::new(name, passed).with_value(value).with_limit(limit)
+    }
+
+    /// A count that must be zero.
+    pub fn none(name: impl Into<String>, count: usize) -> Self {
+        Self::at_most(name, count as f64, 0.0)
+    }
+
+    /// With the value that was found.
+    pub fn with_value(self, value: f64) -> Self {
+        Self {
+            value: Some(value),
+            ..self
+        }
+    }
+
+    /// With the value that is still allowed.
+    pub fn with_limit(self, limit: f64) -> Self {
+        Self {
+            limit: Some(limit),
+            ..self
+        }
+    }
+
+    /// With the unit of value and limit.
+    pub fn in_unit(self, unit: &'static str) -> Self {
+        Self {
+            unit: Some(unit),
+            ..self
+        }
+    }
+
+    /// With the part of the result that was checked.
+    pub fn at(self, place: impl Into<String>) -> Self {
+        Self {
+            place: Some(place.into()),
+            ..self
+        }
+    }
+
+    /// With what a user can do about a failure.
+    pub fn else_do(self, what: impl Into<String>) -> Self {
+        Self {
+            what_to_do: Some(what.into()),
+            ..self
+        }
+    }
+
+    /// Value and limit for people; empty without a value.
+    pub fn found(&self) -> String {
+        let Some(value) = self.value else {
+            return String::new();
+        };
+        let limit = self.limit.map_or(String::new(), |limit| {
+            format!(" (limit {})", with_unit(limit, self.unit))
+        });
+        format!("{}{limit}", with_unit(value, self.unit))
+    }
+
+    /// The verdict as a line for people.
+    pub fn to_text(&self) -> String {
+        let place = self.place.iter().map(String::clone);
+        let found = Some(self.found()).filter(|found| !found.is_empty());
+        let parts = place.chain([self.name.clone()]).chain(found);
+        parts.collect::<Vec<_>>().join(": ")
+    }
+}
+
+/// A value for people; lengths in mm.
+fn with_unit(value: f64, unit: Option<&'static str>) -> String {
+    match unit {
+        Some("m") => format!("{} mm", number(value * 1e3)),
+        Some(unit) => format!("{} {unit}", number(value)),
+        None => number(value),
+    }
+}
+
+/// Verdicts as a table for a terminal.
+pub fn verdict_table(verdicts: &[Verdict]) -> Table {
+    let mut table = Table::default();
+    for v in verdicts {
+        table.row([
+            if v.passed { "pass" } else { "FAIL" }.to_owned(),
+            v.place.clone().unwrap_or_default(),
+            v.name.clone(),
+            v.found(),
+        ]);
+    }
+    table
+}
+
+/// A picture of the page, PNG or GIF.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    /// Its file in the folder of the results.
+    pub file: String,
+    /// What it shows.
+    pub caption: String,
+    /// The bytes of the file.
+    pub bytes: Vec<u8>,
+    /// Whether it needs the whole width of the page.
+    pub wide: bool,
+}
+
+/// A plot of the page.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plot {
+    /// Its SVG file in the folder of the results; none of a plot that is on the page only.
+    pub file: Option<String>,
+    /// The plot.
+    pub plot: LinePlot,
+}
+
+/// A CSV file; rows are made as they are written.
+pub struct DataFile<'a> {
+    /// Its name in the folder of the results.
+    pub file: &'static str,
+    /// Names of the columns.
+    pub columns: Vec<&'static str>,
+    /// A cell for each column.
+    pub rows: Box<dyn Iterator<Item = Vec<String>> + 'a>,
+}
+
+impl<'a> DataFile<'a> {
+    /// A file of these columns and rows.
+    pub fn new(
+        file: &'static str,
+        columns: impl IntoIterator<Item = &'static str>,
+        rows: impl IntoIterator<Item = Vec<String>, IntoIter: 'a>,
+    ) -> Self {
+        Self {
+            file,
+            columns: columns.into_iter().collect(),
+            rows: Box::new(rows.into_iter()),
+        }
+    }
+
+    /// Writes the file as CSV.
+    ///
+    /// # Errors
+    /// What the operating system refuses; a row with another number of cells than columns.
+    pub fn write(self, to: impl Write) -> io::Result<()> {
+        let mut writer = csv::Writer::from_writer(to);
+        writer.write_record(&self.columns)?;
+        for row in self.rows {
+            writer.write_record(&row)?;
+        }
+        writer.flush()
+    }
+}
+
+/// What writes a file of an own format to a path.
+pub type Fill<'a> = Box<dyn FnOnce(&Path) -> io::Result<()> + 'a>;
+
+/// A file of an own format, such as a mesh.
+pub struct OutputFile<'a> {
+    /// Its name in the folder of the results, with `/` between folders.
+    pub name: String,
+    /// Writes it.
+    pub fill: Fill<'a>,
+}
+
+impl<'a> OutputFile<'a> {
+    /// A file and what writes it.
+    pub fn new(name: impl Into<String>, fill: impl FnOnce(&Path) -> io::Result<()> + 'a) -> Self {
+        Self {
+            name: name.into(),
+            fill: Box::new(fill),
+        }
+    }
+}
+
+/// The result of a command.
+#[derive(Default)]
+pub struct RunOutput<'a> {
+    /// The kind of job: the key under which `measures` stand in the summary.
+    pub kind: &'static str,
+    /// Name of the job.
+    pub name: String,
+    /// Measures, an object.
+    pub measures: Value,
+    /// Checks.
+    pub verdicts: Vec<Verdict>,
+    /// What was found and is neither right nor wrong.
+    pub findings: Vec<String>,
+    /// What the reader has to know of this result.
+    pub notes: Vec<String>,
+    /// Whether the user stopped it, so that a part is missing.
+    pub interrupted: bool,
+    /// Wall time of all of it [s].
+    pub time_s: f64,
+    /// Heading of the page.
+    pub title: String,
+    /// The line below the heading.
+    pub subtitle: String,
+    /// First lines on the terminal.
+    pub text: String,
+    /// How many of the first tables a terminal shows.
+    pub tables_of_text: usize,
+    /// Tables of the page.
+    pub tables: Vec<Table>,
+    /// Heading over the plots.
+    pub plots_title: String,
+    /// Plots of the page.
+    pub plots: Vec<Plot>,
+    /// Pictures of the page.
+    pub pictures: Vec<Picture>,
+    /// Explanations at the end of the page, the same for each result of this kind.
+    pub explanations: Vec<String>,
+    /// CSV files.
+    pub data: Vec<DataFile<'a>>,
+    /// Files of other formats.
+    pub files: Vec<OutputFile<'a>>,
+    /// Files that were written while it ran.
+    pub written: Vec<String>,
+}
+
+impl RunOutput<'_> {
+    /// Whether all checks passed.
+    pub fn passed(&self) -> bool {
+        self.verdicts.iter().all(|v| v.passed)
+    }
+
+    /// The result as `summary.json` holds it; a number that is not finite is null.
+    pub fn summary(&self) -> Value {
+        let own = |name: &String| !name.starts_with("frames/");
+        let pictures = self.pictures.iter().map(|p| p.file.clone());
+        let mut files = self.written.clone();
+        files.extend(self.files.iter().map(|f| f.name.clone()));
+        files.extend(self.data.iter().map(|d| d.file.to_owned()));
+        files.extend(self.plots.iter().filter_map(|p| p.file.clone()));
+        files.extend(pictures.chain(["report.html".to_owned(), "summary.json".to_owned()]));
+        files.retain(own);
+        let mut all = Map::new();
+        for (key, value) in [
+            ("format", json!(FORMAT)),
+            ("kind", json!(self.kind)),
+            ("name", json!(self.name)),
+            ("passed", json!(self.passed() && !self.interrupted)),
+            ("interrupted", json!(self.interrupted)),
+            ("time_s", json!(self.time_s)),
+            ("verdicts", json!(self.verdicts)),
+            ("findings", json!(self.findings)),
+            ("notes", json!(self.notes)),
+            ("files", json!(files)),
+            (self.kind, self.measures.clone()),
+        ] {
+            all.insert(key.to_owned(), value);
+        }
+        Value::Object(all)
+    }
+
+    /// The result for a terminal.
+    pub fn to_text(&self) -> String {
+        let mut text = self.text.clone();
+        for table in self.tables.iter().take(self.tables_of_text) {
+            text += &format!("\n{}", table.to_text());
+        }
+        if self.tables_of_text > 0 {
+            text.push('\n');
+        }
+        for found in &self.findings {
+            text += &format!("found: {found}\n");
+        }
+        for note in &self.notes {
+            text += &format!("note: {note}\n");
+        }
+        text
+    }
+
+    /// Writes all files, `summary.json` last.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(mut self, folder: &Folder, summary: &Value) -> Result<(), FolderError> {
+        for file in std::mem::take(&mut self.files) {
+            let path = folder.claim(&file.name)?;
+            (file.fill)(&path).map_err(|source| FolderError::Io { path, source })?;
+        }
+        for data in std::mem::take(&mut self.data) {
+            folder.write(data.file, |w| data.write(w))?;
+        }
+        for picture in &self.pictures {
+            folder.write(&picture.file, |w| w.write_all(&picture.bytes))?;
+        }
+        for Plot { file, plot } in &self.plots {
+            if let Some(file) = file {
+                folder.write(file, |w| w.write_all(plot.to_svg().as_bytes()))?;
+            }
+        }
+        folder.write("report.html", |w| {
+            w.write_all(self.page().to_html().as_bytes())
+        })?;
+        write_summary(folder, summary)
+    }
+
+    /// The page.
+    fn page(self) -> Report {
+        let (sheets, pictures): (Vec<_>, Vec<_>) = self.pictures.into_iter().partition(|p| p.wide);
+        let shown = |pictures: Vec<Picture>| {
+            let pictures = pictures.into_iter();
+            pictures.map(|p| (p.caption, p.bytes)).collect()
+        };
+        Report {
+            title: self.title,
+            subtitle: self.subtitle,
+            verdict: self.verdicts,
+            findings: self.findings,
+            pictures: shown(pictures),
+            sheets: shown(sheets),
+            plots_title: self.plots_title,
+            plots: self.plots.into_iter().map(|p| p.plot).collect(),
+            tables: self.tables,
+            notes: [self.explanations, self.notes].concat(),
+            ..Report::default()
+        }
+    }
+}
+
+/// Measures as a JSON object.
+pub fn measures(of: &impl Serialize) -> Value {
+    // Structures of texts, numbers and lists with text keys always have a JSON form.
+    serde_json::to_value(of).unwrap_or_default()
+}
+
+/// A value as text, as it stands in a file.
+pub fn json_text(value: &impl Serialize) -> String {
+    let text = serde_json::to_string_pretty(value);
+    format!("{}\n", text.unwrap_or_default())
+}
+
+/// Writes `summary.json`.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn write_summary(folder: &Folder, summary: &impl Serialize) -> Result<(), FolderError> {
+    let text = json_text(summary);
+    folder.write("summary.json", |w| w.write_all(text.as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_verdict_has_its_seven_keys() {
+        let verdict = Verdict::at_most("ends within 0.01 mm of their area", 2e-5, 1e-5)
+            .in_unit("m")
+            .at("psoas")
+            .else_do("choose larger areas");
+        assert_eq!(
+            json!(verdict),
+            json!({
+                "name": "ends within 0.01 mm of their area", "value": 2e-5, "limit": 1e-5, "unit": "m", "passed": false,
+                "where": "psoas", "what_to_do": "choose larger areas",
+            })
+        );
+        assert_eq!(
+            verdict.to_text(),
+            "psoas: ends within 0.01 mm of their area: 0.02 mm (limit 0.01 mm)"
+        );
+        assert!(!Verdict::at_most("a", f64::NAN, 1.0).passed);
+        assert!(!Verdict::at_least("a", f64::NAN, 1.0).passed);
+        assert!(json!(Verdict::at_most("a", f64::NAN, 1.0))["value"].is_null());
+    }
+
+    #[test]
+    fn a_cell_with_a_comma_is_quoted() {
+        let rows = vec![vec!["a, \"b\"".to_owned(), 0.1f64.to_string()]];
+        let mut bytes = Vec::new();
+        DataFile::new("a.csv", ["name", "x_m"], rows)
+            .write(&mut bytes)
+            .unwrap();
+        assert_eq!(bytes, b"name,x_m\n\"a, \"\"b\"\"\",0.1\n");
+        let short = vec![vec!["a".to_owned()]];
+        let data = DataFile::new("a.csv", ["name", "x_m"], short);
+        assert!(data.write(Vec::new()).is_err());
+    }
+}
