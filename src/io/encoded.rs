@@ -1,11 +1,12 @@
-//! The bytes of the arrays of VTK XML: raw or base64, plain or in compressed blocks.
+//! The bytes of the arrays of VTK XML: raw or base64, uncompressed or in compressed blocks.
 //!
-//! zlib by `miniz_oxide`, lz4 by `lz4_flex` and LZMA by `lzma-rust2`, all in safe Rust and with a limit to what they give.
+//! `miniz_oxide` reads zlib, `lz4_flex` lz4 and `lzma-rust2` LZMA, all in safe Rust and with a
+//! limit on their output.
 
 use std::borrow::Cow;
 use std::io::Read;
 
-/// How the blocks of an array are compressed.
+/// Compression of the blocks of an array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Compressor {
     Zlib,
@@ -13,36 +14,36 @@ pub(super) enum Compressor {
     Lzma,
 }
 
-/// What the attributes of a file say about its arrays.
+/// Attributes of a file that define the layout of its arrays.
 #[derive(Clone, Copy)]
 pub(super) struct Layout {
     pub(super) big_endian: bool,
-    /// Bytes of a number of the header of an array.
+    /// Size of a number in the header of an array [bytes].
     pub(super) header_bytes: usize,
-    /// `None` where the bytes stand as they are.
+    /// `None` for uncompressed bytes.
     pub(super) compressor: Option<Compressor>,
-    /// The most bytes that all arrays together may give.
+    /// Greatest total size of all arrays [bytes].
     pub(super) limit: u64,
 }
 
-/// What is wrong with an array.
+/// Error in the bytes of an array.
 #[derive(Debug, PartialEq)]
 pub(super) enum Fault {
     /// The file has fewer bytes.
     Short,
-    /// Something else should stand here.
+    /// Another item is expected here.
     Expected(&'static str),
-    /// More than the file can hold is declared.
+    /// The declared size exceeds that of the file.
     TooMany { declared: u64, possible: u64 },
-    /// More than the limit.
+    /// The size exceeds the limit.
     TooLarge { bytes: u64 },
 }
 
-/// The largest number of bytes that one byte of each compression can give, by its format; LZMA has no such number.
+/// Greatest ratio of output to input bytes of each compression, by its format; LZMA has none.
 const ZLIB_GAIN: u64 = 1032;
 const LZ4_GAIN: u64 = 255;
 
-/// The value of each letter of base64; 255 for what is none.
+/// The value of each letter of base64; 255 for other bytes.
 const VALUES: [u8; 256] = {
     let letters = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut values = [255; 256];
@@ -58,7 +59,7 @@ const VALUES: [u8; 256] = {
 pub(super) struct Source<'a> {
     text: &'a [u8],
     base64: bool,
-    /// Decoded bytes of the last group of base64 that were not asked for yet.
+    /// Decoded, unread bytes of the last group of base64.
     left: Vec<u8>,
     start: usize,
 }
@@ -73,12 +74,12 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Number of encoded bytes that were read.
+    /// Number of encoded bytes read.
     pub(super) fn used(&self) -> usize {
         self.start - self.text.len()
     }
 
-    /// No more than this many bytes can follow.
+    /// Upper bound of the remaining bytes.
     fn room(&self) -> usize {
         if self.base64 {
             self.left.len() + self.text.len() / 4 * 3
@@ -108,7 +109,7 @@ impl<'a> Source<'a> {
         Ok(Cow::Owned(taken))
     }
 
-    /// Decodes letters by four, up to one that is none or until there are enough bytes.
+    /// Decodes letters in groups of four, up to another byte or until there are `count` bytes.
     fn plain_groups(&mut self, out: &mut Vec<u8>, count: usize) {
         while out.len() < count
             && let Some((letters, rest)) = self.text.split_first_chunk::<4>()
@@ -123,7 +124,8 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Decodes four letters; white space between them is skipped, `=` ends a stream, behind which another may begin.
+    /// Decodes four letters. White space between them is skipped; `=` ends a stream, and another
+    /// stream can follow.
     fn group(&mut self, out: &mut Vec<u8>) -> Result<(), Fault> {
         let (mut word, mut letters, mut padding) = (0u32, 0, 0);
         while letters < 4 {
@@ -175,7 +177,8 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Compressed: the number of blocks, the size of each, that of a last one that is shorter, all compressed sizes.
+    /// Compressed array: number of blocks, size of each block, size of a shorter last block, all
+    /// compressed sizes.
     fn blocks(&mut self, layout: Layout, compressor: Compressor) -> Result<Vec<u8>, Fault> {
         let blocks = self.number(layout)?;
         if blocks == 0 {
@@ -200,7 +203,7 @@ impl<'a> Source<'a> {
         let packed = (0..blocks)
             .map(|_| self.number(layout))
             .collect::<Result<Vec<u64>, Fault>>()?;
-        // The header of base64 is a stream of its own; its end is padded.
+        // The header is a separate stream of base64 with its own padding.
         self.left.clear();
         let mut out = Vec::new();
         for (i, &packed) in packed.iter().enumerate() {
@@ -212,14 +215,15 @@ impl<'a> Source<'a> {
     }
 }
 
-/// The number of bytes that a block of lz4 gives, from the lengths of its literals and matches; `None` for a damaged one.
+/// Output size of a block of lz4, from the lengths of its literals and matches; `None` for a
+/// damaged block.
 fn lz4_length(mut bytes: &[u8]) -> Option<usize> {
     let mut total = 0usize;
     loop {
         let (&token, rest) = bytes.split_first()?;
         let (literals, rest) = lz4_number(token >> 4, rest)?;
         total = total.checked_add(literals)?;
-        // The last literals have no match behind them.
+        // No match follows the last literals.
         let rest = rest.get(literals..)?;
         if rest.is_empty() {
             return Some(total);
@@ -230,7 +234,7 @@ fn lz4_length(mut bytes: &[u8]) -> Option<usize> {
     }
 }
 
-/// A number of four bits, which goes on in bytes where it is 15.
+/// A number of four bits, continued in further bytes if it is 15.
 fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
     let mut number = usize::from(first);
     if first < 15 {
@@ -246,7 +250,7 @@ fn lz4_number(first: u8, mut bytes: &[u8]) -> Option<(usize, &[u8])> {
     }
 }
 
-/// Decompresses a block of a declared size behind `out`.
+/// Decompresses a block of a declared size and appends it to `out`.
 fn unpack(
     compressor: Compressor,
     bytes: &[u8],
@@ -270,7 +274,8 @@ fn unpack(
         }
         Compressor::Lz4 => {
             gain(LZ4_GAIN)?;
-            // Reserving what is declared before it is known to come would let a small file take 255 times its size.
+            // A check before the reservation: otherwise a small file could reserve 255 times its
+            // size.
             if lz4_length(bytes) != Some(wanted) {
                 return Err(Fault::Expected("undamaged lz4 data of the declared size"));
             }
@@ -282,7 +287,8 @@ fn unpack(
         }
         Compressor::Lzma => {
             let mut block = Vec::new();
-            // One byte more shows a stream that is longer than declared; its end and its check are read by then.
+            // One extra byte detects a stream longer than declared; its end and checksum are read
+            // by then.
             let mut stream = lzma_rust2::XzReader::new(bytes, false).take(wanted as u64 + 1);
             stream
                 .read_to_end(&mut block)
@@ -326,7 +332,7 @@ mod tests {
     /// `v I J` on 60 lines with I = i mod 7 and J = i * i mod 11, by liblzma with CRC64.
     const LINES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x04\xe6\xd6\xb4\x46\x02\x00\x21\x01\x16\x00\x00\x00\x74\x2f\xe5\xa3\xe0\x01\x67\x00\x62\x5d\x00\x3b\x08\x02\x10\x02\x0a\x80\x54\x52\xdf\x18\xa7\x58\xa0\xb2\x40\x00\x24\xe3\x68\xe7\x50\x9d\x1f\x92\xb0\xaf\x9b\xbd\x95\xd5\x7d\x62\x16\x37\xd9\x76\x24\xa6\x4d\xdc\x7e\xdb\x3a\x49\x96\xee\x5f\x07\x7e\xa3\xfa\x60\xe2\x4b\xa3\x38\x00\x30\xce\x78\x01\xef\x87\x8d\xd2\xb6\x5d\x8d\x5a\x50\xba\xfe\xdf\xab\xfb\x1b\x9e\x80\x40\xce\x26\xc1\xb6\xb1\xf8\xf5\xb3\x09\x70\xcb\xe1\xba\x47\x82\xbd\x63\xa0\x00\x00\x00\xcc\x24\xa8\x40\x88\x05\x8d\xcf\x00\x01\x7e\xe8\x02\x00\x00\x00\xf9\xfc\xd0\x40\xb1\xc4\x67\xfb\x02\x00\x00\x00\x00\x04\x59\x5a";
 
-    /// The bytes from 0 to 39, which do not become shorter, by liblzma with CRC32.
+    /// The bytes from 0 to 39, which do not compress, by liblzma with CRC32.
     const BYTES: &[u8] = b"\xfd\x37\x7a\x58\x5a\x00\x00\x01\x69\x22\xde\x36\x02\x00\x21\x01\x0c\x00\x00\x00\x8f\x98\x41\x9c\x01\x00\x27\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e\x0f\x10\x11\x12\x13\x14\x15\x16\x17\x18\x19\x1a\x1b\x1c\x1d\x1e\x1f\x20\x21\x22\x23\x24\x25\x26\x27\x00\x3c\x2e\xa6\x0d\x00\x01\x3c\x28\x2e\x64\xc0\x66\x90\x42\x99\x0d\x01\x00\x00\x00\x00\x01\x59\x5a";
 
     fn lines() -> Vec<u8> {
