@@ -1,10 +1,10 @@
-//! Seeded random numbers, the same on every machine (SplitMix64).
+//! Seeded random numbers, equal on every machine (SplitMix64).
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::random;
 
-/// A stream of numbers.
+/// A stream of random numbers.
 #[derive(Clone, Debug)]
 pub(super) struct Draws(u64);
 
@@ -23,7 +23,7 @@ impl Draws {
         ((self.unit() * count as f64) as usize).min(count - 1)
     }
 
-    /// Uniform over all rotations: a direction in four dimensions.
+    /// Uniform over all rotations: a random direction in four dimensions.
     pub fn rotation(&mut self) -> UnitQuaternion<f64> {
         loop {
             let mut number = || 2.0 * self.unit() - 1.0;

@@ -1,21 +1,21 @@
-//! The similarity that takes points nearest to others, and how many draws RANSAC needs.
+//! The best-fitting similarity between points, and the number of draws of RANSAC.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, Vector3};
 
 use super::super::align::rotation_of;
 
-/// Whether size may change.
+/// Degrees of freedom of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Motion {
-    /// Turned and moved.
+    /// Rotation and translation.
     #[default]
     Rigid,
-    /// Turned, moved and scaled.
+    /// Rotation, translation and scale.
     Similarity,
 }
 
-/// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\]; `None` where weights or
-/// points give none: all in one place, all weights 0.
+/// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\];
+/// `None` where none is defined: all points coincide, or all weights are 0.
 pub fn fit(
     from: &[Point3<f64>],
     to: &[Point3<f64>],
@@ -62,18 +62,20 @@ pub fn fit(
     ))
 }
 
-/// Mean number of draws of `count` points until all are good, if a share `good` of the points is: w^-N.
+/// Mean number of draws of `count` points until all are good, where `good` is the share of good
+/// points: w^-N.
 pub fn expected_draws(good: f64, count: u32) -> f64 {
     good.powi(count as i32).recip()
 }
 
-/// Standard deviation of that number: sqrt(1 - w^N)/w^N.
+/// Standard deviation of the number of draws: sqrt(1 - w^N)/w^N.
 pub fn draws_deviation(good: f64, count: u32) -> f64 {
     let all = good.powi(count as i32);
     (1.0 - all).sqrt() / all
 }
 
-/// Draws after which an all-good one is among them with probability `sure`: ln(1 - z)/ln(1 - w^N).
+/// Number of draws that contain one of only good points with probability `sure`: ln(1 - z)/ln(1 -
+/// w^N).
 ///
 /// The printed log(1 - z) E(k) is negative (M9).
 pub fn draws_needed(good: f64, count: u32, sure: f64) -> f64 {
