@@ -264,7 +264,8 @@ mod tests {
             "the edge is nearest"
         );
         let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
-        // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the vector to p.
+        // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the
+        // direction of p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
         let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
         assert!(
