@@ -7,27 +7,27 @@ use std::path::Path;
 use super::frame::{Frame, PictureError};
 use super::palette::{Colours, Palette};
 
-/// Frames of one size that are asked for one at a time, so that not all of them have to be in memory.
+/// Frames of one size, requested one at a time, so that memory need not hold all of them.
 pub trait Film {
-    /// How many.
+    /// Number of frames.
     fn len(&self) -> usize;
 
-    /// Whether there is none.
+    /// True for no frames.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A frame; it may be asked for more than once.
+    /// Frame `k`; the caller can request it more than once.
     ///
     /// # Errors
-    /// It is not there.
+    /// The frame is not available.
     fn picture(&self, k: usize) -> Result<Frame, PictureError>;
 
-    /// How long a frame is shown [s].
+    /// Display time of a frame [s].
     fn seconds(&self, k: usize) -> f64;
 }
 
-/// Frames at hand that are all shown for as long.
+/// Frames in memory with one display time.
 struct Even<'a> {
     frames: &'a [Frame],
     seconds: f64,
@@ -50,7 +50,7 @@ impl Film for Even<'_> {
     }
 }
 
-/// A frame of a film whose first has `size`, which must be that of all.
+/// Frame `k` of a film; an error if its size differs from `size`.
 fn sized(film: &dyn Film, k: usize, size: [usize; 2]) -> Result<Frame, PictureError> {
     let frame = film.picture(k)?;
     let found = [frame.width(), frame.height()];
@@ -76,12 +76,12 @@ fn size_of(film: &dyn Film) -> Result<[usize; 2], PictureError> {
     film.picture(0).map(|frame| [frame.width(), frame.height()])
 }
 
-/// The frames as a GIF that repeats for ever, `seconds` for each frame (in steps of 0.01 s, at least 0.02: browsers
-/// slow down what is faster). One palette for all frames, and of each frame only what changed: small, and without
-/// flicker. The same bytes for the same frames.
+/// The frames as a GIF that repeats without end, `seconds` for each frame (in steps of 0.01 s, at
+/// least 0.02: browsers slow down faster ones). All frames share one palette, and each frame stores
+/// only its changes: small, and without flicker. Equal frames give equal bytes.
 ///
 /// # Errors
-/// No frames, frames of different sizes, or the encoder failed.
+/// No frames, frames of different sizes, or a failure of the encoder.
 pub fn to_gif(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
     write_film_as_gif(&Even { frames, seconds }, &mut bytes)?;
@@ -91,7 +91,7 @@ pub fn to_gif(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> {
 /// Writes a film as a GIF; see [`to_gif`].
 ///
 /// # Errors
-/// Those of [`to_gif`], or a frame that is not there.
+/// Those of [`to_gif`], or a frame that is not available.
 pub fn write_film_as_gif(film: &dyn Film, w: &mut dyn Write) -> Result<(), PictureError> {
     let size = size_of(film)?;
     let shape = PictureError::Shape {
@@ -105,7 +105,7 @@ pub fn write_film_as_gif(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pictu
     for k in 0..film.len() {
         seen.see(&sized(film, k, size)?);
     }
-    // The last index is left for "as before".
+    // The last index is reserved for "unchanged".
     let mut palette = Palette::new(seen, 255);
     let unchanged = u8::try_from(palette.len()).unwrap_or(u8::MAX);
     let mut colours = palette.bytes().to_vec();
@@ -127,11 +127,12 @@ pub fn write_film_as_gif(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pictu
     Ok(())
 }
 
-/// The frames as an animated PNG that repeats for ever, `seconds` for each frame (in steps of 0.001 s, at least 0.01), all
-/// colours as they are, and of each frame only the rectangle that changed. The same bytes for the same frames.
+/// The frames as an animated PNG that repeats without end, `seconds` for each frame (in steps of
+/// 0.001 s, at least 0.01). Colours are exact, and each frame stores only the rectangle that
+/// changed. Equal frames give equal bytes.
 ///
 /// # Errors
-/// No frames, frames of different sizes, or the encoder failed.
+/// No frames, frames of different sizes, or a failure of the encoder.
 pub fn to_apng(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
     write_film_as_apng(&Even { frames, seconds }, &mut bytes)?;
@@ -141,7 +142,7 @@ pub fn to_apng(frames: &[Frame], seconds: f64) -> Result<Vec<u8>, PictureError> 
 /// Writes a film as an animated PNG; see [`to_apng`].
 ///
 /// # Errors
-/// Those of [`to_apng`], or a frame that is not there.
+/// Those of [`to_apng`], or a frame that is not available.
 pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), PictureError> {
     let size = size_of(film)?;
     let count = u32::try_from(film.len()).map_err(|_| PictureError::Shape {
@@ -151,7 +152,7 @@ pub fn write_film_as_apng(film: &dyn Film, w: &mut dyn Write) -> Result<(), Pict
     let mut encoder = png::Encoder::new(w, size[0] as u32, size[1] as u32);
     encoder.set_color(png::ColorType::Rgb);
     encoder.set_depth(png::BitDepth::Eight);
-    // Somebody waits for it.
+    // Fast compression, since the user waits.
     encoder.set_compression(png::Compression::Fast);
     encoder.set_animated(count, 0)?;
     let mut writer = encoder.write_header()?;
@@ -195,7 +196,8 @@ pub fn write_gif(path: &Path, frames: &[Frame], seconds: f64) -> Result<(), Pict
     })
 }
 
-/// Left, top, right and bottom of what changed, the latter two behind it; a pixel where nothing did.
+/// Left, top, right and bottom of the changed rectangle, the latter two exclusive; one pixel if
+/// nothing changed.
 fn rectangle([width, height]: [usize; 2], changed: impl Fn(usize) -> bool) -> [usize; 4] {
     let (mut left, mut top, mut right, mut bottom) = (width, height, 0, 0);
     for (x, y) in (0..height)
@@ -204,7 +206,7 @@ fn rectangle([width, height]: [usize; 2], changed: impl Fn(usize) -> bool) -> [u
     {
         (left, top, right, bottom) = (left.min(x), top.min(y), right.max(x + 1), bottom.max(y + 1));
     }
-    // A frame has to have a pixel.
+    // A frame has at least one pixel.
     if right == 0 {
         [0, 0, 1, 1]
     } else {
@@ -212,8 +214,7 @@ fn rectangle([width, height]: [usize; 2], changed: impl Fn(usize) -> bool) -> [u
     }
 }
 
-/// The rectangle that changed, with what did not change inside it marked as such: long runs of one index, which pack
-/// well.
+/// The changed rectangle, with its unchanged pixels marked: long runs of one index compress well.
 fn difference(
     before: Option<&[u8]>,
     now: &[u8],
@@ -227,7 +228,7 @@ fn difference(
         .flat_map(|y| (left..right).map(move |x| y * width + x))
         .map(|at| if changed(at) { now[at] } else { unchanged })
         .collect();
-    // The sides were checked to fit.
+    // The sides are already checked.
     let [left, top, width, height] =
         [left, top, right - left, bottom - top].map(|s| u16::try_from(s).unwrap_or(0));
     gif::Frame {
@@ -246,7 +247,7 @@ fn difference(
 mod tests {
     use super::*;
 
-    /// The frames as a viewer shows them.
+    /// The frames as a viewer displays them.
     fn shown(bytes: &[u8]) -> Vec<Vec<[u8; 3]>> {
         let mut decoder = gif::Decoder::new(bytes).expect("reads");
         let (width, height) = (usize::from(decoder.width()), usize::from(decoder.height()));
@@ -283,7 +284,7 @@ mod tests {
         }
     }
 
-    /// The frames of an animated PNG as a viewer shows them, and their delays [ms].
+    /// The frames of an animated PNG as a viewer displays them, and their delays [ms].
     fn played(bytes: &[u8]) -> Vec<(Vec<[u8; 3]>, u32)> {
         let mut reader = png::Decoder::new(std::io::Cursor::new(bytes))
             .read_info()
@@ -337,7 +338,7 @@ mod tests {
             assert_eq!((shown.as_slice(), *delay), (frame.pixels(), 80));
         }
         assert_ne!(played[0].0, frames[1].pixels(), "control: another frame");
-        // What does not change costs next to nothing.
+        // Unchanged frames are almost free.
         let still = to_apng(&vec![frames[0].clone(); 20], 0.08).expect("encodes");
         let one = to_apng(&frames[..1], 0.08).expect("encodes");
         assert!(

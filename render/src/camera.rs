@@ -1,25 +1,26 @@
-//! Where a picture is taken from.
+//! Position and projection of a camera.
 
 use nalgebra::{Point3, Vector3};
 
 use super::lighting::unit;
 
-/// The largest width or height of a picture \[px\]. Larger wishes are cut to it.
+/// Greatest width or height of a picture \[px\]; larger values are clamped.
 pub const MAX_SIDE: u32 = 8192;
 
-/// The size of a picture \[px\], and what of it is kept free of the scene (for a legend, a caption).
+/// Size of a picture \[px\], and margins that the scene leaves free (for a legend or a caption).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Canvas {
     /// Width of the picture \[px\].
     pub width: u32,
     /// Height of the picture \[px\].
     pub height: u32,
-    /// Kept free at the left, top, right, bottom \[px\].
+    /// Margins at the left, top, right, bottom \[px\].
     pub insets: [f64; 4],
 }
 
 impl Canvas {
-    /// A canvas with a margin of 4 % of its smaller side all round. Sides are cut to 1..=[`MAX_SIDE`].
+    /// A canvas with a margin of 4 % of its smaller side on all sides. Sides are clamped to
+    /// 1..=[`MAX_SIDE`].
     pub fn new(width: u32, height: u32) -> Self {
         let (width, height) = (width.clamp(1, MAX_SIDE), height.clamp(1, MAX_SIDE));
         let margin = 0.04 * f64::from(width.min(height));
@@ -30,19 +31,20 @@ impl Canvas {
         }
     }
 
-    /// Keeps `pixels` \[px\] more free at the right, as a legend needs.
+    /// Adds `pixels` \[px\] to the right margin, for a legend.
     pub fn with_right(mut self, pixels: f64) -> Self {
         self.insets[2] += pixels;
         self
     }
 
-    /// Keeps `pixels` \[px\] more free at the top, as a caption needs.
+    /// Adds `pixels` \[px\] to the top margin, for a caption.
     pub fn with_top(mut self, pixels: f64) -> Self {
         self.insets[1] += pixels;
         self
     }
 
-    /// Centre and size of what is left for the scene \[px\]; the whole picture where the insets leave nothing.
+    /// Centre and size of the area for the scene \[px\]; the whole picture where the margins leave
+    /// nothing.
     fn free(&self) -> ([f64; 2], [f64; 2]) {
         let [left, top, right, bottom] = self.insets.map(|inset| {
             if inset.is_finite() {
@@ -65,15 +67,16 @@ impl Canvas {
     }
 }
 
-/// How depth is drawn.
+/// Projection.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Lens {
-    /// Parallel rays: lengths can be compared anywhere in the picture.
+    /// Parallel rays: lengths are comparable everywhere in the picture.
     #[default]
     Orthographic,
-    /// Rays through one eye.
+    /// Rays through one point.
     Perspective {
-        /// Angle of view over the height of the free part of the canvas \[rad\]; cut to 0.01..=2.5.
+        /// Angle of view over the height of the free part of the canvas \[rad\]; clamped to
+        /// 0.01..=2.5.
         angle: f64,
     },
 }
@@ -81,9 +84,10 @@ pub enum Lens {
 /// The direction of a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// From the scene to the viewer; any length. Zero or not finite: +z.
+    /// From the scene to the viewer, of any length; +z if zero or not finite.
     pub from: Vector3<f64>,
-    /// What points up in the picture; any length. Parallel to `from` or not finite: an axis that is not.
+    /// Up direction in the picture, of any length; another axis if parallel to `from` or not
+    /// finite.
     pub up: Vector3<f64>,
     /// Parallel rays or perspective.
     pub lens: Lens,
@@ -99,7 +103,7 @@ impl View {
         }
     }
 
-    /// A view with a lens of 0.6 rad, as a short telephoto lens: little distortion.
+    /// A view with a lens of 0.6 rad, like a short telephoto lens: little distortion.
     pub fn perspective(from: Vector3<f64>, up: Vector3<f64>) -> Self {
         Self {
             from,
@@ -108,12 +112,12 @@ impl View {
         }
     }
 
-    /// Right, up and sight, orthonormal.
+    /// Right, up and viewing direction, orthonormal.
     fn axes(&self) -> [Vector3<f64>; 3] {
         let back = unit(self.from).unwrap_or_else(Vector3::z);
         let level = |up: Vector3<f64>| {
             let side = unit(up)?.cross(&back);
-            // Below this sine of the angle between them, `up` says too little about the horizon.
+            // Below this sine of the angle between them, `up` does not define a horizon.
             if side.norm() > 1e-6 { unit(side) } else { None }
         };
         let right = [self.up, Vector3::y(), Vector3::z()]
@@ -124,26 +128,27 @@ impl View {
     }
 }
 
-/// A camera: takes points of space to pixels.
+/// A camera: maps points of space to pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     pub(super) canvas: Canvas,
     pub(super) eye: Point3<f64>,
-    /// Right, up, sight: orthonormal.
+    /// Right, up, viewing direction: orthonormal.
     pub(super) axes: [Vector3<f64>; 3],
     pub(super) perspective: bool,
-    /// Pixels for a metre (parallel rays), or for a metre at a depth of 1 m (perspective).
+    /// Pixels per metre (parallel rays), or per metre at a depth of 1 m (perspective).
     pub(super) scale: f64,
     /// The pixel of the point straight ahead.
     pub(super) centre: [f64; 2],
-    /// What is nearer to the eye than this is cut off \[m\]; perspective only.
+    /// Parts nearer to the eye than this are clipped \[m\]; perspective only.
     pub(super) near: f64,
 }
 
 impl Camera {
-    /// The camera that sees all `points` \[m\], as large as fits into the free part of the canvas. For an animation,
-    /// give the points of all its frames. Points that are not finite, or so far off that their squares are not, are
-    /// left out; with no point left, or with all at one place, a cube of 1 m is shown.
+    /// The camera with all `points` \[m\] in the free area of the canvas, as large as possible. For
+    /// an animation, give the points of all frames. Points that are not finite, or whose squares
+    /// are not, are left out. Without a point, or with all points at one place, the camera shows a
+    /// cube of 1 m.
     pub fn fit(points: impl IntoIterator<Item = Point3<f64>>, view: &View, canvas: Canvas) -> Self {
         let canvas = Canvas {
             width: canvas.width.clamp(1, MAX_SIDE),
@@ -183,7 +188,7 @@ impl Camera {
                     .into_iter()
                     .filter(|s| s.is_finite())
                     .fold(f64::INFINITY, f64::min);
-                // All points on one line of sight: any scale fits, show as much as their depth.
+                // All points on one line of sight: any scale fits; use their depth.
                 let scale = if scale.is_finite() {
                     scale
                 } else {
@@ -240,8 +245,8 @@ impl Camera {
         [self.axes[0], self.axes[1]]
     }
 
-    /// The pixel (right, down) \[px\] of a point and its depth along the line of sight \[m\]. `None` for what lies
-    /// behind the eye or has no finite pixel.
+    /// The pixel (right, down) \[px\] of a point and its depth along the line of sight \[m\].
+    /// `None` for a point behind the eye or without a finite pixel.
     pub fn pixel(&self, point: &Point3<f64>) -> Option<([f64; 2], f64)> {
         let from_eye = point - self.eye;
         let depth = self.axes[2].dot(&from_eye);
@@ -279,7 +284,8 @@ mod tests {
     }
 
     proptest! {
-        /// Every point lands in the free part of the canvas, and the fit is tight: something touches its border.
+        /// Every point is in the free area of the canvas, and the fit is tight: some point touches
+        /// its border.
         #[test]
         fn fits(points in prop::collection::vec(point(), 2..20), from in point(), up in point(),
                 scale in prop::sample::select(vec![1e-6, 1.0, 1e6]), perspective in any::<bool>()) {

@@ -1,13 +1,14 @@
-//! Cutting triangles and segments to what can be drawn, before any division by depth.
+//! Clipping of triangles and segments before any division by depth.
 //!
-//! The cut is at the near plane and at a guard band one picture wide all round, not at the border of the picture
-//! itself: most triangles then need no cut, and the rasteriser clips the rest row by row in integers.
+//! The planes are the near plane and those of a guard band one picture wide on all sides, not the
+//! border of the picture. Most triangles then need no clipping, and the rasteriser clips the rest
+//! row by row in integers.
 
 use nalgebra::Point3;
 
 use super::camera::Camera;
 
-/// Coordinates relative to the eye are multiplied by this power of two (exactly), so that sums and products of the
+/// Exact scale of coordinates relative to the eye, a power of two, so that sums and products of the
 /// largest finite coordinates stay finite.
 pub(super) const SAFE: f64 = 1.0 / (1u64 << 40) as f64;
 
@@ -16,12 +17,13 @@ pub(super) const SAFE: f64 = 1.0 / (1u64 << 40) as f64;
 pub(super) struct EyeVertex {
     /// Right, up, depth, in units of 1 / [`SAFE`] m.
     pub place: [f64; 3],
-    /// Brightness of the front, brightness of the back, place in the range of the field, cosine to the viewer.
+    /// Brightness of the front, brightness of the back, position in the range of the field, cosine
+    /// to the viewer.
     pub shade: [f32; 4],
 }
 
 impl EyeVertex {
-    /// `None` for what is not finite.
+    /// `None` for coordinates that are not finite.
     pub fn new(camera: &Camera, point: &Point3<f64>, shade: [f32; 4]) -> Option<Self> {
         let from_eye = (point * SAFE) - (camera.eye * SAFE);
         let place = camera.axes.map(|axis| axis.dot(&from_eye));
@@ -31,7 +33,8 @@ impl EyeVertex {
             .then_some(Self { place, shade })
     }
 
-    /// Halfway where `t` is 0.5. As a weighted sum, not `a + t (b - a)`: the difference may not be finite.
+    /// Interpolates; `t` = 0.5 is halfway. A weighted sum, not `a + t (b - a)`: the difference can
+    /// overflow.
     fn between(inside: &Self, outside: &Self, t: f64) -> Self {
         let mix = |a: f64, b: f64| a * (1.0 - t) + b * t;
         Self {
@@ -43,7 +46,7 @@ impl EyeVertex {
     }
 }
 
-/// The most corners a triangle has after five cuts.
+/// Greatest number of corners of a triangle after five cuts.
 const MOST_CORNERS: usize = 8;
 
 /// A convex polygon.
@@ -62,7 +65,8 @@ impl Polygon {
     }
 
     fn push(&mut self, corner: EyeVertex) {
-        // Rounding could cut a needle of a polygon twice by one plane; the corner too many is off the picture.
+        // Rounding could cut a thin polygon twice by one plane; the surplus corner is outside the
+        // picture.
         if self.count < MOST_CORNERS {
             self.corners[self.count] = corner;
             self.count += 1;
@@ -85,7 +89,8 @@ impl Clipper {
     pub fn new(camera: &Camera) -> Self {
         let [width, height] = [camera.canvas.width, camera.canvas.height].map(f64::from);
         let [x, y] = camera.centre;
-        // Where a side plane lies: beside the axis, over the depth (perspective) or everywhere (parallel rays).
+        // Position of a side plane: its distance from the axis per depth (perspective), or
+        // everywhere (parallel rays).
         let side = |right: f64, up: f64, pixels: f64| {
             let beside = pixels / camera.scale;
             if camera.perspective {
@@ -106,7 +111,7 @@ impl Clipper {
         Self { planes }
     }
 
-    /// The part of a triangle inside; fewer than 3 corners if there is none.
+    /// The part of a triangle inside; fewer than 3 corners if it is empty.
     pub fn triangle(&self, triangle: &[EyeVertex; 3]) -> Polygon {
         let mut polygon = Polygon::empty(triangle[0]);
         triangle.iter().for_each(|corner| polygon.push(*corner));
@@ -151,8 +156,8 @@ fn height(plane: &[f64; 4], vertex: &EyeVertex) -> f64 {
     plane[0] * x + plane[1] * y + plane[2] * z + plane[3]
 }
 
-/// Where an edge crosses a plane. Computed from the inner end whatever the order, so that the two triangles at an
-/// edge are cut at the same bits and still fit together.
+/// Intersection of an edge and a plane. It is always computed from the inner end, so that both
+/// triangles at an edge get the same bits.
 fn crossing(plane: &[f64; 4], from: &EyeVertex, to: &EyeVertex) -> Option<EyeVertex> {
     let (a, b) = (height(plane, from), height(plane, to));
     let (inside, outside, a, b) = match (a >= 0.0, b >= 0.0) {
@@ -191,8 +196,8 @@ mod tests {
     }
 
     proptest! {
-        /// What is left is convex around the picture's axis, within the planes, and of at most 8 corners; the shared
-        /// edge of two triangles is cut at the same bits from both.
+        /// The clipped polygon is convex around the picture's axis, within the planes, and has at
+        /// most 8 corners; both triangles at an edge are cut at the same bits.
         #[test]
         fn a_cut_stays_inside_and_fits_its_neighbour(a in vertex(), b in vertex(), c in vertex(), perspective in any::<bool>()) {
             let clipper = Clipper::new(&camera(perspective));

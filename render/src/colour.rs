@@ -3,7 +3,7 @@
 /// A colour: red, green, blue in 0..1, in the sRGB space of a screen.
 pub type Rgb = [f32; 3];
 
-/// What is drawn where a field has no number: a grey that no map contains.
+/// Colour for a field without a value: a grey that no map contains.
 pub const NO_VALUE: Rgb = [0.55, 0.55, 0.55];
 
 /// Muscle, for surfaces without a field.
@@ -15,31 +15,32 @@ pub const BONE: Rgb = [0.91, 0.86, 0.74];
 /// Fibres on a muscle.
 pub const FIBRE: Rgb = [0.99, 0.91, 0.83];
 
-/// How a number becomes a colour.
+/// Map from numbers to colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ColourMap {
-    /// Dark blue, green, yellow: lightness rises evenly, so that equal steps of the field look equal and a grey
-    /// print keeps the order. For fields that have no special middle.
+    /// Dark blue, green, yellow: lightness increases uniformly, so equal steps of the field look
+    /// equal and a grey print keeps the order. For fields without a special middle.
     #[default]
     Viridis,
     /// Blue, light grey, red. For fields with a zero in the middle of their range, such as strain.
     Diverging,
 }
 
-/// Viridis at 16 even steps; straight lines between them differ from the full table by less than the eye sees.
+/// Viridis at 16 equal steps; linear interpolation differs from the full table by less than is
+/// visible.
 const VIRIDIS: [u32; 16] = [
     0x44_01_54, 0x48_1a_6c, 0x47_2f_7d, 0x41_44_87, 0x39_56_8c, 0x31_68_8e, 0x2a_78_8e, 0x23_88_8e,
     0x1f_98_8b, 0x22_a8_84, 0x35_b7_79, 0x54_c5_68, 0x7a_d1_51, 0xa5_db_36, 0xd2_e2_1b, 0xfd_e7_25,
 ];
 
-/// Cool to warm at 9 even steps: lightness rises to the middle and falls again by as much.
+/// Cool to warm at 9 equal steps: lightness increases to the middle and decreases symmetrically.
 const DIVERGING: [u32; 9] = [
     0x3b_4c_c0, 0x62_82_ea, 0x8d_b0_fe, 0xb8_d0_f9, 0xdd_dd_dd, 0xf5_c4_ad, 0xf4_9a_7b, 0xde_60_4d,
     0xb4_04_26,
 ];
 
 impl ColourMap {
-    /// The colour at `t` of 0..1; outside, the colour of the nearer end; for NaN, [`NO_VALUE`].
+    /// The colour at `t` in 0..1; outside, the colour of the nearer end; for NaN, [`NO_VALUE`].
     pub fn colour(self, t: f64) -> Rgb {
         if t.is_nan() {
             return NO_VALUE;
@@ -56,8 +57,8 @@ impl ColourMap {
         std::array::from_fn(|k| from[k] + (to[k] - from[k]) * blend)
     }
 
-    /// Where `value` lies in `range`, 0 at its start and 1 at its end; NaN if the value or the range is no number.
-    /// A range of no width puts what lies on it in the middle.
+    /// Position of `value` in `range`, 0 at its start and 1 at its end; NaN if the value or the
+    /// range is NaN. A value on a range of zero width is in the middle.
     pub fn place(value: f64, range: (f64, f64)) -> f64 {
         let (start, end) = range;
         if start == end {
@@ -68,7 +69,7 @@ impl ColourMap {
                 None => f64::NAN,
             };
         }
-        // Halves: the width of a range from -f64::MAX to f64::MAX is no finite number.
+        // Halves: the width of a range from -f64::MAX to f64::MAX is not finite.
         (value / 2.0 - start / 2.0) / (end / 2.0 - start / 2.0)
     }
 }
@@ -80,7 +81,7 @@ fn unpack(hex: u32) -> Rgb {
 
 /// The bytes of a colour, rounded.
 pub(super) fn quantise(colour: Rgb) -> [u8; 3] {
-    // `as` saturates, and takes NaN to 0: both are wanted.
+    // `as` saturates and maps NaN to 0, as intended.
     colour.map(|c| (c * 255.0 + 0.5) as u8)
 }
 

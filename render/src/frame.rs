@@ -1,20 +1,20 @@
-//! A finished picture, and its PNG.
+//! A picture, and its PNG.
 
 use super::camera::MAX_SIDE;
 use super::colour::{Rgb, mix, quantise};
 
-/// How much of what lies behind text is taken away.
+/// Strength of the pale background behind text.
 const PALE: f32 = 0.8;
 
-/// Why a picture could not be written.
+/// Error of writing a picture.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The file could not be written.
+    /// The file cannot be written.
     #[error("cannot write the picture {path}")]
     Write {
         /// The file.
         path: std::path::PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The PNG encoder failed.
@@ -23,17 +23,17 @@ pub enum PictureError {
     /// The GIF encoder failed.
     #[error("cannot encode a GIF")]
     Gif(#[from] gif::EncodingError),
-    /// A frame of an animation has another size than its first.
+    /// A frame of an animation has another size than the first.
     #[error("frame {frame} has {found:?} pixels, the first frame {expected:?}")]
     Size {
-        /// Number of the frame, from 0.
+        /// Index of the frame, from 0.
         frame: usize,
         /// Width and height of the frame \[px\].
         found: [usize; 2],
         /// Width and height of the first frame \[px\].
         expected: [usize; 2],
     },
-    /// A GIF holds at most 65,535 pixels a side, and any animation at least one frame.
+    /// A GIF has at most 65,535 pixels per side, and any animation at least one frame.
     #[error("an animation of {frames} frames of {size:?} pixels cannot be")]
     Shape {
         /// Number of frames.
@@ -44,10 +44,10 @@ pub enum PictureError {
 }
 
 impl PictureError {
-    /// The error of the writer behind an encoder.
+    /// The error of the writer inside an encoder error.
     ///
     /// # Errors
-    /// Itself where no writer failed.
+    /// The error itself if it contains no writer error.
     pub fn into_io(self) -> Result<std::io::Error, Self> {
         match self {
             Self::Gif(gif::EncodingError::Io(source))
@@ -57,7 +57,7 @@ impl PictureError {
     }
 }
 
-/// A picture: rows of pixels from the top, each from the left.
+/// A picture: rows of pixels from top to bottom, each from left to right.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Frame {
     width: usize,
@@ -67,14 +67,14 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A picture of one colour. Sides are cut to 1..=[`MAX_SIDE`].
+    /// A picture of one colour. Sides are clamped to 1..=[`MAX_SIDE`].
     pub fn plain(width: u32, height: u32, colour: Rgb) -> Self {
         let [width, height] = [width, height].map(|side| side.clamp(1, MAX_SIDE) as usize);
         Self::from_pixels(width, height, vec![quantise(colour); width * height], 0)
     }
 
-    /// A picture of bytes, red, green and blue a pixel, rows from the top; `None` where their number does not fit its size, or
-    /// a side is not of 1..=[`MAX_SIDE`].
+    /// A picture from bytes: red, green and blue of each pixel, rows from the top. `None` if their
+    /// number does not match the size, or a side is outside 1..=[`MAX_SIDE`].
     pub fn from_rgb(width: usize, height: usize, rgb: &[u8]) -> Option<Self> {
         let (pixels, rest) = rgb.as_chunks::<3>();
         let fits = [width, height]
@@ -109,7 +109,8 @@ impl Frame {
         self.height
     }
 
-    /// Triangles and segments left out of the picture because a coordinate is not finite or a vertex is missing.
+    /// Number of triangles and segments left out because of a coordinate that is not finite or a
+    /// missing vertex.
     pub fn dropped(&self) -> usize {
         self.dropped
     }
@@ -128,7 +129,8 @@ impl Frame {
         }
     }
 
-    /// Lays a colour over a pixel: `amount` 1 replaces it. Outside the picture nothing happens.
+    /// Blends a colour over a pixel: `amount` 1 replaces it. Pixels outside the picture are
+    /// ignored.
     pub(super) fn blend(&mut self, column: i64, row: i64, colour: Rgb, amount: f32) {
         let (Ok(column), Ok(row)) = (usize::try_from(column), usize::try_from(row)) else {
             return;
@@ -139,7 +141,7 @@ impl Frame {
         }
     }
 
-    /// Pales a rectangle, so that dark text can be read over whatever is there.
+    /// Brightens a rectangle, so that dark text is readable on any background.
     pub(super) fn pale(&mut self, columns: std::ops::Range<i64>, rows: std::ops::Range<i64>) {
         for row in rows.start.max(0)..rows.end.min(self.height as i64) {
             for column in columns.start.max(0)..columns.end.min(self.width as i64) {
@@ -148,7 +150,7 @@ impl Frame {
         }
     }
 
-    /// Fills a rectangle; what lies outside the picture is cut off.
+    /// Fills a rectangle, clipped to the picture.
     pub(super) fn rectangle(
         &mut self,
         columns: std::ops::Range<i64>,
@@ -162,7 +164,8 @@ impl Frame {
         }
     }
 
-    /// Lays another picture over this one, its upper left corner at a column and row; what lies outside is cut off.
+    /// Copies another picture over this one, with its upper left corner at a column and row,
+    /// clipped to the picture.
     pub fn paste(&mut self, column: usize, row: usize, other: &Self) {
         let width = other.width.min(self.width.saturating_sub(column));
         for (down, line) in other
@@ -179,7 +182,7 @@ impl Frame {
         self.dropped += other.dropped;
     }
 
-    /// Puts pictures side by side, `gap` pixels of `colour` between them, from the top.
+    /// Pictures side by side, aligned at the top, with `gap` pixels of `colour` in between.
     pub fn beside(frames: &[Self], gap: usize, colour: Rgb) -> Self {
         let width =
             frames.iter().map(Self::width).sum::<usize>() + gap * frames.len().saturating_sub(1);
@@ -200,10 +203,10 @@ impl Frame {
         }
     }
 
-    /// The picture as a PNG, the same bytes for the same pixels.
+    /// The picture as a PNG; equal pixels give equal bytes.
     ///
     /// # Errors
-    /// The encoder failed.
+    /// A failure of the encoder.
     pub fn to_png(&self) -> Result<Vec<u8>, PictureError> {
         let mut bytes = Vec::new();
         let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);

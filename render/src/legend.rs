@@ -1,4 +1,4 @@
-//! The colour bar that says what the colours of a field mean.
+//! The colour bar of a field.
 
 use super::colour::{ColourMap, Rgb};
 use super::frame::Frame;
@@ -9,23 +9,23 @@ const INK: Rgb = [0.16, 0.17, 0.19];
 const TICK: i64 = 5;
 const GAP: i64 = 6;
 const MARGIN: i64 = 20;
-/// A mark reaches so far beyond the bar on both sides [px].
+/// Length of a mark beyond the bar on both sides [px].
 const MARK: i64 = 3;
 
 /// A colour bar with its title and unit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Legend {
-    /// What the field is.
+    /// Name of the field.
     pub title: String,
-    /// Its unit; empty for none.
+    /// Unit of the field; empty for none.
     pub unit: String,
-    /// What the two ends of the bar stand for, as for the surface.
+    /// Values at the two ends of the bar, as for the surface.
     pub range: (f64, f64),
     /// The colours, as for the surface.
     pub map: ColourMap,
-    /// The size of its text and bar.
+    /// Size of the text and the bar.
     pub style: TextStyle,
-    /// A value that is marked across the bar, and how; not where it is outside of the range.
+    /// A marked value and its colour; values outside the range are not marked.
     pub mark: Option<(f64, Rgb)>,
 }
 
@@ -47,7 +47,7 @@ impl Legend {
         }
     }
 
-    /// The same with large text, for a picture that will be shown smaller than it is.
+    /// The same with large text, for a picture that is displayed at a smaller size.
     pub fn large(self) -> Self {
         Self {
             style: TextStyle::Large,
@@ -55,7 +55,7 @@ impl Legend {
         }
     }
 
-    /// The same with a value marked across the bar.
+    /// The same with a marked value.
     pub fn with_mark(self, value: f64, colour: Rgb) -> Self {
         Self {
             mark: Some((value, colour)),
@@ -83,7 +83,7 @@ impl Legend {
         Ticks::linear(self.range, 6)
     }
 
-    /// The width that the legend needs at the right of a picture \[px\]: give it to [`super::Canvas::with_right`].
+    /// The width of the legend at the right of a picture \[px\], for [`super::Canvas::with_right`].
     pub fn width(&self) -> f64 {
         let style = self.style;
         let labels = self

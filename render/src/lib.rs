@@ -1,8 +1,10 @@
-//! The software renderer: pictures of meshes, fibres and fields, with no GPU and no window.
+//! The software renderer: pictures of meshes, fibres and fields, without a GPU and without a
+//! window.
 //!
-//! A [`Drawing`] is what there is to see, a [`Camera`] where from, a [`Frame`] the picture. Opaque surfaces and lines
-//! go through a depth buffer with four samples a pixel; translucent surfaces (bones) are laid over them, the nearest
-//! two layers of front faces. Brightness is interpolated between vertices (Gouraud) and follows Lambert's law.
+//! A [`Drawing`] contains the objects, a [`Camera`] the projection, a [`Frame`] the picture. Opaque
+//! surfaces and lines use a depth buffer with four samples per pixel. The nearest two layers of
+//! translucent front faces (bones) are blended over them. Brightness is interpolated between
+//! vertices (Gouraud) and follows Lambert's law.
 //!
 //! ```
 //! use nalgebra::{Point3, Vector3};
@@ -17,10 +19,10 @@
 //! # Ok::<(), pliant_render::PictureError>(())
 //! ```
 //!
-//! *Limitations.* No shadows, no highlights; a third translucent layer behind two others is not seen; lines are not
-//! translucent but where they are seen through their own surface, the fainter the deeper. The bytes are the same for any
-//! number of threads and any order of surfaces; another order of the triangles in one surface changes its normals by
-//! rounding, and so a byte here and there.
+//! *Limitations.* There are no shadows and no highlights. A third translucent layer behind two
+//! others is invisible. Lines are opaque except inside their own surface, where they are fainter
+//! with depth. The bytes are the same for any number of threads and any order of surfaces. Another
+//! order of the triangles in one surface changes its normals by rounding, and so some bytes.
 #![cfg_attr(not(test), warn(clippy::unwrap_used))]
 
 mod animation;
@@ -52,24 +54,26 @@ use nalgebra::Point3;
 use clip::EyeVertex;
 use screen::{Paint, Screen};
 
-/// What a surface is coloured by.
+/// Colour of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SurfaceColour<'a> {
     /// One colour.
     Plain(Rgb),
-    /// A number at each vertex. Shaded less than a plain colour, so that the colours can be read in the shade too.
+    /// A number at each vertex. The shading is weaker than for a plain colour, so that the colours
+    /// are readable in the shade.
     Field {
         /// Values, shape `[vertex_count]`, in the unit of `range`. NaN or missing: grey.
         values: &'a [f64],
-        /// What the two ends of the map stand for.
+        /// Values at the two ends of the map.
         range: (f64, f64),
         /// The colours.
         map: ColourMap,
     },
 }
 
-/// A triangle mesh to draw. Both sides of an opaque one are lit; of a translucent one only triangles that are
-/// counter-clockwise to the viewer are drawn (of a closed mesh that is inside out, the others).
+/// A triangle mesh to draw. Both sides of an opaque mesh are lit. Of a translucent one only
+/// triangles counter-clockwise to the viewer are drawn (of a closed mesh that is inside out, the
+/// others).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface<'a> {
     /// Vertex positions \[m\], shape `[vertex_count]`.
@@ -109,7 +113,7 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// The same surface, translucent.
+    /// The same surface with an opacity.
     pub fn with_opacity(mut self, opacity: f32) -> Self {
         self.opacity = if opacity.is_nan() {
             1.0
@@ -125,19 +129,20 @@ impl<'a> Surface<'a> {
 pub struct Lines<'a> {
     /// Points along each line \[m\].
     pub polylines: &'a [Vec<Point3<f64>>],
-    /// One colour for all.
+    /// Colour of all lines.
     pub colour: Rgb,
-    /// Width \[px\]; about 1.5 looks well.
+    /// Width \[px\]; 1.5 is a good value.
     pub width: f64,
-    /// How far the lines are brought to the viewer \[px\], so that one that lies on a surface is not half hidden in it.
+    /// Offset of the lines towards the viewer \[px\], so that a line on a surface is not half
+    /// hidden.
     pub lift: f64,
-    /// The opaque surface, by its index in the drawing, through which the lines are seen where they lie inside it;
-    /// they are hidden behind everything else.
+    /// Index of the opaque surface in the drawing through which the lines are visible where they
+    /// lie inside it; everything else hides them.
     pub through: Option<usize>,
 }
 
 impl<'a> Lines<'a> {
-    /// Lines of 1.5 px, brought forward by 2 px.
+    /// Lines of 1.5 px, offset by 2 px towards the viewer.
     pub fn new(polylines: &'a [Vec<Point3<f64>>], colour: Rgb) -> Self {
         Self {
             polylines,
@@ -148,28 +153,28 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The same lines, seen through an opaque surface of the drawing.
+    /// The same lines, visible through an opaque surface of the drawing.
     pub fn seen_through(mut self, surface: usize) -> Self {
         self.through = Some(surface);
         self
     }
 }
 
-/// What there is to see.
+/// The objects of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawing<'a> {
     /// Meshes, in any order.
     pub surfaces: Vec<Surface<'a>>,
     /// Lines, in any order.
     pub lines: Vec<Lines<'a>>,
-    /// What is behind everything.
+    /// Background colour.
     pub background: Rgb,
-    /// The lights; `None`: [`Lighting::studio`].
+    /// The lights; `None` means [`Lighting::studio`].
     pub lighting: Option<Lighting>,
 }
 
 impl<'a> Drawing<'a> {
-    /// Surfaces before white.
+    /// Surfaces on a white background.
     pub fn of(surfaces: impl IntoIterator<Item = Surface<'a>>) -> Self {
         Self {
             surfaces: surfaces.into_iter().collect(),
@@ -186,8 +191,8 @@ impl<'a> Drawing<'a> {
     }
 }
 
-/// Draws a picture. Any numbers are accepted: triangles and segments with a coordinate that is not finite, or with a
-/// vertex that does not exist, are left out and counted in [`Frame::dropped`].
+/// Renders a picture. Triangles and segments with a coordinate that is not finite, or with a
+/// missing vertex, are left out and counted in [`Frame::dropped`].
 pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
     let mut screen = Screen::new(camera);
     let lighting = drawing
@@ -198,7 +203,7 @@ pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
         add_surface(&mut screen, surface, camera, &lighting);
     }
     for lines in &drawing.lines {
-        // Surfaces come first, so the index of one is the number of its paint.
+        // Surfaces come first, so the index of a surface is the index of its paint.
         let host = lines
             .through
             .filter(|s| *s < drawing.surfaces.len())
@@ -208,7 +213,7 @@ pub fn render(drawing: &Drawing, camera: &Camera) -> Frame {
     screen.fill(drawing.background)
 }
 
-/// The share of the shading that a field gets.
+/// Strength of the shading of a field.
 const FIELD_SHADE: f64 = 0.6;
 
 fn add_surface(screen: &mut Screen, surface: &Surface, camera: &Camera, lighting: &Lighting) {
@@ -227,7 +232,7 @@ fn add_surface(screen: &mut Screen, surface: &Surface, camera: &Camera, lighting
     }
 }
 
-/// The vertices as the camera sees them, with the brightness of both sides.
+/// The vertices in camera coordinates, with the brightness of both sides.
 fn lit_vertices(
     surface: &Surface,
     camera: &Camera,
@@ -240,7 +245,7 @@ fn lit_vertices(
         let place = match surface.colour {
             SurfaceColour::Plain(_) => 0.0,
             SurfaceColour::Field { values, range, .. } => {
-                // Far outside is the same as outside; f32 must not overflow.
+                // A value far outside counts as outside; f32 must not overflow.
                 ColourMap::place(values.get(index).copied().unwrap_or(f64::NAN), range)
                     .clamp(-1e6, 1e6)
             }
@@ -269,7 +274,7 @@ fn lit_vertices(
         .collect()
 }
 
-/// Whether the volume that the surface encloses is negative.
+/// True if the surface encloses a negative volume.
 fn is_inside_out(surface: &Surface) -> bool {
     let Some(origin) = surface.positions.first() else {
         return false;

@@ -4,8 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::camera::Camera;
 
-/// A unit vector along `v`; `None` for zero and for what is not finite. Right from 1e-300 to 1e300: the squares of a
-/// plain norm would vanish or overflow.
+/// A unit vector along `v`; `None` for zero and for components that are not finite. Accurate from
+/// 1e-300 to 1e300, where the squares of a plain norm would underflow or overflow.
 pub(super) fn unit(v: Vector3<f64>) -> Option<Vector3<f64>> {
     let largest = v.amax();
     if !(largest.is_finite() && largest > 0.0) || v.iter().any(|c| c.is_nan()) {
@@ -15,9 +15,10 @@ pub(super) fn unit(v: Vector3<f64>) -> Option<Vector3<f64>> {
     Some(scaled / scaled.norm())
 }
 
-/// Vertex normals: the unit normals of the triangles around a vertex, weighted by their angles there, so that they do
-/// not depend on how the surface is cut into triangles. Counter-clockwise triangles point to the viewer. Zero where
-/// none is defined. Triangles that name a missing vertex are left out.
+/// Vertex normals: the unit normals of the triangles around a vertex, weighted by their angles
+/// there, so that they do not depend on the triangulation of a flat surface. Counter-clockwise
+/// triangles face the viewer. Zero where no normal is defined. Triangles with a missing vertex are
+/// left out.
 pub fn vertex_normals(positions: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<Vector3<f64>> {
     let mut normals = vec![Vector3::zeros(); positions.len()];
     for &triangle in triangles {
@@ -53,21 +54,21 @@ fn corner_angle(u: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
 /// A light.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Light {
-    /// So far off that its direction (from the scene to the light, unit) is the same everywhere.
+    /// A distant light with a constant unit direction from the scene to the light.
     Distant(Vector3<f64>),
-    /// At a place \[m\].
+    /// A light at a point \[m\].
     At(Point3<f64>),
 }
 
 impl Light {
-    /// Lambert's law: the cosine between the normal (unit) and the direction to the light; 0 where the light is
-    /// behind the surface.
+    /// Lambert's law: the cosine between the unit normal and the direction to the light; 0 where
+    /// the light is behind the surface.
     pub fn cosine(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         let direction = match self {
             Self::Distant(direction) => Some(*direction),
             Self::At(place) => unit(place - point),
         };
-        // `max` takes NaN to 0.
+        // `max` maps NaN to 0.
         direction.map_or(0.0, |d| normal.dot(&d)).max(0.0)
     }
 }
@@ -75,15 +76,15 @@ impl Light {
 /// The lights of a picture: brightness = ambient + sum of strength times cosine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lighting {
-    /// Brightness where no light falls.
+    /// Brightness without any light.
     pub ambient: f64,
     /// Lights and their strengths.
     pub lights: Vec<(Light, f64)>,
 }
 
 impl Lighting {
-    /// A light at the viewer, one from the upper left that gives shape, and a faint one from the right that lifts the
-    /// shadows.
+    /// A light at the viewer, one from the upper left for the shape, and a weak one from the right
+    /// for the shadows.
     pub fn studio(camera: &Camera) -> Self {
         let head = camera.towards_viewer();
         let [right, up] = camera.right_and_up();
@@ -102,7 +103,7 @@ impl Lighting {
         }
     }
 
-    /// The brightness of a surface point with this unit normal, of its front.
+    /// The brightness of the front of a surface point with this unit normal.
     pub fn brightness(&self, point: &Point3<f64>, normal: &Vector3<f64>) -> f64 {
         self.ambient
             + self
@@ -133,7 +134,7 @@ mod tests {
         assert_eq!(unit(Vector3::new(1.0, f64::NEG_INFINITY, 0.0)), None);
     }
 
-    /// A cube corner has the same normal however its faces are cut in two.
+    /// A cube corner has the same normal for any triangulation of its faces.
     #[test]
     fn normals_do_not_depend_on_the_triangulation() {
         let cube: Vec<Point3<f64>> = (0..8)

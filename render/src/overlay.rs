@@ -1,16 +1,17 @@
-//! Pictures of one scene as a first picture and overlays: what stays the same is kept once.
+//! Pictures of one scene as a first picture with overlays: unchanged pixels are stored once.
 
 use rayon::prelude::*;
 
 use super::frame::{Frame, PictureError};
 use super::palette::Palette;
 
-/// The first frame as a PNG, and of each other frame one that is transparent where it equals the first: laid over the
-/// first it is the frame. At most 255 colours for all. Where little moves the overlays are small. The same bytes for the
-/// same frames and any number of threads; none for no frames.
+/// The first frame as a PNG, and for each other frame a PNG that is transparent where the frame
+/// equals the first; over the first it gives the frame. All frames share at most 255 colours. The
+/// overlays are small where little moves. Equal frames give equal bytes for any number of threads;
+/// the result is empty for no frames.
 ///
 /// # Errors
-/// Frames of different sizes, or the encoder failed.
+/// Frames of different sizes, or a failure of the encoder.
 pub fn to_overlays(frames: &[Frame]) -> Result<Vec<Vec<u8>>, PictureError> {
     let mut palette = Palette::of(frames, 255);
     let mut indices: Vec<Vec<u8>> = Vec::with_capacity(frames.len());
@@ -23,7 +24,7 @@ pub fn to_overlays(frames: &[Frame]) -> Result<Vec<Vec<u8>>, PictureError> {
                 expected,
             });
         }
-        // The first index is left for "as in the first".
+        // The first index is reserved for "as in the first".
         indices.push(
             frame
                 .pixels()
@@ -51,21 +52,21 @@ pub fn to_overlays(frames: &[Frame]) -> Result<Vec<Vec<u8>>, PictureError> {
         .collect()
 }
 
-/// A PNG of indices into colours, the first of which is transparent.
+/// A PNG of colour indices; the first colour is transparent.
 fn to_png(
     indices: &[u8],
     [width, height]: [usize; 2],
     colours: &[u8],
 ) -> Result<Vec<u8>, PictureError> {
     let mut bytes = Vec::new();
-    // Sides of a frame fit.
+    // The sides of a frame fit.
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(png::ColorType::Indexed);
     encoder.set_depth(png::BitDepth::Eight);
     encoder.set_palette(colours);
     encoder.set_trns(&[0][..]);
     encoder.set_compression(png::Compression::Balanced);
-    // Neighbouring indices are neighbouring colours by chance only: differences of them do not pack.
+    // Neighbouring indices are not neighbouring colours, so their differences do not compress.
     encoder.set_filter(png::Filter::NoFilter);
     let mut writer = encoder.write_header()?;
     writer.write_image_data(indices)?;

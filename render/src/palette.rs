@@ -1,14 +1,14 @@
-//! The few colours of several pictures, chosen by cutting the cloud of its colours at medians.
+//! A small palette for several pictures, by median cut of their colours.
 
 use super::frame::Frame;
 
-/// Bits of each channel that tell colours apart when they are counted.
+/// Bits per channel that distinguish colours in the counts.
 const BITS: u32 = 6;
 
-/// A palette, and which of its colours is nearest to any colour.
+/// A palette, with the nearest of its colours for any colour.
 pub(super) struct Palette {
     colours: Vec<[u8; 3]>,
-    /// For each counted colour the index of the nearest of the palette, once it was asked for.
+    /// Index of the nearest palette colour for each counted colour, once computed.
     nearest: Vec<Option<u8>>,
 }
 
@@ -19,14 +19,14 @@ struct Count {
     sum: [u64; 3],
 }
 
-/// The colours of frames that were seen one after the other.
+/// Counted colours of a sequence of frames.
 pub(super) struct Colours {
     counts: Vec<Count>,
     background: Option<[u8; 3]>,
 }
 
 impl Colours {
-    /// Of no frame yet.
+    /// Counts of no frame.
     pub fn new() -> Self {
         Self {
             counts: vec![Count::default(); 1 << (3 * BITS)],
@@ -34,7 +34,7 @@ impl Colours {
         }
     }
 
-    /// Counts those of a frame; its first pixel is the background, if it is the first frame.
+    /// Counts the colours of a frame; the first pixel of the first frame is the background.
     pub fn see(&mut self, frame: &Frame) {
         self.background = self.background.or_else(|| frame.pixel(0, 0));
         for pixel in frame.pixels() {
@@ -46,14 +46,16 @@ impl Colours {
 }
 
 impl Palette {
-    /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps its colour exactly.
+    /// At most `most` (at least 2) colours for these frames. The first pixel, the background, keeps
+    /// its exact colour.
     pub fn of(frames: &[Frame], most: usize) -> Self {
         let mut colours = Colours::new();
         frames.iter().for_each(|frame| colours.see(frame));
         Self::new(colours, most)
     }
 
-    /// At most `most` (at least 2) colours for those that were seen. The background keeps its colour exactly.
+    /// At most `most` (at least 2) colours for the counted ones. The background keeps its exact
+    /// colour.
     pub fn new(seen: Colours, most: usize) -> Self {
         let background = seen.background.unwrap_or([255; 3]);
         let counts: Vec<Count> = seen
@@ -63,7 +65,7 @@ impl Palette {
             .collect();
         let mut boxes = vec![(weight(&counts), counts)];
         while boxes.len() + 1 < most {
-            // The first of equals, so that the palette is always the same.
+            // The first of equal boxes, so that the palette is deterministic.
             let heaviest = (0..boxes.len()).max_by_key(|i| (boxes[*i].0, std::cmp::Reverse(*i)));
             let Some((was, whole)) = heaviest
                 .and_then(|i| boxes.get_mut(i))
@@ -87,7 +89,7 @@ impl Palette {
         Self { colours, nearest }
     }
 
-    /// Red, green, blue of all colours, one after the other.
+    /// Red, green, blue of all colours in sequence.
     pub fn bytes(&self) -> &[u8] {
         self.colours.as_flattened()
     }
@@ -100,7 +102,7 @@ impl Palette {
     /// The index of the colour nearest to this one.
     pub fn index(&mut self, pixel: [u8; 3]) -> u8 {
         let distance = |colour: &[u8; 3]| -> u32 {
-            // Green counts most for the eye, blue least.
+            // Green has the greatest weight for the eye, blue the least.
             [2, 4, 1]
                 .iter()
                 .zip(pixel.iter().zip(colour))
@@ -133,13 +135,13 @@ fn mean(counts: &[Count]) -> [u8; 3] {
     })
 }
 
-/// How much is gained by cutting a box; 0 where there is nothing to cut.
+/// The gain of a cut through a box; 0 for a single colour.
 fn weight(counts: &[Count]) -> u64 {
     let (_, extent) = longest(counts);
     extent * extent * counts.iter().map(|c| c.pixels).sum::<u64>().isqrt()
 }
 
-/// The channel along which the colours are spread most, and by how much.
+/// The channel with the greatest range of colours, and its range.
 fn longest(counts: &[Count]) -> (usize, u64) {
     let spread = |k: usize| {
         let values = || counts.iter().map(move |c| channel(c, k));
@@ -151,7 +153,7 @@ fn longest(counts: &[Count]) -> (usize, u64) {
         .unwrap_or((0, 0))
 }
 
-/// Takes the upper half of the pixels out of a box of at least two colours.
+/// Removes the upper half of the pixels from a box of at least two colours.
 fn split(counts: &mut Vec<Count>) -> Vec<Count> {
     let (axis, _) = longest(counts);
     counts.sort_by_key(|c| channel(c, axis));

@@ -1,25 +1,26 @@
-//! Filling triangles: which samples a triangle covers, and with which weights of its corners.
+//! Rasterisation of triangles: the covered samples, with the weights of the corners.
 //!
-//! Corners are rounded once to a grid of 1/256 sample; from there on coverage is exact integer arithmetic. A sample
-//! on an edge belongs to the triangle for which the edge is a top or left one, so that triangles that share an edge
-//! cover each sample along it exactly once.
+//! Corners are rounded once to a grid of 1/256 sample; coverage is then exact integer arithmetic. A
+//! sample on an edge belongs to the triangle for which the edge is a top or left one. Triangles
+//! with a common edge therefore cover each sample on it exactly once.
 
 use std::ops::Range;
 
-/// Steps of the grid in a sample.
+/// Grid steps per sample.
 pub(super) const GRID: i64 = 256;
 
-/// Corners are held within this many samples of the picture's origin, so that products of their differences fit.
+/// Corners are clamped to this many samples from the picture's origin, so that products of their
+/// differences fit.
 pub(super) const FARTHEST: f64 = (1 << 20) as f64;
 
-/// A triangle on the grid, in an order that makes its doubled area positive (x right, y down).
+/// A triangle on the grid, in the order with a positive doubled area (x right, y down).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct GridTriangle {
     x: [i32; 3],
     y: [i32; 3],
 }
 
-/// The same triangle, and whether two corners were swapped to make the area positive.
+/// The triangle, and whether two corners were swapped for a positive area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Oriented {
     pub triangle: GridTriangle,
@@ -27,7 +28,8 @@ pub(super) struct Oriented {
 }
 
 impl GridTriangle {
-    /// Rounds corners [sample] to the grid. `None` for a triangle without area there, or with NaN.
+    /// Rounds corners [sample] to the grid. `None` for a triangle without area on the grid, or with
+    /// NaN.
     pub fn on_grid(corners: [[f64; 2]; 3]) -> Option<Oriented> {
         if corners.iter().flatten().any(|c| c.is_nan()) {
             return None;
@@ -70,9 +72,9 @@ impl GridTriangle {
         covered(&self.y)
     }
 
-    /// Calls `fill(column, row, weights of the corners)` for each covered sample inside both ranges. The clipping is
-    /// in signed integers, and the weights follow from the sample's own place: nothing is carried along a row that a
-    /// cut at the border could shift (errata G9, G10, G13).
+    /// Calls `fill(column, row, weights of the corners)` for each covered sample inside both
+    /// ranges. Clipping uses signed integers, and the weights follow from the position of the
+    /// sample alone: a cut at the border shifts nothing along a row (errata G9, G10, G13).
     pub fn fill(
         &self,
         columns: Range<i64>,
@@ -103,7 +105,8 @@ impl GridTriangle {
     fn edge(&self, from: usize, to: usize) -> Edge {
         let [xa, ya, xb, yb] = [self.x[from], self.y[from], self.x[to], self.y[to]].map(i64::from);
         let (dx, dy) = (xb - xa, yb - ya);
-        // With a positive area the inside is at the right of the edge: it is a left edge if it runs up.
+        // With a positive area the inside is to the right of the edge: a rising edge is a left
+        // edge.
         let owns_its_samples = dy < 0 || (dy == 0 && dx > 0);
         Edge {
             step: -dy * GRID,
@@ -114,13 +117,15 @@ impl GridTriangle {
     }
 }
 
-/// The samples whose centres lie between the least and the largest coordinate, one more at each end at most.
+/// The samples whose centres lie between the least and the greatest coordinate, with at most one
+/// more at each end.
 fn covered(coordinates: &[i32; 3]) -> Range<i64> {
     let [a, b, c] = coordinates.map(i64::from);
     (a.min(b).min(c) - GRID / 2).div_euclid(GRID)..(a.max(b).max(c) - GRID / 2).div_euclid(GRID) + 1
 }
 
-/// An edge function over sample centres: `origin + step column + row_step row`, inside where it is at least `least`.
+/// An edge function over sample centres: `origin + step column + row_step row`, inside where at
+/// least `least`.
 #[derive(Clone, Copy)]
 struct Edge {
     step: i64,
@@ -134,7 +139,8 @@ impl Edge {
         self.origin + self.row_step * row
     }
 
-    /// The columns of `span` inside, where `start` is the value at column 0. Never a division by zero (erratum G11).
+    /// The columns of `span` inside, where `start` is the value at column 0. Never divides by zero
+    /// (erratum G11).
     fn narrow(&self, span: Range<i64>, start: i64) -> Range<i64> {
         let room = start - self.least;
         match self.step.signum() {
@@ -168,7 +174,7 @@ mod tests {
         found
     }
 
-    /// The value at a sample of a quantity given at the corners, in the order given to [`samples`].
+    /// Interpolates values at the corners to a sample, in the order of the corners of [`samples`].
     fn value(corners: [[f64; 2]; 3], at: (usize, usize), values: [f64; 3]) -> f64 {
         let swapped = GridTriangle::on_grid(corners).expect("has an area").swapped;
         let [a, b, c] = samples(corners, 400, 400)[&at];
@@ -238,7 +244,7 @@ mod tests {
         assert_eq!(upper.len() + lower.len(), 50);
     }
 
-    /// A square with corners on sample centres has the samples of its upper and left sides only.
+    /// A square with corners on sample centres covers only the samples of its upper and left sides.
     #[test]
     fn top_and_left_edges_own_their_samples() {
         let [a, b, c, d] = [[1.5, 1.5], [3.5, 1.5], [3.5, 3.5], [1.5, 3.5]];
@@ -250,7 +256,7 @@ mod tests {
         assert_eq!(both, [(1, 1), (1, 2), (2, 1), (2, 2)]);
     }
 
-    /// Corners often on the half-integer grid of sample centres, where a fill rule shows.
+    /// Corners often on the half-integer grid of sample centres, where the fill rule matters.
     fn coordinate() -> impl Strategy<Value = f64> {
         prop_oneof![-6.0..22.0f64, (-12..44i32).prop_map(|i| f64::from(i) / 2.0)]
     }
@@ -264,8 +270,8 @@ mod tests {
     }
 
     proptest! {
-        /// Two triangles on the two sides of an edge: no sample of either is in the other, and every sample centre
-        /// strictly inside the quadrilateral is in one.
+        /// Two triangles on the two sides of an edge: they share no sample, and every sample centre
+        /// strictly inside the quadrilateral is in one of them.
         #[test]
         fn a_shared_edge_is_drawn_exactly_once(a in corner(), b in corner(), c in corner(), d in corner()) {
             let on_grid = |p: [f64; 2]| p.map(|c| (c * GRID as f64).round() / GRID as f64);
@@ -295,7 +301,7 @@ mod tests {
             }
         }
 
-        /// Any numbers at all: no panic, nothing outside the picture.
+        /// Arbitrary numbers: no panic, and nothing outside the picture.
         #[test]
         fn any_coordinates(corners in prop::array::uniform3(prop::array::uniform2(any::<f64>()))) {
             prop_assert!(samples(corners, 16, 16).keys().all(|&(x, y)| x < 16 && y < 16));

@@ -1,4 +1,5 @@
-//! The list of what is on the screen, and its filling into bands of rows with a depth buffer each.
+//! The list of screen triangles, and their rasterisation into bands of rows with a depth buffer
+//! each.
 
 use std::ops::Range;
 
@@ -10,23 +11,23 @@ use super::colour::{ColourMap, NO_VALUE, Rgb, mix, quantise};
 use super::frame::Frame;
 use super::raster::GridTriangle;
 
-/// Samples along each side of a pixel: their mean makes edges smooth.
+/// Samples along each side of a pixel; their mean smooths edges.
 const SAMPLES: usize = 2;
 
-/// Rows of pixels in a band. Bands are filled on their own, so the picture has the same bytes for any number of
-/// threads, and a band's buffers stay in the cache.
+/// Rows of pixels per band. Bands are independent, so the picture has the same bytes for any number
+/// of threads, and the buffers of a band stay in the cache.
 const BAND: usize = 32;
 
-/// Entries of a colour table: the steps between them are below those of a byte.
+/// Entries of a colour table: its steps are smaller than those of a byte.
 const TABLE: usize = 1024;
 
-/// What a triangle is painted with.
+/// Paint of a triangle.
 pub(super) struct Paint {
     /// One colour, or the colours from the start to the end of a field's range.
     pub colours: Vec<Rgb>,
     /// Opacity where the surface faces the viewer.
     pub opacity: f32,
-    /// The paint of the opaque surface through which this is seen.
+    /// The paint of the opaque surface through which this paint is visible.
     pub host: Option<u32>,
 }
 
@@ -60,7 +61,7 @@ impl Paint {
         plain.map(|c| (c * brightness).clamp(0.0, 1.0))
     }
 
-    /// Translucent surfaces are denser at their rims, as a body of frosted glass is.
+    /// Translucent surfaces are denser at their silhouettes, like frosted glass.
     fn alpha(&self, facing: f32) -> f32 {
         let away = 1.0 - facing.clamp(0.0, 1.0);
         self.opacity + (1.0 - self.opacity) * 0.6 * away * away
@@ -71,20 +72,21 @@ impl Paint {
 struct ScreenTriangle {
     grid: GridTriangle,
     paint: u32,
-    /// Larger is nearer; linear over the screen.
+    /// Larger is nearer; linear on the screen.
     near: [f64; 3],
-    /// Brightness, place in the range, cosine to the viewer.
+    /// Brightness, position in the range, cosine to the viewer.
     shade: [[f32; 3]; 3],
 }
 
-/// What is drawn, in pixels.
+/// The triangles to draw, in pixels.
 pub(super) struct Screen<'a> {
     camera: &'a Camera,
     clipper: Clipper,
     paints: Vec<Paint>,
     opaque: Vec<ScreenTriangle>,
     translucent: Vec<ScreenTriangle>,
-    /// Triangles and segments that were left out for a coordinate that is not finite or a vertex that is missing.
+    /// Number of triangles and segments left out because of a coordinate that is not finite or a
+    /// missing vertex.
     pub dropped: usize,
 }
 
@@ -101,13 +103,13 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Adds a paint and says its number.
+    /// Adds a paint. Returns its index.
     pub fn paint(&mut self, paint: Paint) -> u32 {
         self.paints.push(paint);
         (self.paints.len() - 1) as u32
     }
 
-    /// Adds a triangle. Translucent ones only if they face the viewer.
+    /// Adds a triangle; a translucent one only if it faces the viewer.
     pub fn triangle(&mut self, corners: &[EyeVertex; 3], paint: u32) {
         let polygon = self.clipper.triangle(corners);
         let Some((first, rest)) = polygon.corners().split_first() else {
@@ -120,7 +122,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// Adds a segment, `width` pixels wide and `lift` pixels in front of where it is.
+    /// Adds a segment, `width` pixels wide and `lift` pixels in front of its position.
     pub fn segment(&mut self, ends: &[EyeVertex; 2], paint: u32, width: f64, lift: f64) {
         let Some(ends) = self.clipper.segment(ends) else {
             return;
@@ -159,7 +161,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// The sample (right, down) of a vertex, and how near it is.
+    /// The sample (right, down) of a vertex, and its nearness.
     fn place(&self, vertex: &EyeVertex) -> ([f64; 2], f64) {
         let [x, y, depth] = vertex.place;
         let camera = self.camera;
@@ -173,7 +175,7 @@ impl<'a> Screen<'a> {
         (sample, near)
     }
 
-    /// How near a vertex is that comes `pixels` nearer.
+    /// The nearness of a vertex moved `pixels` towards the viewer.
     fn lifted(&self, vertex: &EyeVertex, pixels: f64) -> f64 {
         let depth = vertex.place[2];
         if self.camera.perspective {
@@ -183,7 +185,7 @@ impl<'a> Screen<'a> {
         }
     }
 
-    /// How far something lies behind what is nearer [px].
+    /// The distance of a point behind a nearer one [px].
     fn pixels_behind(&self, near: f64, nearer: f64) -> f64 {
         let scale = self.camera.scale;
         if self.camera.perspective {
@@ -197,7 +199,7 @@ impl<'a> Screen<'a> {
         let Some(oriented) = GridTriangle::on_grid(places.map(|(sample, _)| sample)) else {
             return;
         };
-        // Counter-clockwise with y up is clockwise with y down: a front had its corners swapped.
+        // Counter-clockwise with y up is clockwise with y down: a front has swapped corners.
         let front = oriented.swapped;
         let translucent = self.paints[paint as usize].opacity < 1.0;
         if translucent && !front {
@@ -231,7 +233,8 @@ impl<'a> Screen<'a> {
             sort_into_bands(&self.opaque, bands),
             sort_into_bands(&self.translucent, bands),
         );
-        // Each thread keeps its buffers from band to band: fresh memory costs more than the filling.
+        // Each thread reuses its buffers for all bands: new memory costs more than the
+        // rasterisation.
         pixels
             .par_chunks_mut(width * BAND)
             .enumerate()
@@ -264,7 +267,7 @@ impl<'a> Screen<'a> {
     }
 }
 
-/// The indices of the triangles that each band may show.
+/// The indices of the triangles of each band.
 fn sort_into_bands(triangles: &[ScreenTriangle], bands: usize) -> Vec<Vec<u32>> {
     let mut sorted = vec![Vec::new(); bands];
     let rows_of_band = (BAND * SAMPLES) as i64;
@@ -281,31 +284,32 @@ fn sort_into_bands(triangles: &[ScreenTriangle], bands: usize) -> Vec<Vec<u32>> 
     sorted
 }
 
-/// The nearest opaque thing at a sample.
+/// The nearest opaque object at a sample.
 #[derive(Clone, Copy)]
 struct Nearest {
     near: f64,
     colour: Rgb,
-    /// Its paint.
+    /// Paint of the object.
     paint: u32,
-    /// The strongest of the lines that are seen through it, and how strong. Strengths do not add up: where two segments
-    /// of a line meet they overlap.
+    /// The strongest of the lines visible through the object, with its strength. Strengths do not
+    /// add up: the segments of a line overlap where they meet.
     inner: (Rgb, f32),
 }
 
 /// The paint of the background.
 const NO_PAINT: u32 = u32::MAX;
 
-/// Nothing is seen through a surface.
+/// No line is visible through a surface.
 const NO_LINE: (Rgb, f32) = ([0.0; 3], 0.0);
 
-/// How strong a line just below its surface is: the colours of the surface must remain readable.
+/// Strength of a line just below its surface: the colours of the surface must remain readable.
 const INNER: f32 = 0.8;
 
-/// A line is half as strong for each so many pixels that it lies deeper, so that layers of lines can be told apart [px].
+/// A line has half the strength for each such depth, so that layers of lines are distinguishable
+/// [px].
 const HALVED: f32 = 5.0;
 
-/// A translucent thing at a sample.
+/// A translucent object at a sample.
 #[derive(Clone, Copy)]
 struct Layer {
     near: f64,
@@ -321,12 +325,12 @@ impl Layer {
     };
 }
 
-/// Nearer wins; of two things at the very same depth the brighter, so that the order of drawing never shows.
+/// The nearer wins; at equal depth the brighter, so that the order of drawing never matters.
 fn beats(near: f64, colour: Rgb, other_near: f64, other: Rgb) -> bool {
     near > other_near || (near == other_near && colour > other)
 }
 
-/// What is at each sample of a band.
+/// The contents of each sample of a band.
 #[derive(Default)]
 struct Buffers {
     nearest: Vec<Nearest>,
@@ -413,7 +417,7 @@ impl<'a> Band<'a> {
         });
     }
 
-    /// Lays the lines that are seen through a surface over it.
+    /// Blends the lines inside a surface over it.
     fn lay_inner(&mut self) {
         for sample in &mut self.buffers.nearest {
             let (colour, alpha) = sample.inner;
@@ -448,7 +452,7 @@ impl<'a> Band<'a> {
         });
     }
 
-    /// Lays the translucent layers over what is behind them.
+    /// Blends the translucent layers over the objects behind them.
     fn blend(&mut self) {
         for (sample, [front, behind]) in self.buffers.nearest.iter_mut().zip(&self.buffers.layers) {
             sample.colour = mix(
@@ -481,8 +485,8 @@ fn dot(weights: [f64; 3], values: [f64; 3]) -> f64 {
 }
 
 impl ScreenTriangle {
-    /// The shade at a sample. In perspective what is linear in space is not linear on the screen: quantities over
-    /// depth are, and so is one over depth, which is `near`.
+    /// The shade at a sample. In perspective, quantities linear in space are not linear on the
+    /// screen; quantities divided by depth are, and so is 1 / depth, which is `near`.
     fn shade_at(&self, weights: [f64; 3], near: f64, perspective: bool) -> [f32; 3] {
         let weights: [f64; 3] = if perspective {
             std::array::from_fn(|k| weights[k] * self.near[k] / near)

@@ -19,7 +19,7 @@ fn front_camera(side: u32) -> Camera {
     )
 }
 
-/// A sphere of radius 1 as an octahedron cut finer.
+/// A sphere of radius 1 as a subdivided octahedron.
 fn sphere(cuts: usize) -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
     let mut positions: Vec<Point3<f64>> = [
         [1, 0, 0],
@@ -176,8 +176,8 @@ fn g12_brightness_stays_with_its_vertex() {
     }
 }
 
-/// Errata G9 and G13: what reaches out of the picture on all sides is cut there, with the same colours as when more
-/// of it is seen.
+/// Errata G9 and G13: objects beyond all sides of the picture are clipped, with the same colours as
+/// in a larger picture.
 #[test]
 fn g9_a_cut_off_triangle_keeps_its_colours() {
     let positions = [
@@ -202,7 +202,7 @@ fn g9_a_cut_off_triangle_keeps_its_colours() {
     };
     let near = render(&drawing, &front_camera(100));
     let view = View::orthographic(Vector3::z(), Vector3::y());
-    // The same scale, seen on a picture five times as wide and high.
+    // The same scale on a picture five times as wide and high.
     let wide = Camera::fit(
         [Point3::new(-5.0, -5.0, 0.0), Point3::new(5.0, 5.0, 0.0)],
         &view,
@@ -311,7 +311,8 @@ fn lines_are_seen_through_their_own_surface_only() {
     };
     let (line, deeper) = (arc(0.9), arc(0.8));
     let inside = Lines::new(&line, [1.0, 0.0, 0.0]);
-    // Columns with red on the left half, and on the right half, which the wall covers; and how red the left is.
+    // Columns with red in the left half, and in the right half behind the wall; and the redness of
+    // the left half.
     let reds = |surfaces: [Surface; 2], lines: Lines| {
         let frame = render(&Drawing::of(surfaces).with_lines(lines), &front_camera(128));
         let red = |x: usize| {
@@ -352,7 +353,7 @@ fn lines_are_seen_through_their_own_surface_only() {
         "deeper is fainter: {faint} and {}",
         seen.2
     );
-    // Translucent bone in front tints the line and does not hide it.
+    // Translucent bone in front tints the line without hiding it.
     assert_eq!(
         reds([muscle, wall.with_opacity(0.3)], inside.seen_through(0)).1,
         20
@@ -405,7 +406,7 @@ fn a_field_without_numbers_is_grey() {
 
 #[test]
 fn a_plane_through_the_eye_is_cut() {
-    // A floor that runs from far ahead to behind the eye.
+    // A floor from far ahead to behind the eye.
     let positions = [
         [-9.0, -1.0, -50.0],
         [9.0, -1.0, -50.0],
@@ -430,7 +431,7 @@ fn a_plane_through_the_eye_is_cut() {
     );
 }
 
-/// On a floor seen in perspective, the field at a pixel is that of the point of space seen there.
+/// On a floor in perspective, the field at a pixel is that of the visible point.
 #[test]
 fn fields_are_right_in_perspective() {
     let positions = [[-9.0, -1.0, -30.0], [9.0, -1.0, -30.0], [0.0, -1.0, 30.0]]
@@ -498,7 +499,7 @@ fn any_point() -> impl Strategy<Value = Point3<f64>> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
-    /// Any numbers anywhere: no panic, and what is not finite is counted.
+    /// Arbitrary numbers: no panic, and coordinates that are not finite are counted.
     #[test]
     fn any_scene_can_be_drawn(points in prop::collection::vec(any_point(), 3..9), values in prop::collection::vec(number(), 0..9),
             indices in prop::collection::vec(prop::array::uniform3(0..10u32), 0..12), range in (number(), number()),
@@ -516,7 +517,7 @@ proptest! {
         }
     }
 
-    /// The order of triangles and surfaces never shows, opaque or translucent.
+    /// The order of triangles and surfaces never matters, opaque or translucent.
     #[test]
     fn order_never_shows(points in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), 4..20),
             picks in prop::collection::vec(prop::array::uniform3(0..20usize), 1..20), turn in 0..20usize) {

@@ -38,14 +38,14 @@ impl TextStyle {
     }
 }
 
-/// Longer text leaves any picture.
+/// Longer text leaves every picture.
 const MOST_CHARACTERS: usize = 4096;
 
-/// What titles are written in.
+/// Colour of titles.
 const INK: Rgb = [0.16, 0.17, 0.19];
 
 impl Frame {
-    /// Writes a title into the upper left corner, on a paler ground.
+    /// Writes a title into the upper left corner, on a brightened background.
     pub fn title(&mut self, text: &str, style: TextStyle) {
         let (left, top) = (12, 10);
         self.pale(
@@ -55,8 +55,8 @@ impl Frame {
         self.text(left, top, text, style, INK);
     }
 
-    /// Writes a line of text with its upper left corner at a column and row \[px\]. What lies outside the picture is
-    /// cut off; a character that the font lacks (it has Latin ones) is written as `?`.
+    /// Writes a line of text with its upper left corner at a column and row \[px\], clipped to the
+    /// picture. A character missing from the font (it has the Latin ones) becomes `?`.
     pub fn text(&mut self, column: i64, row: i64, text: &str, style: TextStyle, colour: Rgb) {
         let (weight, size) = style.font();
         let advance = get_raster_width(weight, size) as i64;

@@ -2,21 +2,21 @@
 
 use pliant::format::number;
 
-/// Round numbers in a range, and how they are written.
+/// Round numbers in a range, with their labels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ticks {
-    /// The numbers, rising.
+    /// The numbers, in ascending order.
     pub values: Vec<f64>,
-    /// Their texts, all with the same number of decimals.
+    /// Labels, all with the same number of decimals.
     pub labels: Vec<String>,
 }
 
 impl Ticks {
-    /// About `wanted` multiples of 1, 2 or 5 times a power of ten, inside `range`. Of a range that is not finite,
-    /// none.
+    /// About `wanted` multiples of 1, 2 or 5 times a power of ten inside `range`; none for a range
+    /// that is not finite.
     pub fn linear(range: (f64, f64), wanted: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
-        // Beyond these sizes a step is no normal number any more.
+        // Beyond these sizes a step is no normal number.
         if range.0.is_nan() || range.1.is_nan() || !(low.abs() < 1e300 && high.abs() < 1e300) {
             return Self {
                 values: Vec::new(),
@@ -31,9 +31,9 @@ impl Ticks {
                 values: vec![low],
             };
         };
-        // A thousandth of a step for ends that are round but for the last bits.
+        // A tolerance of a thousandth of a step, for ends that are round up to rounding.
         let (first, last) = ((low / step - 1e-3).ceil(), (high / step + 1e-3).floor());
-        // Adding 0 turns -0 into 0.
+        // Adding 0 makes -0 into 0.
         let values: Vec<f64> = (0..=(last - first).max(0.0) as usize)
             .map(|i| (first + i as f64) * step + 0.0)
             .collect();
@@ -44,8 +44,8 @@ impl Ticks {
         Self { values, labels }
     }
 
-    /// Powers of ten in a positive range, every second or third if there are many, with their multiples by 2 and 5 if
-    /// there are few. Of any other range, none.
+    /// Powers of ten in a positive range; every second or third if there are many, with their
+    /// multiples by 2 and 5 if there are few. None for another range.
     pub fn logarithmic(range: (f64, f64), wanted: usize) -> Self {
         let (low, high) = (range.0.min(range.1), range.0.max(range.1));
         if !(low > 0.0 && high.is_finite()) {
@@ -92,13 +92,15 @@ impl Ticks {
     }
 }
 
-/// The number of the form 1, 2, 5 times a power of ten whose logarithm is nearest; `None` for no positive size.
+/// The number of the form 1, 2, 5 times a power of ten with the nearest logarithm; `None` for a
+/// size that is not positive.
 fn round_step(size: f64) -> Option<f64> {
     if !(size.is_finite() && size > 0.0) {
         return None;
     }
     let power = libm::pow(10.0, libm::log10(size).floor());
-    // The borders are the geometric means of neighbours, but 3 between 2 and 5: no step is less than 2/3 of the size.
+    // The limits are the geometric means of neighbours, except 3 between 2 and 5: no step is less
+    // than 2/3 of the size.
     let digit = match size / power {
         d if d * d < 2.0 => 1.0,
         d if d < 3.0 => 2.0,
@@ -108,7 +110,7 @@ fn round_step(size: f64) -> Option<f64> {
     Some(digit * power).filter(|step| step.is_finite() && *step > 0.0)
 }
 
-/// A tick's text: plain where that is short, else with an exponent.
+/// The label of a tick: plain if that is short, otherwise with an exponent.
 fn label(value: f64, step: f64, largest: f64) -> String {
     if value == 0.0 {
         return "0".into();
@@ -162,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_range_that_once_had_too_many() {
-        // A step of 2 for a wanted 3.16 gave 32 ticks for 19.
+        // A step of 2 for a target of 3.16 gave 32 ticks for 19.
         let ticks = Ticks::linear((6.000955956386833e20, 0.0), 19);
         assert!(
             (10..=30).contains(&ticks.values.len()),

@@ -1,10 +1,11 @@
-//! Distance of a point to a place in space: C = |p - a|.
+//! Distance of a point from a fixed position: C = |p - a|.
 
 use nalgebra::{Point3, Vector3};
 
 use super::{Constraint, Scalar, safe_norm};
 
-/// Draws a particle to `target` [m]: C = |p - a|, gradient (p - a)/|p - a|. Undefined where it is already there.
+/// Attracts a particle to `target` [m]: C = |p - a|, gradient (p - a)/|p - a|. Undefined at the
+/// target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anchor {
     /// The particle.

@@ -1,10 +1,11 @@
-//! The angle of a point of the plane, in plain arithmetic: the same bits on every machine, and faster than a library.
+//! The polar angle of a point of the plane in plain arithmetic: the same bits on every machine, and
+//! faster than a library.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use super::Lane;
 
-/// tan(pi/8): above it the octant is turned by pi/4.
+/// tan(pi/8): above it the octant is rotated by pi/4.
 const TAN_PI_8: f64 = 0.414_213_562_373_095_03;
 
 /// atan(z) = z + z^3 P(z^2) for |z| <= tan(pi/8): Chebyshev fit, error below 6e-18 relative to z.
@@ -22,22 +23,24 @@ const P: [f64; 11] = [
     -0.019_173_922_285_547_93,
 ];
 
-/// Angle of the point `(x, y)` [rad] in [-pi, pi], at most 4 units in the last place off.
+/// Angle of the point `(x, y)` [rad] in [-pi, pi], with an error of at most 4 units in the last
+/// place.
 #[inline(always)]
 pub fn atan2(y: f64, x: f64) -> f64 {
     let (angle, usual) = atan2_in_lanes((), y, x);
-    // Zeros, numbers whose sum or quotient could overflow or lose digits, and what is not a number.
+    // Zeros, NaN, and numbers whose sum or quotient could overflow or lose digits.
     if usual { angle } else { libm::atan2(y, x) }
 }
 
-/// Angles [rad] as of [`atan2`], and where they are: neither very large or small nor all zero.
+/// Angles [rad] as of [`atan2`], and a mask of the lanes where they are valid: neither very large
+/// or small nor all zero.
 #[inline(always)]
 pub fn atan2_in_lanes<N: Lane>(machine: N::Machine, y: N, x: N) -> (N, N::Mask) {
     let of = |value| N::splat(machine, value);
     let (ax, ay) = (x.abs(), y.abs());
     let steep = ax.lt(ay);
     let (small, large) = (N::select(steep, ax, ay), N::select(steep, ay, ax));
-    // On an axis the polynomial is of zero, and exact: flat hinges are usual.
+    // On an axis the polynomial has the argument zero and is exact: flat hinges are common.
     let (tiny, huge) = (of(1e-140), of(1e140));
     let usual = (tiny.lt(small) | (small.le(of(0.0)) & tiny.lt(large))) & large.lt(huge);
     let turned = (of(TAN_PI_8) * large).lt(small);
@@ -46,7 +49,7 @@ pub fn atan2_in_lanes<N: Lane>(machine: N::Machine, y: N, x: N) -> (N, N::Mask) 
     let base = N::select(turned, of(FRAC_PI_4), of(0.0));
     let z = top / bottom;
     let u = z * z;
-    // By pairs, so that multiplications do not wait for each other.
+    // In pairs, so that multiplications are independent.
     let (u2, pair) = (u * u, |k: usize| of(P[k]) + of(P[k + 1]) * u);
     let u4 = u2 * u2;
     let low = pair(0) + pair(2) * u2;
@@ -80,7 +83,7 @@ mod tests {
         for _ in 0..1_000_000 {
             let (x, y) = (draw.between(-1.0, 1.0), draw.between(-1.0, 1.0));
             let scale = libm::exp2(draw.between(-60.0, 60.0));
-            // All quadrants, then close to an axis, then close to a diagonal and to the octant's border.
+            // All quadrants, then near an axis, then near a diagonal and the octant's border.
             for (y, x) in [
                 (y, x),
                 (y * scale, x),
@@ -90,7 +93,7 @@ mod tests {
                 worst = worst.max(units_off(y, x));
             }
         }
-        // The library itself is within one unit.
+        // The library itself has an error of at most one unit.
         assert!(worst <= 3.0, "{worst} units");
         assert!(worst > 0.0, "compared with itself");
     }

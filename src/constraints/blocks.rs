@@ -1,29 +1,30 @@
-//! Blocks: ranges of particles whose constraints are swept together, so that they stay in the nearest cache, and at the
-//! same time as those of other blocks.
+//! Blocks: ranges of particles whose constraints are swept together, so that the particles stay in
+//! the nearest cache. The blocks of a phase are swept in parallel.
 //!
-//! A sweep has up to three phases. In the first every block is a range of as many particles, and has the constraints
-//! that lie within it; in the second the ranges are shifted by half a block, for what lies across a border; the third
-//! is one block with what reaches further. The blocks depend on the constraints alone, never on threads.
+//! A sweep has up to three phases. In the first, all blocks are ranges of equal numbers of
+//! particles with the constraints inside them. In the second, the ranges are shifted by half a
+//! block, for constraints across a border. The third is one block with the constraints of greater
+//! reach. The blocks depend on the constraints alone, never on threads.
 
 use std::ops::Range;
 
 use super::order::{Schedule, colours};
 
-/// Particles of a block, at least: with position and inverse mass they fill two thirds of a first-level cache of
-/// 48 KiB.
+/// Least number of particles of a block: with position and inverse mass they fill two thirds of a
+/// first-level cache of 48 KiB.
 const SMALLEST: usize = 1024;
 
-/// Of so many constraints one may reach too far for the first two phases.
+/// One in this number of constraints can have too great a reach for the first two phases.
 const FAR: usize = 64;
 
 /// Constraints that are swept together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Block {
-    /// The particles that they may touch.
+    /// Range of particles of the constraints.
     pub particles: Range<usize>,
-    /// Their colours, as indices of [`Schedule::colours`].
+    /// Range of the colours, as indices of [`Schedule::colours`].
     pub colours: Range<usize>,
-    /// Their places in the sweep.
+    /// Range of places in the sweep.
     pub places: Range<usize>,
 }
 
@@ -34,7 +35,8 @@ fn ends<const K: usize>(points: &[u32; K]) -> (usize, usize) {
     })
 }
 
-/// Particles of a block for these constraints over `count` particles: a power of two, `count` or more for one block.
+/// Number of particles per block for these constraints over `count` particles: a power of two; at
+/// least `count` for a single block.
 fn size<const K: usize>(points: &[[u32; K]], count: usize) -> usize {
     let mut reaches: Vec<usize> = points
         .iter()
@@ -47,7 +49,7 @@ fn size<const K: usize>(points: &[[u32; K]], count: usize) -> usize {
     } else {
         *reaches.select_nth_unstable(place).1
     };
-    // What lies across a border then lies within a shifted block.
+    // A constraint across a border then lies within a shifted block.
     let size = SMALLEST.max(2 * reach).next_power_of_two();
     if size * 2 > count { count } else { size }
 }
@@ -72,7 +74,7 @@ fn range((phase, block): (usize, usize), size: usize, count: usize) -> Range<usi
     }
 }
 
-/// The constraints by phase, block and colour, those of a colour by their lowest particle.
+/// The constraints by phase, block and colour; those of a colour by their lowest particle.
 pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Schedule {
     let size = size(points, count).max(1);
     let homes: Vec<_> = points.iter().map(|p| home(p, size)).collect();
@@ -124,7 +126,7 @@ pub(super) fn in_blocks<const K: usize>(points: &[[u32; K]], count: usize) -> Sc
 mod tests {
     use super::*;
 
-    /// A strip of triangles' edges: each particle with the next three.
+    /// The edges of a triangle strip: each particle with the next three.
     fn strip(count: u32) -> Vec<[u32; 2]> {
         (0..count)
             .flat_map(|i| (1..=3).filter_map(move |k| (i + k < count).then_some([i, i + k])))
@@ -134,7 +136,7 @@ mod tests {
     #[test]
     fn blocks_hold_each_constraint_once_and_phases_share_no_particle() {
         let mut points = strip(10_000);
-        // A few that reach across the whole.
+        // Some constraints that reach across the whole.
         points.extend([[0, 9_999], [5_000, 100]]);
         let schedule = in_blocks(&points, 10_000);
         let mut seen = schedule.sequence.clone();

@@ -10,9 +10,10 @@ use crate::state::{Corrupt, Reader, State, Writer};
 
 /// Keeps the volume enclosed by a closed, consistently oriented surface at `target` [m^3].
 ///
-/// V = (1/6) sum p_i.(p_j x p_k) about the first vertex, g_i = (1/6) sum p_j x p_k over the triangles of i in cyclic
-/// order (errata A06, A07). Along any field of displacements the volume is a cubic in the multiplier, which is solved
-/// to round-off. With a bulk modulus K [Pa] the compliance is V0/K [m^6/J]; zero keeps the volume exactly.
+/// V = (1/6) sum p_i.(p_j x p_k) about the first vertex, g_i = (1/6) sum p_j x p_k over the
+/// triangles of i in cyclic order (errata A06, A07). Along any displacement field the volume is a
+/// cubic in the multiplier, which is solved to round-off. With a bulk modulus K [Pa] the compliance
+/// is V0/K [m^6/J]; zero keeps the volume exactly.
 #[derive(Clone, Debug)]
 pub struct EnclosedVolume {
     triangles: Vec<[u32; 3]>,
@@ -30,7 +31,7 @@ pub struct EnclosedVolume {
     unsolved: u64,
 }
 
-/// The volume could not be brought to its target along the given field.
+/// No displacement along the given field gives the target volume.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "no displacement along the allowed directions gives the volume {target} m3 (now {volume} m3)"
@@ -38,13 +39,13 @@ pub struct EnclosedVolume {
 pub struct Unsolvable {
     /// Volume before [m^3].
     pub volume: f64,
-    /// Volume wanted [m^3].
+    /// Target volume [m^3].
     pub target: f64,
 }
 
 impl EnclosedVolume {
-    /// The volume enclosed by `triangles` over `count` vertices, to be kept at `target` [m^3] with `compliance`
-    /// [m^6/J].
+    /// Creates the constraint of the volume enclosed by `triangles` over `count` vertices, with the
+    /// target `target` [m^3] and the compliance `compliance` [m^6/J].
     pub fn new(triangles: &[[u32; 3]], count: usize, target: f64, compliance: f64) -> Self {
         Self {
             triangles: triangles.to_vec(),
@@ -63,40 +64,41 @@ impl EnclosedVolume {
         }
     }
 
-    /// Classic stiffness 0..1: each projection goes only this share of the way.
+    /// Classic stiffness 0..1: each projection makes only this share of the correction.
     #[must_use]
     pub fn with_relaxation(mut self, factor: f64) -> Self {
         self.relaxation = factor;
         self
     }
 
-    /// Computes with vector instructions as of `width`, where the processor has them, in place of the widest. Changes
-    /// no bit of any result.
+    /// Sets the SIMD width, where the processor has it, instead of the widest. Changes no bit of
+    /// any result.
     #[must_use]
     pub fn with_width(mut self, width: Width) -> Self {
         self.width = width;
         self
     }
 
-    /// The volume that is kept [m^3].
+    /// The target volume [m^3].
     pub fn target(&self) -> f64 {
         self.target
     }
 
-    /// The triangles that enclose it.
+    /// The triangles of the surface.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Its compliance [m^6/J].
+    /// Compliance [m^6/J].
     pub fn compliance(&self) -> f64 {
         self.compliance
     }
 
-    /// Moves `x` along `field` until the volume is at its target exactly; returns the multiple of `field`.
+    /// Moves `x` along `field` until the volume is exactly at its target. Returns the multiple of
+    /// `field`.
     ///
     /// # Errors
-    /// No multiple near zero does it; nothing is moved.
+    /// No multiple near zero gives the volume; `x` is unchanged.
     pub fn retract(
         &self,
         x: &mut [Point3<f64>],
@@ -122,7 +124,7 @@ impl EnclosedVolume {
         Ok(multiple)
     }
 
-    /// C(x), in any number.
+    /// C(x) for any scalar type.
     pub fn value<S: super::Scalar>(&self, x: &[Point3<S>]) -> S {
         let mut six = S::zero();
         if let Some(&origin) = x.first() {
@@ -144,7 +146,7 @@ impl EnclosedVolume {
         (volume - self.target, gradient.iter().map(vector).collect())
     }
 
-    /// Forgets the multiplier: a new step begins.
+    /// Resets the multiplier at the beginning of a step.
     pub fn begin_step(&mut self) {
         self.multiplier = 0.0;
     }
@@ -152,16 +154,17 @@ impl EnclosedVolume {
     /// Brings the volume to its target along inverse mass times gradient.
     ///
     /// # Errors
-    /// No such displacement exists; nothing is moved.
+    /// No such displacement exists; the particles are unchanged.
     pub fn project(&mut self, particles: &mut Particles, dt: f64) -> Result<(), Unsolvable> {
         self.project_along(particles, dt, |_, _| ())
     }
 
-    /// As [`Self::project`], after `restrict(field, sign)` has taken forbidden directions out of the field of
-    /// displacements; particles will move by a positive multiple of `sign * field`.
+    /// The same as [`Self::project`], after `restrict(field, sign)` has removed forbidden
+    /// directions from the displacement field; particles move by a positive multiple of
+    /// `sign * field`.
     ///
     /// # Errors
-    /// No such displacement exists; nothing is moved.
+    /// No such displacement exists; the particles are unchanged.
     pub fn project_along(
         &mut self,
         particles: &mut Particles,
@@ -235,7 +238,7 @@ impl EnclosedVolume {
         nearest_root([linear + compliance, square, cubic], wanted)
     }
 
-    /// Distance from satisfaction: |C + alpha lambda| / |grad C| [m].
+    /// Residual of the constraint: |C + alpha lambda| / |grad C| [m].
     pub fn residual(&self, particles: &Particles, dt: f64) -> Residual {
         let (c, gradient) = self.value_and_gradient(&particles.position);
         let steepness = gradient
@@ -251,12 +254,12 @@ impl EnclosedVolume {
         }
     }
 
-    /// Projections so far.
+    /// Number of projections so far.
     pub fn calls(&self) -> u64 {
         self.calls
     }
 
-    /// Projections without a solution so far.
+    /// Number of projections without a solution so far.
     pub fn unsolved(&self) -> u64 {
         self.unsolved
     }
@@ -304,7 +307,7 @@ fn nearest_root([linear, square, cubic]: [f64; 3], wanted: f64) -> Option<f64> {
     if wanted == 0.0 {
         return Some(0.0);
     }
-    // A surface without extent, or all of it held: no direction changes the volume.
+    // A surface without extent, or entirely fixed: no direction changes the volume.
     if !(linear > 0.0) {
         return None;
     }

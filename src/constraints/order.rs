@@ -11,9 +11,9 @@ pub enum Order {
     Stored,
     /// Last to first.
     Reversed,
-    /// By distance in constraints from the loaded or displaced particles.
+    /// By the number of constraints between them and the loaded or displaced particles.
     FromLoadedEnd,
-    /// By blocks of particles that are numbered near each other, in each block by colour: no two constraints of a
+    /// By blocks of particles with near indices, in each block by colour: no two constraints of a
     /// colour share a particle.
     #[default]
     Coloured,
@@ -28,7 +28,7 @@ impl Order {
         ("coloured", Self::Coloured),
     ];
 
-    /// Its name in scenes.
+    /// Name in scenes.
     pub fn name(self) -> &'static str {
         Self::NAMES
             .iter()
@@ -37,22 +37,23 @@ impl Order {
     }
 }
 
-/// Visiting order of constraints, and the ranges of it in which no two constraints share a particle.
+/// Visiting order of constraints, and its ranges in which no two constraints share a particle.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Schedule {
     /// Index of the constraint at each place of the sweep.
     pub sequence: Vec<u32>,
-    /// Ranges of places; constraints of one range are independent. A range for each constraint where they are not.
+    /// Ranges of places; the constraints of one range are independent. Otherwise each constraint
+    /// has its own range.
     pub colours: Vec<Range<usize>>,
     /// Whether the ranges are colours.
     pub independent: bool,
-    /// Phases of the sweep, one after the other; the blocks of a phase share no particle.
+    /// Phases of the sweep in order; the blocks of a phase share no particle.
     pub phases: Vec<Vec<Block>>,
 }
 
 /// Orders the constraints with the given `points` over `count` particles. `loaded` seeds [`Order::FromLoadedEnd`].
 ///
-/// Particles with near numbers should be near each other: blocks are ranges of numbers.
+/// Neighbouring particles should have near indices, since blocks are ranges of indices.
 pub fn schedule<const K: usize>(
     order: Order,
     points: &[[u32; K]],
@@ -120,7 +121,7 @@ fn levels<const K: usize>(points: &[[u32; K]], count: usize, from: &[u32]) -> Ve
 
 /// Greedy colouring by index: each constraint takes the first colour that none of its particles has yet.
 ///
-/// `points` are counted from the first of the `count` particles that occur. Returns a colour for each constraint.
+/// `points` count from the first of the `count` particles. Returns a colour for each constraint.
 pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<u32> {
     const BITS: usize = 64;
     let mut words = 1;
@@ -139,7 +140,7 @@ pub(super) fn colours<const K: usize>(points: &[[u32; K]], count: usize) -> Vec<
             }
         }
         let colour = free.unwrap_or_else(|| {
-            // A hub with more constraints than colours so far: one more word for every particle.
+            // A hub with more constraints than colours so far: adds a word for every particle.
             used = used
                 .chunks(words)
                 .flat_map(|c| c.iter().copied().chain([0]))

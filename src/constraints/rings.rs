@@ -1,4 +1,5 @@
-//! Sums over the rings of triangles around the vertices of a closed surface: the gradient of its volume.
+//! Sums over the rings of triangles around the vertices of a closed surface: the gradient of the
+//! volume.
 
 use rayon::prelude::*;
 
@@ -6,25 +7,27 @@ use super::lanes::{InLanes, Lane, Triple, Width, cross, dot, run, sub};
 use crate::mesh::sum::tree_sum;
 use crate::particles::{SHARE, Slot, is_shared};
 
-/// Vertices whose rings are stored side by side: as many as the widest lanes, whatever lanes there are.
+/// Vertices whose rings are stored side by side: the number of the widest lanes, for any width in
+/// use.
 const GROUP: usize = 8;
 
-/// For each vertex the other corners of its triangles, walked around once.
+/// For each vertex the other corners of its triangles, in cyclic order.
 #[derive(Clone, Debug)]
 pub struct Rings {
-    /// First row of each group in `around`, and of none.
+    /// First row of each group in `around`, and the end of the last.
     start: Vec<u32>,
-    /// Row by row the next corner of each vertex of a group. Each two that follow each other are the other corners of a
-    /// triangle, in cyclic order; where a vertex has several fans it stands itself between them, and the last corner of
-    /// a ring that ends before others is repeated: the product of a difference with itself or of nothing adds nothing.
+    /// Row by row the next corner of each vertex of a group. Each two successive entries are the
+    /// other corners of a triangle, in cyclic order. A vertex with several fans has its own index
+    /// between them. The last corner of a ring that ends early is repeated: the product of a
+    /// difference with itself or with zero is zero.
     around: Vec<[u32; GROUP]>,
 }
 
-/// Terms of the volume's polynomial along a field, a number a vertex.
+/// Terms of the volume's polynomial along a field, one number per vertex.
 #[derive(Clone, Debug, Default)]
 pub struct Terms([Vec<f64>; 3]);
 
-/// A part of the terms, as the iterators give it.
+/// A part of the terms from the iterators.
 type ThreeChunks<'a> = ((&'a mut [f64], &'a mut [f64]), &'a mut [f64]);
 
 impl Rings {
@@ -54,7 +57,8 @@ impl Rings {
         Self { start, around }
     }
 
-    /// Writes the gradient of the volume at `x` of each vertex and returns the volume; `terms` is room to work in.
+    /// Writes the gradient of the volume at `x` for each vertex and returns the volume; `terms` is
+    /// a work array.
     pub fn volume(
         &self,
         width: Width,
@@ -91,7 +95,8 @@ impl Rings {
         tree_sum(&volume[..x.len()]) / 3.0
     }
 
-    /// The factors before s, s^2 and s^3 of the volume at `x + s field`, where the volume has the given gradient.
+    /// The coefficients of s, s^2 and s^3 of the volume at `x + s field`, for the given gradient of
+    /// the volume.
     pub fn along(
         &self,
         width: Width,
@@ -141,10 +146,11 @@ impl Rings {
         self.start.capacity() * 4 + self.around.capacity() * size_of::<[u32; GROUP]>()
     }
 
-    /// g_i = (1/6) sum p_j x p_k over the triangles of each vertex `i` from `first` on, a vertex a lane.
+    /// g_i = (1/6) sum p_j x p_k over the triangles of each vertex `i` from `first`, one vertex per
+    /// lane.
     ///
-    /// Of p_j x p_k only the part relative to p_i changes with the triangle; on a closed surface the rest cancels, so
-    /// differences to p_i are exact where coordinates are large.
+    /// Only the part of p_j x p_k relative to p_i varies with the triangle; on a closed surface the
+    /// rest cancels. Differences to p_i are exact where coordinates are large.
     #[inline(always)]
     fn gather<N: Lane>(&self, machine: N::Machine, slots: &[Slot], first: usize) -> Triple<N> {
         let at = of_vertices::<N>(machine, slots, first);
@@ -176,7 +182,7 @@ impl Terms {
     }
 }
 
-/// The corners around vertex `i`, whose triangles have the other corners `left`; never none.
+/// The corners around vertex `i`; `left` are the other corners of its triangles, never empty.
 fn walk(i: u32, mut left: Vec<[u32; 2]>) -> Vec<u32> {
     let mut around = Vec::with_capacity(left.len() + 1);
     while !left.is_empty() {
@@ -193,20 +199,20 @@ fn walk(i: u32, mut left: Vec<[u32; 2]>) -> Vec<u32> {
     if around.is_empty() { vec![i] } else { around }
 }
 
-/// The vertex of a lane: lanes beyond the last vertex do what its own does.
+/// The vertex of a lane: lanes beyond the last vertex repeat it.
 #[inline(always)]
 fn place(i: usize, count: usize) -> usize {
     i.min(count - 1)
 }
 
-/// The slots of the vertices from `first` on.
+/// The slots of the vertices from `first`.
 #[inline(always)]
 fn of_vertices<N: Lane>(machine: N::Machine, slots: &[Slot], first: usize) -> Triple<N> {
     let [x, y, z, _] = N::gather(machine, slots, |l| place(first + l, slots.len()) as u32);
     [x, y, z]
 }
 
-/// One number for all lanes of a point.
+/// The coordinates of one point in all lanes.
 #[inline(always)]
 fn splat<N: Lane>(machine: N::Machine, &Slot([x, y, z, _]): &Slot) -> Triple<N> {
     [
@@ -220,7 +226,7 @@ struct Gradient<'a> {
     rings: &'a Rings,
     x: &'a [Slot],
     origin: Slot,
-    /// The vertex that the results begin with.
+    /// First vertex of the results.
     first: usize,
     gradient: &'a mut [Slot],
     volume: &'a mut [f64],
@@ -249,7 +255,7 @@ struct Along<'a> {
     origin: Slot,
     gradient: &'a [Slot],
     field: &'a [Slot],
-    /// The vertex that the results begin with.
+    /// First vertex of the results.
     first: usize,
     terms: [&'a mut [f64]; 3],
 }
@@ -261,8 +267,8 @@ impl InLanes for Along<'_> {
         let [linear, square, cubic] = self.terms;
         for to in (0..linear.len()).step_by(N::COUNT) {
             let first = self.first + to;
-            // The volume is a symmetric trilinear form: its gradient at the field d times x is before s^2, times d
-            // three times what is before s^3.
+            // The volume is a symmetric trilinear form: its gradient at the field d times x is the
+            // coefficient of s^2, and times d three times the coefficient of s^3.
             let of_field = self.rings.gather::<N>(machine, self.field, first);
             let d = of_vertices::<N>(machine, self.field, first);
             let g = of_vertices::<N>(machine, self.gradient, first);

@@ -1,11 +1,11 @@
-//! The numbers that a constraint's value can be computed with.
+//! The scalar types of a constraint's value.
 
 use std::ops::{Div, Neg};
 
 use nalgebra::{ClosedAddAssign, ClosedMulAssign, ClosedSubAssign};
 use num_traits::{One, Zero};
 
-/// A real number, or a number that carries derivatives beside its value (see `testing::Dual`).
+/// A real number, or a number with derivatives (see `testing::Dual`).
 pub trait Scalar:
     nalgebra::Scalar
     + Copy

@@ -1,4 +1,5 @@
-//! A number with gradient and Hessian: what Newton's method needs of a constraint, from its value alone.
+//! Hyper-dual numbers with gradient and Hessian: the derivatives of a constraint for Newton's
+//! method from its value alone.
 
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
@@ -8,21 +9,21 @@ use num_traits::{One, Zero};
 use super::Scalar;
 use super::angle::atan2;
 
-/// A function's value, its gradient by `K` points and its Hessian as blocks of 3 by 3.
+/// A function's value, its gradient with respect to `K` points and its Hessian as 3 by 3 blocks.
 ///
-/// Derivatives follow the chain rule exactly; only rounding separates them from the analytic ones.
+/// Derivatives follow the chain rule exactly; they differ from the analytic ones only by rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Second<const K: usize> {
     /// The value.
     pub value: f64,
-    /// Derivative by each point.
+    /// Derivative with respect to each point.
     pub gradient: [Vector3<f64>; K],
-    /// Second derivative by each two points.
+    /// Second derivative with respect to each pair of points.
     pub hessian: [[Matrix3<f64>; K]; K],
 }
 
 impl<const K: usize> Second<K> {
-    /// The points themselves as variables.
+    /// The points as independent variables.
     pub fn variables(x: &[Point3<f64>; K]) -> [Point3<Self>; K] {
         std::array::from_fn(|k| {
             Point3::from(std::array::from_fn(|c| {

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::{Closest, Obstacle};
 use crate::mesh::measures::Aabb;
 
-/// All points at most `radius` [m] from the segment between `ends` [m].
+/// All points within `radius` [m] of the segment between `ends` [m].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capsule {
     /// End points [m].
@@ -26,7 +26,7 @@ impl Obstacle for Capsule {
         let axis = self.ends[0] + along * t;
         let out = point - axis;
         let height = out.norm();
-        // On the axis every direction is as good; take one that does not depend on rounding.
+        // On the axis every direction is valid; this one does not depend on rounding.
         let normal = if height > 0.0 {
             out / height
         } else {

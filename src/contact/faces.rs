@@ -1,4 +1,4 @@
-//! The triangles of an obstacle and what the signs of distances to them need, whatever finds the nearest one.
+//! The triangles of an obstacle with the data for the signs of distances, for any method of search.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,7 +9,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 use crate::mesh::winding::WindingTree;
 
-/// A place on a triangle.
+/// A point on a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OnTriangle {
     /// The triangle.
@@ -20,12 +20,12 @@ pub struct OnTriangle {
     pub closest: Closest,
 }
 
-/// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
+/// Least angle of a ridge [rad], and spacing of the points along it relative to the median edge.
 const RIDGE: f64 = 0.35;
 const SPACING: f64 = 0.5;
 
-/// The vertices, and points along convex edges: a fold of a muscle that lies across a ridge between two of its vertices
-/// would meet neither of them.
+/// The vertices, and points along convex edges: a muscle fold across a ridge between two of its
+/// vertices would touch neither.
 fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
     let mut points = mesh.vertices.clone();
     let spacing = SPACING * mesh.median_edge_length(topology).unwrap_or(0.0);
@@ -40,20 +40,20 @@ fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
     points
 }
 
-/// A triangle mesh with its topology, its guards and the sign of its sides.
+/// A triangle mesh with its topology, its sample points and the sign of its sides.
 #[derive(Clone)]
 pub(super) struct Faces {
     /// Positions [m] and triangles.
     pub mesh: TriangleMesh,
-    /// What is kept out of a muscle's triangles: vertices, and points along ridges [m].
+    /// Points that must stay out of a muscle's triangles: vertices, and points along ridges [m].
     pub guards: Vec<Point3<f64>>,
     topology: Topology,
-    /// Decides the sign where the mesh is not closed and oriented.
+    /// Decides the sign if the mesh is not closed and oriented.
     winding: Option<WindingTree>,
 }
 
 impl Faces {
-    /// Takes a copy of the mesh and finds out whether it is closed and oriented.
+    /// Copies the mesh and tests whether it is closed and oriented.
     pub fn new(mesh: &TriangleMesh) -> Self {
         let topology = Topology::new(mesh);
         let sound = topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0;
@@ -65,7 +65,7 @@ impl Faces {
         }
     }
 
-    /// Whether the mesh is closed and consistently oriented.
+    /// True if the mesh is closed and consistently oriented.
     pub fn is_sound(&self) -> bool {
         self.winding.is_none()
     }
@@ -83,9 +83,10 @@ impl Faces {
             + self.winding.as_ref().map_or(0, WindingTree::bytes)
     }
 
-    /// The place of a triangle that is nearest to `point`, with positions `x` [m]. Where the mesh is closed and
-    /// consistently oriented the sign comes from angle-weighted pseudo-normals \[baerentzen2005\], which is right for the
-    /// triangle that is nearest of all, else from the generalised winding number \[jacobson2013\].
+    /// The point of a triangle nearest to `point`, for positions `x` [m]. For a closed and
+    /// consistently oriented mesh the sign comes from angle-weighted pseudo-normals
+    /// \[baerentzen2005\]; this is correct for the nearest of all triangles. For another mesh it
+    /// comes from the generalised winding number \[jacobson2013\].
     pub fn on(&self, point: &Point3<f64>, triangle: u32, x: &[Point3<f64>]) -> OnTriangle {
         let t = self.corners(triangle, x);
         let (weights, feature) = on_triangle(point, &t);
@@ -98,7 +99,8 @@ impl Faces {
         };
         let sign = if outside { 1.0 } else { -1.0 };
         let distance = away.norm();
-        // Nearer than this the direction is rounding; the size of the triangle is the length scale.
+        // At a smaller distance the direction is rounding error; the size of the triangle is the
+        // length scale.
         let size = (t[1] - t[0]).norm() + (t[2] - t[0]).norm();
         let normal = if distance > 1e-9 * size {
             away * (sign / distance)
@@ -117,7 +119,7 @@ impl Faces {
     }
 }
 
-/// Unit pseudo-normal of the feature of a triangle; the face's own where neighbours cancel it.
+/// Unit pseudo-normal of a feature of a triangle; that of the face where neighbours cancel it.
 pub(crate) fn pseudo_normal(
     triangles: &[[u32; 3]],
     topology: &Topology,

@@ -1,7 +1,8 @@
-//! Muscles kept out of bones, and bones out of muscles.
+//! Contact between muscles and bones: vertices stay out of bones, and bone points out of muscles.
 //!
-//! Every near bone gives a vertex a row of its own; a vertex is looked up again before it can have moved further,
-//! relative to the bone, than its last distance, so that nothing tunnels and far vertices cost nothing.
+//! Each near bone gives a vertex its own contact plane. The closest point of a vertex is computed
+//! again before the vertex can have moved, relative to the bone, farther than its last distance.
+//! Nothing can tunnel, and distant vertices cost nothing.
 
 pub mod capsule;
 mod faces;
@@ -44,48 +45,50 @@ pub use surface::Surface;
 
 use crate::mesh::measures::Aabb;
 
-/// The place of an obstacle's surface that is nearest to a point.
+/// The point of an obstacle's surface nearest to a query point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closest {
     /// Signed distance [m], negative inside.
     pub distance: f64,
-    /// Unit direction in which the distance grows.
+    /// Unit direction of increasing distance.
     pub normal: Vector3<f64>,
     /// The nearest point of the surface [m].
     pub point: Point3<f64>,
 }
 
-/// Something rigid that muscles are kept out of, in its own frame.
+/// A rigid body that muscles must not penetrate, in its own frame.
 pub trait Obstacle: Send + Sync {
-    /// The nearest place of the surface; `None` for an obstacle without surface.
+    /// The nearest point of the surface; `None` for an obstacle without surface.
     fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
-    /// As [`Self::closest`], faster where `known`, a point of the surface [m], is not far from the nearest.
+    /// The same as [`Self::closest`]; faster if `known`, a point of the surface [m], is near the
+    /// closest point.
     fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
         let _ = known;
         self.closest(point)
     }
-    /// A lower bound on the distance of a point outside [m], and a point of the surface to begin from next time [m];
-    /// faster than the distance itself where `known`, a point of the surface, is not far from the nearest.
+    /// A lower bound on the distance of an outer point [m], and a point of the surface as a hint
+    /// for the next call [m]. Faster than the distance itself if `known`, a point of the surface,
+    /// is near the closest point.
     fn clearance(&self, point: &Point3<f64>, known: &Point3<f64>) -> (f64, Point3<f64>) {
         self.closest_from(point, known)
             .map_or((f64::MAX, *known), |found| (found.distance, found.point))
     }
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;
-    /// Points that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
+    /// Points that must stay out of a muscle's triangles [m]; empty for a smooth obstacle.
     fn guards(&self) -> &[Point3<f64>];
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize;
 }
 
-/// An obstacle and where it is at the begin and at the end of a step.
+/// An obstacle with its poses at the beginning and the end of a step.
 #[derive(Clone)]
 pub struct Placed {
     /// Name of the bone or capsule.
     pub name: String,
     /// The obstacle.
     pub obstacle: Arc<dyn Obstacle>,
-    /// Pose at the begin of the step.
+    /// Pose at the beginning of the step.
     pub before: Isometry3<f64>,
     /// Pose at the end of the step.
     pub now: Isometry3<f64>,

@@ -1,8 +1,8 @@
-//! The point of a triangle that is nearest to a point.
+//! The nearest point of a triangle.
 
 use nalgebra::{Point3, Vector3};
 
-/// Which part of a triangle a point lies on.
+/// The part of a triangle that contains a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Feature {
     /// Corner 0, 1 or 2.
@@ -13,7 +13,8 @@ pub(crate) enum Feature {
     Face,
 }
 
-/// Barycentric weights of the nearest point of triangle `t`, and the feature it lies on \[ericson2005\].
+/// Barycentric weights of the nearest point of triangle `t`, and the feature that contains it
+/// \[ericson2005\].
 pub(crate) fn on_triangle(p: &Point3<f64>, t: &[Point3<f64>; 3]) -> ([f64; 3], Feature) {
     let [a, b, c] = t;
     let (ab, ac, ap) = (b - a, c - a, p - a);

@@ -1,40 +1,45 @@
-//! What the first source lists to be done with a vertex that is found in a bone \[cervenka2019\].
+//! Responses of the first source to a vertex inside a bone \[cervenka2019\].
 //!
-//! Kept to be compared: the crate's own contact asks before a vertex is inside. Each remedy sees one vertex, so none keeps
-//! the triangles between them out of the bone, and none knows by which side a vertex came in.
+//! This module serves comparisons: the contact of this crate acts before a vertex is inside. Each
+//! response sees one vertex, so none keeps the triangles between vertices out of the bone, and none
+//! knows the side from which a vertex came.
 
 use nalgebra::{Point3, Vector3};
 
 use super::nearest::area_normal;
 use super::{Closest, OnTriangle, Surface};
 
-/// How far a vertex is pushed along a normal.
+/// Displacement of a vertex along a normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Length {
-    /// Always as far [m].
+    /// A constant displacement [m].
     Constant(f64),
-    /// A share of its depth.
+    /// A share of the depth.
     Share(f64),
 }
 
-/// Where a vertex inside a bone is put.
+/// The new position of a vertex inside a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Remedy {
-    /// Immediate: onto the nearest vertex of the bone. It ends on the surface, but so do all near it, on one point.
+    /// Immediate: the nearest vertex of the bone. The vertex ends on the surface, but all vertices
+    /// near it end on the same point.
     NearestVertex,
-    /// Immediate: onto the mean of the so many nearest vertices, weighted by inverse distances. It ends on the surface only
-    /// if these are the corners of one triangle.
+    /// Immediate: the mean of this number of nearest vertices, weighted by inverse distances. The
+    /// vertex ends on the surface only if these are the corners of one triangle.
     MeanOfVertices(usize),
-    /// Immediate: onto the nearest point of the surface. No way onto the surface is shorter.
+    /// Immediate: the nearest point of the surface. This is the shortest displacement to the
+    /// surface.
     NearestPoint,
-    /// Eventual: along the normal of the nearest triangle. In a notch narrower than a right angle it may end deeper.
+    /// Eventual: along the normal of the nearest triangle. In a notch narrower than a right angle
+    /// the vertex can end deeper.
     FaceNormal(Length),
-    /// Eventual: along the mean of the normals of all triangles about the nearest point, as far around as the vertex is deep.
+    /// Eventual: along the mean normal of all triangles about the nearest point within the depth of
+    /// the vertex.
     MeanNormal(Length),
 }
 
 impl Remedy {
-    /// Where a point goes [m]; one that is not inside, or of an empty surface, stays.
+    /// The new position of a point [m]; unchanged for a point outside or an empty surface.
     pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
         let Some(on) = surface
             .nearest(point, f64::MAX)
@@ -72,7 +77,7 @@ fn mean_of_vertices(points: &[Point3<f64>], point: &Point3<f64>, count: usize) -
             near.truncate(count);
         }
     }
-    // As multiples of the least distance, so that one of zero leaves only its own point.
+    // As multiples of the least distance, so that a distance of zero leaves only its own point.
     let least = near.first().map_or(0.0, |(square, _)| square.sqrt());
     let weight = |square: f64| {
         if square > 0.0 {
@@ -87,7 +92,7 @@ fn mean_of_vertices(points: &[Point3<f64>], point: &Point3<f64>, count: usize) -
     })
 }
 
-/// Unit normal of the triangle on which a place is; the direction of the distance where it has no area.
+/// Unit normal of a point's triangle; the direction of the distance if the triangle has no area.
 fn face_normal(surface: &Surface, on: &OnTriangle) -> Vector3<f64> {
     normal_of(surface, on.triangle).unwrap_or(on.closest.normal)
 }
@@ -101,7 +106,7 @@ fn mean_normal(surface: &Surface, on: &OnTriangle) -> Vector3<f64> {
     let mut around = Vec::new();
     surface.within(&on.closest.point, on.closest.distance.abs(), &mut around);
     let sum: Vector3<f64> = around.iter().filter_map(|&t| normal_of(surface, t)).sum();
-    // Normals that cancel say nothing.
+    // Normals that cancel define no direction.
     sum.try_normalize(1e-6)
         .unwrap_or_else(|| face_normal(surface, on))
 }
@@ -192,7 +197,7 @@ mod tests {
             500,
             "control: nothing is many-to-one"
         );
-        // A triangle near one vertex has no area afterwards.
+        // A triangle near one vertex then has no area.
         let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
         let area = |remedy: Remedy| area_normal(&t.map(|p| remedy.place(&surface, &p))).norm();
         assert_eq!(area(Remedy::NearestVertex), 0.0);
@@ -201,7 +206,7 @@ mod tests {
 
     #[test]
     fn eventual_remedies_need_as_many_pushes_as_steps_are_deep() {
-        // Under the middle of a face of a convex body the normal leads straight out.
+        // Under the middle of a face of a convex body the normal leads directly out.
         let surface = Surface::new(&box_surface([2.0, 2.0, 2.0], 1.0));
         let start = Point3::new(0.11, -0.07, 0.7);
         for (length, pushes, left) in [
@@ -221,7 +226,7 @@ mod tests {
         }
     }
 
-    /// A cylinder along z from whose side a wedge of `angle` [rad] is cut to the axis.
+    /// A cylinder along z with a wedge of `angle` [rad] cut from its side to the axis.
     fn notched(angle: f64) -> TriangleMesh {
         let parts = 12;
         let around =
@@ -251,7 +256,7 @@ mod tests {
     fn in_a_notch_the_normal_of_a_face_leads_deeper_and_the_mean_does_not() {
         let angle = 0.5;
         let surface = Surface::new(&notched(angle));
-        // Behind the edge, on the plane that halves the notch: both faces are equally near.
+        // Behind the edge, on the bisecting plane of the notch: both faces are equally near.
         let behind = std::f64::consts::PI + 0.5 * angle;
         let p = Point3::new(0.1 * libm::cos(behind), 0.1 * libm::sin(behind), 0.05);
         assert!(
@@ -259,7 +264,8 @@ mod tests {
             "the edge is nearest"
         );
         let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
-        // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the way to p.
+        // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the
+        // direction of p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
         let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
         assert!(

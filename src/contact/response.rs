@@ -1,4 +1,5 @@
-//! One muscle against all of its obstacles: lookups, pushes, friction, pinched vertices.
+//! Contact of one muscle with all of its obstacles: closest points, corrections, friction, pinched
+//! vertices.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -13,20 +14,23 @@ use crate::mesh::measures::greatest;
 use crate::particles::{Particles, Slot};
 use crate::state::{Corrupt, Reader, State, Writer};
 
-/// The distance kept between a bone vertex and a triangle, in contact thicknesses: less than between a vertex and a
-/// bone, so that a triangle whose corners rest on a gently curved bone is left alone.
+/// Distance between a bone vertex and a triangle, in contact thicknesses. It is smaller than that
+/// between a vertex and a bone, so that a triangle whose corners rest on a gently curved bone does
+/// not move.
 const OVER_VERTEX: f64 = 0.5;
 
-/// Rounds of pushing in which a vertex between two bones must find room before it is given less of it.
+/// Number of rounds in which a vertex between two bones must find room before its distance to them
+/// is reduced.
 const ROUNDS: usize = 8;
 
-/// Sweeps over all rows of a step at most, and the share of the thickness by which the last may still push.
+/// Greatest number of sweeps over all planes of a step, and the greatest correction of the last
+/// sweep relative to the thickness.
 const SWEEPS: usize = 12;
 const NEARLY: f64 = 0.02;
 
-/// The sum of all motion so far, relative to the obstacles [m]. Within a step a vertex may go out and come back, so what
-/// is remembered counts from the lower bound and what is asked from the upper one: their difference bounds the motion
-/// between any two moments.
+/// Bounds on the sum of all motion so far, relative to the obstacles [m]. A vertex can move out and
+/// back within a step, so stored values use the lower bound and queries the upper one. Their
+/// difference bounds the motion between any two moments.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Travel {
     pub at_least: f64,
@@ -34,7 +38,8 @@ pub(super) struct Travel {
 }
 
 impl Travel {
-    /// What is known at a place `motion` [m] away from where the step began, after a travel of `before` [m].
+    /// Bounds at a position `motion` [m] away from the beginning of the step, after a sum of motion
+    /// of `before` [m].
     fn about(before: f64, motion: f64) -> Self {
         Self {
             at_least: before - motion,
@@ -42,7 +47,7 @@ impl Travel {
         }
     }
 
-    /// After up to `more` [m].
+    /// Bounds after at most `more` [m] of further motion.
     fn and(self, more: f64) -> Self {
         Self {
             at_least: self.at_least - more,
@@ -51,22 +56,22 @@ impl Travel {
     }
 }
 
-/// Numbers of one muscle's contact.
+/// Counts of one muscle's contact.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// Vertices that touch a bone (within 1.5 thicknesses).
+    /// Vertices in contact with a bone (within 1.5 thicknesses).
     pub touching: usize,
-    /// Vertices between bones closer than twice the thickness.
+    /// Vertices between bones closer together than twice the thickness.
     pub pinched: usize,
-    /// Lookups of closest points so far.
+    /// Number of closest-point queries so far.
     pub lookups: u64,
-    /// Paths that were stopped before a bone so far.
+    /// Number of paths that ended before a bone so far.
     pub stopped: u64,
-    /// Calls so far.
+    /// Number of calls so far.
     pub calls: u64,
 }
 
-/// One muscle's contact with every obstacle in its reach.
+/// Contact of one muscle with every obstacle within its reach.
 #[derive(Clone)]
 pub struct Contacts {
     /// Indices into the scene's obstacles.
@@ -76,17 +81,18 @@ pub struct Contacts {
     surface: Surface,
     thickness: f64,
     friction: f64,
-    /// Bound on the motion of every vertex relative to each obstacle since the begin [m].
+    /// Bound on the motion of every vertex relative to each obstacle since the beginning [m].
     travel: Vec<f64>,
     start: Vec<Point3<f64>>,
-    /// Positions before pushing.
+    /// Positions before the corrections.
     unpushed: Vec<Point3<f64>>,
     pinched: Vec<u32>,
     calls: u64,
 }
 
 impl Contacts {
-    /// Contact of a muscle with the `obstacles` among `placed`; vertices with zero inverse mass are left out.
+    /// Contact of a muscle with the given `obstacles` of `placed`; vertices with zero inverse mass
+    /// are left out.
     pub fn new(
         mesh: &TriangleMesh,
         particles: &Particles,
@@ -105,8 +111,8 @@ impl Contacts {
         )
     }
 
-    /// As [`Self::new`], with the muscle's surface at hand, and, where it is known, what of obstacle `o` is nearest to each
-    /// vertex.
+    /// The same as [`Self::new`], with the muscle's surface and, where available, the nearest
+    /// points of obstacle `o` to each vertex.
     pub(crate) fn known<'a>(
         mut surface: Surface,
         particles: &Particles,
@@ -138,8 +144,8 @@ impl Contacts {
         }
     }
 
-    /// The same between two steps with other numbers, and for other free vertices of the same muscle, where it is; only what
-    /// is not known well enough for that is looked up.
+    /// This contact with other numbers between two steps, possibly with other free vertices of the
+    /// same muscle. Queries happen only where the known bounds are not sufficient.
     #[must_use]
     pub(crate) fn with(
         &self,
@@ -170,7 +176,7 @@ impl Contacts {
         next
     }
 
-    /// The free vertices that may be in obstacle `o` or near it, as of the last push: nothing that is left out can be.
+    /// A superset of the free vertices in or near obstacle `o`, after the last correction.
     pub fn near(&self, o: usize) -> impl Iterator<Item = u32> {
         let of = self
             .vertices
@@ -185,21 +191,22 @@ impl Contacts {
         &self.obstacles
     }
 
-    /// Takes the positions at the begin of a step.
+    /// Stores the positions at the beginning of a step.
     pub fn begin_step(&mut self, x: &[Point3<f64>]) {
         self.start.copy_from_slice(x);
         self.vertices.iter_mut().for_each(|v| v.rows.clear());
     }
 
-    /// Looks up what may have used up its bound, then pushes every vertex over its rows and every triangle off bone
-    /// vertices. To be called after the other constraints, once a sweep.
+    /// Repeats the queries whose bounds are used up, then moves every vertex over its planes and
+    /// every triangle off bone vertices. Call it once per sweep, after the other constraints.
     pub fn project(&mut self, placed: &[Placed], particles: &mut Particles) {
         self.calls += 1;
         let travel = self.travelled(placed, &particles.position);
         for ((contacts, &o), travel) in self.vertices.iter_mut().zip(&self.obstacles).zip(&travel) {
             contacts.update(&placed[o], &self.start, &mut particles.position, *travel);
         }
-        // What a vertex was pressed into the bone is undone first: it would wake all bone points as motion.
+        // The penetration of vertices is undone first: as motion, it would trigger queries for all
+        // bone points.
         for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
             push(row, &mut particles.position, self.thickness);
         }
@@ -208,17 +215,18 @@ impl Contacts {
         self.push(placed, particles, &travel);
     }
 
-    /// The travel relative to each obstacle up to the positions `x` of this step.
+    /// The sum of motion relative to each obstacle up to the positions `x` of this step.
     fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Vec<Travel> {
         let each = self.obstacles.iter().zip(&self.travel);
         each.map(|(&o, &before)| Travel::about(before, self.motion(&placed[o], x)))
             .collect()
     }
 
-    /// Greatest motion of a vertex relative to an obstacle since the begin of the step [m].
+    /// Greatest motion of a vertex relative to an obstacle since the beginning of the step [m].
     fn motion(&self, placed: &Placed, x: &[Point3<f64>]) -> f64 {
         let carry = placed.now * placed.before.inverse();
-        // A matrix turns a point with half the operations of a quaternion, and most bones are still.
+        // A matrix transforms a point with half the operations of a quaternion, and most bones do
+        // not move.
         let (turn, shift) = (
             carry.rotation.to_rotation_matrix(),
             carry.translation.vector,
@@ -229,7 +237,7 @@ impl Contacts {
         greatest_distance(x, self.start.iter().map(|s| turn * s + shift))
     }
 
-    /// Watches for triangles that came near a bone vertex since they were last looked up.
+    /// Tests for triangles that came near a bone vertex since their last query.
     fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], travel: &[Travel]) {
         let has_looked = self.triangles.iter().any(TriangleContacts::has_looked);
         let since = if has_looked {
@@ -252,7 +260,8 @@ impl Contacts {
         }
     }
 
-    /// Pushes until nothing is pushed by more than a share of the thickness: rows of neighbours undo each other.
+    /// Repeats the corrections until all are below a share of the thickness: planes of neighbours
+    /// undo each other.
     fn push(&mut self, placed: &[Placed], particles: &mut Particles, travel: &[Travel]) {
         self.triangles.iter_mut().for_each(|t| t.active.clear());
         self.unpushed.copy_from_slice(&particles.position);
@@ -287,7 +296,7 @@ impl Contacts {
         }
     }
 
-    /// Vertices that one bone pushed back under the thickness of another.
+    /// Finds vertices that one bone pushed back into the thickness of another.
     fn find_pinched(&mut self, x: &[Point3<f64>]) {
         self.pinched.clear();
         if self.vertices.len() < 2 {
@@ -304,7 +313,7 @@ impl Contacts {
         self.pinched.dedup();
     }
 
-    /// Between two bones a vertex gets the largest share of the thickness that both leave it.
+    /// Gives a vertex between two bones the largest share of the thickness that fits.
     fn make_room(&mut self, vertex: u32, x: &mut [Point3<f64>]) {
         for share in [1.0, 0.5, 0.25, 0.1, 0.02] {
             let wanted = self.thickness * share;
@@ -325,12 +334,13 @@ impl Contacts {
         }
     }
 
-    /// The distance kept between muscle and bone [m].
+    /// Distance between muscle and bone [m].
     pub fn thickness(&self) -> f64 {
         self.thickness
     }
 
-    /// The planes over which vertices near a bone, and triangles near a bone vertex, must stay, as of the last push.
+    /// The contact planes of vertices near a bone and of triangles near a bone vertex, after the
+    /// last correction.
     pub fn near_rows(&self) -> Vec<Row> {
         let vertices = self.vertices.iter().flat_map(|c| &c.rows).map(|row| Row {
             terms: [(row.vertex, 1.0), (row.vertex, 0.0), (row.vertex, 0.0)],
@@ -348,7 +358,7 @@ impl Contacts {
         vertices.chain(triangles).collect()
     }
 
-    /// The directions that contact bars to vertices at `x`.
+    /// The directions in which contact blocks vertices at `x`.
     pub fn barred(&self, x: &[Point3<f64>]) -> Barred {
         let rows = self.vertices.iter().flat_map(|c| &c.rows);
         let touching = rows
@@ -359,7 +369,8 @@ impl Contacts {
         Barred(touching.chain(corners).collect())
     }
 
-    /// After the step: velocities do not keep what pushing added, and friction slows the sliding of pushed vertices.
+    /// Ends the step: velocities lose the motion of corrections, and friction slows the sliding of
+    /// corrected vertices.
     pub fn end_step(&mut self, placed: &[Placed], particles: &mut Particles, dt: f64) {
         for (contacts, &o) in self.vertices.iter().zip(&self.obstacles) {
             let carried = placed[o].before * placed[o].now.inverse();
@@ -379,7 +390,7 @@ impl Contacts {
                 particles.velocity[v] = bone + sliding + row.normal * along.min(0.0);
             }
         }
-        // Triangles likewise: what a bone vertex pushed away does not fly off.
+        // Triangles likewise: a triangle that a bone vertex pushed away does not fly off.
         for (contacts, &o) in self.triangles.iter().zip(&self.obstacles) {
             let carried = placed[o].before * placed[o].now.inverse();
             for TriangleContact { points, normal, .. } in &contacts.active {
@@ -403,7 +414,8 @@ impl Contacts {
         }
     }
 
-    /// Whether no vertex is deeper than `depth` [m] under the bones as known now, and no bone point in the muscle.
+    /// True if no vertex is deeper than `depth` [m] below the known bone surfaces, and no bone
+    /// point is in the muscle.
     pub fn is_clear(&mut self, placed: &[Placed], x: &[Point3<f64>], depth: f64) -> bool {
         if !self.vertices.iter().all(|c| c.is_clear(x, depth)) {
             return false;
@@ -417,7 +429,7 @@ impl Contacts {
         points.all(|((c, &o), travel)| c.is_clear(&placed[o], &self.surface, *travel))
     }
 
-    /// Root mean square of what rows lack to the thickness [m].
+    /// Root mean square shortfall of the distances to the contact planes [m].
     pub fn residual(&self, x: &[Point3<f64>]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_usize);
         for row in self.vertices.iter().flat_map(|c| &c.rows) {
@@ -429,7 +441,7 @@ impl Contacts {
         (sum / count.max(1) as f64).sqrt()
     }
 
-    /// The vertices that touch an obstacle, in order.
+    /// The vertices in contact with an obstacle, in ascending order.
     pub fn touching(&self, x: &[Point3<f64>]) -> Vec<u32> {
         let rows = self.vertices.iter().flat_map(|c| &c.rows);
         let mut all: Vec<u32> = rows
@@ -441,7 +453,7 @@ impl Contacts {
         all
     }
 
-    /// Numbers of the last step.
+    /// Counts of the last step.
     pub fn counts(&self, x: &[Point3<f64>]) -> Counts {
         let mut heights = std::collections::BTreeMap::<u32, Vec<f64>>::new();
         for row in self.vertices.iter().flat_map(|c| &c.rows) {
@@ -479,10 +491,10 @@ impl Contacts {
     }
 }
 
-/// With the same obstacles, see [`Contacts::obstacles`].
+/// The obstacles must be the same, see [`Contacts::obstacles`].
 impl State for Contacts {
     fn save(&self, to: &mut Writer) {
-        // What is not kept, each step begins with.
+        // Fields without state are reset at the beginning of each step.
         let Self {
             obstacles: _,
             vertices,
@@ -517,14 +529,15 @@ impl State for Contacts {
     }
 }
 
-/// Vertices, each with the normal of a plane that it may not cross.
+/// Vertices, each with the normal of a plane that it must not cross.
 pub struct Barred(Vec<(u32, Vector3<f64>)>);
 
 impl Barred {
-    /// Takes out of a field of displacements, of which vertices will go `sign` times a positive multiple, what would
-    /// push them into a bone.
+    /// Removes the components that would push vertices into a bone from a displacement field; the
+    /// displacement will be `sign` times a positive multiple of the field.
     pub fn restrict(&self, field: &mut [Slot], sign: f64) {
-        // The second pass undoes what one bone's row changed for another's; what then is left over stays put.
+        // The second pass undoes conflicts between the planes of two bones; vertices with a
+        // conflict after it stay in place.
         for pass in 0..3 {
             for (v, normal) in &self.0 {
                 let Slot([x, y, z, _]) = &mut field[*v as usize];
@@ -536,12 +549,12 @@ impl Barred {
     }
 }
 
-/// The vertices that nothing holds.
+/// The vertices with positive inverse mass.
 fn free(particles: &Particles) -> impl Iterator<Item = u32> {
     (0..particles.len() as u32).filter(|&v| particles.inverse_mass[v as usize] > 0.0)
 }
 
-/// Greatest distance between points of the same index [m]; not a number where one of them is not.
+/// Greatest distance between points of the same index [m]; NaN if one is NaN.
 fn greatest_distance(x: &[Point3<f64>], others: impl Iterator<Item = Point3<f64>>) -> f64 {
     greatest(x.iter().zip(others).map(|(x, o)| (x - o).norm_squared())).sqrt()
 }
@@ -552,7 +565,7 @@ fn two_lowest(heights: &[f64]) -> f64 {
     sorted[0] + sorted[1]
 }
 
-/// Pushes a vertex over its row; returns by how much [m].
+/// Moves a vertex over its plane. Returns the distance [m].
 fn push(row: &mut vertices::Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
     let lack = thickness - row.height(x);
     if lack > 0.0 {
@@ -562,7 +575,8 @@ fn push(row: &mut vertices::Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
     lack.max(0.0)
 }
 
-/// Removes from `d` its part against `normal`; with `still`, all of `d` if any such part is left.
+/// Removes the component of `d` against `normal`; with `still`, removes all of `d` if such a
+/// component remains.
 fn bar(d: &mut Vector3<f64>, sign: f64, normal: &Vector3<f64>, still: bool) {
     let along = sign * d.dot(normal);
     if along < 0.0 {

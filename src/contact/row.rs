@@ -1,24 +1,24 @@
-//! One contact as a linear inequality of positions.
+//! A contact as a linear inequality of positions.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::state::{Corrupt, Reader, Value, Writer};
 
-/// A plane that a weighted mean of up to three vertices must stay over: n.(sum w x - o) >= distance.
+/// A half-space constraint on a weighted mean of up to three vertices: n.(sum w x - o) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// Vertices and their weights; of a single vertex the others have weight zero.
+    /// Vertices and their weights; for a single vertex the others have weight zero.
     pub terms: [(u32, f64); 3],
     /// Unit direction away from the obstacle.
     pub normal: Vector3<f64>,
     /// A point of the obstacle [m].
     pub origin: Point3<f64>,
-    /// Height to be kept over it [m].
+    /// Required height over the plane [m].
     pub distance: f64,
 }
 
 impl Row {
-    /// Height over what is to be kept [m], negative where it is not.
+    /// Height above the required one [m]; negative if the constraint is violated.
     pub fn room(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = -self.distance;
         for &(v, w) in &self.terms {
@@ -27,7 +27,7 @@ impl Row {
         sum
     }
 
-    /// The row's product with a field.
+    /// Dot product of the constraint gradient with a field.
     pub(crate) fn along(&self, field: &[Vector3<f64>]) -> f64 {
         self.terms
             .iter()
@@ -35,7 +35,7 @@ impl Row {
             .sum()
     }
 
-    /// Adds `factor` times the row to a field.
+    /// Adds `factor` times the constraint gradient to a field.
     pub(crate) fn spread(&self, factor: f64, field: &mut [Vector3<f64>]) {
         self.terms
             .iter()
@@ -43,12 +43,12 @@ impl Row {
             .for_each(|&(v, w)| field[v as usize] += self.normal * (w * factor));
     }
 
-    /// Whether a force presses against the obstacle.
+    /// True if a force presses against the obstacle.
     pub fn is_pressed(&self, force: &[Vector3<f64>]) -> bool {
         self.along(force) < 0.0
     }
 
-    /// Takes the obstacle's reaction off a force.
+    /// Removes the obstacle's reaction from a force.
     pub fn support(&self, force: &mut [Vector3<f64>]) {
         let square: f64 = self.terms.iter().map(|(_, w)| w * w).sum();
         let pressed = self.along(force) / square;

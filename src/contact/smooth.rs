@@ -1,33 +1,34 @@
-//! A smooth distance: cubic B-splines over samples of an obstacle's signed distance.
+//! A smooth distance: cubic B-splines with samples of an obstacle's signed distance.
 //!
-//! The distance to a surface of triangles has derivatives that jump where the nearest triangle changes, and where two places
-//! are equally near. What slides over it takes every jump along. Splines whose coefficients are samples of the distance
-//! average it over a few cells: their second derivatives are continuous everywhere.
+//! The derivatives of the distance to a triangle mesh jump where the nearest triangle changes, and
+//! where two points are equally near. A body that slides over the mesh feels every jump. Splines
+//! whose coefficients are distance samples average it over a few cells: their second derivatives
+//! are continuous everywhere.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
 use super::Obstacle;
 
-/// Samples along an edge of a block that is looked at as a whole.
+/// Samples along the edge of a block that is tested as a whole.
 const BLOCK: usize = 4;
 
-/// Most samples of one obstacle: 40 MB, twice that while they are taken.
+/// Greatest number of samples of one obstacle: 40 MB, twice that during the sampling.
 pub const MOST_SAMPLES: usize = 5_000_000;
 
-/// Samples are at least this share of the obstacle's length apart: of a mesh most of whose edges have no length the median says
-/// nothing, and coarsening from there would not end.
+/// Least spacing of samples relative to the obstacle's length. If most edges of a mesh have no
+/// length, the median is meaningless, and coarsening from there would not end.
 const FINEST: f64 = 1.0 / 4096.0;
 
 /// A smoothed signed distance in an obstacle's own frame.
 #[derive(Clone, Debug)]
 pub struct SmoothDistance {
-    /// Place of the first sample [m].
+    /// Position of the first sample [m].
     origin: Point3<f64>,
     /// Distance between samples [m].
     spacing: f64,
     count: [usize; 3],
-    /// Samples, those along x side by side [m].
+    /// Samples in x-major order [m].
     values: Vec<f64>,
 }
 
@@ -36,15 +37,16 @@ pub struct SmoothDistance {
 pub struct Smooth {
     /// Smoothed signed distance [m], negative inside.
     pub distance: f64,
-    /// Its gradient, about 1 long.
+    /// Gradient of the distance, of length about 1.
     pub gradient: Vector3<f64>,
-    /// Its second derivative [1/m].
+    /// Second derivative of the distance [1/m].
     pub hessian: Matrix3<f64>,
 }
 
 impl SmoothDistance {
-    /// Samples the distance to an obstacle every `spacing` [m], or as much coarser as [`MOST_SAMPLES`] asks for, where it is
-    /// below `reach` [m]. Over a surface of mean curvature H it departs from the distance by spacing^2 H / 3.
+    /// Samples the distance to an obstacle every `spacing` [m] where it is below `reach` [m]; the
+    /// spacing increases if there would be more than [`MOST_SAMPLES`]. Over a surface of mean
+    /// curvature H the smoothed distance differs by spacing^2 H / 3.
     pub fn new(obstacle: &dyn Obstacle, spacing: f64, reach: f64) -> Self {
         let bounds = obstacle.bounding_box();
         let size = |spacing: f64| {
@@ -55,7 +57,7 @@ impl SmoothDistance {
             [samples(extents.x), samples(extents.y), samples(extents.z)]
         };
         let total = |spacing: f64| size(spacing).iter().map(|n| *n as f64).product::<f64>();
-        // A NaN is no spacing either.
+        // NaN is no spacing either.
         let mut spacing = spacing.max(FINEST * bounds.inflate(reach).extents().amax());
         while total(spacing) > MOST_SAMPLES as f64 {
             spacing *= 1.25;
@@ -76,11 +78,11 @@ impl SmoothDistance {
         self.origin + Vector3::from(at.map(|k| k as f64)) * self.spacing
     }
 
-    /// All samples; in blocks that are farther than `reach` those of their middles.
+    /// All samples; blocks farther than `reach` get the distance of their centres.
     fn sample(&self, obstacle: &dyn Obstacle, reach: f64) -> Vec<f64> {
         let blocks = self.count.map(|n| n / BLOCK);
         let half = 0.5 * (BLOCK - 1) as f64 * self.spacing;
-        // Every sample that a spline nearer than `reach` takes has to be exact.
+        // Every sample in the support of a spline within `reach` must be exact.
         let far = reach + (half + 2.0 * self.spacing) * 3f64.sqrt();
         let of = |b: usize| -> [f64; BLOCK * BLOCK * BLOCK] {
             let first = [
@@ -117,7 +119,8 @@ impl SmoothDistance {
         values
     }
 
-    /// The distance around a point in the obstacle's frame [m]; `None` beyond the samples, which is farther than `reach`.
+    /// The distance at a point in the obstacle's frame [m]; `None` beyond the samples, farther than
+    /// `reach`.
     pub fn at(&self, point: &Point3<f64>) -> Option<Smooth> {
         let local = (point - self.origin) / self.spacing;
         let mut first = [0; 3];
@@ -169,7 +172,8 @@ impl SmoothDistance {
     }
 }
 
-/// The four cubic B-splines at a place from 0 to 1 between the middle two samples, and their two derivatives.
+/// The four cubic B-splines at a position from 0 to 1 between the two middle samples, with two
+/// derivatives.
 fn splines(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     let inner = |t: f64| (3.0 * t - 6.0) * t * t + 4.0;
@@ -205,7 +209,7 @@ mod tests {
         let (capsule, mut draw) = (capsule(), Draw::new(17));
         let smooth = SmoothDistance::new(&capsule, SPACING, REACH);
         let (mut seen, mut worst) = (0, 0.0f64);
-        // Twice the mean curvature of a ball, and half as much again for the next order.
+        // Twice the mean curvature of a ball, plus a half for the next order.
         let bound = 1.5 * SPACING * SPACING / 6.0 * 2.0 / (RADIUS - REACH);
         for _ in 0..500 {
             let end = capsule.ends[usize::from(draw.between(0.0, 1.0) > 0.5)];
@@ -223,7 +227,7 @@ mod tests {
                 exact.distance
             );
             worst = worst.max((found.distance - exact.distance).abs());
-            // Where a ball becomes a cylinder its curvature halves within a cell.
+            // Where a ball becomes a cylinder, its curvature halves within a cell.
             let turned = (found.gradient - exact.normal).norm();
             assert!(turned <= SPACING / (4.0 * (RADIUS - REACH)), "{turned}");
             assert!(
@@ -267,7 +271,7 @@ mod tests {
                 };
                 let (up, down) = (at(1.0), at(-1.0));
                 let slope = (up.distance - down.distance) / (2.0 * h);
-                // Rounding of coordinates over the step, and third derivatives of what is smooth over the spacing.
+                // Rounding of coordinates over the step, and third derivatives over the spacing.
                 assert!(
                     (slope - here.gradient[c]).abs() <= 1e-8,
                     "{slope} {}",
@@ -284,7 +288,7 @@ mod tests {
                     usize::from(!((turn - here.hessian.column(c) * 1.1).norm() <= 1e-3 * scale));
             }
         }
-        // Columns along the normal are nearly zero, and so are a tenth of them.
+        // Columns along the normal are nearly zero, as are a tenth of them.
         assert!(
             seen > 100 && rejected > seen / 2,
             "control: {rejected} of {seen} see a tenth"

@@ -1,4 +1,4 @@
-//! A triangle mesh that answers which of its points is nearest, with a sign; the one file that touches parry.
+//! A triangle mesh with signed closest-point queries; the only file that uses parry.
 
 use nalgebra::{Point3, Vector3};
 use parry3d_f64::bounding_volume::Aabb as ParryAabb;
@@ -34,12 +34,13 @@ fn bounds(t: &[Point3<f64>; 3]) -> ParryAabb {
     )
 }
 
-/// A bound on a distance may be this many times too small.
+/// Tolerance factor of a bound on a distance.
 const SLACK: f64 = 1.2;
 
 impl Surface {
-    /// Builds the hierarchy; signs come from angle-weighted pseudo-normals \[baerentzen2005\] where the mesh is closed
-    /// and consistently oriented, else from the generalised winding number \[jacobson2013\].
+    /// Builds the hierarchy. The signs come from angle-weighted pseudo-normals \[baerentzen2005\]
+    /// for a closed and consistently oriented mesh, otherwise from the generalised winding number
+    /// \[jacobson2013\].
     pub fn new(mesh: &TriangleMesh) -> Self {
         let leaves: Vec<ParryAabb> = (0..mesh.triangles.len())
             .map(|t| bounds(&mesh.corners(t)))
@@ -51,7 +52,7 @@ impl Surface {
         }
     }
 
-    /// Positions as of the last refit [m].
+    /// Positions at the last refit [m].
     pub fn positions(&self) -> &[Point3<f64>] {
         &self.faces.mesh.vertices
     }
@@ -61,7 +62,7 @@ impl Surface {
         &self.faces.mesh.triangles
     }
 
-    /// Takes new positions; the hierarchy keeps its shape and follows.
+    /// Sets new positions; the hierarchy keeps its structure and updates its boxes.
     pub fn refit(&mut self, positions: &[Point3<f64>]) {
         self.faces.mesh.vertices.copy_from_slice(positions);
         for t in 0..self.faces.mesh.triangles.len() {
@@ -71,7 +72,7 @@ impl Surface {
         self.bvh.refit(&mut self.workspace);
     }
 
-    /// The nearest place of the surface, at most `reach` [m] away.
+    /// The nearest point of the surface within `reach` [m].
     pub fn nearest(&self, point: &Point3<f64>, reach: f64) -> Option<OnTriangle> {
         let p = glam(point);
         let (triangle, _) = self.bvh.find_best(
@@ -85,9 +86,9 @@ impl Surface {
         Some(self.faces.on(point, triangle, &self.faces.mesh.vertices))
     }
 
-    /// The nearest place of the surface, found faster where it is no further than `bound` [m].
+    /// The nearest point of the surface; faster if its distance is at most `bound` [m].
     pub fn nearest_below(&self, point: &Point3<f64>, bound: f64) -> Option<OnTriangle> {
-        // A little more, for what is nearest may itself have given the bound.
+        // Slightly larger, since the nearest point itself can have given the bound.
         self.nearest(point, bound * (1.0 + 1e-9))
             .or_else(|| self.nearest(point, f64::MAX))
     }
@@ -98,7 +99,8 @@ impl Surface {
         (point_at(&t, &on_triangle(point, &t).0) - point).norm()
     }
 
-    /// The first place of the surface that a ray from `from` along `direction` meets: triangle and barycentric weights.
+    /// The first intersection of the surface with a ray from `from` along `direction`: triangle and
+    /// barycentric weights.
     pub fn first_hit(
         &self,
         from: &Point3<f64>,
@@ -116,11 +118,12 @@ impl Surface {
         ))
     }
 
-    /// A lower bound on the distance of a point [m] of which some distance to the surface is known, and the triangle
-    /// that is nearer than that, if one was met.
+    /// A lower bound on the distance of a point [m] for a known distance to the surface, and a
+    /// nearer triangle if the search met one.
     pub fn lower_bound(&self, point: &Point3<f64>, known: f64) -> (f64, Option<u32>) {
         let p = glam(point);
-        // What is pruned is at least the best over SLACK away; so much of the search is never begun.
+        // Pruned parts are at least the best distance over SLACK away; this share of the search is
+        // skipped.
         let better = self.bvh.find_best(
             known,
             |node, _| node.aabb().distance_to_local_point(p, true) * SLACK,
@@ -132,7 +135,8 @@ impl Surface {
         }
     }
 
-    /// Appends all triangles at most `reach` [m] from `point`, by falling index of the hierarchy's own order.
+    /// Appends all triangles within `reach` [m] of `point`, in descending order of the hierarchy's
+    /// own index.
     pub fn within(&self, point: &Point3<f64>, reach: f64, found: &mut Vec<u32>) {
         let p = glam(point);
         let half = Glam::new(reach, reach, reach);
@@ -141,10 +145,10 @@ impl Surface {
         found[begin..].sort_unstable();
     }
 
-    /// The winding number about `point` of the surface with positions `x`, of which none is further than `moved` [m] from
-    /// where it was at the last refit; exact.
+    /// The winding number of the surface at `point`, exact. `x` are its positions, none farther
+    /// than `moved` [m] from the position at the last refit.
     pub fn winds_about(&self, point: &Point3<f64>, x: &[Point3<f64>], moved: f64) -> i32 {
-        // All that the ray from the point along +x may meet.
+        // All triangles that the ray from the point along +x can hit.
         let slack = Glam::new(moved, moved, moved);
         let mut far = glam(point);
         far.x = self.bvh.root_aabb().maxs.x.max(far.x);
@@ -155,8 +159,8 @@ impl Surface {
             .sum()
     }
 
-    /// The nearest of the triangles `among`, with positions `x` that may be newer than the last refit; of several equally
-    /// near the first by index. Faster where `likely`, a triangle, is near.
+    /// The nearest of the triangles `among`, for positions `x` that can be newer than the last
+    /// refit; of several equally near the lowest index. Faster if the triangle `likely` is near.
     pub fn nearest_among(
         &self,
         point: &Point3<f64>,
@@ -184,7 +188,8 @@ impl Surface {
     }
 }
 
-/// Whether the box of a triangle is further from `point` than the root of `squared`, by more than rounding.
+/// True if the box of a triangle is farther from `point` than the square root of `squared`, by more
+/// than rounding.
 fn is_beyond(point: &Point3<f64>, t: &[Point3<f64>; 3], squared: f64) -> bool {
     let outside = |k: usize| {
         let (low, high) = (
@@ -197,7 +202,7 @@ fn is_beyond(point: &Point3<f64>, t: &[Point3<f64>; 3], squared: f64) -> bool {
     a * a + b * b + c * c > squared * (1.0 + 1e-9)
 }
 
-/// Of a surface that has been refitted: the hierarchy then follows from its shape, which never changes, and the positions.
+/// Of a refitted surface: the positions determine the hierarchy, since its structure never changes.
 impl State for Surface {
     fn save(&self, to: &mut Writer) {
         let Self {
@@ -249,8 +254,8 @@ impl Obstacle for Surface {
     }
 
     fn bytes(&self) -> usize {
-        // parry counts the place of a leaf as a number, but it may be absent and takes twice that. The workspace, of which
-        // it does not tell the size, is empty up to the first refit.
+        // parry reports the index of a leaf as a number, but it is optional and takes twice the
+        // size. The workspace, whose size is private, is empty up to the first refit.
         let places = self.faces.mesh.triangles.len() * std::mem::size_of::<usize>();
         self.bvh.heap_memory_size() + places + self.faces.bytes()
     }

@@ -1,4 +1,4 @@
-//! Vertices of one obstacle against the triangles of a muscle.
+//! Contact of the vertices of one obstacle with the triangles of a muscle.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -13,55 +13,59 @@ use crate::mesh::measures::greatest;
 use crate::particles::Particles;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
-/// A bone vertex further from the muscle than this many thicknesses is asleep.
+/// A bone vertex farther from the muscle than this is inactive, in contact thicknesses.
 const NEAR: f64 = 6.0;
 
-/// Nearer to the surface than this many thicknesses, the pseudo-normal decides alone on which side a point is.
+/// Below this distance from the surface, in contact thicknesses, the pseudo-normal alone decides on
+/// the side of a point.
 const DOUBT: f64 = 0.4;
 
-/// Travel for which a watched vertex is not looked up again, in thicknesses: more makes its list of triangles longer.
+/// Motion during which an active vertex needs no new query, in contact thicknesses: a greater value
+/// makes its list of triangles longer.
 const MARGIN: f64 = 6.0;
 
-/// Travel by which a vertex is looked up early when another must be, in thicknesses: saves refits.
+/// A due query triggers others that are due within this motion, in contact thicknesses: this saves
+/// refits.
 const EARLY: f64 = 0.5;
 
-/// A bone vertex and the muscle's triangles that it may meet before it is looked up again.
+/// A bone vertex with the muscle's triangles that it can touch before its next query.
 #[derive(Clone, Debug)]
 struct Watched {
     point: u32,
     triangles: Vec<u32>,
 }
 
-/// What a lookup found.
+/// Result of a query.
 struct Found {
     triangle: u32,
-    /// Signed distance, or less where it is far [m].
+    /// Signed distance, or a lower bound for a distant vertex [m].
     distance: f64,
-    /// Travel for which this holds [m].
+    /// Motion for which the result is valid [m].
     bound: f64,
     watched: Option<Watched>,
 }
 
-/// What is known about each vertex of an obstacle with respect to the muscle.
+/// Contact state of each vertex of an obstacle with respect to the muscle.
 #[derive(Clone, Debug)]
 pub(super) struct TriangleContacts {
-    /// Travel at which each sleeping vertex is looked up again.
+    /// Sum of motion at which each inactive vertex gets a new query.
     wake: Vec<f64>,
-    /// Signed distance of each vertex when it was last seen, and the travel at that time.
+    /// Signed distance of each vertex at its last query, and the sum of motion at that time.
     last: Vec<(f64, f64)>,
-    /// The triangle that was nearest to each vertex when it was last looked up.
+    /// The nearest triangle of each vertex at its last query.
     nearest: Vec<u32>,
     watched: Vec<Watched>,
-    /// Rows by which triangles were pushed in this step.
+    /// Contact planes that moved triangles in this step.
     pub active: Vec<TriangleContact>,
     thickness: f64,
-    /// Vertices looked up in this step, with the motion of the surface since its last refit for which that holds. Until
-    /// the step ends nothing else wakes them: how far the surface is from there is known exactly, and the travel only
-    /// within twice the motion of the step.
+    /// Vertices with a query in this step, with the motion of the surface since the last refit for
+    /// which the result is valid. They need no other query until the end of the step: their
+    /// distance to the surface is known exactly, and the sum of motion only within twice the motion
+    /// of the step.
     looked: Vec<(u32, f64)>,
-    /// Travel at the last refit of the surface.
+    /// Sum of motion at the last refit of the surface.
     refitted: f64,
-    /// Lookups done.
+    /// Number of queries.
     pub lookups: u64,
 }
 
@@ -83,24 +87,24 @@ impl TriangleContacts {
         }
     }
 
-    /// Whether some vertex must be looked up, for which the surface has to be refitted; it has moved by `since` [m] since
-    /// its last refit.
+    /// True if some vertex needs a query and the surface must be refitted; the surface has moved by
+    /// `since` [m] since its last refit.
     pub fn is_due(&self, travel: Travel, since: f64) -> bool {
         self.wake.iter().any(|w| *w <= travel.at_most)
             || self.looked.iter().any(|(_, bound)| *bound <= since)
     }
 
-    /// Whether any vertex was looked up in this step.
+    /// True if any vertex had a query in this step.
     pub fn has_looked(&self) -> bool {
         !self.looked.is_empty()
     }
 
-    /// Looks up every vertex whose bound is used up, on a freshly refitted surface that had moved by `since` [m] since the
-    /// refit before.
+    /// Queries every vertex whose bound is used up, on a refitted surface that had moved by `since`
+    /// [m] since the previous refit.
     pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel, since: f64) {
         self.refitted = travel.at_least;
         let points = placed.obstacle.guards();
-        // What would wake soon is looked up now: the refit is paid for.
+        // Queries that are due soon happen now, since the refit is already paid for.
         let early = EARLY * self.thickness;
         let soon = travel.at_most + early;
         let mut due: Vec<u32> = (0..points.len() as u32)
@@ -152,7 +156,7 @@ impl TriangleContacts {
             surface.distance_to(&p, triangle)
         };
         if known < f64::MAX && self.last[k as usize].0 > near {
-            // A far one needs no distance, only to know for how long it stays far.
+            // A distant vertex needs only a lower bound.
             let (lower, nearer) = surface.lower_bound(&p, known);
             if lower > near {
                 return asleep(nearer.unwrap_or(triangle), lower);
@@ -187,14 +191,15 @@ impl TriangleContacts {
         }
     }
 
-    /// At the end of a step, after a travel of `travel` [m], of which the surface made `since` after its last refit.
+    /// Ends a step after a sum of motion of `travel` [m]; the surface made `since` of it after its
+    /// last refit.
     pub fn end_step(&mut self, travel: f64, since: f64) {
         for (k, bound) in self.looked.drain(..) {
             self.wake[k as usize] = travel + bound - since;
         }
     }
 
-    /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
+    /// Moves triangles off the vertices within the thickness. Returns the largest correction [m].
     pub fn project(
         &mut self,
         placed: &Placed,
@@ -241,9 +246,11 @@ impl TriangleContacts {
             if weight <= 0.0 || c >= 0.0 {
                 continue;
             }
-            // Where a held corner is nearest, the others have no lever: no corner goes further than twice the lack.
+            // Near a fixed corner the others have no lever: no corner moves farther than twice the
+            // penetration.
             let weight = greatest(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
-            // And none further than the thickness at once: what is deep comes out over the sweeps.
+            // No corner moves farther than the thickness at once: deep penetrations resolve over
+            // several sweeps.
             let c = c.max(-self.thickness);
             for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
                 particles.position[v as usize] -= g * (w * c / weight);
@@ -254,11 +261,12 @@ impl TriangleContacts {
         largest
     }
 
-    /// The side of the muscle's surface that a point is on: 1 outside, -1 inside.
+    /// The side of the muscle's surface on which a point lies: 1 outside, -1 inside.
     ///
-    /// A point that is further away than it can have moved since it was last seen is still on the side where it was.
-    /// Where that and the pseudo-normal do not both say outside, and it matters, the exact winding number decides: a
-    /// crumpled surface has normals that lie, and a point wrongly held to be inside would draw the muscle to itself.
+    /// A point whose distance exceeds its motion since the last query is still on the same side.
+    /// Where this and the pseudo-normal do not both give outside, and it matters, the exact winding
+    /// number decides. A crumpled surface has misleading normals, and a point wrongly classified as
+    /// inside would attract the muscle.
     fn side(
         &self,
         point: u32,
@@ -286,11 +294,11 @@ impl TriangleContacts {
         }
     }
 
-    /// Whether no watched point is inside the muscle, by exact winding numbers on a surface that was refitted after a
-    /// travel of `travel` [m].
+    /// True if no active point is inside the muscle, by exact winding numbers on a surface that was
+    /// refitted after a sum of motion of `travel` [m].
     pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
         self.refitted = travel;
-        // The surface was refitted, and nobody knows how far it had gone before.
+        // The surface was refitted; its earlier motion is unknown.
         self.looked
             .drain(..)
             .for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
@@ -394,7 +402,7 @@ impl TriangleContacts {
         to.put(&(*refitted, *lookups));
     }
 
-    /// Takes the state of contact with `surface`.
+    /// Restores the state of contact with `surface`.
     pub fn restore(&mut self, from: &mut Reader<'_>, surface: &Surface) -> Result<(), Corrupt> {
         let (points, triangles) = (self.wake.len(), surface.triangles().len());
         let (is_point, is_triangle) = (
@@ -430,7 +438,7 @@ impl TriangleContacts {
     }
 }
 
-/// The row of a vertex as a constraint, for residuals and for the conformance suite.
+/// The contact plane of a vertex as a constraint, for residuals and for the conformance suite.
 pub(super) fn plane_row(
     vertex: u32,
     origin: Point3<f64>,

@@ -1,4 +1,4 @@
-//! Overlap of muscle and bone at the start, removed gently before the motion begins.
+//! Removal of overlap between muscle and bone before the motion begins.
 
 use nalgebra::Isometry3;
 
@@ -12,24 +12,25 @@ use crate::mesh::measures::{greatest, median};
 use crate::mesh::topology::Topology;
 use crate::particles::Particles;
 
-/// Rounds of pushing and relaxing at most.
+/// Greatest number of rounds of correction and relaxation.
 const ROUNDS: usize = 60;
 
-/// What untangling did.
+/// Measures of the removal.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Untangled {
-    /// Deepest vertex before [m].
+    /// Greatest depth of a vertex before [m].
     pub overlap: f64,
-    /// Farthest that a vertex was moved [m].
+    /// Greatest displacement of a vertex [m].
     pub moved: f64,
-    /// Change of the enclosed volume, relative.
+    /// Relative change of the enclosed volume.
     pub volume_change: f64,
-    /// Vertices that were nearer to a bone than the contact thickness.
+    /// Number of vertices nearer to a bone than the contact thickness.
     pub vertices: usize,
 }
 
-/// Moves the vertices of `mesh` out of the obstacles to `thickness` [m], its edges and angles relaxing with it, so
-/// that the start is free of overlap; returns what it did. A mesh that is clear is not touched.
+/// Moves the vertices of `mesh` out of the obstacles to `thickness` [m] while its edges and angles
+/// relax, so that the start has no overlap. Returns the measures. A mesh without overlap is
+/// unchanged.
 pub fn untangle(
     mesh: &mut TriangleMesh,
     placed: &[Placed],
@@ -57,7 +58,8 @@ pub fn untangle(
     push_out(mesh, found, placed, obstacles, thickness)
 }
 
-/// How deep vertices are in obstacles, and how many are nearer than `thickness` [m], by what is nearest to them.
+/// Greatest depth of vertices in obstacles and the number nearer than `thickness` [m], from their
+/// nearest points.
 pub(crate) fn overlap<'a>(
     closest: impl IntoIterator<Item = &'a Option<Closest>>,
     thickness: f64,
@@ -70,7 +72,7 @@ pub(crate) fn overlap<'a>(
     report
 }
 
-/// As [`untangle`], of a mesh that is not clear: `report` says how much it overlaps.
+/// The same as [`untangle`] for a mesh with overlap; `report` contains the overlap.
 pub(crate) fn push_out(
     mesh: &mut TriangleMesh,
     mut report: Untangled,
@@ -88,7 +90,7 @@ pub(crate) fn push_out(
         contacts.project(placed, &mut particles);
         contacts.end_step(placed, &mut particles, 1.0);
     }
-    // Contact has the last word.
+    // Contact comes last.
     for _ in 0..ROUNDS {
         contacts.begin_step(&particles.position);
         contacts.project(placed, &mut particles);
@@ -101,7 +103,7 @@ pub(crate) fn push_out(
     report
 }
 
-/// Whether a guard of an obstacle at `pose` is inside a muscle's surface.
+/// True if a sample point of an obstacle at `pose` is inside a muscle's surface.
 pub(crate) fn is_guard_inside(
     surface: &Surface,
     obstacle: &dyn Obstacle,
@@ -116,7 +118,7 @@ pub(crate) fn is_guard_inside(
     })
 }
 
-/// The constraints that keep the shape while vertices are pushed out.
+/// The constraints that keep the shape during the removal.
 struct Shape {
     stretch: Batch<Distance, 2>,
     bending: Batch<Bending, 4>,
@@ -144,7 +146,7 @@ impl Shape {
                 )
             })
             .collect();
-        // Soft against contact: a full projection of angles would throw slivers about.
+        // Soft against contact: a full projection of angles would displace slivers far.
         let soft = median(lengths.clone()).unwrap_or(0.0).powi(2);
         Self {
             stretch: Batch::new(
@@ -172,7 +174,7 @@ impl Shape {
             self.stretch.project(particles, 1.0);
             self.bending.project(particles, 1.0);
         }
-        // An unsolvable volume leaves the shape as it is; the change is reported.
+        // A volume without solution leaves the shape as it is; the report contains the change.
         let _ = self.volume.project(particles, 1.0);
     }
 }

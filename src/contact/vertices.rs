@@ -1,4 +1,4 @@
-//! Vertices of a muscle against one obstacle.
+//! Contact of the vertices of a muscle with one obstacle.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
@@ -7,23 +7,24 @@ use super::response::Travel;
 use super::{Closest, Obstacle, Placed};
 use crate::state::{Corrupt, Reader, State, Value, Writer};
 
-/// A vertex further away than this many thicknesses has no row, only a bound that says when to look again.
+/// A vertex farther away than this, in contact thicknesses, has no plane, only a bound until its
+/// next query.
 const NEAR: f64 = 4.0;
 
-/// Steps of a walk along a suspicious path before it is given up where it is.
+/// Greatest number of steps of a walk along a path that possibly crosses the surface.
 const WALK: usize = 64;
 
-/// The known surroundings of one vertex, in the frame of the obstacle.
+/// Contact state of one vertex, in the frame of the obstacle.
 #[derive(Clone, Copy, Debug)]
 struct Known {
-    /// Where it was looked up.
+    /// Position of the last query.
     from: Point3<f64>,
-    /// What was found: the ball about `from` with this distance as radius is free.
+    /// Result of the query: the ball about `from` with this distance as radius is free.
     closest: Closest,
-    /// How far it may move before it is looked up again [m].
+    /// Greatest motion before the next query [m].
     bound: f64,
-    /// Travel of the whole muscle at which a far vertex is looked up again; infinite until the end of the step in which
-    /// it was, for how far it went since is known exactly.
+    /// Sum of motion of the muscle at which a distant vertex needs a new query; infinite until the
+    /// end of the step of its query, since its own motion is then known exactly.
     wake: f64,
 }
 
@@ -44,7 +45,7 @@ impl Known {
     }
 }
 
-/// A row: a vertex and the plane that it must stay over.
+/// A contact plane of a vertex.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
     /// The vertex.
@@ -64,24 +65,25 @@ impl Row {
     }
 }
 
-/// What is known about each free vertex of a muscle with respect to one obstacle.
+/// Contact state of each free vertex of a muscle with respect to one obstacle.
 #[derive(Clone, Debug)]
 pub(super) struct VertexContacts {
     vertices: Vec<u32>,
     known: Vec<Known>,
-    /// Those looked up in this step.
+    /// Vertices with a query in this step.
     looked: Vec<u32>,
-    /// Rows of near vertices, by vertex.
+    /// Contact planes of near vertices, sorted by vertex.
     pub rows: Vec<Row>,
     thickness: f64,
-    /// Lookups done.
+    /// Number of queries.
     pub lookups: u64,
-    /// Walks that ended before their target.
+    /// Number of walks that ended before their target.
     pub stopped: u64,
 }
 
 impl VertexContacts {
-    /// Looks every vertex of `vertices` up once, unless what is `near` to every vertex of the muscle is known.
+    /// Queries every vertex of `vertices` once, unless `near` gives the nearest point of every
+    /// vertex of the muscle.
     pub fn new(
         placed: &Placed,
         vertices: &[u32],
@@ -110,9 +112,9 @@ impl VertexContacts {
         }
     }
 
-    /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
-    /// the rows of this step. `start` has the positions at the begin of the step, `travel` bounds the relative motion of
-    /// every vertex so far [m].
+    /// Repeats the queries whose bounds can be used up, moves vertices back that can have crossed
+    /// the surface, and creates the planes of this step. `start` holds the positions at the
+    /// beginning of the step; `travel` bounds the relative motion of every vertex so far [m].
     pub fn update(
         &mut self,
         placed: &Placed,
@@ -170,7 +172,7 @@ impl VertexContacts {
         }
         self.looked.extend(due);
         self.make_rows(&placed.now);
-        // What a walk held back the bone has pushed: friction must know.
+        // The displacement of a walk is a correction by the bone, which friction needs.
         for (vertex, by) in lifted {
             if let Ok(row) = self.rows.binary_search_by_key(&vertex, |r| r.vertex) {
                 self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
@@ -178,8 +180,8 @@ impl VertexContacts {
         }
     }
 
-    /// Looks up a vertex that went from `start` to `at` in the obstacle's frame; returns what is known now, where the
-    /// vertex has to be put if not at `at`, and whether it was stopped on its way.
+    /// Queries a vertex that moved from `start` to `at` in the obstacle's frame. Returns the new
+    /// state, the new position if it differs from `at`, and whether the walk ended early.
     fn look_again(
         &self,
         before: &Known,
@@ -189,9 +191,9 @@ impl VertexContacts {
     ) -> (Known, Option<Point3<f64>>, bool) {
         let (thickness, near) = (self.thickness, NEAR * self.thickness);
         let old = &before.closest;
-        // Inside the free ball nothing can have been crossed.
+        // Nothing can be crossed inside the free ball.
         if old.distance <= 0.0 || (at - before.from).norm() < old.distance {
-            // A far one needs no distance, only to know for how long it stays far.
+            // A distant vertex needs only a lower bound.
             if old.distance > near {
                 let (distance, point) = obstacle.clearance(&at, &old.point);
                 if distance > near {
@@ -216,7 +218,7 @@ impl VertexContacts {
         }
         let (from, closest) = base(obstacle, before, start);
         let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
-        // The travel was bounded before this vertex was put back.
+        // The sum of motion was bounded before this vertex was moved back.
         let at_least = travel.at_least - (end - at).norm();
         let found = obstacle.closest_from(&end, &last.point);
         (
@@ -226,7 +228,8 @@ impl VertexContacts {
         )
     }
 
-    /// At the end of a step, after a travel of `travel` [m]: what each vertex looked up in it has moved since is known now.
+    /// Ends a step after a sum of motion of `travel` [m]: sets the motion of each vertex since its
+    /// query in this step.
     pub fn end_step(&mut self, placed: &Placed, x: &[Point3<f64>], travel: f64) {
         for k in self.looked.drain(..).map(|k| k as usize) {
             let known = &mut self.known[k];
@@ -251,8 +254,9 @@ impl VertexContacts {
         }
     }
 
-    /// Goes on, at the end of a step and after a travel of `travel` [m], with the vertices `free` at `x` and another
-    /// thickness [m]. Only what is not known well enough for that is looked up.
+    /// Continues at the end of a step, after a sum of motion of `travel` [m], with the vertices
+    /// `free` at `x` and another thickness [m]. Queries happen only where the known bounds are not
+    /// sufficient.
     pub fn change(
         &mut self,
         placed: &Placed,
@@ -268,7 +272,7 @@ impl VertexContacts {
         let again = |&v: &u32| {
             let at = inverse * x[v as usize];
             let known = self.vertices.binary_search(&v).ok().map(|k| &self.known[k]);
-            // Of a far one no more than a bound is known.
+            // For a distant vertex only a bound is known.
             let is_known = |known: &&Known| {
                 let distance = known.closest.distance;
                 distance <= NEAR * self.thickness || distance > NEAR * thickness
@@ -296,7 +300,7 @@ impl VertexContacts {
         self.looked.clear();
     }
 
-    /// The vertices that may be in the obstacle or near it: nothing that is left out can be.
+    /// A superset of the vertices in or near the obstacle.
     pub fn near(&self) -> impl Iterator<Item = u32> {
         let near = |known: &Known| known.closest.distance <= NEAR * self.thickness;
         self.known
@@ -306,7 +310,7 @@ impl VertexContacts {
             .map(|(_, v)| *v)
     }
 
-    /// Whether no vertex is deeper than `depth` [m] under the surface as known now.
+    /// True if no vertex is deeper than `depth` [m] below the known surface.
     pub fn is_clear(&self, x: &[Point3<f64>], depth: f64) -> bool {
         self.rows.iter().all(|r| r.height(x) >= -depth)
     }
@@ -408,7 +412,7 @@ impl State for VertexContacts {
             "a lookup of no vertex",
         )?;
         self.rows = from.take()?;
-        // Both ascend, and a row is looked for by its vertex.
+        // Both are ascending, and a plane is found by its vertex.
         let mut free = self.vertices.iter();
         from.check(
             self.rows.iter().all(|row| free.any(|v| *v == row.vertex)),
@@ -419,14 +423,15 @@ impl State for VertexContacts {
     }
 }
 
-/// Where a walk begins: where the vertex was at the begin of the step if the way there from its last lookup is free,
-/// else at that lookup. A row may have lifted a vertex since, out of the small ball in which it was known to be free.
+/// Start of a walk: the position at the beginning of the step if the path to it from the last query
+/// is free, otherwise the position of that query. A correction can have moved the vertex out of its
+/// small free ball since.
 fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Closest) {
     let old = (before.from, before.closest);
     let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else {
         return old;
     };
-    // Two balls that overlap hold the whole way between their centres.
+    // Two balls that overlap contain the whole segment between their centres.
     let free = closest.distance > 0.0
         && (start - before.from).norm() < closest.distance + before.closest.distance;
     if free && closest.distance > before.closest.distance {
@@ -436,9 +441,9 @@ fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<
     }
 }
 
-/// Goes from a free point towards a target in steps that cannot cross the surface, sliding along it at about the
-/// contact thickness; `closest` is what is nearest to `from`. Returns the end, what was nearest last, and whether the end is
-/// as far as the surface lets it go.
+/// Moves from a free point towards a target in steps that cannot cross the surface, and slides
+/// along the surface at about the contact thickness. `closest` is the nearest point of the surface
+/// to `from`. Returns the end, its nearest point, and whether the surface allows no further motion.
 fn walk(
     obstacle: &dyn Obstacle,
     from: &Point3<f64>,
@@ -455,12 +460,14 @@ fn walk(
         }
         let mut lift = 0.0;
         if height <= thickness {
-            // What points into the obstacle is spent; the rest slides, and rises to where the row will want it.
+            // The component into the obstacle is removed; the rest slides, and rises to the height
+            // of the plane.
             left -= closest.normal * left.dot(&closest.normal).min(0.0);
             lift = (thickness - height).min(0.4 * height);
         }
         let length = left.norm();
-        // At most half a thickness down, or half of what is left below: never out of the free ball.
+        // At most half a thickness down, or half of the height below that: never out of the free
+        // ball.
         let step = length.min((height - 0.5 * thickness).max(0.5 * height));
         if !(length > 1e-3 * thickness && step > 1e-3 * thickness) {
             return (at, closest, length <= 1e-3 * thickness);
@@ -485,7 +492,7 @@ mod tests {
     use crate::mesh::shapes::icosphere;
     use crate::testing::Draw;
 
-    /// Vertices around a ball of 0.1 m that were looked up, and where they are after they moved.
+    /// Vertices around a ball of 0.1 m after their queries, and their positions after a motion.
     fn around(draw: &mut Draw, thickness: f64) -> (Placed, VertexContacts, Vec<Point3<f64>>, f64) {
         let still = Isometry3::identity();
         let obstacle = Arc::new(Surface::new(&icosphere(0.1, 3)));
@@ -500,7 +507,7 @@ mod tests {
             .collect();
         let all: Vec<u32> = (0..400).collect();
         let contacts = VertexContacts::new(&placed, &all, &x, thickness, None);
-        // As far as half of what the nearest may go before they are looked up again.
+        // Up to half of the motion of the nearest vertex before its next query.
         let away = |x: &Point3<f64>| placed.obstacle.closest(x).map_or(f64::MAX, |c| c.distance);
         let moved: Vec<Point3<f64>> = x
             .iter()
@@ -520,7 +527,7 @@ mod tests {
         let mut forgotten = 0;
         for (thickness, other) in [(1e-3, 4e-3), (4e-3, 1e-3), (1e-3, 1.1e-3), (2e-3, 2e-3)] {
             let (placed, mut contacts, mut x, travel) = around(&mut draw, thickness);
-            // Some that were free are not any more.
+            // Some vertices are no longer free.
             let free: Vec<u32> = (0..400).filter(|v| v % 7 != 3).collect();
             let before = contacts.lookups;
             contacts.change(&placed, &free, &x, other, travel);

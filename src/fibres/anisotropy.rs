@@ -1,20 +1,22 @@
-//! Stiffness of an edge by its angle to the nearest fibre: `1 - A |u.v|^power`.
+//! Stiffness factor of an edge as a function of its angle to the nearest fibre:
+//! `1 - A |u.v|^power`.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::mesh::measures::{Aabb, greatest};
 
-/// Factor 0..1 for each edge: 1 - A |u.v|^power with unit vectors u along the edge and v along the nearest fibre
-/// segment (erratum A12: without the absolute value half of all edges would get more than 1). Edges without length
-/// and muscles without fibres keep 1.
+/// Factor 0..1 of each edge: 1 - A |u.v|^power, with the unit vectors u along the edge and v along
+/// the nearest fibre segment (erratum A12: without the absolute value half of all edges would get
+/// more than 1). The factor is 1 for edges without length and for muscles without fibres.
 pub fn factors(cosines: &[Option<f64>], strength: f64, power: f64) -> Vec<f64> {
     let factor =
         |cosine: &Option<f64>| cosine.map_or(1.0, |cosine| factor(cosine, strength, power));
     cosines.iter().map(factor).collect()
 }
 
-/// |u.v| of [`factors`] for each edge, at most 1; `None` for an edge without length and without fibres.
+/// |u.v| of [`factors`] for each edge, at most 1; `None` for an edge without length or without
+/// fibres.
 pub fn cosines(
     vertices: &[Point3<f64>],
     edges: &[[u32; 2]],
@@ -32,21 +34,21 @@ pub fn cosines(
         .collect()
 }
 
-/// The factor for the cosine |u.v| of an angle.
+/// The factor for a cosine |u.v|.
 pub fn factor(cosine: f64, strength: f64, power: f64) -> f64 {
     (1.0 - strength * cosine.powf(power)).clamp(0.0, 1.0)
 }
 
-/// Segments of fibres of which a box is looked at together.
+/// Number of fibre segments that share a box.
 const TOGETHER: usize = 8;
 
-/// Rounding of a difference of coordinates, over the coordinates.
+/// Rounding error of a difference of coordinates, relative to the coordinates.
 const ROUNDED: f64 = 16.0 * f64::EPSILON;
 
-/// The segments of all fibres that have a length, in boxes.
+/// The segments of all fibres with positive length, in boxes.
 struct Segments {
     all: Vec<[Point3<f64>; 2]>,
-    /// Of each [`TOGETHER`] segments.
+    /// Bounding box of each group of [`TOGETHER`] segments.
     boxes: Vec<Aabb>,
     /// Greatest coordinate [m].
     size: f64,
@@ -66,10 +68,10 @@ impl Segments {
         Self { all, boxes, size }
     }
 
-    /// Of several equally near the first.
+    /// Direction of the nearest segment; of several equally near segments the first.
     fn nearest_direction(&self, p: &Point3<f64>) -> Option<Vector3<f64>> {
         let mut best: Option<(f64, Vector3<f64>)> = None;
-        // A box that is further by rounding alone may hold what is nearest.
+        // A box that is farther by rounding alone can contain the nearest segment.
         let slack = ROUNDED * (self.size + p.coords.amax());
         for (some, bounds) in self.all.chunks(TOGETHER).zip(&self.boxes) {
             let away = (p - bounds.min.sup(&bounds.max.inf(p))).norm();
@@ -108,7 +110,7 @@ mod tests {
             printed_form_exceeds += usize::from(1.0 - u.dot(&v) > 1.0);
         }
         assert!((sum / 1e5 - 0.5).abs() <= 0.005);
-        // What the source prints gives half of all edges more than full stiffness.
+        // The printed form of the source gives half of all edges more than full stiffness.
         assert!(printed_form_exceeds > 49_000);
     }
 

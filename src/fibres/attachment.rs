@@ -1,4 +1,4 @@
-//! Where fibres begin and end: areas of origin and insertion, projected onto the muscle's surface.
+//! Areas of origin and insertion of fibres, projected onto the muscle's surface.
 
 use nalgebra::Point3;
 
@@ -7,14 +7,16 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::median;
 
-/// A patch at a median distance above this share of the muscle's length is reached by tendons.
+/// Tendons connect a patch whose median distance is greater than this share of the muscle's length.
 pub const TENDON_FROM: f64 = 0.02;
-/// A patch farther than this share of the muscle's length belongs to something else, or has another unit.
+/// A patch farther than this share of the muscle's length belongs to something else or has another
+/// unit.
 pub const FARTHEST: f64 = 0.5;
-/// Points drawn over a patch at most, so that a fine patch costs no more than a coarse one.
+/// Greatest number of sample points over a patch, so that a fine patch costs no more than a coarse
+/// one.
 const SAMPLES: usize = 1_500;
 
-/// Which of the two areas.
+/// One of the two areas.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// Where fibres begin.
@@ -32,32 +34,34 @@ impl std::fmt::Display for End {
     }
 }
 
-/// How an area is given.
+/// Definition of an area.
 #[derive(Clone, Copy, Debug)]
 pub enum AreaSource<'a> {
     /// An open surface on or near the muscle, such as the area on the bone.
     Patch(&'a TriangleMesh),
-    /// Vertices of the muscle; one without a triangle all of whose corners are listed stands for all triangles at it.
+    /// Vertices of the muscle. A vertex that completes no triangle of the list stands for all its
+    /// triangles.
     Vertices(&'a [u32]),
-    /// All vertices of the muscle at most so far [m] from a bone; inside a closed bone counts as 0.
+    /// All vertices of the muscle within this distance [m] of a bone; a vertex inside a closed bone
+    /// has the distance 0.
     Near(&'a TriangleMesh, f64),
 }
 
-/// An area on a muscle's surface.
+/// An area on the surface of a muscle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Area {
-    /// Triangles of the muscle, ascending.
+    /// Triangles of the muscle, in ascending order.
     pub triangles: Vec<u32>,
-    /// Their vertices, ascending.
+    /// Vertices of these triangles, in ascending order.
     pub vertices: Vec<u32>,
-    /// Distance of each of these vertices to what the area was given by [m]; 0 for a list.
+    /// Distance of each of these vertices to the given patch or bone [m]; 0 for a list.
     pub distances: Vec<f64>,
-    /// The patch, if it is far enough away to be reached by tendons.
+    /// The patch, if it is so far away that tendons connect it.
     pub patch: Option<TriangleMesh>,
 }
 
 impl Area {
-    /// The triangles as a tree, for closest points.
+    /// Tree over the triangles, for closest points.
     pub fn tree(&self, muscle: &TriangleMesh) -> SurfaceTree {
         let triangles: Vec<[u32; 3]> = self
             .triangles
@@ -68,10 +72,10 @@ impl Area {
     }
 }
 
-/// Why there is no area.
+/// Error of [`Attachment::new`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AttachmentError {
-    /// A patch without triangles, or a list without vertices.
+    /// A patch has no triangles, or a list no vertices.
     #[error("the area of the {end} is empty; give a patch with triangles, or at least one vertex")]
     Empty {
         /// Which area.
@@ -85,11 +89,11 @@ pub enum AttachmentError {
     NothingNear {
         /// Which area.
         end: End,
-        /// The distance asked for [m].
+        /// The given distance [m].
         within: f64,
-        /// The nearest vertex.
+        /// The vertex nearest to the bone.
         vertex: u32,
-        /// Its distance [m].
+        /// Distance of that vertex [m].
         distance: f64,
     },
     /// A listed vertex does not exist.
@@ -97,9 +101,9 @@ pub enum AttachmentError {
     NoSuchVertex {
         /// Which area.
         end: End,
-        /// The vertex named.
+        /// The listed vertex.
         vertex: u32,
-        /// Number of vertices.
+        /// Number of vertices of the muscle.
         count: usize,
     },
     /// The patch is far from the muscle.
@@ -111,11 +115,11 @@ pub enum AttachmentError {
     OffSurface {
         /// Which area.
         end: End,
-        /// Distance of its nearest point [m].
+        /// Distance of the nearest point of the patch [m].
         distance: f64,
-        /// That point [m].
+        /// The nearest point of the patch [m].
         at: Point3<f64>,
-        /// Length of the muscle's box [m].
+        /// Length of the muscle's bounding box [m].
         length: f64,
     },
     /// The two areas share vertices.
@@ -125,11 +129,11 @@ pub enum AttachmentError {
         .at.x, .at.y, .at.z
     )]
     Overlapping {
-        /// Number of vertices that both have.
+        /// Number of common vertices.
         count: usize,
-        /// The first of them.
+        /// The first common vertex.
         vertex: u32,
-        /// Where it is [m].
+        /// Position of that vertex [m].
         at: Point3<f64>,
     },
     /// The muscle has no triangles.
@@ -244,7 +248,7 @@ fn from_patch(
     Ok(area)
 }
 
-/// Points over a patch, as dense as the muscle's triangles are small.
+/// Sample points over a patch, with the spacing of the muscle's triangles.
 fn samples(patch: &TriangleMesh, muscle: &TriangleMesh) -> Vec<Point3<f64>> {
     if patch.triangles.is_empty() || !(patch.area() > 0.0) {
         return Vec::new();
@@ -259,7 +263,7 @@ fn samples(patch: &TriangleMesh, muscle: &TriangleMesh) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// The middles of the parts into which a triangle is cut by lines about `spacing` [m] apart.
+/// The centres of the parts of a triangle that lines about `spacing` [m] apart cut it into.
 pub(super) fn over_triangle(corners: &[Point3<f64>; 3], spacing: f64) -> Vec<Point3<f64>> {
     let [a, b, c] = corners;
     let longest = (b - a).norm().max((c - b).norm()).max((a - c).norm());
@@ -310,7 +314,7 @@ fn from_list(muscle: &TriangleMesh, end: End, list: &[u32]) -> Result<Area, Atta
         .filter(|t| whole(t))
         .flatten()
         .for_each(|&v| spanned[v as usize] = true);
-    // A vertex alone would be a point, which no field can be held at.
+    // A vertex alone is a point, and a field cannot have a prescribed value at a point.
     let lone = |t: &[u32; 3]| {
         t.iter()
             .any(|&v| listed[v as usize] && !spanned[v as usize])

@@ -1,10 +1,10 @@
-//! Polylines bound to a surface, so that they follow its deformation.
+//! Polylines bound to a surface; they follow its deformation.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::contact::{OnTriangle, Surface};
 
-/// A place on a triangle.
+/// A point of a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Place {
     corners: [u32; 3],
@@ -21,9 +21,10 @@ impl Place {
 /// A point bound to the closest triangle of the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Bound {
-    /// On the surface or outside: a height over the triangle along its normal [m].
+    /// A point on the surface or outside, with its height over the triangle along the normal [m].
     Over(Place, f64),
-    /// Inside: a share of the way to what lies opposite, so that deep fibres do not jump between two faces that bend.
+    /// A point inside, as a share of the line to the opposite triangle. Deep fibres then do not
+    /// jump between two faces that bend.
     Between(Place, Place, f64),
 }
 
@@ -31,7 +32,7 @@ enum Bound {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoundLines {
     lines: Vec<Vec<Bound>>,
-    /// Farthest that a point of the lines lay from the surface when it was bound [m].
+    /// Greatest distance of a bound point from the undeformed surface [m].
     pub farthest: f64,
 }
 
@@ -51,7 +52,7 @@ fn bind(surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> Bound {
     };
     let inwards = p - on.closest.point;
     let depth = inwards.norm();
-    // Nearer to the surface than this the direction is rounding; the size of the triangle is the length scale.
+    // At a smaller depth the direction is rounding error; the triangle size is the length scale.
     let deep = on.closest.distance < 0.0 && depth > 1e-6 * (t[1] - t[0]).norm();
     if deep && let Some((triangle, weights)) = surface.first_hit(p, &(inwards / depth)) {
         let far = Place {
@@ -65,7 +66,8 @@ fn bind(surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> Bound {
 }
 
 impl BoundLines {
-    /// Binds each point of each line to the closest triangle of the surface, and, inside, to the triangle opposite.
+    /// Binds each point of each line to the closest triangle of the surface; a point inside also to
+    /// the opposite triangle.
     pub fn new(surface: &Surface, lines: &[Vec<Point3<f64>>]) -> Self {
         let mut farthest = 0.0_f64;
         let mut bind = |p: &Point3<f64>| {
@@ -80,7 +82,7 @@ impl BoundLines {
         Self { lines, farthest }
     }
 
-    /// Where the lines are when the surface's vertices are at `x` [m].
+    /// The lines for vertices of the surface at `x` [m].
     pub fn at(&self, x: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
         let place = |b: &Bound| match b {
             Bound::Over(place, height) => {
@@ -102,7 +104,7 @@ impl BoundLines {
         self.lines.len()
     }
 
-    /// Whether there is none.
+    /// True for no lines.
     pub fn is_empty(&self) -> bool {
         self.lines.is_empty()
     }
@@ -123,7 +125,8 @@ mod tests {
         let here = &bound.at(&mesh.vertices)[0];
         let sideways =
             crate::mesh::measures::greatest(line.iter().zip(here).map(|(a, b)| (a - b).norm()));
-        // Inside, a point lies on the line between its two places; a few roundings of a size of 0.1.
+        // Inside, a point lies on the line between its two surface points; the limit is a few
+        // roundings of a size of 0.1.
         assert!(sideways <= 64.0 * f64::EPSILON * 0.1, "{sideways}");
         let turn =
             nalgebra::Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.3, -1.0, 0.5));

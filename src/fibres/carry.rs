@@ -1,24 +1,26 @@
-//! Points bound to the volume that a closed surface encloses, by mean-value coordinates \[ju2005\].
+//! Points bound to the volume inside a closed surface, by mean-value coordinates \[ju2005\].
 //!
-//! Each point is a fixed mean of all vertices, weighted by how much of its view their triangles fill and by how near they
-//! are. What is bound follows every affine motion exactly, moves smoothly with every vertex, and on the surface follows its
-//! triangle alone, so that an end of a fibre on an area held by a bone moves with that bone.
+//! Each point is a fixed weighted mean of all vertices. The weight of a vertex depends on the solid
+//! angle of its triangles and on its distance. A bound point follows every affine motion exactly
+//! and moves smoothly with every vertex. A point on the surface follows its triangle alone, so a
+//! fibre end on an area that a bone holds moves with that bone.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use crate::mesh::TriangleMesh;
 
-/// A triangle whose three angles seen from a point add up to a full turn, but for this [rad], holds the point: then the
-/// point is nearer to it than this share of its size, and weights by view would lose half of all digits.
+/// A point lies on a triangle if its three angles, seen from the point, add up to a full turn
+/// within this tolerance [rad]. The distance to the triangle is then below this share of its size,
+/// and weights by solid angle would lose half of all digits.
 const ON_TRIANGLE: f64 = 1e-7;
 
-/// Polylines bound to what a surface encloses.
+/// Polylines bound to the volume inside a surface.
 #[derive(Clone, Debug)]
 pub struct BoundVolume {
-    /// For each point of each line the weights of all vertices, which add up to 1.
+    /// Weights of all vertices for each point of each line; they add up to 1.
     weights: Vec<Vec<f64>>,
-    /// Points of each line.
+    /// Number of points of each line.
     counts: Vec<usize>,
 }
 
@@ -33,9 +35,10 @@ impl BoundVolume {
         }
     }
 
-    /// Where the lines are when the surface's vertices are at `x` [m], as many as there were.
+    /// The lines for vertices of the surface at `x` [m]; the number of vertices is constant.
     pub fn at(&self, x: &[Point3<f64>]) -> Vec<Vec<Point3<f64>>> {
-        // About a point of the surface, so that a place far from the origin costs no digits.
+        // Relative to a point of the surface, so that a position far from the origin loses no
+        // digits.
         let about = x.first().copied().unwrap_or_else(Point3::origin);
         let place = |weights: &Vec<f64>| {
             let sum: Vector3<f64> = weights.iter().zip(x).map(|(w, v)| (v - about) * *w).sum();
@@ -52,7 +55,7 @@ impl BoundVolume {
     }
 }
 
-/// The mean-value coordinates of a point, one for each vertex.
+/// The mean-value coordinates of a point, one per vertex.
 fn weights(surface: &TriangleMesh, p: &Point3<f64>) -> Vec<f64> {
     let mut weights = vec![0.0; surface.vertices.len()];
     for t in &surface.triangles {
@@ -71,16 +74,16 @@ fn weights(surface: &TriangleMesh, p: &Point3<f64>) -> Vec<f64> {
     weights
 }
 
-/// What a triangle gives to the weights of its corners.
+/// Contribution of a triangle to the weights of its corners.
 enum Share {
     /// The point is off the triangle.
     Away([f64; 3]),
-    /// The point is on it.
+    /// The point is on the triangle.
     On([f64; 3]),
 }
 
-/// The weights of one triangle with corners relative to the point: the mean of all unit vectors from the point to the
-/// triangle, written as a sum of its corners.
+/// The weights of one triangle with corners relative to the point: the mean of all unit vectors
+/// from the point to the triangle, as a linear combination of the corners.
 fn share(corners: &[Vector3<f64>; 3]) -> Share {
     let distances = corners.map(|c| c.norm());
     if let Some(k) = (0..3).find(|&k| distances[k] == 0.0) {
@@ -103,7 +106,7 @@ fn share(corners: &[Vector3<f64>; 3]) -> Share {
         .zip(angles)
         .map(|(n, angle)| n * (0.5 * angle))
         .sum();
-    // Seen edge on, a triangle fills nothing of the view: mean and volume vanish together.
+    // A triangle seen edge on has no solid angle: mean and volume vanish together.
     let size = u[0].dot(&normals[0]);
     let weight = |k: usize| {
         let height = units[k].dot(&u[k]);
@@ -153,7 +156,8 @@ mod tests {
                     .map(|(a, b)| (map * a * other + by - b).norm()),
             )
         };
-        // Weights by view lose digits as a point nears its triangle, at most half of them.
+        // Weights by solid angle lose at most half of their digits as a point approaches its
+        // triangle.
         assert!(errors(1.0) <= 1e-8 * 0.1, "{}", errors(1.0));
         assert!(
             errors(1.01) > 1e-4,
@@ -173,7 +177,7 @@ mod tests {
             .filter(|v| !kept.contains(v))
             .for_each(|v| moved[v as usize].coords *= 1.5);
         let there = &bound.at(&moved)[0];
-        // A point of a triangle to rounding of its size.
+        // A point of a triangle, up to rounding of the triangle's size.
         assert!((there[0] - on).norm() <= 64.0 * f64::EPSILON * 0.1);
         assert!(
             (there[1].coords - on.coords * 0.5).norm() > 1e-3,

@@ -1,4 +1,4 @@
-//! Numbers of each fibre.
+//! Measures of each single fibre.
 
 use super::polyline::length;
 use nalgebra::{Point3, Vector3};
@@ -6,15 +6,15 @@ use nalgebra::{Point3, Vector3};
 /// A straight tendon, from the end of a fibre to a patch.
 pub type Tendon = [Point3<f64>; 2];
 
-/// What is measured of one fibre.
+/// Measures of one fibre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Each {
     /// Length without tendons [m].
     pub length_m: f64,
-    /// Distance of its ends [m].
+    /// Distance between the ends [m].
     pub chord_m: f64,
-    /// Mean angle to the line of action along it [rad].
+    /// Mean angle to the line of action along the fibre [rad].
     pub pennation_rad: f64,
     /// Length of the tendon at the origin [m]; 0 without one.
     pub tendon_origin_m: f64,
@@ -22,13 +22,14 @@ pub struct Each {
     pub tendon_insertion_m: f64,
 }
 
-/// From the mean of all origins to that of all insertions, times the number of fibres [m].
+/// Vector from the mean of all origins to the mean of all insertions, times the number of fibres
+/// [m].
 pub fn action(fibres: &[Vec<Point3<f64>>]) -> Vector3<f64> {
     let at = |p: Option<&Point3<f64>>| p.map_or_else(Vector3::zeros, |p| p.coords);
     fibres.iter().map(|f| at(f.last()) - at(f.first())).sum()
 }
 
-/// Integral along a fibre of its angle to the line of action [rad m].
+/// Integral of the angle to the line of action along a fibre [rad m].
 pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
     let angle = |along: Vector3<f64>| {
         along.norm() * libm::atan2(along.cross(action).norm(), along.dot(action))
@@ -36,7 +37,7 @@ pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
     fibre.windows(2).map(|s| angle(s[1] - s[0])).sum()
 }
 
-/// Measures each fibre; tendons are one for each fibre, or none.
+/// Measures each fibre. `tendons` holds one tendon per fibre or none.
 pub fn each(fibres: &[Vec<Point3<f64>>], tendons: &[Vec<Tendon>; 2]) -> Vec<Each> {
     let action = action(fibres);
     let tendon = |end: usize, k: usize| tendons[end].get(k).map_or(0.0, |[a, b]| (b - a).norm());

@@ -1,9 +1,10 @@
 //! Harmonic decomposition: fibres along the gradient of a field that is 0 at the origin and 1 at the insertion.
 //!
-//! The field is solved in cubes that cover the inside ([`cells`], [`field`]); which points are inside is decided by the
-//! winding number. Fibres are its streamlines ([`trace`]): the flow maps each cross-section of constant value one to one
-//! onto the next, so that fibres do not cross, and it does so for elongated muscles as for any. Each next fibre goes
-//! through the point farthest from all before ([`seeds`]).
+//! The field is solved in cubes that cover the inside ([`cells`], [`field`]); the winding number
+//! decides which points are inside. Fibres are streamlines of the field ([`trace`]). The flow maps
+//! each cross-section of constant value one to one onto the next, so fibres do not cross, in
+//! elongated muscles as in any other. Each further fibre goes through the point farthest from all
+//! earlier fibres ([`seeds`]).
 
 pub mod cells;
 mod exchange;
@@ -26,32 +27,35 @@ use field::{Field, FieldError, Flux};
 use seeds::Seeds;
 use trace::{Tracer, Way};
 
-/// Cells whose volume together is that of a muscle: at least, and for each vertex.
+/// Number of cells in the volume of the muscle: the least number, and the number per vertex.
 const CELLS: f64 = 2_000.0;
 const CELLS_PER_VERTEX: f64 = 0.4;
-/// Where a larger share stays bare, or the order of fibres is uncertain, the next of [`TRIALS`] is made.
+/// The next of [`TRIALS`] follows if a larger share of the volume stays uncovered or the order of
+/// fibres is uncertain.
 const BARE: f64 = 0.03;
-/// First flux is even over each area, which is what is known of attachments; where that leaves much bare it crowds far from the
-/// other area, at last in so many times the least number of cells.
+/// Cell count as a multiple of the least number, and flux. The flux is first even over each area,
+/// the known property of attachments. If much of the volume stays uncovered, the flux becomes
+/// denser far from the other area.
 const TRIALS: [(f64, Flux); 3] = [
     (1.0, Flux::Even),
     (1.0, Flux::Crowded(0.0)),
     (2.0, Flux::Crowded(8.0)),
 ];
-/// Where a larger share is bare at first, that is done at once.
+/// The next trial follows at once if a larger share is uncovered at first.
 const HOPELESS: f64 = 0.12;
-/// Seeds that may fail, for each fibre.
+/// Greatest number of failed seeds per fibre.
 const TRIES: usize = 4;
-/// If only one seed of so many does not fail, of so many at least and as many as there are fibres, it is left to finer cells.
+/// A trial stops and leaves the rest to finer cells if fewer than one seed in this number succeeds,
+/// after at least this number of seeds and as many seeds as fibres.
 const LOST: usize = 5;
 const SOONEST: usize = 50;
 
-/// How many fibres of how many points.
+/// Number of fibres and of their points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
     /// Number of fibres.
     pub count: usize,
-    /// Points of each, at least 2.
+    /// Number of points per fibre, at least 2.
     pub points: usize,
 }
 
@@ -64,28 +68,28 @@ impl Default for Options {
     }
 }
 
-/// Why a muscle was not decomposed.
+/// Error of [`decompose`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DecompositionError {
-    /// No fibre, or fibres of fewer than two points, asked for.
+    /// The options ask for no fibre or for fibres of fewer than two points.
     #[error(
         "{count} fibres of {points} points make no decomposition; ask for at least 1 fibre of at least 2 points"
     )]
     TooFew {
-        /// Fibres asked for.
+        /// Requested number of fibres.
         count: usize,
-        /// Points asked for.
+        /// Requested number of points.
         points: usize,
     },
-    /// The muscle encloses nothing.
+    /// The muscle encloses no volume.
     #[error(
         "the muscle encloses {volume:.3e} m3, which is too little to hold fibres; is its surface a flat sheet?"
     )]
     NoInside {
-        /// Its volume [m3].
+        /// Volume of the muscle [m3].
         volume: f64,
     },
-    /// The two areas lie on parts that are not joined inside.
+    /// The two areas lie on parts that are not connected inside.
     #[error(
         "no way leads inside the muscle from the origin near ({}, {}, {}) to the insertion near ({}, {}, {}); are they on \
          separate pieces? `pliant check` lists the pieces",
@@ -97,42 +101,42 @@ pub enum DecompositionError {
         /// A vertex of the insertion [m].
         insertion: Point3<f64>,
     },
-    /// Too few ways were found.
+    /// The tracer found too few streamlines.
     #[error("only {found} of {count} fibres found a way from origin to insertion; ask for fewer")]
     Lost {
-        /// Fibres found.
+        /// Number of fibres found.
         found: usize,
-        /// Fibres asked for.
+        /// Requested number of fibres.
         count: usize,
     },
-    /// The field could not be solved for.
+    /// The linear system of the field has no solution.
     #[error("the field could not be solved for: {0}")]
     Factor(#[from] FactorError),
-    /// It was told to.
+    /// The caller stopped the decomposition.
     #[error("stopped before all fibres were found")]
     Stopped,
 }
 
-/// How far a decomposition is.
+/// Progress of a decomposition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reached {
-    /// What is counted.
+    /// The counted unit.
     pub what: &'static str,
-    /// So many are done.
+    /// Number of units done.
     pub done: usize,
-    /// Of so many.
+    /// Total number of units.
     pub of: usize,
 }
 
-/// Told how far a decomposition is, now and then; `false` stops it.
+/// Receives the progress of a decomposition at intervals; `false` stops it.
 pub type Going<'a> = &'a dyn Fn(Reached) -> bool;
 
 /// A muscle decomposed into fibres.
 #[derive(Clone, Debug)]
 pub struct Decomposition {
-    /// Each fibre from origin to insertion [m], points equally far apart along it.
+    /// Each fibre from origin to insertion [m], as points at equal distances.
     pub fibres: Vec<Vec<Point3<f64>>>,
-    /// For each fibre its streamline: from the seed to the origin, and to the insertion.
+    /// Streamline of each fibre: from the seed to the origin, and from the seed to the insertion.
     pub ways: Vec<[Way; 2]>,
     /// The field.
     pub field: Field,
@@ -140,10 +144,11 @@ pub struct Decomposition {
     pub closed: std::sync::Arc<Closed>,
 }
 
-/// Decomposes a muscle.
+/// Decomposes a muscle into fibres.
 ///
 /// # Errors
-/// Too few fibres or points, nothing inside, areas that are not joined, ways that are not found, no memory.
+/// Too few fibres or points, no volume, areas that are not connected, lost streamlines, too little
+/// memory.
 pub fn decompose(
     muscle: &TriangleMesh,
     attachment: &Attachment,
@@ -152,7 +157,7 @@ pub fn decompose(
     decompose_along(muscle, attachment, &[], options)
 }
 
-/// Decomposes a muscle along lines on its surface [m]; without any as [`decompose`].
+/// Decomposes a muscle along lines on its surface [m]; without lines the same as [`decompose`].
 ///
 /// # Errors
 /// As [`decompose`].
@@ -165,10 +170,10 @@ pub fn decompose_along(
     decompose_while(muscle, attachment, lines, options, &|_| true)
 }
 
-/// As [`decompose_along`], as long as `going` says so.
+/// The same as [`decompose_along`]; stops when `going` returns `false`.
 ///
 /// # Errors
-/// As [`decompose`], or it was stopped.
+/// Those of [`decompose`], or [`DecompositionError::Stopped`].
 pub fn decompose_while(
     muscle: &TriangleMesh,
     attachment: &Attachment,
@@ -183,7 +188,7 @@ pub fn decompose_while(
     let closed = std::sync::Arc::new(Closed::new(muscle));
     let volume = closed.mesh.volume().abs();
     let size = muscle.length();
-    // Thinner than this the inside has no point that differs from the surface.
+    // A thinner muscle has no inner point that differs from the surface.
     if !(volume > 1e-9 * size * size * size) {
         return Err(DecompositionError::NoInside { volume });
     }
@@ -212,20 +217,20 @@ pub fn decompose_while(
     })
 }
 
-/// What is to be decomposed, and how.
+/// Input of a decomposition.
 struct Task<'a> {
     muscle: &'a TriangleMesh,
     attachment: &'a Attachment,
     lines: &'a [Vec<Point3<f64>>],
     options: Options,
     solid: &'a Solid<'a>,
-    /// Of the muscle [m3].
+    /// Volume of the muscle [m3].
     volume: f64,
     going: Going<'a>,
 }
 
 impl Task<'_> {
-    /// The first of [`TRIALS`] that leaves little bare, or the best of all.
+    /// The first of [`TRIALS`] with a small uncovered share, or the best of all.
     fn best(&self) -> Result<Trial, DecompositionError> {
         let mut best: Option<Trial> = None;
         for (k, (finer, flux)) in TRIALS.into_iter().enumerate() {
@@ -238,11 +243,11 @@ impl Task<'_> {
                 Err(error) => return Err(error),
             }
         }
-        // What finer cells cannot do, coarse ones may.
+        // Coarse cells can succeed where finer ones fail.
         best.map_or_else(|| self.trial(1.0, Flux::Even, true), Ok)
     }
 
-    /// Decomposes with so many times the least number of cells; the `last` trial takes what it gets.
+    /// Decomposes with `finer` times the least number of cells; the `last` trial accepts any order.
     fn trial(&self, finer: f64, flux: Flux, last: bool) -> Result<Trial, DecompositionError> {
         let &Self {
             muscle,
@@ -280,19 +285,19 @@ impl Task<'_> {
     }
 }
 
-/// Fibres in cells of one size.
+/// Fibres from cells of one size.
 struct Trial {
     fibres: Vec<Vec<Point3<f64>>>,
     ways: Vec<[Way; 2]>,
     field: Field,
-    /// Fibres whose order is reversed somewhere.
+    /// Number of fibres with a reversed order somewhere.
     disordered: usize,
-    /// Share of the volume that no fibre covers, by cells.
+    /// Share of the cells' volume that no fibre covers.
     bare: f64,
 }
 
 impl Trial {
-    /// Less is better.
+    /// Rank of a trial; less is better.
     fn rank(&self) -> (usize, f64) {
         (self.disordered, self.bare)
     }
@@ -320,13 +325,13 @@ fn no_field(
     }
 }
 
-/// Whether what is beside a fibre keeps its order all along.
+/// True if the neighbourhood of a fibre keeps its orientation along the whole fibre.
 fn ordered(tracer: &Tracer<'_>, [back, on]: &[Way; 2]) -> bool {
     jacobian::keeps_order(tracer, back, -1.0) && jacobian::keeps_order(tracer, on, 1.0)
 }
 
-/// Fibres through points that are far from one another, and whether the order of some was not asked for: only if there are too
-/// few others, and this is the `last` trial.
+/// Fibres through points that are far from one another. The flag is true if fibres of reversed
+/// order are among them; this happens only in the `last` trial if there are too few others.
 fn ways(
     tracer: &Tracer<'_>,
     count: usize,
@@ -370,10 +375,11 @@ fn ways(
     })
 }
 
-/// The streamline through a point, from it to the origin and to the insertion.
+/// The streamline through a point: from the point to the origin, and to the insertion.
 ///
 /// # Errors
-/// It is lost, as far as it came; or what is beside it comes to lie the other way round, with no points, unless `any` will do.
+/// A lost streamline, as far as the tracer came; or, unless `any` is true, a streamline with
+/// reversed order, without points.
 fn through(
     tracer: &Tracer<'_>,
     seed: &Point3<f64>,
@@ -388,7 +394,7 @@ fn through(
     Ok([back?, on?])
 }
 
-/// A streamline from origin to insertion by so many points, equally far apart.
+/// A streamline from origin to insertion as `points` points at equal distances.
 fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
     let whole: Vec<Point3<f64>> = back
         .points
@@ -400,10 +406,10 @@ fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
     resample(&whole, points)
 }
 
-/// The same as a fibre: none of its points is outside.
+/// The streamline as a fibre: all its points are inside.
 fn fibre(way: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
     let mut line = whole(way, points);
-    // Between two points of a streamline a chord may cut through a hollow of the wall.
+    // A chord between two points of a streamline can leave a concave wall.
     for p in &mut line {
         if !solid.contains_as_given(p)
             && let Some(wall) = solid.wall(p, f64::INFINITY)
@@ -415,8 +421,8 @@ fn fibre(way: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
 }
 
 impl Decomposition {
-    /// Jacobian of the fibre map at every point of every streamline, 1 at its seed: the area across the fibre of what was
-    /// one unit of area there. All are positive where the order of fibres is kept.
+    /// Jacobian of the fibre map at every point of every streamline: the ratio of the area across
+    /// the fibre to that at the seed. All values are positive where the order of fibres is kept.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
         let tracer = Tracer::new(
             &self.field,
@@ -434,7 +440,7 @@ impl Decomposition {
         self.ways.iter().flat_map(halves).collect()
     }
 
-    /// Mean side of what a fibre has for itself [m]: the root of the volume over the length of all fibres.
+    /// Mean spacing of the fibres [m]: the square root of the volume over the total fibre length.
     pub fn spacing(&self) -> f64 {
         let length: f64 = self.fibres.iter().map(|f| super::polyline::length(f)).sum();
         (measures::volume(&self.closed.mesh.vertices, &self.closed.mesh.triangles).abs() / length)

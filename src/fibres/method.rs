@@ -1,4 +1,4 @@
-//! How a muscle is decomposed: one line a method.
+//! Methods of decomposition, one line each.
 
 use std::sync::Arc;
 
@@ -13,53 +13,54 @@ use super::springs::{self, SpringsError};
 use super::template::{Grid, Template};
 use crate::mesh::TriangleMesh;
 
-/// Moves of points in smoothing from one question whether to go on to the next.
+/// Number of point moves in smoothing between two checks for cancellation.
 const MOVES: usize = 200_000;
 
-/// A way to decompose a muscle.
+/// A method of decomposition.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method<'a> {
-    /// Along the gradient of a harmonic field between the areas.
+    /// Streamlines of a harmonic field between the areas.
     Harmonic,
-    /// Along directions of lines on the surface [m] ([`super::superficial::register`]), spread through the inside.
+    /// Directions of lines on the surface [m] ([`super::superficial::register`]), interpolated to
+    /// the inside.
     Superficial(&'a [Vec<Point3<f64>>]),
-    /// A template's surface on the muscle's, and springs between ([`super::springs`]).
+    /// The surface of a template on that of the muscle, with springs inside ([`super::springs`]).
     Springs(Template),
-    /// Contours of a template's box on those of the muscle ([`super::slices`]).
+    /// Contours of a template's box mapped to those of the muscle ([`super::slices`]).
     Slices(Template),
 }
 
-/// Why a muscle was not decomposed, by the method that was asked to.
+/// Error of a decomposition, by method.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MethodError {
-    /// Along a flow: harmonic, superficial.
+    /// Error of a flow: harmonic or superficial.
     #[error(transparent)]
     Flow(#[from] DecompositionError),
-    /// By springs.
+    /// Error of the springs.
     #[error(transparent)]
     Springs(#[from] SpringsError),
-    /// By slices.
+    /// Error of the slices.
     #[error(transparent)]
     Slices(#[from] SlicesError),
 }
 
-/// What fibres were read from, before they were made smooth.
+/// The source of the fibres before smoothing.
 #[derive(Clone, Debug)]
 pub enum Source {
-    /// The flow whose streamlines they are.
+    /// The flow; the fibres are its streamlines.
     Flow(Box<Decomposition>),
-    /// The grid whose lines they are.
+    /// The grid; the fibres are its lines.
     Grid(Grid),
 }
 
-/// A muscle decomposed into fibres by any method.
+/// Fibres of a muscle, by any method.
 #[derive(Clone, Debug)]
 pub struct Fibres {
     /// Each fibre from origin to insertion [m].
     pub lines: Vec<Vec<Point3<f64>>>,
     /// The surface that bounds the inside.
     pub closed: Arc<Closed>,
-    /// What they were read from.
+    /// The source of the fibres.
     pub source: Source,
 }
 
@@ -77,7 +78,8 @@ pub fn decompose(
     decompose_while(muscle, attachment, method, options, smoothing, &|_| true)
 }
 
-/// As [`decompose`], as long as `going` says so; springs and slices are not stopped on their way.
+/// The same as [`decompose`]; stops when `going` returns `false`. Springs and slices run to their
+/// end.
 ///
 /// # Errors
 /// As [`decompose`], or [`DecompositionError::Stopped`].
@@ -161,8 +163,8 @@ impl Fibres {
         }
     }
 
-    /// Jacobian of the fibre map: of a flow at every point of every streamline, 1 at its seed; of a grid the scaled one at
-    /// every corner of every cell.
+    /// Jacobian of the fibre map. For a flow: at every point of every streamline, 1 at the seed.
+    /// For a grid: the scaled Jacobian at every corner of every cell.
     pub fn jacobian(&self, muscle: &TriangleMesh, attachment: &Attachment) -> Vec<f64> {
         match &self.source {
             Source::Flow(flow) => flow.jacobian(muscle, attachment),

@@ -1,4 +1,5 @@
-//! Fibres carried by a muscle, how a muscle is decomposed into them, and what their direction does to its stiffness.
+//! Fibres of a muscle: decomposition of a muscle into fibres, and the anisotropic stiffness along
+//! them.
 
 pub mod anisotropy;
 pub mod attachment;

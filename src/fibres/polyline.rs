@@ -2,12 +2,13 @@
 
 use nalgebra::{Point3, Vector3};
 
-/// Length [m].
+/// Length of a polyline [m].
 pub fn length(line: &[Point3<f64>]) -> f64 {
     line.windows(2).map(|s| (s[1] - s[0]).norm()).sum()
 }
 
-/// `count` points equally far apart along a smooth line through the points; both ends are kept, bit for bit.
+/// `count` points at equal distances along a smooth curve through the points; both ends keep their
+/// bits.
 pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
     let (Some(&first), Some(&last)) = (line.first(), line.last()) else {
         return Vec::new();
@@ -33,7 +34,7 @@ pub fn resample(line: &[Point3<f64>], count: usize) -> Vec<Point3<f64>> {
     out
 }
 
-/// Where along a line, in shares of the number of its segments, `count` points lie that are equally far apart on it.
+/// Positions of `count` equidistant points on a line, in units of its segments.
 pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
     let lengths: Vec<f64> = line.windows(2).map(|s| (s[1] - s[0]).norm()).collect();
     let total: f64 = lengths.iter().sum();
@@ -61,13 +62,13 @@ pub fn equal_shares(line: &[Point3<f64>], count: usize) -> Vec<f64> {
     shares
 }
 
-/// The point of the cubic over segment `k` at `wanted` along the line.
+/// The point at arc length `wanted` on the cubic over segment `k`.
 fn between(line: &[Point3<f64>], arcs: &[f64], k: usize, wanted: f64) -> Point3<f64> {
     let span = arcs[k + 1] - arcs[k];
     if !(span > 0.0) {
         return line[k];
     }
-    // Slopes over arc length, from the neighbours on both sides.
+    // Slope with respect to arc length, from the neighbours on both sides.
     let slope = |i: usize| -> Vector3<f64> {
         let (a, b) = (i.saturating_sub(1), (i + 1).min(line.len() - 1));
         let width = arcs[b] - arcs[a];

@@ -1,4 +1,4 @@
-//! How good fibres are, whatever made them.
+//! Quality measures of fibres, independent of their method.
 
 use super::attachment::{Area, Attachment};
 use super::each::{Tendon, action, turned};
@@ -10,32 +10,33 @@ use crate::mesh::measures::greatest;
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-/// A point counts as outside where it is farther out than this share of the muscle's length.
+/// A point is outside if its distance to the muscle exceeds this share of the muscle's length.
 pub const OUTSIDE: f64 = 1e-9;
-/// Points over the inside at which coverage is asked for.
+/// Number of sample points inside the muscle for the coverage.
 const PROBES: f64 = 6_000.0;
 
-/// What is measured of fibres.
+/// Quality measures of fibres.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Quality {
     /// Number of fibres.
     pub fibres: usize,
-    /// Number of points of all fibres.
+    /// Total number of points of all fibres.
     pub points: usize,
-    /// Points outside the muscle by more than [`OUTSIDE`] of its length.
+    /// Number of points farther outside the muscle than [`OUTSIDE`] of its length.
     pub outside: usize,
-    /// Greatest distance of a point outside to the surface [m].
+    /// Greatest distance of an outside point to the surface [m].
     pub outside_max_m: f64,
-    /// Greatest distance of an end to its projected area [m].
+    /// Greatest distance of a fibre end to its projected area [m].
     pub end_distance_max_m: f64,
-    /// Greatest length of a straight tendon from an end to a patch [m]; 0 where no patch is far enough away for one.
+    /// Greatest length of a straight tendon from a fibre end to a patch [m]; 0 without tendons.
     pub tendon_length_max_m: f64,
-    /// Least Jacobian of the fibre map, 1 where each fibre began; NaN where the map was not given.
+    /// Least Jacobian of the fibre map, relative to the start of each fibre; NaN without a map.
     pub jacobian_min: f64,
-    /// Least distance of a point of a fibre, but for its ends, to another fibre [m].
+    /// Least distance of an inner fibre point to another fibre [m].
     pub spacing_min_m: f64,
-    /// Share of the volume within one mean spacing of a fibre: the root of the volume over the length of all fibres.
+    /// Share of the volume within one mean spacing of a fibre. The mean spacing is the square root
+    /// of the volume over the total fibre length.
     pub coverage: f64,
     /// Mean length of the fibres, without tendons [m].
     pub length_mean_m: f64,
@@ -49,7 +50,8 @@ fn degrees<S: serde::Serializer>(angle: &f64, to: S) -> Result<S::Ok, S::Error> 
     to.serialize_f64(angle.to_degrees())
 }
 
-/// Measures fibres, each from origin to insertion, in a muscle; `jacobian` holds the Jacobians of the fibre map.
+/// Measures the fibres of a muscle, each from origin to insertion. `jacobian` holds the Jacobians
+/// of the fibre map.
 pub fn measure(
     muscle: &TriangleMesh,
     closed: &Closed,
@@ -94,7 +96,7 @@ pub fn measure(
     }
 }
 
-/// Straight tendons from the end of each fibre to the closest place of the patch of an area far away.
+/// Straight tendons from each fibre end to the closest point of a distant patch.
 pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<Tendon> {
     let Some(patch) = &area.patch else {
         return Vec::new();
@@ -105,7 +107,7 @@ pub fn tendons(area: &Area, ends: &[Point3<f64>]) -> Vec<Tendon> {
         .collect()
 }
 
-/// The least of some numbers, NaN if one is or if there is none.
+/// The least of some numbers; NaN if one is NaN or if there is none.
 fn least(numbers: impl IntoIterator<Item = f64>) -> f64 {
     numbers
         .into_iter()
@@ -118,7 +120,8 @@ fn distance(tree: &SurfaceTree, p: &Point3<f64>) -> f64 {
         .map_or(f64::INFINITY, |found| found.distance)
 }
 
-/// Distance of each point to the inside [m]: 0 for points inside, else that to the surface as given or as closed.
+/// Distance of each point to the inside [m]: 0 for points inside, otherwise the distance to the
+/// given or the closed surface.
 fn outside(muscle: &TriangleMesh, closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> Vec<f64> {
     let solid = closed.solid();
     let tree = SurfaceTree::new(&muscle.vertices, &muscle.triangles);
@@ -133,7 +136,7 @@ fn outside(muscle: &TriangleMesh, closed: &Closed, fibres: &[Vec<Point3<f64>>]) 
     fibres.iter().flatten().map(distance).collect()
 }
 
-/// The segments of fibres as a tree of triangles without area.
+/// A tree over the fibre segments, as triangles of zero area.
 fn segments(fibres: &[Vec<Point3<f64>>]) -> SurfaceTree {
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
     for fibre in fibres {
@@ -146,7 +149,8 @@ fn segments(fibres: &[Vec<Point3<f64>>]) -> SurfaceTree {
     SurfaceTree::new(&vertices, &triangles)
 }
 
-/// Share of the volume within one mean spacing of a fibre: the root of the volume over the length of all fibres.
+/// Share of the volume within one mean spacing of a fibre. The mean spacing is the square root of
+/// the volume over the total fibre length.
 pub fn coverage(closed: &Closed, fibres: &[Vec<Point3<f64>>]) -> f64 {
     let total: f64 = fibres.iter().map(|f| length(f)).sum();
     let solid = closed.solid();

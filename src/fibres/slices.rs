@@ -1,13 +1,16 @@
-//! Decomposition by slices: contours of a template's box are laid onto those of the muscle, slice by slice.
+//! Decomposition by slices: maps contours of a template's box to contours of the muscle, slice by
+//! slice.
 //!
-//! The main axis joins the middles of the areas, of the template and of the muscle; a box around the template is scaled along
-//! it until the muscle is inside, and turned about it. Each plane across the axis cuts the box in a rectangle and the muscle
-//! in a contour ([`contour`]), whose corners go to the rectangle by their share of the perimeter. Points of fibres in the
-//! rectangle have mean-value coordinates over those places, and the same over the contour ([`coordinates`]).
+//! The main axis joins the centres of the two areas, in the template and in the muscle. A box
+//! around the template is scaled along the axis until it contains the muscle, and rotated about the
+//! axis. Each plane across the axis cuts the box in a rectangle and the muscle in a contour
+//! ([`contour`]). The corners of the contour map to the rectangle by their share of the perimeter.
+//! Fibre points in the rectangle get mean-value coordinates over the mapped corners; the same
+//! coordinates over the contour give their positions ([`coordinates`]).
 //!
-//! Nothing asks that the surface be closed, manifold or turned. What the method cannot do is not hidden but measured
-//! ([`super::quality`]): where a muscle ends in a point all fibres do, ends need not be on the areas, and points of contours
-//! that are not convex may lie outside or out of order.
+//! The surface need not be closed, manifold or consistently oriented. [`super::quality`] measures
+//! the limits of the method: all fibres meet in a point where the muscle ends in a point, fibre
+//! ends can be off the areas, and points of non-convex contours can lie outside or out of order.
 
 pub mod contour;
 pub mod coordinates;
@@ -21,12 +24,12 @@ use super::template::{Grid, Sampling, Template};
 use crate::mesh::TriangleMesh;
 use contour::Slicer;
 
-/// How many fibres of how many points.
+/// Number of fibres and of their points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Number of fibres; see [`Sampling::new`] for numbers that make no grid.
+    /// Number of fibres; see [`Sampling::new`] for numbers without a grid.
     pub count: usize,
-    /// Points of each, at least 2.
+    /// Number of points per fibre, at least 2.
     pub points: usize,
 }
 
@@ -39,49 +42,52 @@ impl Default for Options {
     }
 }
 
-/// Why a muscle was not decomposed.
+/// Error of [`decompose`] and [`grid`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SlicesError {
-    /// No fibre, or fibres of fewer than two points, asked for.
+    /// The options ask for no fibre or for fibres of fewer than two points.
     #[error(
         "{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points"
     )]
     TooFew {
-        /// Fibres asked for.
+        /// Requested number of fibres.
         count: usize,
-        /// Points asked for.
+        /// Requested number of points.
         points: usize,
     },
-    /// The areas do not tell which way the muscle runs.
+    /// The areas define no main axis.
     #[error(
         "the middles of origin and insertion are {distance:.3e} m apart, in a muscle of {length:.3e} m: no axis joins them; \
          give areas that are apart"
     )]
     NoAxis {
-        /// Distance of the middles \[m\].
+        /// Distance between the centres of the areas \[m\].
         distance: f64,
-        /// Length of the muscle's box \[m\].
+        /// Length of the muscle's bounding box \[m\].
         length: f64,
     },
-    /// A plane meets no triangle.
+    /// A plane intersects no triangle.
     #[error(
         "the plane across the main axis at {share:.3} of the muscle, through ({}, {}, {}), cuts no contour; the surface has a \
          gap there",
         .at.x, .at.y, .at.z
     )]
     NoContour {
-        /// From the muscle's start, as a share of its extent along the axis.
+        /// Distance of the plane from the start of the muscle, relative to the muscle's extent
+        /// along the axis.
         share: f64,
         /// A point of the plane \[m\].
         at: Point3<f64>,
     },
 }
 
-/// Directions nearer than this share of the body are none.
+/// A direction shorter than this share of the body is no direction.
 const NONE: f64 = 1e-9;
-/// The first and the last plane keep so much of the extent from the ends: there is nothing to cut at the very end.
+/// Distance of the first and last plane from the ends, relative to the extent: a plane at the very
+/// end has no contour.
 const IN_FROM_THE_END: f64 = 1e-6;
-/// How far off the line of the areas a template's middle must be, over its size, for that to say how it is turned.
+/// Least offset of a template's centre from the line between the areas, relative to the template's
+/// size, that defines its rotation.
 const LOPSIDED: f64 = 0.05;
 
 /// Decomposes a muscle into fibres, each from the origin's end to the insertion's \[m\].
@@ -97,10 +103,10 @@ pub fn decompose(
     Ok(grid(muscle, attachment, template, options)?.fibres())
 }
 
-/// The same as a grid, which knows its Jacobian.
+/// The same as [`decompose`], but as a grid with Jacobians.
 ///
 /// # Errors
-/// Too few fibres or points, areas without an axis between them, planes that meet nothing.
+/// Too few fibres or points, areas without an axis between them, planes that intersect nothing.
 pub fn grid(
     muscle: &TriangleMesh,
     attachment: &Attachment,
@@ -136,10 +142,10 @@ pub fn grid(
         });
     };
     let to = to.turned_like(&from);
-    // Points of the template by their slices, lowest first.
+    // Points of the template by slice, lowest slice first.
     let mut slices: BTreeMap<u64, Vec<usize>> = BTreeMap::new();
     for (p, x) in shape.iter().enumerate() {
-        // Shares are not negative, so that their bits are in order.
+        // Shares are not negative, so their bits have the same order.
         let share = from.share(x).clamp(IN_FROM_THE_END, 1.0 - IN_FROM_THE_END);
         slices.entry(share.to_bits()).or_default().push(p);
     }
@@ -180,7 +186,7 @@ fn used_vertices(muscle: &TriangleMesh) -> Vec<Point3<f64>> {
         .collect()
 }
 
-/// The middle of an area's surface \[m\].
+/// The centre of an area's surface \[m\].
 fn middle(muscle: &TriangleMesh, area: &Area) -> Vector3<f64> {
     let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
     for &t in &area.triangles {
@@ -196,20 +202,20 @@ fn middle(muscle: &TriangleMesh, area: &Area) -> Vector3<f64> {
     }
 }
 
-/// A template or a muscle, in axes of its own.
+/// A template or a muscle in its own axes.
 struct Body {
-    /// Two across the main axis, and that; right-handed.
+    /// Two axes across the main axis, then the main axis; right-handed.
     axes: [Vector3<f64>; 3],
-    /// The least and the greatest coordinates along the axes.
+    /// Least and greatest coordinates along the axes.
     low: Vector3<f64>,
     high: Vector3<f64>,
-    /// From the line of the areas to the middle of the body, across the main axis.
+    /// Vector from the line between the areas to the centre of the body, across the main axis.
     aside: Vector3<f64>,
     points: Vec<Point3<f64>>,
 }
 
 impl Body {
-    /// Axes by the areas' middles, and across them the principal ones.
+    /// Creates the main axis from the centres of the areas, and the principal axes across it.
     fn new(points: &[Point3<f64>], origin: Vector3<f64>, insertion: Vector3<f64>) -> Option<Self> {
         let bounds = crate::mesh::Aabb::of_points(points);
         let main = (insertion - origin).try_normalize(NONE * bounds.extents().norm())?;
@@ -223,7 +229,7 @@ impl Body {
             spread += off * off.transpose();
         }
         let [a, b] = [spread[(0, 0)] - spread[(1, 1)], 2.0 * spread[(0, 1)]];
-        // Of a body that is the same all around any direction will do.
+        // Any direction serves for a body that is symmetric about the axis.
         let turn = if a.hypot(b) > NONE * spread.trace() {
             0.5 * libm::atan2(b, a)
         } else {
@@ -255,8 +261,8 @@ impl Body {
         self
     }
 
-    /// Turned about the main axis such that its middle is on the same side of the line of the areas as that of the template,
-    /// if the template has such a side.
+    /// The body rotated about the main axis so that its centre is on the same side of the line
+    /// between the areas as that of the template, if the template has such a side.
     fn turned_like(self, template: &Self) -> Self {
         let size = (template.high - template.low).norm();
         let (side, own) = (
@@ -273,12 +279,12 @@ impl Body {
         self.with_axes(own * cos + main.cross(&own) * sin, main)
     }
 
-    /// How far along the main axis, 0 to 1.
+    /// Position along the main axis, 0 to 1.
     fn share(&self, p: &Point3<f64>) -> f64 {
         (self.axes[2].dot(&p.coords) - self.low.z) / (self.high.z - self.low.z)
     }
 
-    /// Where in the rectangle of the box, 0 to 1 each.
+    /// Position in the rectangle of the box, 0 to 1 in both coordinates.
     fn across(&self, p: &Point3<f64>) -> Point2<f64> {
         let of = |c: usize| {
             ((self.axes[c].dot(&p.coords) - self.low[c]) / (self.high[c] - self.low[c]))

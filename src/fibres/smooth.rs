@@ -1,16 +1,18 @@
-//! Fibres made smooth: points move towards the middle of their neighbours, ends stay, none leaves the muscle.
+//! Smoothing of fibres: points move towards the midpoint of their neighbours; ends stay, and no
+//! point leaves the muscle.
 
 use nalgebra::Point3;
 use rayon::prelude::*;
 
 use super::solid::Solid;
 
-/// How often and how far points move.
+/// Parameters of the smoothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Smoothing {
-    /// Passes over all points.
+    /// Number of passes over all points.
     pub steps: u32,
-    /// Share of the way to the middle of both neighbours that a point moves in a pass, 0 to 1.
+    /// Share of the distance to the midpoint of both neighbours that a point moves in a pass, 0 to
+    /// 1.
     pub factor: f64,
 }
 
@@ -23,8 +25,9 @@ impl Default for Smoothing {
     }
 }
 
-/// Moves all points but the ends, in each pass by x_i += factor ((x_{i-1} + x_{i+1})/2 - x_i) from where they were before it. A
-/// move out of the muscle is not made; a factor outside of 0 to 1 is taken as the nearer of both.
+/// Moves all points but the ends. Each pass uses the positions before the pass: x_i += factor
+/// ((x_{i-1} + x_{i+1})/2 - x_i). A point does not move if the move leaves the muscle. The factor
+/// is clamped to 0..1.
 pub fn smooth(fibres: &mut [Vec<Point3<f64>>], smoothing: Smoothing, solid: &Solid<'_>) {
     let factor = if smoothing.factor >= 0.0 {
         smoothing.factor.min(1.0)
@@ -37,7 +40,7 @@ pub fn smooth(fibres: &mut [Vec<Point3<f64>>], smoothing: Smoothing, solid: &Sol
             before.copy_from_slice(line);
             for (i, three) in before.windows(3).enumerate() {
                 let moved = three[1] + (nalgebra::center(&three[0], &three[2]) - three[1]) * factor;
-                // A point that a wall has put in its place stays on that wall.
+                // A point that a wall has positioned stays on that wall.
                 if solid.contains_as_given(&moved) {
                     line[i + 1] = moved;
                 }

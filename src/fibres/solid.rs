@@ -1,4 +1,5 @@
-//! What is inside a muscle: its surface closed and turned outward for the question, itself unchanged.
+//! The inside of a muscle, defined by a closed and outward copy of its surface; the surface itself
+//! is unchanged.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,22 +9,22 @@ use crate::mesh::repair::{LONGEST_RIM, Options, repair};
 use crate::mesh::winding::WindingTree;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Share of a turn about a point from which it counts as inside \[jacobson2013\].
+/// Winding number from which a point is inside \[jacobson2013\].
 const HALF: f64 = 0.5;
 
-/// A muscle's surface as given, and the closed, outward one that bounds its inside.
+/// A muscle's surface as given, and the closed, outward surface that bounds its inside.
 #[derive(Debug)]
 pub struct Closed {
     /// The surface that bounds the inside.
     pub mesh: TriangleMesh,
-    /// Windings about points of the surface as given, where it had to be changed to be closed.
+    /// Winding numbers of the given surface, if the closed surface differs from it.
     given: Option<WindingTree>,
-    /// Windings about points of the closed surface, where no repair made it closed and oriented.
+    /// Winding numbers of the closed surface, if no repair made it closed and oriented.
     open: Option<WindingTree>,
 }
 
 impl Closed {
-    /// Closes holes and turns triangles where needed; a mesh that needs nothing stays as it is.
+    /// Closes holes and turns triangles where necessary; a mesh without defects is unchanged.
     pub fn new(muscle: &TriangleMesh) -> Self {
         let fit = |mesh: &TriangleMesh| {
             let topology = Topology::new(mesh);
@@ -46,7 +47,7 @@ impl Closed {
         Self { mesh, given, open }
     }
 
-    /// The questions about points.
+    /// The inside and outside tests.
     pub fn solid(&self) -> Solid<'_> {
         let tree = SurfaceTree::new(&self.mesh.vertices, &self.mesh.triangles);
         Solid {
@@ -57,7 +58,7 @@ impl Closed {
     }
 }
 
-/// Inside or outside, and how deep.
+/// Inside and outside tests, and distances to the wall.
 #[derive(Debug)]
 pub struct Solid<'a> {
     closed: &'a Closed,
@@ -65,19 +66,20 @@ pub struct Solid<'a> {
     tree: SurfaceTree,
 }
 
-/// The nearest place of a wall.
+/// The nearest point of a wall.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wall {
     /// The closest point of the surface [m].
     pub point: Point3<f64>,
-    /// Unit vector from it to the point asked about.
+    /// Unit vector from that point to the query point.
     pub away: Vector3<f64>,
-    /// Distance to it [m].
+    /// Distance to that point [m].
     pub distance: f64,
 }
 
 impl Solid<'_> {
-    /// Whether the closed surface winds about a point; by exact signed crossings where it is closed.
+    /// True if a point is inside the closed surface; by exact signed crossings where the surface is
+    /// closed.
     pub fn contains(&self, p: &Point3<f64>) -> bool {
         match &self.closed.open {
             Some(tree) => tree.number(p).abs() >= HALF,
@@ -85,7 +87,7 @@ impl Solid<'_> {
         }
     }
 
-    /// The line along x at `y`, `z` [m], for questions about many points of it.
+    /// The line along x at `y`, `z` [m], for tests of many points on it.
     pub fn row(&self, y: f64, z: f64) -> Row<'_> {
         Row {
             solid: self,
@@ -95,7 +97,8 @@ impl Solid<'_> {
         }
     }
 
-    /// As [`Solid::contains`], and for a surface given open or turned also by its own winding number, without its sign.
+    /// The same as [`Solid::contains`]; for a surface given open or with turned triangles the point
+    /// must also be inside by that surface's absolute winding number.
     pub fn contains_as_given(&self, p: &Point3<f64>) -> bool {
         self.contains(p)
             && self
@@ -105,7 +108,7 @@ impl Solid<'_> {
                 .is_none_or(|tree| tree.number(p).abs() >= HALF)
     }
 
-    /// The closest place of the wall at most `within` [m] away.
+    /// The closest point of the wall within the distance `within` [m].
     pub fn wall(&self, p: &Point3<f64>, within: f64) -> Option<Wall> {
         let found = self.tree.closest(p, within)?;
         let away = (p - found.point)
@@ -124,7 +127,7 @@ impl Solid<'_> {
     }
 }
 
-/// Inside or outside along a line.
+/// Inside and outside test along a line.
 #[derive(Debug)]
 pub struct Row<'a> {
     solid: &'a Solid<'a>,

@@ -1,12 +1,13 @@
-//! Decomposition by springs: a template's surface is laid onto the muscle's by way of the sphere and held there, and springs
-//! bring the points between to rest.
+//! Decomposition by springs: maps a template's surface to the muscle's surface through the sphere
+//! and fixes it there; springs bring the inner points to equilibrium.
 //!
-//! The muscle's surface must be a sphere: closed, manifold, of one piece, without handles, turned outward. It is spread over
-//! the unit sphere ([`crate::morph::sphere`]), the template's surface is laid into that map such that its areas fill those of
-//! the muscle ([`placing`]), and each of its points goes to the same place of the same triangle of the muscle. The inner
-//! points come to rest between springs to their six neighbours ([`network`]). Fibres are lines of the grid.
+//! The muscle's surface must be a topological sphere: closed, manifold, connected, without handles,
+//! oriented outward. [`crate::morph::sphere`] maps it to the unit sphere. [`placing`] maps the
+//! template's surface into the sphere so that its areas fill those of the muscle. Each point then
+//! goes to the same position of the same triangle of the muscle. The inner points come to
+//! equilibrium between springs to their six neighbours ([`network`]). Fibres are lines of the grid.
 //!
-//! Nothing keeps inner points inside a muscle that is bent, nor the grid from folding: [`super::quality`] tells.
+//! Inner points can leave a bent muscle, and the grid can fold; [`super::quality`] measures both.
 
 pub mod network;
 pub mod placing;
@@ -20,15 +21,16 @@ use crate::mesh::TriangleMesh;
 use crate::morph::sphere::SphereError;
 use crate::solvers::sparse::FactorError;
 
-/// How many fibres of how many points, and how long springs are without tension.
+/// Number of fibres and of their points, and rest length of the springs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Number of fibres; see [`Sampling::new`] for numbers that make no grid.
+    /// Number of fibres; see [`Sampling::new`] for numbers without a grid.
     pub count: usize,
-    /// Points of each, at least 2.
+    /// Number of points per fibre, at least 2.
     pub points: usize,
-    /// Side of the template's cube at rest over the length of the muscle's box, at least 0. The source puts a cube of side 1
-    /// into muscles of some 300 mm, 0.003; with 0 springs have no length of their own, and one linear system gives the rest.
+    /// Side of the template's cube at rest, relative to the length of the muscle's bounding box, at
+    /// least 0. The source puts a cube of side 1 into muscles of about 300 mm: 0.003. With 0 the
+    /// springs have no rest length, and one linear system gives the equilibrium.
     pub side: f64,
 }
 
@@ -42,30 +44,30 @@ impl Default for Options {
     }
 }
 
-/// Why a muscle was not decomposed.
+/// Error of [`decompose`] and [`grid`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SpringsError {
-    /// No fibre, or fibres of fewer than two points, asked for.
+    /// The options ask for no fibre or for fibres of fewer than two points.
     #[error(
         "{count} fibres of {points} points make no grid; ask for at least 1 fibre of at least 2 points"
     )]
     TooFew {
-        /// Fibres asked for.
+        /// Requested number of fibres.
         count: usize,
-        /// Points asked for.
+        /// Requested number of points.
         points: usize,
     },
-    /// The side of the template at rest is no length.
+    /// The side of the template at rest is negative or not finite.
     #[error(
         "the template's side at rest is {0} times the muscle's length; give a number of at least 0"
     )]
     Side(f64),
-    /// The surface is not a sphere.
+    /// The surface is no topological sphere.
     #[error(
         "the muscle's surface cannot be laid onto a sphere: {0}; harmonic decomposition needs no such surface"
     )]
     Surface(#[from] SphereError),
-    /// The triangles are turned inward.
+    /// The triangles are oriented inward.
     #[error(
         "the muscle's surface is inside out, its volume is {volume:.3e} m3; `pliant check --repair` turns it"
     )]
@@ -73,38 +75,38 @@ pub enum SpringsError {
         /// The signed volume \[m3\].
         volume: f64,
     },
-    /// An area that has no rim on the sphere, for it is all of the surface.
+    /// An area covers the whole surface and so has no boundary on the sphere.
     #[error("the area of the {end} is the whole surface; make it smaller")]
     WholeSurface {
         /// Which area.
         end: End,
     },
-    /// The centres of both areas are in one place of the sphere.
+    /// The centres of both areas coincide on the sphere.
     #[error(
         "the centres of origin and insertion, near vertices {} and {}, meet on the sphere; the areas surround one another",
         vertices[0], vertices[1]
     )]
     OnePlace {
-        /// A vertex of each.
+        /// A vertex of each area.
         vertices: [u32; 2],
     },
-    /// A place of the sphere that is in no triangle of the muscle's map.
+    /// A point of the sphere is in no triangle of the muscle's map.
     #[error("point {point} of the template's surface is in no triangle of the muscle's map")]
     NotFound {
         /// The point of the grid.
         point: usize,
     },
-    /// The springs have no state of rest that was found.
+    /// The springs do not come to equilibrium.
     #[error(
         "the springs are not at rest after {steps} steps, {force:.1e} of the force that holds a point is left"
     )]
     NotAtRest {
         /// Steps of Newton's method.
         steps: usize,
-        /// Greatest force over that of a spring as long as the muscle.
+        /// Greatest force, relative to the force of a spring as long as the muscle.
         force: f64,
     },
-    /// The system could not be solved.
+    /// The linear system has no solution.
     #[error("the springs' system could not be solved: {0}")]
     Factor(#[from] FactorError),
 }
@@ -122,11 +124,11 @@ pub fn decompose(
     Ok(grid(muscle, attachment, template, options)?.fibres())
 }
 
-/// The same as a grid, which knows its Jacobian.
+/// The same as [`decompose`], but as a grid with Jacobians.
 ///
 /// # Errors
-/// Too few fibres or points, a surface that is no sphere or inside out, areas that cannot be told apart, springs that do not
-/// come to rest.
+/// Too few fibres or points, a surface that is no topological sphere or inside out, areas with a
+/// common centre, or springs without equilibrium.
 pub fn grid(
     muscle: &TriangleMesh,
     attachment: &Attachment,

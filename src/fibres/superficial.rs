@@ -1,4 +1,5 @@
-//! Lines seen on the surface of a muscle, such as fibres drawn on a specimen, registered to its mesh.
+//! Registration of lines on the surface of a muscle, such as fibres drawn on a specimen, to its
+//! mesh.
 
 use nalgebra::Point3;
 
@@ -7,7 +8,7 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::{greatest, median};
 
-/// A line whose points lie at a median distance above this share of the muscle's length is none on its surface.
+/// A line is off the surface if its median distance exceeds this share of the muscle's length.
 pub const FARTHEST: f64 = 0.05;
 
 /// Lines on a muscle's surface.
@@ -15,14 +16,14 @@ pub const FARTHEST: f64 = 0.05;
 pub struct Registered {
     /// The lines on the surface [m].
     pub lines: Vec<Vec<Point3<f64>>>,
-    /// Greatest distance of a point to the surface before [m].
+    /// Greatest distance of a point to the surface before the registration [m].
     pub distance_max: f64,
 }
 
-/// Why lines are not on a surface.
+/// Error of [`register`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LinesError {
-    /// No line, or none with a length.
+    /// There is no line, or no line with a positive length.
     #[error(
         "there is no line with a length; give polylines along the fibres that are seen on the surface"
     )]
@@ -33,16 +34,16 @@ pub enum LinesError {
          muscle is {length:.6} m long; check that both are of the same body, in the same unit and frame"
     )]
     Off {
-        /// The line.
+        /// Index of the line, from 0.
         line: usize,
-        /// Median distance of its points [m].
+        /// Median distance of the points of the line [m].
         distance: f64,
-        /// Length of the muscle's box [m].
+        /// Length of the muscle's bounding box [m].
         length: f64,
     },
 }
 
-/// Moves every point of lines onto the surface.
+/// Moves every point of the lines onto the surface.
 ///
 /// # Errors
 /// No line, a line off the surface.

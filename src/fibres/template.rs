@@ -1,40 +1,42 @@
-//! Templates of muscles: a cube filled with fibres, and the regular grid of points on them.
+//! Templates of muscles: a cube of fibres, and the regular grid of their points.
 //!
-//! Four curves c00, c10, c01, c11 from the corners of the origin to those of the insertion span a template,
-//! `P(r, s, t) = (1-r)(1-s) c00(t) + r(1-s) c10(t) + (1-r)s c01(t) + r s c11(t)` with r, s, t in 0..1: (r, s) says which fibre,
-//! t where along it. The curves are cubic, in Bernstein's form, and stay in the unit cube with their control points; the
-//! source gives none, so they are ours.
+//! Four curves c00, c10, c01, c11 from the corners of the origin to those of the insertion span a
+//! template, `P(r, s, t) = (1-r)(1-s) c00(t) + r(1-s) c10(t) + (1-r)s c01(t) + r s c11(t)` with r,
+//! s, t in 0..1: (r, s) is the fibre, t the position along it. The curves are cubic, in Bernstein
+//! form, and stay in the unit cube with their control points. The source gives no curves; these are
+//! ours.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::TriangleMesh;
 use crate::springs::lattice::Shape;
 
-/// How fibres run from origin to insertion.
+/// Arrangement of the fibres between origin and insertion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Template {
-    /// Areas on opposite faces, straight fibres side by side: long muscles, such as sartorius.
+    /// Areas on opposite faces and straight parallel fibres: long muscles, such as sartorius.
     #[default]
     Parallel,
-    /// Areas on opposite sides, shifted along the muscle, oblique fibres: such as vastus medialis.
+    /// Areas on opposite sides, shifted along the muscle, and oblique fibres: such as vastus
+    /// medialis.
     Pennate,
-    /// Both areas on the same face, fibres in arches: such as iliacus.
+    /// Both areas on the same face, and fibres in arches: such as iliacus.
     Curved,
     /// Areas narrower than the belly: rectus femoris.
     Rectus,
 }
 
-/// Part of a side that an area of a pennate template takes along the muscle.
+/// Share of a side that an area of a pennate template occupies along the muscle.
 const OBLIQUE: f64 = 0.6;
-/// Part of the face that each area of a curved template takes.
+/// Share of the face that each area of a curved template occupies.
 const FOOT: f64 = 0.4;
 /// Height of the lowest and the highest arch of a curved template.
 const ARCHES: [f64; 2] = [0.3, 1.0];
-/// Part of a side that the areas of the template for rectus femoris take.
+/// Share of a side that the areas of the template for rectus femoris occupy.
 const NECK: f64 = 0.3;
 
 impl Template {
-    /// All, with their names.
+    /// All templates with their names.
     pub const NAMED: [(&'static str, Self); 4] = [
         ("parallel", Self::Parallel),
         ("pennate", Self::Pennate),
@@ -42,7 +44,7 @@ impl Template {
         ("rectus", Self::Rectus),
     ];
 
-    /// The template of that name.
+    /// The template with that name.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::NAMED
             .into_iter()
@@ -63,7 +65,7 @@ impl Template {
             }
             Self::Curved => {
                 let (foot, aside) = (FOOT * (1.0 - r), 1.0 - s);
-                // A cubic with both handles at a height reaches three quarters of it.
+                // A cubic with both handles at one height reaches three quarters of that height.
                 let height = 4.0 / 3.0 * (ARCHES[0] + (ARCHES[1] - ARCHES[0]) * r);
                 let at = |x: f64, z: f64| Point3::new(x, aside, z);
                 [
@@ -106,7 +108,7 @@ impl Template {
     }
 }
 
-/// Equal handles: t is the share of the length.
+/// A straight curve; with equal handles t is the share of the length.
 fn straight(from: Point3<f64>, to: Point3<f64>) -> [Point3<f64>; 4] {
     [0.0, 1.0, 2.0, 3.0].map(|k| from + (to - from) * (k / 3.0))
 }
@@ -114,21 +116,22 @@ fn straight(from: Point3<f64>, to: Point3<f64>) -> [Point3<f64>; 4] {
 /// A regular grid over r, s and t, r running fastest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
-    /// Along r, s and t, each at least 2.
+    /// Number of points along r, s and t, each at least 2.
     pub points: [usize; 3],
-    /// Fibres asked for, at most those of the grid.
+    /// Requested number of fibres, at most that of the grid.
     pub count: usize,
 }
 
-/// A longer grid is not nearly square.
+/// Greatest ratio of the sides of a grid across the fibres.
 const LONGEST: usize = 2;
 
 impl Sampling {
-    /// A grid for `count` fibres of `points` points each; `None` for no fibre, or fewer than two points.
+    /// The grid for `count` fibres of `points` points each; `None` for no fibre, or fewer than two
+    /// points.
     ///
-    /// Its sides along r and s are the least unlike ones whose product is `count`. Where the longer one would be more than
-    /// twice the shorter, as for a prime, the next greater number that has better ones is taken, and the fibres beyond
-    /// `count` are left out, evenly spread, when fibres are read.
+    /// The sides along r and s are the most equal factors of `count`. If the longer one exceeds
+    /// twice the shorter one, as for a prime, the grid has the next greater number with better
+    /// factors. Reading the fibres then skips the surplus ones, evenly distributed.
     pub fn new(count: usize, points: usize) -> Option<Self> {
         if count == 0 || points < 2 || count > u32::MAX as usize / points {
             return None;
@@ -143,7 +146,7 @@ impl Sampling {
         })
     }
 
-    /// The number of a point.
+    /// Index of a grid point.
     pub fn number(&self, [i, j, k]: [usize; 3]) -> usize {
         i + self.points[0] * (j + self.points[1] * k)
     }
@@ -157,7 +160,7 @@ impl Sampling {
         }
     }
 
-    /// r, s and t of each point.
+    /// Parameters r, s and t of each point.
     pub fn parameters(&self) -> impl Iterator<Item = [f64; 3]> + use<> {
         let points = self.points;
         self.shape()
@@ -172,7 +175,7 @@ impl Sampling {
             .collect()
     }
 
-    /// Of each point, whether it is on the surface: r or s or t is 0 or 1.
+    /// True for each point on the surface: r or s or t is 0 or 1.
     pub fn on_surface(&self) -> Vec<bool> {
         let shape = self.shape();
         shape.each().map(|at| shape.on_surface(at)).collect()
@@ -190,7 +193,7 @@ impl Sampling {
         (first..first + layer).collect()
     }
 
-    /// The triangles of the surface, turned outward, over the points of the grid; two for each square.
+    /// The triangles of the surface over the grid points, oriented outward; two per square.
     pub fn triangles(&self) -> Vec<[u32; 3]> {
         let mut all = Vec::new();
         for axis in 0..3 {
@@ -217,7 +220,7 @@ impl Sampling {
         all
     }
 
-    /// The surface of a template alone, and the point of the grid behind each of its vertices.
+    /// The surface of a template, and the grid point of each of its vertices.
     pub fn surface(&self, template: Template) -> (TriangleMesh, Vec<u32>) {
         let flags = self.on_surface();
         let kept: Vec<u32> = (0..flags.len() as u32)
@@ -243,12 +246,12 @@ impl Sampling {
     }
 }
 
-/// A grid laid into a muscle.
+/// A grid inside a muscle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// How many points.
+    /// Numbers of points.
     pub sampling: Sampling,
-    /// Where they are \[m\].
+    /// Positions of the points \[m\].
     pub points: Vec<Point3<f64>>,
 }
 
@@ -257,15 +260,16 @@ impl Grid {
     pub fn fibres(&self) -> Vec<Vec<Point3<f64>>> {
         let [nr, ns, nt] = self.sampling.points;
         let all = nr * ns;
-        // Evenly spread over those of the grid.
+        // Evenly distributed over the fibres of the grid.
         let taken = (0..self.sampling.count).map(|n| n * all / self.sampling.count);
         taken
             .map(|fibre| (0..nt).map(|k| self.points[fibre + all * k]).collect())
             .collect()
     }
 
-    /// Scaled Jacobian at each corner of each cell: the determinant of its three edges over the product of their lengths, 1
-    /// for a right angle, negative where the grid is folded, 0 where an edge has no length.
+    /// Scaled Jacobian at each corner of each cell: the determinant of the three edges over the
+    /// product of their lengths. It is 1 for a right angle, negative for a folded grid and 0 for an
+    /// edge without length.
     pub fn jacobian(&self) -> Vec<f64> {
         let [nr, ns, nt] = self.sampling.points;
         let mut all = Vec::with_capacity(8 * (nr - 1) * (ns - 1) * (nt - 1));

@@ -1,42 +1,47 @@
-//! A chain of frusta of equal lengths that keeps its volume: radii follow from the length in closed form.
+//! A chain of frusta of equal length with constant volume: the radii follow from the length in
+//! closed form.
 //!
-//! Nodes lie at equal distances on the axis and have radii r_i and growth multipliers m_i. At another length all radii
-//! change by m_i s with one s for all, such that the volume is that at rest: a quadratic in s, with hemispheres at the
-//! ends a cubic. The coefficients are those of the corrected source (errata G1, G3 to G5, G7) and belong to the state at
-//! rest: no drift adds up over changes of length, and every way to a length gives the same radii.
+//! The nodes lie at equal distances on the axis. Node i has the radius r_i and the growth
+//! multiplier m_i. At another length each radius changes by m_i s, with one s for all nodes, so
+//! that the volume stays the volume at rest. This is a quadratic in s, and a cubic with hemispheres
+//! at the ends. The coefficients are those of the corrected source (errata G1, G3 to G5, G7) and
+//! belong to the state at rest. No drift accumulates over changes of length: the radii depend on
+//! the length alone.
 
 use std::f64::consts::PI;
 
-/// Whether hemispheres at both ends belong to the volume that is kept.
+/// Whether the constant volume contains the hemispheres at both ends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Caps {
-    /// The ends are drawn round, but what is kept is the volume of the frusta: as in the source (erratum G8).
+    /// The ends are drawn round; the constant volume is that of the frusta, as in the source
+    /// (erratum G8).
     #[default]
     Out,
-    /// The hemispheres count.
+    /// The volume contains the hemispheres.
     In,
 }
 
-/// What makes a chain.
+/// Parameters of a chain at rest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
     /// Radii of the nodes at rest, from one end to the other \[m\].
     pub radii: Vec<f64>,
-    /// Growth multiplier of each node, at least 0; a node with 0 never changes.
+    /// Growth multiplier of each node, at least 0; the radius of a node with multiplier 0 is
+    /// constant.
     pub growth: Vec<f64>,
     /// Distance between the first and the last node at rest \[m\].
     pub length: f64,
-    /// What counts as volume.
+    /// Whether the hemispheres are part of the volume.
     pub caps: Caps,
 }
 
-/// Why there is no such chain, or no such length of it.
+/// Error of [`Chain::new`] and [`Chain::set_length`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ChainError {
     /// Fewer than two nodes.
     #[error("{0} nodes; a chain needs at least 2 radii")]
     Nodes(usize),
-    /// Multipliers do not match the radii.
+    /// The numbers of multipliers and radii differ.
     #[error("{growth} growth multipliers for {radii} radii; give one for each")]
     Lengths {
         /// Number of radii.
@@ -44,14 +49,14 @@ pub enum ChainError {
         /// Number of multipliers.
         growth: usize,
     },
-    /// A radius or multiplier that is negative or no number.
+    /// A radius or a multiplier is negative or NaN.
     #[error("{what} of node {node} is {value}; it must be a number of at least 0")]
     Negative {
-        /// Radius or multiplier.
+        /// Names the radius or the multiplier.
         what: &'static str,
-        /// The node, from 1.
+        /// Index of the node, from 1.
         node: usize,
-        /// What was given.
+        /// The rejected value.
         value: f64,
     },
     /// The length is not positive.
@@ -65,34 +70,34 @@ pub enum ChainError {
         "no growth multiplier is greater than 0: no radius can change, so the volume cannot be kept at another length"
     )]
     Rigid,
-    /// Some radius would be negative.
+    /// A radius would be negative.
     #[error(
         "at a length of {length} m the radius of node {node} would be negative; the chain can be stretched to {longest} m"
     )]
     TooLong {
-        /// What was asked for \[m\].
+        /// The requested length \[m\].
         length: f64,
-        /// The node that would be negative first, from 1.
+        /// The node whose radius becomes negative first, from 1.
         node: usize,
-        /// The longest that is possible \[m\].
+        /// The greatest possible length \[m\].
         longest: f64,
     },
 }
 
-/// A chain at some length.
+/// A chain at its present length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chain {
     rest: Shape,
     /// Coefficients of the sum of the squares in s: A, B and C.
     square: [f64; 3],
-    /// The smallest change s with no negative radius, and its node.
+    /// The smallest change s without a negative radius, and the node that limits it.
     least: (f64, usize),
     volume: f64,
     length: f64,
     radii: Vec<f64>,
 }
 
-/// Volume of the hemispheres at both ends over pi \[m^3\].
+/// Volume of the hemispheres at both ends, divided by pi \[m^3\].
 fn caps(first: f64, last: f64) -> f64 {
     2.0 / 3.0 * (first.powi(3) + last.powi(3))
 }
@@ -139,7 +144,8 @@ impl Shape {
         Ok(())
     }
 
-    /// The same with `count` nodes between each two, on straight lines: another resolution of the same body at rest.
+    /// The same body at rest with another resolution: inserts `count` nodes between each two
+    /// neighbours, on straight lines.
     pub fn refined(&self, count: usize) -> Self {
         let parts = count + 1;
         let between = |values: &[f64]| {
@@ -161,10 +167,10 @@ impl Shape {
 }
 
 impl Chain {
-    /// The chain at rest.
+    /// Creates the chain at rest.
     ///
     /// # Errors
-    /// A shape that is none.
+    /// An invalid shape: see [`ChainError`].
     pub fn new(rest: Shape) -> Result<Self, ChainError> {
         rest.check()?;
         let square = [
@@ -193,7 +199,7 @@ impl Chain {
         Ok(chain)
     }
 
-    /// What it was made of.
+    /// The parameters at rest.
     pub fn rest(&self) -> &Shape {
         &self.rest
     }
@@ -213,12 +219,12 @@ impl Chain {
         &self.radii
     }
 
-    /// The volume at rest, which is kept \[m^3\].
+    /// The volume at rest, which stays constant \[m^3\].
     pub fn volume(&self) -> f64 {
         self.volume
     }
 
-    /// The volume of the present radii and length, summed anew \[m^3\].
+    /// The volume of the present radii and length, computed again from them \[m^3\].
     pub fn volume_now(&self) -> f64 {
         let (first, last) = (self.radii[0], self.radii[self.radii.len() - 1]);
         let ends = if self.rest.caps == Caps::In {
@@ -229,7 +235,7 @@ impl Chain {
         PI * (self.spacing() * paired(&self.radii, &self.radii) + ends)
     }
 
-    /// The length at which the first radius becomes 0; infinite where none does, for all shrink alike.
+    /// The length at which the first radius becomes 0 \[m\]; infinite if no radius ever does.
     pub fn longest(&self) -> f64 {
         let s = self.least.0;
         let (frusta, ends) = self.volume_over_pi(s);
@@ -241,7 +247,7 @@ impl Chain {
         }
     }
 
-    /// Sum of the squares of all frusta, and the volume of the caps over pi, at a change s.
+    /// Sum of the squares of all frusta, and the volume of the caps divided by pi, at a change s.
     fn volume_over_pi(&self, s: f64) -> (f64, f64) {
         let [a, b, c] = self.square;
         let n = self.radii.len();
@@ -254,10 +260,10 @@ impl Chain {
         ((a * s + b) * s + c, ends)
     }
 
-    /// Takes another length; the radii follow. Where it cannot, nothing changes.
+    /// Sets another length; the radii follow. After an error the chain is unchanged.
     ///
     /// # Errors
-    /// A length that is no length, or at which no radii of at least 0 keep the volume.
+    /// An invalid length, or a length at which no radii of at least 0 keep the volume.
     pub fn set_length(&mut self, length: f64) -> Result<(), ChainError> {
         if !(length.is_finite() && length > 0.0) {
             return Err(ChainError::Length(length));
@@ -285,18 +291,19 @@ impl Chain {
             .zip(&self.rest.radii)
             .zip(&self.rest.growth)
         {
-            // Where the least is met exactly, rounding must not leave less than nothing.
+            // At the limit, rounding can give a slightly negative radius.
             *radius = (r + m * s).max(0.0);
         }
         Ok(())
     }
 
-    /// The change s that keeps the volume at a length.
+    /// The change s that keeps the volume constant at a length.
     fn change(&self, length: f64) -> Option<f64> {
         let [a, b, c] = self.square;
         let spacing = length / (self.radii.len() - 1) as f64;
         if self.rest.caps == Caps::Out {
-            // Without the difference of nearly equal numbers, and 0 where nothing changes (errata G5, G7).
+            // Avoids the difference of nearly equal numbers; exactly 0 where nothing changes
+            // (errata G5, G7).
             let lack = c * (self.rest.length / length - 1.0);
             let root = b * b + 4.0 * a * lack;
             return (root >= 0.0 && b + root.sqrt() > 0.0).then(|| 2.0 * lack / (b + root.sqrt()));
@@ -304,8 +311,8 @@ impl Chain {
         self.change_with_caps(spacing)
     }
 
-    /// The same with hemispheres: Newton's method on a cubic that rises and is convex wherever no radius is negative, so
-    /// that it falls to the root from the right.
+    /// The change s with hemispheres. The cubic rises and is convex wherever no radius is negative,
+    /// so Newton's method converges to the root from the right.
     fn change_with_caps(&self, spacing: f64) -> Option<f64> {
         let [a, b, _] = self.square;
         let n = self.radii.len();
@@ -322,7 +329,7 @@ impl Chain {
         if value(self.least.0) > 0.0 {
             return None;
         }
-        // The frusta alone would need no less.
+        // The root for the frusta alone is at least as large.
         let volume_of_frusta = wanted / spacing;
         let mut s = 2.0 * volume_of_frusta / (b + (b * b + 4.0 * a * volume_of_frusta).sqrt());
         for _ in 0..200 {

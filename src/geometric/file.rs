@@ -1,4 +1,5 @@
-//! The file of a geometric muscle: TOML with `radii`, `grow_mults`, `length`, `frame` and what bounds the length.
+//! The file of a geometric muscle: TOML with `radii`, `grow_mults`, `length`, `frame` and the
+//! bounds of the length.
 //!
 //! ```toml
 //! unit = "cm"                      # of all lengths; m where it is left out
@@ -17,49 +18,50 @@ use serde::Deserialize;
 use super::chain::{Caps, Chain, ChainError, Shape};
 use super::frame::{Frame, FrameError};
 
-/// A muscle on its frame, with the lengths that it may take.
+/// A muscle on its frame, with its range of lengths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Muscle {
     /// The chain at rest.
     pub chain: Chain,
-    /// The bars, if any.
+    /// The bars; `None` without a frame.
     pub frame: Option<Frame>,
-    /// Shortest and longest \[m\]: of the file's shares, of the frame and of the radii the narrowest.
+    /// Shortest and longest length \[m\]: the intersection of the ranges of the file, the frame and
+    /// the radii.
     pub range: [f64; 2],
     /// The unit of the file \[m\].
     pub unit: f64,
 }
 
-/// What is wrong with a file.
+/// Error of [`parse`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FileError {
-    /// No TOML, a key that is not known or missing, a value of another kind.
+    /// The text is no TOML, a key is unknown or missing, or a value has another type.
     #[error("line {line}, column {column}: {message}")]
     Text {
-        /// From 1.
+        /// Line, from 1.
         line: usize,
-        /// From 1.
+        /// Column, from 1.
         column: usize,
-        /// What was found.
+        /// The message of the TOML reader.
         message: String,
     },
-    /// A value that cannot be.
+    /// A value is out of its range.
     #[error("{key}: {message}")]
     Value {
         /// The key.
         key: &'static str,
-        /// What is wrong and what is allowed.
+        /// What is wrong and which values are allowed.
         message: String,
     },
-    /// No chain.
+    /// The chain is invalid.
     #[error(transparent)]
     Chain(#[from] ChainError),
-    /// No frame.
+    /// The frame is invalid.
     #[error(transparent)]
     Frame(#[from] FrameError),
 }
 
-/// Nodes that a chain may have: more is a mistake, not a muscle.
+/// Greatest number of nodes of a chain; a greater number in a file is a mistake.
 const MOST_NODES: usize = 1_000_000;
 
 #[derive(Deserialize)]
@@ -90,7 +92,7 @@ enum CapsKey {
     In,
 }
 
-/// The source does not say its bounds.
+/// The source gives no bounds; this default is ours.
 fn least_part() -> f64 {
     0.6
 }
@@ -107,10 +109,10 @@ fn place(text: &str, at: usize) -> (usize, usize) {
     (line, column)
 }
 
-/// Reads a muscle.
+/// Reads a muscle from the text of a file.
 ///
 /// # Errors
-/// With line and column, or the key, and what is allowed.
+/// An invalid text or value: names line and column or the key, and what is allowed.
 pub fn parse(text: &str) -> Result<Muscle, FileError> {
     let keys: Keys = toml::from_str(text).map_err(|error| {
         let (line, column) = place(text, error.span().map_or(0, |s| s.start));
@@ -157,7 +159,7 @@ pub fn parse(text: &str) -> Result<Muscle, FileError> {
         length: keys.length * unit,
         caps,
     };
-    // A wrong shape is told as it is written, before nodes are inserted.
+    // Errors of a shape name its nodes as in the file, so the check precedes the insertion.
     Chain::new(shape.clone())?;
     let chain = Chain::new(shape.refined(keys.insert))?;
     let frame = keys

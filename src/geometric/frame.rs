@@ -1,46 +1,48 @@
-//! Two bars joined at one end, with a muscle between them: angles by the law of cosines.
+//! Two bars joined at one end, with a muscle between them; the angles follow from the law of
+//! cosines.
 
 use nalgebra::{Point2, Rotation2, Vector2};
 
 /// Lengths of the bars, from the free end of the first to that of the second \[m\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
-    /// Free end of the first bar to the muscle.
+    /// From the free end of the first bar to the muscle.
     pub first_free: f64,
-    /// Muscle to the joint along the first bar.
+    /// From the muscle to the joint along the first bar.
     pub first: f64,
-    /// Joint to the muscle along the second bar.
+    /// From the joint to the muscle along the second bar.
     pub second: f64,
-    /// Muscle to the free end of the second bar.
+    /// From the muscle to the free end of the second bar.
     pub second_free: f64,
 }
 
-/// Why the bars cannot stand so.
+/// Error of [`Frame::new`] and [`Frame::place`].
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum FrameError {
-    /// A length is not positive, or of a free end negative.
+    /// A bar length is not positive, or the length of a free end is negative.
     #[error("{what} of the frame is {value}; it must be {wanted}")]
     Length {
-        /// Which.
+        /// Name of the length.
         what: &'static str,
-        /// What was given.
+        /// The rejected value.
         value: f64,
-        /// What is allowed.
+        /// The allowed values.
         wanted: &'static str,
     },
     /// No triangle has these sides.
     #[error("a muscle of {length} m does not fit between bars of {first} m and {second} m: from {} m to {} m do", (first - second).abs(), first + second)]
     Range {
-        /// Length of the muscle.
+        /// Length of the muscle \[m\].
         length: f64,
-        /// Muscle to joint on the first bar.
+        /// Distance from the muscle to the joint on the first bar \[m\].
         first: f64,
-        /// Joint to muscle on the second bar.
+        /// Distance from the joint to the muscle on the second bar \[m\].
         second: f64,
     },
 }
 
-/// The frame at a length of the muscle, in its plane: the muscle lies along x from the origin.
+/// The frame at one length of the muscle, in its plane. The muscle lies on the x axis from the
+/// origin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placed {
     /// Angle at the joint \[rad\].
@@ -51,8 +53,8 @@ pub struct Placed {
     pub points: [Point2<f64>; 5],
 }
 
-/// The angle between sides `b` and `c` of a triangle, opposite to `a` \[rad\]. From the half angle, which keeps its digits
-/// where the triangle is nearly flat, unlike the cosine.
+/// The angle between the sides `b` and `c` of a triangle, opposite to `a` \[rad\]. The half-angle
+/// formula stays accurate where the triangle is nearly flat; the cosine does not.
 fn opposite(a: f64, b: f64, c: f64) -> f64 {
     let s = 0.5 * (a + b + c);
     let (up, down) = ((s - b) * (s - c), s * (s - a));
@@ -60,10 +62,10 @@ fn opposite(a: f64, b: f64, c: f64) -> f64 {
 }
 
 impl Frame {
-    /// A frame of four lengths \[m\].
+    /// Creates a frame of four lengths \[m\].
     ///
     /// # Errors
-    /// A length that is none.
+    /// An invalid length.
     pub fn new([first_free, first, second, second_free]: [f64; 4]) -> Result<Self, FrameError> {
         for (what, value, least) in [
             ("the free part of the first bar", first_free, 0.0),
@@ -105,7 +107,7 @@ impl Frame {
         [(self.first - self.second).abs(), self.first + self.second]
     }
 
-    /// The frame about a muscle of this length \[m\].
+    /// Computes the frame for a length of the muscle \[m\].
     ///
     /// # Errors
     /// No triangle has these sides.

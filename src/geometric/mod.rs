@@ -1,7 +1,7 @@
-//! The geometric muscle: a chain of frusta whose volume is the same at every length, on a frame of two bars.
+//! The geometric muscle: a chain of frusta of constant volume on a frame of two bars.
 //!
-//! [`chain`] solves for the radii in closed form from the state at rest, so that they depend on the length alone;
-//! [`frame`] places the bars by the law of cosines; [`surface`] makes a mesh; [`file`](mod@file) reads all of it.
+//! [`chain`] solves for the radii in closed form from the state at rest. [`frame`] places the bars
+//! by the law of cosines. [`surface`] makes a mesh. [`file`](mod@file) reads a muscle from a file.
 
 pub mod chain;
 #[cfg(feature = "scene")]

@@ -1,4 +1,4 @@
-//! What a geometric muscle looks like at one length.
+//! The shape of a geometric muscle at one length.
 
 use nalgebra::Point3;
 
@@ -6,12 +6,12 @@ use super::file::Muscle;
 use super::surface::{Fineness, surface};
 use crate::mesh::TriangleMesh;
 
-/// What is told of a muscle at one length.
+/// Shape and measures of a muscle at one length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
     /// The surface \[m\].
     pub mesh: TriangleMesh,
-    /// The bars \[m\], two polylines; none without a frame.
+    /// The bars \[m\], two polylines; empty without a frame.
     pub bars: Vec<Vec<Point3<f64>>>,
     /// Angle at the joint \[rad\].
     pub joint_angle: Option<f64>,
@@ -19,15 +19,15 @@ pub struct Pose {
     pub length: f64,
     /// Greatest radius \[m\].
     pub radius: f64,
-    /// Departure of the volume from that at rest, as a share of it.
+    /// Relative departure of the volume from that at rest.
     pub volume_error: f64,
 }
 
 impl Pose {
-    /// The muscle as it is.
+    /// The pose of the muscle at its present length.
     pub fn of(muscle: &Muscle) -> Self {
         let chain = &muscle.chain;
-        // Within the muscle's range the frame has a place for every length.
+        // The frame has a place for every length in the muscle's range.
         let placed = muscle
             .frame
             .and_then(|frame| frame.place(chain.length()).ok());
@@ -46,7 +46,8 @@ impl Pose {
     }
 }
 
-/// The length at picture `k` of a cycle of `count`: from rest to the longest, to the shortest and back [m].
+/// The length at picture `k` of a cycle of `count` pictures: from rest to the longest, to the
+/// shortest and back [m].
 pub fn length_at(muscle: &Muscle, k: u32, count: u32) -> f64 {
     let ([least, most], rest) = (muscle.range, muscle.chain.rest().length);
     let s = libm::sin(2.0 * std::f64::consts::PI * f64::from(k) / f64::from(count));
@@ -63,7 +64,7 @@ pub fn cycle(muscle: &Muscle, count: u32) -> Vec<Pose> {
     at(muscle, (0..count).map(|k| length_at(muscle, k, count)))
 }
 
-/// Poses at some lengths \[m\], each clamped to the range of the muscle.
+/// Poses at given lengths \[m\], each clamped to the range of the muscle.
 pub fn at(muscle: &Muscle, lengths: impl Iterator<Item = f64>) -> Vec<Pose> {
     let mut muscle = muscle.clone();
     let [least, most] = muscle.range;

@@ -7,12 +7,12 @@ use nalgebra::Point3;
 use super::chain::Chain;
 use crate::mesh::TriangleMesh;
 
-/// How fine the mesh is.
+/// Resolution of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fineness {
-    /// Corners of a ring, at least 3.
+    /// Vertices of a ring, at least 3.
     pub around: u32,
-    /// Rings of a hemisphere; 0 closes the ends flat.
+    /// Number of rings of a hemisphere; 0 closes the ends flat.
     pub cap: u32,
 }
 
@@ -22,8 +22,8 @@ impl Default for Fineness {
     }
 }
 
-/// A mesh of the chain as it is, from x = 0 on, closed and outward. Rings have the area of the circles for which they
-/// stand, not their radius, so that frusta of the mesh have the volume of those of the chain.
+/// A closed mesh of the chain from x = 0 on, with outward triangles. A ring has the area of its
+/// circle, not its radius, so the frusta of the mesh have the volumes of those of the chain.
 pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     let around = fineness.around.max(3);
     let rings = profile(chain, fineness.cap);
@@ -31,7 +31,7 @@ pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     let wider = (step / libm::sin(step)).sqrt();
     let mut mesh = TriangleMesh::default();
     let on_axis = |x: f64| Point3::new(x, 0.0, 0.0);
-    // A ring of no radius is one vertex.
+    // A ring of radius 0 is one vertex.
     let mut firsts: Vec<(u32, u32)> = Vec::new();
     for (x, r) in rings {
         let first = mesh.vertices.len() as u32;
@@ -57,7 +57,7 @@ pub fn surface(chain: &Chain, fineness: Fineness) -> TriangleMesh {
     mesh
 }
 
-/// Places along the axis with their radii, from tip to tip.
+/// Positions along the axis with their radii, from tip to tip.
 fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
     let (radii, spacing) = (chain.radii(), chain.spacing());
     let (first, last) = (radii[0], radii[radii.len() - 1]);
@@ -98,7 +98,7 @@ fn profile(chain: &Chain, cap: u32) -> Vec<(f64, f64)> {
     rings
 }
 
-/// Triangles between two rings of which each may be a point.
+/// Triangles between two rings; each of them can be a point.
 fn join(triangles: &mut Vec<[u32; 3]>, (a, around_a): (u32, u32), (b, around_b): (u32, u32)) {
     let around = around_a.max(around_b);
     let at = |first: u32, count: u32, k: u32| first + k % count;

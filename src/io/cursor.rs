@@ -1,13 +1,15 @@
-//! A position in the bytes of a file that knows its line, for readers of text and of binary data.
+//! A position in the bytes of a file with its line number, for readers of text and of binary data.
 
 use super::error::{A_NUMBER, Place, Problem, ReadError, quote};
 
-/// The longest line of a format that is read by lines [bytes]; a million corners fit into it, a damaged file does not.
+/// Greatest line length of formats that are read by lines [bytes]: enough for a million corners,
+/// too little for a damaged file.
 pub(crate) const MAX_LINE_BYTES: usize = 1 << 20;
 
-/// The bytes of a file and how far they were read.
+/// The bytes of a file with the read position.
 ///
-/// `mark` and `mark_line` remember where the last item began, so that an error names the item and not what follows.
+/// `mark` and `mark_line` are the start of the last item, so that an error names that item and not
+/// the following one.
 #[derive(Clone, Copy)]
 pub(crate) struct Cursor<'a> {
     name: &'a str,
@@ -16,7 +18,7 @@ pub(crate) struct Cursor<'a> {
     line: usize,
     mark: usize,
     mark_line: usize,
-    /// Errors name an offset instead of a line.
+    /// If true, errors name an offset instead of a line.
     pub(crate) binary: bool,
 }
 
@@ -34,12 +36,12 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// The bytes that were not read yet.
+    /// The unread bytes.
     pub(crate) fn rest(&self) -> &'a [u8] {
         self.bytes.get(self.position..).unwrap_or_default()
     }
 
-    /// Number of bytes that were read.
+    /// Number of bytes read.
     pub(crate) fn position(&self) -> usize {
         self.position
     }
@@ -49,7 +51,7 @@ impl<'a> Cursor<'a> {
         self.mark_line = self.line;
     }
 
-    /// Steps over one byte; a lone CR, a lone LF and the pair each end one line.
+    /// Moves past one byte; a lone CR, a lone LF and the pair each end one line.
     fn step(&mut self) {
         let here = self.bytes.get(self.position).copied();
         let next = self.bytes.get(self.position + 1).copied();
@@ -80,7 +82,8 @@ impl<'a> Cursor<'a> {
         Some(&rest[..length])
     }
 
-    /// As [`Self::next_line`], for lines that mean something: refuses what no line of text has.
+    /// The same as [`Self::next_line`], for lines with content: rejects bytes that no text
+    /// contains.
     pub(crate) fn text_line(&mut self) -> Result<Option<&'a [u8]>, ReadError> {
         let Some(line) = self.next_line() else {
             return Ok(None);
@@ -89,7 +92,7 @@ impl<'a> Cursor<'a> {
         if bytes > limit {
             return Err(self.fail(Problem::LineTooLong { bytes, limit }, line));
         }
-        // Many times as fast as finding the place, which hardly any file has.
+        // Much faster than a search for the position, which hardly any file needs.
         if !line.contains(&0) {
             return Ok(Some(line));
         }
@@ -116,7 +119,7 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Skips words; the last of them is the item of the next error.
+    /// Skips words; the last one is the item of the next error.
     pub(crate) fn skip_tokens(&mut self, count: usize) {
         for _ in 0..count {
             if self.token().is_none() {
@@ -152,12 +155,12 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    /// Moves the mark to an offset, so that the next error names it.
+    /// Moves the mark to an offset for the next error.
     pub(crate) fn mark_at(&mut self, offset: usize) {
         self.mark = offset;
     }
 
-    /// Where the last item is.
+    /// Place of the last item.
     pub(crate) fn place(&self) -> Place {
         if self.binary {
             Place::Offset(self.mark)
@@ -213,20 +216,20 @@ impl<'a> Cursor<'a> {
         Place::Line(ahead.line)
     }
 
-    /// Where a part of the file begins; `None` for bytes that are no part of it.
+    /// Offset of a part of the file; `None` for bytes outside the file.
     pub(crate) fn offset_of(&self, part: &[u8]) -> Option<usize> {
         let offset = (part.as_ptr() as usize).checked_sub(self.bytes.as_ptr() as usize)?;
         (!part.is_empty() && offset + part.len() <= self.bytes.len()).then_some(offset)
     }
 
-    /// The column at which a part of the file begins, in characters from 1.
+    /// Start column of a part of the file, in characters from 1.
     fn column(&self, part: &[u8]) -> Option<u32> {
         let before = &self.bytes[..self.offset_of(part)?];
         let start = before
             .iter()
             .rposition(|&b| b == b'\n' || b == b'\r')
             .map_or(0, |i| i + 1);
-        // A byte that goes on with a character of UTF-8 begins none.
+        // A continuation byte of UTF-8 does not start a character.
         u32::try_from(
             before[start..]
                 .iter()
@@ -238,7 +241,7 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// A coordinate of vertex `vertex` in a text; NaN, infinities and what would become one are refused.
+/// A coordinate of vertex `vertex` in a text; rejects NaN, infinities and overflow.
 pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
     let value = number(token)?;
     if value.is_infinite() && beyond_double(token, value) {
@@ -247,7 +250,7 @@ pub(crate) fn coordinate(token: &[u8], vertex: usize) -> Result<f64, Problem> {
     finite(value, vertex)
 }
 
-/// Refuses NaN and infinities.
+/// Rejects NaN and infinities.
 pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
     if value.is_finite() {
         Ok(value)
@@ -256,13 +259,13 @@ pub(crate) fn finite(value: f64, vertex: usize) -> Result<f64, Problem> {
     }
 }
 
-/// Whether a number of text is beyond what a double holds: it became infinite or 0 and is neither.
+/// True if a number of text is outside the range of a double: its value became infinite or 0.
 pub(crate) fn beyond_double(token: &[u8], value: f64) -> bool {
     let mut mantissa = token.iter().take_while(|b| !b.eq_ignore_ascii_case(&b'e'));
     (value == 0.0 || value.is_infinite()) && mantissa.any(|b| (b'1'..=b'9').contains(b))
 }
 
-/// Any number in a text.
+/// A real number in a text.
 pub(crate) fn number(token: &[u8]) -> Result<f64, Problem> {
     let text = std::str::from_utf8(token).map_err(|_| Problem::Expected { what: A_NUMBER })?;
     text.parse()
@@ -273,9 +276,9 @@ pub(crate) fn number(token: &[u8]) -> Result<f64, Problem> {
         })
 }
 
-/// A whole number in a text; one too large for 64 bits is an error, it never wraps.
+/// An integer in a text; an integer beyond 64 bits is an error, never wrapped.
 pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
-    // Nearly all numbers are short and have no sign; eighteen digits stay below 2^63.
+    // Nearly all integers are short and have no sign; eighteen digits stay below 2^63.
     if (1..=18).contains(&token.len()) && token.iter().all(u8::is_ascii_digit) {
         return Ok(token.iter().fold(0, |n, b| 10 * n + i64::from(b - b'0')));
     }
@@ -286,7 +289,7 @@ pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
             .or(token.strip_prefix(b"+"))
             .unwrap_or(token);
         match digits {
-            // Only the number of digits can be wrong with it.
+            // The only possible defect is the number of digits.
             [_, ..] if digits.iter().all(u8::is_ascii_digit) => Problem::IntegerTooLarge,
             _ if digits.contains(&0) => Problem::NulByte,
             _ => Problem::Expected {
@@ -296,7 +299,7 @@ pub(crate) fn integer(token: &[u8]) -> Result<i64, Problem> {
     })
 }
 
-/// A count in a text, which is no negative number; `what` is said of anything else.
+/// A non-negative count in a text; `what` describes the expected item in the error.
 pub(crate) fn count(token: &[u8], what: &'static str) -> Result<u64, Problem> {
     match integer(token) {
         Ok(count) => u64::try_from(count).map_err(|_| Problem::Expected { what }),

@@ -1,7 +1,8 @@
-//! DirectX text (`.x`): the meshes of all frames, each moved by the matrices of its frames.
+//! DirectX text (`.x`): the meshes of all frames, transformed by the matrices of their frames.
 //!
-//! Coordinates and the order of corners are passed on as they stand. The format calls its axes left-handed: whoever wants a
-//! right-handed frame mirrors one axis. A mesh that a frame only refers to by name stays where it is written.
+//! Coordinates and the order of corners are unchanged. The format calls its axes left-handed; a
+//! caller who needs a right-handed frame mirrors one axis. A mesh that a frame only references by
+//! name stays where it is defined.
 
 use nalgebra::{Matrix4, Point3};
 
@@ -10,10 +11,10 @@ use super::cursor::{Cursor, count, finite, integer, number};
 use super::error::{Problem, ReadError};
 use super::surface::Surface;
 
-/// The most objects that may be nested; real files nest as deep as a skeleton.
+/// Greatest depth of nested objects; real files nest to the depth of a skeleton.
 const DEEPEST: usize = 256;
 
-/// Whether a byte stands behind a word; a table, because every byte of a file is asked for.
+/// True for each byte that ends a word; a table, because every byte of a file is tested.
 const ENDS_WORD: [bool; 256] = {
     let ends = b" \t\r\n\x0b\x0c;,{}\"#";
     let mut table = [false; 256];
@@ -30,15 +31,15 @@ struct Reader<'a> {
     bytes: &'a [u8],
     position: usize,
     surface: Surface,
-    /// The matrix of each object that is open; `None` is the identity, which must not change a bit.
+    /// The matrix of each open object; `None` is the identity, which must not change a bit.
     open: Vec<Option<Matrix4<f64>>>,
 }
 
 /// Reads the text variant of DirectX files.
 ///
 /// # Errors
-/// The binary and compressed variants, counts that the file cannot hold, a malformed number, an index out of range,
-/// braces that do not match.
+/// The binary and compressed variants, counts beyond the size of the file, a malformed number, an
+/// index out of range, unbalanced braces.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut reader = Reader {
         cursor: Cursor::new(name, bytes),
@@ -75,7 +76,7 @@ impl<'a> Reader<'a> {
         self.cursor.fail_at_offset(offset, true, problem, found)
     }
 
-    /// The next word, brace or text in quotes; separators and comments are skipped, as they carry nothing.
+    /// The next word, brace or quoted text; separators and comments are skipped.
     fn token(&mut self) -> Option<&'a [u8]> {
         loop {
             let rest = self.bytes.get(self.position..)?;
@@ -112,7 +113,7 @@ impl<'a> Reader<'a> {
 
     fn object(&mut self, token: &[u8]) -> Result<(), ReadError> {
         match token {
-            // A template declares what others of its name hold; it holds nothing itself.
+            // A template declares the members of objects of its name; it has no data.
             b"template" => self.skip_braces(),
             b"{" => self.push(token),
             b"}" => match self.open.pop() {
@@ -130,7 +131,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads the name of an object, if it has one, and its brace; `false` where the word was only a reference to it.
+    /// Reads the name of an object, if any, and its brace; `false` if the word is only a reference.
     fn opens(&mut self) -> Result<bool, ReadError> {
         let start = self.position;
         for _ in 0..2 {
@@ -186,12 +187,13 @@ impl<'a> Reader<'a> {
             for column in 0..4 {
                 let word = self.word("a matrix")?;
                 let value = number(word).and_then(|v| finite(v, self.surface.vertices.len()));
-                // The transpose acts on column vectors, as everywhere else here.
+                // The transpose acts on column vectors, the convention of this library.
                 local[(column, row)] = value.map_err(|problem| self.fail(problem, word))?;
             }
         }
         let depth = self.open.len();
-        // The matrix object itself is the last that is open, its frame the one before, the frame's parent before that.
+        // The last open object is the matrix itself, the one before is its frame, and the one
+        // before that the parent frame.
         let parent = depth.checked_sub(3).and_then(|i| self.open[i]);
         if let Some(frame) = depth.checked_sub(2).and_then(|i| self.open.get_mut(i))
             && local != Matrix4::identity()
@@ -201,7 +203,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// A count, refused where the rest of the file is too short for so many items of `smallest` bytes.
+    /// A count; an error if the rest of the file is too short for this number of items of
+    /// `smallest` bytes.
     fn count(&mut self, what: &'static str, smallest: u64) -> Result<usize, ReadError> {
         let word = self.word(what)?;
         let declared = count(word, what).map_err(|problem| self.fail(problem, word))?;
@@ -336,7 +339,7 @@ mod tests {
             [corner.x, corner.y, corner.z].map(f64::to_bits),
             [-0.0f64, 0.1, 1e-320].map(f64::to_bits)
         );
-        // Outside of all frames there is nothing that a matrix could move.
+        // Outside all frames no matrix acts.
         let text = format!(
             "xof 0302txt 0064 {} {MESH}",
             matrix.replace("0,0,0,1;;", "5,0,0,1;;")

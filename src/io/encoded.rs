@@ -1,4 +1,4 @@
-//! The bytes of the arrays of VTK XML: raw or base64, plain or in compressed blocks.
+//! The bytes of the arrays of VTK XML: raw or base64, uncompressed or in compressed blocks.
 //!
 //! [`decompress`](super::decompress) unpacks the blocks.
 
@@ -7,7 +7,7 @@ use std::borrow::Cow;
 #[cfg(feature = "compression")]
 use super::decompress::decompress;
 
-/// How the blocks of an array are compressed.
+/// Compression of the blocks of an array.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Compressor {
     Zlib,
@@ -15,32 +15,32 @@ pub(super) enum Compressor {
     Lzma,
 }
 
-/// What the attributes of a file say about its arrays.
+/// Attributes of a file that define the layout of its arrays.
 #[derive(Clone, Copy)]
 pub(super) struct Layout {
     pub(super) big_endian: bool,
-    /// Bytes of a number of the header of an array.
+    /// Size of a number in the header of an array [bytes].
     pub(super) header_bytes: usize,
-    /// `None` where the bytes stand as they are.
+    /// `None` for uncompressed bytes.
     pub(super) compressor: Option<Compressor>,
-    /// The most bytes that all arrays together may give.
+    /// Greatest total size of all arrays [bytes].
     pub(super) limit: u64,
 }
 
-/// What is wrong with an array.
+/// Error in the bytes of an array.
 #[derive(Debug, PartialEq)]
 pub(super) enum Fault {
     /// The file has fewer bytes.
     Short,
-    /// Something else should stand here.
+    /// Another item is expected here.
     Expected(&'static str),
-    /// More than the file can hold is declared.
+    /// The declared size exceeds that of the file.
     TooMany { declared: u64, possible: u64 },
-    /// More than the limit.
+    /// The size exceeds the limit.
     TooLarge { bytes: u64 },
 }
 
-/// The value of each letter of base64; 255 for what is none.
+/// The value of each letter of base64; 255 for other bytes.
 const VALUES: [u8; 256] = {
     let letters = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut values = [255; 256];
@@ -56,7 +56,7 @@ const VALUES: [u8; 256] = {
 pub(super) struct Source<'a> {
     text: &'a [u8],
     base64: bool,
-    /// Decoded bytes of the last group of base64 that were not asked for yet.
+    /// Decoded, unread bytes of the last group of base64.
     left: Vec<u8>,
     start: usize,
 }
@@ -71,12 +71,12 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Number of encoded bytes that were read.
+    /// Number of encoded bytes read.
     pub(super) fn used(&self) -> usize {
         self.start - self.text.len()
     }
 
-    /// No more than this many bytes can follow.
+    /// Upper bound of the remaining bytes.
     fn room(&self) -> usize {
         if self.base64 {
             self.left.len() + self.text.len() / 4 * 3
@@ -106,7 +106,7 @@ impl<'a> Source<'a> {
         Ok(Cow::Owned(taken))
     }
 
-    /// Decodes letters by four, up to one that is none or until there are enough bytes.
+    /// Decodes letters in groups of four, up to another byte or until there are `count` bytes.
     fn plain_groups(&mut self, out: &mut Vec<u8>, count: usize) {
         while out.len() < count
             && let Some((letters, rest)) = self.text.split_first_chunk::<4>()
@@ -121,7 +121,8 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Decodes four letters; white space between them is skipped, `=` ends a stream, behind which another may begin.
+    /// Decodes four letters. White space between them is skipped; `=` ends a stream, and another
+    /// stream can follow.
     fn group(&mut self, out: &mut Vec<u8>) -> Result<(), Fault> {
         let (mut word, mut letters, mut padding) = (0u32, 0, 0);
         while letters < 4 {
@@ -173,7 +174,8 @@ impl<'a> Source<'a> {
         }
     }
 
-    /// Compressed: the number of blocks, the size of each, that of a last one that is shorter, all compressed sizes.
+    /// Compressed array: number of blocks, size of each block, size of a shorter last block, all
+    /// compressed sizes.
     fn blocks(&mut self, layout: Layout, compressor: Compressor) -> Result<Vec<u8>, Fault> {
         let blocks = self.number(layout)?;
         if blocks == 0 {
@@ -198,7 +200,7 @@ impl<'a> Source<'a> {
         let packed = (0..blocks)
             .map(|_| self.number(layout))
             .collect::<Result<Vec<u64>, Fault>>()?;
-        // The header of base64 is a stream of its own; its end is padded.
+        // The header is a separate stream of base64 with its own padding.
         self.left.clear();
         let mut out = Vec::new();
         for (i, &packed) in packed.iter().enumerate() {
@@ -210,7 +212,7 @@ impl<'a> Source<'a> {
     }
 }
 
-/// Decompresses a block of a declared size behind `out`.
+/// Decompresses a block of a declared size and appends it to `out`.
 fn unpack(
     compressor: Compressor,
     bytes: &[u8],

@@ -1,52 +1,53 @@
-//! What can go wrong while a mesh file is read, with the place in the file.
+//! Errors of mesh readers, with the place in the file.
 
 use std::fmt;
 
 use super::Format;
 
-/// The most bytes of a file that an error message quotes.
+/// Greatest number of bytes of a file that an error message quotes.
 const QUOTED_BYTES: usize = 64;
 
-/// The formats that can be read, for messages.
+/// The readable formats, for messages.
 pub(super) const READABLE: &str =
     "OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text can be read";
 
-/// What [`Problem::Expected`] says where a text holds something that is no number.
+/// The text of [`Problem::Expected`] for a word that is no number.
 pub(super) const A_NUMBER: &str = "a number";
 
-/// Why a mesh file was not read; its text is one line, `path:line: message (found '...')`.
+/// Error of a mesh reader; its text is one line, `path:line: message (found '...')`.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// The operating system gave no bytes.
+    /// The operating system could not read the file.
     #[error("{file}: cannot be read: {source}")]
     Io {
-        /// The file, as it was named by the caller.
+        /// The file name as given by the caller.
         file: String,
-        /// What the operating system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// The bytes are no mesh that can be used.
+    /// The content is no usable mesh.
     #[error("{file}:{place} {problem}{}{}", Within(.within), Found(.found))]
     Content {
-        /// The file, as it was named by the caller.
+        /// The file name as given by the caller.
         file: Box<str>,
-        /// Where in the file.
+        /// Place in the file.
         place: Place,
-        /// The column in a line of text, counted from 1 in characters, where the item is known to stand there.
+        /// Column in a line of text, in characters from 1, if known.
         column: Option<u32>,
-        /// The format that the content has, where the name of the file says another one.
+        /// The format of the content if the file name has that of another one.
         read_as: Option<Format>,
-        /// What is wrong, or what was expected.
+        /// The problem.
         problem: Problem,
-        /// The part of the file, such as an array of VTK XML, where the place alone does not tell; else empty.
+        /// The part of the file, such as an array of VTK XML, if the place alone is not enough;
+        /// otherwise empty.
         within: Box<str>,
-        /// What stands there, at most 64 bytes of the file, made printable; empty where nothing does.
+        /// The bytes found there, at most 64, in printable form; empty if there are none.
         found: Box<str>,
     },
 }
 
 impl ReadError {
-    /// The code, the place with its column, what is wrong and what to do about it, on one line:
+    /// Code, place with column, problem and help, on one line:
     /// `file:line:column: error[E011]: what (found '...'); help`, or `file: offset 0xNN: error[...` in binary data.
     pub fn terse(&self) -> String {
         match self {
@@ -86,7 +87,7 @@ impl ReadError {
         }
     }
 
-    /// What is wrong, without the place and what was found there: for a message that shows both.
+    /// The problem without its place and the bytes found there, for a message that shows both.
     pub fn message(&self) -> String {
         match self {
             ReadError::Io { .. } => self.to_string(),
@@ -101,7 +102,7 @@ impl ReadError {
         }
     }
 
-    /// What to do about it.
+    /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
             ReadError::Io { .. } => "check the path and whether you may read it",
@@ -109,7 +110,7 @@ impl ReadError {
         }
     }
 
-    /// Notes that the name of the file says another format than the content has.
+    /// Records that the file name has the extension of another format.
     pub(super) fn with_format(mut self, format: Format) -> Self {
         if let ReadError::Content { read_as, .. } = &mut self {
             *read_as = Some(format);
@@ -117,7 +118,7 @@ impl ReadError {
         self
     }
 
-    /// Names the part of the file that the error is in.
+    /// Names the part of the file with the error.
     pub(super) fn within(mut self, part: String) -> Self {
         if let ReadError::Content { within, .. } = &mut self {
             *within = part.into();
@@ -133,7 +134,7 @@ pub enum Place {
     Whole,
     /// A line of text, counted from 1.
     Line(usize),
-    /// Bytes from the beginning, for binary data.
+    /// Offset in bytes, for binary data.
     Offset(usize),
 }
 
@@ -147,13 +148,14 @@ impl fmt::Display for Place {
     }
 }
 
-/// The file and a place in it, as every message begins: `file:line:column:` or `file: offset 0xNN:`.
+/// The file and a place in it, the start of every message: `file:line:column:` or
+/// `file: offset 0xNN:`.
 pub(super) fn placed(file: &str, place: &Place, column: Option<u32>) -> String {
     let column = column.map_or_else(String::new, |column| format!("{column}:"));
     format!("{file}:{place}{column}")
 }
 
-/// What is wrong in a mesh file.
+/// Kinds of errors in a mesh file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Problem {
     /// The file has no bytes.
@@ -170,36 +172,36 @@ pub enum Problem {
     /// The text is UTF-16.
     #[error("the text is UTF-16; save it as UTF-8")]
     Utf16,
-    /// The first bytes belong to no format that can be read.
+    /// The first bytes belong to no readable format.
     #[error("unknown format; {READABLE}")]
     UnknownFormat,
-    /// The format or the variant of it is known, but not read.
+    /// The format or its variant is known, but not supported.
     #[error("{what}: format not supported yet; {READABLE}")]
     Unsupported {
         /// The format or variant.
         what: &'static str,
     },
-    /// Something else should stand here.
+    /// Another item is expected here.
     #[error("expected {what}")]
     Expected {
-        /// What should stand here.
+        /// The expected item.
         what: &'static str,
     },
-    /// What the file holds is no surface, or none with straight edges.
+    /// The file contains no surface, or none with straight edges.
     #[error("expected {what}")]
     NoSurface {
-        /// What can be read.
+        /// The readable content.
         what: &'static str,
     },
     /// A number is missing.
     #[error("too few numbers: {got} of {wanted}")]
     TooFewNumbers {
-        /// How many were found.
+        /// Number found.
         got: usize,
-        /// How many are needed.
+        /// Number needed.
         wanted: usize,
     },
-    /// A number is written with a comma.
+    /// A number has a decimal comma.
     #[error("not a number; decimal comma? Write a point")]
     DecimalComma,
     /// A coordinate is NaN or infinite.
@@ -217,17 +219,17 @@ pub enum Problem {
     /// A zero where indices start at 1.
     #[error("vertex index 0, but OBJ counts from 1")]
     ZeroIndex,
-    /// A vertex that does not exist.
+    /// An index of a vertex that does not exist.
     #[error("vertex index {index} is out of range: there are {count} vertices{}", if *.from_one { ", counted from 1" } else { "" })]
     IndexOutOfRange {
         /// The index as written.
         index: i64,
         /// Number of vertices.
         count: usize,
-        /// Whether the format counts from 1.
+        /// True if the format counts from 1.
         from_one: bool,
     },
-    /// An index that counts backwards and reaches further than to the first vertex.
+    /// A negative index before the first vertex.
     #[error("vertex index {index} is out of range: {count} vertices stand before it")]
     BeforeFirst {
         /// The index as written.
@@ -235,53 +237,53 @@ pub enum Problem {
         /// Number of vertices before it.
         count: usize,
     },
-    /// A whole number that 64 bits with a sign do not hold.
+    /// An integer beyond signed 64 bits.
     #[error("a whole number of more than 63 bits")]
     IntegerTooLarge,
-    /// A corner of OBJ that is none.
+    /// An invalid corner of OBJ.
     #[error("expected a corner such as 1, 1/2, 1//3 or 1/2/3")]
     BadCorner,
-    /// A polygon of so many corners that its fan would be of no use.
+    /// A polygon has too many corners for a useful fan.
     #[error("too many corners: {got}, at most {limit} are read")]
     TooManyCorners {
-        /// How many were found.
+        /// Number found.
         got: usize,
         /// The limit.
         limit: usize,
     },
-    /// A face of fewer than three corners, or a line of fewer than two.
+    /// A face has fewer than three corners, or a line fewer than two.
     #[error("too few corners: {got}, at least {wanted} are needed")]
     TooFewCorners {
-        /// How many were found.
+        /// Number found.
         got: usize,
-        /// How many are needed.
+        /// Number needed.
         wanted: usize,
     },
-    /// A count that the file cannot hold.
+    /// A count exceeds the size of the file.
     #[error("{declared} items are declared, but the file has room for at most {possible}")]
     CountExceedsFile {
         /// The count as declared.
         declared: u64,
-        /// The most that the rest of the file can hold.
+        /// Greatest count that fits into the rest of the file.
         possible: u64,
     },
-    /// The bytes end too early.
+    /// The file ends too early.
     #[error("the file ends too early, in {what}")]
     Truncated {
-        /// What was being read.
+        /// The item being read.
         what: &'static str,
     },
     /// Two counts of the file contradict each other.
     #[error("{what} does not fit: {declared} declared, {used} used")]
     SizeMismatch {
-        /// What was counted.
+        /// The counted items.
         what: &'static str,
         /// The declared count.
         declared: u64,
         /// The count found.
         used: u64,
     },
-    /// A line of text too long to be one.
+    /// A line of text is too long.
     #[error("the line has {bytes} bytes, more than the limit of {limit}")]
     LineTooLong {
         /// Length of the line [bytes].
@@ -289,7 +291,7 @@ pub enum Problem {
         /// The limit [bytes].
         limit: usize,
     },
-    /// The file ends where a backslash says that the line goes on.
+    /// The file ends after a backslash that continues a line.
     #[error("the file ends too early, in a line that ends in a backslash")]
     UnfinishedLine,
     /// A NUL byte in a text.
@@ -307,7 +309,7 @@ pub enum Problem {
 }
 
 impl Problem {
-    /// The code, the same for each problem of one kind.
+    /// The code, equal for all problems of one kind.
     pub fn code(&self) -> &'static str {
         match self {
             Problem::Empty => "E001",
@@ -339,7 +341,7 @@ impl Problem {
         }
     }
 
-    /// What to do about it.
+    /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
             Problem::Empty
@@ -382,7 +384,7 @@ impl Problem {
     }
 }
 
-/// Shows what was found, or nothing.
+/// Displays the bytes found, or nothing.
 struct Found<'a>(&'a str);
 
 impl fmt::Display for Found<'_> {
@@ -395,7 +397,7 @@ impl fmt::Display for Found<'_> {
     }
 }
 
-/// Shows the part of the file, or nothing.
+/// Displays the part of the file, or nothing.
 struct Within<'a>(&'a str);
 
 impl fmt::Display for Within<'_> {
@@ -408,7 +410,7 @@ impl fmt::Display for Within<'_> {
     }
 }
 
-/// Says what the content is, where the name says something else.
+/// Displays the format of the content if the file name has that of another one.
 struct ReadAs(Option<Format>);
 
 impl fmt::Display for ReadAs {
@@ -424,7 +426,7 @@ impl fmt::Display for ReadAs {
     }
 }
 
-/// The first bytes of something, printable on one line.
+/// The first bytes in printable form on one line.
 pub(super) fn quote(bytes: &[u8]) -> String {
     let shown = &bytes[..bytes.len().min(QUOTED_BYTES)];
     let mut text = String::new();
@@ -517,7 +519,7 @@ mod tests {
         let terse =
             "a.obj: error[E060]: cannot be read: no; check the path and whether you may read it";
         assert_eq!(io().terse(), terse);
-        // The operating system knows no format and no part of a file.
+        // An error of the operating system has no format and no part of a file.
         assert_eq!(
             io().with_format(Format::Obj).within("x".into()).terse(),
             terse

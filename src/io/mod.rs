@@ -1,9 +1,10 @@
-//! Readers and writers, one file a format.
+//! Readers and writers, one file per format.
 //!
-//! [`read`] takes OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text, and finds the format in the content.
-//! [`write`] writes a mesh in the format of its ending; frames for ParaView are written by [`vtp::write`()] and collected by
-//! [`pvd::Collection`], which [`pvd::read`] reads.
-//! Numbers are passed on as they stand in the file: no scale is applied, no vertices are merged (but see [`read`] on STL).
+//! [`read`] reads OBJ, PLY, STL, OFF, VTP, surfaces of legacy VTK and DirectX text; the content
+//! decides on the format. [`write`] writes a mesh in the format of the extension. [`vtp::write`()]
+//! writes frames for ParaView; [`pvd::Collection`] collects them and [`pvd::read`] reads a
+//! collection. Numbers are those of the file: no scale is applied and no vertices are merged
+//! (except by STL, see [`read`]).
 
 pub(crate) mod cursor;
 #[cfg(feature = "compression")]
@@ -39,20 +40,21 @@ pub use write::{Encoding, WRITABLE, WriteError, write};
 /// The largest file that is read [bytes].
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
 
-/// What a mesh file holds, in the unit of the file.
+/// Content of a mesh file, in the unit of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshFile {
-    /// Vertices and triangles; polygons are split as a fan around their first corner. With lines it may have no triangle.
+    /// Vertices and triangles; polygons are split as a fan around their first corner. A file with
+    /// lines can have no triangle.
     pub mesh: TriangleMesh,
     /// Polylines of at least two indices into the vertices.
     pub lines: Vec<Vec<u32>>,
-    /// The format that the content was read as; `None` for what was made by hand.
+    /// The format of the content; `None` for a mesh from memory.
     pub format: Option<Format>,
-    /// What was accepted, but may not be meant.
+    /// Accepted content that is possibly a mistake.
     pub warnings: Warnings,
 }
 
-/// The formats that can be read.
+/// The readable formats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
@@ -75,7 +77,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// What messages call it.
+    /// Name in messages.
     pub fn name(self) -> &'static str {
         match self {
             Format::Obj => "OBJ",
@@ -88,7 +90,7 @@ impl Format {
         }
     }
 
-    /// The format that the ending of a file name promises; `.stl` leaves open which of the two it is.
+    /// The format of a file extension; `.stl` means either variant.
     fn from_name(name: &str) -> Option<Self> {
         let ending = Path::new(name)
             .extension()?
@@ -107,19 +109,20 @@ impl Format {
     }
 }
 
-/// Reads a mesh file; the content decides on the format, the extension only where the content is silent.
+/// Reads a mesh file. The content decides on the format, the extension only if the content is
+/// ambiguous.
 ///
-/// STL has no topology: its corners are merged where all three coordinates are equal bit for bit (-0 counted as 0).
+/// STL has no topology: corners with three bitwise equal coordinates are merged (-0 equals 0).
 ///
 /// # Errors
-/// A file that cannot be read or is larger than [`MAX_FILE_BYTES`], a format that is unknown or not supported, and
-/// content that is no mesh: see [`Problem`].
+/// A file that cannot be read or is larger than [`MAX_FILE_BYTES`], an unknown or unsupported
+/// format, and content that is no mesh: see [`Problem`].
 pub fn read(path: &Path) -> Result<MeshFile, ReadError> {
     read_within(path, MAX_FILE_BYTES)
 }
 
-/// As [`read`], with a limit of one's own instead of [`MAX_FILE_BYTES`] to the size of the file, and to what its compressed
-/// arrays give together [bytes].
+/// The same as [`read`], with the given limit instead of [`MAX_FILE_BYTES`] on the size of the file
+/// and on the total size of its decompressed arrays [bytes].
 ///
 /// # Errors
 /// As [`read`].
@@ -133,16 +136,17 @@ pub fn read_within(path: &Path, limit: u64) -> Result<MeshFile, ReadError> {
 pub struct PointData {
     /// The name of the array.
     pub name: String,
-    /// Numbers at each vertex.
+    /// Number of components at each vertex.
     pub components: usize,
-    /// All of them, those of a vertex together, shape `[vertex_count * components]`; as they stand in the file, NaN included.
+    /// Values with the components of a vertex together, shape `[vertex_count * components]`; those
+    /// of the file, including NaN.
     pub values: Vec<f64>,
 }
 
-/// Reads the numbers at the vertices of a `.vtp` file; of other formats none are read.
+/// Reads the numbers at the vertices of a `.vtp` file; empty for other formats.
 ///
 /// # Errors
-/// As [`read`], and arrays of another size than declared.
+/// Those of [`read`], and arrays of another size than declared.
 pub fn read_point_data(path: &Path) -> Result<Vec<PointData>, ReadError> {
     let bytes = bytes_of(path, MAX_FILE_BYTES)?;
     let name = path.display().to_string();
@@ -153,10 +157,10 @@ pub fn read_point_data(path: &Path) -> Result<Vec<PointData>, ReadError> {
     }
 }
 
-/// Reads a mesh and the numbers at its vertices, of which only a `.vtp` file has any that are read.
+/// Reads a mesh and the numbers at its vertices; only `.vtp` files have numbers that are read.
 ///
 /// # Errors
-/// As [`read`] and [`read_point_data`].
+/// Those of [`read`] and [`read_point_data`].
 pub fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), ReadError> {
     let bytes = bytes_of(path, MAX_FILE_BYTES)?;
     let name = path.display().to_string();
@@ -172,7 +176,7 @@ pub fn read_with_point_data(path: &Path) -> Result<(MeshFile, Vec<PointData>), R
     Ok((file, data))
 }
 
-/// The bytes of a file of at most `limit` bytes.
+/// The bytes of a file; an error if there are more than `limit`.
 fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     let name = path.display().to_string();
     let too_large = |bytes| {
@@ -189,7 +193,7 @@ fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
         return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    // A pipe or a file that grows says nothing useful of its length, hence the second limit.
+    // The length of a pipe or a growing file is unknown, hence the second limit.
     file.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
     if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
@@ -197,18 +201,19 @@ fn bytes_of(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     Ok(bytes)
 }
 
-/// Reads a mesh from the bytes of a file; `name` stands in errors and its extension breaks ties.
+/// Reads a mesh from the bytes of a file. `name` appears in errors, and its extension decides
+/// ambiguous cases.
 ///
 /// # Errors
-/// As [`read`], but for those of the file system.
+/// Those of [`read`] without those of the file system.
 pub fn read_bytes(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     read_bytes_within(bytes, name, MAX_FILE_BYTES)
 }
 
-/// As [`read_bytes`], with a limit of one's own to what compressed arrays give together [bytes].
+/// The same as [`read_bytes`], with a limit on the total size of decompressed arrays [bytes].
 ///
 /// # Errors
-/// As [`read`], but for those of the file system.
+/// Those of [`read`] without those of the file system.
 pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let format = detect(bytes, name).map_err(|problem| {
@@ -224,7 +229,7 @@ pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFil
         Format::Off => off::read(bytes, name),
         Format::DirectX => directx::read(bytes, name),
     };
-    // `.stl` leaves open which of the two it is.
+    // `.stl` means either variant.
     let other = Format::from_name(name).filter(|promised| promised.name() != format.name());
     match (result, other) {
         (Ok(mut file), other) => {
@@ -240,13 +245,13 @@ pub fn read_bytes_within(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFil
             }
             Ok(file)
         }
-        // Whoever looks for the mistake looks at it with the eyes of the wrong format.
+        // The reader of the message assumes the format of the extension.
         (Err(error), Some(_)) => Err(error.with_format(format)),
         (Err(error), None) => Err(error),
     }
 }
 
-/// The beginnings of formats that are known but not read.
+/// First bytes of known formats that are not supported.
 const UNSUPPORTED: [(&str, &str); 5] = [
     ("glTF", "binary glTF"),
     ("$MeshFormat", "Gmsh"),
@@ -263,7 +268,7 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return Err(Problem::Utf16);
     }
-    // The size rule comes before "solid": many binary files begin with that word.
+    // The size rule precedes "solid": many binary files begin with that word.
     if stl::has_binary_size(bytes) {
         return Ok(Format::StlBinary);
     }
@@ -279,7 +284,8 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
         return Ok(Format::Ply);
     }
     if word.eq_ignore_ascii_case(b"solid") {
-        // A text has no zero byte; a binary file whose size is wrong has them in its header or its first normal.
+        // Text has no zero byte; a binary file with a wrong size has zeros in its header or its
+        // first normal.
         let binary = bytes[..bytes.len().min(256)].contains(&0);
         return Ok(if binary {
             Format::StlBinary
@@ -305,7 +311,7 @@ fn detect(bytes: &[u8], name: &str) -> Result<Format, Problem> {
     if obj::looks_like(bytes) {
         return Ok(Format::Obj);
     }
-    // The others begin with words of their own, which are missing here.
+    // The other formats begin with their own words, which are missing here.
     Format::from_name(name)
         .filter(|f| match f {
             Format::Obj | Format::StlBinary => true,
@@ -388,7 +394,7 @@ mod tests {
         assert!(text.contains("bytes, more than the limit of 10"), "{text}");
     }
 
-    /// A device says that it has no bytes and gives as many as are asked for.
+    /// A device reports no bytes and gives an unlimited number.
     #[cfg(unix)]
     #[test]
     fn the_limit_holds_where_the_length_is_not_known() {

@@ -1,9 +1,9 @@
-//! Names of the files of a run.
+//! File names of a run.
 
-/// The file in the folder of a run that lists all other files of the run, a line each.
+/// The file in the folder of a run that lists all other files of the run, one per line.
 pub const LIST: &str = "pliant-files.txt";
 
-/// The characters of a name that are safe in the name of a file and in a link to it.
+/// The name with only the characters that are safe in a file name and in a link to the file.
 pub fn file_name(name: &str) -> String {
     let safe = |c: char| {
         if c.is_alphanumeric() || "-_.".contains(c) {

@@ -1,4 +1,4 @@
-//! Wavefront OBJ: `v`, `f` and `l`; other statements carry no surface and are skipped.
+//! Wavefront OBJ: `v`, `f` and `l`; other statements contain no surface and are skipped.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -12,12 +12,12 @@ use super::part::{check_mesh, write_whole};
 use super::surface::Surface;
 use crate::mesh::TriangleMesh;
 
-/// Words that begin a line of an OBJ file.
+/// First words of the lines of an OBJ file.
 const KEYWORDS: [&[u8]; 13] = [
     b"v", b"vn", b"vt", b"vp", b"f", b"l", b"p", b"o", b"g", b"s", b"mtllib", b"usemtl", b"call",
 ];
 
-/// Whether the first line that is no comment begins with a word of OBJ.
+/// True if the first line that is no comment begins with a keyword of OBJ.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     let mut cursor = Cursor::new("", bytes);
     while let Some(line) = cursor.next_line() {
@@ -30,9 +30,10 @@ pub(super) fn looks_like(bytes: &[u8]) -> bool {
     false
 }
 
-/// Reads an OBJ file; indices count from 1, or from the last vertex backwards where negative.
+/// Reads an OBJ file; indices count from 1, or backwards from the last vertex if negative.
 ///
-/// A positive index may name a vertex that follows later; colours and weights behind the coordinates are skipped.
+/// A positive index can refer to a later vertex; colours and weights after the coordinates are
+/// skipped.
 ///
 /// # Errors
 /// A malformed number, an index out of range, a face of fewer than three corners, a file without faces and lines.
@@ -64,11 +65,12 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     reader.surface.finish(&reader.cursor)
 }
 
-/// Writes a mesh and polylines, by way of `NAME.part`; each number is the shortest text that gives the same double again.
+/// Writes a mesh and polylines through `NAME.part`; each number is the shortest text that gives the
+/// same double.
 ///
 /// # Errors
-/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
-/// operating system refuses.
+/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices,
+/// and errors of the operating system.
 pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<()> {
     check_mesh(mesh, lines)?;
     write_whole(path, |w| {
@@ -88,7 +90,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result
     })
 }
 
-/// Appends the lines that a backslash at the end of a line joins to it.
+/// Appends the lines that continue a line after a backslash.
 fn continue_line<'a>(
     cursor: &mut Cursor<'a>,
     first: &'a [u8],
@@ -122,15 +124,15 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
         .filter(|word| !word.is_empty())
 }
 
-/// What is wrong with a statement, and the words to quote.
+/// The problem of a statement, and the words to quote.
 type Complaint<'w> = (Problem, &'w [u8]);
 
 struct Reader<'a> {
     cursor: Cursor<'a>,
     surface: Surface,
-    /// Where the statement begins that is being read.
+    /// Start of the current statement.
     place: Place,
-    /// Indices of vertices that had not been read when they were named, with the place.
+    /// Indices of vertices that follow later in the file, with the place.
     pending: Vec<(Place, i64)>,
 }
 
@@ -184,7 +186,7 @@ impl Reader<'_> {
             .collect()
     }
 
-    /// A corner is `v`, `v/t`, `v//n` or `v/t/n`; only `v` matters here.
+    /// A corner is `v`, `v/t`, `v//n` or `v/t/n`; only `v` is used.
     fn corner(&mut self, word: &[u8]) -> Result<u32, Problem> {
         let mut parts = word.split(|&b| b == b'/');
         let index = integer(parts.next().unwrap_or_default()).map_err(|problem| match problem {
@@ -193,7 +195,7 @@ impl Reader<'_> {
         })?;
         let (texture, normal, more) = (parts.next(), parts.next(), parts.next());
         let is_index = |part: Option<&[u8]>| part.is_some_and(|part| integer(part).is_ok());
-        // Exporters write `1/2/` and `1//` for a normal left out; `1/` is a corner that was cut off.
+        // Exporters write `1/2/` and `1//` for a missing normal; `1/` is a truncated corner.
         let complete = match (texture, normal) {
             (None, _) | (Some(b""), Some(b"")) => true,
             (Some(b""), normal) => is_index(normal),
@@ -213,7 +215,8 @@ impl Reader<'_> {
             0 => Err(Problem::ZeroIndex),
             1.. => {
                 let from_zero = u32::try_from(index - 1).map_err(|_| out_of_range)?;
-                // Of several indices to come the largest decides, and the first that is as large stands for the others.
+                // Of several future indices the largest decides; the first of equal ones represents
+                // the others.
                 if from_zero as usize >= count
                     && self
                         .pending

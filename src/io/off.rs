@@ -1,4 +1,5 @@
-//! OFF, the object file format of Geomview, as text: `OFF`, also with colours, normals and texture coordinates.
+//! OFF, the object file format of Geomview, as text: `OFF`, optionally with colours, normals and
+//! texture coordinates.
 
 use nalgebra::Point3;
 
@@ -7,15 +8,15 @@ use super::cursor::{Cursor, count, integer};
 use super::error::{Problem, ReadError};
 use super::surface::Surface;
 
-/// What the keyword at the beginning says.
+/// Properties from the keyword at the start.
 struct Keyword {
     /// Number of bytes of the keyword.
     length: usize,
-    /// Vertices have another number of coordinates than three.
+    /// True if vertices do not have three coordinates.
     other_dimension: bool,
 }
 
-/// Finds `[ST][C][N][4][n]OFF` at the beginning of a word; counts may follow without a space.
+/// Finds `[ST][C][N][4][n]OFF` at the start of a word; counts can follow without a space.
 fn keyword(word: &[u8]) -> Option<Keyword> {
     let mut rest = word;
     let mut strip = |prefix: &[u8]| match rest.strip_prefix(prefix) {
@@ -49,7 +50,7 @@ fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
         .filter(|word| !word.is_empty())
 }
 
-/// The first word that is no comment.
+/// The first word outside comments.
 fn first_word(bytes: &[u8]) -> Option<&[u8]> {
     let mut cursor = Cursor::new("", bytes);
     while let Some(line) = cursor.next_line() {
@@ -60,12 +61,12 @@ fn first_word(bytes: &[u8]) -> Option<&[u8]> {
     None
 }
 
-/// Whether the first word is the keyword of OFF.
+/// True if the first word is the keyword of OFF.
 pub(super) fn looks_like(bytes: &[u8]) -> bool {
     first_word(bytes).is_some_and(|word| keyword(word).is_some())
 }
 
-/// Whether it may be OFF without its keyword.
+/// True if the content can be OFF without its keyword.
 pub(super) fn begins_with_a_count(bytes: &[u8]) -> bool {
     first_word(bytes).is_some_and(|word| word.iter().all(u8::is_ascii_digit))
 }
@@ -75,10 +76,12 @@ struct Reader<'a> {
     surface: Surface,
 }
 
-/// Reads OFF: three numbers of each vertex and the corners of each face; what follows them on the line is skipped.
+/// Reads OFF: three coordinates per vertex and the corners of each face; the rest of a line is
+/// skipped.
 ///
 /// # Errors
-/// Binary OFF and other dimensions, counts that the file cannot hold, a malformed number, an index out of range.
+/// Binary OFF and other dimensions, counts beyond the size of the file, a malformed number, an
+/// index out of range.
 pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut reader = Reader {
         cursor: Cursor::new(name, bytes),
@@ -95,7 +98,7 @@ pub(super) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
 }
 
 impl<'a> Reader<'a> {
-    /// The next line that holds more than a comment.
+    /// The next line that contains more than a comment.
     fn line(&mut self, what: &'static str) -> Result<&'a [u8], ReadError> {
         loop {
             match self.cursor.text_line()? {
@@ -106,7 +109,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The numbers of vertices and of faces; they stand behind the keyword or on the next line.
+    /// The numbers of vertices and faces, after the keyword or on the next line.
     fn counts(&mut self) -> Result<(u64, u64), ReadError> {
         let mut line = self.line("the header")?;
         let first = words(line).next().unwrap_or_default();
@@ -138,7 +141,7 @@ impl<'a> Reader<'a> {
                 .map_err(|problem| self.cursor.fail(problem, word))
         };
         let (vertices, faces) = (next()?, next()?);
-        // A vertex takes six bytes at least, a face two; the last line needs no end.
+        // A vertex takes at least six bytes, a face two; the last line needs no end.
         let room = self.cursor.rest().len() as u64 + 1;
         for (declared, possible) in [(vertices, room / 6), (faces, room / 2)] {
             if declared > possible {
@@ -173,7 +176,7 @@ impl<'a> Reader<'a> {
         let first = words.next().unwrap_or_default();
         let count = count(first, "the number of corners of a face")
             .map_err(|problem| self.cursor.fail(problem, first))?;
-        // What does not fit is more than the line has.
+        // A count beyond the range exceeds the line.
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         let mut corners = Vec::with_capacity(count.min(line.len() / 2));
         for word in words.by_ref().take(count) {
@@ -188,7 +191,8 @@ impl<'a> Reader<'a> {
             return Err(self.cursor.fail(problem, line));
         }
         match count {
-            // Faces of one or two corners are points and edges, which other programs write beside a surface.
+            // Faces of one or two corners are points and edges, which other programs write beside a
+            // surface.
             1 => Ok(()),
             2 => self.surface.line(&corners),
             _ => self.surface.polygon(&corners, &|| self.cursor.place()),
@@ -221,7 +225,7 @@ mod tests {
                 "{head:?}"
             );
         }
-        // Without its keyword only the name says what it is.
+        // Without the keyword only the file name decides on the format.
         assert_eq!(
             read_bytes(format!("4 4 0\n{TAIL}").as_bytes(), "a.off").unwrap(),
             plain

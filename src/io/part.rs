@@ -1,4 +1,4 @@
-//! Files that appear only when they are whole.
+//! Files that appear only when they are complete.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -6,10 +6,11 @@ use std::path::Path;
 
 use crate::mesh::TriangleMesh;
 
-/// Writes to `NAME.part` and renames it to `NAME` at the end, so that an interrupted run leaves no half a file.
+/// Writes to `NAME.part` and renames it to `NAME` at the end, so that an interrupted run leaves no
+/// incomplete file.
 ///
 /// # Errors
-/// What `fill` returns, or what the operating system refuses; the partial file is then removed.
+/// Errors of `fill` and of the operating system; the partial file is removed.
 pub fn write_whole(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -31,18 +32,18 @@ pub fn write_whole(
         fs::rename(&part, path)
     })();
     if done.is_err() {
-        // The first error is the one to report; a part that cannot be removed adds nothing to it.
+        // The first error is reported; a failure to remove the partial file adds nothing.
         let _ = fs::remove_file(&part);
     }
     done
 }
 
-/// An error of the caller's data.
+/// An error for invalid data of the caller.
 pub(super) fn invalid(what: impl Into<String>) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, what.into())
 }
 
-/// Refuses an index that a reader of the file could not follow.
+/// Rejects an index that a reader of the file would reject.
 pub(super) fn check_indices(
     count: usize,
     triangles: &[[u32; 3]],
@@ -57,7 +58,7 @@ pub(super) fn check_indices(
     }
 }
 
-/// Refuses a mesh that a reader of the file would refuse.
+/// Rejects a mesh that a reader of the file would reject.
 pub(super) fn check_mesh(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> io::Result<()> {
     check_indices(mesh.vertices.len(), &mesh.triangles, lines)?;
     if let Some(i) = mesh

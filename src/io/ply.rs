@@ -9,10 +9,10 @@ use super::part::{check_mesh, write_whole};
 use crate::mesh::TriangleMesh;
 pub(super) use read::read;
 
-/// How the numbers of a PLY file are written.
+/// Encoding of the numbers of a PLY file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As text: the shortest that gives the same double again.
+    /// As text: the shortest that gives the same double.
     Text,
     /// As little-endian binary numbers.
     Little,
@@ -20,12 +20,12 @@ pub enum Encoding {
     Big,
 }
 
-/// Writes a mesh with coordinates of type `double`, by way of `NAME.part`; polylines become edges, one for each two
-/// vertices that follow one another.
+/// Writes a mesh with coordinates of type `double` through `NAME.part`. Polylines become edges, one
+/// per pair of successive vertices.
 ///
 /// # Errors
-/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
-/// operating system refuses.
+/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices,
+/// and errors of the operating system.
 pub fn write(
     path: &Path,
     mesh: &TriangleMesh,
@@ -75,7 +75,7 @@ pub fn write(
     })
 }
 
-/// The rest of a record, which is nothing but indices.
+/// The rest of a record, which contains only indices.
 fn write_indices(w: &mut impl Write, indices: &[u32], encoding: Encoding) -> io::Result<()> {
     for (k, i) in indices.iter().enumerate() {
         match encoding {

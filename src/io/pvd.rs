@@ -1,4 +1,4 @@
-//! The ParaView collection (`.pvd`): which file shows which part at which time.
+//! The ParaView collection (`.pvd`): the file of each part at each time.
 
 use std::io::{self, Write};
 use std::path::{Component, Path};
@@ -10,7 +10,7 @@ use super::vtp::escape;
 use super::xml::{Tag, Xml, unescaped};
 use super::{MAX_FILE_BYTES, bytes_of};
 
-/// What a reader looks for at the beginning.
+/// The expected start of a collection.
 const ROOT: &str = "a collection of ParaView, VTKFile of type Collection";
 
 /// One file of a collection.
@@ -26,7 +26,7 @@ pub struct Entry {
     pub file: String,
 }
 
-/// The files of a run, for ParaView; it may be written again after each frame.
+/// The files of a run, for ParaView; the collection can be rewritten after each frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Collection {
     entries: Vec<Entry>,
@@ -48,10 +48,11 @@ impl Collection {
         &self.entries
     }
 
-    /// Writes all entries to `path`, by way of `NAME.part`, so that ParaView never sees half a file.
+    /// Writes all entries to `path` through `NAME.part`, so that ParaView never reads an incomplete
+    /// file.
     ///
     /// # Errors
-    /// A time that is not finite, and what the operating system refuses.
+    /// A time that is not finite, and errors of the operating system.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         if let Some(entry) = self.entries.iter().find(|e| !e.time.is_finite()) {
             return Err(invalid(format!(
@@ -86,11 +87,11 @@ impl Collection {
     }
 }
 
-/// Reads a collection; its files are not looked at.
+/// Reads a collection, without its files.
 ///
 /// # Errors
-/// A file that cannot be read or is no collection, a time that is not finite, a file that does not lie below the folder of
-/// the collection.
+/// A file that cannot be read or is no collection, a time that is not finite, a file outside the
+/// folder of the collection.
 pub fn read(path: &Path) -> Result<Collection, ReadError> {
     read_bytes(
         &bytes_of(path, MAX_FILE_BYTES)?,
@@ -98,10 +99,10 @@ pub fn read(path: &Path) -> Result<Collection, ReadError> {
     )
 }
 
-/// Reads a collection from the bytes of a file; `name` stands in errors.
+/// Reads a collection from the bytes of a file; `name` appears in errors.
 ///
 /// # Errors
-/// As [`read`], but for those of the file system.
+/// Those of [`read`] without those of the file system.
 pub fn read_bytes(bytes: &[u8], name: &str) -> Result<Collection, ReadError> {
     let mut xml = Xml::new(name, bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes));
     let mut collection = Collection::new();
@@ -163,7 +164,7 @@ fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
             file_word,
         ));
     }
-    // As XML has it, and as it is written.
+    // Both in XML escapes and as written.
     let name = unescaped(tag.attribute("name").unwrap_or_default()).replace(char::is_control, " ");
     Ok(Entry {
         time,
@@ -173,7 +174,8 @@ fn entry(xml: &Xml<'_>, tag: &Tag<'_>) -> Result<Entry, ReadError> {
     })
 }
 
-/// Whether a path leads to a file in the folder or in one below it: a collection must not make a program read elsewhere.
+/// True if a path leads to a file in the folder or below it: a collection must not make a program
+/// read elsewhere.
 pub(crate) fn is_below(file: &str) -> bool {
     let plain = !file.chars().any(char::is_control);
     let mut parts = Path::new(file).components();
@@ -222,7 +224,7 @@ mod tests {
         assert!(collection.write(&Scratch::file("nan.pvd")).is_err());
     }
 
-    /// A collection of one tag within the others.
+    /// A collection with one tag.
     fn with(tag: &str) -> String {
         format!(
             "<?xml version='1.0'?><!-- c --><VTKFile type=\"Collection\"><Collection>{tag}</Collection></VTKFile>"

@@ -22,29 +22,30 @@ fn declared(bytes: &[u8]) -> Option<u64> {
     Some(u64::from(u32::from_le_bytes(count.try_into().ok()?)))
 }
 
-/// Whether the size of the file is that of a binary STL of the declared number of triangles.
+/// True if the size of the file matches a binary STL with the declared number of triangles.
 pub(super) fn has_binary_size(bytes: &[u8]) -> bool {
     declared(bytes)
         .is_some_and(|n| HEADER_BYTES as u64 + FACET_BYTES as u64 * n == bytes.len() as u64)
 }
 
-/// How the numbers of an STL file are written.
+/// Encoding of the numbers of an STL file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As text: the shortest that gives the same double again.
+    /// As text: the shortest that gives the same double.
     Text,
-    /// As binary numbers of 32 bits, which is all that the format knows: coordinates are rounded.
+    /// As binary numbers of 32 bits, the only size of the format: coordinates are rounded.
     Binary,
 }
 
-/// Writes a mesh, by way of `NAME.part`.
+/// Writes a mesh through `NAME.part`.
 ///
-/// The format keeps corners and no vertices: unused vertices are lost, vertices at one place become one when it is read
-/// again, and so do 0 and -0. Binary files hold singles, not doubles.
+/// The format stores corners instead of vertices. Unused vertices are lost. Vertices at one
+/// position become one vertex when the file is read again; 0 and -0 are the same position. Binary
+/// files contain singles, not doubles.
 ///
 /// # Errors
-/// A coordinate that is not finite, in binary also as a single; an index out of range; more triangles than 32 bits count;
-/// and what the operating system refuses.
+/// A coordinate that is not finite, in binary also as a single; an index out of range; more
+/// triangles than 32 bits count; and errors of the operating system.
 pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result<()> {
     check_mesh(mesh, &[])?;
     let count = u32::try_from(mesh.triangles.len())
@@ -70,7 +71,7 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
         for triangle in &mesh.triangles {
             let corners = triangle.map(|i| mesh.vertices[i as usize]);
             let across = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
-            // A triangle without area has no normal; the format asks for zeros then.
+            // A triangle without area has no normal; the format requires zeros then.
             let normal = across
                 .try_normalize(0.0)
                 .filter(|n| n.iter().all(|c| c.is_finite()))
@@ -101,17 +102,17 @@ pub fn write(path: &Path, mesh: &TriangleMesh, encoding: Encoding) -> io::Result
     })
 }
 
-/// A surface whose corners are merged where they are equal.
+/// A surface whose equal corners are merged.
 ///
-/// The table holds indices of vertices and no copy of them, at most half full; where a vertex begins to be looked for
-/// depends on two random numbers, so that no file can make all of them begin at one place.
+/// The table contains indices of vertices and is at most half full. Two random numbers decide where
+/// the search for a vertex begins, so that no file can make all searches begin at one slot.
 struct Corners {
     surface: Surface,
     slots: Vec<u32>,
     random: [u64; 2],
 }
 
-/// A place of the table that holds no vertex; a file of at most 2 GiB has fewer.
+/// A slot without a vertex; a file of at most 2 GiB has fewer vertices.
 const FREE: u32 = u32::MAX;
 
 impl Default for Corners {
@@ -126,7 +127,7 @@ impl Default for Corners {
 }
 
 impl Corners {
-    /// The vertex of a corner; writers differ in the sign of zero from facet to facet, so -0 becomes 0 first.
+    /// The vertex of a corner; -0 becomes 0, since the sign of zero varies between facets.
     fn vertex(&mut self, position: [f64; 3]) -> u32 {
         let position = Point3::from(position.map(|c| c + 0.0));
         if self.surface.vertices.len() * 2 >= self.slots.len() {
@@ -142,11 +143,11 @@ impl Corners {
         next
     }
 
-    /// The place that holds a vertex, or that is free for it.
+    /// The slot that contains a vertex, or the free slot for it.
     fn slot(&self, position: &Point3<f64>) -> usize {
         let mask = self.slots.len() - 1;
         let mut slot = self.hash(position) as usize & mask;
-        // Numbers that are not NaN and not -0 are equal exactly where their bits are.
+        // Numbers other than NaN and -0 are equal exactly if their bits are.
         while self.slots[slot] != FREE
             && self.surface.vertices[self.slots[slot] as usize] != *position
         {
@@ -177,7 +178,7 @@ impl Corners {
 /// Reads binary STL; normals and attributes are skipped.
 ///
 /// # Errors
-/// A size that contradicts the declared count, a coordinate that is not finite.
+/// A size that contradicts the declared count, or a coordinate that is not finite.
 pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut cursor = Cursor::new(name, bytes);
     cursor.binary = true;
@@ -230,15 +231,15 @@ pub(super) fn read_binary(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
     corners.surface.finish(&cursor)
 }
 
-/// Copies bytes into an array; what is missing is zero, which the callers have excluded by the length.
+/// Copies bytes into an array; missing bytes are zero, which the callers exclude by the length.
 fn array<const N: usize>(bytes: &[u8]) -> [u8; N] {
     bytes.try_into().unwrap_or([0; N])
 }
 
-/// Reads STL text; normals and names are skipped, further solids are part of the same surface.
+/// Reads STL text; normals and names are skipped, and further solids are parts of the same surface.
 ///
 /// # Errors
-/// A malformed number, a loop of fewer than three corners, a solid that does not end.
+/// A malformed number, a loop of fewer than three corners, or a solid without end.
 pub(super) fn read_text(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut cursor = Cursor::new(name, bytes);
     let mut corners = Corners::default();
@@ -347,7 +348,7 @@ mod tests {
 
     #[test]
     fn corners_are_merged_however_many_there_are() {
-        // Rows of numbers that differ in their last bits, which a bad hash would put at one place.
+        // Rows of numbers that differ in their last bits; a poor hash would map them to one slot.
         let point = |i: u32| {
             [
                 f32::from_bits(0x3f80_0000 + i % 90),

@@ -1,4 +1,4 @@
-//! The mesh that a reader is building: corners are checked, polygons split.
+//! The mesh under construction by a reader: corners are checked, polygons split.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,11 +8,13 @@ use super::error::{Place, Problem, ReadError};
 use super::warning::{Warning, Warnings};
 use crate::mesh::TriangleMesh;
 
-/// The most corners of a polygon: its fan makes one vertex a neighbour of all others, and what walks around a vertex
-/// takes long. Caps of pipes and terrains have thousands.
+/// Greatest number of corners of a polygon. The fan of a polygon makes one vertex a neighbour of
+/// all others, and loops around a vertex take long. Caps of pipes and terrains have thousands of
+/// corners.
 pub(super) const MAX_CORNERS: usize = 100_000;
 
-/// How far a polygon may be from flat and convex, over its extent: what six decimals of a metre do to a millimetre.
+/// Greatest departure of a polygon from flat and convex, relative to its extent: six decimals of a
+/// metre in a millimetre.
 const FLATNESS: f64 = 1e-3;
 
 /// Vertices, triangles and lines read so far.
@@ -22,22 +24,23 @@ pub(super) struct Surface {
     triangles: Vec<[u32; 3]>,
     lines: Vec<Vec<u32>>,
     warnings: Warnings,
-    /// Polygons with corners that were not read yet.
+    /// Polygons with corners that are not read yet.
     ahead: Vec<Ahead>,
 }
 
-/// A polygon that cannot be looked at before all vertices are there: its triangles, and its place.
+/// A polygon that is tested when all vertices are known: its triangles and its place.
 struct Ahead {
     first: u32,
     end: u32,
     place: Place,
 }
 
-/// Tells where the item that is being read stands; it may cost a search, so it is only asked for a first warning.
+/// Gives the place of the current item. The call can be a search, so it happens only for a first
+/// warning.
 type At<'a> = &'a dyn Fn() -> Place;
 
 impl Surface {
-    /// Checks an index that counts from 0.
+    /// Checks an index that starts at 0.
     pub(super) fn index(&self, index: i64) -> Result<u32, Problem> {
         let count = self.vertices.len();
         match u32::try_from(index) {
@@ -50,7 +53,7 @@ impl Surface {
         }
     }
 
-    /// A coordinate in a text, of the vertex behind the last.
+    /// A coordinate in a text, of the vertex after the last one.
     pub(super) fn coordinate(&mut self, token: &[u8], at: At<'_>) -> Result<f64, Problem> {
         let value = cursor::coordinate(token, self.vertices.len())?;
         if beyond_double(token, value) {
@@ -59,7 +62,7 @@ impl Surface {
         Ok(value)
     }
 
-    /// Counts a coordinate of text that became 0.
+    /// Counts a coordinate of text that underflowed to 0.
     pub(super) fn underflow(&mut self, at: At<'_>) {
         self.warnings.note(Warning::Underflow, at);
     }
@@ -86,7 +89,8 @@ impl Surface {
         Ok(())
     }
 
-    /// Warns of a fan of triangles from `start` on that is not flat or not convex, now or when its vertices are there.
+    /// Warns of a fan of triangles from `start` that is not flat or not convex, now or when its
+    /// vertices are known.
     fn look_at_fan(&mut self, start: usize, at: At<'_>) {
         let fan = self.triangles.get(start..).unwrap_or_default();
         match flat_and_convex(&self.vertices, fan) {
@@ -101,7 +105,7 @@ impl Surface {
         }
     }
 
-    /// Adds a triangle strip; every second triangle is turned round, so that all face the same side.
+    /// Adds a triangle strip; every second triangle is reversed, so that all face the same side.
     pub(super) fn strip(&mut self, corners: &[u32], at: At<'_>) -> Result<(), Problem> {
         if corners.len() < 3 {
             return Err(Problem::TooFewCorners {
@@ -132,8 +136,8 @@ impl Surface {
         Ok(())
     }
 
-    /// A triangle that names a vertex twice encloses nothing and its edges cancel, so that leaving it out opens no
-    /// surface; it is counted, never hidden.
+    /// A triangle with a repeated vertex encloses nothing and its edges cancel, so its removal
+    /// opens no surface. It is counted as a warning.
     fn triangle(&mut self, corners: [u32; 3], at: At<'_>) {
         let [a, b, c] = corners;
         if a == b || b == c || c == a {
@@ -174,11 +178,13 @@ impl Surface {
     }
 }
 
-/// Whether the outline of a fan is flat and convex, and so has only one surface; `None` where a vertex is not there yet.
+/// True if the outline of a fan is flat and convex, and so has only one surface; `None` if a vertex
+/// is not read yet.
 ///
-/// With lengths over the extent of the polygon, the corners must lie within [`FLATNESS`] of the plane through the first
-/// corner across the mean normal, and neither a turn at a corner nor a triangle of the fan may face the other side by more
-/// than that area. A polygon whose parts all have less area than that has no side, and counts as flat.
+/// Lengths are relative to the extent of the polygon. The corners must lie within [`FLATNESS`] of
+/// the plane through the first corner across the mean normal. No turn at a corner and no triangle
+/// of the fan may face the other side by more than that area. A polygon with only smaller areas has
+/// no side and counts as flat.
 fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
     let (Some(&[first, second, _]), Some(origin)) =
         (fan.first(), fan.first().map(|t| t[0] as usize))
@@ -186,7 +192,7 @@ fn flat_and_convex(vertices: &[Point3<f64>], fan: &[[u32; 3]]) -> Option<bool> {
         return Some(true);
     };
     let origin = vertices.get(origin)?;
-    // A quarter of each, because the difference of two large numbers may be infinite.
+    // A quarter of each, because the difference of two large numbers can be infinite.
     let from_first = |i: u32| Some(vertices.get(i as usize)?.coords * 0.25 - origin.coords * 0.25);
     let outline = || [first, second].into_iter().chain(fan.iter().map(|t| t[2]));
     let mut extent = 0.0f64;
@@ -264,7 +270,7 @@ mod tests {
             ),
             (1, 1)
         );
-        // Of this polygon no triangle is left that could be flat or not.
+        // No triangle of this polygon remains.
         surface.polygon(&[0, 1, 0, 1], NOWHERE).unwrap();
         assert_eq!(
             (
@@ -282,7 +288,7 @@ mod tests {
         );
     }
 
-    /// Whether one polygon at a scale and place is warned of.
+    /// True if one polygon at a scale and position causes a warning.
     fn warned(corners: &[[f64; 3]], scale: f64, offset: f64) -> bool {
         let vertices: Vec<_> = corners
             .iter()
@@ -322,7 +328,7 @@ mod tests {
         ];
         let bad = [
             bent(0.01).to_vec(),
-            // A dart, seen from two of its corners; a bow tie; a five-pointed star.
+            // A dart, from two of its corners; a bow tie; a five-pointed star.
             vec![[0., 0., 0.], [2., 1., 0.], [0., 2., 0.], [0.5, 1., 0.]],
             vec![[0.5, 1., 0.], [0., 0., 0.], [2., 1., 0.], [0., 2., 0.]],
             vec![[0., 0., 0.], [1., 0., 0.], [0., 1., 0.], [1., 1., 0.]],

@@ -10,20 +10,21 @@ use super::part::{check_mesh, invalid, write_whole};
 use crate::mesh::TriangleMesh;
 pub(super) use read::read;
 
-/// How the numbers of a legacy VTK file are written.
+/// Encoding of the numbers of a legacy VTK file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As text: the shortest that gives the same double again.
+    /// As text: the shortest that gives the same double.
     Ascii,
     /// As big-endian binary numbers.
     Binary,
 }
 
-/// Writes a mesh and polylines as legacy VTK polydata of version 4.2 with doubles, by way of `NAME.part`.
+/// Writes a mesh and polylines as legacy VTK polydata of version 4.2 with doubles, through
+/// `NAME.part`.
 ///
 /// # Errors
-/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices, and what the
-/// operating system refuses.
+/// A coordinate that is not finite, an index out of range, a polyline of fewer than two vertices,
+/// and errors of the operating system.
 pub fn write(
     path: &Path,
     mesh: &TriangleMesh,
@@ -85,7 +86,7 @@ fn write_cells<'a>(
                 writeln!(w)?;
             }
             Encoding::Binary => {
-                // The format knows only signed 32-bit indices.
+                // The format has only signed 32-bit indices.
                 let signed = |i: usize| {
                     i32::try_from(i).map_err(|_| invalid(format!("{i} needs more than 31 bits")))
                 };

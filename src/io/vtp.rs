@@ -23,20 +23,21 @@ pub struct PolyData<'a> {
     pub point_data: Vec<(&'a str, Vec<f64>)>,
 }
 
-/// Writes `data` to `path`, by way of `NAME.part`, so that an interrupted run leaves no half a file.
+/// Writes `data` to `path` through `NAME.part`, so that an interrupted run leaves no incomplete
+/// file.
 ///
 /// # Errors
-/// An index out of range, point data whose length is no multiple of the number of points, and what the operating
-/// system refuses.
+/// An index out of range, point data whose length is no multiple of the number of points, and
+/// errors of the operating system.
 pub fn write(path: &Path, data: &PolyData<'_>) -> io::Result<()> {
     write_with_cells(path, data, &[])
 }
 
-/// As [`write()`], with numbers at each polyline and then at each triangle: names and values, shape
-/// `[line_count + triangle_count]`.
+/// The same as [`write()`], with numbers at each polyline and then at each triangle: names and
+/// values, shape `[line_count + triangle_count]`.
 ///
 /// # Errors
-/// As [`write()`]; cell data of another number.
+/// Those of [`write()`]; cell data of another length.
 pub fn write_with_cells(
     path: &Path,
     data: &PolyData<'_>,
@@ -114,7 +115,7 @@ struct Layout {
     line_ends: u64,
     triangle_corners: u64,
     triangle_ends: u64,
-    /// Where arrays of cell data begin, one after the other.
+    /// Offset of the cell data; its arrays follow each other.
     cell_data: u64,
 }
 
@@ -188,7 +189,7 @@ fn header(
     array(w, "Int64", "connectivity", 1, layout.triangle_corners)?;
     array(w, "Int64", "offsets", 1, layout.triangle_ends)?;
     writeln!(w, "      </Polys>\n    </Piece>\n  </PolyData>")?;
-    // The data begin right behind the underscore.
+    // The data begin directly after the underscore.
     write!(w, "  <AppendedData encoding=\"raw\">\n   _")
 }
 
@@ -218,7 +219,7 @@ fn integers(w: &mut impl Write, values: impl Iterator<Item = u64>, count: usize)
     Ok(())
 }
 
-/// Text for an XML attribute; control characters, which XML forbids, become spaces.
+/// Text for an XML attribute; control characters, which XML excludes, become spaces.
 pub(super) fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
@@ -239,7 +240,7 @@ mod tests {
     use super::*;
     use crate::testing::Scratch;
 
-    /// The value of an attribute of the first array of a name at or behind `from`.
+    /// The value of an attribute of the first array with a name, from the position of `from`.
     fn offset_of(text: &str, from: &str, name: &str) -> usize {
         let tail = &text[text.find(from).unwrap()..];
         let tail = &tail[tail.find(&format!("Name=\"{name}\"")).unwrap()..];

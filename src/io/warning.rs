@@ -1,31 +1,33 @@
-//! What a reader accepts, but a person may want to know of: counted, with the first place.
+//! Warnings of readers: accepted content that is possibly a mistake, counted, with the first place.
 
 use std::fmt;
 
 use super::Format;
 use super::error::{Place, placed};
 
-/// What a reader accepted although it may not be meant.
+/// Accepted content that is possibly a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Warning {
-    /// W001: a coordinate of text so small that it became 0 as a double.
+    /// W001: a coordinate of text underflowed to 0 as a double.
     Underflow,
-    /// W002: a polygon whose fan is only one of several surfaces with its outline; see `docs/formats.md` for the test.
+    /// W002: a polygon whose fan is only one of several surfaces with its outline;
+    /// `docs/formats.md` describes the test.
     NotFlatOrConvex,
-    /// W003: a triangle that names a vertex twice, which was left out: it encloses nothing and its edges cancel.
+    /// W003: a triangle with a repeated vertex was left out: it encloses nothing and its edges
+    /// cancel.
     RepeatedCorner,
-    /// W010: the name of the file promises another format than the content has.
+    /// W010: the file name has the extension of another format than the content.
     OtherFormat {
-        /// What the name says.
+        /// The format of the extension.
         promised: Format,
-        /// What the content is.
+        /// The format of the content.
         found: Format,
     },
 }
 
 impl Warning {
-    /// The code, the same for each warning of one kind.
+    /// The code, equal for all warnings of one kind.
     pub fn code(&self) -> &'static str {
         match self {
             Warning::Underflow => "W001",
@@ -37,7 +39,7 @@ impl Warning {
 }
 
 impl Warning {
-    /// What to do about it.
+    /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
             Warning::Underflow => "give such coordinates a larger unit if they matter",
@@ -48,14 +50,14 @@ impl Warning {
     }
 }
 
-/// A warning, how often there was reason for it, and where first.
+/// A warning with its count and first place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Warned {
-    /// What was accepted.
+    /// The kind of warning.
     pub warning: Warning,
-    /// How often.
+    /// Number of occurrences.
     pub count: usize,
-    /// Where first.
+    /// Place of the first occurrence.
     pub first: Place,
 }
 
@@ -105,12 +107,12 @@ impl fmt::Display for Warned {
 pub struct Warnings(Vec<Warned>);
 
 impl Warnings {
-    /// Each kind that there was reason for.
+    /// All warnings with occurrences.
     pub fn iter(&self) -> impl Iterator<Item = &Warned> {
         self.0.iter()
     }
 
-    /// How often there was reason for a warning.
+    /// Number of occurrences of a warning.
     pub fn count(&self, warning: Warning) -> usize {
         self.0
             .iter()
@@ -118,12 +120,13 @@ impl Warnings {
             .map_or(0, |w| w.count)
     }
 
-    /// Whether there is none.
+    /// True if there is no warning.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Counts a warning; the place is only asked for where it is the first of its kind, because it may cost a search.
+    /// Counts a warning. The place is computed only for the first of its kind, because it can be a
+    /// search.
     pub(super) fn note(&mut self, warning: Warning, place: &dyn Fn() -> Place) {
         match self.0.iter_mut().find(|w| w.warning == warning) {
             Some(warned) => warned.count += 1,
@@ -143,7 +146,7 @@ impl Warnings {
         }
     }
 
-    /// As [`Self::note`], for a place that may stand before one that is known already.
+    /// The same as [`Self::note`], for a place that can precede a known one.
     pub(super) fn note_late(&mut self, warning: Warning, place: Place) {
         self.note(warning, &|| place);
         if let Some(warned) = self.0.iter_mut().find(|w| w.warning == warning) {

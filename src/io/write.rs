@@ -1,14 +1,14 @@
-//! Writes a mesh in the format that the ending of its name says.
+//! Writes a mesh in the format of its file extension.
 
 use std::path::Path;
 
 use super::{Format, obj, ply, stl, vtk, vtp};
 use crate::mesh::TriangleMesh;
 
-/// The endings that [`write`] knows.
+/// The extensions that [`write`] supports.
 pub const WRITABLE: &str = ".obj, .ply, .stl, .vtk, .vtp";
 
-/// How numbers are written where a format leaves the choice (PLY, STL and legacy VTK).
+/// Encoding of numbers for formats with a choice (PLY, STL and legacy VTK).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// As bytes.
@@ -18,32 +18,33 @@ pub enum Encoding {
     Text,
 }
 
-/// Why a mesh was not written.
+/// Error of [`write`].
 #[derive(Debug, thiserror::Error)]
 pub enum WriteError {
-    /// The ending of the name is none of [`WRITABLE`].
+    /// The extension is none of [`WRITABLE`].
     #[error("{file}: the ending names no format that can be written")]
     UnknownEnding {
-        /// The file, as it was named by the caller.
+        /// The file name as given by the caller.
         file: String,
     },
-    /// The mesh does not fit the format, or the operating system refuses the file.
+    /// The mesh does not fit the format, or the operating system could not write the file.
     #[error("{file}: cannot be written: {source}")]
     Io {
-        /// The file, as it was named by the caller.
+        /// The file name as given by the caller.
         file: String,
-        /// Why.
+        /// The cause.
         source: std::io::Error,
     },
 }
 
-/// Writes a mesh and its polylines; gives how many of these the format cannot hold (STL holds none). PLY
-/// holds edges: each part of a polyline becomes a line of its own.
+/// Writes a mesh and its polylines. Returns the number of polylines that the format cannot store
+/// (STL stores none). PLY stores edges: each segment of a polyline becomes a separate line.
 ///
-/// All formats but binary STL keep every bit of a coordinate; STL keeps no vertices that no triangle names.
+/// All formats except binary STL keep every bit of a coordinate; STL drops vertices without
+/// triangles.
 ///
 /// # Errors
-/// An ending that is not known, a mesh that the format cannot hold, a file that cannot be written.
+/// An unknown extension, a mesh that the format cannot store, or a file that cannot be written.
 pub fn write(
     path: &Path,
     mesh: &TriangleMesh,

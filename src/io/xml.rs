@@ -1,23 +1,23 @@
-//! Tags of XML, one after the other: nothing is nested in memory, so that no file can exhaust the stack.
+//! Tags of XML in sequence, without nesting in memory, so that no file can exhaust the stack.
 
 use super::cursor::Cursor;
 use super::error::{Problem, ReadError};
 
-/// What stands between `<` and `>`.
+/// The content between `<` and `>`.
 #[derive(Clone, Copy)]
 pub(super) struct Tag<'a> {
     pub(super) name: &'a [u8],
     attributes: &'a [u8],
-    /// It begins with a slash.
+    /// True if the tag begins with a slash.
     pub(super) closes: bool,
-    /// It ends with a slash.
+    /// True if the tag ends with a slash.
     pub(super) empty: bool,
-    /// Offset of the byte behind it.
+    /// Offset of the byte after the tag.
     pub(super) end: usize,
 }
 
 impl<'a> Tag<'a> {
-    /// The value of an attribute, as it is written.
+    /// The value of an attribute as written.
     pub(super) fn attribute(&self, name: &str) -> Option<&'a [u8]> {
         let mut rest = self.attributes;
         loop {
@@ -39,7 +39,7 @@ impl<'a> Tag<'a> {
     }
 }
 
-/// The bytes of an XML file and how far they were read.
+/// The bytes of an XML file with the read position.
 pub(super) struct Xml<'a> {
     pub(super) cursor: Cursor<'a>,
     pub(super) bytes: &'a [u8],
@@ -55,7 +55,7 @@ impl<'a> Xml<'a> {
         }
     }
 
-    /// An error in the text of the file, at the bytes that were found or where reading stands.
+    /// An error in the text of the file, at the given bytes or at the read position.
     pub(super) fn fail(&self, problem: Problem, found: &[u8]) -> ReadError {
         let offset = self.cursor.offset_of(found).unwrap_or(self.position);
         self.cursor.fail_at_offset(offset, true, problem, found)
@@ -153,7 +153,7 @@ pub(super) fn unescaped(value: &[u8]) -> String {
     text
 }
 
-/// The offset behind the first occurrence of `end`.
+/// The offset after the first occurrence of `end`.
 fn find(bytes: &[u8], end: &[u8]) -> Option<usize> {
     bytes
         .windows(end.len())

@@ -1,4 +1,4 @@
-//! The rims of a surface: its edges with one triangle, in turn.
+//! Boundary loops of a surface: its edges with one triangle, in order.
 
 use std::collections::BTreeMap;
 
@@ -7,17 +7,20 @@ use super::topology::Topology;
 /// A walk along boundary edges.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rim {
-    /// Its vertices in turn, each once but for the first of an open walk that ends at itself.
+    /// Vertices in order, each once; the first one of an open walk that ends at itself appears
+    /// twice.
     pub vertices: Vec<u32>,
-    /// Whether the last is joined to the first; only where edges with three triangles part a boundary it may not be.
+    /// True if the last vertex is joined to the first; false only where edges with three triangles
+    /// divide a boundary.
     pub closed: bool,
 }
 
-/// All rims, by their lowest edge; where rims touch in a vertex they are kept apart there.
+/// All boundary walks, sorted by their lowest edge; walks that touch in a vertex stay separate
+/// there.
 pub fn rims(topology: &Topology) -> Vec<Rim> {
     let boundary = topology.boundary_edges();
     let mut at: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    // The lowest last, from where they are taken.
+    // The lowest edge is last; edges are taken from the end.
     for &e in boundary.iter().rev() {
         topology.edges[e as usize]
             .iter()
@@ -36,7 +39,8 @@ pub fn rims(topology: &Topology) -> Vec<Rim> {
     rims
 }
 
-/// Goes on from the last vertex of `path`; each return to a vertex of the path cuts off a closed rim.
+/// Continues from the last vertex of `path`; each return to a vertex of the path cuts off a closed
+/// walk.
 fn walk(
     topology: &Topology,
     at: &mut BTreeMap<u32, Vec<u32>>,
@@ -44,10 +48,10 @@ fn walk(
     mut path: Vec<u32>,
     rims: &mut Vec<Rim>,
 ) {
-    // Where on the path each vertex stands.
+    // Position of each vertex on the path.
     let mut place: BTreeMap<u32, usize> = path.iter().enumerate().map(|(k, v)| (*v, k)).collect();
     while let Some(&last) = path.last() {
-        // What was used is taken off for good, so that no edge is looked at twice from one of its ends.
+        // Removes used edges, so that no edge is examined twice from one of its ends.
         let Some(edges) = at.get_mut(&last) else {
             break;
         };
@@ -107,7 +111,7 @@ mod tests {
     fn rims_that_touch_are_kept_apart() {
         let bow_tie = [[0, 1, 2], [0, 3, 4]];
         assert_eq!(of(5, &bow_tie), [(3, true), (3, true)]);
-        // A strip of one vertex in the middle of two holes.
+        // A strip with one vertex between two holes.
         let chain = [[0, 1, 2], [2, 3, 4], [4, 5, 6]];
         assert_eq!(of(7, &chain), [(3, true); 3]);
     }

@@ -1,4 +1,4 @@
-//! Closest points on a surface at rest, through a tree of boxes; what remeshing projects onto.
+//! Closest points on a fixed surface by a tree of boxes; remeshing projects onto them.
 
 use std::cell::Cell;
 
@@ -8,16 +8,18 @@ use super::measures::Aabb;
 
 /// Triangles in a leaf of the tree.
 const LEAF: usize = 4;
-/// Depth beyond which the stack of a query could not grow: each level halves the triangles.
+/// Upper bound of the depth of a query's stack: each level halves the triangles.
 const STACK: usize = 64;
 
-/// The point of a triangle closest to `p` [m]; for a triangle without area a point of its longest side.
+/// The point of a triangle closest to `p` [m]. For a triangle without area this is a point of its
+/// longest side.
 #[inline]
 pub fn closest_on_triangle(p: &Point3<f64>, [a, b, c]: &[Point3<f64>; 3]) -> Point3<f64> {
     let (u, v, w) = (b - a, c - a, p - a);
     let normal = u.cross(&v);
     let square = normal.norm_squared();
-    // Below a sine of 1e-8 rounding turns the normal by as much as the triangle is flat; its sides are as good.
+    // Below a sine of 1e-8 rounding turns the normal by as much as the triangle is flat; its sides
+    // are equally accurate.
     if square > 1e-16 * u.norm_squared() * v.norm_squared() {
         let (s, t) = (
             w.cross(&v).dot(&normal) / square,
@@ -50,18 +52,19 @@ fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Poin
     a + along * t
 }
 
-/// What [`SurfaceTree::closest`] finds.
+/// Result of [`SurfaceTree::closest`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Closest {
     /// The closest point [m].
     pub point: Point3<f64>,
-    /// The triangle that holds it; of several equally close one that the tree meets first.
+    /// The triangle that contains the point; of several equally close triangles the first in tree
+    /// order.
     pub triangle: u32,
-    /// Its distance [m].
+    /// Distance to the point [m].
     pub distance: f64,
 }
 
-/// A tree of boxes over the triangles of a surface that does not move.
+/// A tree of boxes over the triangles of a fixed surface.
 #[derive(Clone, Debug)]
 pub struct SurfaceTree {
     nodes: Vec<Node>,
@@ -110,7 +113,7 @@ impl SurfaceTree {
             }
             let axis = nodes[node].bounds.extents().imax();
             let half = part.len() / 2;
-            // The index breaks ties, so that the tree is determined.
+            // The index breaks ties, so that the tree is deterministic.
             part.select_nth_unstable_by(half, |&i, &j| {
                 middles[i as usize][axis]
                     .total_cmp(&middles[j as usize][axis])
@@ -138,12 +141,12 @@ impl SurfaceTree {
         }
     }
 
-    /// The closest point of the surface at most `within` [m] away; `None` if there is none.
+    /// The closest point of the surface within the distance `within` [m]; `None` if there is none.
     pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<Closest> {
         self.search(p, within, |_| true, false)
     }
 
-    /// As [`SurfaceTree::closest`], among triangles that `admit` names.
+    /// The same as [`SurfaceTree::closest`] among the triangles for which `admit` holds.
     pub fn closest_of(
         &self,
         p: &Point3<f64>,
@@ -153,9 +156,10 @@ impl SurfaceTree {
         self.search(p, within, |t| admit(self.names[t]), false)
     }
 
-    /// As [`SurfaceTree::closest`], among triangles whose unit normal has a product above `cosine` with `normal`.
+    /// The same as [`SurfaceTree::closest`] among the triangles whose unit normal has a dot product
+    /// above `cosine` with `normal`.
     ///
-    /// Triangles without area, which have no normal, count as well if `cosine` is negative.
+    /// Triangles without area have no normal; they are included if `cosine` is negative.
     pub fn closest_facing(
         &self,
         p: &Point3<f64>,
@@ -166,7 +170,7 @@ impl SurfaceTree {
         self.search(p, within, |t| self.normals[t].dot(normal) > cosine, false)
     }
 
-    /// Whether [`SurfaceTree::closest_facing`] would find anything; faster.
+    /// True if [`SurfaceTree::closest_facing`] would find a point; faster.
     pub fn is_near_facing(
         &self,
         p: &Point3<f64>,
@@ -178,7 +182,8 @@ impl SurfaceTree {
             .is_some()
     }
 
-    /// As [`SurfaceTree::is_near_facing`], faster where `likely` is near: what the last question found.
+    /// The same as [`SurfaceTree::is_near_facing`]; faster if the triangle `likely` is near, such
+    /// as the result of the previous query.
     pub fn is_near_facing_from(
         &self,
         likely: &Cell<u32>,
@@ -196,7 +201,7 @@ impl SurfaceTree {
             return true;
         }
         let admit = |t: usize| {
-            // The last one that is admitted is the one that is found.
+            // The last admitted triangle is the result.
             let does = admit(t);
             if does {
                 likely.set(t as u32);
@@ -206,8 +211,8 @@ impl SurfaceTree {
         self.search(p, within, admit, true).is_some()
     }
 
-    /// Appends the triangles whose boxes share a point with `bounds`, in the order of the tree; stops, and returns false,
-    /// when there would be more than `most` of them.
+    /// Appends the triangles whose boxes intersect `bounds`, in tree order. Returns false, and
+    /// stops, if there are more than `most` of them.
     pub fn meeting(&self, bounds: &Aabb, most: usize, found: &mut Vec<u32>) -> bool {
         let mut stack = [0u32; STACK];
         let mut depth = 1;
@@ -268,7 +273,8 @@ impl SurfaceTree {
                 continue;
             }
             for t in node.link as usize..(node.link + node.count) as usize {
-                // The plane of a triangle is never farther than the triangle; a flat one has no normal and passes.
+                // The plane of a triangle is never farther than the triangle; a flat triangle has
+                // no normal and passes.
                 let above = self.normals[t].dot(&(p - self.corners[t][0]));
                 if above * above > limit || !admit(t) {
                     continue;

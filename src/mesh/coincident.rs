@@ -1,8 +1,9 @@
-//! Vertices in the same place, and triangles with the same corners.
+//! Vertices at the same position, and triangles with the same corners.
 
 use nalgebra::Point3;
 
-/// For each vertex the lowest vertex in exactly the same place (-0 is 0), itself where there is none.
+/// For each vertex the lowest vertex at exactly the same position (-0 equals 0); the vertex itself
+/// if it is the lowest.
 pub fn first_in_place(vertices: &[Point3<f64>]) -> Vec<u32> {
     // Adding 0 makes -0 into 0 and changes nothing else.
     let key = |v: u32| vertices[v as usize].coords.add_scalar(0.0);
@@ -21,7 +22,7 @@ pub fn first_in_place(vertices: &[Point3<f64>]) -> Vec<u32> {
     first
 }
 
-/// Groups of two or more triangles that have the same three corners, whichever way they turn, ascending.
+/// Groups of two or more triangles with the same three corners in any order, ascending.
 pub fn same_corners(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let key = |t: &u32| {
         let mut corners = triangles[*t as usize];

@@ -1,4 +1,4 @@
-//! Cutting surfaces where a function of their points is zero: by a plane, a sphere, or at a value of a field.
+//! Cuts of surfaces at the zero set of a function: a plane, a sphere, or an isovalue of a field.
 
 use std::collections::BTreeMap;
 
@@ -9,16 +9,16 @@ use super::TriangleMesh;
 /// The part of a surface where a function is not negative.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cut {
-    /// The part; what is wound one way stays so.
+    /// The kept part; triangles keep their orientation.
     pub mesh: TriangleMesh,
-    /// A value at each of its vertices, linear between those given.
+    /// Value at each vertex of the part, interpolated linearly between the given values.
     pub values: Vec<f64>,
-    /// Segments of the line where the function is zero, each with both ends [m].
+    /// Segments of the zero line, each with both ends [m].
     pub line: Vec<Vec<Point3<f64>>>,
 }
 
-/// Keeps the part of a surface where `height`, a number at each vertex and linear between them, is not negative. Triangles with
-/// a height or a corner that is missing or no number are left out.
+/// Keeps the part of a surface where `height` is not negative. `height` is a number at each vertex
+/// and linear between vertices. Triangles with a missing or NaN height or corner are left out.
 pub fn cut(mesh: &TriangleMesh, values: &[f64], height: &[f64]) -> Cut {
     let mut cut = Cut::default();
     let mut kept: BTreeMap<[u32; 2], u32> = BTreeMap::new();
@@ -48,7 +48,7 @@ pub fn cut(mesh: &TriangleMesh, values: &[f64], height: &[f64]) -> Cut {
                 }));
             }
             if (corners[i].1 >= 0.0) != (corners[j].1 >= 0.0) {
-                // From the same end for both triangles at the edge, so that they fit together.
+                // From the same end for both triangles at the edge, so that the cuts match.
                 let (from, to) = if t[i] < t[j] { (i, j) } else { (j, i) };
                 let share = corners[from].1 / (corners[from].1 - corners[to].1);
                 let at = *kept.entry([t[from], t[to]]).or_insert_with(|| {
@@ -76,11 +76,12 @@ pub fn cut(mesh: &TriangleMesh, values: &[f64], height: &[f64]) -> Cut {
     cut
 }
 
-/// The ends of a segment with their heights, the lower first.
+/// The ends of a segment with their heights, the lower end first.
 type Segment = [(f64, Point3<f64>); 2];
 
-/// What closed lines in one plane enclose, as triangles that look along `normal`; of lines within lines every other one is a hole.
-/// In strips between neighbouring ends of segments, so that it does not matter how they are joined.
+/// The region inside closed lines of one plane, as triangles that face `normal`; of nested lines
+/// every other one is a hole. The method uses strips between neighbouring segment ends, so the
+/// order of the segments does not matter.
 pub fn filled(line: &[Vec<Point3<f64>>], normal: &Vector3<f64>) -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
     let Some(normal) = normal.try_normalize(0.0) else {
@@ -89,7 +90,7 @@ pub fn filled(line: &[Vec<Point3<f64>>], normal: &Vector3<f64>) -> TriangleMesh 
     let axis = Vector3::ith(normal.map(f64::abs).imin(), 1.0);
     let across = normal.cross(&axis).normalize();
     let along = normal.cross(&across);
-    // The lower end first, by height across.
+    // The lower end first, by transverse height.
     let mut segments: Vec<Segment> = Vec::new();
     for ends in line.iter().flat_map(|l| l.windows(2)) {
         let mut ends = [ends[0], ends[1]].map(|p| (p.coords.dot(&across), p));
@@ -137,7 +138,7 @@ mod tests {
     #[test]
     fn half_a_sphere_has_half_its_area_and_a_round_rim() {
         let ball = icosphere(1.0, 4);
-        // Through no vertex, so that nothing is left of triangles that the plane only touches.
+        // Through no vertex, so that triangles which only touch the plane leave nothing.
         let heights: Vec<f64> = ball
             .vertices
             .iter()

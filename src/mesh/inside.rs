@@ -1,6 +1,6 @@
-//! Which points lie inside a closed surface, by counting signed crossings with exact predicates.
+//! Inside test for points and a closed surface, by signed crossings with exact predicates.
 //!
-//! Independent of the contact code on purpose: it audits the frames that were written.
+//! This module is independent of the contact code on purpose: it audits the written frames.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use crate::mesh::measures::Aabb;
 
-/// The most cells that a triangle is listed in, on average.
+/// Greatest mean number of cells that contain a triangle.
 const ENTRIES: usize = 16;
 
-/// A surface sorted into a grid over y and z, for rays along +x.
+/// A surface in a grid over y and z, for rays along +x.
 #[derive(Debug)]
 pub struct Inside<'a> {
     vertices: &'a [Point3<f64>],
@@ -24,8 +24,8 @@ pub struct Inside<'a> {
 }
 
 impl<'a> Inside<'a> {
-    /// Sorts the triangles; about as many cells as triangles, or fewer where triangles are so large that the lists would
-    /// grow beyond a few entries for each.
+    /// Sorts the triangles into about as many cells as triangles. Large triangles get fewer cells,
+    /// so that the lists have only a few entries per triangle.
     pub fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let cells = ((triangles.len() as f64).sqrt() as usize).max(1);
         let bounds = Aabb::of_points(vertices);
@@ -79,7 +79,7 @@ impl<'a> Inside<'a> {
         } else {
             0.0
         };
-        // Monotone in `value`, so a point is in a cell that its triangle is listed in; `as` saturates.
+        // Monotonic in `value`, so the cell of a point lists its triangle; `as` saturates.
         ((share * self.cells as f64) as usize).min(self.cells - 1)
     }
 
@@ -94,8 +94,9 @@ impl<'a> Inside<'a> {
         ]
     }
 
-    /// The winding number of a closed surface about `p`: signed crossings of the ray from `p` along +x. Points on
-    /// shared edges are counted once by a half-open rule; a point on the surface counts as outside or inside.
+    /// The winding number of a closed surface about `p`: signed crossings of the ray from `p` along
+    /// +x. A half-open rule counts points on shared edges once; a point on the surface is outside
+    /// or inside.
     pub fn winding(&self, p: &Point3<f64>) -> i32 {
         self.list(p)
             .iter()
@@ -103,7 +104,7 @@ impl<'a> Inside<'a> {
             .sum()
     }
 
-    /// How many triangles have to be looked at for a point.
+    /// Number of triangles to test for a point.
     pub fn effort(&self, p: &Point3<f64>) -> usize {
         self.list(p).len()
     }
@@ -116,7 +117,8 @@ impl<'a> Inside<'a> {
         &self.listed[self.start[cell] as usize..self.start[cell + 1] as usize]
     }
 
-    /// As [`Self::winding`], apart for each group of triangles that `group` names.
+    /// The same as [`Self::winding`], separately for each group; `group` maps a triangle to its
+    /// group.
     pub fn winding_by(&self, p: &Point3<f64>, group: impl Fn(usize) -> u32) -> BTreeMap<u32, i32> {
         let mut all = BTreeMap::new();
         for &t in self.list(p) {
@@ -133,7 +135,7 @@ impl<'a> Inside<'a> {
         self.triangles[t].map(|v| self.vertices[v as usize])
     }
 
-    /// The line along x at `y`, `z` [m], for questions about many points of it.
+    /// The line along x at `y`, `z` [m], for tests of many points on it.
     pub fn line(&self, y: f64, z: f64) -> Line<'_> {
         let at = Point3::new(self.bounds.min.x, y, z);
         let covering = self.list(&at).iter().filter_map(|&t| {
@@ -148,12 +150,12 @@ impl<'a> Inside<'a> {
     }
 }
 
-/// A line along x, with the triangles that it passes.
+/// A line along x, with the triangles that it can cross.
 #[derive(Debug)]
 pub struct Line<'a> {
     inside: &'a Inside<'a>,
     at: Point3<f64>,
-    /// Each with its turns about the line.
+    /// Each triangle with its turns about the line.
     covering: Vec<(u32, i32)>,
 }
 
@@ -171,9 +173,10 @@ impl Line<'_> {
     }
 }
 
-/// How often the ray from `p` along +x crosses the triangle `c`, signed.
+/// Signed number of crossings of the triangle `c` and the ray from `p` along +x.
 pub(crate) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
-    // The ray misses the triangle's box; this comparison and those of `turns` are exact and settle nearly all.
+    // The ray misses the triangle's box. This comparison and those of `turns` are exact and decide
+    // nearly all cases.
     if c.iter().all(|v| v.x < p.x) {
         0
     } else {
@@ -181,7 +184,8 @@ pub(crate) fn crossing(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     }
 }
 
-/// How often the triangle turns about the line along x through `p`: 0 where it does not cover `p` in projection.
+/// Turns of the triangle about the line along x through `p`: 0 where the triangle does not cover
+/// `p` in projection.
 fn turns(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     let above = |axis: usize| c.iter().all(|v| v[axis] > p[axis]);
     let below = |axis: usize| c.iter().all(|v| v[axis] < p[axis]);
@@ -191,7 +195,8 @@ fn turns(p: &Point3<f64>, c: &[Point3<f64>; 3]) -> i32 {
     (0..3).map(|k| half_open(p, &c[k], &c[(k + 1) % 3])).sum()
 }
 
-/// The turns of a triangle that covers `p` in projection, if it lies ahead of it, exactly; else 0.
+/// The turns of a triangle that covers `p` in projection if the triangle lies ahead of `p`,
+/// exactly; otherwise 0.
 fn ahead(p: &Point3<f64>, c: &[Point3<f64>; 3], turns: i32) -> i32 {
     if turns == 0 || c.iter().all(|v| v.x < p.x) {
         return 0;
@@ -207,8 +212,9 @@ fn ahead(p: &Point3<f64>, c: &[Point3<f64>; 3], turns: i32) -> i32 {
     if ahead { turns } else { 0 }
 }
 
-/// Contribution of a directed edge to the turns about p in the y-z plane: +-1 where it crosses the half line z >= p.z,
-/// y = p.y. The edge is always tested from its lower to its higher end, so both of its triangles agree.
+/// Contribution of a directed edge to the turns about p in the y-z plane: +-1 where the edge
+/// crosses the half line z >= p.z, y = p.y. The test always runs from the lower to the higher end,
+/// so both triangles of an edge agree.
 fn half_open(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> i32 {
     let rises = a.y <= p.y && p.y < b.y;
     let falls = b.y <= p.y && p.y < a.y;
@@ -217,7 +223,7 @@ fn half_open(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> i32 {
     }
     let (low, high) = if rises { (a, b) } else { (b, a) };
     let at = |v: &Point3<f64>| Coord { x: v.y, y: v.z };
-    // Left of the rising edge, or on it: the half line towards -z is not crossed.
+    // Left of the rising edge, or on it: the edge does not cross the half line towards -z.
     let left = orient2d(at(low), at(high), at(p)) >= 0.0;
     match (left, rises) {
         (true, _) => 0,
@@ -280,7 +286,7 @@ mod tests {
         let mut draw = Draw::new(9);
         let mut seen = [0; 3];
         for n in 0..600 {
-            // Half of them exactly through a vertex.
+            // Half of the points have a ray exactly through a vertex.
             let v = mesh.vertices[n % mesh.vertices.len()];
             let (y, z) = if n % 2 == 0 {
                 (v.y, v.z)

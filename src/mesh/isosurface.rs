@@ -1,4 +1,5 @@
-//! The zero set of a function as a closed mesh: surface nets, then vertices drawn onto the set.
+//! The zero set of a function as a closed mesh: surface nets, then projection of the vertices onto
+//! the set.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -6,15 +7,17 @@ use rayon::prelude::*;
 use super::TriangleMesh;
 
 const NONE: u32 = u32::MAX;
-/// Newton steps of each vertex; the first leaves an error of second order in the cell, the last of rounding.
+/// Newton steps per vertex; the first leaves an error of second order in the cell, the last leaves
+/// rounding error.
 const NEWTON_STEPS: usize = 4;
 
 /// The surface where `distance` [m] is zero, negative inside, within the box from `lo` to `hi` [m], closed.
 ///
-/// One vertex for each cell of side `cell` [m] that the surface crosses, drawn onto the zero set by Newton steps
-/// along the gradient; four cells around a crossed grid edge give two triangles. The surface is manifold where the
-/// cell resolves the shape: no sheet or gap thinner than two cells. A body that leaves the box is cut off at its
-/// sides. An empty mesh if nothing is inside or `cell` is not positive.
+/// The mesh has one vertex for each cell of side `cell` [m] that the surface crosses. Newton steps
+/// along the gradient move it onto the zero set. Four cells around a crossed grid edge give two
+/// triangles. The surface is manifold where the cell resolves the shape: no sheet or gap is thinner
+/// than two cells. A body that leaves the box is cut off at the box. The mesh is empty if nothing
+/// is inside or `cell` is not positive.
 pub fn isosurface(
     distance: impl Fn(Point3<f64>) -> f64 + Sync,
     lo: Point3<f64>,
@@ -35,9 +38,11 @@ pub fn isosurface(
     }
 }
 
-/// Draws points near the zero set of `distance` [m] onto it, none by more than `reach` [m].
+/// Projects points near the zero set of `distance` [m] onto it; no point moves by more than `reach`
+/// [m].
 ///
-/// Newton steps along a gradient from differences; a point that would go farther stays where its last step led.
+/// Newton steps use a gradient from differences. A point that would move farther stops after its
+/// last allowed step.
 pub fn draw_onto_zero(
     distance: &(impl Fn(Point3<f64>) -> f64 + Sync),
     points: &mut [Point3<f64>],
@@ -48,7 +53,8 @@ pub fn draw_onto_zero(
         .for_each(|p| *p = drawn_onto_zero(distance, *p, reach));
 }
 
-/// Newton steps along the gradient, kept within the cell's size so that a kink throws no vertex away.
+/// Newton steps along the gradient, limited to the cell's size so that a kink does not move a
+/// vertex far away.
 fn drawn_onto_zero(
     distance: &impl Fn(Point3<f64>) -> f64,
     start: Point3<f64>,
@@ -118,7 +124,8 @@ impl Grid {
                         .iter()
                         .zip(self.counts)
                         .any(|(&n, count)| n == 0 || n + 1 == count);
-                    // Outside all round: the surface is closed even where the body leaves the box.
+                    // All border samples are outside: the surface is closed even where the body
+                    // leaves the box.
                     if at_rim && (*value <= 0.0 || value.is_nan()) {
                         *value = 0.5 * self.cell;
                     }
@@ -127,7 +134,8 @@ impl Grid {
         values
     }
 
-    /// A vertex in each crossed cell, at the mean of the crossings of its edges, and its index for each cell.
+    /// A vertex in each crossed cell, at the mean of the crossings of its edges, and the vertex
+    /// index of each cell.
     fn vertices(&self, values: &[f64]) -> (Vec<Point3<f64>>, Vec<u32>) {
         let mut cells = vec![NONE; values.len()];
         let mut vertices = Vec::new();
@@ -195,7 +203,8 @@ impl Grid {
                     cell[(axis + 2) % 3] -= dv;
                     cells[self.index(cell)]
                 };
-                // Counter-clockwise seen from the upper end of the grid edge, which is outside if the lower is inside.
+                // Counter-clockwise seen from the upper end of the grid edge, which is outside if
+                // the lower end is inside.
                 let mut quad = [around(1, 1), around(0, 1), around(0, 0), around(1, 0)];
                 if !low {
                     quad.reverse();
@@ -203,7 +212,7 @@ impl Grid {
                 triangles.extend(split(quad, vertices));
             }
         }
-        // The edges of the rim's first layer have their lower end on the rim.
+        // The edges of the first border layer have their lower end on the border.
         self.rim_triangles(values, cells, vertices, &mut triangles);
         triangles
     }

@@ -1,7 +1,8 @@
-//! Area, enclosed volume, centroid and box of a surface.
+//! Area, enclosed volume, centroid and bounding box of a surface.
 //!
-//! All sums are in difference form, about the middle of the bounding box, so a translation that moves every
-//! coordinate without rounding changes no bit; and over the tree of [`tree_sum_by`], so threads change none either.
+//! All sums are in difference form, about the centre of the bounding box: a translation that rounds
+//! no coordinate changes no bit. They use the tree of [`tree_sum_by`]: the number of threads
+//! changes no bit.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -19,7 +20,7 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The empty box, neutral for [`Aabb::union`].
+    /// The empty box, the neutral element of [`Aabb::union`].
     pub const EMPTY: Self = Self {
         min: Point3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY),
         max: Point3::new(f64::NEG_INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY),
@@ -47,7 +48,7 @@ impl Aabb {
         })
     }
 
-    /// Whether the box holds no point.
+    /// True for a box without points.
     pub fn is_empty(&self) -> bool {
         (0..3).any(|k| self.min[k] > self.max[k])
     }
@@ -61,7 +62,8 @@ impl Aabb {
         }
     }
 
-    /// The box grown by `margin` [m] on each side; shrunk, perhaps to empty, for a negative margin.
+    /// The box extended by `margin` [m] on each side; a negative margin shrinks it, possibly to
+    /// empty.
     #[must_use]
     pub fn inflate(&self, margin: f64) -> Self {
         let by = Vector3::repeat(margin);
@@ -71,17 +73,17 @@ impl Aabb {
         }
     }
 
-    /// Whether the two share a point; touching counts, an empty box shares none.
+    /// True if the boxes share a point; touching boxes intersect, an empty box intersects none.
     pub fn intersects(&self, other: &Self) -> bool {
         (0..3).all(|k| self.min[k].max(other.min[k]) <= self.max[k].min(other.max[k]))
     }
 
-    /// Whether the point lies inside or on the box.
+    /// True if the point is inside or on the box.
     pub fn contains(&self, point: &Point3<f64>) -> bool {
         self.min <= *point && *point <= self.max
     }
 
-    /// Middle [m], without meaning for an empty box.
+    /// Centre [m]; undefined for an empty box.
     pub fn center(&self) -> Point3<f64> {
         self.min + 0.5 * (self.max - self.min)
     }
@@ -95,7 +97,7 @@ impl Aabb {
         }
     }
 
-    /// Box around this box once it was moved (up to rounding, so inflate where that matters).
+    /// A box around the moved box, up to rounding; inflate it where rounding matters.
     #[must_use]
     pub fn transformed(&self, pose: &Isometry3<f64>) -> Self {
         if self.is_empty() {
@@ -122,7 +124,7 @@ struct Centred<'a> {
 impl<'a> Centred<'a> {
     fn new(vertices: &'a [Point3<f64>], triangles: &'a [[u32; 3]]) -> Self {
         let bounds = Aabb::of_points(vertices);
-        // The lowest corner moves with the mesh without rounding; its middle would not.
+        // The lowest corner moves with the mesh without rounding; the centre would not.
         Self {
             vertices,
             triangles,
@@ -140,7 +142,7 @@ impl<'a> Centred<'a> {
         a.dot(&b.cross(&c))
     }
 
-    /// Sum of `weight(t) (a + b + c) / total`, moved back to the mesh's frame.
+    /// Sum of `weight(t) (a + b + c) / total`, in the frame of the mesh.
     fn mean_corner_sum(&self, total: f64, weight: impl Fn(usize) -> f64 + Sync) -> Point3<f64> {
         let component = |k: usize| {
             let part = |t| {
@@ -162,10 +164,11 @@ fn triangle_area(vertices: &[Point3<f64>], [a, b, c]: [u32; 3]) -> f64 {
     0.5 * (b - a).cross(&(c - a)).norm()
 }
 
-/// Enclosed volume [m^3] of a closed surface given as vertices [m] and triangles; positive if it is oriented outward.
+/// Enclosed volume [m^3] of a closed surface given as vertices [m] and triangles; positive for an
+/// outward orientation.
 ///
-/// `V = 1/6 sum a.(b x c)` over triangles, corners taken from the middle of the bounding box. For an open surface
-/// this is the volume of the cones from that middle.
+/// `V = 1/6 sum a.(b x c)` over the triangles, with corners relative to the centre of the bounding
+/// box. For an open surface this is the volume of the cones from that centre.
 pub fn volume(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
     let centred = Centred::new(vertices, triangles);
     tree_sum_by(triangles.len(), |t| centred.six_volumes(t)) / 6.0
@@ -185,7 +188,7 @@ pub fn area(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
 }
 
 impl TriangleMesh {
-    /// Smallest box around all vertices [m], those without triangles too.
+    /// Smallest box around all vertices [m], including those without triangles.
     pub fn bounding_box(&self) -> Aabb {
         Aabb::of_points(&self.vertices)
     }
@@ -277,8 +280,8 @@ pub fn smallest_angle([a, b, c]: [Point3<f64>; 3]) -> f64 {
     }
 }
 
-/// The greatest of numbers that are not negative, 0 for none; not a number if one of them is not, which
-/// `f64::max` would hide.
+/// The greatest of non-negative numbers; 0 for none. NaN if one of them is NaN, which `f64::max`
+/// would hide.
 pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
     numbers.into_iter().fold(
         0.0,
@@ -286,7 +289,8 @@ pub fn greatest(numbers: impl IntoIterator<Item = f64>) -> f64 {
     )
 }
 
-/// Median of positive lengths [m], the mean of the middle two for an even count; `None` for none.
+/// Median of positive lengths [m], the mean of the two middle ones for an even count; `None` for no
+/// lengths.
 pub fn median(mut lengths: Vec<f64>) -> Option<f64> {
     if lengths.is_empty() {
         return None;

@@ -37,25 +37,25 @@ pub struct TriangleMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Why a list of triangles is no mesh.
+/// Error of [`TriangleMesh::new`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MeshError {
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} names vertex {index}, but there are {count} vertices")]
     IndexOutOfRange {
         /// Index of the triangle.
         triangle: usize,
-        /// The index found.
+        /// The invalid index.
         index: u32,
         /// Number of vertices.
         count: usize,
     },
-    /// A triangle names the same vertex twice.
+    /// A triangle refers to the same vertex twice.
     #[error("triangle {triangle} names vertex {index} twice")]
     RepeatedCorner {
         /// Index of the triangle.
         triangle: usize,
-        /// The index found twice.
+        /// The repeated index.
         index: u32,
     },
     /// A coordinate is NaN or infinite.
@@ -67,7 +67,7 @@ pub enum MeshError {
 }
 
 impl TriangleMesh {
-    /// Checks every index and coordinate.
+    /// Checks every index and coordinate and creates the mesh.
     ///
     /// # Errors
     /// An index out of range, a triangle with a repeated corner, a coordinate that is not finite.

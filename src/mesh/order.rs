@@ -1,11 +1,13 @@
-//! An order of vertices in which neighbours lie near each other in memory: reverse Cuthill-McKee.
+//! Reverse Cuthill-McKee order of vertices: neighbours are near each other in memory.
 
 use super::TriangleMesh;
 use super::topology::Topology;
 
-/// Reverse Cuthill-McKee order: entry `k` is the vertex that comes to place `k`, shape `[vertex_count]`.
+/// Reverse Cuthill-McKee order: entry `k` is the vertex at the new place `k`, shape
+/// `[vertex_count]`.
 ///
-/// Pieces follow each other, each from a vertex far out; ties are broken by index, so the order is determined.
+/// Components follow each other. Each starts from a peripheral vertex. The index breaks ties, so
+/// the order is deterministic.
 pub fn permutation(topology: &Topology) -> Vec<u32> {
     let (starts, neighbours) = topology.vertex_neighbours();
     let graph = Graph { starts, neighbours };
@@ -23,10 +25,11 @@ pub fn permutation(topology: &Topology) -> Vec<u32> {
     order
 }
 
-/// The mesh with vertices in the order of `permutation` and triangles sorted by their lowest vertex.
+/// The mesh with its vertices in the order of `permutation` and its triangles sorted by their
+/// lowest vertex.
 ///
-/// Corners of a triangle keep their cyclic order and the one that comes first. `permutation` must hold each vertex
-/// once, as [`permutation`] returns it.
+/// Each triangle keeps the cyclic order of its corners and its first corner. `permutation` must
+/// contain each vertex once, as [`permutation`] returns it.
 #[must_use]
 pub fn apply(mesh: &TriangleMesh, permutation: &[u32]) -> TriangleMesh {
     let places = inverse(permutation);
@@ -50,7 +53,7 @@ pub fn apply(mesh: &TriangleMesh, permutation: &[u32]) -> TriangleMesh {
     }
 }
 
-/// The inverse permutation: entry `v` is the place of vertex `v`.
+/// The inverse permutation: entry `v` is the new place of vertex `v`.
 pub fn inverse(permutation: &[u32]) -> Vec<u32> {
     let mut places = vec![0; permutation.len()];
     for (place, &v) in permutation.iter().enumerate() {
@@ -59,7 +62,7 @@ pub fn inverse(permutation: &[u32]) -> Vec<u32> {
     places
 }
 
-/// Largest difference of the two indices of an edge; zero without edges.
+/// Largest index difference of the two ends of an edge; zero without edges.
 pub fn bandwidth(topology: &Topology) -> u32 {
     topology
         .edges
@@ -83,7 +86,8 @@ impl Graph {
         self.ring(v).len()
     }
 
-    /// A vertex from which the farthest vertex is as far as can be found by going there and looking again.
+    /// A pseudo-peripheral vertex: repeats the search from the farthest vertex until the distance
+    /// does not increase.
     fn far_vertex(&self, seed: u32, levels: &mut [u32]) -> u32 {
         let mut start = seed;
         let mut depth = 0;
@@ -107,7 +111,7 @@ impl Graph {
         }
     }
 
-    /// Vertices reached from `start` by rising distance, with their distance in `levels`.
+    /// Vertices reached from `start` by increasing distance; `levels` receives their distances.
     fn search(&self, start: u32, levels: &mut [u32]) -> Vec<u32> {
         levels[start as usize] = 0;
         let mut reached = vec![start];
@@ -173,7 +177,7 @@ mod tests {
         let mut sorted = order.clone();
         sorted.sort_unstable();
         assert_eq!(sorted, (0..85).collect::<Vec<_>>());
-        // The pieces stay together.
+        // The components stay contiguous.
         assert!(order[..42].iter().all(|&v| v > 42) && order[43..].iter().all(|&v| v < 42));
     }
 
@@ -187,12 +191,12 @@ mod tests {
             let order = permutation(&before);
             let after = apply(&m, &order);
             let topology = Topology::new(&after);
-            // A breadth-first level is at most about a ring around the body.
+            // A breadth-first level contains at most about a ring around the body.
             let ring = if thin { 30 } else { 120 };
             prop_assert!(bandwidth(&topology) < ring, "{} of {}", bandwidth(&topology), bandwidth(&before));
             prop_assert!(bandwidth(&before) > 2 * ring);
             prop_assert!(topology.is_closed() && topology.is_oriented());
-            // The same surface: each triangle has the corners of one before.
+            // The same surface: each triangle has the corners of an original one.
             let places = inverse(&order);
             for t in &m.triangles {
                 prop_assert!(after.triangles.contains(&t.map(|v| places[v as usize])));

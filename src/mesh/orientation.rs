@@ -1,23 +1,25 @@
-//! Which triangles to turn round so that neighbours agree.
+//! The triangles to reverse so that neighbours have the same orientation.
 
 use super::topology::{NONE, Topology};
 
-/// Patches of triangles that are joined by edges with exactly two triangles, and how each is turned.
+/// Patches of triangles joined by edges with exactly two triangles, and the orientation within
+/// each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Orientation {
     /// The patch of each triangle, numbered by its lowest triangle.
     pub patches: Vec<u32>,
     /// Number of patches.
     pub count: usize,
-    /// Whether a triangle is to be turned round so that its patch agrees; the fewer of the two ways to do so, and where
-    /// they are as many, the one that keeps the lowest triangle.
+    /// True for each triangle to reverse so that its patch is consistent. Of the two choices the
+    /// one with fewer reversals; for equal numbers the one that keeps the lowest triangle.
     pub turn: Vec<bool>,
-    /// The lowest edge about which a patch cannot agree, because it has one side only (a Moebius strip).
+    /// The lowest edge where a patch cannot be consistent because it is one-sided (a Moebius
+    /// strip).
     pub one_sided: Option<u32>,
 }
 
 impl Orientation {
-    /// Walks each patch from its lowest triangle.
+    /// Traverses each patch from its lowest triangle.
     pub fn new(topology: &Topology, triangles: &[[u32; 3]]) -> Self {
         let mut this = Self {
             patches: vec![NONE; triangles.len()],
@@ -70,7 +72,7 @@ impl Orientation {
     }
 }
 
-/// Whether a triangle runs an edge of its own from the first to the second end.
+/// True if a triangle traverses one of its edges from the first to the second end.
 fn runs(triangle: [u32; 3], [a, b]: [u32; 2]) -> bool {
     (0..3).any(|k| triangle[k] == a && triangle[(k + 1) % 3] == b)
 }

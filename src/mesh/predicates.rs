@@ -1,31 +1,33 @@
-//! Exact answers about triangles: without area, crossing one another, folded onto one another.
+//! Exact predicates of triangles: zero area, intersection, folding onto one another.
 //!
-//! Signs are those of the doubles as stored \[shewchuk1997\]. The few points of a question are multiplied by one power of two
-//! where their products could overflow or vanish, so that a vertex far away has no say in what it is no part of. Within one
-//! question coordinates may differ by a factor of 1e60; what is smaller beside the others may be taken for zero.
+//! Signs are those of the doubles as stored \[shewchuk1997\]. The few points of a query are scaled
+//! by one power of two where their products could overflow or underflow, so a distant vertex does
+//! not affect triangles without it. Within one query coordinates can differ by a factor of 1e60; a
+//! coordinate that is smaller relative to the others can count as zero.
 
 use nalgebra::Point3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 
 use super::measures::greatest;
 
-/// Coordinates between these have products of three that neither overflow nor vanish.
+/// Products of three coordinates in this range neither overflow nor underflow.
 const PLAIN: std::ops::Range<f64> = 1e-60..1e60;
 
-/// The points times the power of two that brings the greatest coordinate near 1, where it is far from that: no digit changes.
+/// The points scaled by the power of two that brings the greatest coordinate near 1, if it is far
+/// from 1. No digit changes.
 pub fn near_one<const N: usize>(points: [Point3<f64>; N]) -> [Point3<f64>; N] {
     let greatest = greatest(points.iter().flat_map(|p| p.coords.iter().map(|c| c.abs())));
     if PLAIN.contains(&greatest) || !(greatest > 0.0 && greatest.is_finite()) {
         return points;
     }
-    // In two halves, because a single factor for the smallest doubles would itself overflow.
+    // In two halves: a single factor for the smallest doubles would overflow.
     let exponent = -libm::ilogb(greatest);
     let half = exponent / 2;
     let (one, two) = (libm::ldexp(1.0, half), libm::ldexp(1.0, exponent - half));
     points.map(|p| p.map(|c| c * one * two))
 }
 
-/// On which side of the plane through a triangle a point lies: a positive, a negative number or exactly 0.
+/// The side of a triangle's plane on which a point lies: positive, negative or exactly 0.
 pub(crate) fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
     let at = |v: &Point3<f64>| Coord3D {
         x: v.x,
@@ -35,7 +37,7 @@ pub(crate) fn side([a, b, c]: &[Point3<f64>; 3], p: &Point3<f64>) -> f64 {
     orient3d(at(a), at(b), at(c), at(p))
 }
 
-/// The turn a, b, c seen along `axis`: positive, negative or exactly 0.
+/// The orientation of a, b, c seen along `axis`: positive, negative or exactly 0.
 pub(crate) fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
     let at = |v: &Point3<f64>| Coord {
         x: v[(axis + 1) % 3],
@@ -44,17 +46,17 @@ pub(crate) fn turn(axis: usize, a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64
     orient2d(at(a), at(b), at(c))
 }
 
-/// An axis along which the triangle is seen with area; `None` where its corners lie on one line.
+/// An axis along which the projected triangle has area; `None` where its corners are collinear.
 fn open_axis([a, b, c]: &[Point3<f64>; 3]) -> Option<usize> {
     (0..3).find(|&axis| turn(axis, a, b, c) != 0.0)
 }
 
-/// Whether the corners lie on one line, or coincide.
+/// True if the corners are collinear or coincide.
 pub fn is_flat(triangle: &[Point3<f64>; 3]) -> bool {
     open_axis(&near_one(*triangle)).is_none()
 }
 
-/// Whether a closed segment and a closed triangle with area share a point.
+/// True if a closed segment and a closed triangle with area share a point.
 pub(crate) fn segment_meets(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f64>; 3]) -> bool {
     let (above, below) = (side(triangle, p), side(triangle, q));
     if (above > 0.0 && below > 0.0) || (above < 0.0 && below < 0.0) {
@@ -86,7 +88,7 @@ fn segment_meets_in_plane(p: &Point3<f64>, q: &Point3<f64>, triangle: &[Point3<f
         || (0..3).any(|k| segments_meet(axis, [p, q], [side_of(k).0, side_of(k).1]))
 }
 
-/// Whether two closed segments of one plane share a point, seen along `axis`.
+/// True if two coplanar closed segments share a point, seen along `axis`.
 fn segments_meet(axis: usize, [p, q]: [&Point3<f64>; 2], [a, b]: [&Point3<f64>; 2]) -> bool {
     let (pa, pb) = (turn(axis, p, q, a), turn(axis, p, q, b));
     let (ap, aq) = (turn(axis, a, b, p), turn(axis, a, b, q));
@@ -94,16 +96,17 @@ fn segments_meet(axis: usize, [p, q]: [&Point3<f64>; 2], [a, b]: [&Point3<f64>; 
     if apart(pa, pb) || apart(ap, aq) {
         return false;
     }
-    // On one line the boxes decide.
+    // For collinear segments the boxes decide.
     let overlap = |k: usize| p[k].max(q[k]) >= a[k].min(b[k]) && a[k].max(b[k]) >= p[k].min(q[k]);
     let on_one_line = pa == 0.0 && pb == 0.0 && ap == 0.0 && aq == 0.0;
     !on_one_line || (overlap((axis + 1) % 3) && overlap((axis + 2) % 3))
 }
 
-/// Whether two triangles with area meet elsewhere than in the corners that they share, named by `s` and `t`.
+/// True if two triangles with area intersect elsewhere than in common corners; `s` and `t` are
+/// their vertex indices.
 ///
-/// Triangles with an edge in common meet elsewhere only where one is folded onto the other; with all three corners in
-/// common they are duplicates, which is another question.
+/// Two triangles with a common edge intersect elsewhere only where one is folded onto the other.
+/// Two triangles with three common corners are duplicates; this function does not test for them.
 pub fn intersect(s: [u32; 3], t: [u32; 3], at: impl Fn(u32) -> Point3<f64>) -> bool {
     let names = [s[0], s[1], s[2], t[0], t[1], t[2]];
     let points = near_one(names.map(&at));
@@ -157,7 +160,7 @@ mod tests {
         Point3::new(x, y, z)
     }
 
-    /// Tests two triangles given by points; equal points are one vertex.
+    /// Tests two triangles given as points; equal points are one vertex.
     fn meet(s: [Point3<f64>; 3], t: [Point3<f64>; 3]) -> bool {
         let points: Vec<Point3<f64>> = [s, t].concat();
         let name = |k: usize| points.iter().position(|q| *q == points[k]).unwrap_or(k) as u32;
@@ -198,7 +201,7 @@ mod tests {
         ] {
             assert_eq!(meet(floor(), t), expected, "{t:?}");
         }
-        // The smallest double above the plane is above it, as long as it is not scaled down.
+        // The smallest double above the plane counts as above it, since it is not scaled down.
         assert!(!intersect([0, 1, 2], [3, 4, 5], |v| [
             floor(),
             tip_an_ulp_above
@@ -241,7 +244,7 @@ mod tests {
             p(1.0, 0.0, 0.0),
             p(3.0, 3.0, 3.0)
         ]));
-        // A tenth is no exact number, and three tenths are not three times it.
+        // A tenth is not exactly representable, and three tenths are not three times it.
         assert!(!is_flat(&[
             p(0.0, 0.0, 0.0),
             p(0.1, 0.1, 0.1),
@@ -263,7 +266,7 @@ mod tests {
 
     #[test]
     fn drawn_triangles_agree_with_a_search_for_a_common_point() {
-        // On a grid of eighths all of this is exact, and triangles touch and cross often.
+        // On a grid of eighths the arithmetic is exact, and triangles often touch and cross.
         let mut draw = Draw::new(31);
         let mut seen = [0, 0];
         for _ in 0..3000 {
@@ -277,13 +280,13 @@ mod tests {
             }
             let met = meet(s, t);
             seen[usize::from(met)] += 1;
-            // Triangles of this grid that are apart are so by more than a hundredth.
+            // Disjoint triangles of this grid are more than a hundredth apart.
             assert_eq!(met, gap(&s, &t) <= 1e-3, "{s:?} {t:?}");
         }
         assert!(seen[0] > 300 && seen[1] > 300, "{seen:?}");
     }
 
-    /// Distance of two triangles by alternating projections, slow and independent of signs.
+    /// Distance of two triangles by alternating projections: slow and independent of signs.
     fn gap(s: &[Point3<f64>; 3], t: &[Point3<f64>; 3]) -> f64 {
         use crate::mesh::closest::closest_on_triangle;
         let mut x = s[0];

@@ -1,8 +1,9 @@
-//! Remeshing to even, well-shaped triangles of a wanted edge length, on the same surface.
+//! Remeshing to uniform, well-shaped triangles of a target edge length on the same surface.
 //!
-//! Rounds of the usual four operations: long edges are split, short ones collapsed, edges flipped toward larger
-//! angles and valence 6, vertices moved within the surface. Each is refused where the new triangles would leave the
-//! original surface, or points of the original (its vertices, points of its folded edges) would leave the new one.
+//! Each round has the four usual operations: split of long edges, collapse of short edges, edge
+//! flips towards larger angles and valence 6, and tangential smoothing. An operation is rejected if
+//! the new triangles would leave the original surface, or if points of the original (its vertices
+//! and points of its folded edges) would leave the new surface.
 
 mod working;
 
@@ -13,31 +14,32 @@ use super::topology::{NONE, Topology};
 use super::{MeshError, TriangleMesh};
 use working::{Limits, Working, smallest_sine};
 
-/// Longest edge after a split, in wanted edge lengths.
+/// Longest edge after a split, in target edge lengths.
 const LONG: f64 = 4.0 / 3.0;
-/// Edges shorter than this many wanted lengths are collapsed.
+/// Edges shorter than this are collapsed, in target edge lengths.
 const SHORT: f64 = 0.8;
-/// Longest edge that a flip or a repair may make, in wanted edge lengths.
+/// Longest edge after a flip or a repair, in target edge lengths.
 const LONGEST: f64 = 1.5;
-/// Edges shorter than this many wanted lengths are repaired even at the cost of deviation.
+/// Edges shorter than this are repaired even at the cost of deviation, in target edge lengths.
 const SHORTEST: f64 = 0.4;
-/// Allowed deviation in rounds, in wanted edge lengths.
+/// Allowed deviation in rounds, in target edge lengths.
 const DEVIATION: f64 = 0.05;
-/// Allowed deviation in each pass of repair, in wanted edge lengths.
+/// Allowed deviation in each pass of repair, in target edge lengths.
 const REPAIR_DEVIATIONS: [f64; 8] = [0.05, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.1];
-/// Triangles with a smaller sine are repaired: 25 degrees.
+/// Triangles with a smaller sine of their smallest angle are repaired: 25 degrees.
 const REPAIR_SINE: f64 = 0.422_618;
-/// A collapse of an edge that is far too short may leave triangles with this sine: 17 degrees.
+/// Least sine of triangles after the collapse of an edge that is far too short: 17 degrees.
 const LEAST_SINE: f64 = 0.292_372;
-/// A vertex this near to where smoothing wants it stays, in wanted edge lengths.
+/// A vertex this near to its smoothed position stays, in target edge lengths.
 const SETTLED: f64 = 0.03;
-/// Rounds end once fewer than one change for so many triangles is made; repair finds the rest.
+/// Rounds end when there is less than one change per this number of triangles; repair does the
+/// rest.
 const ENOUGH: usize = 200;
-/// Most rounds of all four operations.
+/// Greatest number of rounds of all four operations.
 const ROUNDS: usize = 6;
-/// More triangles than this are refused [1]; a mesh of this size needs about 2 GB while it is made.
+/// Greatest number of triangles [1]; a mesh of this size needs about 2 GB during remeshing.
 const MOST_TRIANGLES: f64 = 8e6;
-/// Whether to go on is asked after so many edges, vertices or triangles.
+/// Number of edges, vertices or triangles between two checks for cancellation.
 const ASKED: usize = 1000;
 
 /// A remeshed surface.
@@ -45,11 +47,11 @@ const ASKED: usize = 1000;
 pub struct Refined {
     /// The new mesh.
     pub mesh: TriangleMesh,
-    /// What was measured of it.
+    /// Measures of the result.
     pub report: RefineReport,
 }
 
-/// What was measured of a remeshed surface.
+/// Measures of a remeshed surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RefineReport {
     /// Longest edge [m].
@@ -58,24 +60,25 @@ pub struct RefineReport {
     pub min_edge: f64,
     /// Smallest angle of a triangle [rad].
     pub min_angle: f64,
-    /// Largest distance found between the two surfaces, in both directions [m].
+    /// Largest distance between the two surfaces, in both directions [m].
     ///
-    /// Samples of the new surface against the original, vertices and folded edges of the original against the new.
+    /// It is measured from samples of the new surface to the original, and from vertices and folded
+    /// edges of the original to the new surface.
     pub deviation: f64,
-    /// Enclosed volume of the new mesh less that of the original, over the latter; zero for an open mesh.
+    /// Relative change of the enclosed volume; zero for an open mesh.
     pub volume_change: f64,
 }
 
-/// Why a mesh cannot be remeshed.
+/// Error of [`refine`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RefineError {
-    /// The wanted edge length is not a positive number.
+    /// The target edge length is not a positive number.
     #[error("the wanted edge length must be a positive number, not {0}")]
     EdgeLength(f64),
     /// The mesh has no triangles.
     #[error("the mesh has no triangles")]
     Empty,
-    /// An index or a coordinate is wrong.
+    /// An index or a coordinate is invalid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
     /// Edges with more than two triangles, or vertices where surfaces touch.
@@ -88,10 +91,10 @@ pub enum RefineError {
         /// Number of such vertices.
         vertices: usize,
     },
-    /// Neighbouring triangles disagree about which side is outside.
+    /// Neighbouring triangles have opposite orientations.
     #[error("the triangles of the mesh are not consistently oriented")]
     NotOriented,
-    /// The wanted edges are too short for the size of the surface.
+    /// The target edge length is too small for the size of the surface.
     #[error("about {triangles:.3e} triangles would be needed, the most allowed is {most:.0e}")]
     TooManyTriangles {
         /// Estimated number.
@@ -99,16 +102,17 @@ pub enum RefineError {
         /// Largest allowed number.
         most: f64,
     },
-    /// Stopped from outside.
+    /// The caller stopped the remeshing.
     #[error("stopped")]
     Stopped,
 }
 
 /// Remeshes a manifold, oriented surface to edges of about `edge_length` [m].
 ///
-/// A closed mesh stays closed, a boundary keeps its vertices (its edges are split, never collapsed); orientation,
-/// pieces and Euler characteristic are kept. Detail that a surface of this edge length cannot follow within a tenth
-/// of it keeps its shorter edges. The result is the same for the same input.
+/// A closed mesh stays closed. A boundary keeps its vertices: its edges are split, never collapsed.
+/// Orientation, components and Euler characteristic are unchanged. The surface keeps shorter edges
+/// at details that triangles of this edge length cannot follow within a tenth of it. The result is
+/// deterministic.
 ///
 /// # Errors
 /// A bad edge length, an empty, non-manifold or inconsistently oriented mesh, too many triangles.
@@ -116,10 +120,11 @@ pub fn refine(mesh: &TriangleMesh, edge_length: f64) -> Result<Refined, RefineEr
     refine_while(mesh, edge_length, &|| true)
 }
 
-/// As [`refine`], as long as `go_on` says so: it is asked every thousand edges, vertices or triangles.
+/// The same as [`refine`]; calls `go_on` every thousand edges, vertices or triangles and stops when
+/// it returns false.
 ///
 /// # Errors
-/// As [`refine`]; [`RefineError::Stopped`].
+/// Those of [`refine`], or [`RefineError::Stopped`].
 pub fn refine_while(
     mesh: &TriangleMesh,
     edge_length: f64,
@@ -128,8 +133,9 @@ pub fn refine_while(
     refine_patch(mesh, edge_length, go_on).map(|(refined, _)| refined)
 }
 
-/// The same, and for each vertex of the result the vertex of the original's border that it is, so that what is cut out of a
-/// surface can be put back; [`NONE`] for all others. Vertices between two of these lie on the straight edge that they have split.
+/// The same as [`refine_while`], and for each vertex of the result the equal vertex of the
+/// original's boundary, or [`NONE`]. A patch cut out of a surface can thus be put back. Vertices
+/// between two of these lie on the straight edge that they split.
 pub(crate) fn refine_patch(
     mesh: &TriangleMesh,
     edge_length: f64,
@@ -218,7 +224,8 @@ fn limits(edge_length: f64) -> Limits {
     }
 }
 
-/// Splits edges longer than `longest`, the longest first, until there are none; returns their number.
+/// Splits edges longer than `longest`, longest first, until there are none. Returns the number of
+/// splits.
 fn split_long(working: &mut Working<'_>, longest: f64) -> usize {
     let mut splits = 0;
     loop {
@@ -227,7 +234,7 @@ fn split_long(working: &mut Working<'_>, longest: f64) -> usize {
             return splits;
         }
         splits += edges.len();
-        // A split changes no other edge, it only adds some, so the list holds while it is worked off.
+        // A split changes no other edge, so the list stays valid.
         for &(_, a, b) in edges.iter().rev() {
             if !working.goes_on() {
                 return splits;
@@ -244,7 +251,8 @@ fn collapse_short(working: &mut Working<'_>, edge_length: f64) -> usize {
         if !working.goes_on() {
             break;
         }
-        // An earlier collapse may have removed the edge, or moved its ends apart; `collapse` checks the former.
+        // An earlier collapse can remove the edge or move its ends apart; `collapse` checks the
+        // former.
         if working.length(a, b) <= length.max(SHORT * edge_length) {
             collapses += usize::from(working.collapse(a, b, &limits));
         }
@@ -264,7 +272,7 @@ fn flip_for_angles(working: &mut Working<'_>, edge_length: f64) -> usize {
             if !working.goes_on() {
                 return total;
             }
-            // A clear gain, so that equal diagonals do not swap for ever.
+            // Requires a clear gain, so that equal diagonals do not alternate.
             flips += usize::from(working.flip(a, b, &limits, |_, _, old, new| new > 1.01 * old));
         }
         total += flips;
@@ -297,7 +305,7 @@ fn flip_for_valence(working: &mut Working<'_>, edge_length: f64) -> usize {
     flips
 }
 
-/// Moves each vertex toward the centroid of its ring, within the surface.
+/// Moves each vertex towards the centroid of its ring, within the surface.
 fn smooth(working: &mut Working<'_>, edge_length: f64) {
     let limits = limits(edge_length);
     for v in 0..working.points.len() as u32 {
@@ -332,7 +340,7 @@ fn smooth(working: &mut Working<'_>, edge_length: f64) {
     }
 }
 
-/// Passes over what is still thin or short, with growing freedom to leave the original surface.
+/// Passes over triangles that are still thin or short, with increasing allowed deviation.
 fn repair(working: &mut Working<'_>, edge_length: f64) {
     for deviation in REPAIR_DEVIATIONS {
         let limits = Limits {
@@ -397,7 +405,7 @@ fn repair_one(working: &mut Working<'_>, t: u32, edge_length: f64, limits: &Limi
     }
 }
 
-/// Moves a vertex to the best of some places around it, by the smallest angle of its triangles.
+/// Moves a vertex to the best of several nearby positions, by the smallest angle of its triangles.
 fn improve_vertex(working: &mut Working<'_>, v: u32, edge_length: f64, limits: &Limits) {
     if working.boundary[v as usize] {
         return;
@@ -454,7 +462,7 @@ fn measure(
         for k in 0..=4 {
             for j in 0..=4 - k {
                 let p = a + (b - a) * (f64::from(k) / 4.0) + (c - a) * (f64::from(j) / 4.0);
-                // Within a wanted length the search is short, and nearly always enough.
+                // Within one target length the search is short and nearly always sufficient.
                 let near = original
                     .closest(&p, edge_length)
                     .or_else(|| original.closest(&p, f64::INFINITY));

@@ -1,4 +1,5 @@
-//! Shapes made by code, by name: test bodies, the press, the built-in hip, soft bodies; and skins. All in metres.
+//! Generated shapes by name: test bodies, the press, the built-in hip, soft bodies and skins. All
+//! lengths are in metres.
 
 mod field;
 mod hip;
@@ -13,12 +14,12 @@ use super::TriangleMesh;
 pub use primitives::{box_surface, icosphere, tetrahedron, tube};
 pub use soft::{scalp, sheet};
 
-/// A shape made by code.
+/// A generated shape.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shape {
-    /// Its surface [m]; no triangles for a chain.
+    /// Surface [m]; without triangles for a chain.
     pub mesh: TriangleMesh,
-    /// Edges beside those of the triangles, vertex indices of each.
+    /// Edges other than those of the triangles, as vertex indices.
     pub edges: Vec<[u32; 2]>,
     /// Polylines along the fibres [m], each from origin to insertion.
     pub fibres: Vec<Vec<Point3<f64>>>,

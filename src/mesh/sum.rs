@@ -1,17 +1,18 @@
-//! Sums over a fixed tree, so that the bits of a result depend on the numbers alone and on no thread.
+//! Sums over a fixed tree: the bits of a result depend on the numbers alone, not on threads.
 
 use rayon::prelude::*;
 
-/// Numbers in one leaf of the tree. Part of the result's bits: changing it changes sums.
+/// Numbers in one leaf of the tree. The bits of a sum depend on this constant.
 const BLOCK: usize = 4096;
-/// Partial sums in a leaf, added in turn. Part of the result's bits.
+/// Partial sums in a leaf, added in turn. The bits of a sum depend on this constant.
 const LANES: usize = 8;
-/// From so many leaves on, leaves are summed by several threads. Not part of the result's bits.
+/// Number of leaves from which several threads sum them. The bits of a sum do not depend on it.
 const PARALLEL_BLOCKS: usize = 8;
 
 /// Sum of `values` over a fixed tree; the same bits for any number of threads.
 ///
-/// Rounding grows as `n / 8` within 4096 numbers and as `log n` above; the sum of nothing is zero.
+/// The rounding error grows as `n / 8` within 4096 numbers and as `log n` above. The sum of no
+/// numbers is zero.
 pub fn tree_sum(values: &[f64]) -> f64 {
     tree_sum_by(values.len(), |i| values[i])
 }
@@ -28,7 +29,7 @@ pub fn tree_sum_by(count: usize, value: impl Fn(usize) -> f64 + Sync) -> f64 {
     }
 }
 
-/// A sum that carries what rounding lost \[neumaier1974\]: for numbers that come one by one.
+/// A compensated sum of numbers that arrive one by one \[neumaier1974\].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Compensated {
     sum: f64,
@@ -89,7 +90,7 @@ mod tests {
         assert_eq!(tree_sum(&[]), 0.0);
         assert_eq!(tree_sum(&[3.5]), 3.5);
         for count in [2, 7, 8, 9, 4095, 4096, 4097, 8192, 12_345, 70_000] {
-            // Whole numbers are summed without rounding, so each must be counted exactly once.
+            // Sums of whole numbers are exact, so each number must be counted exactly once.
             let exact = (count * (count - 1) / 2) as f64;
             assert_eq!(tree_sum_by(count, |i| i as f64), exact, "{count}");
         }

@@ -1,21 +1,24 @@
-//! What is joined to what: edges, hinges, rings, components, and the questions of closed, oriented, manifold.
+//! Connectivity of triangle meshes: edges, hinges, rings, components; tests for closed, oriented
+//! and manifold.
 
 use super::TriangleMesh;
 
 /// Marks the absence of a triangle, edge or component in the arrays of [`Topology`].
 pub const NONE: u32 = u32::MAX;
 
-/// The combinatorial structure of a triangle mesh; it knows no positions.
+/// The combinatorial structure of a triangle mesh, without positions.
 ///
-/// Edges are sorted by their two vertices, hinges by their edge, rings by triangle, so the order depends on the
-/// triangles alone. Vertices that no triangle names are left out of components and of the Euler characteristic.
+/// Edges are sorted by their two vertices, hinges by their edge, rings by triangle; the order
+/// depends on the triangles alone. Vertices without triangles are not part of components or of the
+/// Euler characteristic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Topology {
     /// Vertices of each edge, lower index first, in lexicographic order.
     pub edges: Vec<[u32; 2]>,
     /// `(p1, p2, p3, p4)` of each edge with exactly two triangles: `p1, p2` shared, `p3, p4` the wing tips.
     ///
-    /// Triangle 1 is `(p1, p2, p3)` up to rotation; triangle 2 is `(p2, p1, p4)` where the two agree in orientation.
+    /// Triangle 1 is `(p1, p2, p3)` up to rotation; triangle 2 is `(p2, p1, p4)` if both have the
+    /// same orientation.
     pub hinges: Vec<[u32; 4]>,
     /// The edge of each hinge, ascending.
     pub hinge_edges: Vec<u32>,
@@ -28,16 +31,17 @@ pub struct Topology {
     ring_starts: Vec<u32>,
     ring_triangles: Vec<u32>,
     neighbours: Vec<[u32; 3]>,
-    /// For each edge the number of triangles that run it from the lower to the higher vertex.
+    /// Number of triangles per edge that traverse it from the lower to the higher vertex.
     forward: Vec<u32>,
 }
 
-/// Connected pieces of a mesh.
+/// Connected components of a mesh.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Components {
-    /// Label of each vertex, 0 for the piece of the lowest vertex; [`NONE`] for a vertex without triangles.
+    /// Label of each vertex, 0 for the component of the lowest vertex; [`NONE`] for a vertex
+    /// without triangles.
     pub labels: Vec<u32>,
-    /// Number of pieces.
+    /// Number of components.
     pub count: usize,
 }
 
@@ -50,7 +54,7 @@ struct Side {
 }
 
 impl Topology {
-    /// Builds the structure of a mesh whose indices are valid, see [`TriangleMesh::new`].
+    /// Builds the structure of a mesh with valid indices, see [`TriangleMesh::new`].
     pub fn new(mesh: &TriangleMesh) -> Self {
         Self::of_triangles(mesh.vertices.len(), &mesh.triangles)
     }
@@ -132,7 +136,8 @@ impl Topology {
             );
             self.neighbours[first as usize][i] = second;
             self.neighbours[second as usize][j] = first;
-            // Triangle 1 is the one that runs the edge upwards; where both or neither do, the first in order.
+            // Triangle 1 traverses the edge upwards; if both or neither do, it is the first in
+            // order.
             let first_runs_up = triangles[first as usize][i] == self.edges[e][0];
             let second_runs_up = triangles[second as usize][j] == self.edges[e][0];
             let swap = second_runs_up && !first_runs_up;
@@ -172,7 +177,7 @@ impl Topology {
         self.ring_starts = starts;
     }
 
-    /// Number of vertices, with those that no triangle names.
+    /// Number of vertices, including those without triangles.
     pub fn vertex_count(&self) -> usize {
         self.vertex_count
     }
@@ -208,7 +213,7 @@ impl Topology {
 
     /// Length of each edge [m], shape `[edge_count]`.
     ///
-    /// The mesh is the one that this structure was built of, its vertices moved or not.
+    /// The mesh must have the triangles of this structure; its vertices can be at other positions.
     pub fn edge_lengths(&self, mesh: &TriangleMesh) -> Vec<f64> {
         let length =
             |&[a, b]: &[u32; 2]| (mesh.vertices[b as usize] - mesh.vertices[a as usize]).norm();
@@ -231,7 +236,7 @@ impl Topology {
             .collect()
     }
 
-    /// Edges with two triangles that both run them the same way, ascending.
+    /// Edges with two triangles that traverse them in the same direction, ascending.
     pub fn inconsistent_edges(&self) -> Vec<u32> {
         let disagree = |&e: &usize| self.triangles_of_edge(e).len() == 2 && self.forward[e] != 1;
         (0..self.edges.len())
@@ -240,7 +245,7 @@ impl Topology {
             .collect()
     }
 
-    /// Vertices whose triangles form more than one fan (two surfaces that touch in a point), ascending.
+    /// Vertices whose triangles form more than one fan, ascending: surfaces touch in these points.
     pub fn non_manifold_vertices(&self, mesh: &TriangleMesh) -> Vec<u32> {
         (0..self.vertex_count)
             .filter(|&v| self.fan_count(mesh, v) > 1)
@@ -250,7 +255,8 @@ impl Topology {
 
     fn fan_count(&self, mesh: &TriangleMesh, vertex: usize) -> usize {
         let ring = self.triangles_of_vertex(vertex);
-        // Each triangle has two sides at the vertex; triangles with a side in common are of one fan.
+        // Each triangle has two sides at the vertex; triangles with a common side belong to one
+        // fan.
         let mut sides: Vec<(u32, u32)> = Vec::with_capacity(2 * ring.len());
         for (k, &t) in ring.iter().enumerate() {
             for side in 0..3 {
@@ -273,13 +279,14 @@ impl Topology {
         fans
     }
 
-    /// Whether the mesh has triangles and each edge has exactly two.
+    /// True if the mesh has triangles and each edge has exactly two.
     pub fn is_closed(&self) -> bool {
         !self.edges.is_empty()
             && (0..self.edges.len()).all(|e| self.triangles_of_edge(e).len() == 2)
     }
 
-    /// Whether each edge with two triangles is run once in each direction, and no edge has more than two.
+    /// True if each edge with two triangles is traversed once in each direction, and no edge has
+    /// more than two.
     pub fn is_oriented(&self) -> bool {
         (0..self.edges.len()).all(|e| match self.triangles_of_edge(e).len() {
             1 => true,
@@ -293,12 +300,12 @@ impl Topology {
         self.used_vertices as i64 - self.edges.len() as i64 + self.triangle_count() as i64
     }
 
-    /// The connected pieces, numbered by their lowest vertex.
+    /// The connected components, numbered by their lowest vertex.
     pub fn components(&self) -> Components {
         let mut parents: Vec<u32> = (0..self.vertex_count as u32).collect();
         for &[a, b] in &self.edges {
             let (a, b) = (root(&mut parents, a), root(&mut parents, b));
-            // The lower root wins, so that a piece is known by its lowest vertex.
+            // The lower root wins, so that the lowest vertex identifies a component.
             parents[a.max(b) as usize] = a.min(b);
         }
         let mut labels = vec![NONE; self.vertex_count];
@@ -318,7 +325,8 @@ impl Topology {
         Components { labels, count }
     }
 
-    /// For each vertex its neighbours along edges, ascending: offsets (`vertex_count + 1`) and neighbours.
+    /// Neighbours of each vertex along edges, ascending: offsets (`vertex_count + 1`) and
+    /// neighbours.
     pub fn vertex_neighbours(&self) -> (Vec<u32>, Vec<u32>) {
         let mut starts = vec![0u32; self.vertex_count + 1];
         for &v in self.edges.iter().flatten() {
@@ -329,7 +337,8 @@ impl Topology {
         }
         let mut next = starts.clone();
         let mut neighbours = vec![0; 2 * self.edges.len()];
-        // Lexicographic edges give each vertex first its lower, then its higher neighbours, both ascending.
+        // Lexicographic edges give each vertex first its lower, then its higher neighbours, both in
+        // ascending order.
         for ends in [[1, 0], [0, 1]] {
             for edge in &self.edges {
                 let (from, to) = (edge[ends[0]] as usize, edge[ends[1]]);
@@ -365,7 +374,7 @@ mod tests {
 
     const TETRAHEDRON: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
 
-    /// A grid of `m` x `n` quads, wrapped in both directions: a torus.
+    /// A grid of `m` x `n` quads, periodic in both directions: a torus.
     fn torus(m: u32, n: u32) -> TriangleMesh {
         let at = |i: u32, j: u32| (i % m) * n + j % n;
         let mut triangles = Vec::new();
@@ -442,7 +451,8 @@ mod tests {
         triangles[2].swap(0, 1);
         let t = Topology::new(&mesh(4, &triangles));
         assert!(t.is_closed() && !t.is_oriented());
-        // Both triangles of edge 0-2 run it the same way; triangle 1 still reads (p1, p2, p3).
+        // Both triangles of edge 0-2 traverse it in the same direction; triangle 1 is still (p1,
+        // p2, p3).
         let m = mesh(4, &triangles);
         for &[p1, p2, p3, _] in &t.hinges {
             assert!(

@@ -1,4 +1,5 @@
-//! The generalised winding number, for the sign of distances to surfaces that are not closed and oriented.
+//! The generalised winding number: the sign of distances to surfaces that are not closed and
+//! oriented.
 
 use nalgebra::Point3;
 
@@ -8,9 +9,9 @@ use crate::mesh::measures::Aabb;
 /// Triangles at a leaf of the tree.
 const LEAF: usize = 8;
 
-/// A tree over triangles. Seen from outside the box of a node, its triangles wind as much as any other surface with
-/// the same boundary, so the node is replaced by a fan over its boundary edges: exact, and short for a large patch
-/// \[jacobson2013\].
+/// A tree over triangles \[jacobson2013\]. Seen from outside the box of a node, its triangles have
+/// the same winding number as any other surface with the same boundary. A fan over the boundary
+/// edges therefore replaces the node: exact, and short for a large patch.
 #[derive(Clone, Debug)]
 pub struct WindingTree {
     corners: Vec<[Point3<f64>; 3]>,
@@ -87,7 +88,8 @@ impl WindingTree {
         (self.corners.capacity() + caps) * 72 + self.nodes.capacity() * std::mem::size_of::<Node>()
     }
 
-    /// Winding number of the surface about `p`: 1 inside a closed outward surface, 0 outside, between for openings.
+    /// Winding number of the surface about `p`: 1 inside a closed outward surface, 0 outside,
+    /// intermediate near openings.
     pub fn number(&self, p: &Point3<f64>) -> f64 {
         let mut sum = 0.0;
         let mut stack = vec![0u32];
@@ -109,9 +111,9 @@ impl WindingTree {
     }
 }
 
-/// Fan from the first boundary vertex over the boundary edges of some triangles.
+/// Fan from the first boundary vertex over the boundary edges of a set of triangles.
 fn cap(mesh: &TriangleMesh, part: &[u32]) -> Vec<[Point3<f64>; 3]> {
-    // Each side with its lower end first, and whether it runs upwards.
+    // Each side with its lower end first, and its direction.
     let mut sides: Vec<(u32, u32, i32)> = Vec::with_capacity(3 * part.len());
     for &t in part {
         let [a, b, c] = mesh.triangles[t as usize];
@@ -135,7 +137,7 @@ fn cap(mesh: &TriangleMesh, part: &[u32]) -> Vec<[Point3<f64>; 3]> {
     fan
 }
 
-/// Winding number by the plain sum, for comparison.
+/// Winding number by the direct sum, for comparison.
 pub fn winding_number_direct(mesh: &TriangleMesh, p: &Point3<f64>) -> f64 {
     (0..mesh.triangles.len())
         .map(|t| winding_of(p, &mesh.corners(t)))
@@ -152,7 +154,7 @@ mod tests {
     #[test]
     fn the_tree_sums_what_the_plain_sum_does() {
         let mut mesh = icosphere(1.0, 3);
-        // A hole and a flipped patch: what pseudo-normals cannot answer.
+        // A hole and a flipped patch: pseudo-normals fail here.
         mesh.triangles.drain(100..140);
         mesh.triangles[0..20].iter_mut().for_each(|t| t.swap(0, 1));
         let tree = WindingTree::new(&mesh);

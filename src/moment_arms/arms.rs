@@ -1,4 +1,5 @@
-//! What a sweep gives: lengths and moment arms of each fibre and of the muscle, and how they compare with others.
+//! Results of a sweep: lengths and moment arms of each fibre and of the muscle, and their
+//! comparison with tables.
 
 use super::curve::{Roughness, extremes, moment_arms, roughness};
 use super::reference::{Comparison, Reference, ReferenceError, Table};
@@ -7,28 +8,29 @@ use super::sweep::{Crossing, Running};
 /// Moment arms of a muscle.
 #[derive(Clone, Debug)]
 pub struct Arms {
-    /// Its name.
+    /// Name of the muscle.
     pub name: String,
-    /// Values of the angle that were reached \[rad\].
+    /// Angles that the sweep reached \[rad\].
     pub angles: Vec<f64>,
-    /// For each fibre its length at each value [m].
+    /// Length of each fibre at each angle [m], as `lengths[fibre][angle]`.
     pub lengths: Vec<Vec<f64>>,
-    /// For each fibre its moment arm at each value [m].
+    /// Moment arm of each fibre at each angle [m], as `fibres[fibre][angle]`.
     pub fibres: Vec<Vec<f64>>,
-    /// Mean over the fibres of their lengths at each value [m].
+    /// Mean length of the fibres at each angle [m].
     pub length: Vec<f64>,
-    /// Mean over the fibres of their moment arms at each value [m]: the muscle's.
+    /// Moment arm of the muscle at each angle [m]: the mean over the fibres.
     pub mean: Vec<f64>,
-    /// Mean over the fibres of what straight lines between their ends would have at each value [m]: what is left of the
-    /// difference to it is how the muscle is curved.
+    /// Moment arm of straight lines between the ends of the fibres at each angle [m], mean over the
+    /// fibres. The difference to `mean` is the effect of the muscle's curvature.
     pub straight: Vec<f64>,
-    /// How rough the muscle's moment arm is without smoothing.
+    /// Roughness of the muscle's moment arm without smoothing.
     pub roughness: Option<Roughness>,
-    /// How rough the muscle's length is.
+    /// Roughness of the muscle's length.
     pub length_roughness: Option<Roughness>,
-    /// Tables that have the muscle, and how it compares; `None` where they have no angles in common.
+    /// Tables that contain the muscle, with the comparison; `None` where the ranges of angles do
+    /// not overlap.
     pub compared: Vec<(String, Reference, Option<Comparison>)>,
-    /// The share of the angles at which straight lines would lie in the envelope of the same tables.
+    /// Share of the angles at which straight lines would lie in the envelope of the same tables.
     pub straight_overlaps: Vec<Option<f64>>,
 }
 
@@ -37,7 +39,8 @@ fn mean(of: &[Vec<f64>], k: usize) -> f64 {
 }
 
 impl Arms {
-    /// Of a muscle, from what a sweep recorded; `around` values on each side are smoothed over, see [`moment_arms`].
+    /// Moment arms of a muscle from the record of a sweep. Smoothing uses `around` values on each
+    /// side, see [`moment_arms`].
     pub fn new(muscle: &Crossing, running: &Running, around: usize) -> Self {
         let values = muscle.lengths.len();
         let count = muscle.fibres.len();
@@ -68,7 +71,7 @@ impl Arms {
     /// Compares the muscle's moment arm with those of tables over a coordinate such as `hip_flexion`.
     ///
     /// # Errors
-    /// A table that is of no use.
+    /// A table that cannot be used.
     pub fn compare(&mut self, tables: &[Table], coordinate: &str) -> Result<(), ReferenceError> {
         for table in tables {
             if let Some(reference) = table.of(&self.name, coordinate)? {
@@ -83,7 +86,7 @@ impl Arms {
         Ok(())
     }
 
-    /// Least and greatest moment arm of a fibre at a value [m].
+    /// Least and greatest moment arm of a fibre at angle `k` [m].
     pub fn bounds(&self, k: usize) -> [f64; 2] {
         extremes(self.fibres.iter().map(|f| f[k])).unwrap_or([f64::NAN; 2])
     }

@@ -1,11 +1,12 @@
-//! Lengths over an angle: their derivative, and how smooth that is.
+//! Derivative of a length with respect to an angle, and its roughness.
 
-/// Points on each side of the one that a local cubic is compared with.
+/// Number of values on each side of a point in the local cubic fit.
 pub const AROUND: usize = 4;
 
-/// Moment arms `-dL/dq` [m] of lengths [m] at angles \[rad\] that are `step` apart. With `around` 0 nothing is smoothed:
-/// second-order differences, one-sided at the ends. Else the slope of the cubic fitted by least squares to so many values
-/// on each side, at the ends that of the last such cubic. NaN for fewer than 3 lengths, or `2 around + 1`.
+/// Moment arms `-dL/dq` [m] of lengths [m] at angles \[rad\] that are `step` apart. `around` = 0
+/// means no smoothing: second-order differences, one-sided at the ends. Otherwise the slope is that
+/// of the cubic fitted by least squares to `around` values on each side; near the ends, of the last
+/// complete cubic. NaN for fewer than 3 lengths, or fewer than `2 around + 1`.
 ///
 /// ```
 /// use pliant::moment_arms::curve::moment_arms;
@@ -34,7 +35,8 @@ pub fn moment_arms(lengths: &[f64], step: f64, around: usize) -> Vec<f64> {
     (0..n).map(|k| -slope(k) / step).collect()
 }
 
-/// Slope at `at` places from the middle of the cubic fitted to an odd number of values, at least 5, a place apart.
+/// Slope of the cubic fitted to an odd number of values, at least 5, at unit distances; `at` is the
+/// position from the middle.
 fn fitted_slope(values: &[f64], at: f64) -> f64 {
     let m = (values.len() / 2) as f64;
     let place = |k: usize| k as f64 - m;
@@ -48,14 +50,14 @@ fn fitted_slope(values: &[f64], at: f64) -> f64 {
     };
     let [s0, s2, s4, s6] = [0, 2, 4, 6].map(sum);
     let [t0, t1, t2, t3] = [0, 1, 2, 3].map(of);
-    // Even and odd powers do not mix over places that are symmetric.
+    // On symmetric positions even and odd powers are independent.
     let odd = s2 * s6 - s4 * s4;
     let (linear, cubic) = ((t1 * s6 - t3 * s4) / odd, (t3 * s2 - t1 * s4) / odd);
     let square = (t2 * s0 - t0 * s2) / (s4 * s0 - s2 * s2);
     linear + 2.0 * square * at + 3.0 * cubic * at * at
 }
 
-/// Least and greatest of some numbers, both NaN if one is; `None` of none.
+/// Least and greatest of some numbers; both are NaN if one number is. `None` for no numbers.
 pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     let wider = |[low, high]: [f64; 2], [a, b]: [f64; 2]| match (low + a).is_nan() {
         true => [f64::NAN; 2],
@@ -64,17 +66,18 @@ pub fn extremes(numbers: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
     numbers.into_iter().map(|n| [n, n]).reduce(wider)
 }
 
-/// How far a curve at even distances departs from the cubics fitted to it around each point.
+/// Departure of a curve at even distances from the cubics fitted to it around each point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Roughness {
-    /// Root mean square of the departures, as a share of the curve's range.
+    /// Root mean square of the departures, relative to the curve's range.
     pub rms: f64,
-    /// Greatest departure, as a share of the curve's range.
+    /// Greatest departure, relative to the curve's range.
     pub max: f64,
 }
 
-/// Departure of each inner value from the cubic fitted by least squares to it and [`AROUND`] values on each side, as a
-/// share of the range of all values. `None` for fewer than `2 AROUND + 1` values, or where all are the same.
+/// Departure of each inner value from the cubic fitted by least squares to the value and [`AROUND`]
+/// values on each side, relative to the range of all values. `None` for fewer than `2 AROUND + 1`
+/// values, or if all values are equal.
 pub fn roughness(values: &[f64]) -> Option<Roughness> {
     let [least, most] = extremes(values.iter().copied())?;
     let range = most - least;
@@ -98,8 +101,8 @@ pub fn roughness(values: &[f64]) -> Option<Roughness> {
     })
 }
 
-/// Weights by which the value in the middle of a cubic fitted to `2 AROUND + 1` values comes from them: those of
-/// Savitzky and Golay, in closed form.
+/// Weights of the values in the middle of a cubic fitted to `2 AROUND + 1` values: the
+/// Savitzky-Golay weights in closed form.
 fn weights() -> [f64; 2 * AROUND + 1] {
     let m = AROUND as f64;
     let scale = (2.0 * m - 1.0) * (2.0 * m + 1.0) * (2.0 * m + 3.0);
@@ -143,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_cubic_smooths_noise_and_keeps_slopes() {
-        // Two up, two down: the noise that differences of neighbours but one show most of.
+        // Two up, two down: the noise with the greatest effect on central differences.
         let noise = |k: usize| if k % 4 < 2 { 1e-3 } else { -1e-3 };
         let noisy: Vec<f64> = (0..40).map(|k| 0.1 * k as f64 + noise(k)).collect();
         let worst = |around| {

@@ -1,9 +1,11 @@
-//! Lengths and moment arms of the fibres of a scene's muscles over the angle of a joint.
+//! Lengths and moment arms of the fibres of a scene's muscles as functions of a joint angle.
 //!
-//! A muscle's moment arm about a joint is `r = -dL/dq` \[sherman2013\], with its length `L` [m] and the joint's angle `q`
-//! \[rad\]: positive where pulling turns the joint towards greater angles. Fibres are found in the muscle at rest
-//! ([`crate::fibres::harmonic`]), bound to its volume ([`crate::fibres::carry`]), and carried through the motion
-//! ([`sweep`]); their lengths over the angle are derived in [`curve`], and compared with tables in [`reference`].
+//! The moment arm of a muscle about a joint is `r = -dL/dq` \[sherman2013\], with the length `L`
+//! [m] of the muscle and the angle `q` \[rad\] of the joint. It is positive where tension turns the
+//! joint towards greater angles. [`crate::fibres::harmonic`] finds the fibres in the muscle at
+//! rest. [`crate::fibres::carry`] binds them to its volume. [`sweep`] carries them through the
+//! motion. [`curve`] differentiates their lengths, and [`reference`] compares the result with
+//! tables.
 
 pub mod arms;
 pub mod curve;

@@ -1,6 +1,7 @@
-//! Names of muscles in tables of others.
+//! Names of muscles in tables.
 
-/// Muscles as they are called in full, and how columns of tables begin for them, without signs between letters.
+/// Full names of muscles, and the beginnings of their column names in tables, without signs between
+/// letters.
 const KNOWN: &[(&[&str], &[&str])] = &[
     (
         &["gluteus", "maximus"],
@@ -43,7 +44,8 @@ const KNOWN: &[(&[&str], &[&str])] = &[
     (&["soleus"], &["soleus"]),
 ];
 
-/// Whether a name in a table means a muscle of a scene: `glut_max2_r` and `r_gluteus_maximus` mean `gluteus maximus`.
+/// Whether a name in a table denotes a muscle of a scene: `glut_max2_r` and `r_gluteus_maximus`
+/// mean `gluteus maximus`.
 ///
 /// ```
 /// use pliant::moment_arms::names::means;
@@ -58,13 +60,13 @@ pub fn means(column: &str, muscle: &str) -> bool {
         .iter()
         .filter(|(words, _)| of_name(words))
         .flat_map(|(_, begins)| begins.iter());
-    // A muscle that is not listed may be called the same.
+    // A muscle outside the list can have the same name in both.
     let own = plain(&muscle);
     known.into_iter().any(|begin| column.starts_with(begin))
         || (!own.is_empty() && column.starts_with(&own))
 }
 
-/// Lower-case letters and digits only, without the side in front.
+/// Lower-case letters and digits only, without a prefix for the side.
 fn plain(name: &str) -> String {
     let name = name.to_lowercase();
     let name = ["r_", "l_"]

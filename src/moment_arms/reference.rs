@@ -1,53 +1,55 @@
-//! Moment arms of others, read from tables, and how a curve of ours compares with them.
+//! Published moment arms, read from tables, and the comparison of a computed curve with them.
 //!
-//! Two layouts are read, by their header: one row an angle with a column for each curve, as OpenSim's tools and digitised
-//! figures have it; and one row a point of a bound, `muscle,coordinate,bound,angle_deg,moment_arm_cm`. Lines that begin with
-//! `#` are comments. Angles are degrees unless their column ends in `_rad`; lengths have the unit that their column ends in
-//! (`_m`, `_cm`, `_mm`), or that a comment names as in `cm moment arm`.
+//! The header decides between two layouts. In the first, a row is an angle and each curve has a
+//! column, as in tables of OpenSim's tools and in digitised figures. In the second, a row is a
+//! point of a bound: `muscle,coordinate,bound,angle_deg,moment_arm_cm`. Lines that begin with `#`
+//! are comments. Angles are in degrees unless their column name ends in `_rad`. The unit of a
+//! length is the ending of its column name (`_m`, `_cm`, `_mm`), or a comment names it as in
+//! `cm moment arm`.
 
 use std::path::{Path, PathBuf};
 
 use super::curve::extremes;
 use super::names::means;
 
-/// A line through points `(angle [rad], moment arm [m])`, ascending in angle.
+/// A polyline of points `(angle [rad], moment arm [m])`, ascending in angle.
 type Curve = Vec<(f64, f64)>;
 
 /// Curves of one muscle in one file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
-    /// Names in the file.
+    /// Column names in the file.
     pub names: Vec<String>,
     curves: Vec<Curve>,
 }
 
-/// Why a table is of no use.
+/// Error of [`Table::read`] and [`Table::of`].
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("cannot read `{}`: {source}", .path.display())]
     Read {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A row is not as the header says.
+    /// A row does not match the header.
     #[error("`{}`: {message}", .path.display())]
     Row {
         /// The file.
         path: PathBuf,
-        /// What, and in which line.
+        /// The error and its line.
         message: String,
     },
-    /// The header is of no known layout.
+    /// The header has no known layout.
     #[error(
         "`{}` has no column for the angle: the first must be `angle_deg`, a coordinate such as `hip_flexion`, or there are \
          columns `muscle`, `coordinate`, `bound`, `angle_deg` and a moment arm",
         .0.display()
     )]
     Header(PathBuf),
-    /// The unit is not told.
+    /// The unit of a column is missing.
     #[error(
         "`{}` does not tell the unit of column `{column}`: end its name in _m, _cm or _mm, or say so in a comment, as in \
          `# cm moment arm`",
@@ -61,21 +63,21 @@ pub enum ReferenceError {
     },
 }
 
-/// A table as read.
+/// A table as read from its file.
 #[derive(Clone, Debug)]
 pub struct Table {
     path: PathBuf,
     comments: String,
     header: Vec<String>,
-    /// Line of the file and fields of each row.
+    /// Line number in the file and fields of each row.
     rows: Vec<(u64, Vec<String>)>,
 }
 
 impl Table {
-    /// Reads a table.
+    /// Reads a table from a file.
     ///
     /// # Errors
-    /// A file that cannot be read, or is no table.
+    /// A file that cannot be read or is no table.
     pub fn read(path: &Path) -> Result<Self, ReferenceError> {
         let text = std::fs::read_to_string(path).map_err(|source| ReferenceError::Read {
             path: path.to_owned(),
@@ -121,17 +123,18 @@ impl Table {
         })
     }
 
-    /// The file's name without its ending.
+    /// The name of the file without its extension.
     pub fn name(&self) -> String {
         self.path
             .file_stem()
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
     }
 
-    /// The curves of a muscle over a coordinate such as `hip_flexion`; `None` where there are none.
+    /// The curves of a muscle over a coordinate such as `hip_flexion`; `None` if the table has
+    /// none.
     ///
     /// # Errors
-    /// A field that is no number, a unit that is not told.
+    /// A field that is no number, or a column without a unit.
     pub fn of(&self, muscle: &str, coordinate: &str) -> Result<Option<Reference>, ReferenceError> {
         let found = match self.column("bound") {
             Some(_) => self.bounds(muscle, coordinate)?,
@@ -166,7 +169,7 @@ impl Table {
             })
     }
 
-    /// Length of a column's unit [m].
+    /// Unit of a column [m].
     fn scale(&self, column: usize) -> Result<f64, ReferenceError> {
         let units = [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0)];
         let name = &self.header[column];
@@ -210,7 +213,7 @@ impl Table {
     fn wide(&self, muscle: &str, coordinate: &str) -> Result<Reference, ReferenceError> {
         let rows: Vec<_> = self.rows.iter().collect();
         let (mut names, mut curves) = (Vec::new(), Vec::new());
-        // A file of several coordinates says in its columns which one each is about.
+        // In a file of several coordinates each column name contains its coordinate.
         let about = coordinate.rsplit('_').next().unwrap_or(coordinate);
         let other = |name: &str| {
             let kinds = [
@@ -264,24 +267,24 @@ impl Table {
     }
 }
 
-/// How a curve compares with a reference.
+/// Measures of the difference between a curve and a reference.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Comparison {
-    /// Share of the angles, of those that both have, at which the curve lies in the reference's envelope; `None` where the
-    /// reference is a single curve and so has none.
+    /// Share of the common angles at which the curve lies in the envelope of the reference; `None`
+    /// where the reference is a single curve and has no envelope.
     pub overlap: Option<f64>,
-    /// First and last angle that both have \[rad\].
+    /// First and last common angle \[rad\].
     pub range_rad: [f64; 2],
-    /// Mean of the curve less the middle of the reference [m].
+    /// Mean of the curve minus the middle of the reference [m].
     pub difference_mean_m: f64,
     /// Greatest distance of the curve to the middle of the reference [m].
     pub difference_max_m: f64,
-    /// Whether the reference has the other sign throughout, and was turned for the comparison.
+    /// True if the reference has the opposite sign throughout and the comparison negates it.
     pub turned: bool,
 }
 
 impl Reference {
-    /// Lower and upper bound [m] at an angle \[rad\]; `None` where a curve does not go so far.
+    /// Lower and upper bound [m] at an angle \[rad\]; `None` outside the range of a curve.
     pub fn at(&self, angle: f64) -> Option<[f64; 2]> {
         let values: Vec<f64> = self
             .curves
@@ -301,7 +304,7 @@ impl Reference {
         &self.curves
     }
 
-    /// Compares moment arms [m] at angles \[rad\]; `None` where they have less than two angles in common.
+    /// Compares moment arms [m] at angles \[rad\]; `None` for fewer than two common angles.
     pub fn compare(&self, angles: &[f64], arms: &[f64]) -> Option<Comparison> {
         let found: Vec<(f64, f64, [f64; 2])> = angles
             .iter()
@@ -338,7 +341,7 @@ impl Reference {
 
 /// A curve's value at an angle, on the straight line between its points.
 fn value(curve: &[(f64, f64)], angle: f64) -> Option<f64> {
-    // Degrees that became radians and angles of a sweep differ by rounding.
+    // Conversion from degrees and the sweep's own angles differ by rounding.
     let slack = 1e-9;
     let next = curve.partition_point(|p| p.0 < angle - slack);
     let after = curve.get(next)?;

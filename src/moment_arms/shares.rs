@@ -1,17 +1,20 @@
-//! Which share of a joint's angle each vertex of a muscle turns by: what lies on a bone goes with that bone, and between
-//! bones the turn spreads evenly.
+//! The share of a joint's angle by which each vertex of a muscle turns. A vertex on a bone moves
+//! with that bone; between bones the rotation varies smoothly.
 
 use crate::contact::Obstacle;
 use crate::mesh::{Topology, TriangleMesh};
 use crate::solvers::sparse::{Factor, FactorError};
 
-/// Distances to a bone count as at least this share of an edge: finer than that a surface of triangles is not known.
+/// Least distance to a bone, relative to an edge: a triangle mesh does not resolve a surface more
+/// finely.
 const NEAREST: f64 = 0.1;
 
-/// Distances of a vertex from the bones that rest and from those that turn \[m\]; infinite where there are none.
+/// Distances of a vertex from the resting and from the turning bones \[m\]; infinite where there
+/// are none.
 pub type Distances = [f64; 2];
 
-/// Distances of all vertices of a mesh from obstacles, of which `turning` tells those that turn; within one counts as 0.
+/// Distances of all vertices of a mesh from obstacles. The flag is true for a turning obstacle. The
+/// distance of a vertex inside an obstacle is 0.
 pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Distances> {
     let from = |v: &nalgebra::Point3<f64>| {
         let mut found = [f64::INFINITY; 2];
@@ -20,7 +23,7 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
                 continue;
             };
             let least = &mut found[usize::from(*turns)];
-            // A NaN stays one, and is told by the factor; `f64::min` would hide it.
+            // The factorisation reports a NaN; `f64::min` would hide it.
             if !(closest.distance >= *least) {
                 *least = if closest.distance < 0.0 {
                     0.0
@@ -38,12 +41,15 @@ pub fn distances(mesh: &TriangleMesh, bones: &[(&dyn Obstacle, bool)]) -> Vec<Di
 ///
 /// `sum over edges h w (s_a - s_b)^2 + sum over vertices A (s^2 / d_0 + (1 - s)^2 / d_1)`
 ///
-/// with `w` two thirds of the area beside an edge over its length squared (for equilateral triangles the cotangents of
-/// finite elements, and positive for all), `h` the muscle's volume over its area, `A` the area around a vertex and `d` its
-/// [`Distances`]. It is the heat that flows through a muscle of the thickness 2 h between bones at 0 and 1, with soft tissue
-/// of the same conductance between it and them: no number is free in it. `held` are vertices with their share.
+/// with `w` two thirds of the area beside an edge over its squared length (the cotangent weight of
+/// finite elements for equilateral triangles, and positive for all triangles), `h` the muscle's
+/// volume over its area, `A` the area around a vertex and `d` its [`Distances`]. This is the
+/// conduction of heat through a muscle of thickness 2 h between bones at 0 and 1, with soft tissue
+/// of the same conductance between muscle and bones. The model has no free parameter. `held` gives
+/// vertices with prescribed shares.
 ///
 /// # Errors
+/// A part of the mesh without a held vertex and without a bone, or too little memory.
 /// A part of the mesh that nothing holds and no bone is near, or no memory.
 pub fn shares(
     mesh: &TriangleMesh,
@@ -110,8 +116,8 @@ mod tests {
 
     const LENGTH: f64 = 0.12;
 
-    /// A muscle along an axis, held at its ends, and its shares with bones at the given distances beside its lower and upper
-    /// half.
+    /// A muscle along an axis, held at its ends, and its shares; `bones` are beside its lower and
+    /// upper half.
     fn found(bones: &[(&dyn Obstacle, bool)]) -> (TriangleMesh, Vec<f64>) {
         let mesh = tube(0.012, LENGTH, 24);
         let along = mesh.bounding_box().extents().iamax();
@@ -130,7 +136,7 @@ mod tests {
         (mesh, shares)
     }
 
-    /// Mean share of the vertices around a place along the muscle, from 0 to 1.
+    /// Mean share of the vertices around a position along the muscle, from 0 to 1.
     fn around((mesh, shares): &(TriangleMesh, Vec<f64>), place: f64) -> f64 {
         let bounds = mesh.bounding_box();
         let along = bounds.extents().iamax();
@@ -149,7 +155,7 @@ mod tests {
     #[test]
     fn without_bones_the_turn_spreads_evenly() {
         let even = found(&[]);
-        // Ends are held over a part of the length; in the middle both count alike.
+        // The ends are held over a part of the length; in the middle both have the same weight.
         assert!(
             (around(&even, 0.5) - 0.5).abs() <= 0.02,
             "{}",
@@ -186,7 +192,7 @@ mod tests {
             around(&turning, 0.3)
         );
         for (_, shares) in [&resting, &turning] {
-            // Minima of a network of conductances lie between the values that are held, but for rounding of the solution.
+            // A minimum of a network of conductances lies between the held values, up to rounding.
             assert!(shares.iter().all(|s| (-1e-12..=1.0 + 1e-12).contains(s)));
         }
     }

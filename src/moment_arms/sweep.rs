@@ -1,4 +1,5 @@
-//! A joint turned through a range of angles while the muscles over it follow, and their fibres with them.
+//! A sweep: a joint turns through a range of angles, and the muscles over it and their fibres
+//! follow.
 
 use std::sync::Arc;
 
@@ -22,108 +23,111 @@ use crate::solvers::Broken;
 use crate::solvers::descent::Settings;
 use crate::solvers::sparse::FactorError;
 
-/// Most values of the angle in one sweep.
+/// Greatest number of angles of a sweep.
 pub const MOST_VALUES: usize = 10_000;
-/// Widest turn \[rad\]: beyond half a turn no joint goes.
+/// Greatest range of a sweep \[rad\]: no joint turns by more than half a turn.
 pub const WIDEST: f64 = std::f64::consts::PI;
 
-/// How the correction of a spread turn is solved for.
+/// Solver settings for the correction of the interpolated rotation.
 const CORRECTION: Minimisation = Minimisation {
     substeps: 1,
     iterations: 100,
     tolerance: 1e-8,
 };
 
-/// Stiffness with which a muscle tracks the spread turn, as a share of that with which its edges resist strain at rest:
-/// neither is known better than the other, and nothing is fitted.
+/// Stiffness with which a muscle tracks the interpolated rotation, relative to the stiffness of its
+/// edges at rest. Neither is known better than the other; the value is not fitted.
 const TRACKING: f64 = 1.0;
 
-/// Distance between samples of the distance to a bone, over the bone's median edge: finer than its triangles it is not known,
-/// and coarser its edges would be rounded by more than a tenth of a contact thickness.
+/// Spacing of samples of the distance to a bone, relative to the bone's median edge. The triangles
+/// give no finer distance; a coarser grid would round its edges by more than a tenth of a contact
+/// thickness.
 const FINENESS: f64 = 0.5;
 
-/// The same of a capsule, over its diameter: it departs from the distance by a thousandth of that.
+/// Spacing of samples for a capsule, relative to its diameter: the sampled distance differs from
+/// the exact one by a thousandth of the diameter.
 const ROUND: f64 = 0.04;
 
-/// What is asked for.
+/// Parameters of a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sweep {
     /// Name of the joint, or of a bone that turns about one.
     pub joint: String,
-    /// Axis to turn about instead of the joint's.
+    /// Axis of rotation instead of the joint's.
     pub axis: Option<Unit<Vector3<f64>>>,
-    /// First angle \[rad\]; 0 is where the meshes are.
+    /// First angle \[rad\]; at 0 the meshes are as given.
     pub from: f64,
     /// Last angle \[rad\].
     pub to: f64,
-    /// Angle between two values \[rad\]; made a little smaller where the range is no multiple of it.
+    /// Angle between two values \[rad\]; reduced slightly where the range is no multiple of it.
     pub step: f64,
-    /// Frames from one value to the next.
+    /// Number of frames from one value to the next.
     pub frames: u32,
-    /// Fibres of each muscle.
+    /// Settings of the fibres of each muscle.
     pub fibres: harmonic::Options,
-    /// What moves the muscles.
+    /// Method that moves the muscles.
     pub by: By,
 }
 
-/// What moves the muscles.
+/// Method that moves the muscles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum By {
-    /// Every vertex turns about the joint by a share of its angle, which spreads over the muscle from 0 where it is held
-    /// by what rests to 1 where it is held by what turns ([`super::shares`]); from there tone, bones and volume bring it to
-    /// rest. There is one such shape for every angle, and it moves smoothly.
+    /// Every vertex turns about the joint by a share of its angle. The share varies over the muscle
+    /// from 0 at the attachment to resting bones to 1 at the attachment to turning bones
+    /// ([`super::shares`]). From this shape, tone, bones and volume bring the muscle to rest. Each
+    /// angle has exactly one such shape, and the shape depends smoothly on the angle.
     #[default]
     Spread,
     /// The scene's solver.
     Scene,
 }
 
-/// Why there is no sweep.
+/// Error of [`Running::new`].
 #[derive(Debug, thiserror::Error)]
 pub enum SweepError {
-    /// The range is empty or too wide, or the step is.
+    /// The range is empty or too wide, or the step is invalid.
     #[error("{0}")]
     Range(String),
-    /// No bone has it.
+    /// No bone has the joint.
     #[error("the scene has no joint `{name}`; {known}")]
     NoJoint {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// What there is.
+        /// The names in the scene.
         known: String,
     },
-    /// Nothing crosses the joint.
+    /// No muscle crosses the joint.
     #[error(
         "no muscle is held on both sides of the joint `{0}`: one end on a bone that turns, the other on one that rests"
     )]
     NothingCrosses(String),
-    /// A muscle that encloses nothing.
+    /// A muscle is not closed.
     #[error(
         "muscle `{0}` is not closed, so it has no inside for fibres; `repair = true` and `close_holes` mend it"
     )]
     Open(String),
-    /// Areas are of no use.
+    /// The attachment areas cannot be used.
     #[error("muscle `{muscle}`: {error}")]
     Areas {
-        /// Its name.
+        /// Name of the muscle.
         muscle: String,
-        /// Why.
+        /// The cause.
         error: AttachmentError,
     },
-    /// The correction cannot be solved for.
+    /// The matrix of the correction cannot be factorised.
     #[error("muscle `{muscle}`: {error}")]
     Factor {
-        /// Its name.
+        /// Name of the muscle.
         muscle: String,
-        /// Why.
+        /// The cause.
         error: FactorError,
     },
-    /// No fibres were found.
+    /// The decomposition found no fibres.
     #[error("muscle `{muscle}`: {error}")]
     Fibres {
-        /// Its name.
+        /// Name of the muscle.
         muscle: String,
-        /// Why.
+        /// The cause.
         error: DecompositionError,
     },
     /// The scene cannot run.
@@ -131,51 +135,51 @@ pub enum SweepError {
     Load(#[from] LoadError),
 }
 
-/// A muscle that crosses the joint, and what is known of it so far.
+/// A muscle that crosses the joint, with its measures so far.
 #[derive(Debug)]
 pub struct Crossing {
-    /// Its name.
+    /// Name of the muscle.
     pub name: String,
-    /// Fibres at rest, from the bones that rest to those that turn [m].
+    /// Fibres at rest, from the resting to the turning bones [m].
     pub fibres: Vec<Vec<Point3<f64>>>,
-    /// How good they are at rest.
+    /// Quality of the fibres at rest.
     pub quality: Quality,
-    /// Volume over mean length of the fibres at rest [m2].
+    /// Physiological cross-sectional area: volume over mean fibre length at rest [m2].
     pub physiological_area: f64,
-    /// For each value of the angle the length of each fibre [m].
+    /// Length of each fibre at each angle [m], as `lengths[angle][fibre]`.
     pub lengths: Vec<Vec<f64>>,
-    /// For each value of the angle the mean over the fibres of the straight line between their ends [m].
+    /// Mean over the fibres of the distance between their ends, at each angle [m].
     pub chords: Vec<f64>,
-    /// Points of fibres between their ends that were deeper than [`audit::DEPTH`] in a bone, over all values.
+    /// Number of inner fibre points deeper than [`audit::DEPTH`] in a bone, over all angles.
     pub points_in_bone: usize,
     /// Greatest depth of such a point [m].
     pub depth: f64,
     /// Greatest depth of a free vertex in a bone [m].
     pub vertex_depth: f64,
-    /// Greatest departure of the volume from that at rest, as a share of it.
+    /// Greatest relative departure of the volume from that at rest.
     pub volume_error: f64,
-    /// Values at which forces, volume or depth were not within their tolerances.
+    /// Number of angles at which forces, volume or depth exceeded their tolerances.
     pub unconverged: usize,
-    /// The frame at which it was stopped, and why.
+    /// The frame at which the simulation of the muscle stopped, and the cause.
     pub stopped: Option<(usize, Broken)>,
-    /// Angle of each vertex over that of the joint; empty where the scene's solver moves it.
+    /// Share of the joint's angle of each vertex; empty where the scene's solver moves the muscle.
     shares: Vec<f64>,
     bound: BoundVolume,
     now: Vec<Vec<Point3<f64>>>,
 }
 
 impl Crossing {
-    /// The fibres at the last value [m].
+    /// The fibres at the last angle [m].
     pub fn now(&self) -> &[Vec<Point3<f64>>] {
         &self.now
     }
 }
 
-/// A sweep that runs.
+/// A sweep in progress.
 pub struct Running {
-    /// The scene, with the sweep as motion.
+    /// The scene; its motion is the sweep.
     pub simulation: Simulation,
-    /// Muscles that cross the joint, as `simulation.bodies`.
+    /// Muscles that cross the joint, in the order of `simulation.bodies`.
     pub muscles: Vec<Crossing>,
     /// Muscles that do not cross the joint.
     pub left_out: Vec<String>,
@@ -183,7 +187,7 @@ pub struct Running {
     pub angles: Vec<f64>,
     /// Angle between two values \[rad\].
     pub step: f64,
-    /// The joint's centre [m] and axis.
+    /// Centre [m] and axis of the joint.
     pub joint: Joint,
     frames: usize,
     first: usize,
@@ -191,10 +195,12 @@ pub struct Running {
 }
 
 impl Running {
-    /// Makes a scene ready: its joint turns from where the meshes are to the first angle, rests, and turns on.
+    /// Prepares a scene: its joint turns from the given pose to the first angle, rests, and turns
+    /// on.
     ///
     /// # Errors
-    /// A range that is none, no such joint, nothing that crosses it, no fibres, or a scene that cannot run.
+    /// An invalid range, an unknown joint, no muscle over the joint, no fibres, or a scene that
+    /// cannot run.
     pub fn new(mut scene: Scene, sweep: &Sweep) -> Result<Self, SweepError> {
         let angles = angles(sweep)?;
         let (mut joint, turning) = joint(&scene, &sweep.joint)?;
@@ -216,7 +222,7 @@ impl Running {
             return Err(SweepError::NothingCrosses(sweep.joint.clone()));
         }
         if sweep.by == By::Spread {
-            // One step a frame; the muscles that cross the joint have a solver of their own.
+            // One step per frame; the muscles over the joint have their own solver.
             scene.solver = Solver::QuasiStatic(CORRECTION);
             hold_all(&mut scene);
         }
@@ -262,19 +268,19 @@ impl Running {
         self.first + (self.angles.len() - 1) * self.frames
     }
 
-    /// Values that are done.
+    /// Number of values that are computed.
     pub fn done(&self) -> usize {
         self.done
     }
 
-    /// Computes the next frame; where it reaches a value of the angle, its index. `None` ends the sweep: all is done, or
-    /// every muscle was stopped.
+    /// Computes the next frame. Returns the index of the angle if the frame reaches one. `None`
+    /// ends the sweep: all angles are computed, or every muscle has stopped.
     pub fn advance(&mut self) -> Option<Option<usize>> {
         let ended = self.simulation.bodies.iter().all(|b| b.stopped.is_some());
         if self.done == self.angles.len() || ended {
             return None;
         }
-        // Where the sweep begins where the meshes are, the first value needs no frame.
+        // If the sweep begins at the given pose, the first value needs no frame.
         if self.simulation.frame() < self.first || self.done > 0 {
             self.aim();
             self.simulation.step_frame();
@@ -287,7 +293,7 @@ impl Running {
         Some(Some(self.done - 1))
     }
 
-    /// Tells the muscles where the joint's angle of the next frame alone would carry them.
+    /// Sets the shapes that the muscles track in the next frame.
     fn aim(&mut self) {
         let angle = self.angle(self.simulation.frame() + 1);
         for (muscle, body) in self.muscles.iter().zip(&mut self.simulation.bodies) {
@@ -314,7 +320,7 @@ impl Running {
         }
     }
 
-    /// Carries the fibres to where the muscles are, and measures.
+    /// Carries the fibres along with the muscles and measures them.
     fn record(&mut self) {
         let simulation = &self.simulation;
         let measures = simulation.measure();
@@ -356,7 +362,7 @@ impl Running {
     }
 }
 
-/// The values, evenly apart.
+/// The angles at equal distances.
 fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     let Sweep { from, to, step, .. } = *sweep;
     let refuse = |text: String| Err(SweepError::Range(text));
@@ -380,7 +386,7 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
             degrees(step)
         ));
     }
-    // A range that is a multiple of the step but for rounding has as many.
+    // Ignores rounding where the range is a multiple of the step.
     let count = ((to - from) / step - 1e-9).ceil().max(1.0) as usize;
     if count < 2 {
         return refuse(
@@ -392,7 +398,7 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
         .collect())
 }
 
-/// The joint of that name, or of a bone of that name, and which bones turn about it.
+/// The joint of that name or of a bone of that name, and which bones turn about it.
 fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
     let joints = scene.bones.iter().map(|b| b.motion.joint.as_ref());
     let named = joints
@@ -432,7 +438,7 @@ fn joint(scene: &Scene, name: &str) -> Result<(Joint, Vec<bool>), SweepError> {
     })
 }
 
-/// Writes the sweep into the scene's motions; the frame of the first value.
+/// Writes the sweep into the motions of the scene. Returns the frame of the first value.
 fn prepare(
     scene: &mut Scene,
     turning: &[bool],
@@ -476,8 +482,9 @@ fn prepare(
     first
 }
 
-/// Holds muscles by the whole of the patches that a scene names: limits are there to leave enough that deforms, but here
-/// fibres begin where a muscle is held, and a part of the true origin has other moment arms.
+/// Attaches muscles by the whole of the patches that a scene names. Limits of a scene leave enough
+/// of a muscle free to deform; here fibres begin at the attachment, and a part of the true origin
+/// has other moment arms.
 fn hold_all(scene: &mut Scene) {
     scene.most_held = 1.0;
     let all = scene.muscles.iter_mut().flat_map(|m| &mut m.attachments);
@@ -485,7 +492,7 @@ fn hold_all(scene: &mut Scene) {
         .for_each(|a| a.limit = 1.0);
 }
 
-/// How far all vertices of all muscles are from bones that rest and that turn, where the meshes are.
+/// Distances of all vertices of all muscles from resting and from turning bones, in the given pose.
 fn near_bones(simulation: &Simulation, turning: &[bool]) -> Vec<Vec<Distances>> {
     let bone = |b: usize| (simulation.surface(b) as &dyn Obstacle, turning[b]);
     let bones: Vec<_> = (0..simulation.bones.len()).map(bone).collect();
@@ -496,7 +503,7 @@ fn near_bones(simulation: &Simulation, turning: &[bool]) -> Vec<Vec<Distances>> 
         .collect()
 }
 
-/// Smoothed distances to all obstacles; none where a scene has no contact.
+/// Smoothed distances to all obstacles; empty for a scene without contact.
 fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
     let Some(contact) = simulation.scene.effects.contact else {
         return Vec::new();
@@ -517,7 +524,7 @@ fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
     simulation.placed().iter().enumerate().map(of).collect()
 }
 
-/// Makes a muscle track a prescribed shape; the share of the joint's angle of each vertex.
+/// Makes a muscle track a prescribed shape. Returns the share of the joint's angle of each vertex.
 fn track(
     body: &mut Body,
     (near, bones): (&[Distances], &[Arc<SmoothDistance>]),
@@ -549,7 +556,7 @@ fn track(
     Ok(shares)
 }
 
-/// Fibres of a muscle from where it is held by what rests to where by what turns.
+/// Fibres of a muscle from its attachment to resting bones to its attachment to turning bones.
 fn cross(
     body: &Body,
     turning: &[bool],

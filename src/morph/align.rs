@@ -1,4 +1,5 @@
-//! Turning one map so that its features meet those of another, and moving features to their places (errata M10).
+//! Rotation of a map so that its features coincide with those of another, and motion of features to
+//! their targets (errata M10).
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
@@ -6,30 +7,30 @@ use super::sphere::kernel::sees;
 use super::sphere::rings::Rings;
 use super::sphere::{SphereError, SphereMap, flipped};
 
-/// Why maps cannot be aligned.
+/// Error of an alignment.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignError {
-    /// Features of the two sides do not pair up.
+    /// The two sides have different numbers of features.
     #[error("{from} features here and {to} there; give one for each")]
     Counts {
-        /// On the map that moves.
+        /// Number on the map that moves.
         from: usize,
-        /// On the other.
+        /// Number on the other map.
         to: usize,
     },
-    /// Too few features for a rotation.
+    /// There are too few features for a rotation.
     #[error("{0} pairs of features; a rotation needs at least 2")]
     TooFew(usize),
-    /// An area without points.
+    /// An area has no points.
     #[error("an area of no points has no centre")]
     Empty,
     /// The points of an area cancel out.
     #[error("the {points} points of an area lie all around the sphere; such an area has no centre")]
     NoCentre {
-        /// How many.
+        /// Number of points.
         points: usize,
     },
-    /// A vertex that does not exist.
+    /// A vertex does not exist.
     #[error("vertex {vertex} is named, but there are {count}")]
     Vertex {
         /// The vertex.
@@ -37,37 +38,37 @@ pub enum AlignError {
         /// Number of vertices.
         count: usize,
     },
-    /// Two features that are to go to one place, or one vertex to two.
+    /// Two features have one target, or one vertex has two targets.
     #[error("features {first} and {second} are the same vertex or have the same place")]
     Same {
-        /// One, from 0.
+        /// Index of one feature, from 0.
         first: usize,
-        /// The other, from 0.
+        /// Index of the other feature, from 0.
         second: usize,
     },
-    /// A feature cannot be moved to its place without folding the map.
+    /// A feature cannot reach its target without a fold of the map.
     #[error(
         "feature {feature} (vertex {vertex}) is still {left} rad from its place after {steps} steps without a fold"
     )]
     Stuck {
-        /// The feature, from 0.
+        /// Index of the feature, from 0.
         feature: usize,
-        /// Its vertex.
+        /// Vertex of the feature.
         vertex: u32,
-        /// What is left \[rad\].
+        /// Remaining angle \[rad\].
         left: f64,
-        /// Steps made.
+        /// Number of steps.
         steps: usize,
     },
-    /// The result is no map.
+    /// The result is no valid map.
     #[error(transparent)]
     Sphere(#[from] SphereError),
 }
 
-/// The centre of an area: the normalised mean of its vertices' places.
+/// The centre of an area: the normalised mean of the directions of its vertices.
 ///
 /// # Errors
-/// No vertices, one that does not exist, or places that cancel out.
+/// No vertices, a vertex that does not exist, or directions that cancel out.
 pub fn centre(map: &SphereMap, area: &[u32]) -> Result<Point3<f64>, AlignError> {
     if area.is_empty() {
         return Err(AlignError::Empty);
@@ -107,24 +108,24 @@ pub fn nearest_rotation(
     Ok(rotation_of(&products.sum()))
 }
 
-/// The rotation nearest to a matrix: of U S V^T that is U diag(1, 1, det U V^T) V^T.
+/// The rotation nearest to a matrix U S V^T: U diag(1, 1, det U V^T) V^T.
 pub(super) fn rotation_of(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     let svd = matrix.svd(true, true);
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
         return UnitQuaternion::identity();
     };
     let sign = (u * v).determinant().signum();
-    // nalgebra sorts singular values from the greatest: the last is the one to give up.
+    // nalgebra sorts singular values in descending order: the sign of the last one changes.
     let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v;
     UnitQuaternion::from_rotation_matrix(&nalgebra::Rotation3::from_matrix_unchecked(rotation))
 }
 
-/// How features are moved to their places.
+/// Parameters of the motion of features.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moving {
-    /// Radius around a feature in which vertices go with it, on the unit sphere.
+    /// Radius around a feature within which vertices move with it, on the unit sphere.
     pub radius: f64,
-    /// Steps after which it is given up.
+    /// Greatest number of steps.
     pub steps: usize,
 }
 
@@ -137,24 +138,28 @@ impl Default for Moving {
     }
 }
 
-/// Greatest part of the radius that a step goes; from one half on vertices may overtake each other (M10).
+/// Greatest length of a step, relative to the radius; from one half on, vertices could pass each
+/// other (M10).
 const SHARE: f64 = 0.25;
-/// Halvings of the way of a vertex that does not see its ring from its end.
+/// Greatest number of halvings of the step of a vertex that does not see its ring from its new
+/// position.
 const HALVINGS: usize = 6;
-/// Moving is given up when in so many steps what is left did not get smaller by so much.
+/// The motion fails if the remaining angle does not decrease enough in this number of steps.
 const PATIENCE: usize = 300;
 const BETTER: f64 = 0.999;
-/// A feature this near to its place is put there \[rad\].
+/// A feature within this angle of its target is set to it \[rad\].
 const THERE: f64 = 1e-9;
 
-/// Moves vertices of a map, the features, to given places, and what is around them with them:
-/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2; where a triangle would be turned over, each vertex goes as far as it sees
+/// Moves vertices of a map, the features, to given targets, together with the vertices around them:
+/// v := norm(v + h t (1 - |v - f|/d)) with |h t| < d/2. Where a triangle would be reversed, each
+/// vertex moves only as far as it sees its ring, by halving.
 /// its ring, by halves.
 ///
-/// The printed form lacks the division by d: a feature moves by d times what is left (M10).
+/// The printed form lacks the division by d: a feature moves by d times the remaining distance
+/// (M10).
 ///
 /// # Errors
-/// Features that do not exist or coincide, and those that cannot be moved without a fold.
+/// Features that do not exist or coincide, and features that cannot move without a fold.
 pub fn move_features(
     map: &SphereMap,
     features: &[u32],
@@ -177,7 +182,8 @@ pub fn move_features(
         if flipped(&next, map.triangles()).is_empty() {
             points = next;
         } else {
-            // One thin triangle must not stop all: each goes as far as it sees its ring, and what was pushed together spreads.
+            // One thin triangle must not stop the motion: each vertex moves as far as it sees its
+            // ring, and compressed regions expand.
             each_moved(&mut points, &rings, &next);
             relax(&mut points, &rings, features);
         }
@@ -250,7 +256,7 @@ fn moved(
     next
 }
 
-/// Moves vertices one after the other to where they are wanted, as far as they see their rings.
+/// Moves vertices one after the other towards their targets, as far as they see their rings.
 fn each_moved(points: &mut [Point3<f64>], rings: &Rings, wanted: &[Point3<f64>]) {
     let mut ring = Vec::new();
     for v in 0..points.len() {
@@ -260,7 +266,7 @@ fn each_moved(points: &mut [Point3<f64>], rings: &Rings, wanted: &[Point3<f64>])
     }
 }
 
-/// Moves a vertex towards a place, by halves, where it sees its ring.
+/// Moves a vertex towards a target, by halving, to a position that sees its ring.
 fn go(
     points: &mut [Point3<f64>],
     rings: &Rings,
@@ -287,7 +293,8 @@ fn go(
     }
 }
 
-/// Draws all but the features a little to the middle of their neighbours, where that turns no triangle over.
+/// Moves all vertices but the features slightly towards the centroid of their neighbours, unless a
+/// triangle is reversed.
 fn relax(points: &mut [Point3<f64>], rings: &Rings, features: &[u32]) {
     let mut held = vec![false; points.len()];
     features.iter().for_each(|&f| held[f as usize] = true);
@@ -308,7 +315,7 @@ fn relax(points: &mut [Point3<f64>], rings: &Rings, features: &[u32]) {
     }
 }
 
-/// Features exactly at their places, if no triangle minds.
+/// Sets the features exactly to their targets, unless a triangle is reversed.
 fn finish(
     map: &SphereMap,
     mut points: Vec<Point3<f64>>,

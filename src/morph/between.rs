@@ -1,4 +1,5 @@
-//! Two closed surfaces brought together: a common set of vertices and triangles, with a place on either surface for each vertex.
+//! Correspondence of two closed surfaces: common vertices and triangles, with a position on either
+//! surface for each vertex.
 
 use std::time::Instant;
 
@@ -14,50 +15,50 @@ use super::sphere::{SphereError, SphereMap};
 use super::warp::{Wish, drawn};
 use crate::mesh::TriangleMesh;
 
-/// How surfaces are spread over the sphere.
+/// Method of the map to the sphere.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Method {
-    /// The one for bodies of any length.
+    /// The robust method, for bodies of any length.
     #[default]
     Robust,
-    /// That of the source, corrected.
+    /// The method of the source, corrected.
     Relaxation(Relaxation),
 }
 
-/// Which vertices and triangles the shapes in between have.
+/// Vertices and triangles of the intermediate shapes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Shared {
-    /// Those of both surfaces, and crossings of their edges: both are met exactly.
+    /// Those of both surfaces, and crossings of their edges: both surfaces are reproduced exactly.
     #[default]
     Merged,
-    /// Those of the first: the second is met at these vertices only.
+    /// Those of the first surface; the second is sampled at these vertices only.
     First,
 }
 
-/// How maps are brought over each other where no pairs are given.
+/// Alignment of the maps without given pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Alike {
-    /// The first is turned, and drawn to where like parts of the bodies are.
+    /// The first map is rotated, then deformed so that similar parts of the bodies coincide.
     #[default]
     Drawn,
-    /// The first is turned.
+    /// The first map is rotated.
     Turned,
 }
 
-/// What is asked for.
+/// Settings of a correspondence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settings {
-    /// How surfaces are spread.
+    /// Method of the map to the sphere.
     pub method: Method,
-    /// What shapes in between are made of.
+    /// Vertices of the intermediate shapes.
     pub shared: Shared,
-    /// How maps are brought over each other without features.
+    /// Alignment of the maps without features.
     pub alike: Alike,
-    /// How features are moved.
+    /// Parameters of the motion of features.
     pub moving: Moving,
 }
 
-/// Why surfaces cannot be brought together.
+/// Error of [`Between::new`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BetweenError {
     /// A surface has no map to the sphere.
@@ -65,81 +66,82 @@ pub enum BetweenError {
     Surface {
         /// 0 for the first, 1 for the second.
         side: usize,
-        /// Why.
+        /// The cause.
         error: SphereError,
     },
-    /// A surface that is turned inside out: the map would be a mirror image.
+    /// A surface is inside out; its map would be a mirror image.
     #[error("the surface is inside out: its volume is {volume}; turn its triangles")]
     InsideOut {
         /// 0 for the first, 1 for the second.
         side: usize,
-        /// Its volume, which is negative \[m^3\].
+        /// Volume of the surface, which is negative \[m^3\].
         volume: f64,
     },
-    /// Features that cannot be brought together.
+    /// The features cannot be aligned.
     #[error(transparent)]
     Align(#[from] AlignError),
-    /// The maps cannot be turned without a fold.
+    /// The maps cannot be rotated without a fold.
     #[error("the map cannot be turned without folding one of its thin triangles: {0}")]
     Turn(SphereError),
-    /// The maps cannot be laid over each other.
+    /// The maps have no overlay.
     #[error(transparent)]
     Overlay(#[from] OverlayError),
-    /// Somebody asked to stop.
+    /// The caller stopped the computation.
     #[error("stopped")]
     Stopped,
 }
 
-/// Seconds that each part took.
+/// Time of each part [s].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
-    /// Each of the two maps, which are made at the same time.
+    /// Time of each map; both are computed in parallel.
     pub maps: [f64; 2],
-    /// Turning them, and moving features.
+    /// Time of the rotation and of the motion of features.
     pub align: f64,
-    /// Laying them over each other.
+    /// Time of the overlay.
     pub merge: f64,
 }
 
-/// Where a vertex is on a surface: between three of its vertices, of which some may be the same.
+/// Position of a vertex on a surface: between three vertices, some of which can be equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct On {
     corners: [u32; 3],
-    /// Of the second and third corner.
+    /// Weights of the second and third corner.
     weights: [f64; 2],
 }
 
-/// Two surfaces with the same vertices and triangles.
+/// Two surfaces with common vertices and triangles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Between {
-    /// Both maps as they lie over each other.
+    /// Both maps after the alignment.
     pub maps: [SphereMap; 2],
-    /// What relaxation took, where it was asked for.
+    /// Effort of the relaxation, if used.
     pub efforts: [Option<Effort>; 2],
-    /// From what the first map was turned.
+    /// Source of the rotation of the first map.
     pub start: Start,
-    /// How far the places of the first map were drawn after that, mean of its vertices by their areas on the surface; 0 with
-    /// pairs \[rad\].
+    /// Mean displacement of the first map's vertices after the rotation, weighted by their areas on
+    /// the surface; 0 with pairs \[rad\].
     pub drawn: f64,
-    /// Triangles over the common vertices.
+    /// Triangles of the common vertices.
     pub triangles: Vec<[u32; 3]>,
-    /// Places of the common vertices on either surface \[m\].
+    /// Positions of the common vertices on either surface \[m\].
     pub places: [Vec<Point3<f64>>; 2],
     /// 0 for a vertex of the first surface, 1 for one of the second, 2 for a crossing of edges.
     pub kinds: Vec<u8>,
-    /// By how much the first map was turned so that no vertex lies exactly on an edge \[rad\].
+    /// Small rotation of the first map so that no vertex lies exactly on an edge \[rad\].
     pub turned: f64,
-    /// Seconds of each part.
+    /// Time of each part.
     pub times: Times,
     on: [Vec<On>; 2],
 }
 
 impl Between {
-    /// Brings two surfaces together; vertex `pairs[i][0]` of the first goes to vertex `pairs[i][1]` of the second.
+    /// Creates the correspondence of two surfaces; vertex `pairs[i][0]` of the first maps to vertex
+    /// `pairs[i][1]` of the second.
     ///
     /// # Errors
-    /// A surface that is no sphere or inside out, pairs that make no sense or cannot be brought together without a fold, maps
-    /// that cannot be laid over each other; `go_on` said no.
+    /// A surface that is no topological sphere or inside out, invalid pairs or pairs that need a
+    /// fold, maps without an overlay, or a stop by `go_on`.
     pub fn new(
         meshes: [&TriangleMesh; 2],
         pairs: &[[u32; 2]],
@@ -199,7 +201,8 @@ impl Between {
         })
     }
 
-    /// Numbers at the vertices of surface `side`, `components` each, at the common vertices.
+    /// Interpolates numbers at the vertices of surface `side`, `components` per vertex, to the
+    /// common vertices.
     pub fn carried(&self, side: usize, values: &[f64], components: usize) -> Vec<f64> {
         let at = |v: u32, k: usize| {
             values
@@ -209,8 +212,8 @@ impl Between {
         };
         let value = |on: &On, k: usize| {
             let [a, b, c] = on.corners.map(|v| at(v, k));
-            // In difference form, so that a vertex keeps its number to the last bit; a number that is none stays where its
-            // weight is.
+            // The difference form keeps the number of a vertex to the last bit; a NaN stays where
+            // its weight is not zero.
             let part = |d: f64, w: f64| if w == 0.0 { 0.0 } else { d * w };
             a + part(b - a, on.weights[0]) + part(c - a, on.weights[1])
         };
@@ -268,7 +271,7 @@ fn mapped(mesh: &TriangleMesh, side: usize, settings: &Settings) -> Result<Mappe
     Ok((map, effort, begun.elapsed().as_secs_f64()))
 }
 
-/// Maps that lie over each other, from what they were turned, and how far the first was drawn \[rad\].
+/// Aligned maps, the source of the rotation, and the displacement of the first map \[rad\].
 struct Aligned {
     maps: [SphereMap; 2],
     start: Start,
@@ -299,7 +302,7 @@ fn aligned(
     let (by, start) = match pairs.len() {
         0 => return by_likeness([first, second], meshes, settings.alike),
         1 => {
-            // One pair leaves a turn about it open, which the shapes fill in.
+            // One pair leaves the rotation about it free; the shapes determine it.
             let by = by_shape([&first, &second], &Likeness::new(meshes)).turn;
             let rest = UnitQuaternion::rotation_between(&(by * from[0]).coords, &to[0].coords);
             (
@@ -319,7 +322,8 @@ fn aligned(
     })
 }
 
-/// Turns the first map to where like parts of the bodies are, and draws it there if that brings them nearer to each other.
+/// Rotates the first map so that similar parts of the bodies coincide, and deforms it if that
+/// brings them nearer to each other.
 fn by_likeness(
     [first, second]: [SphereMap; 2],
     meshes: [&TriangleMesh; 2],
@@ -366,10 +370,11 @@ fn by_likeness(
     })
 }
 
-/// Angles by which a turn is changed where rounding folds a thin triangle \[rad\].
+/// Small changes of a rotation where rounding folds a thin triangle \[rad\].
 const ASIDE: [f64; 4] = [0.0, 1e-9, 1e-6, 1e-4];
 
-/// The first map turned onto the second, or, where that folds a thin triangle, the second the other way.
+/// The first map rotated onto the second, or the second rotated by the inverse if the first
+/// rotation folds a thin triangle.
 fn turned(
     first: SphereMap,
     second: SphereMap,

@@ -1,6 +1,6 @@
-//! Shapes between two that share their triangles.
+//! Interpolation between two shapes with common triangles.
 //!
-//! At t = 0 and t = 1 every blend gives the shape that it is between.
+//! At t = 0 and t = 1 every blend equals its end shape.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 
@@ -8,28 +8,28 @@ use super::align::rotation_of;
 use crate::mesh::Topology;
 use crate::solvers::sparse::{Factor, FactorError};
 
-/// Why there is no blend.
+/// Error of a blend.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum BlendError {
-    /// Shapes that do not share their vertices.
+    /// The shapes have different numbers of vertices.
     #[error("{first} positions here and {second} there; both shapes must have the same vertices")]
     Counts {
-        /// Of the first shape, or of what was given.
+        /// Number of the first shape, or the given number.
         first: usize,
-        /// Of the second, or of what is wanted.
+        /// Number of the second shape, or the required number.
         second: usize,
     },
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} names vertex {vertex}, but there are {count}")]
     Vertex {
-        /// The triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// The vertex.
+        /// Index of the vertex.
         vertex: u32,
         /// Number of vertices.
         count: usize,
     },
-    /// A vertex that no triangle joins to the others.
+    /// A vertex has no connection to the others.
     #[error(
         "vertex {vertex} is not joined to vertex 0; the Laplacian of the shapes has no unique solution"
     )]
@@ -37,7 +37,7 @@ pub enum BlendError {
         /// The vertex.
         vertex: u32,
     },
-    /// The system could not be solved.
+    /// The linear system has no solution.
     #[error(transparent)]
     Factor(#[from] FactorError),
 }
@@ -54,7 +54,7 @@ fn check(first: &[Point3<f64>], second: &[Point3<f64>]) -> Result<(), BlendError
 /// x(t) = (1 - t) x0 + t x1 \[m\].
 ///
 /// # Errors
-/// Shapes that do not share their vertices.
+/// Shapes with different numbers of vertices.
 pub fn linear(
     first: &[Point3<f64>],
     second: &[Point3<f64>],
@@ -96,12 +96,13 @@ pub fn hermite(
     Ok((0..ends[0].len()).map(|i| Point3::from(at(i))).collect())
 }
 
-/// Tangents of [`hermite`] along the arcs of a turn of the whole: at either end the velocity of R(t) ((1 - t) a + t b) + c(t),
-/// with a and b both shapes about their centres, b turned back, R(t) the part t of the rotation nearest to what takes the one to
-/// the other, and c(t) the blended centre.
+/// Tangents of [`hermite`] along the arcs of a rotation of the whole shape. At either end they are
+/// the velocity of R(t) ((1 - t) a + t b) + c(t). Here a and b are both shapes about their centres,
+/// b rotated back; R(t) is the part t of the best rotation from the one to the other, and c(t) the
+/// interpolated centre.
 ///
 /// # Errors
-/// Shapes that do not share their vertices.
+/// Shapes with different numbers of vertices.
 pub fn turning(ends: [&[Point3<f64>]; 2]) -> Result<[Vec<Vector3<f64>>; 2], BlendError> {
     check(ends[0], ends[1])?;
     let (centres, whole) = whole_turn(ends);
@@ -122,7 +123,7 @@ pub fn turning(ends: [&[Point3<f64>]; 2]) -> Result<[Vec<Vector3<f64>>; 2], Blen
     Ok([leaving, arriving])
 }
 
-/// Centres of both shapes and the rotation about them that takes the first nearest to the second.
+/// Centres of both shapes and the best rotation about them from the first to the second.
 fn whole_turn(ends: [&[Point3<f64>]; 2]) -> ([Vector3<f64>; 2], UnitQuaternion<f64>) {
     let count = ends[0].len().max(1) as f64;
     let centres = ends.map(|x| x.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count);
@@ -133,21 +134,21 @@ fn whole_turn(ends: [&[Point3<f64>]; 2]) -> ([Vector3<f64>; 2], UnitQuaternion<f
     (centres, rotation_of(&about.sum()))
 }
 
-/// A way from one shape to another.
+/// A path from one shape to another.
 pub enum Path {
-    /// Straight.
+    /// Straight lines.
     Linear,
-    /// Along cubics with these tangents at either end.
+    /// Cubics with these tangents at either end.
     Hermite(Box<[Vec<Vector3<f64>>; 2]>),
-    /// By turned Laplacian vectors.
+    /// Rotated Laplacian vectors.
     Laplacian(Box<Laplacian>),
 }
 
 impl Path {
-    /// The shape at t between the two ends it was made for \[m\].
+    /// The shape at t between the two ends of this path \[m\].
     ///
     /// # Errors
-    /// Other ends.
+    /// Ends with another number of vertices.
     pub fn at(
         &mut self,
         ends: [&[Point3<f64>]; 2],
@@ -161,38 +162,43 @@ impl Path {
     }
 }
 
-/// Blend of Laplacian vectors, turned from the one shape to the other: keeps size and volume where parts turn.
+/// Interpolation of rotated Laplacian vectors: preserves size and volume where parts rotate.
 ///
-/// The source blends delta_i = sum_j w_ij (x_j - x_i) linearly and solves L x = delta(t). With one matrix L, that is the linear
-/// blend again, for both are linear in the positions. So each vertex has the rotation R_i that takes its ring on the first
-/// shape nearest to that on the second, and an edge in between is that of the first, blended with that of the second turned
-/// back, and turned by the part t of the rotation; a rotation of the whole is taken out before and put back after.
+/// The source interpolates delta_i = sum_j w_ij (x_j - x_i) linearly and solves L x = delta(t).
+/// With one matrix L this is the linear blend again, since both are linear in the positions. Here
+/// each vertex has the rotation R_i that best takes its ring from the first shape to the second. An
+/// intermediate edge is the blend of the first edge and of the second edge rotated back, rotated by
+/// the part t of R_i. A rotation of the whole shape is removed before and applied after.
 pub struct Laplacian {
     first: Vec<Point3<f64>>,
     second: Vec<Point3<f64>>,
     edges: Vec<[u32; 2]>,
     weights: Vec<f64>,
-    /// Rotation of each vertex's ring beside that of the whole, as a vector along its axis \[rad\].
+    /// Rotation of each vertex's ring relative to that of the whole shape, as a rotation vector
+    /// \[rad\].
     turns: Vec<Vector3<f64>>,
-    /// Rotation of the whole.
+    /// Rotation of the whole shape.
     whole: Vector3<f64>,
     centres: [Vector3<f64>; 2],
     factor: Factor<1>,
 }
 
-/// Least weight of an edge over the mean. Cotangents are negative where two opposite angles exceed 180 degrees together, and on
-/// merged surfaces, which are full of slivers, hundreds are: then the matrix is not positive definite and has no Cholesky factor.
-/// The weights only say how what the turned edges disagree in is shared out, so that both ends are met with any that are
-/// positive; on evenly triangulated surfaces no bound is met.
+/// Least weight of an edge relative to the mean. Cotangents are negative where two opposite angles
+/// exceed 180 degrees together. Merged surfaces are full of slivers and have hundreds of them; the
+/// matrix is then not positive definite and has no Cholesky factor. The weights only distribute the
+/// disagreement of the rotated edges, so any positive weights reproduce both ends. On evenly
+/// triangulated surfaces no bound is active.
 const LEAST: f64 = 1e-2;
-/// Greatest weight over the mean: cotangents of slivers have no bound, and one would outweigh all others of its vertices.
+/// Greatest weight relative to the mean: cotangents of slivers are unbounded, and one would
+/// dominate all others of its vertices.
 const MOST: f64 = 1e2;
 
 impl Laplacian {
-    /// Prepares the blend: rotations, weights, and the matrix factored once.
+    /// Prepares the blend: rotations, weights, and the factorised matrix.
     ///
     /// # Errors
-    /// Shapes that do not share their vertices, triangles that name none of them, vertices that are not joined to the rest.
+    /// Shapes with different numbers of vertices, triangles with invalid vertices, or vertices
+    /// without a connection to the rest.
     pub fn new(
         first: &[Point3<f64>],
         second: &[Point3<f64>],
@@ -223,7 +229,8 @@ impl Laplacian {
             factor.add_diagonal(a, w);
             factor.add_diagonal(b, w);
         }
-        // Vertex 0 is held near its linear blend; all are moved to the blended centre afterwards.
+        // Vertex 0 is held near its linear blend; all vertices move to the interpolated centre
+        // afterwards.
         factor.add_diagonal(0, weights.iter().sum::<f64>() / weights.len().max(1) as f64);
         factor.factorise()?;
         let (centres, whole) = whole_turn([first, second]);
@@ -260,7 +267,7 @@ impl Laplacian {
         let count = self.first.len();
         let whole = UnitQuaternion::from_scaled_axis(self.whole);
         let back = whole.inverse().to_rotation_matrix();
-        // Both shapes about their centres, the second turned back.
+        // Both shapes about their centres, the second rotated back.
         let start: Vec<Vector3<f64>> = self
             .first
             .iter()
@@ -291,7 +298,7 @@ impl Laplacian {
             .iter()
             .map(|turn| (part(turn), rest(turn)))
             .collect();
-        // Solved for what is added to the linear blend, so that nothing is added at either end.
+        // Solves for the difference to the linear blend, so that it is zero at either end.
         let mut rhs = vec![0.0; 3 * count];
         for (&[a, b], &w) in self.edges.iter().zip(&self.weights) {
             let (a, b) = (a as usize, b as usize);
@@ -314,7 +321,8 @@ impl Laplacian {
     }
 }
 
-/// Half the cotangents of the angles opposite each edge, the mean of both shapes, within bounds about their mean.
+/// Half the cotangents of the angles opposite each edge, mean of both shapes, bounded relative to
+/// their mean.
 fn weights(topology: &Topology, triangles: &[[u32; 3]], shapes: [&[Point3<f64>]; 2]) -> Vec<f64> {
     let mut sums = vec![0.0; topology.edges.len()];
     for x in shapes {

@@ -1,21 +1,23 @@
-//! How much a map changes shapes and sizes of triangles.
+//! Distortion of triangles by a map.
 
 use nalgebra::Point3;
 
 use crate::mesh::measures::{greatest, median, triangle_areas};
 
-/// Distortion of the triangles of a map from one set of positions to another; triangles without area on either are left out.
+/// Distortion of the triangles by a map between two sets of positions; triangles without area in
+/// either set are left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// Greater over smaller stretch, 1 for a similarity: median over triangles.
+    /// Ratio of the greater to the smaller stretch, 1 for a similarity: median over triangles.
     pub conformal_median: f64,
-    /// The same, greatest.
+    /// Greatest ratio of the stretches.
     pub conformal_max: f64,
-    /// Share of the whole area after over that before, or its inverse where that is greater: median over triangles.
+    /// Ratio of the relative areas after and before, or its inverse if greater: median over
+    /// triangles.
     pub area_median: f64,
-    /// The same, greatest.
+    /// Greatest ratio of the relative areas.
     pub area_max: f64,
-    /// Triangles without area before or after.
+    /// Number of triangles without area before or after.
     pub without_area: usize,
 }
 
@@ -42,7 +44,7 @@ impl Distortion {
     }
 }
 
-/// Share of the whole area that each triangle has after, over that before.
+/// Ratio of each triangle's share of the total area after and before.
 pub fn area_shares(
     before: &[Point3<f64>],
     after: &[Point3<f64>],
@@ -53,8 +55,9 @@ pub fn area_shares(
     old.iter().zip(&new).map(|(a, b)| b / a * whole).collect()
 }
 
-/// Greater over smaller singular value of the affine map of a triangle, from the first fundamental forms E before and F after:
-/// the eigenvalues of E^-1 F are the squares. `None` without area.
+/// Ratio of the greater to the smaller singular value of a triangle's affine map, from the first
+/// fundamental forms E before and F after. The squared singular values are the eigenvalues of E^-1
+/// F. `None` without area.
 fn stretches_apart(before: &[Point3<f64>], after: &[Point3<f64>], t: &[u32; 3]) -> Option<f64> {
     let form = |x: &[Point3<f64>]| {
         let [a, b, c] = t.map(|v| x[v as usize]);
@@ -71,7 +74,8 @@ fn stretches_apart(before: &[Point3<f64>], after: &[Point3<f64>], t: &[u32; 3]) 
     if !(root > 0.0) {
         return None;
     }
-    // Half the trace over the root of the determinant of E^-1 F is cosh of the logarithm of the ratio.
+    // Half the trace over the root of the determinant of E^-1 F is cosh of the logarithm of the
+    // ratio.
     let half = (0.5 * (p * g - 2.0 * q * f + r * e) / root).max(1.0);
     Some(half + (half * half - 1.0).sqrt())
 }

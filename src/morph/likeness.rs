@@ -1,9 +1,10 @@
-//! Which place of one body is most like which of another, where nothing is named.
+//! Similarity of places on two bodies without named features.
 //!
-//! The first body is turned, and then laid over the second by the linear map that takes a normal distribution with its
-//! covariance to one with that of the second by the least work: A^-1/2 (A^1/2 B A^1/2)^1/2 A^-1/2 \[gelbrich1990\]. So a long body
-//! fills a longer and thicker one from end to end, and one that lies as it shall is not turned. Then each place is matched with
-//! the one that lies nearest and faces the same way, from both sides: from one side alone much of the other may be left out.
+//! The first body is rotated. Then the optimal transport map between normal distributions with both
+//! covariances takes it to the second body: A^-1/2 (A^1/2 B A^1/2)^1/2 A^-1/2 \[gelbrich1990\]. A
+//! long body thus fills a longer and thicker one from end to end, and a body in the right pose is
+//! not rotated. Each place is then matched with the nearest one that faces the same direction. This
+//! happens from both sides, since matches from one side alone can leave out much of the other.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -16,33 +17,34 @@ use super::sphere::centre::bounding_sphere;
 use super::spot::Spot;
 use crate::mesh::TriangleMesh;
 
-/// Vertices of each body that are asked.
+/// Number of sample vertices of each body.
 const ASKED: usize = 500;
-/// The radius of a body, where two unit vectors at a right angle are 1.4 apart. With less, normals alone match the ends of a long
-/// body with its middle; with more, the other side of a thin one is as near as this one.
+/// Radius of a body in units where two perpendicular unit normals are 1.4 apart. With a smaller
+/// value, normals alone match the ends of a long body with its middle. With a greater value, the
+/// other side of a thin body is as near as this side.
 const EXTENT: f64 = 8.0;
-/// Turns about the longest axis that are tried.
+/// Number of rotations about the longest axis that are tried.
 const AROUND: usize = 8;
-/// Least over greatest extent of a body: flat ones are given a thickness.
+/// Least ratio of the extents of a body: flat bodies get a thickness.
 const FLAT: f64 = 1e-3;
 
-/// A vertex of the first body and one of the second.
+/// A vertex of the first body with its match on the second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
     pub vertices: [u32; 2],
-    /// Share of the area of the body that asked.
+    /// Share of the area of the body whose vertex started the match.
     pub weight: f64,
 }
 
-/// Two bodies.
+/// Two bodies with sample vertices.
 pub struct Likeness<'a> {
     meshes: [&'a TriangleMesh; 2],
     middles: [Point3<f64>; 2],
     spreads: [Matrix3<f64>; 2],
     normals: [Vec<Vector3<f64>>; 2],
-    /// Vertices that are asked, and their shares of the area of all of these.
+    /// Sample vertices with their shares of the area of all sample vertices.
     asked: [Vec<(u32, f64)>; 2],
-    /// Over what places are told apart \[1/m\].
+    /// Scale of positions relative to normals \[1/m\].
     scale: f64,
 }
 
@@ -60,7 +62,8 @@ impl<'a> Likeness<'a> {
         }
     }
 
-    /// Turns of the first body that lay its principal axes on those of the second, either way round, and about the longest.
+    /// Rotations of the first body that align its principal axes with those of the second, in both
+    /// directions, and about the longest axis.
     pub fn by_axes(&self) -> impl Iterator<Item = UnitQuaternion<f64>> {
         let [from, to] = self.meshes.map(axes);
         (0..2 * AROUND).map(move |k| {
@@ -72,7 +75,8 @@ impl<'a> Likeness<'a> {
         })
     }
 
-    /// How the first body is laid over the second, after a turn; about their middles.
+    /// The linear map from the first body to the second after a rotation, relative to their
+    /// centres.
     pub fn pose(&self, turn: &UnitQuaternion<f64>) -> Matrix3<f64> {
         let turn = turn.to_rotation_matrix().into_inner();
         let from = turn * self.spreads[0] * turn.transpose();
@@ -83,7 +87,7 @@ impl<'a> Likeness<'a> {
         back * by_values(&(root * self.spreads[1] * root), f64::sqrt) * back * turn
     }
 
-    /// Matches from both sides, and the mean square of how far apart they are.
+    /// Matches from both sides, and the mean of their squared distances.
     pub fn matches(&self, pose: &Matrix3<f64>) -> (Vec<Match>, f64) {
         let spots = self.spots(pose);
         let (mut all, mut sum) = (Vec::new(), 0.0);
@@ -115,8 +119,8 @@ impl<'a> Likeness<'a> {
         (all, 0.5 * sum)
     }
 
-    /// Mean square of the distances between places of the first body as it is laid and those of the second that lie over them
-    /// on the sphere \[m^2\].
+    /// Mean squared distance between points of the transformed first body and the points of the
+    /// second with the same direction on the sphere \[m^2\].
     pub fn apart(&self, maps: [&SphereMap; 2], pose: &Matrix3<f64>) -> f64 {
         let locator = Locator::new(maps[1]);
         let one = |&(v, weight): &(u32, f64)| {
@@ -162,7 +166,7 @@ impl<'a> Likeness<'a> {
     }
 }
 
-/// Covariance of a surface about its middle \[m^2\].
+/// Covariance of a surface about its centre \[m^2\].
 fn spread(mesh: &TriangleMesh, middle: &Point3<f64>) -> Matrix3<f64> {
     let (mut sum, mut total) = (Matrix3::zeros(), 0.0);
     for (p, area) in mesh.vertices.iter().zip(mesh.vertex_areas()) {
@@ -176,7 +180,7 @@ fn spread(mesh: &TriangleMesh, middle: &Point3<f64>) -> Matrix3<f64> {
     }
 }
 
-/// Every so many vertices, with their shares of the area of all of these.
+/// Sample vertices at equal index steps, with their shares of the area of all sample vertices.
 fn asked(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
     let (count, areas) = (mesh.vertices.len(), mesh.vertex_areas());
     let every = (count / ASKED).max(1);
@@ -189,7 +193,8 @@ fn asked(mesh: &TriangleMesh) -> Vec<(u32, f64)> {
         .collect()
 }
 
-/// A function of the eigenvalues of a symmetric matrix, none of which is below [`FLAT`] squared of the greatest.
+/// A function of the eigenvalues of a symmetric matrix; eigenvalues are at least [`FLAT`] squared
+/// times the greatest.
 fn by_values(matrix: &Matrix3<f64>, of: impl Fn(f64) -> f64) -> Matrix3<f64> {
     let eigen = matrix.symmetric_eigen();
     let most = eigen.eigenvalues.max();
@@ -232,7 +237,7 @@ mod tests {
             (pose - pose.transpose()).norm() <= 1e-12 * pose.norm(),
             "no turn in it: {pose}"
         );
-        // Turned before, it is laid the other way round.
+        // After a rotation the body is mapped in the opposite direction.
         let over = UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI);
         assert!((likeness.pose(&over) + pose).column(0).norm() < 1e-9 * pose.norm());
         let flat = TriangleMesh {
@@ -253,7 +258,7 @@ mod tests {
         let ball = icosphere(1.0, 3);
         let likeness = Likeness::new([&ball, &ball]);
         let (found, square) = likeness.matches(&Matrix3::identity());
-        // Places are told from the middle, which rounds.
+        // Places are relative to the centre, which has a rounding error.
         assert!(square <= 1e-28 && found.iter().all(|m| m.vertices[0] == m.vertices[1]));
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.4, 0.0));
         let (found, square) = likeness.matches(&turn.to_rotation_matrix().into_inner());

@@ -1,4 +1,4 @@
-//! Which triangle of a map holds a place of the sphere, by a tree of caps.
+//! Point location in a map of the sphere, by a tree of caps.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,23 +6,24 @@ use super::sphere::{SphereMap, turn};
 
 /// Triangles in a leaf.
 const LEAF: usize = 4;
-/// Room for rounding in a cap's opening: cosines near 1 lose half of their digits.
+/// Tolerance of a cap's opening: cosines near 1 lose half of their digits.
 const MARGIN: f64 = 1e-12;
 
-/// A place in a triangle of a map.
+/// A point in a triangle of a map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Located {
     /// The triangle.
     pub triangle: u32,
-    /// Weights of its corners, at least 0 and of sum 1: of the place where the line from the centre meets its plane.
+    /// Barycentric weights, at least 0 and of sum 1, of the intersection of the triangle's plane
+    /// with the line from the centre.
     pub weights: [f64; 3],
 }
 
 impl Located {
-    /// The place with these weights in other positions of the same vertices \[m\].
+    /// The point with these weights for other positions of the same vertices \[m\].
     pub fn of(&self, triangles: &[[u32; 3]], positions: &[Point3<f64>]) -> Point3<f64> {
         let [a, b, c] = triangles[self.triangle as usize].map(|v| positions[v as usize]);
-        // In difference form, so that a corner is met exactly.
+        // The difference form reproduces a corner exactly.
         a + (b - a) * self.weights[1] + (c - a) * self.weights[2]
     }
 }
@@ -35,18 +36,19 @@ pub struct Locator<'a> {
     order: Vec<u32>,
 }
 
-/// Children `link`, `link + 1` where `count` is zero, else triangles `link..link + count` of the order.
+/// Children `link`, `link + 1` where `count` is zero, otherwise triangles `link..link + count` of
+/// the order.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     axis: Vector3<f64>,
-    /// Every place of every triangle below has a product with the axis of at least this.
+    /// Lower bound of the cosine between the axis and any point of the triangles below.
     cosine: f64,
     link: u32,
     count: u32,
 }
 
 impl<'a> Locator<'a> {
-    /// Builds the tree.
+    /// Builds the tree over the triangles of a map.
     pub fn new(map: &'a SphereMap) -> Self {
         let corner = |v: u32| map.points()[v as usize].coords;
         let middles: Vec<Vector3<f64>> = map
@@ -68,7 +70,8 @@ impl<'a> Locator<'a> {
             if let Some(axis) = sum.try_normalize(0.0) {
                 let corners = part.iter().flat_map(|&t| map.triangles()[t as usize]);
                 let cosine = corners.map(|v| axis.dot(&corner(v))).fold(1.0, f64::min);
-                // A cap of less than a hemisphere that holds the corners holds the triangles; a larger one may not.
+                // A cap smaller than a hemisphere that contains the corners contains the triangles;
+                // a larger cap need not.
                 (nodes[node].axis, nodes[node].cosine) =
                     (axis, if cosine > 0.0 { cosine - MARGIN } else { -2.0 });
             }
@@ -103,13 +106,13 @@ impl<'a> Locator<'a> {
         self.map
     }
 
-    /// The triangle that holds a direction, exactly; on an edge that with the lower index. Only a direction that is none is
-    /// in no triangle.
+    /// The triangle that contains a direction, exactly; on an edge the one with the lower index.
+    /// `None` only for a zero or NaN direction.
     pub fn locate(&self, direction: &Vector3<f64>) -> Option<Located> {
         self.locate_exactly(&Point3::from(direction.try_normalize(0.0)?))
     }
 
-    /// As [`Self::locate`], for a point as it is stored.
+    /// The same as [`Self::locate`], for a point as stored.
     pub(super) fn locate_exactly(&self, p: &Point3<f64>) -> Option<Located> {
         let triangle = self.holding(p)?;
         Some(Located {
@@ -138,7 +141,8 @@ impl<'a> Locator<'a> {
         found
     }
 
-    /// On which side of each side of a triangle a place lies, exact in sign: side k is opposite corner k.
+    /// The side of each triangle edge on which a point lies, exact in sign: edge k is opposite
+    /// corner k.
     pub(super) fn sides(&self, triangle: u32, p: &Point3<f64>) -> [f64; 3] {
         let [a, b, c] =
             self.map.triangles()[triangle as usize].map(|v| &self.map.points()[v as usize]);

@@ -1,7 +1,8 @@
-//! Morphing: which place of one closed surface belongs to which of another, and shapes in between.
+//! Morphing: correspondence of closed surfaces, and intermediate shapes.
 //!
-//! Surfaces are spread over the unit sphere ([`sphere`]), turned, and drawn or moved until like parts lie over each other ([`pose`],
-//! [`align`]), and given common vertices ([`overlay`]); [`between`] does all of it. Shapes in between are made by [`blend`].
+//! Surfaces are mapped to the unit sphere ([`sphere`]). The maps are rotated and deformed until
+//! similar parts coincide ([`pose`], [`align`]), and get common vertices ([`overlay`]); [`between`]
+//! does all of this. [`blend`] computes intermediate shapes.
 
 pub mod align;
 pub mod between;

@@ -1,5 +1,5 @@
-//! How two maps lie to each other where nothing is named: turned so that places that are near each other on the bodies are near
-//! on the sphere as well.
+//! Relative rotation of two maps without named features: places that are near each other on the
+//! bodies become near each other on the sphere.
 
 use nalgebra::{Matrix3, UnitQuaternion};
 
@@ -8,23 +8,24 @@ use super::likeness::{Likeness, Match};
 use super::sphere::SphereMap;
 use crate::mesh::TriangleMesh;
 
-/// The axes must lay the bodies onto each other so much better than they lie: a body that is nearly round or flat has no axes,
-/// bones and muscles of one limb fit as well the wrong way round, and where somebody placed them is right.
+/// Principal axes replace the given placement only if they reduce the distance to this share. A
+/// nearly round or flat body has no axes, bones and muscles of one limb also fit in the wrong
+/// direction, and a deliberate placement is right.
 const BETTER: f64 = 0.4;
 
-/// From what the turn of a map was found.
+/// Source of the rotation of a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// Bodies as they are placed, moved and scaled onto each other.
+    /// The given placement of the bodies, translated and scaled onto each other.
     Placed,
-    /// Bodies turned by their principal axes.
+    /// The principal axes of the bodies.
     Axes,
-    /// Features that were named.
+    /// Named features.
     Features,
 }
 
 impl Start {
-    /// As in files and on the command line.
+    /// Name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Placed => "placed",
@@ -34,23 +35,25 @@ impl Start {
     }
 }
 
-/// How a first body and its map lie to a second.
+/// Pose of a first body and its map relative to a second.
 pub struct Posed {
-    /// Turn of the first map.
+    /// Rotation of the first map.
     pub turn: UnitQuaternion<f64>,
-    /// From what it was found.
+    /// Source of the rotation.
     pub start: Start,
-    /// What is alike on the two.
+    /// Matched places of the two bodies.
     pub matches: Vec<Match>,
-    /// How the first body is laid over the second, about their middles.
+    /// Linear map from the first body to the second, relative to their centres.
     pub pose: Matrix3<f64>,
 }
 
-/// The turn of the first map after which like parts of the bodies lie on like parts of the sphere.
+/// The rotation of the first map that puts similar parts of the bodies on similar parts of the
+/// sphere.
 ///
-/// The bodies are laid over each other as they are placed, and by their principal axes, with turns about the longest, for the other
-/// two of a round shaft say nothing; like places are matched (by what lies around them), and those that are nearest to each other
-/// win. Then the map is turned to the least sum of squares of the matches \[kabsch1976\].
+/// The candidates are the given placement and the principal axes, with rotations about the longest
+/// axis, since the other two of a round shaft are arbitrary. Similar places are matched by their
+/// surroundings, and the candidate with the least distance wins. Then the map is rotated to the
+/// least sum of squared distances of the matches \[kabsch1976\].
 pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
     let mut start = Start::Placed;
     let mut pose = likeness.pose(&UnitQuaternion::identity());

@@ -1,8 +1,8 @@
-//! Places of surfaces, told apart by where they lie and by which way they face.
+//! Points of surfaces with normals, compared by position and normal.
 
 use nalgebra::{Point3, Vector3};
 
-/// A place over a length that the user chooses, and the normal there.
+/// A point in units of a length that the caller chooses, and the normal there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spot {
     pub place: Point3<f64>,
@@ -10,7 +10,8 @@ pub struct Spot {
 }
 
 impl Spot {
-    /// Square of how far apart two are: that of the places, and of the normals, up to 4.
+    /// Squared distance of two oriented points: that of the positions plus that of the normals, the
+    /// latter up to 4.
     #[inline]
     pub fn square(&self, other: &Self) -> f64 {
         (self.place - other.place).norm_squared() + (self.normal - other.normal).norm_squared()

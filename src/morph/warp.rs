@@ -1,8 +1,10 @@
-//! A map drawn over another without a fold: each place of the sphere is turned as those around it ask, from afar first.
+//! Deformation of one map onto another without a fold: local rotations from nearby targets, from
+//! large to small radii.
 //!
-//! A turn of the whole cannot lay maps of two bodies over each other: around a long body its map may be turned more at one
-//! station than at another, and thick ends take room from what is between. Here each place has a turn of its own, the one
-//! with the least sum of squares over the wishes nearby, with weights that end at a radius; and the radius shrinks.
+//! A single rotation cannot align the maps of two bodies: around a long body the map can be rotated
+//! more at one station than at another, and thick ends take room from the middle. Here each point
+//! has its own rotation, the one with the least sum of squares over the targets nearby. The weights
+//! vanish at a radius, and the radius shrinks.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -12,23 +14,24 @@ use super::sphere::rings::Rings;
 use super::sphere::{SphereMap, flipped};
 use crate::mesh::measures::greatest;
 
-/// Radii of what is near, the first and the last, as chords of the unit sphere.
+/// First and last radius of the neighbourhood, as chords of the unit sphere.
 const RADII: [f64; 2] = [2.0, 0.5];
-/// Steps from one to the other.
+/// Number of steps from the first to the last radius.
 const STEPS: usize = 6;
-/// A turn about an axis counts as far away as it would move all that is near, plus so many times that: what is near is moved
-/// more willingly than it is turned about itself.
+/// Regularisation of a rotation: a rotation costs the displacement of all points nearby plus this
+/// multiple of it. Points move more easily than they rotate about themselves.
 const HELD: f64 = 1.0;
-/// Wishes further away than this count ever less: bodies differ, and some of what is matched should not be \[rad\].
+/// Targets farther away than this have decreasing weights: bodies differ, and some matches are
+/// wrong \[rad\].
 const DOUBT: f64 = 0.3;
-/// Greatest way over the radius: twice of it, and places could overtake each other.
+/// Greatest displacement relative to the radius; at twice this value points could pass each other.
 const SHARE: f64 = 0.35;
-/// Halvings of a step that folds the map.
+/// Greatest number of halvings of a step that folds the map.
 const HALVINGS: usize = 6;
-/// Passes over what is folded.
+/// Greatest number of passes over folded triangles.
 const MENDS: usize = 20;
 
-/// Where a vertex of the map shall be.
+/// Target of a vertex of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wish {
     pub vertex: u32,
@@ -36,7 +39,7 @@ pub struct Wish {
     pub weight: f64,
 }
 
-/// Draws a map to where its vertices shall be; `None` if that is not possible without a fold.
+/// Deforms a map towards the targets of its vertices; `None` if that needs a fold.
 pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
     let rings = Rings::new(map.points().len(), map.triangles())?;
     let mut points = map.points().to_vec();
@@ -59,7 +62,8 @@ pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
     SphereMap::new(points, map.triangles().to_vec()).ok()
 }
 
-/// The turn that takes one unit vector to another, about the axis square to both \[rad\].
+/// The rotation vector that takes one unit vector to another, about the axis perpendicular to both
+/// \[rad\].
 fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
     let axis = from.cross(to);
     let sine = axis.norm();
@@ -70,8 +74,8 @@ fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
     }
 }
 
-/// The turn of each place: of w that with the least sum of k |w x q - r x q|^2 over the wishes nearby, which take q by r to its
-/// place, with weights k.
+/// The rotation of each point: the w with the least sum of k |w x q - r x q|^2 over the targets
+/// nearby, where r takes q to its target and k is the weight.
 fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f64>> {
     let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = wishes
         .iter()
@@ -97,7 +101,7 @@ fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f6
             }
         }
         matrix += Matrix3::identity() * (total * (1.0 + HELD));
-        // Where nobody asks there is no turn.
+        // Without targets there is no rotation.
         matrix
             .try_inverse()
             .map_or_else(Vector3::zeros, |inverse| inverse * sum)
@@ -105,7 +109,8 @@ fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f6
     points.par_iter().map(at).collect()
 }
 
-/// Puts vertices of triangles that were turned over where they see their rings; whether all are turned outward then.
+/// Moves vertices of reversed triangles to positions that see their rings. Returns true if no
+/// reversed triangle remains.
 fn mended(points: &mut [Point3<f64>], triangles: &[[u32; 3]], rings: &Rings) -> bool {
     let mut ring = Vec::new();
     for _ in 0..MENDS {
@@ -123,7 +128,7 @@ fn mended(points: &mut [Point3<f64>], triangles: &[[u32; 3]], rings: &Rings) -> 
             let Some(near) = sum.try_normalize(0.0).map(Point3::from) else {
                 continue;
             };
-            // Where the ring is folded itself, its middle opens it for the next pass.
+            // Where the ring itself is folded, its centroid opens it for the next pass.
             points[v as usize] = middle(&kernel(&near, &ring)).unwrap_or(near);
         }
     }
@@ -135,7 +140,7 @@ mod tests {
     use super::*;
     use crate::mesh::shapes::icosphere;
 
-    /// Wishes of all vertices of a ball, and the root of the mean square of what is left of them.
+    /// Targets of all vertices of a ball; returns the root mean square distances before and after.
     fn drawn_by(by: impl Fn(&Point3<f64>) -> Point3<f64>) -> (f64, f64, SphereMap) {
         let ball = icosphere(1.0, 4);
         let map = SphereMap::new(ball.vertices.clone(), ball.triangles).expect("a map");
@@ -166,7 +171,7 @@ mod tests {
     fn a_map_that_lies_well_stays_and_a_fold_is_not_made() {
         let (before, after, _) = drawn_by(|p| *p);
         assert!(before == 0.0 && after <= 1e-15, "{after}");
-        // All to one side of a mirror: half of the sphere would be folded.
+        // All targets on one side of a mirror plane: half of the sphere would fold.
         let (before, after, map) = drawn_by(|p| Point3::new(p.x.abs(), p.y, p.z));
         assert!(
             after < before && flipped(map.points(), map.triangles()).is_empty(),

@@ -1,4 +1,5 @@
-//! What a surgeon asks for: areas before, under tension, after the tension is gone, and grown, with what is known of them.
+//! Areas of skin over an implant: before, under tension, after retraction, and after growth, with
+//! the published intervals.
 
 use nalgebra::{Matrix2, Point3};
 
@@ -6,7 +7,7 @@ use super::layers::Layers;
 use crate::mesh::measures::{area, greatest};
 use crate::mesh::sum::tree_sum_by;
 
-/// Limits of every prediction, for reports.
+/// Limitations of every prediction, for reports.
 pub const CAVEATS: [&str; 4] = [
     "The deformed area is elastic and an upper bound: in pigs about a third of the gain remained when the expander was taken out.",
     "The intervals are published ratios of a few animals, applied to the area found here; they are not predictions for a patient.",
@@ -14,38 +15,38 @@ pub const CAVEATS: [&str; 4] = [
     "The limit of the stretch is a setting, not a measured threshold of perfusion.",
 ];
 
-/// The share of the area gained over an implant that is still gained when it is taken out, as published for pigs: about
-/// 35 % \[vanrappard1988\], by shape 25 % (round), 32 % (crescent), 38 % (rectangular).
+/// The share of the gained area that remains when the implant is removed, as published for pigs:
+/// about 35 % \[vanrappard1988\], by shape 25 % (round), 32 % (crescent), 38 % (rectangular).
 pub const RETRACTED: Interval = Interval {
     low: 0.25,
     high: 0.38,
 };
 
-/// Growth over elastic stretch, both as ratios of areas, as published for expanders of 60 cc under the skin of minipigs
-/// after an hour to a week \[janes2020\]: 1.03, 0.82, 0.85, 0.95.
+/// Ratio of growth to elastic stretch, both as ratios of areas, as published for expanders of 60 cc
+/// under the skin of minipigs after an hour to a week \[janes2020\]: 1.03, 0.82, 0.85, 0.95.
 pub const GROWTH: Interval = Interval {
     low: 0.82,
     high: 1.03,
 };
 
-/// Where the interval of the retracted area comes from.
+/// Source of the interval of the retracted area.
 pub const RETRACTED_SOURCE: &str = "25 to 38 % of the gain remains: pigs, by shape (round 25, crescent 32, rectangular 38, all 35) [vanrappard1988]";
 
-/// Where the interval of the grown area comes from.
+/// Source of the interval of the grown area.
 pub const GROWN_SOURCE: &str = "growth is 0.82 to 1.03 times the elastic stretch: minipigs, 60 cc, an hour to a week [janes2020]";
 
-/// From a lower to an upper value.
+/// An interval of values.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Interval {
-    /// The lower.
+    /// Lower end.
     pub low: f64,
-    /// The upper.
+    /// Upper end.
     pub high: f64,
 }
 
 impl Interval {
-    /// Both ends changed by a rising function.
+    /// The image of the interval under an increasing function.
     pub fn map(self, change: impl Fn(f64) -> f64) -> Self {
         Self {
             low: change(self.low),
@@ -57,15 +58,16 @@ impl Interval {
 /// Areas of a region of skin.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Areas {
-    /// Before [m^2].
+    /// Area before the insertion [m^2].
     pub before: f64,
-    /// Over the implant, stretched [m^2]: an upper bound of what can be used.
+    /// Area over the implant, stretched [m^2]: an upper bound of the usable area.
     pub deformed: f64,
-    /// When the implant is out and the stretch is gone [m^2].
+    /// Area after removal of the implant, without stretch [m^2].
     pub retracted: Interval,
-    /// Grown, without elastic stretch, if all of the deformed area is kept for as long as it takes [m^2].
+    /// Grown area without elastic stretch, if the deformed area is kept long enough [m^2].
     pub grown: Interval,
-    /// Between the region before and the region over the implant, closed at its held rim [m^3].
+    /// Volume between the region before and the region over the implant, closed at its fixed
+    /// boundary [m^3].
     pub volume_difference: f64,
     /// Greatest stretch of a triangle in any direction.
     pub stretch_max: f64,
@@ -86,7 +88,7 @@ impl Areas {
         }
     }
 
-    /// What published ratios make of two areas [m^2].
+    /// Predictions from two areas [m^2] by the published ratios.
     pub fn between(before: f64, deformed: f64) -> Self {
         let gain = deformed - before;
         let grown = |ratio: f64| before * (ratio * deformed / before).sqrt().max(1.0);
@@ -99,14 +101,14 @@ impl Areas {
         }
     }
 
-    /// What the implant adds while it is in [m^2].
+    /// Area gained while the implant is in place [m^2].
     pub fn gain(&self) -> f64 {
         self.deformed - self.before
     }
 }
 
 impl std::iter::Sum for Areas {
-    /// Of parts of skin that have nothing in common; the stretch is the greatest.
+    /// Sum over disjoint parts of skin; the stretch is the greatest.
     fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
         let add = |a: Interval, b: Interval| Interval {
             low: a.low + b.low,
@@ -123,7 +125,8 @@ impl std::iter::Sum for Areas {
     }
 }
 
-/// The volume that a surface sweeps from one place to another with its rim held [m^3], outward counted positive.
+/// The volume that a surface with a fixed boundary sweeps between two positions [m^3], positive
+/// outward.
 pub fn volume_between(from: &[Point3<f64>], to: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
     let Some(origin) = from.first() else {
         return 0.0;
@@ -145,7 +148,7 @@ pub fn stretches(rest: &[Point3<f64>], x: &[Point3<f64>], triangles: &[[u32; 3]]
         Matrix2::new(u.dot(&u), u.dot(&v), u.dot(&v), v.dot(&v))
     };
     let stretch = |t: &[u32; 3]| {
-        // Squares of the principal stretches are the eigenvalues of one metric by the other.
+        // The squared principal stretches are the eigenvalues of one metric relative to the other.
         let Some(inverse) = metric(rest, t).try_inverse() else {
             return f64::NAN;
         };
@@ -180,7 +183,7 @@ mod tests {
             Point3::new(1.0, 0.0, 0.0),
             Point3::new(0.3, 1.0, 0.0),
         ];
-        // Stretched by 1.5 and 0.8 along axes turned by 0.4, then turned out of its plane.
+        // Stretched by 1.5 and 0.8 along axes rotated by 0.4, then rotated out of its plane.
         let turn = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::z_axis(), 0.4);
         let out = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), 1.0);
         let stretch = nalgebra::Vector3::new(1.5, 0.8, 1.0);
@@ -205,7 +208,7 @@ mod tests {
                     && interval.low < interval.high
             );
         }
-        // Nothing gained: nothing retracted, nothing grown.
+        // No gain: no retraction and no growth.
         let none = Areas::between(0.01, 0.01);
         assert!((none.retracted.high - 0.01).abs() <= 1e-15 && none.grown.low == 0.01);
     }

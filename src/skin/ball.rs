@@ -1,4 +1,4 @@
-//! Skin over a rigid ball that comes up from below.
+//! Skin over a rigid ball that rises from below.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,30 +8,30 @@ use super::plan::{Inserted, Ready, over_ball};
 use super::region::REACH;
 use super::settle::{Method, Progress};
 
-/// Places along the radius of a ball of which one is where the skin is taken to leave it.
+/// Number of points along the radius of a ball where the skin possibly leaves it.
 const PLACES: u32 = 64;
 
 /// A rigid ball: centre and radius [m].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
-    /// Its centre.
+    /// Centre of the ball [m].
     pub centre: Point3<f64>,
-    /// Its radius.
+    /// Radius of the ball [m].
     pub radius: f64,
 }
 
 impl Ready {
-    /// Brings the skin to rest over a ball, from where it lay with a ball that was elsewhere `before`.
+    /// Brings the skin to equilibrium over a ball, from the positions with the ball `before`.
     ///
     /// # Errors
-    /// Equations without a solution, [`SkinError::Stopped`].
+    /// Equations without a solution, or [`SkinError::Stopped`].
     pub fn over_ball(
         &self,
         ball: Ball,
         before: Option<(&Inserted, Ball)>,
         watch: impl FnMut(&Progress) -> bool,
     ) -> Result<Inserted, SkinError> {
-        // Without an implant a constant factor serves, several times as fast.
+        // Without an implant a constant factor is sufficient and several times as fast.
         let method = self.method.unwrap_or(Method::QuasiStatic);
         let membrane = self.order.tissue.membrane();
         let model = over_ball(
@@ -62,7 +62,8 @@ impl Ready {
         })
     }
 
-    /// How far a taut skin over a ball is above where it rests [m]: on the ball, and from there straight to the rim.
+    /// Height of a taut skin over a ball above its rest position [m]: on the ball, and from there
+    /// straight to the boundary.
     fn raised(&self, ball: &Ball) -> Vec<f64> {
         let centre = self.frame.inverse_transform_point(&ball.centre);
         let (base, rim) = (centre.z + self.order.tissue.depth, REACH * ball.radius);

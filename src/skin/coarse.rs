@@ -1,5 +1,6 @@
-//! Skin of triangles that are large beside an implant, such as a box of twelve: they are halved near it, so that what is taken
-//! out and refined is no more of the skin than the implant needs.
+//! Refinement of skin with triangles that are large relative to an implant, such as a box of twelve
+//! triangles. Bisection near the implant keeps the extracted and refined patch no larger than
+//! necessary.
 
 use std::collections::{BTreeMap, BinaryHeap};
 
@@ -12,13 +13,14 @@ use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::closest_on_triangle;
 
-/// Edges that reach near an implant are halved down to this share of its region's radius.
+/// Edges near an implant are bisected down to this share of the radius of its region.
 const LONG: f64 = 0.5;
 
-/// Halvings at most. A triangle of any size needs some hundred; skin that needs more is refused by its area later on.
+/// Greatest number of bisections. A triangle of any size needs about a hundred; a later check
+/// rejects skin that needs more by its area.
 const MOST: usize = 200_000;
 
-/// An edge by its length, the longest first; ends decide between equal ones.
+/// An edge with its length, longest first; the ends decide between equal lengths.
 #[derive(PartialEq)]
 struct Long(f64, [u32; 2]);
 
@@ -38,9 +40,10 @@ impl PartialOrd for Long {
     }
 }
 
-/// The same surface with triangles about as small as each implant needs near it: edges longer than half of the radius of its
-/// region are halved, the longest first, with every triangle beside them. Vertices keep their numbers, new ones follow; skin
-/// that is fine enough comes back as it is. What is wrong with an order is left to [`super::plan::Ready::new`].
+/// The same surface with triangles fine enough near each implant: edges longer than half of the
+/// radius of its region are bisected, longest first, with all their triangles. Vertices keep their
+/// indices and new ones follow; sufficiently fine skin is unchanged. [`super::plan::Ready::new`]
+/// reports invalid orders.
 pub fn halved_near(mut skin: TriangleMesh, orders: &[Order]) -> TriangleMesh {
     if skin
         .triangles
@@ -72,7 +75,7 @@ fn key(a: u32, b: u32) -> [u32; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Halves edges longer than `longest` [m] of triangles at most `within` [m] from a place.
+/// Bisects edges longer than `longest` [m] of triangles within `within` [m] of a point.
 fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f64) -> TriangleMesh {
     let length = |skin: &TriangleMesh, [a, b]: [u32; 2]| {
         (skin.vertices[a as usize] - skin.vertices[b as usize]).norm()
@@ -85,7 +88,7 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
     let mut open = BinaryHeap::new();
     let offer = |skin: &TriangleMesh, t: [u32; 3], open: &mut BinaryHeap<Long>| {
         let long = sides(t).map(|side| Long(length(skin, side), side));
-        // A length that is no number is nothing to halve.
+        // A NaN length is not bisected.
         if long.iter().any(|side| side.0 > longest) && near(skin, t) {
             open.extend(
                 long.into_iter()
@@ -103,7 +106,7 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
     for (t, corners) in skin.triangles.iter().enumerate() {
         for side in sides(*corners) {
             let all = beside.entry(side).or_default();
-            // A triangle that names a vertex twice has a side twice.
+            // A triangle with a repeated vertex has a repeated side.
             if all.last() != Some(&(t as u32)) {
                 all.push(t as u32);
             }
@@ -115,11 +118,11 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
         };
         let ends = side.map(|v| skin.vertices[v as usize]);
         let middle = center(&ends[0], &ends[1]);
-        // So short beside its coordinates that no number lies between them: that cannot be halved.
+        // The edge is so short relative to its coordinates that no number lies between them.
         if ends.contains(&middle) {
             continue;
         }
-        // Offered by two triangles and halved already.
+        // Listed by two triangles and already bisected.
         let Some(halved) = beside.remove(&side) else {
             continue;
         };
@@ -132,7 +135,7 @@ fn halved(mut skin: TriangleMesh, centre: &Point3<f64>, within: f64, longest: f6
             let added = skin.triangles.len() as u32;
             skin.triangles[t as usize] = first;
             skin.triangles.push(second);
-            // The triangle that was there is the one with `b` from here on.
+            // The original triangle becomes the one with `b`.
             for side in sides(old)
                 .into_iter()
                 .filter(|s| s.contains(&a) && !s.contains(&b))
@@ -191,7 +194,7 @@ mod tests {
         assert_eq!(after.vertices[..skin.vertices.len()], skin.vertices[..]);
         let added = after.triangles.len() - skin.triangles.len();
         assert!((20..1000).contains(&added), "{added} more triangles");
-        // About it nothing is longer than asked for; what is far away is as it was.
+        // No edge near the implant exceeds the limit; distant triangles are unchanged.
         let radius = REACH * 0.5 * 0.02;
         for t in &after.triangles {
             let corners = t.map(|v| after.vertices[v as usize]);

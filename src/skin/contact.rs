@@ -1,5 +1,6 @@
-//! Contact without friction as one-sided springs that begin to press a little before bodies touch; where they alone would let
-//! bodies sink into each other, they are lifted until they do not, as multipliers of an augmented Lagrangian.
+//! Frictionless contact as one-sided springs that begin to press slightly before bodies touch.
+//! Where the springs alone would permit penetration, their offset increases, as the multipliers of
+//! an augmented Lagrangian do.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -7,40 +8,43 @@ use crate::constraints::Potential;
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
 
-/// A plane, at rest or carried by a triangle, or a sphere, that a vertex must stay over: n.(x - y) >= 0.
+/// A contact of a vertex with a plane, fixed or on a triangle, or with a sphere: n.(x - y) >= 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Touch {
     /// The vertex.
     pub vertex: u32,
-    /// Which body it touches.
+    /// The body that the vertex touches.
     pub on: On,
-    /// What it must stay over.
+    /// The surface that the vertex must stay over.
     pub over: Over,
     /// Stiffness [N/m].
     pub stiffness: f64,
-    /// It begins to press at this gap [m].
+    /// Gap at which the spring begins to press [m].
     pub soft: f64,
-    /// It presses as if the surface were higher by this [m]: what a spring lacks to hold a body out that presses hard.
+    /// Offset of the surface for the spring [m]: compensates the penetration of a spring under
+    /// load.
     pub lift: f64,
-    /// Stiffness against sliding along the plane [N/m], from where it was found: what presses on a curved surface with a
-    /// force F is turned back by F/R, which a plane knows nothing of. Found anew where it rests, it exerts no force.
+    /// Stiffness against sliding along the plane [N/m], from the position where the contact was
+    /// found. A force F on a surface of radius R has the tangential stiffness F/R, which a plane
+    /// lacks. A contact that is found again at rest exerts no such force.
     pub slide: f64,
-    /// The way from the point of the surface to the vertex where it was found [m].
+    /// Vector from the surface point to the vertex where the contact was found [m].
     pub from: Vector3<f64>,
 }
 
-/// What a vertex must stay over.
+/// The surface that a vertex must stay over.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
-    /// A plane with this unit normal through the point of a triangle with these barycentric weights.
+    /// A plane with this unit normal through the point of a triangle with these barycentric
+    /// weights.
     Carried([u32; 3], [f64; 3], Vector3<f64>),
-    /// A plane at rest: a point and a unit normal.
+    /// A fixed plane: a point and a unit normal.
     Plane(Point3<f64>, Vector3<f64>),
-    /// A sphere at rest: centre and radius [m].
+    /// A fixed sphere: centre and radius [m].
     Ball(Point3<f64>, f64),
 }
 
-/// What a vertex may touch.
+/// The bodies that a vertex can touch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum On {
     /// The sphere.
@@ -49,23 +53,23 @@ pub enum On {
     Implant(u32),
     /// The lower layer of the skin.
     Skin,
-    /// One of the surfaces that lie below.
+    /// One of the surfaces below.
     Bed(u32),
 }
 
-/// A gap and its derivatives by the vertex and the corners.
+/// A gap with its derivatives with respect to the vertex and the corners.
 struct Gap {
     value: f64,
     points: [u32; 4],
     gradient: [Vector3<f64>; 4],
-    /// How many of the points count.
+    /// Number of points in use.
     count: usize,
-    /// Second derivative by the vertex.
+    /// Second derivative with respect to the vertex.
     curvature: Matrix3<f64>,
 }
 
 impl Touch {
-    /// The gap [m], negative where the vertex is inside; `None` in the centre of a sphere.
+    /// The gap [m], negative if the vertex is inside; `None` in the centre of a sphere.
     pub fn gap(&self, x: &[Point3<f64>]) -> Option<f64> {
         self.measure(x).map(|gap| gap.value)
     }
@@ -111,7 +115,8 @@ impl Touch {
         }
     }
 
-    /// The same, held back along its plane as is due to a surface of this radius [m], found at positions `x`.
+    /// The contact with the tangential stiffness of a surface of this radius [m], found at
+    /// positions `x`.
     pub fn found(mut self, x: &[Point3<f64>], radius: f64) -> Self {
         let pressed = self
             .gap(x)
@@ -121,7 +126,7 @@ impl Touch {
         self
     }
 
-    /// Weights of the vertex and the corners in the way from the surface.
+    /// Weights of the vertex and the corners in the vector from the surface.
     fn weights(&self) -> [f64; 4] {
         match self.over {
             Over::Carried(_, w, _) => [1.0, -w[0], -w[1], -w[2]],
@@ -129,7 +134,7 @@ impl Touch {
         }
     }
 
-    /// From the point of the surface to the vertex [m].
+    /// Vector from the surface point to the vertex [m].
     fn way(&self, x: &[Point3<f64>]) -> Vector3<f64> {
         let at = |v: u32| x[v as usize];
         match self.over {
@@ -141,7 +146,7 @@ impl Touch {
         }
     }
 
-    /// What of a vector lies along the plane.
+    /// Projection onto the plane.
     fn along(&self) -> Matrix3<f64> {
         match self.over {
             Over::Carried(_, _, n) | Over::Plane(_, n) => Matrix3::identity() - n * n.transpose(),
@@ -149,7 +154,7 @@ impl Touch {
         }
     }
 
-    /// How far it slid [m].
+    /// Tangential displacement since the contact was found [m].
     fn slid(&self, x: &[Point3<f64>]) -> Vector3<f64> {
         self.along() * (self.way(x) - self.from)
     }
@@ -163,7 +168,7 @@ impl Touch {
 }
 
 impl Touch {
-    /// A contact that nothing has pressed yet.
+    /// A contact without load.
     pub fn new(vertex: u32, on: On, over: Over, stiffness: f64, soft: f64) -> Self {
         Self {
             vertex,
@@ -178,8 +183,9 @@ impl Touch {
     }
 }
 
-/// Energy, force and stiffness of a contact of stiffness one at a gap [m]: none beyond `soft`, as of a spring below -`soft`,
-/// and a parabola of forces between, so that second derivatives never jump.
+/// Energy, force and stiffness of a contact of unit stiffness at a gap [m]: zero above `soft`, a
+/// spring below -`soft`, and a quadratic force in between, so that second derivatives are
+/// continuous.
 pub(super) fn law(gap: f64, soft: f64) -> (f64, f64, f64) {
     if gap >= soft {
         return (0.0, 0.0, 0.0);
@@ -195,10 +201,10 @@ pub(super) fn law(gap: f64, soft: f64) -> (f64, f64, f64) {
     )
 }
 
-/// The energy sum k g^2 / 2 over the gaps g < 0, and that of sliding.
+/// The energy sum k g^2 / 2 over the gaps g < 0, plus the tangential energy.
 #[derive(Clone, Debug, Default)]
 pub struct Touching {
-    /// All that may touch.
+    /// All possible contacts.
     pub touches: Vec<Touch>,
 }
 
@@ -219,7 +225,7 @@ impl Touching {
         self.touches.iter().filter(|t| t.slide > 0.0)
     }
 
-    /// How far the deepest is inside [m].
+    /// Greatest penetration [m].
     pub fn depth(&self, x: &[Point3<f64>]) -> f64 {
         greatest(
             self.touches
@@ -306,7 +312,7 @@ impl Potential for Touching {
             let k = k * law(gap.value, soft).2;
             for i in 0..gap.count {
                 (0..gap.count).for_each(|j| {
-                    // A third: the springs hold in one direction of three.
+                    // A third: the springs act in one direction of three.
                     add(
                         gap.points[i],
                         gap.points[j],
@@ -325,12 +331,12 @@ impl Potential for Touching {
     }
 }
 
-/// Springs of rest length zero that hold vertices near places [N/m].
+/// Springs of rest length zero between vertices and fixed points [N/m].
 #[derive(Clone, Debug, Default)]
 pub struct Anchors {
-    /// Vertex, place [m].
+    /// Vertex and its fixed point [m].
     pub places: Vec<(u32, Point3<f64>)>,
-    /// Stiffness of each [N/m].
+    /// Stiffness of each spring [N/m].
     pub stiffness: f64,
 }
 

@@ -1,5 +1,5 @@
-//! Which vertices may touch what: the lower layer and each implant both ways, implants each other, and all of them what lies
-//! below.
+//! Detection of possible contacts: the lower layer and each implant in both directions, implants
+//! with each other, and all of them with the surfaces below.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,44 +13,46 @@ use crate::contact::Surface;
 use crate::mesh::measures::greatest;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Contact stiffness [N/m^3] times the square of the base over the skin's in-plane stiffness: under a tension that
-/// stretches skin by a third, bodies then sink into each other by less than a thousandth of the base.
+/// Contact stiffness [N/m^3] times the square of the base, relative to the skin's in-plane
+/// stiffness. Under a tension that stretches skin by a third, the penetration is then less than a
+/// thousandth of the base.
 pub(super) const PENALTY: f64 = 2_000.0;
 
-/// Contact begins to press at this gap, over the base; a force that grows by a parabola from there to as much inside lets
-/// Newton's method see what it is about to meet.
+/// Gap at which contact begins to press, relative to the base. The quadratic force from there to
+/// the same depth inside informs Newton's method of an approaching contact.
 const SOFT: f64 = 3e-3;
 
-/// Vertices further apart than this share of the base are not looked at.
+/// Vertices farther apart than this share of the base are not tested.
 const LOOK: f64 = 0.15;
 
-/// What presses is turned back along its plane as by a surface of this radius, over the base: smaller than what bends
-/// least, so that no round runs away, and larger than what would make rounds slow.
+/// Radius of the surface that defines the tangential stiffness of a contact, relative to the base:
+/// smaller than the least real radius, so that no round diverges, and large enough for fast rounds.
 const BENDS: f64 = 0.1;
 
-/// At rest, nothing is further inside another body than this share of the base.
+/// Greatest penetration at equilibrium, relative to the base.
 const DEEP: f64 = 1e-3;
 
-/// Where all is at rest but deeper than that, what is deeper than this share of it is lifted by its depth: the rim of an
-/// implant bears all its pressure on a line, where springs are too soft.
+/// If the penetration at equilibrium is greater, contacts deeper than this share of the limit are
+/// offset by their depth: the edge of an implant carries all its pressure on a line, where springs
+/// are too soft.
 const LIFTED: f64 = 0.5;
 
-/// How far bodies may be inside each other at rest [m], for a base [m].
+/// Greatest penetration at equilibrium [m], for a base [m].
 pub fn deepest(base: f64) -> f64 {
     DEEP * base
 }
 
-/// Looks for what may touch.
+/// Finds possible contacts.
 pub(super) struct Detector<'a> {
     pub model: &'a Model,
-    /// Area of each unknown vertex at rest [m^2].
+    /// Rest area of each unknown vertex [m^2].
     areas: Vec<f64>,
-    /// Each implant and its first vertex.
+    /// Each implant with its first vertex.
     implants: Vec<(Surface, u32)>,
     /// Topology of the lower layer.
     lower: Arc<Topology>,
     soft: f64,
-    /// How far touches were lifted [m].
+    /// Offsets of contacts [m].
     lifts: BTreeMap<(On, u32), f64>,
 }
 
@@ -87,7 +89,7 @@ impl<'a> Detector<'a> {
         PENALTY * membrane / (base * base) * self.areas[v as usize] * share
     }
 
-    /// All that may touch at positions `x`.
+    /// All possible contacts at positions `x`.
     pub fn touching(&mut self, x: &[Point3<f64>]) -> Touching {
         for (surface, first) in &mut self.implants {
             let first = *first as usize;
@@ -142,7 +144,7 @@ impl<'a> Detector<'a> {
         Touching { touches }
     }
 
-    /// Vertices of the lower layer that are not held.
+    /// Free vertices of the lower layer.
     fn lower_layer(&self) -> Vec<u32> {
         let n = self.model.layers.count() as u32;
         (n..2 * n)
@@ -156,7 +158,7 @@ impl<'a> Detector<'a> {
         *first..*first + surface.positions().len() as u32
     }
 
-    /// How far the deepest is inside another body [m], however far that is for what is in an implant.
+    /// Greatest penetration of one body into another [m], without a limit inside an implant.
     pub fn depth(&mut self, x: &[Point3<f64>]) -> f64 {
         let near = self.touching(x).depth(x);
         let (lower, n) = (self.lower_layer(), self.model.layers.count() as u32);
@@ -169,8 +171,8 @@ impl<'a> Detector<'a> {
         greatest((0..self.implants.len()).map(inside).chain([near]))
     }
 
-    /// Lifts what is too deep, as far as it is, and lowers what was lifted and is too high; whether anything is too deep that can
-    /// be lifted.
+    /// Increases the offset of contacts that are too deep by their depth, and reduces offsets that
+    /// are too great. Returns true if any contact that can be offset is too deep.
     pub fn lift(&mut self, x: &[Point3<f64>]) -> bool {
         let deep = LIFTED * deepest(self.model.base);
         let mut any = false;
@@ -187,7 +189,8 @@ impl<'a> Detector<'a> {
         any
     }
 
-    /// A vertex of the lower layer, or of another implant, stays out of an implant.
+    /// Contact of a vertex of the lower layer, or of another implant, with the outside of an
+    /// implant.
     fn over_implant(&self, k: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
         let (implant, first) = &self.implants[k];
         let on = implant.nearest(&x[vertex as usize], look)?;
@@ -202,7 +205,7 @@ impl<'a> Detector<'a> {
         ))
     }
 
-    /// A vertex of an implant stays under the lower layer.
+    /// Contact of a vertex of an implant with the lower layer above it.
     fn under_skin(&self, lower: &Sheet, vertex: u32, x: &[Point3<f64>]) -> Option<Touch> {
         let at = x[vertex as usize];
         let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
@@ -217,7 +220,7 @@ impl<'a> Detector<'a> {
         ))
     }
 
-    /// A vertex stays over what lies below.
+    /// Contact of a vertex with the surface below.
     fn over_bed(&self, bed: usize, vertex: u32, x: &[Point3<f64>], look: f64) -> Option<Touch> {
         let at = x[vertex as usize];
         let on = self.model.beds[bed].nearest(&at, look)?;
@@ -232,7 +235,7 @@ impl<'a> Detector<'a> {
     }
 }
 
-/// Areas, none less than their mean: a small triangle at a ridge may bear as much as others.
+/// Areas, each at least their mean: a small triangle at a ridge can carry as much as others.
 fn at_least_mean(areas: Vec<f64>) -> impl Iterator<Item = f64> {
     let mean = areas.iter().sum::<f64>() / areas.len().max(1) as f64;
     areas.into_iter().map(move |area| area.max(mean))

@@ -1,4 +1,5 @@
-//! The springs of the skin: as any constraint's energy, but with the second derivative of a spring written out.
+//! The springs of the skin: the energy of a constraint with the explicit second derivative of a
+//! spring.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -13,10 +14,10 @@ pub struct Elastic {
 }
 
 impl Elastic {
-    /// Springs with a stiffness each [N/m].
+    /// Creates springs with a stiffness each [N/m].
     ///
     /// # Panics
-    /// If the numbers differ.
+    /// If the numbers of springs and stiffnesses differ.
     pub fn new(springs: &[Distance], stiffness: &[f64]) -> Self {
         let energy = Quadratic::new(springs.to_vec(), stiffness.to_vec());
         Self {
@@ -61,7 +62,7 @@ impl Potential for Elastic {
                 continue;
             }
             let n = d / length;
-            // Across a spring its tension alone resists; under pressure it gives way.
+            // Only tension resists a transverse motion; compression gives no stiffness.
             let tension = 1.0 - spring.rest / length;
             let across = if convex { tension.max(0.0) } else { tension };
             let along = n * n.transpose();

@@ -1,4 +1,5 @@
-//! The shell of an implant: it bears tension and no pressure, as a thin sheet that wrinkles instead.
+//! The shell of an implant: it carries tension and no compression, like a thin sheet that wrinkles
+//! instead.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -6,24 +7,24 @@ use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
 
-/// Share of its stiffness with which a spring pulls its ends together however long it is: it spreads the vertices of a
-/// slack shell, whose places would be anyone's guess, and costs as much as a strain of one in a hundred.
+/// Share of its stiffness with which a spring pulls its ends together at any length. It determines
+/// the positions of the vertices of a slack shell and costs as much as a strain of one percent.
 const GATHER: f64 = 0.01;
 
-/// The energy sum k (max(0, l - l0)^2 + l^2/100) / 2: convex, so that a shell has no folds to choose from.
+/// The energy sum k (max(0, l - l0)^2 + l^2/100) / 2: convex, so a shell has a unique state.
 #[derive(Clone, Debug)]
 pub struct Envelope {
     springs: Vec<Distance>,
     stiffness: Vec<f64>,
-    /// Whether forces are judged by what it exerts.
+    /// True if this energy sets the scale of the forces.
     alone: bool,
 }
 
 impl Envelope {
-    /// Springs with a stiffness each [N/m].
+    /// Creates springs with a stiffness each [N/m].
     ///
     /// # Panics
-    /// If the numbers differ.
+    /// If the numbers of springs and stiffnesses differ.
     pub fn new(springs: Vec<Distance>, stiffness: Vec<f64>) -> Self {
         assert_eq!(
             springs.len(),
@@ -37,13 +38,14 @@ impl Envelope {
         }
     }
 
-    /// The same without skin over it: forces are judged by what it exerts itself.
+    /// The same for a shell without skin: this energy sets the scale of the forces.
     pub fn alone(mut self) -> Self {
         self.alone = true;
         self
     }
 
-    /// Each spring: its ends, the way from the second to the first, its length, its rest length and its stiffness.
+    /// Each spring: its ends, the vector from the second to the first, its length, its rest length
+    /// and its stiffness.
     fn each<'a>(
         &'a self,
         x: &'a [Point3<f64>],
@@ -114,7 +116,7 @@ impl Potential for Envelope {
     }
 
     fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        // Under skin, forces are judged by what the springs of the skin exert.
+        // Under skin the springs of the skin set the scale of the forces.
         if !self.alone {
             return 0.0;
         }

@@ -1,11 +1,11 @@
-//! Why skin cannot be laid over an implant, and what to change.
+//! Errors of skin simulations, with the possible repairs.
 
-/// A number with three digits that are worth something.
+/// A number with three significant digits.
 fn shown(number: f64) -> String {
     crate::format::number(number)
 }
 
-/// A length in a unit that suits it.
+/// A length in a suitable unit.
 fn length(metres: f64) -> String {
     let (factor, unit) = match metres.abs() {
         size if size >= 1.0 => (1.0, "m"),
@@ -15,12 +15,12 @@ fn length(metres: f64) -> String {
     format!("{} {unit}", shown(metres * factor))
 }
 
-/// Two digits, cut off below, so that what is said to be possible is.
+/// Two digits, rounded down, so that a stated limit is possible.
 fn at_most(number: f64) -> String {
     two_digits(number, f64::floor)
 }
 
-/// Two digits, cut off above.
+/// Two digits, rounded up.
 fn at_least(number: f64) -> String {
     two_digits(number, f64::ceil)
 }
@@ -34,9 +34,9 @@ fn two_digits(number: f64, round: fn(f64) -> f64) -> String {
     format!("{:.*}", digits.max(0) as usize, round(number / unit) * unit)
 }
 
-/// The base that fits beside a border.
+/// The text about a base that fits beside a border.
 fn fitting(metres: f64) -> String {
-    // Less than a tenth of a millimetre is no base of any implant.
+    // No implant has a base of less than a tenth of a millimetre.
     if metres >= 1e-4 {
         format!("a base of {} cm would fit there", at_most(metres * 1e2))
     } else {
@@ -62,49 +62,50 @@ fn not_manifold(edges: usize, vertices: usize) -> String {
         .join(", ")
 }
 
-/// Why an implant cannot be inserted.
+/// The reason why an implant cannot be inserted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SkinError {
-    /// A length, volume or stiffness that is no positive number.
+    /// A length, volume or stiffness is no positive number.
     #[error("{what} must be more than 0 and finite, not {value}")]
     NotPositive {
-        /// What it is.
+        /// Name of the quantity.
         what: &'static str,
-        /// What was given, SI.
+        /// The given value, in SI units.
         value: f64,
     },
     /// The mesh has no triangles.
     #[error("the skin has no triangles (E046)")]
     Empty,
-    /// Not a mesh, or coordinates that are not finite.
+    /// The mesh is invalid, or coordinates are not finite.
     #[error("the skin is no mesh: {0}")]
     Mesh(#[from] crate::mesh::MeshError),
-    /// More than two triangles at an edge, or surfaces that touch in a vertex, near the implant.
+    /// Edges with more than two triangles, or surfaces that touch in a vertex, are near the
+    /// implant.
     #[error("the skin is not manifold near the implant: {}", not_manifold(*edges, *vertices))]
     NotManifold {
-        /// Such edges.
+        /// Number of such edges.
         edges: usize,
-        /// Such vertices.
+        /// Number of such vertices.
         vertices: usize,
     },
-    /// The skin has one side only.
+    /// The skin is one-sided.
     #[error("the skin around the implant has one side only (E031)")]
     OneSided,
-    /// No such vertex, or none that a triangle names.
+    /// The vertex does not exist or has no triangle.
     #[error("there is no vertex {vertex} of a triangle: the skin has {count} vertices")]
     NoVertex {
-        /// Which was asked for.
+        /// The given vertex.
         vertex: usize,
-        /// How many there are.
+        /// Number of vertices.
         count: usize,
     },
     /// The place is not on the skin.
     #[error("the place is {distance:.3} m away from the skin, more than half of the base")]
     FarAway {
-        /// How far [m].
+        /// Distance of the point from the skin [m].
         distance: f64,
     },
-    /// Obstacles are given, but none lies under the implant.
+    /// Obstacles are given, but none is under the implant.
     #[error("no obstacle lies under the implant, within two bases below the skin")]
     NothingBelow,
     /// The region of the implant reaches the border of the skin.
@@ -113,12 +114,12 @@ pub enum SkinError {
         fitting(*fits)
     )]
     AtBorder {
-        /// How many edges of the skin's border it has.
+        /// Number of border edges of the skin in the region.
         edges: usize,
-        /// A base that would fit there [m].
+        /// A base that would fit [m].
         fits: f64,
     },
-    /// The skin goes round the body within the outline of the implant.
+    /// The skin turns around the body within the outline of the implant.
     #[error(
         "a base of {:.1} cm is too large for this place: under it the skin turns away and goes round the body{}",
         base * 1e2,
@@ -127,13 +128,13 @@ pub enum SkinError {
     WrapsAround {
         /// The base [m].
         base: f64,
-        /// A smaller base that fits there [m], if one was found.
+        /// A smaller base that fits [m], if the search found one.
         fits: Option<f64>,
     },
-    /// Too few triangles move.
+    /// The region has too few free vertices.
     #[error("only {vertices} vertices of the skin around the implant can move")]
     TooCoarse {
-        /// How many.
+        /// Number of free vertices.
         vertices: usize,
     },
     /// The implant is wider than the region.
@@ -144,22 +145,22 @@ pub enum SkinError {
         at_most(*most_cc)
     )]
     TooLarge {
-        /// Its volume [cm^3].
+        /// Volume of the implant [cm^3].
         volume_cc: f64,
         /// The largest volume for this base [cm^3].
         most_cc: f64,
         /// The base [cm].
         base_cm: f64,
     },
-    /// The dome of the implant hangs over what is under the skin.
+    /// The dome of the implant overhangs its base too far.
     #[error(
         "the implant reaches beyond the skin that was taken: it bulges {bulge:.2} times as far as its rim"
     )]
     Beyond {
-        /// Greatest width over that of the base.
+        /// Greatest width relative to that of the base.
         bulge: f64,
     },
-    /// The implant is next to nothing.
+    /// The volume is too small for an implant.
     #[error(
         "a volume of {} cc is no implant on a base of {} cm: it would be less than a hundredth of the base high; at least {} cc",
         shown(*volume_cc),
@@ -167,14 +168,14 @@ pub enum SkinError {
         at_least(*least_cc)
     )]
     TooFlat {
-        /// Its volume [cm^3].
+        /// Volume of the implant [cm^3].
         volume_cc: f64,
         /// The least volume for this base [cm^3].
         least_cc: f64,
         /// The base [cm].
         base_cm: f64,
     },
-    /// Skin as thick as the implant is wide.
+    /// Depth or thickness of the skin is too great relative to the base.
     #[error(
         "the {what}, {}, is more than half of the base of {}: at most {}",
         length(*value),
@@ -182,102 +183,102 @@ pub enum SkinError {
         length(*most)
     )]
     TooThick {
-        /// Depth or thickness.
+        /// Depth or thickness, as text.
         what: &'static str,
-        /// What was asked for [m].
+        /// The given value [m].
         value: f64,
-        /// The most [m].
+        /// Greatest possible value [m].
         most: f64,
         /// The base [m].
         base: f64,
     },
-    /// Edges that are too long for the base.
+    /// The edge length is too great for the base.
     #[error("edges of {} are too long for a base of {}: at most a quarter of it, {}", length(*edge), length(*base), length(*most))]
     TooLong {
-        /// What was asked for [m].
+        /// The given edge length [m].
         edge: f64,
-        /// The most [m].
+        /// Greatest possible edge length [m].
         most: f64,
         /// The base [m].
         base: f64,
     },
-    /// A direction without a length.
+    /// The direction is zero or not finite.
     #[error("the direction of the longer side is none: its length must be more than 0 and finite")]
     NoDirection,
-    /// An obstacle that lies in the skin.
+    /// An obstacle is part of the skin.
     #[error("obstacle {obstacle} lies in the skin over the implant, as if it were the skin itself")]
     ObstacleIsSkin {
-        /// Which, from 1.
+        /// Index of the obstacle, from 1.
         obstacle: usize,
     },
-    /// The skin turns away beside the implant.
+    /// The skin is too curved beside the implant.
     #[error("the skin bends too much beside the implant: it turns away by {degrees:.0} degrees{}", smaller(*fits))]
     TooCurved {
-        /// Greatest angle to the normal of its middle.
+        /// Greatest angle to the normal of its centre [degrees].
         degrees: f64,
-        /// A smaller base that fits there [m], if one was found.
+        /// A smaller base that fits [m], if the search found one.
         fits: Option<f64>,
     },
-    /// Too much for a consultation.
+    /// The region would have too many vertices.
     #[error(
         "about {vertices:.1e} vertices would be needed in the region, the most allowed is {most:.0e}"
     )]
     TooFine {
-        /// Estimate.
+        /// Estimated number.
         vertices: f64,
-        /// Limit.
+        /// Greatest number.
         most: f64,
     },
-    /// Too much skin would have to be refined.
+    /// The refined patch would have too many vertices.
     #[error(
         "about {vertices:.1e} vertices would be needed to refine the skin about the implant, the most allowed is {most:.0e}"
     )]
     TooLargePatch {
-        /// Estimate.
+        /// Estimated number.
         vertices: f64,
-        /// Limit.
+        /// Greatest number.
         most: f64,
     },
-    /// The skin could not be remeshed.
+    /// The remeshing of the skin failed.
     #[error("the skin cannot be refined: {0}")]
     Refine(#[from] crate::mesh::RefineError),
-    /// Two implants would lie in one another.
+    /// Two implants would overlap.
     #[error("the bases of implants {first} and {second} overlap")]
     Overlap {
-        /// The one, from 1.
+        /// Index of the first implant, from 1.
         first: usize,
-        /// The other.
+        /// Index of the second implant, from 1.
         second: usize,
     },
-    /// The equations could not be solved.
+    /// The equations have no solution.
     #[error("the skin could not be settled: {0}")]
     Solver(String),
-    /// The wanted area is out of reach.
+    /// No volume gives the requested area.
     #[error(
         "no volume up to {most_cc:.0} cc gives {wanted_cm2:.1} cm2; that volume gives {reached_cm2:.1} cm2"
     )]
     OutOfReach {
-        /// Gain wanted [cm^2].
+        /// Requested gain [cm^2].
         wanted_cm2: f64,
-        /// Greatest volume tried [cm^3].
+        /// Greatest volume of the search [cm^3].
         most_cc: f64,
-        /// Gain there [cm^2].
+        /// Gain at that volume [cm^2].
         reached_cm2: f64,
     },
-    /// Fillings that are no schedule.
+    /// The fillings are no valid schedule.
     #[error("filling {step}: {what}")]
     Schedule {
-        /// Which filling, from 1.
+        /// Index of the filling, from 1.
         step: usize,
-        /// What is wrong.
+        /// The error.
         what: &'static str,
     },
-    /// Stopped from outside.
+    /// The caller stopped the simulation.
     #[error("stopped")]
     Stopped,
 }
 
-/// What is said of a base that fits [m].
+/// The text about a base that fits [m].
 fn smaller(fits: Option<f64>) -> String {
     fits.map_or(String::new(), |fits| {
         format!("; a base of {:.1} cm fits", fits * 1e2)
@@ -285,7 +286,7 @@ fn smaller(fits: Option<f64>) -> String {
 }
 
 impl SkinError {
-    /// What to change.
+    /// Advice for the user.
     pub fn help(&self) -> &'static str {
         match self {
             Self::NotPositive { .. } => "give a positive number with its unit",

@@ -1,28 +1,28 @@
-//! Implants that are filled over weeks: volumes by days, each brought to rest from the one before.
+//! Filling of implants over weeks: volumes by day, each equilibrium from the previous one.
 
 use super::SkinError;
 use super::plan::{Inserted, Ready};
 use super::settle::Progress;
 use crate::mesh::TriangleMesh;
 
-/// What an implant is filled to on a day.
+/// A filling of an implant on a day.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filling {
-    /// The day.
+    /// Day of the filling.
     pub day: f64,
-    /// Volume from then on [m^3].
+    /// Volume from that day on [m^3].
     pub volume: f64,
 }
 
-/// Fillings in the order of their days; volumes never fall.
+/// Fillings in the order of their days; volumes never decrease.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Schedule(Vec<Filling>);
 
 impl Schedule {
-    /// Checks fillings.
+    /// Checks the fillings and creates the schedule.
     ///
     /// # Errors
-    /// None at all, a day that is not after the one before, a volume that is not positive or falls.
+    /// No filling, days that do not increase, or a volume that is not positive or decreases.
     pub fn new(fillings: Vec<Filling>) -> Result<Self, SkinError> {
         if fillings.is_empty() {
             return Err(SkinError::Schedule {
@@ -54,7 +54,7 @@ impl Schedule {
         &self.0
     }
 
-    /// The volume on a day [m^3]; before the first filling nothing.
+    /// The volume on a day [m^3]; 0 before the first filling.
     pub fn volume(&self, day: f64) -> f64 {
         self.0
             .iter()
@@ -64,19 +64,19 @@ impl Schedule {
     }
 }
 
-/// A pocket is a dome of so small a share of the cube of its base.
+/// Volume of a pocket relative to the cube of its base.
 const EMPTY: f64 = 1e-5;
 
 impl Ready {
-    /// Checks that implants of these volumes [m^3] go under this skin.
+    /// Checks that implants of these volumes [m^3] fit under this skin.
     ///
     /// # Errors
-    /// A volume that is not positive, or larger than the region takes.
+    /// A volume that is not positive or too large for the region.
     pub fn takes(&self, volumes: &[f64]) -> Result<(), SkinError> {
         self.model(volumes).map(|_| ())
     }
 
-    /// The shells of implants that hold next to nothing [m].
+    /// The shells of almost empty implants [m].
     ///
     /// # Errors
     /// See [`Ready::insert`].
@@ -88,7 +88,7 @@ impl Ready {
         self.domes(&empty)
     }
 
-    /// The shells of implants of these volumes [m^3] before anything gives way [m].
+    /// The shells of implants of these volumes [m^3] before the deformation [m].
     ///
     /// # Errors
     /// See [`Ready::insert`].
@@ -102,7 +102,7 @@ impl Ready {
             .collect())
     }
 
-    /// Skin over the implant after each filling.
+    /// Computes the skin over the implant after each filling.
     ///
     /// # Errors
     /// See [`Ready::insert`].

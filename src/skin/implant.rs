@@ -1,4 +1,4 @@
-//! The implant: a closed shell over its base, at rest a dome of the wanted volume.
+//! The implant: a closed shell over its base, at rest a dome of the given volume.
 
 use nalgebra::{Point2, Point3};
 
@@ -8,25 +8,25 @@ use crate::constraints::distance::Distance;
 use crate::mesh::{Topology, TriangleMesh};
 use crate::skin::layers::springs_of;
 
-/// Halvings of the bracket of a dome's height: to the last bit.
+/// Bisections of a dome's height: to the last bit.
 const HALVINGS: u32 = 200;
 
-/// A dome may be so many times as wide as its base.
+/// Greatest width of a dome relative to its base.
 pub(super) const BULGE: f64 = 1.3;
 
-/// A dome may be so many times as high as half of its base.
+/// Greatest height of a dome relative to half of its base.
 const HIGHEST: f64 = 20.0;
 
-/// What an implant is made of and how large it is.
+/// Shape, size and material of an implant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Implant {
-    /// Shape of its base.
+    /// Shape of the base.
     pub shape: Shape,
-    /// Length of its base [m].
+    /// Length of the base [m].
     pub base: f64,
-    /// Its volume [m^3].
+    /// Volume [m^3].
     pub volume: f64,
-    /// In-plane stiffness E t of its shell [N/m].
+    /// In-plane stiffness E t of the shell [N/m].
     pub membrane: f64,
 }
 
@@ -34,28 +34,29 @@ pub struct Implant {
 pub const SILICONE: f64 = 500.0;
 
 impl Implant {
-    /// Checks its numbers.
+    /// Checks the numbers.
     ///
     /// # Errors
-    /// One that is not positive and finite.
+    /// A number that is not positive and finite.
     pub fn check(&self) -> Result<(), SkinError> {
         SkinError::positive("the base", self.base)?;
         SkinError::positive("the volume", self.volume)?;
         SkinError::positive("the stiffness of the implant", self.membrane)
     }
 
-    /// The dome with edges of about `edge` [m], its base in the plane z = 0: over a round base a cap of a sphere, over
-    /// others the same stretched to the outline. The mesh encloses the volume to round-off.
+    /// The dome with edges of about `edge` [m] and its base in the plane z = 0. Over a round base
+    /// the dome is a spherical cap, over others the same cap stretched to the outline. The mesh
+    /// encloses the volume up to rounding.
     ///
     /// # Errors
-    /// A number that is not positive, or a volume for which the dome would be far higher than wide.
+    /// A number that is not positive, or a volume whose dome would be far higher than wide.
     pub fn dome(&self, edge: f64) -> Result<TriangleMesh, SkinError> {
         self.check()?;
         SkinError::positive("the edge length", edge)?;
         self.shape_of(edge).ok_or_else(|| self.too_large(edge))
     }
 
-    /// How a volume that is too large for this base is refused.
+    /// The error for a volume that is too large for this base.
     pub fn too_large(&self, edge: f64) -> SkinError {
         let (volume_cc, most_cc) = (self.volume * 1e6, self.largest(edge) * 1e6);
         SkinError::TooLarge {
@@ -65,7 +66,8 @@ impl Implant {
         }
     }
 
-    /// The largest volume [m^3] whose dome with edges of about `edge` [m] does not bulge too far beyond its base.
+    /// The largest volume [m^3] whose dome with edges of about `edge` [m] does not overhang its
+    /// base too far.
     pub fn largest(&self, edge: f64) -> f64 {
         let (mut low, mut high) = (0.0, 10.0 * self.base.powi(3));
         for _ in 0..40 {
@@ -85,7 +87,7 @@ impl Implant {
         low
     }
 
-    /// The volume of the dome of this height [m^3].
+    /// The volume of the dome with this height [m^3].
     pub(super) fn volume_of(&self, height: f64, edge: f64) -> f64 {
         let rings = self.rings(edge);
         TriangleMesh {
@@ -99,7 +101,7 @@ impl Implant {
         ((0.5 * self.base / edge).round() as u32).clamp(4, 64)
     }
 
-    /// The dome, unless it would be far higher than wide.
+    /// The dome; `None` if it would be far higher than wide.
     fn shape_of(&self, edge: f64) -> Option<TriangleMesh> {
         let rings = self.rings(edge);
         let triangles = triangles(rings);
@@ -125,13 +127,14 @@ impl Implant {
         Some(at(high))
     }
 
-    /// How far the dome bulges beyond its rim: its greatest width over that of the base.
+    /// Greatest width of the dome relative to the width of its base.
     pub fn bulge(&self, dome: &TriangleMesh) -> f64 {
         let reach = |p: &Point3<f64>| self.shape.reach(p.xy(), self.base);
         crate::mesh::measures::greatest(dome.vertices.iter().map(reach))
     }
 
-    /// The upper sheet from the top down to the rim, then the base from the rim's inside to its middle.
+    /// The upper sheet from the top to the edge, then the base from the edge's inside to its
+    /// centre.
     fn vertices(&self, height: f64, rings: u32) -> Vec<Point3<f64>> {
         let half = 0.5 * self.base;
         let radius = (half * half + height * height) / (2.0 * height.max(1e-9 * half));
@@ -144,7 +147,7 @@ impl Implant {
             } else {
                 radius * libm::sin(angle) / half
             };
-            // 1 - cos, without cancellation where the cap is flat.
+            // 1 - cos without cancellation for a flat cap.
             let sine = libm::sin(0.5 * angle);
             let z = if k == rings {
                 0.0
@@ -169,7 +172,8 @@ impl Implant {
         }
     }
 
-    /// The springs of its shell, resting as `mesh` is, over vertices that begin at `first`.
+    /// The springs of the shell at rest in the shape of `mesh`; its vertices begin at index
+    /// `first`.
     pub fn springs(&self, mesh: &TriangleMesh, first: u32) -> (Vec<Distance>, Stiffness) {
         let (springs, stiffness) = springs_of(mesh, &Topology::new(mesh), self.membrane);
         let moved = springs.into_iter().map(|s| Distance {
@@ -180,14 +184,14 @@ impl Implant {
     }
 }
 
-/// Number of vertices of the upper sheet with its rim.
+/// Number of vertices of the upper sheet including its edge.
 pub fn upper(rings: u32) -> u32 {
     1 + 3 * rings * (rings + 1)
 }
 
-/// Triangles of both sheets, outward.
+/// Triangles of both sheets, oriented outward.
 fn triangles(rings: u32) -> Vec<[u32; 3]> {
-    // First vertex of each ring; ring k has 6 k.
+    // First vertex of each ring; ring k has 6 k vertices.
     let above = |k: u32| if k == 0 { 0 } else { 1 + 3 * k * (k - 1) };
     let below = |k: u32| {
         if k == rings {
@@ -258,7 +262,7 @@ mod tests {
 
     #[test]
     fn a_round_dome_is_a_cap() {
-        // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside it, so it is a little higher.
+        // V = pi h (3 a^2 + h^2) / 6; the mesh lies inside the cap, so it is slightly higher.
         let dome = round(100e-6).dome(0.002).unwrap();
         let height = crate::mesh::measures::greatest(dome.vertices.iter().map(|p| p.z));
         let (a, h) = (0.035, height);

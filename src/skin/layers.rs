@@ -1,4 +1,4 @@
-//! Skin in two layers of springs.
+//! Skin as two layers of springs.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,29 +8,29 @@ use super::settle::Stiffness;
 use crate::constraints::distance::Distance;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Poisson's ratio at which springs along edges are a membrane \[vangelder1998\].
+/// Poisson's ratio for which springs along edges represent a membrane \[vangelder1998\].
 const NU: f64 = 1.0 / 3.0;
 
-/// A spring keeps at least this share of what van Gelder's simpler formula gives it: where the angle across an edge is
-/// obtuse, the formula may make it negative.
+/// Least stiffness of a spring relative to van Gelder's simpler formula: the formula can be
+/// negative where the angle opposite an edge is obtuse.
 const LEAST: f64 = 0.05;
 
-/// Stiffness of a diagonal between the layers as a share of that of its edge in one layer.
+/// Stiffness of a diagonal between the layers relative to that of its edge in one layer.
 const THROUGH: f64 = 0.5;
 
-/// What skin is made of.
+/// Material of the skin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tissue {
     /// Young's modulus [Pa].
     pub modulus: f64,
     /// Thickness of the membrane [m].
     pub thickness: f64,
-    /// How far the lower layer is under the upper: how deep the implant goes [m].
+    /// Distance of the lower layer below the upper one: the depth of the implant [m].
     pub depth: f64,
 }
 
 impl Default for Tissue {
-    /// Assumed: 0.2 MPa, 2 mm, 5 mm deep.
+    /// Assumed values: 0.2 MPa, 2 mm, 5 mm deep.
     fn default() -> Self {
         Self {
             modulus: 2e5,
@@ -41,10 +41,10 @@ impl Default for Tissue {
 }
 
 impl Tissue {
-    /// Checks its numbers.
+    /// Checks the numbers.
     ///
     /// # Errors
-    /// One that is not positive and finite.
+    /// A number that is not positive and finite.
     pub fn check(&self) -> Result<(), SkinError> {
         SkinError::positive("the stiffness of the skin", self.modulus)?;
         SkinError::positive("the thickness of the skin", self.thickness)?;
@@ -57,9 +57,10 @@ impl Tissue {
     }
 }
 
-/// Edges of a mesh at rest and the stiffness of each [N/m], of a membrane of in-plane stiffness `membrane` E t [N/m]:
-/// k = E t/(1+nu) A/c^2 + E t nu/(1-nu^2) (a^2+b^2-c^2)/(8A) at nu = 1/3, summed over the triangles of the edge of length c
-/// \[vangelder1998\]; half of what the second source prints (its erratum B02).
+/// Edges of a mesh at rest with their stiffness [N/m], for a membrane of in-plane stiffness
+/// `membrane` E t [N/m]: k = E t/(1+nu) A/c^2 + E t nu/(1-nu^2) (a^2+b^2-c^2)/(8A) at nu = 1/3,
+/// summed over the triangles of the edge of length c \[vangelder1998\]. This is half of the formula
+/// printed in the second source (its erratum B02).
 pub fn springs_of(
     mesh: &TriangleMesh,
     topology: &Topology,
@@ -94,25 +95,26 @@ pub fn springs_of(
     (springs.collect(), stiffness)
 }
 
-/// A region of skin in two layers: vertices 0 to n - 1 are its own, n to 2 n - 1 those under them.
+/// A region of skin in two layers: vertices 0 to n - 1 are the upper layer, n to 2 n - 1 the lower
+/// one.
 #[derive(Clone, Debug)]
 pub struct Layers {
     /// Triangles of the upper layer.
     pub triangles: Vec<[u32; 3]>,
     /// Positions at rest [m], shape `[2 n]`.
     pub rest: Vec<Point3<f64>>,
-    /// Whether a vertex is held, shape `[2 n]`.
+    /// True for each fixed vertex, shape `[2 n]`.
     pub held: Vec<bool>,
-    /// Every spring with an end that can move.
+    /// Every spring with a free end.
     pub springs: Vec<Distance>,
-    /// The stiffness of each [N/m].
+    /// Stiffness of each spring [N/m].
     pub stiffness: Stiffness,
     /// Median edge [m].
     pub edge: f64,
 }
 
 impl Layers {
-    /// Doubles a region; `inward` is where the lower vertex of each lies from it [m].
+    /// Doubles a region; `inward` is the vector from each vertex to its lower one [m].
     pub fn new(region: &Region, tissue: &Tissue, inward: &[Vector3<f64>]) -> Self {
         let upper = &region.mesh;
         let topology = Topology::new(upper);
@@ -162,7 +164,7 @@ impl Layers {
         }
     }
 
-    /// No skin, over an implant alone with edges of about `edge` [m].
+    /// No skin: for an implant alone with edges of about `edge` [m].
     pub fn none(edge: f64) -> Self {
         let (triangles, rest, held, springs, stiffness) = Default::default();
         Self {
@@ -175,7 +177,7 @@ impl Layers {
         }
     }
 
-    /// Vertices in one layer.
+    /// Number of vertices in one layer.
     pub fn count(&self) -> usize {
         self.rest.len() / 2
     }
@@ -186,7 +188,7 @@ impl Layers {
         self.triangles.iter().map(|t| t.map(|v| v + n)).collect()
     }
 
-    /// The lower layer at rest as a mesh of its own.
+    /// The lower layer at rest as a mesh.
     pub fn bed(&self) -> TriangleMesh {
         TriangleMesh {
             vertices: self.rest[self.count()..].to_vec(),

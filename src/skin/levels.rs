@@ -1,5 +1,6 @@
-//! From coarse to fine: the same skin with longer edges is brought to rest first, and the finer one begins where it came to
-//! lie. What is smooth is then right already, and only what is as short as an edge is left to be found.
+//! Coarse-to-fine solution: skin with longer edges comes to equilibrium first, and the finer skin
+//! starts from its result. Smooth parts are then already right, and only details of the length of
+//! an edge remain.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,14 +8,14 @@ use super::layers::Layers;
 use super::sheet::Sheet;
 use crate::mesh::TriangleMesh;
 
-/// Displacements [m] over a surface at rest, taken over to places near it.
+/// Displacements [m] over a surface at rest, interpolated at points near it.
 pub struct Carried<'a> {
     sheet: Sheet,
     moved: &'a [Vector3<f64>],
 }
 
 impl<'a> Carried<'a> {
-    /// Displacements of the vertices of a surface.
+    /// Creates the interpolation from displacements of the vertices of a surface.
     pub fn new(surface: TriangleMesh, moved: &'a [Vector3<f64>]) -> Self {
         Self {
             sheet: Sheet::new(surface),
@@ -22,7 +23,7 @@ impl<'a> Carried<'a> {
         }
     }
 
-    /// The displacement of the nearest place.
+    /// The displacement at the nearest point of the surface.
     pub fn at(&self, p: &Point3<f64>) -> Vector3<f64> {
         self.sheet
             .nearest(p, f64::INFINITY)
@@ -37,8 +38,8 @@ impl<'a> Carried<'a> {
 }
 
 impl Layers {
-    /// Where these layers lie if coarser ones of the same skin lie at `x` [m], which begins with both of them: each vertex
-    /// moves as the nearest place of its layer, and what is held stays.
+    /// Positions of these layers for coarser ones of the same skin at `x` [m], which begins with
+    /// both layers: each vertex moves like the nearest point of its layer, and fixed vertices stay.
     pub fn follow(&self, coarse: &Layers, x: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let moved: Vec<Vector3<f64>> = coarse
             .rest
@@ -51,7 +52,8 @@ impl Layers {
             vertices: coarse.rest[..m].to_vec(),
             triangles: coarse.triangles.clone(),
         };
-        // Both layers by the nearest place of the upper one: a vertex and the one under it belong together.
+        // Both layers use the nearest point of the upper one: a vertex and the one below it belong
+        // together.
         let [upper, lower] = [
             Carried::new(upper.clone(), &moved[..m]),
             Carried::new(upper, &moved[m..]),

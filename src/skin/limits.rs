@@ -1,4 +1,4 @@
-//! What an order may ask for: numbers that make sense beside its base.
+//! Limits of an order: numbers that are plausible relative to its base.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,30 +9,33 @@ use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 
-/// Skin is at most so deep and so thick over an implant, in bases: beyond, it is a block that is about as thick as the implant
-/// is wide, and no sheet whose two layers stretch alike.
+/// Greatest depth and thickness of skin over an implant, in bases. Thicker skin is a block about as
+/// thick as the implant is wide, not a sheet whose two layers stretch equally.
 const THICKEST: f64 = 0.5;
 
-/// Edges are at most so long, in bases: with longer ones the region, 1.5 bases across, is fewer than six edges wide.
+/// Greatest edge length, in bases: with longer edges the region, 1.5 bases across, is less than six
+/// edges wide.
 const LONGEST_EDGE: f64 = 0.25;
 
-/// The dome of an implant is at least so high, in bases: twice of what bodies at rest may sink into each other. What is flatter
-/// is an answer about contact, not about skin.
+/// Least height of an implant's dome, in bases: twice the permitted penetration at equilibrium. A
+/// result for a flatter dome describes contact, not skin.
 const FLATTEST: f64 = 0.01;
 
-/// An obstacle that is nearer to the skin than this, in bases, lies in it: a number of a file has seven digits or more.
+/// An obstacle nearer to the skin than this, in bases, is part of it: numbers in files have at
+/// least seven digits.
 const TOUCHES: f64 = 1e-6;
 
 impl Order {
-    /// The wanted edges [m].
+    /// The target edge length [m].
     pub fn edge(&self) -> f64 {
         self.edge.unwrap_or(self.implant.base / FINE)
     }
 
-    /// Checks its numbers.
+    /// Checks the numbers.
     ///
     /// # Errors
-    /// One that is not positive and finite, skin that is too thick or too deep for the base, a direction that is none.
+    /// A number that is not positive and finite, skin that is too thick or too deep for the base,
+    /// or an invalid direction.
     pub fn check(&self) -> Result<(), SkinError> {
         self.implant.check()?;
         self.tissue.check()?;
@@ -58,11 +61,11 @@ impl Order {
         Ok(())
     }
 
-    /// Checks what only a person gets wrong: edges that are too long for the base, which a coarser level or a study of meshes may
-    /// well have.
+    /// Checks user input only: edges that are too long for the base, which a coarser level or a
+    /// mesh study can have.
     ///
     /// # Errors
-    /// Edges longer than a quarter of the base; see also [`Order::check`].
+    /// Edges longer than a quarter of the base; also those of [`Order::check`].
     pub fn check_edge(&self) -> Result<(), SkinError> {
         self.check()?;
         let (edge, base) = (self.edge(), self.implant.base);
@@ -74,7 +77,7 @@ impl Order {
         }
     }
 
-    /// Refuses an obstacle of which the skin about the middle is a part, such as the skin itself.
+    /// Rejects an obstacle that contains the skin about the centre, such as the skin itself.
     pub(super) fn check_obstacles(
         &self,
         skin: &TriangleMesh,
@@ -102,7 +105,8 @@ impl Order {
 }
 
 impl Implant {
-    /// The least volume that is an implant and no sheet [m^3]: a dome of a hundredth of its base.
+    /// The least volume of an implant that is no sheet [m^3]: a dome with a height of a hundredth
+    /// of its base.
     pub fn least(&self, edge: f64) -> f64 {
         self.volume_of(FLATTEST * self.base, edge)
     }

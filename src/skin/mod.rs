@@ -1,12 +1,14 @@
-//! Skin over implants: a patch of skin in two layers, an implant under it, and the place where both come to rest.
+//! Skin over implants: a patch of skin in two layers, an implant under it, and their equilibrium.
 //!
-//! The skin is a membrane of springs \[vangelder1998\], half of its thickness in each layer, with two crossing diagonals
-//! for each edge between them; the rim of the region is held. The implant is a closed elastic shell that keeps its
-//! volume. Between the lower layer, the implant and what lies under it there is contact without friction. Nothing moves
-//! in time: what is found is a minimum of the energy \[`settle`\].
+//! The skin is a membrane of springs \[vangelder1998\], with half of its thickness in each layer.
+//! Two crossing diagonals per edge connect the layers; the boundary of the region is fixed. The
+//! implant is a closed elastic shell of constant volume. The lower layer, the implant and the
+//! surfaces below have frictionless contact. There is no motion in time: the result is a minimum of
+//! the energy \[`settle`\].
 //!
-//! *Limitations.* Skin is elastic, of one stiffness in every direction and without tension at rest; it does not grow while it
-//! settles (what grows is told from published ratios, [`areas`]). No friction, no contact of skin with itself.
+//! *Limitations.* Skin is elastic and isotropic, without tension at rest; it does not grow during
+//! the computation (predictions of growth use published ratios, [`areas`]). There is no friction
+//! and no self-contact of skin.
 
 pub mod areas;
 pub mod ball;

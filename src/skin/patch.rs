@@ -1,4 +1,4 @@
-//! The part of a skin that an implant needs, taken out of it and refined.
+//! The part of a skin that an implant needs, extracted and refined.
 
 use std::collections::BTreeSet;
 
@@ -12,45 +12,49 @@ use crate::mesh::orientation::Orientation;
 use crate::mesh::topology::NONE;
 use crate::mesh::{RefineError, Topology, TriangleMesh, refine_patch};
 
-/// The patch that is refined reaches so much further than the region, in its radii.
+/// Radius of the refined patch relative to that of the region.
 pub(super) const MARGIN: f64 = 1.25;
 
-/// Skin whose median edge is at most this many times the wanted one is taken as it is.
+/// Skin is not refined if its median edge is at most this multiple of the target length.
 const ENOUGH: f64 = 1.25;
 
-/// Skin lies about its middle if its normals point so much away from it, as a share of what they would of a sphere.
+/// Least alignment of normals away from the centre, relative to that of a sphere, for which skin
+/// surrounds its centre.
 const ROUND: f64 = 0.02;
 
-/// Area for each vertex of even triangles, over the square of their edges.
+/// Area per vertex of equilateral triangles, relative to the squared edge length.
 pub(super) const EVEN: f64 = 0.866;
 
-/// A patch may have so many times the vertices of a region: it reaches 1.25 times as far, and by as much as the triangles that
-/// were there before, which [`super::coarse`] keeps to half of a region's radius: (1.25 + 0.5)^2 = 3.1 times, and folds.
+/// Greatest number of vertices of a patch relative to that of a region. The patch extends 1.25
+/// times as far, plus the size of the original triangles, which [`super::coarse`] limits to half of
+/// a region's radius: (1.25 + 0.5)^2 = 3.1 times, and folds.
 const LARGER: f64 = 4.0;
 
-/// What is taken out of a skin.
+/// Parameters of the extraction from a skin.
 pub(super) struct Patch<'a> {
     pub skin: &'a TriangleMesh,
-    /// For each implant a vertex near its middle, the middle [m], and how far the patch reaches at least [m].
+    /// For each implant a vertex near its centre, the centre [m], and the least radius of the patch
+    /// [m].
     pub places: Vec<(u32, Point3<f64>, f64)>,
-    /// Wanted edges [m].
+    /// Target edge length [m].
     pub edge: f64,
     pub obstacles: &'a [TriangleMesh],
 }
 
-/// A part of a skin by itself.
+/// An extracted part of a skin.
 pub(super) struct TakenOut {
     pub mesh: TriangleMesh,
-    /// All triangles of the skin besides.
+    /// All other triangles of the skin.
     pub outside: Vec<u32>,
-    /// The vertex of the skin that each of its vertices is, [`NONE`] for one that is of the patch only.
+    /// The skin vertex of each vertex; [`NONE`] for a vertex of the patch only.
     pub origin: Vec<u32>,
-    /// Edges of the skin with one triangle only, each with the lower end first: the rest of its rim is where it was cut off.
+    /// Boundary edges of the skin, each with the lower end first; the rest of the part's boundary
+    /// is the cut.
     pub border: BTreeSet<[u32; 2]>,
 }
 
 impl Patch<'_> {
-    /// The skin about the implant and somewhat beyond, oriented, refined where it is coarse.
+    /// The skin about the implant with a margin, oriented, and refined where it is coarse.
     pub fn taken_out(&self, go_on: &dyn Fn() -> bool) -> Result<TakenOut, SkinError> {
         let Self {
             skin,
@@ -68,7 +72,7 @@ impl Patch<'_> {
         let part = Region::of(skin, all.into_iter().collect());
         let centre = places[0].1;
         let (mut mesh, mut origin) = (part.mesh, part.vertices.clone());
-        // Of the skin, not of the part: where that was cut off it may touch itself.
+        // Tests the skin, not the part: the cut of the part can touch itself.
         let has = |v: &u32| part.vertices.binary_search(v).is_ok();
         let edges = topology
             .non_manifold_edges()
@@ -131,7 +135,8 @@ impl Patch<'_> {
     }
 }
 
-/// With even triangles of the wanted edges, unless there would be too many: they are counted before they are made.
+/// Remeshes to the target edge length, unless there would be too many triangles; their number is
+/// estimated first.
 fn refined(
     mesh: &TriangleMesh,
     edge: f64,
@@ -147,8 +152,9 @@ fn refined(
     }
 }
 
-/// Whether the normals look into the body: towards the obstacle that is nearest to the middle, or, without any, into what the
-/// whole skin goes around. As it is where that cannot be told, as of a flat sheet.
+/// True if the normals point into the body: towards the obstacle nearest to the centre or, without
+/// obstacles, into the inside of the whole skin. False where this is undefined, as for a flat
+/// sheet.
 fn looks_inward(
     mesh: &TriangleMesh,
     skin: &TriangleMesh,
@@ -164,7 +170,8 @@ fn looks_inward(
     if let Some(nearest) = nearest.min_by(|a, b| a.distance.total_cmp(&b.distance)) {
         return normal.dot(&(nearest.point - centre)) > 0.0;
     }
-    // How the skin lies about its middle, as it winds; the patch may have been turned since.
+    // Tests how the skin surrounds its centre in its own orientation; the orientation of the patch
+    // can differ.
     let area: Vec<Vector3<f64>> = skin.triangles.iter().map(|t| normal_of(skin, t)).collect();
     let middles: Vec<Vector3<f64>> = skin
         .triangles

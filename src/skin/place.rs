@@ -1,4 +1,5 @@
-//! Where an implant goes: the region of the skin about it, its frame, which way is down, and whether it fits there.
+//! Placement of an implant: the region of the skin about it, its frame, its downward direction, and
+//! tests whether it fits.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
@@ -14,33 +15,34 @@ use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::greatest;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Bases that are tried in search of one that fits, each so many times the one before.
+/// Number of bases in the search for one that fits; each is the previous one times a constant
+/// factor.
 const TRIES: u32 = 10;
 const SMALLER: f64 = 0.85;
 
-/// The region ends where the skin turns further than this from the normal of the middle [degrees]: there it is no longer
-/// over the implant.
+/// The region ends where the skin normal is farther than this from the normal of the centre
+/// [degrees]: the skin is then no longer over the implant.
 const TURN: f64 = 70.0;
 
-/// The region does not end nearer to the base than this, in its outlines.
+/// Least extent of the region, in outlines of the base.
 const NEAR: f64 = 1.1;
 
-/// So much of the skin over the implant may turn further than that.
+/// Greatest share of the skin over the implant whose normals exceed that angle.
 const FOLDED: f64 = 0.05;
 
-/// Places on the outline of a base that are looked at.
+/// Number of sample points on the outline of a base.
 const OUTLINE: u32 = 72;
 
-/// Over an obstacle the lower layer takes at most this share of the room.
+/// Greatest share of the room over an obstacle that the lower layer occupies.
 const ROOM: f64 = 0.98;
 
-/// An obstacle under an implant is at most so many bases below the skin.
+/// Greatest depth of an obstacle under an implant below the skin, in bases.
 const DEEPEST: f64 = 2.0;
 
-/// A smaller base is said to fit with so much to spare.
+/// Safety factor of a proposed smaller base.
 const SURELY: f64 = 0.95;
 
-/// The place on the skin and a vertex near it.
+/// The point of the skin and a vertex near it.
 pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
     if skin.triangles.is_empty() {
         return Err(SkinError::Empty);
@@ -87,7 +89,7 @@ pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>,
     }
 }
 
-/// The region of an implant in a patch, and its frame.
+/// The region of an implant in a patch, with its frame.
 pub(super) fn placed(
     taken: &TakenOut,
     topology: &Topology,
@@ -99,7 +101,7 @@ pub(super) fn placed(
     let normal = patch.vertex_normals()[seed as usize];
     let mut frame = frame(centre, &normal, order.long.as_ref());
     let mut region = around(patch, topology, seed, order, &frame);
-    // Once more with the mean normal of the region: that of one vertex is a matter of chance.
+    // A second pass with the mean normal of the region: the normal of one vertex is arbitrary.
     let normals = region
         .mesh
         .triangles
@@ -112,7 +114,7 @@ pub(super) fn placed(
     Ok((region, frame))
 }
 
-/// An error that names the base that fits, where a smaller one may.
+/// Adds the base that fits to an error, where a smaller base can help.
 pub(super) fn advised(
     error: SkinError,
     skin: &TriangleMesh,
@@ -132,7 +134,8 @@ pub(super) fn advised(
     }
 }
 
-/// A smaller base of the same shape that goes there [m], in whole millimetres where it has some; `None` if none was found.
+/// A smaller base of the same shape that fits [m], in whole millimetres if possible; `None` if the
+/// search found none.
 fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Option<f64> {
     let mut base = order.implant.base;
     for _ in 0..TRIES {
@@ -158,7 +161,7 @@ fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Op
     None
 }
 
-/// Whether there is a region for an order.
+/// True if an order has a region.
 fn goes(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Result<(), SkinError> {
     let (centre, seed) = middle(skin, order)?;
     let radius = REACH * 0.5 * order.implant.base * MARGIN;
@@ -172,8 +175,8 @@ fn goes(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Resul
     placed(&taken, &Topology::new(&taken.mesh), order, &centre).map(|_| ())
 }
 
-/// The region by the rule: every triangle with a vertex within [`REACH`] times the base's outline; beyond [`NEAR`] times only as
-/// far as the skin does not turn away.
+/// The region of the rule: every triangle with a vertex within [`REACH`] times the base's outline;
+/// beyond [`NEAR`] times only as far as the skin does not turn away.
 fn around(
     mesh: &TriangleMesh,
     topology: &Topology,
@@ -182,12 +185,12 @@ fn around(
     frame: &Isometry3<f64>,
 ) -> Region {
     let (reach, turn) = (reaches(mesh, order, frame), turns(mesh, frame));
-    // Rounding must not decide about vertices just at the limit.
+    // Rounding must not decide about vertices at the limit.
     let within = |v: usize| reach[v] <= REACH * (1.0 + 1e-9);
     let mut inside: Vec<bool> = (0..reach.len())
         .map(|v| within(v) && (turn[v] <= TURN || reach[v] <= NEAR))
         .collect();
-    // What turns away but is joined to nothing beyond is a fold within the region.
+    // A part that turns away without a connection to the outside is a fold within the region.
     let mut beyond: Vec<bool> = (0..reach.len()).map(|v| !within(v)).collect();
     let mut open: Vec<usize> = (0..reach.len()).filter(|v| beyond[*v]).collect();
     while let Some(v) = open.pop() {
@@ -208,7 +211,7 @@ fn around(
     Region::around(mesh, topology, seed, |v| inside[v as usize])
 }
 
-/// How far each vertex is from the middle, 1 on the outline of the base.
+/// Distance of each vertex from the centre, 1 on the outline of the base.
 fn reaches(mesh: &TriangleMesh, order: &Order, frame: &Isometry3<f64>) -> Vec<f64> {
     let Implant { shape, base, .. } = order.implant;
     mesh.vertices
@@ -217,15 +220,15 @@ fn reaches(mesh: &TriangleMesh, order: &Order, frame: &Isometry3<f64>) -> Vec<f6
         .collect()
 }
 
-/// The angle of the skin at each vertex to the normal of the middle [degrees].
+/// Angle between the normal of each vertex and that of the centre [degrees].
 fn turns(mesh: &TriangleMesh, frame: &Isometry3<f64>) -> Vec<f64> {
     let z = frame * Vector3::z();
     let turn = |n: &Vector3<f64>| libm::atan2(n.cross(&z).norm(), n.dot(&z)).to_degrees();
     mesh.vertex_normals().iter().map(turn).collect()
 }
 
-/// The longest base of which the region does not touch the border of the skin, over the present one: no triangle at the border
-/// has a vertex inside.
+/// The longest base whose region does not touch the border of the skin, relative to the present
+/// one: no triangle at the border has a vertex inside.
 fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
     let at_border = topology.boundary_edges();
     let triangles = at_border
@@ -234,7 +237,8 @@ fn fits(patch: &TriangleMesh, topology: &Topology, reach: &[f64]) -> f64 {
     let nearest = triangles
         .flat_map(|t| patch.triangles[*t as usize])
         .map(|v| reach[v as usize]);
-    // Finer triangles, as a smaller base asks for, lie nearer to the border; the rest is for the mean normal, which changes.
+    // Finer triangles of a smaller base are nearer to the border; the remaining margin is for the
+    // mean normal, which changes.
     SURELY * nearest.fold(f64::INFINITY, f64::min) / REACH
 }
 
@@ -275,7 +279,7 @@ fn check_region(
             .flat_map(|c| c.vertices.windows(2))
             .filter(|pair| reached(pair))
             .count();
-        // The rim of the patch is reached only by skin that goes down beside the implant.
+        // Only skin that descends beside the implant reaches the boundary of the patch.
         return Err(if edges > 0 {
             SkinError::AtBorder {
                 edges,
@@ -288,7 +292,7 @@ fn check_region(
             }
         });
     }
-    // Under the implant the skin may have folds, but not turn away as a whole.
+    // Under the implant the skin can have folds, but must not turn away as a whole.
     let mut areas = (0.0, 0.0, 0.0f64);
     for t in region
         .triangles
@@ -313,7 +317,7 @@ fn check_region(
     Ok(())
 }
 
-/// Refuses implants that would begin in one another: the outline of one base reaches into another.
+/// Rejects implants that overlap: the outline of one base extends into another.
 pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
     let into = |a: &Site, b: &Site| {
         let (own, other) = (a.order.implant, b.order.implant);
@@ -325,7 +329,7 @@ pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
             let at = b
                 .frame
                 .inverse_transform_point(&(a.frame * Point3::new(at.x, at.y, 0.0)));
-            // One far below or above is on another side of the body.
+            // An implant far below or above is on another side of the body.
             at.z.abs() <= 0.5 * other.base && other.shape.reach(at.xy(), other.base) < 1.0 - 1e-9
         })
     };
@@ -340,8 +344,8 @@ pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
     Ok(())
 }
 
-/// Which way is down at each place: along one direction for all of an implant's skin, so that nothing folds; between several
-/// implants that of the nearer one counts more, by the fourth power of how near.
+/// Downward direction at each point. One direction for all skin of an implant avoids folds; between
+/// several implants the nearer one has the greater weight, by the fourth power of its nearness.
 pub(super) fn downs(
     places: &[Point3<f64>],
     sites: &[(&Order, &Isometry3<f64>)],
@@ -353,7 +357,7 @@ pub(super) fn downs(
     let at = |p: &Point3<f64>| {
         let weighted = sites.iter().map(|(order, frame)| {
             let Implant { shape, base, .. } = order.implant;
-            // Not without bound in the middle.
+            // Bounded in the centre.
             let reach = shape
                 .reach(frame.inverse_transform_point(p).xy(), base)
                 .max(0.1);
@@ -365,7 +369,7 @@ pub(super) fn downs(
     places.iter().map(at).collect()
 }
 
-/// From each vertex to the one under it [m]: by `depth`, but not into an obstacle.
+/// The vector from each vertex to the one below it [m]: of length `depth`, but outside obstacles.
 pub(super) fn inward(
     mesh: &TriangleMesh,
     downs: &[Vector3<f64>],
@@ -390,8 +394,8 @@ pub(super) fn inward(
         .collect()
 }
 
-/// Whether an obstacle is under the skin over the implant, at most two bases down: one that is elsewhere would bear nothing,
-/// and the implant would sink into the body.
+/// True if an obstacle is under the skin over the implant, within two bases: an obstacle elsewhere
+/// would carry nothing, and the implant would sink into the body.
 pub(super) fn lies_below(
     layers: &Layers,
     frame: &Isometry3<f64>,

@@ -1,4 +1,4 @@
-//! The planner's question: an implant at a place of a skin, and what it does there.
+//! Insertion of an implant at a point of a skin, and its result.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -19,41 +19,41 @@ use super::{Shape, SkinError};
 use crate::mesh::measures::{greatest, volume};
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Default edges are the base over this.
+/// Ratio of the base to the default edge length.
 pub(super) const FINE: f64 = 20.0;
 
-/// Most vertices in one layer of a region.
+/// Greatest number of vertices in one layer of a region.
 pub(super) const MOST: f64 = 1e5;
 
-/// Least vertices of a region that can move.
+/// Least number of free vertices of a region.
 const LEAST: usize = 20;
 
-/// Where an implant goes.
+/// Place of an implant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
     /// Under a vertex.
     Vertex(usize),
-    /// Under the point of the skin nearest to this one [m].
+    /// Under the point of the skin nearest to this point [m].
     Point(Point3<f64>),
 }
 
-/// An implant and where it goes.
+/// An implant with its place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Order {
-    /// Where.
+    /// Place of the implant.
     pub place: Place,
-    /// What.
+    /// The implant.
     pub implant: Implant,
-    /// Direction of its longer side, as far as it is along the skin.
+    /// Direction of the longer side, projected onto the skin.
     pub long: Option<Vector3<f64>>,
-    /// The skin over it.
+    /// Material of the skin over the implant.
     pub tissue: Tissue,
-    /// Wanted edge length [m]; `None`: the base over 20.
+    /// Target edge length [m]; `None` means the base over 20.
     pub edge: Option<f64>,
 }
 
 impl Order {
-    /// A round implant under skin as assumed by default.
+    /// A round implant under skin of the default material.
     pub fn round(place: Place, base: f64, volume: f64) -> Self {
         let implant = Implant {
             shape: Shape::Round,
@@ -76,60 +76,60 @@ impl Order {
 pub struct Site {
     /// The order.
     pub order: Order,
-    /// Its frame: z out of the body.
+    /// Frame of the implant: z points out of the body.
     pub frame: Isometry3<f64>,
 }
 
-/// Skin made ready for an implant of any volume, or for several that share it.
+/// Skin prepared for an implant of any volume, or for several that share it.
 #[derive(Clone, Debug)]
 pub struct Ready {
     /// The order of the first implant.
     pub order: Order,
-    /// The part of the skin that was taken out and refined.
+    /// The extracted and refined part of the skin.
     pub patch: TriangleMesh,
-    /// Triangles of the skin that are not in the patch.
+    /// Triangles of the skin outside the patch.
     pub outside: Vec<u32>,
-    /// The vertex of the skin that each vertex of the patch is, `u32::MAX` for one that is of the patch only.
+    /// The skin vertex of each vertex of the patch; `u32::MAX` for a vertex of the patch only.
     pub origin: Vec<u32>,
     /// The region within the patch.
     pub region: Region,
     /// Both layers.
     pub layers: Layers,
-    /// Frame of the first implant: z out of the body.
+    /// Frame of the first implant: z points out of the body.
     pub frame: Isometry3<f64>,
     /// The other implants.
     pub others: Vec<Site>,
-    /// How equilibrium is sought; `None`: by the number of unknowns.
+    /// Method of the equilibrium; `None` selects it by the number of unknowns.
     pub method: Option<Method>,
     pub(super) obstacles: Vec<Sheet>,
     pub(super) coarser: OnceLock<Option<Box<Ready>>>,
 }
 
-/// The shell of an implant as it came to lie.
+/// The shell of an implant at equilibrium.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shell {
-    /// Its vertices among the positions.
+    /// Range of its vertices in the positions.
     pub vertices: Range<usize>,
-    /// Its triangles, from 0.
+    /// Triangles, indexed from 0.
     pub triangles: Vec<[u32; 3]>,
-    /// Its volume [m^3].
+    /// Volume [m^3].
     pub volume: f64,
-    /// The pressure in it [Pa].
+    /// Pressure inside [Pa].
     pub pressure: f64,
 }
 
-/// Skin over its implants.
+/// Skin over its implants, at equilibrium.
 #[derive(Clone, Debug)]
 pub struct Inserted {
     /// Positions of both layers, then of each implant [m].
     pub x: Vec<Point3<f64>>,
-    /// Each implant.
+    /// Shell of each implant.
     pub shells: Vec<Shell>,
-    /// What was measured.
+    /// Measured areas.
     pub areas: Areas,
-    /// The gain with edges twice as long [m^2]; `None` where that was not found on the way.
+    /// The gain with edges twice as long [m^2]; `None` if not computed.
     pub coarse_gain: Option<f64>,
-    /// How it was found.
+    /// Effort and state of the solution.
     pub progress: Progress,
 }
 
@@ -149,7 +149,7 @@ impl Inserted {
         &self.x[shell.vertices.clone()]
     }
 
-    /// What the gain may be off because edges are as long as they are [m^2]: as much as it changed from edges twice as long.
+    /// Uncertainty of the gain from the edge length [m^2]: the change from edges twice as long.
     pub fn gain_uncertainty(&self) -> Option<f64> {
         self.coarse_gain
             .map(|coarse| (self.areas.gain() - coarse).abs())
@@ -172,8 +172,8 @@ pub fn insert(
 }
 
 impl Ready {
-    /// Chooses the region, refines it, builds both layers. Without obstacles the implant rests on what was under the
-    /// lower layer before.
+    /// Chooses the region, refines it and creates both layers. Without obstacles the implant rests
+    /// on the original surface below the lower layer.
     ///
     /// # Errors
     /// See [`SkinError`].
@@ -185,7 +185,8 @@ impl Ready {
         Self::new_while(skin, order, obstacles, &|| true)
     }
 
-    /// The same, as long as `go_on` says so: it is asked while skin is refined, which takes seconds where it is large.
+    /// The same as [`Ready::new`]; stops when `go_on` returns false. Large skin takes seconds to
+    /// refine, during which `go_on` is called.
     ///
     /// # Errors
     /// See [`SkinError`].
@@ -198,10 +199,11 @@ impl Ready {
         Self::together(skin, order, &[], obstacles, go_on).map_err(|(_, error)| error)
     }
 
-    /// The same for an implant and others that share skin with it: the region is all that one of them needs.
+    /// The same for an implant and others that share skin with it: the region is the union of their
+    /// regions.
     ///
     /// # Errors
-    /// See [`SkinError`]; with the implant that it is about, 0 the first.
+    /// See [`SkinError`]; the error comes with the index of its implant, 0 for the first.
     pub fn together(
         skin: &TriangleMesh,
         first: &Order,
@@ -262,7 +264,7 @@ impl Ready {
         Self::over(taken, region, sites, obstacles).map_err(|error| (0, error))
     }
 
-    /// Both layers of a region, over what lies below.
+    /// Creates both layers of a region over the surfaces below.
     fn over(
         TakenOut {
             mesh: patch,
@@ -314,24 +316,24 @@ impl Ready {
         })
     }
 
-    /// Each implant: its order and its frame.
+    /// Each implant: order and frame.
     pub fn sites(&self) -> impl Iterator<Item = (&Order, &Isometry3<f64>)> {
         [(&self.order, &self.frame)]
             .into_iter()
             .chain(self.others.iter().map(|s| (&s.order, &s.frame)))
     }
 
-    /// The volume of each implant, as ordered [m^3].
+    /// The volume of each implant as ordered [m^3].
     pub fn volumes(&self) -> Vec<f64> {
         self.sites()
             .map(|(order, _)| order.implant.volume)
             .collect()
     }
 
-    /// Brings the skin to rest over the implant filled with `volume` [m^3].
+    /// Brings the skin to equilibrium over the implant with `volume` [m^3].
     ///
     /// # Errors
-    /// An implant that is larger than the region, equations without a solution, [`SkinError::Stopped`].
+    /// An implant larger than the region, equations without a solution, or [`SkinError::Stopped`].
     pub fn insert(
         &self,
         volume: f64,
@@ -340,8 +342,8 @@ impl Ready {
         self.insert_after(None, &[volume], watch)
     }
 
-    /// The same with a volume [m^3] for each implant, begun from an earlier result of this skin with others: fewer rounds to
-    /// the same place.
+    /// The same with a volume [m^3] for each implant, started from an earlier result of this skin
+    /// with other volumes. Fewer rounds lead to the same result.
     ///
     /// # Errors
     /// See [`Ready::insert`].
@@ -376,7 +378,7 @@ impl Ready {
         let mut x = likely.unwrap_or_else(|| start.clone());
         let (mut progress, mut pressures) = model.settle_each(&mut x, &mut *watch)?;
         if fresh && !progress.converged {
-            // It began too far away.
+            // The start was too far away.
             x = start;
             let done = progress.iterations;
             (progress, pressures) = model.settle_each(&mut x, watch)?;
@@ -411,21 +413,21 @@ impl Ready {
         })
     }
 
-    /// The largest volume [m^3] of the first implant whose dome does not bulge too far beyond its base.
+    /// The largest volume [m^3] of the first implant whose dome does not overhang its base too far.
     pub fn largest(&self) -> f64 {
         self.order.implant.largest(self.layers.edge)
     }
 }
 
-/// Edges that serve all orders [m]: the longest asked for, but at most twice the shortest, or a small implant beside a large one
-/// would ask for many times the vertices.
+/// Common edge length of all orders [m]: the longest one, but at most twice the shortest; otherwise
+/// a small implant beside a large one would need many times the vertices.
 fn shared_edge(orders: &[&Order]) -> f64 {
     let all = || orders.iter().map(|order| order.edge());
     let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), greatest(all()));
     longest.min(2.0 * shortest)
 }
 
-/// A sheet that a rigid sphere pushes from below.
+/// A sheet over a rigid sphere that pushes from below.
 pub fn over_ball(
     layers: Layers,
     membrane: f64,

@@ -1,26 +1,27 @@
-//! Which part of the skin moves: the triangles around the implant, by the rule of the source.
+//! The part of the skin that can move: the triangles around the implant, by the rule of the source.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::mesh::topology::NONE;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// The region reaches so many times as far as the base of the implant.
+/// Radius of the region relative to the base of the implant.
 pub const REACH: f64 = 1.5;
 
-/// A part of a surface as a mesh of its own.
+/// A part of a surface as a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// The part.
+    /// Mesh of the part.
     pub mesh: TriangleMesh,
-    /// The vertex of the whole for each of its vertices, ascending.
+    /// The vertex of the whole mesh for each vertex, ascending.
     pub vertices: Vec<u32>,
-    /// The triangle of the whole for each of its triangles, ascending.
+    /// The triangle of the whole mesh for each triangle, ascending.
     pub triangles: Vec<u32>,
 }
 
 impl Region {
-    /// Every triangle with at least one vertex inside, as far as they are joined to vertex `seed` by vertices inside.
+    /// Every triangle with at least one vertex inside, connected to vertex `seed` by vertices
+    /// inside.
     pub fn around(
         mesh: &TriangleMesh,
         topology: &Topology,
@@ -50,7 +51,7 @@ impl Region {
         )
     }
 
-    /// The triangles named.
+    /// The given triangles.
     pub fn of(mesh: &TriangleMesh, triangles: Vec<u32>) -> Self {
         let mut number = vec![NONE; mesh.vertices.len()];
         triangles
@@ -81,7 +82,7 @@ impl Region {
         }
     }
 
-    /// Which of its vertices are on its rim, and so are held.
+    /// True for each vertex on the boundary of the region, which is fixed.
     pub fn rim(&self, topology: &Topology) -> Vec<bool> {
         let mut held = vec![false; self.mesh.vertices.len()];
         let ends = topology
@@ -93,8 +94,9 @@ impl Region {
     }
 }
 
-/// The frame of an implant at a place of the skin: z along the `normal` out of the body, x along `long` as far as it is
-/// across that, else along the axis of space that is most across.
+/// The frame of an implant at a point of the skin: z along the `normal` out of the body, x along
+/// the transverse component of `long`; if that is zero, along the coordinate axis most
+/// perpendicular to z.
 pub fn frame(
     at: &Point3<f64>,
     normal: &Vector3<f64>,
@@ -103,7 +105,7 @@ pub fn frame(
     let z = normal.try_normalize(0.0).unwrap_or_else(Vector3::z);
     let across = |v: &Vector3<f64>| (v - z * v.dot(&z)).try_normalize(1e-6 * v.norm());
     let axis = Vector3::ith(z.map(f64::abs).imin(), 1.0);
-    // An axis of space that is most across z always has a part across it.
+    // The most perpendicular coordinate axis always has a transverse component.
     let x = long
         .and_then(across)
         .or_else(|| across(&axis))

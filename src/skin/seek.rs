@@ -1,31 +1,33 @@
-//! Which volume gives a wanted area, and what each of several volumes gives.
+//! Search for the volume that gives a requested area, and areas of several volumes.
 
 use super::SkinError;
 use super::plan::{Inserted, Ready};
 use super::settle::{Progress, STEADY};
 
-/// A wanted area is met to this share of it, if areas are as sure as that.
+/// Relative tolerance of the requested area, limited by the accuracy of areas.
 const MET: f64 = 2e-3;
 
-/// Insertions tried at most.
+/// Greatest number of insertions.
 const TRIALS: u32 = 16;
 
-/// A bracket as narrow as this, as a share of the volume, that does not give the wanted area has ends that do not belong together.
+/// A bracket narrower than this, relative to the volume, whose ends do not give the requested area
+/// is inconsistent.
 const NARROW: f64 = 0.01;
 
-/// The next volume lies so far within a bracket, as a share of it, where the last two trials tell it and where they do not.
+/// Least distance of the next volume from the ends of a bracket, relative to the bracket, with and
+/// without a prediction from the last two trials.
 const NEXT: f64 = 1e-3;
 const APART: f64 = 0.05;
 
-/// A volume is changed by this factor until the wanted area lies between two.
+/// Factor between volumes until two of them bracket the requested area.
 const WIDER: f64 = 1.6;
 
 impl Ready {
-    /// The insertion of which the region gains `wanted` [m^2] while the implant is in: a bracket, narrowed by secants through the
-    /// last two trials.
+    /// The insertion with a gain of `wanted` [m^2] while the implant is in place: a bracket,
+    /// narrowed by secants through the last two trials.
     ///
     /// # Errors
-    /// A gain that no volume gives; see also [`Ready::insert`].
+    /// A gain that no volume gives; also those of [`Ready::insert`].
     pub fn seek(
         &self,
         wanted: f64,
@@ -53,11 +55,11 @@ impl Ready {
                 low = (volume, over)
             }
             if high.is_some_and(|high| high.0 - low.0 <= NARROW * high.0) {
-                // Areas at rest are no surer than that.
+                // The accuracy of areas at equilibrium.
                 if over.abs() <= STEADY * found.areas.deformed {
                     return Ok(found);
                 }
-                // The gain jumps there: the other end was found from elsewhere, and the skin lay otherwise.
+                // The gain jumps there: the other end comes from another branch of solutions.
                 if over > 0.0 {
                     low = (0.0, -wanted)
                 } else {
@@ -93,7 +95,7 @@ impl Ready {
         )))
     }
 
-    /// Skin over each of several volumes [m^3], in their order.
+    /// The skin over each of several volumes [m^3], in their order.
     ///
     /// # Errors
     /// See [`Ready::insert`].
@@ -111,7 +113,8 @@ impl Ready {
     }
 }
 
-/// A volume within a bracket: the one that is expected, else where a line through both ends is zero, not next to an end.
+/// A volume within a bracket: the predicted one, otherwise the zero of the line through both ends;
+/// never next to an end.
 fn within(low: (f64, f64), high: (f64, f64), expected: Option<f64>) -> f64 {
     let width = high.0 - low.0;
     let line = low.0 - low.1 / (high.1 - low.1) * width;

@@ -1,8 +1,9 @@
-//! Skin, implant and what lies under them brought to rest together.
+//! Equilibrium of skin, implants and the surfaces below them.
 //!
-//! Rounds: find what may touch, with planes through the nearest points; minimise the energy with these planes by Newton's
-//! method; go there as far as the energy falls with contact as it is found there; until nothing moves any more or nothing
-//! more is gained. A plane that holds at rest then lies in the nearest point itself.
+//! Each round finds possible contacts with planes through the nearest points, and minimises the
+//! energy with these planes by Newton's method. The step is then shortened until the energy
+//! decreases with contact as found at the new positions. The rounds end when nothing moves or the
+//! energy no longer decreases. An active plane then contains the nearest point itself.
 
 use nalgebra::Point3;
 
@@ -28,108 +29,113 @@ use crate::solvers::sparse::FactorError;
 /// The stiffness of each spring [N/m].
 pub type Stiffness = Vec<f64>;
 
-/// A round ends when something has moved by this share of the base: what may touch is then looked for again.
+/// A round ends when a vertex has moved by this share of the base; contacts are then searched
+/// again.
 const LEASH: f64 = 0.02;
 
-/// Stiffness of what keeps the base of an implant in its place, over the skin's in-plane stiffness: it only decides where
-/// nothing else does, as for a turn about the axis.
+/// Stiffness of the springs that hold the base of an implant in place, relative to the skin's
+/// in-plane stiffness. They only determine otherwise free motions, such as a rotation about the
+/// axis.
 const POCKET: f64 = 1e-5;
 
-/// Stiffness of skin that is pressed thin, over that of contact.
+/// Stiffness of compressed skin relative to that of contact.
 const FIRM: f64 = 0.1;
 
-/// At rest, no vertex of the skin moves in a round by more than this share of an edge. The slack shell under it slides about
-/// by some tenths of an edge, for the nearest points jump from triangle to triangle; it is judged by its pressure.
+/// Greatest motion of a vertex of the skin in a round at equilibrium, relative to an edge. The
+/// slack shell below slides by some tenths of an edge, since the nearest points jump between
+/// triangles; its criterion is the pressure.
 const STILL: f64 = 0.05;
 
-/// At rest, area and pressure change in a round by at most this share.
+/// Greatest relative change of area and pressure in a round at equilibrium.
 pub(super) const STEADY: f64 = 1e-3;
 
-/// Or: over so many rounds the energy falls by less than that, area changes by a fifth of it and pressure by ten times it.
+/// Alternative criterion: in this number of rounds the relative decrease of the energy is less than
+/// `STEADY`, the change of area less than a fifth of it, and that of pressure less than ten times
+/// it.
 const EXHAUSTED: usize = 6;
 
-/// A round goes at least so far, over what it may.
+/// Least share of its permitted length that a round moves.
 const SHORTEST: f64 = 1.0 / 64.0;
 
-/// Residual force at rest, as a share of what a strain of one exerts.
+/// Residual force at equilibrium, relative to the force of unit strain.
 const TOLERANCE: f64 = 1e-5;
 
-/// Contact that is too deep at rest is lifted so many times at most.
+/// Greatest number of increases of the contact offsets at equilibrium.
 const LIFTS: u32 = 8;
 
-/// Rounds at most, also after each lift, and iterations in each.
+/// Greatest number of rounds, also after each increase of the offsets, and of iterations in each.
 const ROUNDS: u32 = 80;
 const INNER: u32 = 6;
 
-/// Iterations of the other method in each round.
+/// Greatest number of iterations of the other method in each round.
 const INNER_QUASI_STATIC: u32 = 60;
 
-/// How an equilibrium is sought.
+/// Method of the equilibrium.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Newton's method, a factor of the whole second derivative in every iteration.
+    /// Newton's method, with a factorisation of the whole second derivative in every iteration.
     #[default]
     Newton,
-    /// L-BFGS over a constant factor: less memory, for tens of thousands of vertices.
+    /// L-BFGS with a constant factor: less memory, for tens of thousands of vertices.
     QuasiStatic,
 }
 
 /// An implant among the unknowns; its vertices follow those of the skin.
 #[derive(Clone, Debug)]
 pub struct Filled {
-    /// Its shell as it starts.
+    /// Initial shell.
     pub mesh: TriangleMesh,
-    /// Springs of the shell, over all unknowns.
+    /// Springs of the shell; indices refer to all unknowns.
     pub springs: Vec<Distance>,
-    /// Their stiffness [N/m].
+    /// Stiffness of the springs [N/m].
     pub stiffness: Stiffness,
-    /// The volume that it keeps [m^3].
+    /// Volume to keep [m^3].
     pub volume: f64,
-    /// Vertices of its base, which keep their place as far as nothing moves them.
+    /// Vertices of the base, which weak springs hold in place.
     pub pocket: Vec<u32>,
 }
 
-/// What is brought to rest.
+/// The system of skin, implants and surfaces below.
 pub struct Model {
     /// The skin.
     pub layers: Layers,
     /// In-plane stiffness of the skin [N/m].
     pub membrane: f64,
-    /// Implants, one after the other.
+    /// Implants in order.
     pub implants: Vec<Filled>,
-    /// What lower layer and implants rest on.
+    /// Surfaces that support the lower layer and the implants.
     pub beds: Vec<Sheet>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
-    /// Length of the base, of the smallest implant, by which lengths are judged [m].
+    /// Base length of the smallest implant, the length scale of the tolerances [m].
     pub base: f64,
-    /// How equilibrium is sought.
+    /// Method of the equilibrium.
     pub method: Method,
 }
 
-/// How far a solution is.
+/// State of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Rounds done.
+    /// Number of rounds.
     pub rounds: u32,
-    /// Iterations of the solver in all of them.
+    /// Number of solver iterations in all rounds.
     pub iterations: u32,
-    /// Force left, as a share of what a strain of one exerts.
+    /// Residual force, relative to the force of unit strain.
     pub residual: f64,
     /// Greatest motion of a vertex of the skin in the last round [m].
     pub moved: f64,
-    /// Greatest depth of one body in another [m].
+    /// Greatest penetration of one body into another [m].
     pub depth: f64,
-    /// Pressure in the implant, of several the largest by magnitude [Pa].
+    /// Pressure in the implant; of several the largest by magnitude [Pa].
     pub pressure: f64,
-    /// Whether all is at rest.
+    /// True at equilibrium.
     pub converged: bool,
-    /// Whether that is so because nothing more was gained, whatever force is left.
+    /// True if the energy no longer decreases, for any residual force.
     pub exhausted: bool,
 }
 
 impl Progress {
-    /// By which rule it is at rest: `force` or `exhaustion`; `None` where it is not.
+    /// The criterion of the equilibrium: `force` or `exhaustion`; `None` without equilibrium.
     pub fn rest_by(&self) -> Option<&'static str> {
         self.converged.then_some(if self.exhausted {
             "exhaustion"
@@ -138,7 +144,7 @@ impl Progress {
         })
     }
 
-    /// Whether it is at rest, for people.
+    /// The state of the equilibrium as text.
     pub fn rest(&self) -> &'static str {
         match self.rest_by() {
             None => "NO",
@@ -148,12 +154,12 @@ impl Progress {
     }
 }
 
-/// The energy with contact as it is at the present positions, and how far a round may go from there.
+/// The energy with contact at the present positions, and the greatest step of a round from there.
 struct Way {
     energy: Energy,
-    /// Its value [J].
+    /// Value of the energy [J].
     value: f64,
-    /// [m].
+    /// Greatest motion [m].
     leash: f64,
 }
 
@@ -168,8 +174,9 @@ impl Way {
         }
     }
 
-    /// Goes only so far from `before` to `x` that the energy falls with contact as it is found there: planes of before know
-    /// nothing of what lies beyond them, and rounds that trust them may go in circles.
+    /// Shortens the step from `before` to `x` until the energy decreases with contact as found at
+    /// the new positions. Planes of the old positions do not describe the surface beyond them, and
+    /// rounds that rely on them can cycle.
     fn descend(
         self,
         detector: &mut Detector,
@@ -203,7 +210,8 @@ impl Way {
 struct Told(Vec<(f64, f64, Vec<f64>)>);
 
 impl Told {
-    /// Whether energy, area and each pressure differ by at most these shares between the last two of so many rounds.
+    /// True if energy, area and each pressure changed by at most these relative amounts over the
+    /// last `rounds` rounds.
     fn within(&self, rounds: usize, shares: [f64; 3]) -> bool {
         let Some(first) = self.0.len().checked_sub(rounds) else {
             return false;
@@ -222,24 +230,25 @@ impl Told {
         self.within(2, [f64::INFINITY, STEADY, STEADY])
     }
 
-    /// Whether nothing more is to be gained, as on an edge between facets, where no force vanishes.
+    /// True if the energy no longer decreases, for example on an edge between facets where no force
+    /// vanishes.
     fn exhausted(&self) -> bool {
         self.within(EXHAUSTED, [STEADY, 0.2 * STEADY, 10.0 * STEADY])
     }
 }
 
-/// A model on its way to rest.
+/// A model on its path to equilibrium.
 struct Descent<'a> {
     detector: Detector<'a>,
     newton: Option<Newton>,
     start: Vec<Point3<f64>>,
     inverse_mass: Vec<f64>,
     progress: Progress,
-    /// In each implant [Pa].
+    /// Pressure in each implant [Pa].
     pressures: Vec<f64>,
 }
 
-/// The larger by magnitude; no number is larger than any.
+/// The larger by magnitude; NaN exceeds every number.
 fn larger(a: f64, b: f64) -> f64 {
     if b.abs() > a.abs() || b.is_nan() {
         b
@@ -265,7 +274,7 @@ impl<'a> Descent<'a> {
         }
     }
 
-    /// Rounds until all is at rest, with contact lifted as it is.
+    /// Runs rounds until equilibrium, with constant contact offsets.
     fn rounds(
         &mut self,
         x: &mut [Point3<f64>],
@@ -296,7 +305,7 @@ impl<'a> Descent<'a> {
             progress.iterations += outcome.iterations;
             progress.residual = outcome.residual;
             progress.pressure = pressures.iter().copied().reduce(larger).unwrap_or(0.0);
-            // Of an implant alone all its vertices.
+            // For an implant alone, all its vertices.
             let judged = if model.layers.count() == 0 {
                 x.len()
             } else {
@@ -326,7 +335,7 @@ impl<'a> Descent<'a> {
 }
 
 impl Model {
-    /// Number of unknown vertices, held ones among them.
+    /// Number of unknown vertices, including fixed ones.
     pub fn count(&self) -> usize {
         self.layers.rest.len()
             + self
@@ -347,7 +356,7 @@ impl Model {
             })
     }
 
-    /// Skin and implants at rest, before they touch [m].
+    /// Skin and implants at rest, before contact [m].
     pub fn rest(&self) -> Vec<Point3<f64>> {
         let implants = self.implants.iter().flat_map(|i| i.mesh.vertices.iter());
         self.layers.rest.iter().chain(implants).copied().collect()
@@ -359,7 +368,7 @@ impl Model {
         greatest(upper.iter().zip(lower).map(|(u, l)| (u - l).norm()))
     }
 
-    /// As stiff as contact over the depth of the skin.
+    /// The resistance to thinning, as stiff as contact over the depth of the skin.
     fn thickness(&self) -> Thickness {
         Thickness::new(
             &self.layers,
@@ -397,10 +406,11 @@ impl Model {
         energy
     }
 
-    /// Brings all to rest from `x`; `watch` sees every round and says whether to go on.
+    /// Brings the system to equilibrium from `x`; `watch` sees every round and stops the solution
+    /// by returning false.
     ///
     /// # Errors
-    /// No memory; equations without a solution; [`SkinError::Stopped`].
+    /// Too little memory; equations without a solution; [`SkinError::Stopped`].
     pub fn settle(
         &self,
         x: &mut [Point3<f64>],
@@ -409,7 +419,7 @@ impl Model {
         self.settle_each(x, watch).map(|(progress, _)| progress)
     }
 
-    /// The same, and the pressure in each implant [Pa].
+    /// The same, with the pressure in each implant [Pa].
     ///
     /// # Errors
     /// See [`Model::settle`].
@@ -441,7 +451,7 @@ impl Model {
         crate::mesh::measures::area(&x[..self.layers.count()], &self.layers.triangles)
     }
 
-    /// The volumes of the implants, to be kept.
+    /// The volume constraints of the implants.
     fn volumes(&self) -> Vec<EnclosedVolume> {
         let volume = |(implant, first): (&Filled, u32)| {
             let triangles: Vec<[u32; 3]> = implant
@@ -459,7 +469,7 @@ impl Model {
             .collect()
     }
 
-    /// Brings the implants to their volumes: over a bed that is not flat a shell is not quite a dome.
+    /// Scales the implants to their volumes: over a curved surface a shell is not exactly a dome.
     fn fill(&self, x: &mut [Point3<f64>]) -> Result<(), SkinError> {
         for volume in self.volumes() {
             let (_, gradient) = volume.value_and_gradient(x);
@@ -470,7 +480,7 @@ impl Model {
         Ok(())
     }
 
-    /// A solver of this energy; the one of the round before is used again. And the pressures [Pa].
+    /// Minimises the energy with the solver of the previous round. Returns also the pressures [Pa].
     fn minimise(
         &self,
         newton: &mut Option<Newton>,

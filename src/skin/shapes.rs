@@ -1,13 +1,15 @@
-//! Bases of implants: outlines as maps of the unit disc, so that one mesh of rings serves all of them.
+//! Bases of implants: outlines as maps of the unit disc, so that one mesh of rings serves all
+//! shapes.
 
 use nalgebra::Point2;
 
-/// Width over length of an oval base.
+/// Ratio of width to length of an oval base.
 const OVAL: f64 = 0.65;
-/// Width over length of a rectangular base, and the exponent of its outline |x|^n + |y|^n = 1.
+/// Ratio of width to length of a rectangular base, and the exponent of its outline |x|^n + |y|^n =
+/// 1.
 const RECTANGULAR: f64 = 0.65;
 const CORNERS: i32 = 6;
-/// Width over length of a crescent along its arc, and half of the angle of that arc [rad].
+/// Ratio of width to length of a crescent along its arc, and half of the angle of that arc [rad].
 const CRESCENT: f64 = 0.42;
 const BEND: f64 = 1.0;
 
@@ -25,7 +27,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// All shapes and what they are called.
+    /// All shapes with their names.
     pub const ALL: [(&'static str, Self); 4] = [
         ("round", Self::Round),
         ("oval", Self::Oval),
@@ -33,7 +35,7 @@ impl Shape {
         ("rectangular", Self::Rectangular),
     ];
 
-    /// What it is called.
+    /// Name of the shape.
     pub fn name(self) -> &'static str {
         Self::ALL
             .iter()
@@ -41,7 +43,8 @@ impl Shape {
             .map_or("", |(name, _)| name)
     }
 
-    /// The place over the base [m] of a point of the plane of which the unit disc is the base; `base` is its length [m].
+    /// The point of the base [m] for a point of the plane of the unit disc; `base` is its length
+    /// [m].
     pub fn place(self, disc: Point2<f64>, base: f64) -> Point2<f64> {
         let half = 0.5 * base;
         match self {
@@ -56,7 +59,7 @@ impl Shape {
                 )
             }
             Self::Crescent => {
-                // The chord of the arc with its two ends is `base` long.
+                // The chord of the arc with its two ends has the length `base`.
                 let arc = half / libm::sin(BEND);
                 let (angle, across) = (disc.x * BEND, arc * BEND * CRESCENT * disc.y);
                 Point2::new(
@@ -67,7 +70,8 @@ impl Shape {
         }
     }
 
-    /// How far a place [m] is from the middle, 1 on the outline of the base: the radius of its point of the disc.
+    /// Relative distance of a point [m] from the centre, 1 on the outline of the base: the radius
+    /// of its point of the disc.
     pub fn reach(self, place: Point2<f64>, base: f64) -> f64 {
         let half = 0.5 * base;
         match self {

@@ -1,4 +1,4 @@
-//! A surface of which one side is outside, and the place of it that is nearest to a point.
+//! An oriented surface with nearest-point queries.
 
 use std::sync::Arc;
 
@@ -8,26 +8,26 @@ use crate::contact::{on_triangle, pseudo_normal};
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// A place of a surface.
+/// A point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// The place [m].
+    /// Position [m].
     pub point: Point3<f64>,
-    /// Its triangle.
+    /// Corners of its triangle.
     pub corners: [u32; 3],
-    /// Its barycentric weights there.
+    /// Barycentric weights.
     pub weights: [f64; 3],
-    /// Unit pseudo-normal of the face, the side or the corner that it lies on \[baerentzen2005\].
+    /// Unit pseudo-normal of the face, side or corner that contains it \[baerentzen2005\].
     pub outward: Vector3<f64>,
-    /// The size of its triangle [m].
+    /// Size of the triangle [m].
     pub size: f64,
 }
 
 impl Place {
-    /// The unit direction out of the surface through `p`, of which this is the nearest place.
+    /// The unit direction from the surface to `p`, whose nearest point this is.
     pub fn away(&self, p: &Point3<f64>) -> Vector3<f64> {
         let from = p - self.point;
-        // Nearer than this the direction is rounding.
+        // At a smaller distance the direction is rounding error.
         if from.norm() <= 1e-6 * self.size {
             return self.outward;
         }
@@ -40,10 +40,10 @@ impl Place {
     }
 }
 
-/// A surface, open or closed, that looks outward.
+/// An open or closed surface, oriented outward.
 ///
-/// No sign is asked of the whole surface: skin and bones are open as often as not, and which side a body is on is known
-/// from the side it came from.
+/// The surface has no global sign: skin and bones are often open, and the side of a body follows
+/// from the side from which it came.
 #[derive(Clone, Debug)]
 pub struct Sheet {
     mesh: TriangleMesh,
@@ -52,13 +52,13 @@ pub struct Sheet {
 }
 
 impl Sheet {
-    /// A surface with valid indices.
+    /// Creates a sheet from a surface with valid indices.
     pub fn new(mesh: TriangleMesh) -> Self {
         let topology = Arc::new(Topology::new(&mesh));
         Self::with(mesh, topology)
     }
 
-    /// The same where its topology is known.
+    /// The same with a known topology.
     pub fn with(mesh: TriangleMesh, topology: Arc<Topology>) -> Self {
         let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
         Self {
@@ -73,8 +73,8 @@ impl Sheet {
         &self.mesh
     }
 
-    /// The surface, turned over where it looks away: a closed one by its volume, another if most of `outside`, places near it,
-    /// are on its inner side.
+    /// The surface, reversed if it faces inward: a closed surface by its volume, an open one if
+    /// most of the points `outside` are on its inner side.
     pub fn facing(mut mesh: TriangleMesh, outside: &[Point3<f64>], within: f64) -> Self {
         let sheet = Self::new(mesh.clone());
         let turned = if sheet.topology.is_closed() && sheet.topology.is_oriented() {
@@ -99,7 +99,7 @@ impl Sheet {
         Self::new(mesh)
     }
 
-    /// The nearest place at most `within` [m] away.
+    /// The nearest point within `within` [m].
     pub fn nearest(&self, p: &Point3<f64>, within: f64) -> Option<Place> {
         let triangle = self.tree.closest(p, within)?.triangle;
         let corners = self.mesh.triangles[triangle as usize];
@@ -160,7 +160,8 @@ mod tests {
 
     #[test]
     fn sides_beside_a_sharp_edge_are_told_apart() {
-        // A roof of 20 degrees at its ridge, which looks up; beside the ridge a point is under the plane of one of its faces.
+        // A roof of 20 degrees that faces up at its ridge; beside the ridge a point is under the
+        // plane of one face.
         let half = 10f64.to_radians();
         let (out, low) = (half.sin(), -half.cos());
         let vertices = [
@@ -199,7 +200,7 @@ mod tests {
             &[above, below, below],
             1.0
         )));
-        // What is far away has no say.
+        // Distant points have no influence.
         assert!(looks(&Sheet::facing(square(), &[below], 0.01)));
     }
 }

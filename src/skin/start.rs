@@ -1,4 +1,5 @@
-//! Where an equilibrium is begun: the skin on the implant, what a coarser skin came to, or an earlier result.
+//! Start of an equilibrium: the skin on the implant, the result of a coarser skin, or an earlier
+//! result.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
@@ -13,28 +14,28 @@ use super::sheet::Sheet;
 use crate::contact::Surface;
 use crate::mesh::{TriangleMesh, refine};
 
-/// Systems with more unknown vertices than this are solved with a constant factor.
+/// Systems with more unknown vertices use a constant factor.
 const LARGE: usize = 25_000;
 
-/// A region in which more vertices than this can move is brought to rest with longer edges first.
+/// Regions with more free vertices are first solved with longer edges.
 const COARSE: usize = 400;
 
 /// Greatest slope of the skin at the start.
 const STEEP: f64 = 4.0;
 
-/// Where an equilibrium may be begun.
+/// A possible start of an equilibrium.
 #[derive(Default)]
 pub(super) struct Begin {
-    /// Positions [m], if any are known.
+    /// Positions [m], if known.
     pub likely: Option<Vec<Point3<f64>>>,
-    /// Iterations that finding them took.
+    /// Number of iterations to find them.
     pub iterations: u32,
-    /// What a coarser skin gained [m^2].
+    /// Gain of a coarser skin [m^2].
     pub coarse_gain: Option<f64>,
 }
 
 impl Ready {
-    /// How a system of so many unknown vertices is solved.
+    /// The solver for this number of unknown vertices.
     pub(super) fn method_for(&self, unknown: usize) -> Method {
         self.method.unwrap_or(if unknown > LARGE {
             Method::QuasiStatic
@@ -43,7 +44,8 @@ impl Ready {
         })
     }
 
-    /// The same skin with edges twice as long; `None` where few vertices move, or where that cannot be made ready.
+    /// The same skin with edges twice as long; `None` for few free vertices, or if the coarser skin
+    /// cannot be prepared.
     fn coarser(&self) -> Option<&Self> {
         let make = || {
             if self.layers.held.iter().filter(|held| !**held).count() / 2 <= COARSE {
@@ -72,7 +74,7 @@ impl Ready {
         self.coarser.get_or_init(make).as_deref()
     }
 
-    /// As far from `start` as an earlier result came to lie from where it started.
+    /// Adds the displacement of an earlier result to `start`.
     pub(super) fn further(
         &self,
         earlier: &Inserted,
@@ -87,8 +89,8 @@ impl Ready {
             .collect())
     }
 
-    /// Finds what edges twice as long gain, where that is not known of a result yet; leaves it where that cannot be found, or
-    /// `watch` says so.
+    /// Computes the gain with edges twice as long if a result lacks it; leaves it empty on failure,
+    /// or if `watch` stops it.
     pub fn compare(&self, done: &mut Inserted, mut watch: impl FnMut(&Progress) -> bool) {
         if done.coarse_gain.is_some() || done.shells.is_empty() {
             return;
@@ -101,7 +103,7 @@ impl Ready {
             .map(|coarse| coarse.areas.gain());
     }
 
-    /// Where a coarser skin and its implants came to rest, and what that took.
+    /// Equilibrium of a coarser skin with its implants, and its effort.
     pub(super) fn coarsely(
         &self,
         volumes: &[f64],
@@ -117,18 +119,18 @@ impl Ready {
                 iterations: done.progress.iterations,
                 coarse_gain: Some(done.areas.gain()),
             }),
-            // Not at rest, it is no better than where it began.
+            // A coarser skin without equilibrium is no better than its start.
             Ok(done) => Ok(Begin {
                 iterations: done.progress.iterations,
                 ..Begin::default()
             }),
             Err(SkinError::Stopped) => Err(SkinError::Stopped),
-            // What a coarser skin cannot do, this one may.
+            // This skin can have a solution where a coarser one has none.
             Err(_) => Ok(Begin::default()),
         }
     }
 
-    /// Where all begins, after a coarser skin and its implants have come to rest.
+    /// The start from the equilibrium of a coarser skin with its implants.
     fn follow(
         &self,
         coarser: &Self,
@@ -160,7 +162,7 @@ impl Ready {
         Ok(x)
     }
 
-    /// The model of implants of these volumes, and where all starts: the skin as a dome over each.
+    /// The model of implants with these volumes, and the start: the skin as a dome over each.
     pub(super) fn model(&self, volumes: &[f64]) -> Result<(Model, Vec<Point3<f64>>), SkinError> {
         let (mut implants, mut lift) = (Vec::new(), vec![0.0; self.layers.rest.len()]);
         let (bed, mut first) = (Surface::new(&self.layers.bed()), lift.len() as u32);
@@ -208,7 +210,7 @@ impl Ready {
         Ok((model, x))
     }
 
-    /// A dome over the bed as it is, with vertices from number `first` on.
+    /// A dome over the surface below, with vertices from index `first`.
     fn filled(
         &self,
         implant: &Implant,
@@ -225,7 +227,7 @@ impl Ready {
         let over = 4.0 * implant.base + self.order.tissue.depth;
         let mut mesh = dome;
         for p in &mut mesh.vertices {
-            // By as much as over a plane.
+            // The same height as over a plane.
             let from = frame * Point3::new(p.x, p.y, over);
             let (t, w) = bed
                 .first_hit(&from, &down)
@@ -249,11 +251,11 @@ impl Ready {
         })
     }
 
-    /// How far each vertex of both layers starts above where it rests [m]: on the implant, and from there straight to the rim
-    /// of the region, as a taut sheet would lie.
+    /// Initial height of each vertex of both layers above its rest position [m]: on the implant,
+    /// and from there straight to the boundary of the region, like a taut sheet.
     fn lift(&self, dome: &TriangleMesh, implant: &Implant, frame: &Isometry3<f64>) -> Vec<f64> {
         let rings = rings_of(dome.vertices.len());
-        // Both are the same all along a ring.
+        // Both are constant on a ring.
         let ring = |k: u32| {
             let p = dome.vertices[if k == 0 { 0 } else { upper(k - 1) as usize }];
             (implant.shape.reach(p.xy(), implant.base), p.z)
@@ -267,7 +269,7 @@ impl Ready {
                 best
             }
         });
-        // Further down a dome may overhang; the straight skin is above that.
+        // Farther down a dome can overhang; the straight skin is above that.
         let (steepest, top) = (profile[last], &profile[..=last]);
         let implant_at = |reach: f64| {
             let next = top
@@ -293,7 +295,7 @@ impl Ready {
             if reach < steepest.0 {
                 return implant_at(reach);
             }
-            // Where the region ends nearer than the rule says, no steeper than this.
+            // Where the region ends nearer than the rule says, the slope is limited.
             let away = rim
                 .iter()
                 .map(|p| (p - flat[v]).norm())
@@ -306,7 +308,7 @@ impl Ready {
     }
 }
 
-/// Rings of a dome with so many vertices: 2 (1 + 3 n (n + 1)) - 6 n = 2 + 6 n^2.
+/// Number of rings of a dome with this number of vertices: 2 (1 + 3 n (n + 1)) - 6 n = 2 + 6 n^2.
 fn rings_of(vertices: usize) -> u32 {
     (((vertices - 2) / 6) as f64).sqrt().round() as u32
 }

@@ -1,4 +1,5 @@
-//! Skin keeps its thickness: crossing diagonals alone are as long if the layers change sides.
+//! Resistance of skin to thinning: the length of crossing diagonals alone is the same if the layers
+//! change sides.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -7,14 +8,14 @@ use super::layers::Layers;
 use crate::constraints::Potential;
 use crate::mesh::sum::Compensated;
 
-/// It begins to resist where what lies between the layers has this share of its volume, and as a spring from as far below
-/// [`MIDDLE`].
+/// Volume share between the layers at which the resistance begins; the resistance is that of a
+/// spring as far below [`MIDDLE`].
 const FIRST: f64 = 0.8;
 
-/// The parabola of forces ends as far below this share as it begins above.
+/// Centre of the quadratic part of the force, as a volume share.
 const MIDDLE: f64 = 0.5;
 
-/// What lies between two triangles.
+/// The prism between two triangles.
 #[derive(Clone, Copy, Debug)]
 struct Prism {
     /// Three corners of the lower triangle, then those above them.
@@ -23,20 +24,22 @@ struct Prism {
     volume: f64,
 }
 
-/// A share of the volume at rest and its derivatives by the corners [1/m].
+/// A volume share with its derivatives with respect to the corners [1/m].
 struct Share {
     value: f64,
     gradient: [Vector3<f64>; 6],
 }
 
 impl Prism {
-    /// The mean area vector of both triangles times the way between their middles.
+    /// Volume and derivatives: the mean area vector of both triangles times the vector between
+    /// their centroids.
     fn measure(&self, x: &[Point3<f64>]) -> (f64, [Vector3<f64>; 6]) {
         let [a, b, c, d, e, f] = self.corners.map(|v| x[v as usize]);
         let area = ((b - a).cross(&(c - a)) + (e - d).cross(&(f - d))) / 4.0;
         let way = ((d - a) + (e - b) + (f - c)) / 3.0;
         let third = area / 3.0;
-        // The area vector of a triangle changes with a corner as the cross product of the side opposite.
+        // The derivative of a triangle's area vector with respect to a corner is the cross product
+        // with the opposite side.
         let turned = |from: Point3<f64>, to: Point3<f64>| (from - to).cross(&way) / 4.0;
         let gradient = [
             turned(b, c) - third,
@@ -58,7 +61,8 @@ impl Prism {
     }
 }
 
-/// The energy V K w(v/V) over all prisms with rest volume V and volume v; w grows below 0.8.
+/// The energy V K w(v/V) over all prisms with rest volume V and volume v; w is zero above 0.8 and
+/// increases below.
 #[derive(Clone, Debug)]
 pub struct Thickness {
     prisms: Vec<Prism>,
@@ -67,7 +71,7 @@ pub struct Thickness {
 }
 
 impl Thickness {
-    /// Between both layers, which resist with `stiffness` [Pa].
+    /// Creates the energy between both layers, with the stiffness `stiffness` [Pa].
     pub fn new(layers: &Layers, stiffness: f64) -> Self {
         let n = layers.count() as u32;
         let prism = |t: &[u32; 3]| {
@@ -81,7 +85,7 @@ impl Thickness {
                 ..empty
             }
         };
-        // Without volume at rest there is none to keep.
+        // A prism without rest volume has no resistance.
         let prisms = layers
             .triangles
             .iter()
@@ -91,7 +95,7 @@ impl Thickness {
         Self { prisms, stiffness }
     }
 
-    /// Those that resist: stiffness [J], force and second derivative of w, the share.
+    /// The compressed prisms: stiffness [J], force and second derivative of w, and the share.
     fn pressed(
         &self,
         x: &[Point3<f64>],
@@ -135,7 +139,8 @@ impl Potential for Thickness {
 
     fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
         for (prism, k, w, share) in self.pressed(x) {
-            // Without the volume's own second derivative: few prisms resist, and what is left is convex.
+            // Without the second derivative of the volume: few prisms resist, and the rest is
+            // convex.
             for (p, g) in prism.corners.iter().zip(&share.gradient) {
                 for (q, h) in prism.corners.iter().zip(&share.gradient) {
                     add(*p, *q, &(g * h.transpose() * (k * w.2)));
@@ -148,7 +153,7 @@ impl Potential for Thickness {
         for (prism, k, w, share) in self.pressed(x) {
             for (p, g) in prism.corners.iter().zip(&share.gradient) {
                 for (q, h) in prism.corners.iter().zip(&share.gradient) {
-                    // A third: it holds in one direction of three.
+                    // A third: the resistance acts in one direction of three.
                     add(*p, *q, k * w.2 / 3.0 * g.dot(h));
                 }
             }
@@ -160,7 +165,7 @@ impl Potential for Thickness {
 mod tests {
     use super::*;
 
-    /// One prism, 1 wide and 0.2 high.
+    /// A prism of width 1 and height 0.2.
     fn prism() -> (Thickness, Vec<Point3<f64>>) {
         let flat = [[0.0, 0.0], [1.0, 0.0], [0.2, 0.9]];
         let at = |z: f64| flat.map(|[x, y]| Point3::new(x, y, z));
@@ -175,7 +180,7 @@ mod tests {
     #[test]
     fn forces_are_the_slope_of_the_energy() {
         let (thickness, rest) = prism();
-        // Half as thick, pressed askew, turned inside out.
+        // Half as thick, sheared under compression, inverted.
         for (squeeze, lean) in [(0.5, 0.0), (0.3, 0.4), (-0.5, 0.2), (0.75, 1.3)] {
             let mut x = rest.clone();
             for (k, p) in x.iter_mut().enumerate() {
@@ -194,7 +199,8 @@ mod tests {
                         thickness.energy(&x)
                     };
                     let slope = (moved(step) - moved(-step)) / (2.0 * step);
-                    // Truncation of the difference: the square of the step; rounding: 1e-16 of the energy over the step.
+                    // Truncation error of the difference: the square of the step; rounding: 1e-16
+                    // of the energy over the step.
                     assert!(
                         (slope - gradient[v][axis]).abs() <= 1e-8 * gradient[v].norm().max(energy),
                         "{squeeze} {v}"

@@ -1,17 +1,17 @@
-//! Several implants: those whose regions meet are brought to rest together, under skin that they share.
+//! Several implants: those with overlapping regions share skin and a common equilibrium.
 
 use super::SkinError;
 use super::plan::{Order, Ready};
 use crate::mesh::TriangleMesh;
 
-/// Skin made ready for some implants, and their numbers in the list of all orders.
+/// Skin prepared for a group of implants, with their indices in the list of all orders.
 pub type Group = (Ready, Vec<usize>);
 
-/// Makes skin ready for all orders: one group for all that share skin, in the order of the first of each. `obstacles` are
-/// those that an order may meet.
+/// Prepares skin for all orders: one group for all that share skin, in the order of the first of
+/// each. `obstacles` are those that an order can touch.
 ///
 /// # Errors
-/// See [`Ready::new`]; the number of the order that is refused, from 0, comes with it.
+/// See [`Ready::new`]; the error comes with the index of the rejected order, from 0.
 pub fn grouped(
     skin: &TriangleMesh,
     orders: &[Order],
@@ -24,7 +24,8 @@ pub fn grouped(
             Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
-    // A joint patch has other edges and may reach further than those of its implants alone: until no two meet.
+    // A common patch has other edges and can extend farther than those of its implants alone:
+    // repeats until no two overlap.
     loop {
         let each: Vec<Vec<bool>> = groups.iter().map(|(ready, _)| taken(skin, ready)).collect();
         let meeting = meeting(&each);
@@ -53,7 +54,7 @@ pub fn grouped(
     }
 }
 
-/// An error of a group, whose implants it counts from 1, as one of all.
+/// Converts an error of a group, with implants counted from 1, to the numbering of all orders.
 fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError) {
     match error {
         SkinError::Overlap { first, second } => {
@@ -70,7 +71,7 @@ fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError
     }
 }
 
-/// Which triangles of the skin are in the patch of an implant.
+/// True for each triangle of the skin in the patch of an implant.
 fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
     let mut inside = vec![true; skin.triangles.len()];
     ready
@@ -80,7 +81,7 @@ fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
     inside
 }
 
-/// Those that have something in common, also through others: lists of numbers, ascending.
+/// Connected groups of overlapping sets, as ascending lists of indices.
 fn meeting(each: &[Vec<bool>]) -> Vec<Vec<usize>> {
     let meet = |a: usize, b: usize| each[a].iter().zip(&each[b]).any(|(a, b)| *a && *b);
     let mut group: Vec<usize> = (0..each.len()).collect();

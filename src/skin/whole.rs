@@ -1,7 +1,8 @@
-//! The whole skin with the refined patches in it, joined to what is around them: closed where the skin was.
+//! The whole skin with its refined patches, joined without gaps: closed where the skin was closed.
 //!
-//! A refined patch has more vertices on its rim than the skin around it knows of. Triangles beside it are split there, so
-//! that no vertex lies within an edge of another triangle; those of a region are as they were, for a region never reaches the rim.
+//! A refined patch has more boundary vertices than the skin around it. Adjacent triangles of the
+//! skin are split there, so that no vertex lies inside an edge of another triangle. Triangles of a
+//! region are unchanged, since a region never reaches the boundary of its patch.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,22 +13,23 @@ use crate::mesh::orientation::Orientation;
 use crate::mesh::topology::NONE;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// Two vertices on one edge nearer than this share of it are one: patches on both sides halve it at the same places.
+/// Relative distance on an edge below which two vertices are the same: patches on both sides bisect
+/// it at the same points.
 const SAME: f64 = 1e-9;
 
 /// The whole skin at rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Whole {
-    /// The mesh: what is outside of all patches, then the patches. Neighbours agree about their sides, and pieces with a patch
-    /// look out of the body, unless the skin has one side only.
+    /// The mesh: the parts outside all patches, then the patches. Neighbours have the same
+    /// orientation. Components with a patch face outward, unless the skin is one-sided.
     pub mesh: TriangleMesh,
-    /// For each patch the vertex of the mesh for each of its vertices.
+    /// For each patch the mesh vertex of each of its vertices.
     pub vertices: Vec<Vec<u32>>,
-    /// The patch to whose region a triangle belongs, `u32::MAX` for none.
+    /// The patch whose region contains a triangle; `u32::MAX` for none.
     pub owner: Vec<u32>,
 }
 
-/// The vertices of a rim between two vertices of the skin, with both ends.
+/// The boundary vertices between two vertices of the skin, with both ends.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Chain {
     /// The edge of the skin.
@@ -36,7 +38,7 @@ pub(super) struct Chain {
     pub vertices: Vec<u32>,
 }
 
-/// The rim of a patch, whose vertices are those of the skin where `origin` names one.
+/// The boundary of a patch; its vertices are those of the skin where `origin` gives one.
 pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> Vec<Chain> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for e in topology.boundary_edges() {
@@ -55,7 +57,7 @@ pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> 
         for &way in ways {
             let mut vertices = vec![from, way];
             let mut last = way;
-            // Where the patch touches itself it was not refined, and every vertex is kept.
+            // Where the patch touches itself it is not refined, and every vertex is kept.
             while let Some(&[then]) = next.get(&last).filter(|_| !kept(last)).map(Vec::as_slice) {
                 vertices.push(then);
                 last = then;
@@ -74,15 +76,15 @@ pub(super) fn rim(patch: &TriangleMesh, topology: &Topology, origin: &[u32]) -> 
     chains
 }
 
-/// A mesh that patches are put into.
+/// A mesh under construction from patches.
 struct Joining<'a> {
     skin: &'a TriangleMesh,
-    /// The new vertex of each of the skin.
+    /// The new vertex of each vertex of the skin.
     number: Vec<u32>,
     vertices: Vec<Point3<f64>>,
-    /// Vertices within an edge of the skin, from its lower end on: how far along, and which.
+    /// Vertices inside an edge of the skin, from its lower end: position and vertex.
     split: BTreeMap<[u32; 2], Vec<(f64, u32)>>,
-    /// Vertices within an edge of the new mesh, from its first end to its second.
+    /// Vertices inside an edge of the new mesh, from its first to its second end.
     within: BTreeMap<[u32; 2], Vec<u32>>,
 }
 
@@ -141,7 +143,8 @@ impl Joining<'_> {
         names
     }
 
-    /// Vertices that are on edges of the skin, and on those into which the rim of a patch has split them.
+    /// Finds vertices on edges of the skin, and on the edges into which the boundary of a patch has
+    /// split them.
     fn find_within(&mut self, rims: &[(Vec<Chain>, Vec<u32>)]) {
         self.split
             .values_mut()
@@ -179,7 +182,7 @@ impl Joining<'_> {
         }
     }
 
-    /// Vertices within the edge from `a` to `b`, in this order.
+    /// Vertices inside the edge from `a` to `b`, in this order.
     fn between(&self, a: u32, b: u32) -> Vec<u32> {
         if let Some(all) = self.within.get(&[a, b]) {
             return all.clone();
@@ -190,7 +193,8 @@ impl Joining<'_> {
             .unwrap_or_default()
     }
 
-    /// A triangle with vertices within its sides as triangles without, each time halved at the middle of its longest such side.
+    /// Splits a triangle with vertices inside its sides into triangles without, bisecting at the
+    /// middle of the longest such side.
     fn halved(&self, triangle: [u32; 3], within: [Vec<u32>; 3]) -> Vec<[u32; 3]> {
         let mut done = Vec::new();
         let mut open = vec![(triangle, within)];
@@ -215,7 +219,7 @@ impl Joining<'_> {
 }
 
 impl Whole {
-    /// Puts the patches of implants, of which no two share a triangle, back into their skin.
+    /// Inserts the patches of implants, of which no two share a triangle, into their skin.
     pub fn of(skin: &TriangleMesh, parts: &[&Ready]) -> Self {
         let mut left = vec![0usize; skin.triangles.len()];
         parts
@@ -251,7 +255,8 @@ impl Whole {
         let beyond = triangles.len();
         owner.resize(beyond, NONE);
         for (part, (ready, (chains, names))) in parts.iter().zip(&rims).enumerate() {
-            // Only a side on the rim is split: another one between the same two vertices would be another edge.
+            // Only a side on the boundary is split: another side between the same two vertices
+            // would be another edge.
             let on_rim: BTreeSet<[u32; 2]> = chains
                 .iter()
                 .flat_map(|c| c.vertices.windows(2).map(|w| [w[0], w[1]]))
@@ -289,7 +294,8 @@ impl Whole {
     }
 }
 
-/// Makes neighbours agree, and pieces with triangles of a patch, which are those from `first` on, look as these do.
+/// Gives neighbours the same orientation, and components with a triangle of a patch (from index
+/// `first`) the orientation of the patch.
 fn orient(mesh: &mut TriangleMesh, first: usize) {
     let orientation = Orientation::new(&Topology::new(mesh), &mesh.triangles);
     if orientation.one_sided.is_some() {

@@ -1,8 +1,10 @@
-//! Rows that hold while a body comes to equilibrium: the constant inverse restricted to the displacements they allow.
+//! Active contact rows of an equilibrium: the constant inverse restricted to the displacements that
+//! they allow.
 //!
-//! With N the rows and A the constant matrix, the inverse is A^-1 - A^-1 N^T (N A^-1 N^T)^-1 N A^-1: a correction for a
-//! contact spreads as smoothly as any other. Only the entries of A^-1 between vertices that touch are needed for the
-//! small matrix in the middle; they never change, and each vertex is solved for once.
+//! With the rows N and the constant matrix A, the inverse is A^-1 - A^-1 N^T (N A^-1 N^T)^-1 N
+//! A^-1: a correction for a contact spreads as smoothly as any other. The small matrix in the
+//! middle needs only the entries of A^-1 between touching vertices. They never change, and each
+//! vertex is solved for once.
 
 use std::collections::BTreeMap;
 
@@ -13,10 +15,12 @@ use super::unknowns::{Laplacian, Unknowns};
 use crate::contact::Row;
 use crate::state::{Corrupt, Reader, Writer};
 
-/// Vertices for which entries of the inverse are kept at most; of further rows only the pushing back takes care.
+/// Greatest number of vertices with stored entries of the inverse; further rows only act by the
+/// push.
 const MOST_VERTICES: usize = 2048;
 
-/// Added to the diagonal of the small matrix, as a share of it: rows of one vertex may depend on each other.
+/// Addition to the diagonal of the small matrix, relative to it: rows of one vertex can be
+/// dependent.
 const RIDGE: f64 = 1e-9;
 
 /// Entries of the constant inverse between vertices that have touched an obstacle.
@@ -24,7 +28,7 @@ const RIDGE: f64 = 1e-9;
 pub struct Touched {
     place: BTreeMap<u32, usize>,
     vertices: Vec<u32>,
-    /// Of each vertex, with those before it and itself.
+    /// For each vertex, the entries with all earlier vertices and itself.
     entries: Vec<Vec<f64>>,
 }
 
@@ -53,7 +57,7 @@ impl Touched {
         }
     }
 
-    /// The rows with the factor of N A^-1 N^T; those without an unknown vertex are left out.
+    /// The rows with the factor of N A^-1 N^T; rows without an unknown vertex are left out.
     pub fn hold(
         &mut self,
         rows: Vec<Row>,
@@ -105,8 +109,8 @@ impl Touched {
 }
 
 impl Touched {
-    /// Appends the state: the entries themselves, for a column of the inverse may have other bits where it is solved for
-    /// beside other columns.
+    /// Appends the state with the entries: a column of the inverse can have other bits if it is
+    /// solved beside other columns.
     pub fn save(&self, to: &mut Writer) {
         let Self {
             place: _,
@@ -117,7 +121,7 @@ impl Touched {
         entries.iter().for_each(|entries| to.list(entries));
     }
 
-    /// Takes the state.
+    /// Restores the state.
     pub fn restore(&mut self, from: &mut Reader<'_>, unknowns: &Unknowns) -> Result<(), Corrupt> {
         self.vertices = from.take()?;
         from.check(
@@ -139,7 +143,7 @@ impl Touched {
             self.place.len() == self.vertices.len(),
             "a vertex that touched stands there twice",
         )?;
-        // Of each vertex, with those before it and itself.
+        // For each vertex, the entries with all earlier vertices and itself.
         self.entries = (1..=self.vertices.len())
             .map(|n| from.exactly(n))
             .collect::<Result<_, _>>()?;
@@ -147,7 +151,7 @@ impl Touched {
     }
 }
 
-/// Rows that hold.
+/// Active rows.
 #[derive(Default)]
 pub struct Active {
     rows: Vec<Row>,
@@ -166,7 +170,8 @@ impl Active {
         to.list(rows);
     }
 
-    /// Takes the state of rows over `count` vertices, of which `touched` knows all that it knew when they were first held.
+    /// Restores the state of rows over `count` vertices; `touched` must contain all entries of
+    /// their activation.
     pub fn restore(
         from: &mut Reader<'_>,
         touched: &mut Touched,
@@ -191,7 +196,8 @@ impl Active {
         Ok(active)
     }
 
-    /// Applies the restricted inverse to fields, in place: no row's height changes along the result.
+    /// Applies the restricted inverse to fields, in place: no row's height changes along the
+    /// result.
     pub fn solve(
         &self,
         laplacian: &mut Laplacian,
@@ -217,7 +223,7 @@ impl Active {
         }
     }
 
-    /// The smoothest displacement that brings every row of `x` to no room at all.
+    /// The smoothest displacement that brings every row of `x` to exactly its required height.
     pub fn lift(
         &self,
         x: &[Point3<f64>],

@@ -1,4 +1,5 @@
-//! What solvers of equilibrium share: energy and forces at a place, when to stop, and the search along a direction.
+//! Common parts of equilibrium solvers: energy and forces at a point, stopping criteria, and the
+//! line search.
 
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
 
@@ -9,24 +10,25 @@ use crate::constraints::EnclosedVolume;
 use crate::contact::Row;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
-/// Share of the decrease that the slope promises which a step must bring.
+/// Least decrease of a step, relative to the decrease predicted by the slope.
 const SUFFICIENT: f64 = 1e-4;
 
-/// Halvings of a step before the search gives up.
+/// Greatest number of halvings of a step.
 const HALVINGS: u32 = 30;
 
-/// A volume that is off by less than this share of its target is off by rounding.
+/// Relative error of a volume that is rounding.
 pub(super) const ROUNDED: f64 = 64.0 * f64::EPSILON;
 
-/// Sweeps over several volumes until all are kept.
+/// Greatest number of sweeps over several volumes.
 const SWEEPS: u32 = 60;
 
-/// When to stop.
+/// Stopping criteria.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Root mean square of the force left on free vertices, as a share of that which a strain of one exerts.
+    /// Root mean square of the residual force on free vertices, relative to the force of unit
+    /// strain.
     pub tolerance: f64,
-    /// Iterations at most.
+    /// Greatest number of iterations.
     pub iterations: u32,
 }
 
@@ -39,22 +41,22 @@ impl Default for Settings {
     }
 }
 
-/// How a solution ended.
+/// Result of a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Outcome {
-    /// Iterations done.
+    /// Number of iterations.
     pub iterations: u32,
-    /// Times that energy and gradient were computed.
+    /// Number of evaluations of energy and gradient.
     pub evaluations: u32,
-    /// Root mean square of the force left on free vertices [N].
+    /// Root mean square of the residual force on free vertices [N].
     pub force: f64,
-    /// The same as a share of what a strain of one exerts.
+    /// The residual force relative to the force of unit strain.
     pub residual: f64,
     /// Energy [J].
     pub energy: f64,
-    /// Pressure in the first volume [Pa]; 0 where none is kept.
+    /// Pressure in the first volume [Pa]; 0 without a volume.
     pub pressure: f64,
-    /// Whether the residual is within its tolerance.
+    /// True if the residual is within the tolerance.
     pub converged: bool,
 }
 
@@ -91,8 +93,9 @@ impl Value for Outcome {
     }
 }
 
-/// The multipliers of rows beside a matrix: of the system of `areas` times `spreads`, `compliance` on the diagonal. A row that
-/// nothing can change, as all that encloses it is held, has none.
+/// The multipliers of rows beside a matrix: solves the system of `areas` times `spreads` with
+/// `compliance` on the diagonal. A row without effect, because all its vertices are fixed, has the
+/// multiplier 0.
 fn multipliers(
     areas: &[Field],
     spreads: &[Field],
@@ -117,7 +120,8 @@ fn multipliers(
     all
 }
 
-/// Whether a volume is at its target but for rounding, of itself and of coordinates far from the origin.
+/// True if a volume is at its target up to rounding, of itself and of coordinates far from the
+/// origin.
 fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
     let (excess, area) = volume.value_and_gradient(x);
     let moved: f64 = area
@@ -128,15 +132,15 @@ fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
     excess.abs() <= ROUNDED * volume.target().abs() + f64::EPSILON * moved
 }
 
-/// What keeps vertices out of obstacles while they move.
+/// Keeps vertices out of obstacles during the minimisation.
 pub trait Guard {
-    /// The planes that vertices near an obstacle must stay over.
+    /// The contact planes of vertices near an obstacle.
     fn rows(&self) -> Vec<Row>;
-    /// Room at which a vertex counts as touching [m].
+    /// Height above a plane at which a vertex touches [m].
     fn touching(&self) -> f64;
-    /// Puts vertices that went from `start` into an obstacle back onto its surface.
+    /// Moves vertices that entered an obstacle on their path from `start` back to its surface.
     fn push(&mut self, start: &[Point3<f64>], x: &mut [Point3<f64>]);
-    /// The last push is where the body stays.
+    /// Accepts the last push: the body stays there.
     fn accept(&mut self, x: &[Point3<f64>]);
 }
 
@@ -154,30 +158,31 @@ impl Guard for Unguarded {
     fn accept(&mut self, _: &[Point3<f64>]) {}
 }
 
-/// Energy, gradient and volume at one place.
+/// Energy, gradient and volume at one point.
 pub(super) struct State {
     pub energy: f64,
-    /// Sum of the energy's terms without their signs [J]: its rounding is a share of this.
+    /// Sum of the absolute values of the energy's terms [J]: the rounding error is proportional to
+    /// this.
     pub magnitude: f64,
     pub gradient: Field,
-    /// Gradient of each volume that is kept.
+    /// Gradient of each volume.
     pub areas: Vec<Field>,
-    /// V less its target [m^3], of each.
+    /// V minus its target [m^3], for each volume.
     pub excess: Vec<f64>,
 }
 
-/// A body's energy, which of its vertices are unknown, and when it counts as at rest.
+/// The energy of a body, its unknown vertices, and its stopping criteria.
 pub struct Problem {
     /// The energy.
     pub energy: Energy,
-    /// When to stop.
+    /// Stopping criteria.
     pub settings: Settings,
     pub(super) unknowns: Unknowns,
     pub(super) force_scale: f64,
 }
 
 impl Problem {
-    /// The problem of a body that rests at `x`; vertices without inverse mass are held.
+    /// The problem of a body at rest at `x`; vertices without inverse mass are fixed.
     pub fn new(
         energy: Energy,
         x: &[Point3<f64>],
@@ -193,7 +198,7 @@ impl Problem {
         }
     }
 
-    /// The force [N] on a vertex that residuals are measured by.
+    /// The force [N] on a vertex that is the scale of residuals.
     pub fn force_scale(&self) -> f64 {
         self.force_scale
     }
@@ -222,7 +227,8 @@ impl Problem {
         }
     }
 
-    /// Energy of compressed volumes [J]; one without compliance is a constraint and has none.
+    /// Energy of compressed volumes [J]; a volume without compliance is a constraint without
+    /// energy.
     fn of_volumes(&self, excess: &[f64]) -> f64 {
         self.softness(excess)
             .zip(excess)
@@ -230,7 +236,8 @@ impl Problem {
             .sum()
     }
 
-    /// The multiplier of each volume with compliance, which it has of its own; 0 of the others.
+    /// The multiplier of each volume with compliance, which follows from its compression; 0 for the
+    /// others.
     fn softness(&self, excess: &[f64]) -> impl Iterator<Item = f64> {
         let each = self
             .energy
@@ -247,7 +254,7 @@ impl Problem {
         })
     }
 
-    /// The volumes' multipliers, -pressure, that leave the least force.
+    /// The multipliers of the volumes, -pressure, that minimise the force.
     pub(super) fn first_multipliers(&self, state: &State) -> Vec<f64> {
         let State {
             areas, gradient, ..
@@ -255,8 +262,9 @@ impl Problem {
         multipliers(areas, areas, |_| 0.0, |i| -dot(gradient, &areas[i]))
     }
 
-    /// The direction of descent and the volumes' multipliers, -pressure: `pull` is the inverse matrix times the force,
-    /// `spreads` are that times the volumes' gradients, the rows beside the matrix.
+    /// The direction of descent and the multipliers of the volumes, -pressure. `pull` is the
+    /// inverse matrix times the force; `spreads` are the inverse matrix times the volumes'
+    /// gradients, the rows beside the matrix.
     pub(super) fn direction(
         &self,
         state: &State,
@@ -274,7 +282,7 @@ impl Problem {
         (pull, found)
     }
 
-    /// Whether all volumes without compliance are at their targets but for rounding.
+    /// True if all volumes without compliance are at their targets up to rounding.
     pub(super) fn volumes_kept(&self, x: &[Point3<f64>]) -> bool {
         self.energy
             .volumes
@@ -283,7 +291,8 @@ impl Problem {
             .all(|volume| is_kept(volume, x))
     }
 
-    /// Brings volumes without compliance to their targets, each along its spread; whether that can be done.
+    /// Brings volumes without compliance to their targets, each along its field in `spreads`.
+    /// Returns false if that is impossible.
     pub(super) fn keep_volumes(&self, x: &mut [Point3<f64>], spreads: &[Field]) -> bool {
         let each = self.energy.volumes.iter().zip(spreads);
         let rigid: Vec<(&EnclosedVolume, &Field)> =
@@ -291,7 +300,7 @@ impl Problem {
         if let [(volume, spread)] = rigid[..] {
             return volume.retract(x, spread).is_ok();
         }
-        // What keeps one changes the others a little.
+        // The correction of one volume changes the others slightly.
         for _ in 0..SWEEPS {
             if !rigid
                 .iter()
@@ -306,7 +315,7 @@ impl Problem {
         false
     }
 
-    /// The force on each vertex [N], without what obstacles exert.
+    /// The force on each vertex [N], without the reactions of obstacles.
     pub(super) fn force(&self, state: &State, multipliers: &[f64]) -> Field {
         let mut force: Field = state.gradient.iter().map(|g| -g).collect();
         let each = self.exact(state, multipliers).zip(&state.areas);
@@ -314,7 +323,7 @@ impl Problem {
         force
     }
 
-    /// The multipliers: a volume with compliance has its own.
+    /// The multipliers; that of a volume with compliance follows from its compression.
     fn exact(&self, state: &State, multipliers: &[f64]) -> impl Iterator<Item = f64> {
         let each = self
             .energy
@@ -331,7 +340,7 @@ impl Problem {
         self.exact(state, multipliers).map(|m| -m).collect()
     }
 
-    /// The rows that hold: those that are touched and pressed against.
+    /// The active rows: in contact and under pressure.
     pub(super) fn pressed(
         &self,
         x: &[Point3<f64>],
@@ -358,7 +367,7 @@ impl Problem {
         outcome: &mut Outcome,
     ) {
         let mut force = self.force(state, multipliers);
-        // Twice, as rows of one vertex share it.
+        // Twice, as rows of one vertex share the force.
         (0..2).for_each(|_| holding.iter().for_each(|row| row.support(&mut force)));
         self.unknowns.release_held(&mut force);
         outcome.force = (dot(&force, &force) / self.unknowns.free.len().max(1) as f64).sqrt();
@@ -368,8 +377,8 @@ impl Problem {
         outcome.converged = outcome.residual <= self.settings.tolerance;
     }
 
-    /// Shortens the step until the energy falls by a share of what the slope promises; `complete` makes a trial keep
-    /// obstacles and volume, or says that it cannot.
+    /// Shortens the step until the energy decreases by a share of the prediction from the slope.
+    /// `complete` corrects obstacles and volumes of a trial, or returns false if it cannot.
     pub(super) fn search(
         &self,
         x: &[Point3<f64>],
@@ -389,7 +398,7 @@ impl Problem {
         if !(slope < 0.0) {
             return None;
         }
-        // Below this, differences of energy are rounding; then the slope decides.
+        // Below this, differences of energy are rounding error; then the slope decides.
         let rounding = 16.0 * f64::EPSILON * state.magnitude;
         let mut length = 1.0;
         for _ in 0..HALVINGS {
@@ -410,7 +419,8 @@ impl Problem {
             if falls || level {
                 return Some((end, new));
             }
-            // The parabola through both energies and the slope, kept between a tenth and a half.
+            // The minimum of the parabola through both energies and the slope, limited to between a
+            // tenth and a half.
             let over = new.energy - state.energy - length * slope;
             let best = -0.5 * slope * length * length / over;
             length = if best.is_finite() {

@@ -9,16 +9,18 @@ use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{Corrupt, Reader, State, Writer};
 
-/// The energy sum m |x - y|^2 / (2 dt^2), which makes a minimum an implicit Euler step.
+/// The energy sum m |x - y|^2 / (2 dt^2); with it a minimum is an implicit Euler step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Inertia {
     /// m / dt^2 [kg/s^2], shape `[count]`.
     pub weight: Vec<f64>,
-    /// Where a vertex would go by its velocity and constant forces [m], shape `[count]`.
+    /// Predicted position of each vertex from its velocity and constant forces [m], shape
+    /// `[count]`.
     pub target: Vec<Point3<f64>>,
 }
 
-/// The energy of a body as a function of its positions; enclosed volumes are kept apart, as constraints.
+/// The energy of a body as a function of its positions; enclosed volumes are separate, as
+/// constraints.
 ///
 /// A volume's multiplier `pressure` [Pa] enters the gradient as -pressure dV/dx; with a compliance `a` it is
 /// (target - V) / a.
@@ -26,18 +28,18 @@ pub struct Inertia {
 pub struct Energy {
     /// Elastic parts.
     pub elastic: Vec<Box<dyn Potential>>,
-    /// Constant forces [N], shape `[count]`; empty where there is none.
+    /// Constant forces [N], shape `[count]`; empty for none.
     pub forces: Vec<Vector3<f64>>,
     /// Inertia of an implicit step; `None` at rest.
     pub inertia: Option<Inertia>,
-    /// Enclosed volumes, each kept.
+    /// Enclosed volumes.
     pub volumes: Vec<EnclosedVolume>,
-    /// Obstacles that give way; `None` where there are none, or where they are rigid.
+    /// Compliant obstacles; `None` without obstacles, or with rigid ones.
     pub press: Option<Press>,
 }
 
 impl Energy {
-    /// Energy [J] without that of volumes, at positions `x` [m].
+    /// Energy [J] at positions `x` [m], without that of volumes.
     pub fn value(&self, x: &[Point3<f64>]) -> f64 {
         let pressed = self.press.as_ref().map_or(0.0, |press| press.energy(x));
         self.elastic.iter().map(|part| part.energy(x)).sum::<f64>() + pressed + self.of_loads(x)
@@ -69,7 +71,8 @@ impl Energy {
         elastic + pressed + self.of_loads(x)
     }
 
-    /// Sum of those terms of the energy that are negative, without their sign [J]: work of the constant forces.
+    /// Absolute value of the sum of the negative terms of the energy [J]: the work of the constant
+    /// forces.
     pub fn negative_terms(&self, x: &[Point3<f64>]) -> f64 {
         tree_sum_by(self.forces.len(), |i| {
             self.forces[i].dot(&x[i].coords).max(0.0)

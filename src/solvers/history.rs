@@ -1,4 +1,4 @@
-//! What the last steps of a minimisation told about the curvature \[nocedal1980\].
+//! Curvature estimates from the last steps of a minimisation (L-BFGS) \[nocedal1980\].
 
 use std::collections::VecDeque;
 
@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 use crate::mesh::sum::tree_sum_by;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
-/// A displacement over all vertices.
+/// A displacement of all vertices.
 pub type Field = Vec<Vector3<f64>>;
 
-/// Sum of the products of two fields, over a fixed tree.
+/// Dot product of two fields, over a fixed tree.
 pub fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
     tree_sum_by(a.len(), |i| a[i].dot(&b[i]))
 }
@@ -26,14 +26,14 @@ struct Pair {
     per_product: f64,
 }
 
-/// The last few steps and the changes of the gradient over them.
+/// The last few steps with their changes of the gradient.
 pub struct History {
     pairs: VecDeque<Pair>,
     depth: usize,
 }
 
 impl History {
-    /// Remembers at most `depth` steps.
+    /// Stores at most `depth` steps.
     pub fn new(depth: usize) -> Self {
         Self {
             pairs: VecDeque::new(),
@@ -41,17 +41,17 @@ impl History {
         }
     }
 
-    /// Forgets all.
+    /// Removes all steps.
     pub fn clear(&mut self) {
         self.pairs.clear();
     }
 
-    /// Whether none is.
+    /// True without steps.
     pub fn is_empty(&self) -> bool {
         self.pairs.is_empty()
     }
 
-    /// Notes a step and the change of the gradient over it. A step along which the gradient did not grow is left out.
+    /// Adds a step with its change of the gradient. A step without positive curvature is left out.
     pub fn note(&mut self, step: Field, change: Field) {
         let product = dot(&step, &change);
         let size = dot(&step, &step).sqrt() * dot(&change, &change).sqrt();
@@ -68,8 +68,8 @@ impl History {
         });
     }
 
-    /// Applies the inverse of the estimated second derivative to the fields, in place: `constant` is the inverse of what
-    /// is known without history.
+    /// Applies the inverse of the estimated second derivative to the fields, in place; `constant`
+    /// is the inverse without history.
     pub fn apply(
         &self,
         fields: &mut [&mut [Vector3<f64>]],
@@ -131,7 +131,7 @@ impl History {
         pairs.iter().for_each(|pair| to.put(pair));
     }
 
-    /// Takes the state, of fields over `count` vertices.
+    /// Restores the state, of fields over `count` vertices.
     pub fn restore(&mut self, from: &mut Reader<'_>, count: usize) -> Result<(), Corrupt> {
         self.pairs = from.take::<Vec<Pair>>()?.into();
         let sound = |pair: &Pair| pair.step.len() == count && pair.change.len() == count;

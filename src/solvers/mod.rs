@@ -1,12 +1,14 @@
-//! Solvers: a step of position-based dynamics, equilibrium at rest, and what stiffness means in each.
+//! Solvers: a step of position-based dynamics, equilibrium, and the meaning of stiffness in each.
 //!
 //! * XPBD with small steps: material stiffness, independent of sweeps; see [`stiffness`] \[macklin2016, macklin2019\].
-//! * Classic PBD: stiffness 0..1, kept to be compared with \[mueller2007\].
-//! * [`quasi_static`]: equilibrium by L-BFGS over a constant matrix that is factored once \[liu2017\].
+//! * Classic PBD: stiffness 0..1, for comparison with \[mueller2007\].
+//! * [`quasi_static`]: equilibrium by L-BFGS over a constant matrix with one factorisation
+//!   \[liu2017\].
 //! * [`newton`]: equilibrium by Newton's method, the reference for the others.
 //!
-//! *Limitations.* The first two are local: an error that spreads over the whole muscle falls slowly with sweeps. Both
-//! damp: fast vibration loses amplitude with the step. The others know no time.
+//! *Limitations.* The first two are local: an error of the whole muscle decreases slowly with
+//! sweeps. Both have numerical damping: fast vibration loses amplitude with each step. The others
+//! have no time.
 
 #[cfg(feature = "sparse")]
 mod active;

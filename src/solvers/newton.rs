@@ -1,10 +1,12 @@
-//! Equilibrium by Newton's method with a sparse factor of the whole second derivative: the reference for the others.
+//! Equilibrium by Newton's method with a sparse factor of the whole second derivative: the
+//! reference for the others.
 //!
-//! The second derivative is used as it is where it is positive definite; only where it is not, each constraint's part
-//! is replaced by its positive semi-definite part (projection on demand \[longva2023\]).
+//! A positive definite second derivative is used as it is. Otherwise each constraint's part is
+//! replaced by its positive semi-definite part (projection on demand \[longva2023\]).
 //!
-//! *Limitations.* It knows no obstacles: with them, [`super::quasi_static`] to a small force is the reference. Of several equilibria it finds one near the start. A factor of 3 unknowns a vertex takes some hundred
-//! times the memory of the constant one of [`super::quasi_static`].
+//! *Limitations.* The method has no obstacles: with them, [`super::quasi_static`] to a small force
+//! is the reference. Of several equilibria it finds one near the start. A factor of 3 unknowns per
+//! vertex takes some hundred times the memory of the constant one of [`super::quasi_static`].
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -13,31 +15,32 @@ use super::energy::Energy;
 use super::history::Field;
 use super::sparse::{Factor, FactorError};
 
-/// Shifts of the diagonal that are tried where even the projected matrix has no factor, in mean entries of it.
+/// Shifts of the diagonal that are tried if even the projected matrix has no factor, relative to
+/// its mean entry.
 const SHIFTS: [f64; 4] = [1e-10, 1e-6, 1e-3, 1.0];
 
-/// Fields that the inverse is applied to at once.
+/// Number of fields to which the inverse is applied at once.
 const AT_ONCE: usize = 2;
 
-/// A body ready to be brought to equilibrium.
+/// A body prepared for the search of its equilibrium.
 pub struct Newton {
-    /// What is minimised.
+    /// The minimised problem.
     pub problem: Problem,
     factor: Factor<3>,
     numbers: Vec<f64>,
     /// The pressure in each volume [Pa].
     pub pressures: Vec<f64>,
-    /// Factorisations done.
+    /// Number of factorisations.
     pub factorisations: u64,
-    /// Those of projected matrices.
+    /// Number of factorisations of projected matrices.
     pub projections: u64,
 }
 
 impl Newton {
-    /// Prepares a body; vertices without inverse mass are held.
+    /// Prepares a body; vertices without inverse mass are fixed.
     ///
     /// # Errors
-    /// No memory for the factor.
+    /// Too little memory for the factor.
     pub fn new(
         energy: Energy,
         x: &[Point3<f64>],
@@ -61,11 +64,11 @@ impl Newton {
         })
     }
 
-    /// Takes another energy over the same vertices. Forces are judged as before; the order of elimination is kept where
-    /// it covers all pairs of the new energy.
+    /// Sets another energy over the same vertices. The scale of forces is unchanged; the order of
+    /// elimination is reused if it covers all pairs of the new energy.
     ///
     /// # Errors
-    /// No memory for the factor.
+    /// Too little memory for the factor.
     pub fn renew(&mut self, energy: Energy) -> Result<(), FactorError> {
         self.problem.energy = energy;
         let unknowns = &self.problem.unknowns;
@@ -76,15 +79,16 @@ impl Newton {
         Ok(())
     }
 
-    /// Entries of the factor.
+    /// Number of entries of the factor.
     pub fn entries(&self) -> usize {
         self.factor.entries()
     }
 
-    /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
+    /// Brings the free vertices to equilibrium; `watch` sees every iteration and stops the solution
+    /// by returning false.
     ///
     /// # Errors
-    /// The second derivative is singular whatever is done: something moves freely.
+    /// The second derivative is singular even after shifts: a part moves freely.
     pub fn solve(
         &mut self,
         x: &mut [Point3<f64>],
@@ -125,8 +129,8 @@ impl Newton {
         }
     }
 
-    /// Brings volumes without compliance to their targets, by the fields that cost least energy; the search along a
-    /// direction begins where they are kept.
+    /// Brings volumes without compliance to their targets along the fields of least energy; the
+    /// line search then starts with correct volumes.
     fn keep_volumes(&mut self, x: &mut [Point3<f64>]) -> Result<(), FactorError> {
         if self.problem.volumes_kept(x) {
             return Ok(());
@@ -154,11 +158,11 @@ impl Newton {
             .for_each(|fields| invert(problem, factor, numbers, fields));
     }
 
-    /// Factors the second derivative, projected or shifted where that is needed.
+    /// Factorises the second derivative, projected or shifted if necessary.
     fn factorise(&mut self, x: &[Point3<f64>], pressures: &[f64]) -> Result<(), FactorError> {
         let mut last = FactorError::NotPositiveDefinite { unknown: 0 };
         for (attempt, shift) in [0.0, 0.0].into_iter().chain(SHIFTS).enumerate() {
-            // A shift adds to what the last attempt left.
+            // A shift adds to the matrix of the last attempt.
             if attempt < 2 {
                 self.assemble(x, pressures, attempt > 0);
             }

@@ -1,4 +1,5 @@
-//! Obstacles that give way a little: a band over their surface that pushes back the more the less of it is left.
+//! Compliant obstacles: a band over their surface with a force that increases as the distance
+//! decreases.
 
 use std::sync::Arc;
 
@@ -9,22 +10,24 @@ use crate::contact::smooth::{Smooth, SmoothDistance};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 
-/// A place of a surface that is kept out of obstacles: midway between two vertices, which may be the same one.
+/// A sample point of a surface that stays out of obstacles: the midpoint of two vertices, which can
+/// be equal.
 pub type Sample = [u32; 2];
 
-/// The energy `k (h - d)^3 / (3 h)` of every sample of a surface that is nearer to an obstacle than `h`, `d` its smoothed
-/// distance, negative inside. Its second derivative is continuous everywhere: a minimum can be found without knowing what
-/// touches, and moves smoothly with the obstacles.
+/// The energy `k (h - d)^3 / (3 h)` of every surface sample nearer to an obstacle than `h`, where
+/// `d` is its smoothed distance, negative inside. Its second derivative is continuous everywhere:
+/// the minimisation needs no active set, and the minimum moves smoothly with the obstacles.
 #[derive(Clone, Default)]
 pub struct Press {
-    /// Twice this is the slope of the force over the distance at the surface [N/m].
+    /// Half of the stiffness at the surface, the derivative of the force with respect to the
+    /// distance [N/m].
     pub stiffness: f64,
     /// Height of the band [m].
     pub thickness: f64,
-    /// What is kept out.
+    /// Samples of the surface.
     samples: Vec<Sample>,
     obstacles: Vec<Arc<SmoothDistance>>,
-    /// The obstacles that each of some samples may touch.
+    /// Pairs of samples and the obstacles that they can touch.
     near: Vec<(u32, usize)>,
     poses: Vec<Isometry3<f64>>,
 }
@@ -32,15 +35,15 @@ pub struct Press {
 /// A sample in the band.
 struct Touching {
     sample: Sample,
-    /// What it is short of the height of the band [m].
+    /// Penetration into the band [m].
     short: f64,
-    /// The distance's derivatives.
+    /// Derivatives of the distance.
     gradient: Vector3<f64>,
     hessian: Matrix3<f64>,
 }
 
 impl Press {
-    /// A band of a stiffness [N/m] and height [m] over obstacles, for samples of a surface.
+    /// Creates a band of a stiffness [N/m] and height [m] over obstacles, for samples of a surface.
     pub fn new(
         stiffness: f64,
         thickness: f64,
@@ -58,8 +61,9 @@ impl Press {
         }
     }
 
-    /// Takes note of where the obstacles are, and of the samples of `x` [m] nearer to them than `reach` [m]: others are not
-    /// looked at until the next time. Whether all that are in a band now were looked at before.
+    /// Sets the poses of the obstacles, and the samples of `x` [m] within `reach` [m] of them;
+    /// others are ignored until the next call. Returns true if all samples now in a band were
+    /// already included before.
     pub fn place(&mut self, poses: Vec<Isometry3<f64>>, x: &[Point3<f64>], reach: f64) -> bool {
         self.poses = poses;
         let count = self.obstacles.len();
@@ -81,7 +85,7 @@ impl Press {
         all_known
     }
 
-    /// Distance of a sample to an obstacle, in the obstacle's frame.
+    /// Distance of a sample from an obstacle, in the obstacle's frame.
     fn distance(&self, (s, o): (u32, usize), x: &[Point3<f64>]) -> Option<Smooth> {
         let [a, b] = self.samples[s as usize].map(|v| x[v as usize]);
         self.obstacles[o].at(&self.poses[o].inverse_transform_point(&nalgebra::center(&a, &b)))
@@ -143,7 +147,8 @@ impl Press {
         self.of(&touching)
     }
 
-    /// Calls `add` with the blocks of the second derivative [N/m]; with `convex`, without what may be indefinite.
+    /// Calls `add` with the blocks of the second derivative [N/m]; with `convex`, without possibly
+    /// indefinite parts.
     pub fn hessian(
         &self,
         x: &[Point3<f64>],
@@ -161,7 +166,7 @@ impl Press {
             if !convex {
                 block -= hessian * (short * short);
             }
-            // Each half of a sample moves it by half.
+            // Each vertex of a sample contributes half of its motion.
             block *= 0.25 * self.stiffness / self.thickness;
             add(a, a, &block);
             add(b, b, &block);
@@ -170,7 +175,7 @@ impl Press {
         }
     }
 
-    /// Least height over an obstacle that is left anywhere, as a share of the band: below 0 something is in an obstacle.
+    /// Least height over an obstacle relative to the band; below 0 a sample is inside an obstacle.
     pub fn left(&self, x: &[Point3<f64>]) -> f64 {
         1.0 - greatest(self.touching(x).iter().map(|t| t.short).chain([0.0])) / self.thickness
     }
@@ -182,7 +187,8 @@ mod tests {
     use crate::contact::capsule::Capsule;
     use crate::testing::Draw;
 
-    /// Points of which some are inside, some in the band, some beyond; samples are they and what is between some.
+    /// Points of which some are inside, some in the band, some beyond; samples are the points and
+    /// some midpoints.
     fn drawn() -> (Press, Vec<Point3<f64>>) {
         let mut draw = Draw::new(9);
         let capsule = Capsule {

@@ -1,12 +1,13 @@
-//! Equilibrium of a body by L-BFGS over a constant matrix that is factored once.
+//! Equilibrium of a body by L-BFGS over a constant matrix with one factorisation.
 //!
-//! The error of a pose is smooth, and a local solver needs thousands of sweeps for it; the energy's second derivative,
-//! averaged over the directions of space and taken at rest, is a scalar matrix over a surface, cheap to factor, and its
-//! inverse spreads a correction over the whole body at once \[liu2017\]. Enclosed volumes enter as rows beside
-//! that matrix (Sherman-Morrison-Woodbury), and are satisfied exactly after every step.
+//! The error of a pose is smooth, and a local solver needs thousands of sweeps for it. The energy's
+//! second derivative, averaged over the directions of space and taken at rest, is a scalar matrix
+//! over a surface with a cheap factorisation. Its inverse spreads a correction over the whole body
+//! at once \[liu2017\]. Enclosed volumes enter as rows beside that matrix
+//! (Sherman-Morrison-Woodbury), and are satisfied exactly after every step.
 //!
-//! *Limitations.* Mass, velocities and friction play no part. A net of springs can be folded in many ways: there may be
-//! several equilibria, and the one that is found is near the start.
+//! *Limitations.* Mass, velocities and friction have no effect. A net of springs can fold in
+//! different states: several equilibria can exist, and the solver finds one near the start.
 
 use nalgebra::{Point3, Vector3};
 
@@ -20,35 +21,36 @@ use crate::constraints::EnclosedVolume;
 use crate::contact::Row;
 use crate::state::{self, Corrupt, Reader, Writer};
 
-/// Steps of the minimisation that are remembered: more cost more than they save.
+/// Number of stored steps of the minimisation: more cost more than they save.
 const MEMORY: usize = 8;
 
-/// Iterations for which the inverse of the volumes' gradients is kept: it changes little, and is half of the solves. Any
-/// field that changes a volume keeps it exactly.
+/// Number of iterations that reuse the inverse of the volumes' gradients: it changes little and is
+/// half of the solves. Any field that changes a volume can correct it exactly.
 const KEPT: u32 = 4;
 
-/// Iterations after which constraints that are known up to a period note where they are.
+/// Number of iterations between updates of constraints with a period.
 const NOTED: u32 = 8;
 
-/// A body ready to be brought to equilibrium.
+/// A body prepared for the search of its equilibrium.
 pub struct QuasiStatic {
-    /// What is minimised.
+    /// The minimised problem.
     pub problem: Problem,
     laplacian: Laplacian,
     history: History,
     touched: Touched,
     active: Active,
-    /// The inverse matrix times the volumes' gradients, and the iterations since they were computed.
+    /// The inverse matrix times the volumes' gradients, and the number of iterations since their
+    /// computation.
     spreads: (Vec<Field>, u32),
     /// The pressure in each volume [Pa].
     pub pressures: Vec<f64>,
 }
 
 impl QuasiStatic {
-    /// Prepares a body that rests at `x`; vertices without inverse mass are held.
+    /// Prepares a body at rest at `x`; vertices without inverse mass are fixed.
     ///
     /// # Errors
-    /// A part of the body that nothing holds; no memory.
+    /// A part of the body without a fixed vertex, or too little memory.
     pub fn new(
         energy: Energy,
         x: &[Point3<f64>],
@@ -69,17 +71,18 @@ impl QuasiStatic {
         })
     }
 
-    /// Entries of the factored matrix.
+    /// Number of entries of the factorised matrix.
     pub fn entries(&self) -> usize {
         self.laplacian.entries()
     }
 
-    /// Heap memory held by the matrix and what was learnt [bytes].
+    /// Heap memory of the matrix and the history [bytes].
     pub fn bytes(&self) -> usize {
         self.laplacian.bytes() + self.history.bytes() + self.touched.bytes()
     }
 
-    /// Moves held vertices to `held` and carries the others along smoothly, then keeps volumes and obstacles.
+    /// Moves fixed vertices to `held` and carries the others along smoothly, then corrects volumes
+    /// and obstacles.
     pub fn follow(
         &mut self,
         x: &mut [Point3<f64>],
@@ -94,14 +97,14 @@ impl QuasiStatic {
         }
         let start = x.to_vec();
         if let Some(inertia) = &self.problem.energy.inertia {
-            // With inertia, a vertex flies on unless something holds it.
+            // With inertia, a vertex keeps its velocity unless something holds it.
             let flown = x.iter_mut().zip(&mut displacement).zip(&inertia.target);
             flown.for_each(|((x, d), target)| (*d, *x) = (*d - (target - *x), *target));
         }
         self.laplacian
             .extend(&self.problem.unknowns, &mut displacement);
         x.iter_mut().zip(&displacement).for_each(|(x, d)| *x += d);
-        // Exactly, and not by what the addition rounds to.
+        // Exactly, without the rounding of the addition.
         held.iter().for_each(|&(v, to)| x[v as usize] = to);
         if !self.active.rows().is_empty() {
             self.active = Active::default();
@@ -114,7 +117,8 @@ impl QuasiStatic {
         self.problem.energy.remember(x);
     }
 
-    /// Brings the free vertices to equilibrium; `watch` sees every iteration and says whether to go on.
+    /// Brings the free vertices to equilibrium; `watch` sees every iteration and stops the solution
+    /// by returning false.
     pub fn solve(
         &mut self,
         x: &mut [Point3<f64>],
@@ -142,7 +146,8 @@ impl QuasiStatic {
             let last = outcome.iterations >= self.problem.settings.iterations;
             let direction;
             (direction, multipliers) = match last && self.active.rows().is_empty() {
-                // Nothing goes along it any more; the least force by which the volumes' multipliers can be told needs none.
+                // No field moves along it any more; the multipliers of the volumes with the least
+                // force need none.
                 true => (Field::new(), self.problem.first_multipliers(&state)),
                 false => self.direction(&state),
             };
@@ -159,7 +164,7 @@ impl QuasiStatic {
                 if self.history.is_empty() {
                     return outcome;
                 }
-                // What was remembered misled it: once more from the constant matrix alone.
+                // The history is misleading: tries again with the constant matrix alone.
                 self.history.clear();
                 self.spreads.0.clear();
                 continue;
@@ -167,7 +172,7 @@ impl QuasiStatic {
             outcome.iterations += 1;
             self.learn(x, &end, &state, &new, &multipliers);
             x.copy_from_slice(&end);
-            // An angle turns by far less than a period between two notes.
+            // An angle turns by much less than a period between two updates.
             if outcome.iterations.is_multiple_of(NOTED) {
                 self.problem.energy.remember(x);
             }
@@ -176,7 +181,7 @@ impl QuasiStatic {
         }
     }
 
-    /// Notes a step and how the gradient of the Lagrangian changed over it, at the same multipliers.
+    /// Adds a step with the change of the Lagrangian's gradient over it, at constant multipliers.
     fn learn(
         &mut self,
         x: &[Point3<f64>],
@@ -265,12 +270,13 @@ impl QuasiStatic {
         );
     }
 
-    /// Brings volumes without compliance to their targets, by the smoothest fields that do it.
+    /// Brings volumes without compliance to their targets, along the smoothest fields.
     fn keep_volumes(&mut self, x: &mut [Point3<f64>]) {
         let volumes = &self.problem.energy.volumes;
         let (excess, mut areas): (Vec<f64>, Vec<Field>) =
             volumes.iter().map(|v| v.value_and_gradient(x)).unzip();
-        // Any smooth fields do, and these are at hand; to rounding volumes hold already after `follow`.
+        // Any smooth fields are suitable, and these are available; volumes are already right up to
+        // rounding after `follow`.
         let off = |(excess, volume): (&f64, &EnclosedVolume)| {
             !(excess.abs() <= ROUNDED * volume.target().abs())
         };
@@ -339,7 +345,7 @@ impl state::State for QuasiStatic {
     }
 }
 
-/// Lifts `x` smoothly over the rows that it went under.
+/// Lifts `x` smoothly over the violated rows.
 fn lift(
     problem: &Problem,
     laplacian: &mut Laplacian,
@@ -356,7 +362,7 @@ fn lift(
     if all.is_empty() {
         return;
     }
-    // Those that hold must go on holding.
+    // Satisfied rows must stay satisfied.
     all.extend(active.rows().iter().filter(|row| row.room(x) >= 0.0));
     let over = touched.hold(all, laplacian, &problem.unknowns);
     if let Some(lift) = over.lift(x, laplacian, &problem.unknowns) {

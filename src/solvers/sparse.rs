@@ -1,4 +1,5 @@
-//! Sparse symmetric positive definite systems over the vertices of a mesh; the one file that touches faer.
+//! Sparse symmetric positive definite systems over the vertices of a mesh; the only file that uses
+//! faer.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::solvers::LltError;
@@ -10,31 +11,33 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
-/// Why a system could not be factored.
+/// Error of a factorisation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FactorError {
     /// A pivot was not positive.
     #[error("the matrix is not positive definite (at unknown {unknown})")]
     NotPositiveDefinite {
-        /// The vertex among the unknowns at which it was noticed.
+        /// The vertex among the unknowns with that pivot.
         unknown: usize,
     },
-    /// No memory for the factor, or more entries than can be counted.
+    /// Too little memory for the factor, or more entries than can be counted.
     #[error("a factor of {bytes} bytes does not fit into memory")]
     OutOfMemory {
-        /// Size of the factor [bytes]; 0 where it could not be computed.
+        /// Size of the factor [bytes]; 0 if it cannot be computed.
         bytes: usize,
     },
 }
 
-/// A symmetric matrix with `B` by `B` blocks over `count` vertices, its pattern fixed, and its Cholesky factor.
+/// A symmetric matrix with `B` by `B` blocks over `count` vertices and a fixed pattern, with its
+/// Cholesky factor.
 ///
-/// The order of elimination is found once, on blocks (approximate minimum degree), and reused by every factorisation.
-/// All is done by one thread, so that the bits do not depend on their number.
+/// The order of elimination is computed once, on blocks (approximate minimum degree), and reused by
+/// every factorisation. One thread does all the work, so the bits do not depend on the number of
+/// threads.
 pub struct Factor<const B: usize> {
     /// Number of vertices.
     count: usize,
-    /// Block rows of each block column, from the diagonal down.
+    /// Block rows of each block column, from the diagonal downwards.
     start: Vec<usize>,
     rows: Vec<u32>,
     /// The lower triangle by scalar columns.
@@ -47,10 +50,11 @@ pub struct Factor<const B: usize> {
 }
 
 impl<const B: usize> Factor<B> {
-    /// A system whose blocks may differ from zero on the diagonal and at the given `pairs` of vertices.
+    /// Creates a system whose blocks can be non-zero on the diagonal and at the given `pairs` of
+    /// vertices.
     ///
     /// # Errors
-    /// No memory.
+    /// Too little memory.
     pub fn new(count: usize, pairs: &[[u32; 2]]) -> Result<Self, FactorError> {
         let (start, rows) = pattern(count, pairs);
         let columns: Vec<usize> = start.clone();
@@ -95,7 +99,7 @@ impl<const B: usize> Factor<B> {
         self.count
     }
 
-    /// Whether all these pairs of vertices may differ from zero.
+    /// True if the pattern contains all these pairs of vertices.
     pub fn covers(&self, pairs: &[[u32; 2]]) -> bool {
         let has = |&[a, b]: &[u32; 2]| {
             let column = a.min(b) as usize;
@@ -106,12 +110,12 @@ impl<const B: usize> Factor<B> {
         pairs.iter().all(has)
     }
 
-    /// Entries of the factor.
+    /// Number of entries of the factor.
     pub fn entries(&self) -> usize {
         self.factor.len()
     }
 
-    /// Heap memory held [bytes], but for the lists of the order of elimination.
+    /// Heap memory held [bytes], without the lists of the order of elimination.
     pub fn bytes(&self) -> usize {
         (self.start.len()
             + self.column.len()
@@ -128,8 +132,8 @@ impl<const B: usize> Factor<B> {
         self.values.fill(0.0);
     }
 
-    /// Adds `block[c][r]` to row r, column c of the block of vertices `i` (rows) and `j` (columns), i >= j; of a block
-    /// on the diagonal the lower triangle counts.
+    /// Adds `block[c][r]` to row r, column c of the block of vertices `i` (rows) and `j` (columns),
+    /// i >= j; only the lower triangle of a block on the diagonal is used.
     ///
     /// # Panics
     /// If the pair is not in the pattern.
@@ -154,15 +158,15 @@ impl<const B: usize> Factor<B> {
         }
     }
 
-    /// Sum of the diagonal of the matrix.
+    /// Trace of the matrix.
     pub fn trace(&self) -> f64 {
         crate::mesh::sum::tree_sum_by(self.count * B, |c| self.values[self.column[c]])
     }
 
-    /// Factors the matrix.
+    /// Factorises the matrix.
     ///
     /// # Errors
-    /// It is not positive definite.
+    /// The matrix is not positive definite.
     pub fn factorise(&mut self) -> Result<(), FactorError> {
         let n = self.count * B;
         let pattern = SymbolicSparseColMatRef::new_checked(n, n, &self.column, None, &self.row);
@@ -178,7 +182,7 @@ impl<const B: usize> Factor<B> {
             Default::default(),
         );
         match done.map(|_| ()) {
-            // A number that is not finite passes as a pivot and spoils all that come after it.
+            // A NaN passes as a pivot and spoils all later ones.
             Ok(()) if self.factor.iter().all(|v| v.is_finite()) => Ok(()),
             Ok(()) => Err(FactorError::NotPositiveDefinite { unknown: 0 }),
             Err(LltError::NonPositivePivot { index }) => {
@@ -190,7 +194,8 @@ impl<const B: usize> Factor<B> {
         }
     }
 
-    /// Solves for `columns` right-hand sides of `count` times `B` numbers each, one after the other, in place.
+    /// Solves for `columns` right-hand sides of `count` times `B` numbers each, in sequence, in
+    /// place.
     ///
     /// # Panics
     /// If `rhs` has another length, or there are more than six columns.
@@ -208,9 +213,10 @@ impl<const B: usize> Factor<B> {
 /// Right-hand sides solved at once: a direction and the volume's gradient.
 const MOST_COLUMNS: usize = 6;
 
-/// Block rows of each block column from the diagonal down, sorted, each once.
+/// Sorted block rows of each block column from the diagonal downwards, without duplicates.
 fn pattern(count: usize, pairs: &[[u32; 2]]) -> (Vec<usize>, Vec<u32>) {
-    // Into buckets by column first: each is short, and sorting all pairs would cost more than the factor's analysis.
+    // Into buckets by column first: each is short, and sorting all pairs would cost more than the
+    // analysis of the factor.
     let mut end = vec![1; count];
     pairs.iter().for_each(|[a, b]| end[*a.min(b) as usize] += 1);
     let mut first = Vec::with_capacity(count);
@@ -259,7 +265,7 @@ fn scalar_pattern<const B: usize>(
     (column, row)
 }
 
-/// An order of blocks as an order of their unknowns.
+/// Expands an order of blocks to an order of their unknowns.
 fn spread<const B: usize>(order: &[usize]) -> Vec<usize> {
     order
         .iter()

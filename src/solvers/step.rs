@@ -1,4 +1,4 @@
-//! One step of a body: predict, sweep, take velocities.
+//! One step of a body: prediction, sweeps, velocities.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -10,36 +10,37 @@ use crate::contact::{Contacts, Placed};
 use crate::particles::{Numbering, Packed, Particles, Slot};
 use crate::state::{Corrupt, Reader, State, Value, Writer};
 
-/// A particle carried by a bone.
+/// A particle that a bone carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Held {
     /// The particle.
     pub vertex: u32,
     /// Index of the bone among the placed obstacles.
     pub bone: usize,
-    /// Place in the bone's frame [m].
+    /// Position in the bone's frame [m].
     pub local: Point3<f64>,
 }
 
-/// How a body is stepped.
+/// Settings of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Sweeps a step.
+    /// Number of sweeps per step.
     pub iterations: u32,
     /// Acceleration of all particles [m/s^2].
     pub gravity: Vector3<f64>,
-    /// Factor each step on the velocities that the step begins with, 0..1.
+    /// Factor on the velocities at the beginning of each step, 0..1.
     pub velocity_factor: f64,
-    /// Factor each step on what gravity and forces add: 1, but classic PBD damps after it added them \[mueller2007\].
+    /// Factor on the increments by gravity and forces in each step: 1, except in classic PBD, which
+    /// damps after them \[mueller2007\].
     pub force_factor: f64,
-    /// Velocities above this [m/s] are cut to it, and counted.
+    /// Limit on velocities [m/s]; clamped velocities are counted.
     pub speed_limit: f64,
 }
 
-/// Seconds and calls of each effect.
+/// Time and number of calls of each effect.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Clock {
-    /// By effect's name: seconds, calls.
+    /// Seconds and calls by name of the effect.
     pub effects: BTreeMap<&'static str, (f64, u64)>,
 }
 
@@ -51,7 +52,7 @@ impl Clock {
         result
     }
 
-    /// Notes a call that began at `begin`.
+    /// Records a call that began at `begin`.
     pub(crate) fn note(&mut self, effect: &'static str, begin: Instant) {
         let entry = self.effects.entry(effect).or_default();
         entry.0 += begin.elapsed().as_secs_f64();
@@ -59,17 +60,18 @@ impl Clock {
     }
 }
 
-/// A number that is not finite appeared, or a body was torn apart; it was put back to where it was before.
+/// A number that is not finite appeared, or a body was torn apart. The body is restored to the
+/// state before.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}", self.in_words())]
 pub struct Broken {
-    /// The effect after which it was first seen; [`DIVERGENCE`] where a body was torn apart.
+    /// The first effect with the error; [`DIVERGENCE`] if a body was torn apart.
     pub effect: &'static str,
-    /// The first particle.
+    /// The first particle with the error.
     pub particle: usize,
 }
 
-/// In place of an effect: particles that were joined are so far apart that the numbers mean nothing any more.
+/// Replaces the effect: connected particles are too far apart for meaningful numbers.
 pub const DIVERGENCE: &str = "divergence";
 
 impl Broken {
@@ -84,7 +86,7 @@ impl Broken {
     }
 }
 
-/// What may act on a body beside the kinds of constraints, and whatever that cannot be told apart from.
+/// Effects on a body other than the kinds of constraints, and their combinations.
 const EFFECTS: [&str; 6] = [
     "motion",
     "contact",
@@ -94,7 +96,7 @@ const EFFECTS: [&str; 6] = [
     DIVERGENCE,
 ];
 
-/// The effect of a name that was read.
+/// The effect with a name from a file.
 pub fn effect_of_name(name: &str) -> Option<&'static str> {
     EFFECTS
         .iter()
@@ -122,9 +124,9 @@ impl Value for Broken {
     }
 }
 
-/// A body with all that acts on it; an effect that is absent has no entry.
+/// A body with all effects on it; an absent effect has no entry.
 pub struct System {
-    /// State.
+    /// State of the particles.
     pub particles: Particles,
     /// Batches of constraints, swept in this order.
     pub elastic: Vec<Box<dyn Project>>,
@@ -132,15 +134,15 @@ pub struct System {
     pub volume: Option<EnclosedVolume>,
     /// Contact with bones.
     pub contacts: Option<Contacts>,
-    /// Particles carried by bones.
+    /// Particles that bones carry.
     pub held: Vec<Held>,
     /// Constant forces [N].
     pub forces: Vec<(u32, Vector3<f64>)>,
-    /// How it is stepped.
+    /// Settings of a step.
     pub settings: Settings,
-    /// Where the time went.
+    /// Time of each effect.
     pub clock: Clock,
-    /// Velocities that were cut so far.
+    /// Number of clamped velocities so far.
     pub speed_cuts: u64,
     packed: Packed,
     start: Vec<Point3<f64>>,
@@ -149,7 +151,7 @@ pub struct System {
 }
 
 impl System {
-    /// A body on which nothing acts yet.
+    /// Creates a body without effects.
     pub fn new(particles: Particles, settings: Settings) -> Self {
         Self {
             start: particles.position.clone(),
@@ -168,20 +170,22 @@ impl System {
         }
     }
 
-    /// With particles in memory in the order of `numbering` while constraints are swept; those must be made for it.
+    /// Stores particles in the order of `numbering` during the sweeps; the constraints must be made
+    /// for it.
     #[must_use]
     pub fn with_numbering(mut self, numbering: Numbering) -> Self {
         self.packed = Packed::new(numbering);
         self
     }
 
-    /// Steps by `dt` [s] while the bones go from `before` to `now`. A step of no length leaves every bit as it is.
+    /// Makes a step of `dt` [s] while the bones move from `before` to `now`. A step of length 0
+    /// leaves every bit unchanged.
     ///
     /// # Errors
-    /// A number that is not finite appeared; the state is that of the begin of the step.
+    /// A number that is not finite appeared; the state is that of the beginning of the step.
     ///
     /// # Panics
-    /// If `dt` is negative or not finite: the caller checks its settings.
+    /// If `dt` is negative or not finite: the caller must check its settings.
     pub fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
         assert!(
             dt >= 0.0 && dt.is_finite(),
@@ -197,7 +201,7 @@ impl System {
         if self.particles.first_non_finite().is_none() {
             return Ok(());
         }
-        // Again from the begin, looking after each effect, to name the culprit.
+        // Repeats the step and tests after each effect, to name the cause.
         self.particles.position.clone_from(&self.start);
         self.particles.velocity.clone_from(&self.start_velocity);
         let found = self.advance(placed, dt, true);
@@ -237,7 +241,7 @@ impl System {
         for (k, batch) in self.elastic.iter_mut().enumerate() {
             let name = batch.name();
             self.clock.time(name, || {
-                // Packed once for all: only the first reads, only the last writes.
+                // Packed once for all batches: only the first reads, only the last writes.
                 if k == 0 {
                     self.packed.read(&self.particles);
                 }
@@ -257,7 +261,8 @@ impl System {
         self.watch("volume", watch)
     }
 
-    /// The volume comes last and spares what touches a bone, so that a step ends with both satisfied.
+    /// Projects the volume last and excludes vertices in contact, so that a step ends with both
+    /// satisfied.
     fn project_volume(&mut self, dt: f64) {
         let Some(volume) = &mut self.volume else {
             return;
@@ -271,7 +276,8 @@ impl System {
                 barred.restrict(field, sign);
             }
         };
-        // Without a solution the volume is left as it is; the measures show it, and `unsolved` counts it.
+        // Without a solution the volume is unchanged; the measures show it, and `unsolved` counts
+        // it.
         let _ = self.clock.time("volume", || {
             volume.project_along(&mut self.particles, dt, restrict)
         });
@@ -337,7 +343,8 @@ impl System {
         watch_positions(&self.particles, effect, watch)
     }
 
-    /// After the last step of a frame: contact and volume once more, each looked up afresh, until both hold.
+    /// After the last step of a frame: repeats contact and volume, with new queries, until both are
+    /// satisfied.
     pub fn settle(&mut self, placed: &[Placed], depth: f64) {
         let still: Vec<Placed> = placed
             .iter()
@@ -370,7 +377,7 @@ impl System {
         }
     }
 
-    /// How far each effect is from satisfaction after the last step.
+    /// Residual of each effect after the last step.
     pub fn residuals(&self) -> Vec<(&'static str, Residual)> {
         let dt = self.last_dt;
         let mut all: Vec<_> = self
@@ -384,8 +391,8 @@ impl System {
         all
     }
 
-    /// How far [m] the constraints of each kind that act on a particle are from satisfaction after the last step, at most;
-    /// nothing before the first.
+    /// Greatest residual [m] of the constraints of each kind on a particle after the last step;
+    /// empty before the first step.
     pub fn residuals_at(&self, particle: u32) -> Vec<(&'static str, f64)> {
         let dt = self.last_dt;
         if !(dt > 0.0) {
@@ -399,7 +406,7 @@ impl System {
     }
 }
 
-/// But for contact, of which the whole simulation knows the obstacles.
+/// Without contact, whose obstacles belong to the whole simulation.
 impl State for System {
     fn save(&self, to: &mut Writer) {
         let Self {
@@ -410,7 +417,7 @@ impl State for System {
             held: _,
             forces: _,
             settings: _,
-            // Times are no part of what is computed.
+            // Times are no part of the results.
             clock: _,
             speed_cuts,
             packed: _,
@@ -439,7 +446,7 @@ impl State for System {
     }
 }
 
-/// Names the effect after which a position is not finite, if `watch` asks for it.
+/// Names the effect after which a position is not finite, if `watch` is set.
 fn watch_positions(particles: &Particles, effect: &'static str, watch: bool) -> Result<(), Broken> {
     if !watch {
         return Ok(());

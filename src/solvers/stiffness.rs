@@ -1,4 +1,4 @@
-//! From material constants to the stiffness of edges and hinges.
+//! Stiffness of edges and hinges from material constants.
 
 use nalgebra::Point3;
 
@@ -7,9 +7,9 @@ use crate::constraints::distance::Distance;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 
-/// Edges of a mesh at rest and the stiffness of each [N/m]: k = E sum A / l^2 over the triangles of the edge
-/// \[vangelder1998\], E the in-plane stiffness [N/m]. Exact for plane stress with Poisson's ratio 1/3 under dilation;
-/// in shear a network is not exactly a membrane (erratum B02).
+/// Edges of a mesh at rest with their stiffness [N/m]: k = E sum A / l^2 over the triangles of the
+/// edge \[vangelder1998\], where E is the in-plane stiffness [N/m]. Exact for plane stress with
+/// Poisson's ratio 1/3 under dilation; in shear a network is not exactly a membrane (erratum B02).
 pub fn edges(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Distance>, Vec<f64>) {
     let areas = crate::mesh::measures::triangle_areas(&mesh.vertices, &mesh.triangles);
     let lengths = topology.edge_lengths(mesh);
@@ -32,9 +32,10 @@ pub fn edges(mesh: &TriangleMesh, topology: &Topology, membrane: f64) -> (Vec<Di
     (distances, stiffness)
 }
 
-/// Hinges of a mesh at rest and the stiffness of each [N m]: energy B 3|e|^2/A (theta - theta0)^2 / 2 with A the sum of
-/// both areas and B the bending stiffness [N m] \[grinspun2003\]; the weight makes it independent of the mesh.
-/// As a plate of equilateral triangles that has the flexural rigidity 3 B and Poisson's ratio -1/3 (`docs/verification.md`).
+/// Hinges of a mesh at rest with their stiffness [N m]: energy B 3|e|^2/A (theta - theta0)^2 / 2,
+/// where A is the sum of both areas and B the bending stiffness [N m] \[grinspun2003\]. The weight
+/// makes the energy independent of the mesh. A plate of equilateral triangles has the flexural
+/// rigidity 3 B and Poisson's ratio -1/3 (`docs/verification.md`).
 pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Bending>, Vec<f64>) {
     let at = |p: u32| mesh.vertices[p as usize];
     topology
@@ -50,7 +51,7 @@ pub fn hinges(mesh: &TriangleMesh, topology: &Topology, bending: f64) -> (Vec<Be
                 bending * weight,
             )
         })
-        // A hinge without area has no angle; it would be skipped at every sweep.
+        // A hinge without area has no angle; every sweep would skip it.
         .filter(|(hinge, stiffness)| hinge.rest.is_finite() && stiffness.is_finite())
         .unzip()
 }

@@ -1,4 +1,5 @@
-//! The energy of cords under tone: edges that pull at every length, the more the longer they are.
+//! The energy of cords under tone: edges whose force is positive at every length and increases with
+//! it.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -6,38 +7,41 @@ use crate::constraints::Potential;
 use crate::constraints::distance::Distance;
 use crate::mesh::sum::Compensated;
 
-/// How fast the force of passive muscle grows with its strain: by a factor e each time that the strain grows by the
-/// inverse of this. The exponent 4 over the strain 0.6 at the greatest isometric force \[thelen2003\].
+/// Exponential growth of passive muscle force with strain: the force increases by a factor e when
+/// the strain increases by the inverse of this value. The value is the exponent 4 over the strain
+/// 0.6 at the greatest isometric force \[thelen2003\].
 pub const STEEPNESS: f64 = 4.0 / 0.6;
 
-/// The energy `sum k d^2 exp(a e) / a^2` over edges of rest length `d` and strain `e`, `a` being [`STEEPNESS`]. The force of an
-/// edge grows from `k d / a` at rest by the exponential law of passive muscle. The energy is convex and smooth: a net of such
-/// cords has one way to be taut, none to buckle, and no length at which it suddenly becomes slack.
+/// The energy `sum k d^2 exp(a e) / a^2` over edges of rest length `d` and strain `e`, where `a` is
+/// [`STEEPNESS`]. The force of an edge is `k d / a` at rest and follows the exponential law of
+/// passive muscle. The energy is convex and smooth: a net of such cords has a unique equilibrium,
+/// does not buckle, and never becomes slack suddenly.
 #[derive(Clone, Debug)]
 pub struct Tension {
     edges: Vec<Distance>,
-    /// [N/m], one an edge.
+    /// Stiffness of each edge [N/m].
     stiffness: Vec<f64>,
 }
 
-/// An edge as it is.
+/// An edge at its present length.
 struct Cord {
     /// Its vector [m].
     vector: Vector3<f64>,
     length: f64,
     /// Its force [N].
     force: f64,
-    /// Its change by length [N/m].
+    /// Derivative of the force with respect to the length [N/m].
     slope: f64,
 }
 
 impl Tension {
-    /// Edges with a stiffness at rest [N/m] each.
+    /// Creates edges with a stiffness at rest [N/m] each.
     pub fn new(edges: Vec<Distance>, stiffness: Vec<f64>) -> Self {
         Self { edges, stiffness }
     }
 
-    /// The forces [N] on the vertices of a shape `x` [m] that balance edges which pull as at rest, whatever their lengths.
+    /// The forces [N] on the vertices of a shape `x` [m] that balance edges with their rest force
+    /// at any length.
     pub fn support(&self, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
         let mut forces = vec![Vector3::zeros(); x.len()];
         for (edge, k) in self.edges.iter().zip(&self.stiffness) {
@@ -90,7 +94,7 @@ impl Potential for Tension {
         for (e, edge) in self.edges.iter().enumerate() {
             let cord = self.cord(e, x);
             sum.add(self.of(e, &cord));
-            // An edge without extent pulls in no direction.
+            // An edge without extent has no force.
             let pull = if cord.length > 0.0 {
                 cord.vector * (cord.force / cord.length)
             } else {

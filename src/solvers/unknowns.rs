@@ -1,17 +1,19 @@
-//! Which vertices are unknown, and the constant matrix over them that stands for the energy's second derivative.
+//! The unknown vertices, and the constant matrix over them that approximates the energy's second
+//! derivative.
 
 use nalgebra::{Point3, Vector3};
 
 use super::energy::Energy;
 use super::sparse::{Factor, FactorError};
 
-/// Fields that the inverse is applied to at once: a direction and the gradient of a volume.
+/// Number of fields to which the inverse is applied at once: a direction and the gradient of a
+/// volume.
 const AT_ONCE: usize = 2;
 
-/// A vertex that is held has no number among the unknowns.
+/// Marks a fixed vertex, which has no index among the unknowns.
 const HELD: u32 = u32::MAX;
 
-/// The numbering of the vertices that are free to move.
+/// Numbering of the free vertices.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Unknowns {
     /// The vertex of each unknown, ascending.
@@ -20,7 +22,7 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// Those vertices whose inverse mass is not zero.
+    /// Numbers the vertices with positive inverse mass.
     pub fn new(inverse_mass: &[f64]) -> Self {
         let mut unknowns = Self::default();
         for (v, w) in inverse_mass.iter().enumerate() {
@@ -36,18 +38,18 @@ impl Unknowns {
         unknowns
     }
 
-    /// The number of a vertex; `None` where it is held.
+    /// The index of a vertex; `None` for a fixed one.
     #[inline]
     pub fn of(&self, vertex: u32) -> Option<u32> {
         Some(self.number[vertex as usize]).filter(|n| *n != HELD)
     }
 
-    /// Number of vertices, held ones among them.
+    /// Number of vertices, including fixed ones.
     pub fn count(&self) -> usize {
         self.number.len()
     }
 
-    /// Pairs of unknowns among those that `pairs` lists, some of them several times.
+    /// Pairs of unknowns among those of `pairs`, which can repeat.
     pub fn pairs(&self, pairs: impl FnOnce(&mut dyn FnMut(u32, u32))) -> Vec<[u32; 2]> {
         let mut all = Vec::new();
         pairs(&mut |a, b| {
@@ -58,7 +60,7 @@ impl Unknowns {
         all
     }
 
-    /// Sets all but the unknowns' entries to zero.
+    /// Sets all entries but those of the unknowns to zero.
     pub fn release_held(&self, field: &mut [Vector3<f64>]) {
         field
             .iter_mut()
@@ -68,8 +70,8 @@ impl Unknowns {
     }
 }
 
-/// The first unknown of a part that no held vertex and no inertia keeps in its place: rounding may hide from a factor
-/// that such a part can move freely.
+/// The first unknown of a part without a fixed vertex and without inertia: rounding can hide its
+/// free motion from a factorisation.
 fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]) -> Option<usize> {
     if energy.inertia.is_some() {
         return None;
@@ -82,7 +84,8 @@ fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]
         }
         i
     };
-    // By elastic parts alone: the volume's pattern joins what no force does.
+    // By elastic parts alone: the pattern of the volume joins vertices without a force between
+    // them.
     energy.elastic.iter().for_each(|part| {
         part.pairs(&mut |a, b| {
             if let (Some(i), Some(j)) = (unknowns.of(a), unknowns.of(b)) {
@@ -101,19 +104,20 @@ fn first_loose(unknowns: &Unknowns, energy: &Energy, to_held: &[(u32, u32, f64)]
         .map(|i| i as usize)
 }
 
-/// A constant matrix over vertices, the same in every direction of space, factored once.
+/// A constant matrix over vertices, equal in every direction of space, with its factorisation.
 pub struct Laplacian {
     factor: Factor<1>,
-    /// Entries between an unknown and a held vertex.
+    /// Entries between an unknown and a fixed vertex.
     to_held: Vec<(u32, u32, f64)>,
     numbers: Vec<f64>,
 }
 
 impl Laplacian {
-    /// The scalar second derivative of `energy` at `x`, factored.
+    /// The factorised scalar second derivative of `energy` at `x`.
     ///
     /// # Errors
-    /// Some part of the body is not connected to a held vertex and nothing else holds it; or no memory.
+    /// A part of the body without a connection to a fixed vertex and without another restraint, or
+    /// too little memory.
     pub fn new(
         energy: &Energy,
         unknowns: &Unknowns,
@@ -144,7 +148,7 @@ impl Laplacian {
         })
     }
 
-    /// Entries of its factor.
+    /// Number of entries of the factor.
     pub fn entries(&self) -> usize {
         self.factor.entries()
     }
@@ -154,7 +158,8 @@ impl Laplacian {
         self.factor.bytes() + self.to_held.capacity() * 16 + self.numbers.capacity() * 8
     }
 
-    /// Applies the inverse to fields over all vertices, in place; entries of held vertices become zero.
+    /// Applies the inverse to fields over all vertices, in place; entries of fixed vertices become
+    /// zero.
     pub fn solve(&mut self, unknowns: &Unknowns, fields: &mut [&mut [Vector3<f64>]]) {
         fields
             .chunks_mut(AT_ONCE)
@@ -196,7 +201,8 @@ impl Laplacian {
         wanted.chunks_exact(n.max(1))
     }
 
-    /// Fills in the displacements of the unknowns that keep the matrix's energy least, given those of held vertices.
+    /// Computes the displacements of the unknowns with the least energy of the matrix, for given
+    /// displacements of fixed vertices.
     pub fn extend(&mut self, unknowns: &Unknowns, displacement: &mut [Vector3<f64>]) {
         let mut pull = vec![Vector3::zeros(); displacement.len()];
         for &(i, held, value) in &self.to_held {

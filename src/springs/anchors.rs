@@ -1,4 +1,4 @@
-//! Springs from points to places.
+//! Springs between points and fixed positions.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,17 +7,18 @@ use super::hooke::Hooke;
 use super::pairs::{Law, PairError, block};
 use crate::mesh::sum::tree_sum_by;
 
-/// Springs from points to places that do not move, such as the rest length 0 springs that pull skin back.
+/// Springs between points and fixed positions, such as the springs of rest length 0 that pull skin
+/// back.
 #[derive(Clone, Debug)]
 pub struct Anchors {
     anchors: Vec<(u32, Point3<f64>, Hooke)>,
 }
 
 impl Anchors {
-    /// Anchors of `count` points: the point, the place [m], the spring.
+    /// Creates anchors of `count` points from triples of point, fixed position [m] and spring.
     ///
     /// # Errors
-    /// A point out of range, a place or a parameter that is not finite.
+    /// A point out of range, or a position or a parameter that is not finite.
     pub fn new(
         count: usize,
         anchors: impl IntoIterator<Item = (u32, Point3<f64>, Hooke)>,

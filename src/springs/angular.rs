@@ -1,4 +1,4 @@
-//! Angular springs: from a point to the middle between two opposite neighbours \[nedel1998\].
+//! Angular springs: from a point to the midpoint of two opposite neighbours \[nedel1998\].
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,16 +7,17 @@ use super::hooke::Hooke;
 use super::pairs::{Law, PairError, block};
 use crate::mesh::sum::tree_sum_by;
 
-/// A spring between a point and the middle of two others: it keeps the curvature of a surface.
+/// A spring between a point and the midpoint of two others; it resists changes of a surface's
+/// curvature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AngularSpring {
     /// The point, and its two opposite neighbours.
     pub points: [u32; 3],
-    /// Law of the distance to the middle.
+    /// Law of the distance to the midpoint.
     pub law: Hooke,
 }
 
-/// Share of the spring's end in each of its points.
+/// Weights of the three points in the vector along the spring.
 const SHARES: [f64; 3] = [1.0, -0.5, -0.5];
 
 /// Angular springs.
@@ -24,15 +25,16 @@ const SHARES: [f64; 3] = [1.0, -0.5, -0.5];
 pub struct AngularSprings {
     springs: Vec<AngularSpring>,
     start: Vec<usize>,
-    /// Spring and corner of each point, point by point.
+    /// Spring and corner of each point, in the order of the points.
     roles: Vec<(u32, u8)>,
 }
 
 impl AngularSprings {
-    /// Springs between `count` points.
+    /// Creates angular springs between `count` points.
     ///
     /// # Errors
-    /// A point out of range or twice in a spring, a parameter that is not finite or a negative rest length.
+    /// A point out of range or twice in a spring, a parameter that is not finite, or a negative
+    /// rest length.
     pub fn new(
         count: usize,
         springs: impl IntoIterator<Item = AngularSpring>,
@@ -83,7 +85,7 @@ impl AngularSprings {
         })
     }
 
-    /// From the point to the middle.
+    /// Vector from the point to the midpoint.
     fn along(points: [u32; 3], x: &[Point3<f64>]) -> Vector3<f64> {
         let [a, b, c] = points.map(|p| x[p as usize]);
         nalgebra::center(&b, &c) - a
@@ -151,7 +153,7 @@ impl Force for AngularSprings {
                 .slope(length)
                 .abs()
                 .max(s.law.tension_per_length(length).abs());
-            // The shares of a row's three blocks add up to 2.
+            // The weights of a row's three blocks add up to 2.
             *sum += 2.0 * share.abs() * most;
         });
     }

@@ -1,27 +1,31 @@
-//! The buckling law of cloth: what resists compression as a bent strip does, and nothing else.
+//! The buckling law of cloth: a strip that bends under compression and has no other resistance.
 
 use super::pairs::{Law, Pairs};
 
-/// Newton steps for the angle of an arc; the function is smooth and monotone, few are needed.
+/// Greatest number of Newton steps for the angle of an arc; the function is smooth and monotonic,
+/// so few are needed.
 const STEPS: usize = 60;
 
-/// A strip that buckles under compression \[choi2002\]: between points at distance two of a grid of cloth.
+/// A strip that buckles under compression \[choi2002\], between points at distance two in a grid of
+/// cloth.
 ///
-/// Shorter than `rest` it bends to an arc of its own length: curvature `kappa = (2/l) sinc^-1(|x|/l)`, energy
-/// `B l kappa^2/2`, tension `B kappa^2/(cos(kappa l/2) - sinc(kappa l/2))`, which pushes. That law jumps to the buckling load
-/// `12 B/l^2` as soon as the strip is shortened; up to there a spring of stiffness `compression` is the weaker of the two
-/// and counts. Longer than `rest` there is no force: structural springs resist that.
+/// Below the length `rest` the strip bends to an arc of its own length: curvature
+/// `kappa = (2/l) sinc^-1(|x|/l)`, energy `B l kappa^2/2`, tension
+/// `B kappa^2/(cos(kappa l/2) - sinc(kappa l/2))`, which is negative. This law jumps to the
+/// buckling load `12 B/l^2` at the first shortening. Up to that load a spring of stiffness
+/// `compression` is weaker and applies instead. Above the length `rest` there is no force;
+/// structural springs resist extension.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Buckling {
     /// Rest length l [m], positive.
     pub rest: f64,
     /// Bending stiffness B [N m2].
     pub bending: f64,
-    /// Stiffness before it buckles [N/m].
+    /// Stiffness before buckling [N/m].
     pub compression: f64,
 }
 
-/// Strips that buckle.
+/// Springs with the buckling law.
 pub type Strips = Pairs<Buckling>;
 
 /// `sin y/y`.
@@ -43,9 +47,9 @@ fn cos_less_sinc(y: f64) -> f64 {
 }
 
 impl Buckling {
-    /// Half the angle of the arc with a chord of this share of its length.
+    /// Half the angle of an arc whose chord is this share of its length.
     fn half_angle(share: f64) -> f64 {
-        // A full circle at most: the ends of the strip meet.
+        // At most a full circle: the ends of the strip coincide.
         let (mut low, mut high) = (0.0, std::f64::consts::PI);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);
@@ -58,7 +62,7 @@ impl Buckling {
         0.5 * (low + high)
     }
 
-    /// The length where both laws give the same force; shorter, it is buckled.
+    /// True if the strip is shorter than the length at which both laws give the same force.
     fn is_buckled(&self, length: f64) -> bool {
         self.arc_tension(length) > self.compression * (length - self.rest)
     }
@@ -66,7 +70,7 @@ impl Buckling {
     fn arc_tension(&self, length: f64) -> f64 {
         let y = Self::half_angle(length / self.rest);
         let curvature = 2.0 * y / self.rest;
-        // Near the straight strip both parts vanish: the load of buckling.
+        // Near the straight strip both parts vanish; the limit is the buckling load.
         if y < 1e-6 {
             return -12.0 * self.bending / (self.rest * self.rest);
         }
@@ -99,7 +103,8 @@ impl Law for Buckling {
             let curvature = 2.0 * Self::half_angle(length / self.rest) / self.rest;
             0.5 * self.bending * self.rest * curvature * curvature
         };
-        // The spring up to where it buckles, from there the arc: the tension is continuous, so is the energy.
+        // The spring up to the buckling length, then the arc: the tension is continuous, and so is
+        // the energy.
         let (mut low, mut high) = (length, self.rest);
         for _ in 0..STEPS {
             let middle = 0.5 * (low + high);

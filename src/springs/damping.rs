@@ -1,4 +1,4 @@
-//! How much damping brings a system to rest soonest.
+//! Damping for the fastest approach to rest.
 
 use super::neighbours::Neighbours;
 
@@ -13,30 +13,32 @@ pub fn critical_of_pair(stiffness: f64, mass: f64) -> f64 {
     critical(2.0 * stiffness, mass)
 }
 
-/// What is critical for Verlet with backward differences at a step of `dt` [s], `2 sqrt(k m) - k dt`: both roots of the
-/// recurrence are equal (errata M3). Negative beyond its stability limit.
+/// Critical damping of Verlet with backward differences at a step of `dt` [s],
+/// `2 sqrt(k m) - k dt`: both roots of the recurrence are equal (errata M3). Negative beyond the
+/// stability limit.
 pub fn critical_in_steps(stiffness: f64, mass: f64, dt: f64) -> f64 {
     critical(stiffness, mass) - stiffness * dt
 }
 
-/// A lattice or a body like one, for [`estimate`].
+/// Parameters of a lattice or a similar body for [`estimate`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Body {
     /// Mass of a point [kg].
     pub mass: f64,
-    /// Stiffness times rest length of its springs [N]; 1 for the thesis's stiffness 1/L.
+    /// Stiffness times rest length of the springs [N]; 1 for the thesis's stiffness 1/L.
     pub tension: f64,
-    /// Length of its longest side [m].
+    /// Length of the longest side [m].
     pub side: f64,
-    /// Mean rest length of its springs [m]; of the shortest kind in a lattice of 26 neighbours.
+    /// Mean rest length of the springs [m]; for 26 neighbours that of the shortest kind.
     pub spacing: f64,
 }
 
-/// The empirical damping (7.2) [N s/m], in the form that holds for any size (errata M13): `c = sqrt(8 m k)`,
+/// The empirical damping (7.2) [N s/m], in a form for any size (errata M13): `c = sqrt(8 m k)`,
 /// `k = tension (2 + 4 spacing/side)/side`.
 ///
-/// With 26 neighbours, for which the thesis has no formula, `k = tension (9.43 + 6.64 spacing/side)/side`: a straight line
-/// through the means of c^2/(8 m) in its table 7.5 for 5 and 20 points a side; it misses that for 10 by 4 %, so c by 2 %.
+/// For 26 neighbours the thesis has no formula; here `k = tension (9.43 + 6.64 spacing/side)/side`.
+/// This is a straight line through the means of c^2/(8 m) in its table 7.5 for 5 and 20 points per
+/// side. Its error for 10 points is 4 %, so 2 % in c.
 pub fn estimate(neighbours: Neighbours, body: Body) -> f64 {
     let share = body.spacing / body.side;
     let factor = match neighbours {

@@ -1,18 +1,18 @@
-//! What acts on the points of a spring system.
+//! The trait of the forces on the points of a spring system.
 
 use nalgebra::{Point3, Vector3};
 
-/// A force on the points of a system, from their positions alone.
+/// A force on the points of a system, as a function of their positions.
 ///
-/// Everything is added to what is there already, in an order that is the same for any number of threads.
+/// All methods add to the given arrays, in an order that is the same for any number of threads.
 pub trait Force: Send + Sync {
-    /// What reports call it.
+    /// Name in reports.
     fn name(&self) -> &'static str;
 
-    /// Number of springs, or of whatever else it consists of.
+    /// Number of springs or other elements.
     fn elements(&self) -> usize;
 
-    /// The highest point that it acts on; `None` where it acts on none.
+    /// The greatest index of a point with a force; `None` for no points.
     fn highest_point(&self) -> Option<u32>;
 
     /// Stored energy [J].
@@ -21,10 +21,10 @@ pub trait Force: Send + Sync {
     /// Adds the force on each point [N], shape `[point_count]`.
     fn add_force(&self, x: &[Point3<f64>], force: &mut [Vector3<f64>]);
 
-    /// Adds K p [N] for displacements `p` [m], K the negative derivative of the force.
+    /// Adds K p [N] for displacements `p` [m], where K is the negative derivative of the force.
     ///
-    /// With `definite` parts of K that push out, such as those across a compressed spring, are left out: then K is
-    /// symmetric and positive semi-definite, as the method of conjugate gradients needs it.
+    /// With `definite`, negative parts of K are left out, such as those across a compressed spring.
+    /// K is then symmetric and positive semi-definite, as conjugate gradients require.
     fn add_product(
         &self,
         x: &[Point3<f64>],
@@ -33,6 +33,7 @@ pub trait Force: Send + Sync {
         product: &mut [Vector3<f64>],
     );
 
-    /// Adds for each point a bound on the sum of the norms of the blocks in its row of K [N/m].
+    /// Adds to `sums`, for each point, a bound on the sum of the norms of the blocks in its row of
+    /// K [N/m].
     fn add_row_sums(&self, x: &[Point3<f64>], sums: &mut [f64]);
 }

@@ -1,7 +1,7 @@
 //! The thesis's text format of spring systems: points, triangles of the surface, springs, fibres, attachment areas.
 //!
-//! Numbers have no unit. Indices count from 0, which the thesis does not say (errata M23). Springs have no rest length: it is
-//! the distance of their ends as loaded.
+//! Numbers have no unit. Indices start at 0, which the thesis does not state (errata M23). The rest
+//! length of a spring is the distance of its ends in the file.
 
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -14,32 +14,33 @@ use super::pairs::PairError;
 use crate::io::cursor::{Cursor, coordinate, count, integer, number};
 use crate::io::{MAX_FILE_BYTES, Place, Problem, ReadError, write_whole};
 
-/// What a file of the thesis's format holds.
+/// Content of a file in the thesis's format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SpringFile {
     /// Positions, in the unit of the file.
     pub position: Vec<Point3<f64>>,
-    /// Whether each point is one of the surface (`m`), not an inner one (`i`).
+    /// True for each point of the surface (`m`), false for an inner one (`i`).
     pub surface: Vec<bool>,
     /// Triangles of the surface.
     pub triangles: Vec<[u32; 3]>,
-    /// Springs with their stiffness, as listed.
+    /// Springs with their stiffness, in file order.
     pub springs: Vec<([u32; 2], f64)>,
-    /// Pieces of fibres.
+    /// Segments of fibres.
     pub fibres: Vec<[u32; 2]>,
     /// Points of the origin area.
     pub origin: Vec<u32>,
     /// Points of the insertion area.
     pub insertion: Vec<u32>,
-    /// What was accepted, but contradicts itself.
+    /// Warnings about accepted contradictions.
     pub notes: Vec<String>,
 }
 
 impl SpringFile {
-    /// The springs, at rest as loaded.
+    /// The springs, at rest in the positions of the file.
     ///
     /// # Errors
-    /// None for what [`read`] gave: a spring to itself, a point out of range, a stiffness that is not finite.
+    /// None for the result of [`read`]: a spring from a point to itself, a point out of range, a
+    /// stiffness that is not finite.
     pub fn springs(&self) -> Result<Springs, PairError> {
         let count = self.position.len();
         let outside = self
@@ -65,7 +66,7 @@ impl SpringFile {
 /// Reads a file.
 ///
 /// # Errors
-/// A file that cannot be read or is too large, and content that is not of the format, with line and column.
+/// A file that cannot be read or is too large, and content in another format, with line and column.
 pub fn read(path: &Path) -> Result<SpringFile, ReadError> {
     let name = path.display().to_string();
     let io = |source| ReadError::Io {
@@ -81,10 +82,10 @@ pub fn read(path: &Path) -> Result<SpringFile, ReadError> {
     read_bytes(&bytes, &name)
 }
 
-/// Reads the bytes of a file; `name` is for messages.
+/// Reads the bytes of a file; `name` appears in messages.
 ///
 /// # Errors
-/// Content that is not of the format, with line and column.
+/// Content in another format, with line and column.
 pub fn read_bytes(bytes: &[u8], name: &str) -> Result<SpringFile, ReadError> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let whole = |problem| Cursor::new(name, bytes).fail_at(Place::Whole, problem, b"");
@@ -130,7 +131,7 @@ struct Reader<'a> {
     file: SpringFile,
 }
 
-/// The fewest bytes of a line of each section, without its end: `0 0 0 m`, and one index.
+/// Least number of bytes of a line of each section, without its end: `0 0 0 m`, and one index.
 const SHORTEST_POINT: u64 = 8;
 const SHORTEST: u64 = 2;
 
@@ -152,7 +153,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The words of a line, exactly so many.
+    /// The words of a line; an error for another number of words.
     fn words<const N: usize>(&self, line: &'a [u8]) -> Result<[&'a [u8]; N], ReadError> {
         let mut words = line
             .split(u8::is_ascii_whitespace)
@@ -260,7 +261,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Different points.
+    /// Distinct indices of points.
     fn indices<const N: usize>(&self, line: &'a [u8]) -> Result<[u32; N], ReadError> {
         let words: [&[u8]; N] = self.words(line)?;
         let mut found = [0; N];
@@ -302,10 +303,10 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Writes a file that [`read`] reads as the same, notes aside.
+/// Writes a file; [`read`] gives the same content without the warnings.
 ///
 /// # Errors
-/// What the operating system refuses.
+/// Errors of the operating system.
 pub fn write(path: &Path, file: &SpringFile) -> io::Result<()> {
     write_whole(path, |w| write_to(w, file))
 }
@@ -313,7 +314,7 @@ pub fn write(path: &Path, file: &SpringFile) -> io::Result<()> {
 /// Writes the text of a file.
 ///
 /// # Errors
-/// What the writer refuses.
+/// Errors of the writer.
 pub fn write_to(w: &mut impl Write, file: &SpringFile) -> io::Result<()> {
     writeln!(
         w,

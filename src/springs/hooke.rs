@@ -4,13 +4,14 @@ use super::pairs::{Law, Pairs};
 
 /// Hooke's law: the tension is `stiffness (length - rest)`; force on point i `k (|x_ij| - l) x_ij/|x_ij|`, `x_ij = x_j - x_i`.
 ///
-/// With rest length 0 the force is `k x_ij`, which needs no direction (errata B03). Two points of a spring with a rest length
-/// that lie in one place have no direction either: then there is no force (errata M1).
+/// With rest length 0 the force is `k x_ij`, which needs no direction (errata B03). Two coincident
+/// points of a spring with a positive rest length have no direction: the force is then zero (errata
+/// M1).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hooke {
     /// Rest length [m].
     pub rest: f64,
-    /// Stiffness [N/m]; may be negative where a formula gave it, see [`super::stiffness`].
+    /// Stiffness [N/m]; a formula can give negative values, see [`super::stiffness`].
     pub stiffness: f64,
 }
 

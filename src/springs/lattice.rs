@@ -1,25 +1,29 @@
-//! Lattices of points on springs: fast because they need no list of springs.
+//! Lattices of points with springs: fast, since they need no list of springs.
 //!
-//! Each point of a box of `nx * ny * nz` points has springs to its 6 nearest neighbours or to all 26. A step is explicit
-//! (Verlet, damping by a backward difference, (3.8) of the source):
+//! Each point of a box of `nx * ny * nz` points has springs to its 6 nearest neighbours or to all
+//! 26. A step is explicit (Verlet, damping by a backward difference, (3.8) of the source):
 //!
 //! ```text
 //! x(t + dt) = 2 x(t) - x(t - dt) + dt^2/m (F_ext + sum_j D (1 - l0/l) (x_j - x) - c (x(t) - x(t - dt))/dt)
 //! ```
 //!
-//! Units are the caller's, any consistent set; the source's lattices are without units. With metres, kilograms and seconds
-//! D is in N/m, m in kg, c in N s/m.
+//! The caller chooses any consistent units; the source's lattices have none. With metres, kilograms
+//! and seconds D is in N/m, m in kg, c in N s/m.
 //!
 //! # What a step costs
-//! Rows along x lie as runs of x, y and z; several points are computed side by side, each spring once; forces on rows to come
-//! wait in a plane or two that stay in the cache. Threads take slabs of planes. [`Lattice::run`] makes two steps in one pass
-//! through memory. Any number of threads, any [`Width`], and steps one by one or in pairs give the same bits.
+//! Rows along x are stored as runs of x, y and z. Several points are computed side by side, and
+//! each spring once. Forces on later rows are stored in one or two planes that stay in the cache.
+//! Each thread computes a slab of planes. [`Lattice::run`] makes two steps in one pass through
+//! memory. The bits are the same for any number of threads, any [`Width`], and single or paired
+//! steps.
 //!
 //! # Limitations
-//! Explicit: steps above [`stability_limit`] explode, which [`Lattice::new`] refuses; the limit is that of the lattice at rest, and
-//! springs pressed to under half their length are stiffer than that sideways. The reciprocal length is computed
-//! to [`Number::ROOT_ERROR`], not correctly rounded: at rest lengths forces are of that size times `D l0`, not zero. A spring
-//! shorter than about 1e-19 (f32) or 1e-154 (f64) has no direction and pulls or pushes nothing to speak of.
+//! The method is explicit: steps above [`stability_limit`] diverge, and [`Lattice::new`] rejects
+//! them. The limit is that of the lattice at rest; springs compressed below half their length have
+//! a greater transverse stiffness. The reciprocal length has the relative error
+//! [`Number::ROOT_ERROR`] and is not correctly rounded: at rest lengths forces are of that size
+//! times `D l0`, not zero. A spring shorter than about 1e-19 (f32) or 1e-154 (f64) has no direction
+//! and a negligible force.
 
 mod advance;
 mod aligned;
@@ -43,12 +47,12 @@ use super::damping::{self, Body};
 use super::neighbours::Neighbours;
 use crate::simd::{Number, Width};
 
-/// D of a spring, from its length at rest.
+/// Stiffness D of a spring as a function of its rest length.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
-    /// `D = 1/l0`: keeps ratios of lengths. The source's default.
+    /// `D = 1/l0`: preserves ratios of lengths. The source's default.
     Reciprocal,
-    /// The same for all \[N/m\].
+    /// The same D for all springs \[N/m\].
     Uniform(f64),
 }
 
@@ -65,22 +69,22 @@ impl Stiffness {
 /// Springs, mass, damping and time step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Which springs there are.
+    /// Number of neighbours.
     pub neighbours: Neighbours,
-    /// D.
+    /// Stiffness D.
     pub stiffness: Stiffness,
-    /// Factor of D of springs that go along more than one axis.
+    /// Factor of D for springs along more than one axis.
     pub diagonal: f64,
-    /// m of a point \[kg\].
+    /// Mass m of a point \[kg\].
     pub mass: f64,
-    /// c of a point \[N s/m\]; nothing for [`Settings::damping_estimate`].
+    /// Damping c of a point \[N s/m\]; `None` means [`Settings::damping_estimate`].
     pub damping: Option<f64>,
-    /// dt \[s\]; nothing for half of [`stability_limit`].
+    /// Time step dt \[s\]; `None` means half of [`stability_limit`].
     pub time_step: Option<f64>,
 }
 
 impl Settings {
-    /// `D = 1/l0`, mass 1, damping and time step estimated.
+    /// `D = 1/l0`, mass 1, estimated damping and time step.
     pub fn new(neighbours: Neighbours) -> Self {
         Self {
             neighbours,
@@ -92,7 +96,7 @@ impl Settings {
         }
     }
 
-    /// What the estimate of the damping needs to know of a lattice; nothing for a single point.
+    /// Parameters for the estimate of the damping; `None` for a single point.
     pub fn body(&self, shape: &Shape) -> Option<Body> {
         let (side, spacing) = shape.longest()?;
         Some(Body {
@@ -103,7 +107,8 @@ impl Settings {
         })
     }
 
-    /// The damping that brings a lattice to rest soonest \[N s/m\], as far as is known: [`damping::estimate`]; 0 for a single point.
+    /// Estimated damping for the fastest approach to rest \[N s/m\]: [`damping::estimate`]; 0 for a
+    /// single point.
     pub fn damping_estimate(&self, shape: &Shape) -> f64 {
         self.body(shape)
             .map_or(0.0, |body| damping::estimate(self.neighbours, body))
@@ -122,7 +127,7 @@ impl Settings {
     }
 }
 
-/// A lattice of points on springs, computed in `f32` or `f64`.
+/// A lattice of points with springs, computed in `f32` or `f64`.
 #[derive(Clone, Debug)]
 pub struct Lattice<F> {
     shape: Shape,
@@ -134,23 +139,23 @@ pub struct Lattice<F> {
     gain: F,
     current: Aligned<F>,
     previous: Aligned<F>,
-    /// Of each row, which points are pinned.
+    /// Pinned points of each row.
     pinned: Vec<bool>,
-    /// Whether the patterns of pinned points are to be found anew.
+    /// True if the patterns of pinned points are out of date.
     patterns_due: bool,
-    /// For each slab and each of two steps.
+    /// Carried forces of each slab and each of two steps.
     carried: Vec<[Carried<F>; 2]>,
-    /// Copies of planes where slabs meet.
+    /// Copies of planes between slabs.
     seams: Vec<F>,
     width: Width,
     steps: u64,
 }
 
 impl<F: Number> Lattice<F> {
-    /// A lattice at rest, nothing pinned.
+    /// Creates a lattice at rest without pinned points.
     ///
     /// # Errors
-    /// [`LatticeError`] if a number is no good, or if the time step is above [`stability_limit`].
+    /// [`LatticeError`] for an invalid number, or for a time step above [`stability_limit`].
     pub fn new(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
         let lattice = Self::unchecked(shape, settings)?;
         let (limit, time_step) = (lattice.stability_limit(), lattice.time_step);
@@ -171,10 +176,10 @@ impl<F: Number> Lattice<F> {
         })
     }
 
-    /// The same with any time step, to show what an unstable one does.
+    /// The same with any time step, to demonstrate instability.
     ///
     /// # Errors
-    /// [`LatticeError`] if a number is no good.
+    /// [`LatticeError`] for an invalid number.
     pub fn unchecked(shape: Shape, settings: Settings) -> Result<Self, LatticeError> {
         shape.check()?;
         settings.check()?;
@@ -211,7 +216,8 @@ impl<F: Number> Lattice<F> {
         Ok(lattice)
     }
 
-    /// Computes with another width; no bit of a result depends on it. A width of four or eight is twice as wide in `f32`.
+    /// Sets the SIMD width; no bit of a result depends on it. A width of four or eight doubles in
+    /// `f32`.
     pub fn with_width(mut self, width: Width) -> Self {
         self.width = width;
         self
@@ -222,22 +228,22 @@ impl<F: Number> Lattice<F> {
         &self.shape
     }
 
-    /// What the lattice was built with.
+    /// The settings of the lattice.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// c in use \[N s/m\].
+    /// Damping c in use \[N s/m\].
     pub fn damping(&self) -> f64 {
         self.damping
     }
 
-    /// dt in use \[s\].
+    /// Time step dt in use \[s\].
     pub fn time_step(&self) -> f64 {
         self.time_step
     }
 
-    /// Steps so far.
+    /// Number of steps so far.
     pub fn steps(&self) -> u64 {
         self.steps
     }
@@ -247,7 +253,7 @@ impl<F: Number> Lattice<F> {
         self.settings.neighbours.springs(self.shape.points)
     }
 
-    /// The time step from which on this lattice explodes \[s\].
+    /// The time step above which this lattice diverges \[s\].
     pub fn stability_limit(&self) -> f64 {
         stability_limit(
             largest_stiffness(&self.shape, &self.settings),
@@ -256,7 +262,7 @@ impl<F: Number> Lattice<F> {
         )
     }
 
-    /// Where the numbers of a point are.
+    /// Indices of the coordinates of a point.
     fn index(&self, [i, j, k]: [usize; 3]) -> [usize; 3] {
         let [nx, ny, nz] = self.shape.points;
         assert!(
@@ -275,12 +281,12 @@ impl<F: Number> Lattice<F> {
     /// Position of a point \[m\].
     ///
     /// # Panics
-    /// If there is no such point; so do all functions that take one.
+    /// If the point does not exist; so do all functions with a point as argument.
     pub fn position(&self, point: [usize; 3]) -> [f64; 3] {
         self.index(point).map(|at| self.current[at].to_f64())
     }
 
-    /// Position of a point one step ago \[m\].
+    /// Position of a point in the previous step \[m\].
     pub fn previous_position(&self, point: [usize; 3]) -> [f64; 3] {
         self.index(point).map(|at| self.previous[at].to_f64())
     }
@@ -293,7 +299,7 @@ impl<F: Number> Lattice<F> {
             .collect()
     }
 
-    /// Puts a point somewhere, without speed.
+    /// Moves a point to a position, with velocity zero.
     pub fn place(&mut self, point: [usize; 3], position: [f64; 3]) {
         for (at, x) in self.index(point).into_iter().zip(position) {
             self.current[at] = F::from_f64(x);
@@ -301,7 +307,7 @@ impl<F: Number> Lattice<F> {
         }
     }
 
-    /// Puts a point somewhere, with a velocity \[m/s\].
+    /// Moves a point to a position, with a velocity \[m/s\].
     pub fn launch(&mut self, point: [usize; 3], position: [f64; 3], velocity: [f64; 3]) {
         for ((at, x), v) in self.index(point).into_iter().zip(position).zip(velocity) {
             self.current[at] = F::from_f64(x);
@@ -309,18 +315,18 @@ impl<F: Number> Lattice<F> {
         }
     }
 
-    /// Holds a point where it is.
+    /// Fixes a point at its position.
     pub fn pin(&mut self, point: [usize; 3]) {
         self.place(point, self.position(point));
         self.set_pinned(point, true);
     }
 
-    /// Lets a point go; it starts without speed.
+    /// Releases a point with velocity zero.
     pub fn release(&mut self, point: [usize; 3]) {
         self.set_pinned(point, false);
     }
 
-    /// Whether a point is held.
+    /// True if a point is fixed.
     pub fn is_pinned(&self, point: [usize; 3]) -> bool {
         let _ = self.index(point);
         self.pinned[self.number(point)]
@@ -333,7 +339,7 @@ impl<F: Number> Lattice<F> {
         self.patterns_due = true;
     }
 
-    /// Force on a point from outside \[N\], until another one is given.
+    /// Sets the external force on a point \[N\].
     pub fn set_force(&mut self, point: [usize; 3], force: [f64; 3]) {
         if self.frame.external.is_empty() {
             self.frame.external = vec![F::default(); self.shape.points[2] * self.frame.plane()];
@@ -343,13 +349,13 @@ impl<F: Number> Lattice<F> {
         }
     }
 
-    /// Force on a point from outside \[N\].
+    /// External force on a point \[N\].
     pub fn force(&self, point: [usize; 3]) -> [f64; 3] {
         self.index(point)
             .map(|at| self.frame.external.get(at).map_or(0.0, |f| f.to_f64()))
     }
 
-    /// Each pattern of pinned points of a row once.
+    /// Finds the distinct patterns of pinned points in rows.
     fn find_patterns(&mut self) {
         if !std::mem::take(&mut self.patterns_due) {
             return;

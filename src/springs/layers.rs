@@ -1,4 +1,4 @@
-//! Two layers of a patch of surface, joined by springs: skin over what lies below.
+//! Two layers of a surface patch with springs in between: skin over a body.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,40 +7,42 @@ use super::stiffness::{EdgeStiffness, Negative, membrane};
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 
-/// What layers are made of.
+/// Material of the layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LayerMaterial {
-    /// Young's modulus times the thickness of both layers together, E2 [N/m].
+    /// Young's modulus times the total thickness of both layers, E2 [N/m].
     pub e2: f64,
     /// Poisson's ratio.
     pub nu: f64,
-    /// Stiffness of each of the two crossing springs of an edge between the layers, over that of the edge in one layer.
+    /// Stiffness of each of the two crossing springs per edge between the layers, relative to that
+    /// of the edge in one layer.
     pub diagonal: f64,
-    /// Stiffness of the spring that joins a point to its copy [N/m]; 0 for none.
+    /// Stiffness of the spring between a point and its copy [N/m]; 0 for none.
     pub upright: f64,
-    /// What is done with negative stiffness.
+    /// Treatment of negative stiffness.
     pub negative: Negative,
 }
 
 /// A patch in two layers: point i of the patch is i in the first and `count + i` in the second.
 #[derive(Clone, Debug)]
 pub struct Layers {
-    /// Positions [m], first layer first.
+    /// Positions [m], the first layer first.
     pub position: Vec<Point3<f64>>,
     /// Springs in and between the layers.
     pub springs: Vec<([u32; 2], Hooke)>,
-    /// Points of the rim of the patch, in both layers: they are to be held.
+    /// Boundary points of the patch in both layers, which the caller should fix.
     pub rim: Vec<u32>,
-    /// Points in one layer.
+    /// Number of points in one layer.
     pub count: usize,
-    /// Stiffness of the edges of one layer, with those that came out negative.
+    /// Stiffness of the edges of one layer, with the negative values.
     pub edges: EdgeStiffness,
 }
 
-/// Doubles a patch, whose second layer lies at `offset` [m] from the first.
+/// Doubles a patch; the second layer lies at `offset` [m] from the first.
 ///
-/// The thickness is split evenly between the layers. Each edge with a point that is not on the rim gets a spring in each
-/// layer and two that cross between them, which resist shear and keep the layers apart: four springs an edge (errata B11).
+/// Each layer has half of the thickness. Each edge with an inner point gets a spring in each layer
+/// and two crossing springs between the layers, which resist shear and keep the layers apart: four
+/// springs per edge (errata B11).
 pub fn layers(
     patch: &TriangleMesh,
     topology: &Topology,

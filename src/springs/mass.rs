@@ -1,4 +1,4 @@
-//! Masses of points from the body that they stand for.
+//! Masses of points from the geometry of a body.
 
 use nalgebra::Point3;
 
@@ -6,42 +6,43 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::sum::{tree_sum, tree_sum_by};
 
-/// Why masses cannot be given.
+/// Error of a distribution of masses.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MassError {
     /// The body has no area or no volume.
     #[error("the body has no {measure}, {value}: no masses follow from it")]
     Nothing {
-        /// What was measured.
+        /// Name of the measure.
         measure: &'static str,
-        /// What it is [m2 or m3].
+        /// Value of the measure [m2 or m3].
         value: f64,
     },
-    /// Signed volumes gave points a mass that is not positive.
+    /// Signed volumes give points a mass that is not positive.
     #[error("{points} points get no positive mass, the least {least} kg; take masses by area")]
     NotPositive {
-        /// How many.
+        /// Number of such points.
         points: usize,
         /// The least mass [kg].
         least: f64,
     },
-    /// A tetrahedron names a point that does not exist.
+    /// A tetrahedron refers to a point that does not exist.
     #[error("tetrahedron {tetrahedron} names point {point}, but there are {count} points")]
     OutOfRange {
-        /// The tetrahedron.
+        /// Index of the tetrahedron.
         tetrahedron: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
         /// Number of points.
         count: usize,
     },
 }
 
-/// `m_i = M sum a_t/(3 A)` over the triangles of a point: each gives a third of its area to each corner. Always positive on
-/// a mesh without unused vertices; the sum is `total` [kg].
+/// `m_i = M sum a_t/(3 A)` over the triangles of a point: each triangle gives a third of its area
+/// to each corner. The masses are positive on a mesh without unused vertices; their sum is `total`
+/// [kg].
 ///
 /// # Errors
-/// A mesh without area, a vertex without any.
+/// A mesh without area, or a vertex without area.
 pub fn by_area(mesh: &TriangleMesh, total: f64) -> Result<Vec<f64>, MassError> {
     let areas = mesh.vertex_areas();
     let area = tree_sum(&triangle_areas(&mesh.vertices, &mesh.triangles));
@@ -54,19 +55,22 @@ pub fn by_area(mesh: &TriangleMesh, total: f64) -> Result<Vec<f64>, MassError> {
     positive(areas.into_iter().map(|a| total * a / area).collect())
 }
 
-/// Masses [kg] of a sheet of `density` [kg/m3] and `thickness` [m]: [`by_area`] with the mass of the whole (errata M17).
+/// Masses [kg] of a sheet of `density` [kg/m3] and `thickness` [m]: [`by_area`] with the total mass
+/// (errata M17).
 ///
 /// # Errors
-/// As [`by_area`].
+/// Those of [`by_area`].
 pub fn of_sheet(mesh: &TriangleMesh, density: f64, thickness: f64) -> Result<Vec<f64>, MassError> {
     by_area(mesh, density * thickness * mesh.area())
 }
 
-/// `m_i = M sum v_t/(3 V)` over the fan of tetrahedra from `centre`, which is no point of the system, to the triangles of a
-/// closed surface: each gives a third of its signed volume to each corner (errata B01).
+/// `m_i = M sum v_t/(3 V)` over the fan of tetrahedra from `centre`, which is no point of the
+/// system, to the triangles of a closed surface: each gives a third of its signed volume to each
+/// corner (errata B01).
 ///
 /// # Errors
-/// A surface without volume; a mass that is not positive, as surfaces have that are not star-shaped around the centre.
+/// A surface without volume, or a mass that is not positive, as for surfaces that are not
+/// star-shaped about the centre.
 pub fn by_fan(mesh: &TriangleMesh, centre: Point3<f64>, total: f64) -> Result<Vec<f64>, MassError> {
     let six = |t: usize| {
         let [a, b, c] = mesh.corners(t).map(|p| p - centre);
@@ -87,10 +91,11 @@ pub fn by_fan(mesh: &TriangleMesh, centre: Point3<f64>, total: f64) -> Result<Ve
     positive(masses)
 }
 
-/// `m_i = M sum v_t/(4 V)` over the tetrahedra of a point: four corners share each (errata B01), turned either way.
+/// `m_i = M sum v_t/(4 V)` over the tetrahedra of a point, in any orientation: each gives a quarter
+/// to each corner (errata B01).
 ///
 /// # Errors
-/// A point out of range, tetrahedra without volume, a point without any.
+/// A point out of range, tetrahedra without volume, or a point without volume.
 pub fn by_tetrahedra(
     x: &[Point3<f64>],
     tetrahedra: &[[u32; 4]],

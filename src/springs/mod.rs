@@ -1,9 +1,10 @@
-//! Mass-spring systems: forces between points, masses and stiffness of meshes, time integrators with their stability
-//! limits, damping, coming to rest.
+//! Mass-spring systems: forces between points, masses and stiffness from meshes, time integrators
+//! with their stability limits, damping, equilibrium.
 //!
-//! A [`system::SpringSystem`] holds positions, velocities, masses and a list of [`force::Force`]s, each in its own file; an
-//! [`integrators::Integrator`] advances it. Forces are gathered by point over sorted neighbours, and sums run over fixed
-//! trees: results do not depend on the order in which springs were given nor on the number of threads.
+//! A [`system::SpringSystem`] contains positions, velocities, masses and a list of
+//! [`force::Force`]s, each in its own file; an [`integrators::Integrator`] advances it. Forces are
+//! gathered by point over sorted neighbours, and sums use fixed trees: results do not depend on the
+//! order of the springs or on the number of threads.
 
 pub mod anchors;
 pub mod angular;

@@ -1,15 +1,15 @@
-//! Which points of a lattice are joined.
+//! Neighbourhoods of lattice points.
 
-/// How many neighbours a point of a lattice has springs to.
+/// Number of neighbours of a lattice point with springs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Neighbours {
-    /// The nearest along each axis: keeps lengths, not the shape.
+    /// The nearest along each axis: preserves lengths, not the shape.
     Six,
-    /// All around, diagonals included: keeps the shape.
+    /// All around, including diagonals: preserves the shape.
     TwentySix,
 }
 
-/// Half of the 26 neighbours, in order of their distance: the others are their opposites.
+/// Half of the 26 neighbours, sorted by distance; the others are their opposites.
 const HALF: [[i32; 3]; 13] = [
     [1, 0, 0],
     [0, 1, 0],
@@ -43,8 +43,9 @@ impl Neighbours {
         }
     }
 
-    /// Number of springs of a lattice of so many points along x, y and z, exactly; for n^3 points and 6 neighbours
-    /// 3 n^2 (n - 1), with 26 also 6 n (n - 1)^2 + 4 (n - 1)^3.
+    /// Exact number of springs of a lattice with these numbers of points along x, y and z. For n^3
+    /// points and 6 neighbours 3 n^2 (n - 1); for 26 neighbours additionally 6 n (n - 1)^2 + 4 (n -
+    /// 1)^3.
     pub fn springs(self, points: [usize; 3]) -> usize {
         let along = |step: &[i32; 3]| -> usize {
             (0..3)

@@ -1,4 +1,4 @@
-//! Forces along the line between two points: one loop for every law.
+//! Forces along the line between two points: one loop for all laws.
 
 use std::cmp::Ordering;
 
@@ -11,13 +11,13 @@ use crate::particles::{SHARE, is_shared};
 
 /// Tension of a spring as a function of its length.
 pub trait Law: Copy + Send + Sync + 'static {
-    /// What reports call such springs.
+    /// Name of such springs in reports.
     const NAME: &'static str;
 
     /// All parameters, for sorting.
     fn parameters(&self) -> [f64; 3];
 
-    /// Whether the parameters are ones that the law is defined for.
+    /// True if the law is defined for the parameters.
     fn is_valid(&self) -> bool;
 
     /// Stored energy [J] at a length [m].
@@ -35,43 +35,44 @@ pub trait Law: Copy + Send + Sync + 'static {
         }
     }
 
-    /// Derivative of the tension by the length [N/m].
+    /// Derivative of the tension with respect to the length [N/m].
     fn slope(&self, length: f64) -> f64;
 }
 
-/// Why springs are refused.
+/// Error of [`Pairs::new`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PairError {
-    /// A point that does not exist.
+    /// A point does not exist.
     #[error("spring {spring} names point {point}, but there are {count} points")]
     OutOfRange {
-        /// Index of the spring as given.
+        /// Index of the spring in the input.
         spring: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
         /// Number of points.
         count: usize,
     },
-    /// Both ends are one point.
+    /// Both ends are the same point.
     #[error("spring {spring} joins point {point} to itself")]
     Loop {
-        /// Index of the spring as given.
+        /// Index of the spring in the input.
         spring: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
     },
-    /// A parameter that is not finite or has the wrong sign.
+    /// A parameter is not finite or has the wrong sign.
     #[error("spring {spring} has a parameter that its law does not take")]
     Parameter {
-        /// Index of the spring as given.
+        /// Index of the spring in the input.
         spring: usize,
     },
 }
 
-/// Springs of one law, sorted, with the neighbours of each point side by side.
+/// Sorted springs of one law, with the neighbours of each point in sequence.
 ///
-/// Each force is computed at both ends, so that every point sums its own neighbours in their order: no two threads write
-/// to one place, and the bits depend neither on threads nor on the order in which springs were given.
+/// Each force is computed at both ends, so that every point sums its own neighbours in their order.
+/// No two threads write to one place, and the bits depend neither on threads nor on the order of
+/// the input.
 #[derive(Clone, Debug)]
 pub struct Pairs<L> {
     springs: Vec<([u32; 2], L)>,
@@ -80,10 +81,10 @@ pub struct Pairs<L> {
 }
 
 impl<L: Law> Pairs<L> {
-    /// Springs between `count` points.
+    /// Creates springs between `count` points.
     ///
     /// # Errors
-    /// A point out of range, a spring from a point to itself, a parameter that the law does not take.
+    /// A point out of range, a spring from a point to itself, or an invalid parameter of the law.
     pub fn new(
         count: usize,
         springs: impl IntoIterator<Item = ([u32; 2], L)>,
@@ -116,7 +117,8 @@ impl<L: Law> Pairs<L> {
         (0..count).for_each(|i| start[i + 1] += start[i]);
         let mut next = start.clone();
         let mut around: Vec<Option<(u32, L)>> = vec![None; 2 * springs.len()];
-        // Neighbours below a point come first, both parts rising: the springs are sorted by their lower, then higher end.
+        // Lower neighbours of a point come first, both parts ascending: the springs are sorted by
+        // their lower, then higher end.
         for pass in [1, 0] {
             for &(ends, law) in &springs {
                 let place = &mut next[ends[pass] as usize];
@@ -144,7 +146,7 @@ impl<L: Law> Pairs<L> {
             + self.start.capacity() * size_of::<usize>()
     }
 
-    /// Adds to each point what `term` gives for it and its neighbours.
+    /// Adds to each point the terms of its neighbours.
     fn gather<T: Send>(&self, to: &mut [T], term: impl Fn(usize, &[(u32, L)], &mut T) + Sync) {
         let one = |i: usize, t: &mut T| term(i, &self.around[self.start[i]..self.start[i + 1]], t);
         if is_shared(to.len()) {
@@ -223,7 +225,8 @@ impl<L: Law> Force for Pairs<L> {
     }
 }
 
-/// `B u` with `B = slope d d^T + tension/length (1 - d d^T)`, `d` the direction of `along`.
+/// `B u` with `B = slope d d^T + tension/length (1 - d d^T)`, where `d` is the direction of
+/// `along`.
 pub(super) fn block<L: Law>(
     law: &L,
     along: Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Which points of a lattice, a grid or a mesh are joined.
+//! Patterns of springs in a lattice, a grid or a mesh.
 
 use nalgebra::Point3;
 
@@ -9,7 +9,7 @@ use super::neighbours::Neighbours;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
 
-/// The two ends of each spring of a lattice, lower first, point by point.
+/// The two ends of each spring of a lattice, the lower one first, in the order of the points.
 pub fn lattice(shape: &Shape, neighbours: Neighbours) -> impl Iterator<Item = [u32; 2]> + use<> {
     let points = shape.points;
     (0..)
@@ -29,7 +29,7 @@ pub fn lattice(shape: &Shape, neighbours: Neighbours) -> impl Iterator<Item = [u
 pub struct GridPattern {
     /// Between neighbours along rows and columns.
     pub structural: Vec<[u32; 2]>,
-    /// Across squares.
+    /// Across the diagonals of squares.
     pub shear: Vec<[u32; 2]>,
     /// Between points at distance two along rows and columns.
     pub bending: Vec<[u32; 2]>,
@@ -37,7 +37,8 @@ pub struct GridPattern {
     pub angular: Vec<[u32; 3]>,
 }
 
-/// The pattern of a grid of `columns` by `rows` points, rows one after the other; empty if the product is beyond 2^32.
+/// The pattern of a grid of `columns` by `rows` points in row order; empty if the product exceeds
+/// 2^32.
 pub fn grid(columns: u32, rows: u32) -> GridPattern {
     let mut pattern = GridPattern::default();
     if columns.checked_mul(rows).is_none() {
@@ -70,15 +71,15 @@ pub fn grid(columns: u32, rows: u32) -> GridPattern {
     pattern
 }
 
-/// The pattern of a triangle mesh: structural springs are its edges; each pair of triangles at an edge is crossed by one
-/// between their other corners, which resists shear and bending at once; angular springs join each inner vertex with the
-/// opposite neighbours of its ring. `shear` is empty.
+/// The pattern of a triangle mesh. Structural springs are its edges. One spring crosses each edge
+/// between the opposite corners of its two triangles and resists shear and bending. Angular springs
+/// join each inner vertex with the opposite neighbours of its ring. `shear` is empty.
 pub fn of_mesh(mesh: &TriangleMesh, topology: &Topology) -> GridPattern {
     let mut pattern = GridPattern {
         structural: topology.edges.clone(),
         ..GridPattern::default()
     };
-    // Two triangles with the same corners have no other ones to join.
+    // Two triangles with the same corners have no other corners to join.
     let across = topology
         .hinges
         .iter()
@@ -94,7 +95,8 @@ pub fn of_mesh(mesh: &TriangleMesh, topology: &Topology) -> GridPattern {
     pattern
 }
 
-/// The neighbours of an inner vertex, walked around once; none for a vertex on a rim or where several fans meet.
+/// The neighbours of an inner vertex in cyclic order; empty for a boundary vertex or one with
+/// several fans.
 fn ring(mesh: &TriangleMesh, topology: &Topology, v: u32) -> Vec<u32> {
     let mut left: Vec<[u32; 2]> = Vec::new();
     for &t in topology.triangles_of_vertex(v as usize) {

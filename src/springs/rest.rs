@@ -1,4 +1,4 @@
-//! Coming to rest: forces and motion both small, within a limit of steps.
+//! Simulation to rest: forces and motion are both small, within a limit of steps.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,10 +6,11 @@ use super::integrators::{Integrator, StepError};
 use super::system::{Energy, SpringSystem};
 use crate::mesh::measures::{Aabb, greatest};
 
-/// When a system counts as at rest.
+/// Criterion of rest.
 ///
-/// Small moves from step to step are no sign of rest: a steady drift passes any rule on their ratio, and slow decay stops
-/// hundreds of steps too early (errata B09). Both force and motion have to be small.
+/// Small moves from step to step do not prove rest: a steady drift satisfies any rule on their
+/// ratio, and slow decay satisfies it hundreds of steps too early (errata B09). Force and motion
+/// must both be small.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest {
     /// Greatest force without damping on a free point [N].
@@ -19,10 +20,10 @@ pub struct Rest {
 }
 
 impl Rest {
-    /// A share of the force that stretches what holds a point by its own rest length, and the square of that share of the
-    /// energy of doing so everywhere.
+    /// A criterion relative to the force that stretches the springs of a point by their rest
+    /// length, and by the square of `share` relative to the energy of doing so everywhere.
     ///
-    /// What has no length of its own, as springs of rest length 0, is measured by the size of the system.
+    /// For springs of rest length 0, the size of the system replaces the rest length.
     pub fn share_of(system: &SpringSystem, share: f64) -> Self {
         let mut sums = vec![0.0; system.len()];
         system
@@ -40,12 +41,12 @@ impl Rest {
     }
 }
 
-/// What a step left.
+/// Measures of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepRecord {
-    /// Number of the step, from 1.
+    /// Index of the step, from 1.
     pub step: usize,
-    /// The step [s].
+    /// Length of the step [s].
     pub dt: f64,
     /// Greatest move of a point [m].
     pub greatest_move: f64,
@@ -55,14 +56,14 @@ pub struct StepRecord {
     pub residual: f64,
 }
 
-/// How a run to rest ended.
+/// End of a run to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum End {
-    /// It is at rest.
+    /// The system is at rest.
     Rest,
-    /// It is not, after as many steps as were allowed.
+    /// The system is not at rest after the greatest number of steps.
     Steps,
-    /// The watcher wanted to stop.
+    /// The watcher stopped the run.
     Stopped,
     /// A step failed.
     Failed(StepError),
@@ -71,15 +72,16 @@ pub enum End {
 /// A run to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settled {
-    /// How it ended.
+    /// Reason of the end.
     pub end: End,
-    /// Steps made.
+    /// Number of steps.
     pub steps: usize,
-    /// What the last step left.
+    /// Measures of the last step.
     pub last: StepRecord,
 }
 
-/// Steps of `dt` [s] until `system` is at rest, at most `steps`; `watch` hears of each and says whether to go on.
+/// Makes steps of `dt` [s] until `system` is at rest, at most `steps`. `watch` receives each record
+/// and stops the run by returning false.
 pub fn settle(
     system: &mut SpringSystem,
     integrator: &mut dyn Integrator,
@@ -92,7 +94,7 @@ pub fn settle(
     settle_by(system, step, rest, steps, &mut watch)
 }
 
-/// As [`settle`], by any way to make a step, which tells how long it was [s].
+/// The same as [`settle`] with any function that makes a step and returns its length [s].
 pub fn settle_by(
     system: &mut SpringSystem,
     mut advance: impl FnMut(&mut SpringSystem) -> Result<f64, StepError>,
@@ -102,7 +104,7 @@ pub fn settle_by(
 ) -> Settled {
     let mut last = record(system, 0, 0.0, &system.position);
     let mut before: Vec<Point3<f64>> = Vec::new();
-    // Where it is at rest already nothing has to be done.
+    // A system at rest needs no step.
     let is_rest = |r: &StepRecord| r.residual <= rest.force && r.energy.kinetic <= rest.energy;
     for step in 0..=steps {
         if is_rest(&last) {

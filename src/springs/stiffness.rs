@@ -1,4 +1,4 @@
-//! Stiffness of springs along the edges of a triangle mesh from constants of its material.
+//! Stiffness of springs along the edges of a triangle mesh from material constants.
 
 use super::hooke::{Hooke, Springs};
 use super::pairs::PairError;
@@ -6,13 +6,14 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::topology::Topology;
 
-/// What is done with negative stiffness, which the formula gives opposite angles that are far from acute.
+/// Treatment of negative stiffness, which the formula gives opposite angles that are far from
+/// acute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Negative {
-    /// They are set to 0.
+    /// Negative values become 0.
     #[default]
     Clamp,
-    /// They stay: the sum over the mesh is right, but a mode may have no stiffness at all.
+    /// Negative values stay: the sum over the mesh is right, but a mode can have no stiffness.
     Keep,
 }
 
@@ -21,16 +22,18 @@ pub enum Negative {
 pub struct EdgeStiffness {
     /// Stiffness of each edge of the topology [N/m].
     pub stiffness: Vec<f64>,
-    /// Edges whose stiffness came out negative, and what it was [N/m].
+    /// Edges with negative stiffness, and the value [N/m].
     pub negative: Vec<(u32, f64)>,
 }
 
-/// The stiffness of the side of length c in a triangle with sides a, b, c and area A \[vangelder1998\], corrected (errata B02):
-/// `E2/(1 + nu) A/c^2 + E2 nu/(1 - nu^2) (a^2 + b^2 - c^2)/(8 A)` [N/m]; `E2` [N/m] is Young's modulus times thickness, nu
-/// Poisson's ratio.
+/// The stiffness of the side of length c in a triangle with sides a, b, c and area A
+/// \[vangelder1998\], corrected (errata B02):
+/// `E2/(1 + nu) A/c^2 + E2 nu/(1 - nu^2) (a^2 + b^2 - c^2)/(8 A)` [N/m], where `E2` [N/m] is
+/// Young's modulus times thickness, and nu Poisson's ratio.
 ///
-/// The energy of an even strain is that of plane stress for the equilateral triangle at nu = 1/3; for dilation of any
-/// triangle it is `(3 - nu)/(2 (1 + nu))` times that. Not finite for a triangle without area.
+/// The energy of a uniform strain is that of plane stress for the equilateral triangle at nu = 1/3.
+/// For dilation of any triangle it is `(3 - nu)/(2 (1 + nu))` times that. Not finite for a triangle
+/// without area.
 pub fn of_side([a, b, c]: [f64; 3], area: f64, e2: f64, nu: f64) -> f64 {
     e2 / (1.0 + nu) * area / (c * c)
         + e2 * nu / (1.0 - nu * nu) * (a * a + b * b - c * c) / (8.0 * area)
@@ -70,7 +73,8 @@ pub fn membrane(
     }
 }
 
-/// `E2 sum A/L^2` over the triangles of each edge [N/m] (errata M17): never negative, and without Poisson's ratio.
+/// `E2 sum A/L^2` over the triangles of each edge [N/m] (errata M17): never negative, and
+/// independent of Poisson's ratio.
 pub fn area_over_length(mesh: &TriangleMesh, topology: &Topology, e2: f64) -> Vec<f64> {
     let areas = triangle_areas(&mesh.vertices, &mesh.triangles);
     let lengths = topology.edge_lengths(mesh);
@@ -86,7 +90,7 @@ pub fn area_over_length(mesh: &TriangleMesh, topology: &Topology, e2: f64) -> Ve
     stiffness
 }
 
-/// Springs along the edges of a mesh that is at rest, each of its own stiffness [N/m].
+/// Springs along the edges of a mesh at rest, each with its own stiffness [N/m].
 ///
 /// # Errors
 /// A stiffness that is not finite.

@@ -1,4 +1,4 @@
-//! Points with masses, and what acts on them.
+//! Points with masses, and the forces on them.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -7,13 +7,13 @@ use super::force::Force;
 use crate::mesh::sum::tree_sum_by;
 use crate::particles::is_shared;
 
-/// Why a system is refused.
+/// Error of a system.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SystemError {
-    /// There is nothing to move.
+    /// There are no points.
     #[error("the system has no points")]
     Empty,
-    /// Not one mass a point.
+    /// The numbers of masses and points differ.
     #[error("{masses} masses for {points} points")]
     Masses {
         /// Number of masses.
@@ -21,26 +21,26 @@ pub enum SystemError {
         /// Number of points.
         points: usize,
     },
-    /// A mass that no point can have.
+    /// A mass is not positive and finite.
     #[error("point {point} has the mass {mass} kg; a positive one is needed")]
     Mass {
-        /// The point.
+        /// Index of the point.
         point: usize,
         /// The mass [kg].
         mass: f64,
     },
-    /// A coordinate that is not finite.
+    /// A coordinate is not finite.
     #[error("point {point} has a coordinate that is not finite")]
     NotFinite {
-        /// The point.
+        /// Index of the point.
         point: usize,
     },
-    /// A force on a point that does not exist.
+    /// A force acts on a point that does not exist.
     #[error("{force} act on point {point}, but there are {count} points")]
     OutOfRange {
         /// Name of the force.
         force: &'static str,
-        /// The point.
+        /// Index of the point.
         point: u32,
         /// Number of points.
         count: usize,
@@ -50,28 +50,28 @@ pub enum SystemError {
 /// Energy of a system [J].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energy {
-    /// Of motion.
+    /// Kinetic energy.
     pub kinetic: f64,
     /// Stored in springs and volumes.
     pub stored: f64,
-    /// Of the loads: minus force times position.
+    /// Energy of the loads: minus force times position.
     pub loads: f64,
 }
 
 impl Energy {
-    /// All of it [J]; without damping it is kept.
+    /// Total energy [J]; constant without damping.
     pub fn total(self) -> f64 {
         self.kinetic + self.stored + self.loads
     }
 }
 
-/// A mass-spring system: `m x'' + c x' = forces + load`, of which pinned points take no part.
+/// A mass-spring system: `m x'' + c x' = forces + load` for all points that are not pinned.
 pub struct SpringSystem {
     /// Positions [m], shape `[point_count]`.
     pub position: Vec<Point3<f64>>,
     /// Velocities [m/s], shape `[point_count]`; those of pinned points are 0.
     pub velocity: Vec<Vector3<f64>>,
-    /// Force against the velocity of each point, c [N s/m].
+    /// Damping coefficient of each point, c [N s/m].
     pub damping: f64,
     /// Constant force on each point [N], shape `[point_count]`, or empty for none.
     pub load: Vec<Vector3<f64>>,
@@ -81,10 +81,11 @@ pub struct SpringSystem {
 }
 
 impl SpringSystem {
-    /// Points at rest with masses [kg], without forces.
+    /// Creates points at rest with masses [kg], without forces.
     ///
     /// # Errors
-    /// No points, another number of masses, a mass that is not positive, a coordinate that is not finite.
+    /// No points, another number of masses, a mass that is not positive, or a coordinate that is
+    /// not finite.
     pub fn new(position: Vec<Point3<f64>>, mass: Vec<f64>) -> Result<Self, SystemError> {
         let points = position.len();
         if points == 0 {
@@ -123,7 +124,7 @@ impl SpringSystem {
     /// Adds a force.
     ///
     /// # Errors
-    /// It acts on a point that does not exist.
+    /// A force on a point that does not exist.
     pub fn add(&mut self, force: impl Force + 'static) -> Result<(), SystemError> {
         let count = self.len();
         match force.highest_point() {
@@ -139,7 +140,7 @@ impl SpringSystem {
         }
     }
 
-    /// Holds points where they are; those out of range are ignored.
+    /// Fixes points at their positions; indices out of range are ignored.
     pub fn pin(&mut self, points: impl IntoIterator<Item = u32>) {
         for p in points {
             let p = p as usize;
@@ -155,7 +156,7 @@ impl SpringSystem {
         self.position.len()
     }
 
-    /// Whether there are no points, which never is.
+    /// Always false: a system has at least one point.
     pub fn is_empty(&self) -> bool {
         self.position.is_empty()
     }
@@ -165,12 +166,12 @@ impl SpringSystem {
         &self.mass
     }
 
-    /// Whether each point is held, shape `[point_count]`.
+    /// True for each fixed point, shape `[point_count]`.
     pub fn pinned(&self) -> &[bool] {
         &self.pinned
     }
 
-    /// What acts, in the order in which it was added.
+    /// The forces in the order of their addition.
     pub fn forces(&self) -> &[Box<dyn Force>] {
         &self.forces
     }
@@ -215,7 +216,8 @@ impl SpringSystem {
         }
     }
 
-    /// K p at positions `x` [N]; rows and columns of pinned points are left out. `free` is room to work in.
+    /// K p at positions `x` [N], without the rows and columns of pinned points. `free` is a work
+    /// array.
     pub fn product(
         &self,
         x: &[Point3<f64>],

@@ -1,4 +1,5 @@
-//! Forces that keep the volume of a closed surface: by its true gradient, and the centre springs of the thesis.
+//! Forces that preserve the volume of a closed surface: by its gradient, and by the centre springs
+//! of the thesis.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,13 +8,13 @@ use crate::constraints::enclosed_volume::EnclosedVolume;
 use crate::mesh::measures::triangle_areas;
 use crate::mesh::sum::tree_sum_by;
 
-/// Why a volume cannot be kept.
+/// Error of a volume force.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum VolumeError {
-    /// The surface encloses nothing.
+    /// The surface encloses no volume.
     #[error("the surface encloses {0} m3; it has to be closed and turned outward")]
     NoVolume(f64),
-    /// Not one weight a point.
+    /// The numbers of weights and points differ.
     #[error("{weights} weights for {points} points")]
     Weights {
         /// Number of weights.
@@ -21,20 +22,20 @@ pub enum VolumeError {
         /// Number of points.
         points: usize,
     },
-    /// A parameter that is not finite or has the wrong sign.
+    /// A parameter is not finite or has the wrong sign.
     #[error("{what} is {value}")]
     Parameter {
-        /// Which.
+        /// Name of the parameter.
         what: &'static str,
-        /// What it is.
+        /// Value of the parameter.
         value: f64,
     },
-    /// A triangle names a point that does not exist.
+    /// A triangle refers to a point that does not exist.
     #[error("triangle {triangle} names point {point}, but there are {count} points")]
     OutOfRange {
-        /// The triangle.
+        /// Index of the triangle.
         triangle: usize,
-        /// The point.
+        /// Index of the point.
         point: u32,
         /// Number of points.
         count: usize,
@@ -56,9 +57,10 @@ fn check_triangles(triangles: &[[u32; 3]], count: usize) -> Result<(), VolumeErr
 
 /// `f_i = -w_i K (V - V0)/V0 grad_i V`, K a bulk modulus [Pa] (errata B04).
 ///
-/// A constant of the material that does not depend on the mesh, without net force or torque where all weights are equal.
-/// The weights w, 0 to 1, say how much each point takes part \[jung2006\]; where they differ, the force has no energy, momentum
-/// is not kept, and [`Force::energy`] is that of weights of 1.
+/// The modulus is a material constant, independent of the mesh. There is no net force or torque if
+/// all weights are equal. The weights w, 0 to 1, scale the force on each point \[jung2006\]. For
+/// unequal weights the force has no energy and does not conserve momentum; [`Force::energy`] is
+/// then that of weights of 1.
 #[derive(Clone, Debug)]
 pub struct TrueVolume {
     surface: EnclosedVolume,
@@ -69,11 +71,13 @@ pub struct TrueVolume {
 }
 
 impl TrueVolume {
-    /// Keeps the volume enclosed by `triangles` over points at rest at `x` at its present value, or at `rest` [m3] if given.
-    /// `weight` has a number a point, or none for 1 everywhere.
+    /// Keeps the volume enclosed by `triangles` over points at rest at `x` at its present value, or
+    /// at `rest` [m3] if given. `weight` contains one number per point, or is empty for 1
+    /// everywhere.
     ///
     /// # Errors
-    /// A surface without volume, another number of weights, weights outside 0 to 1, a modulus that is not positive.
+    /// A surface without volume, another number of weights, weights outside 0 to 1, or a modulus
+    /// that is not positive.
     pub fn new(
         x: &[Point3<f64>],
         triangles: &[[u32; 3]],
@@ -122,7 +126,7 @@ impl TrueVolume {
         })
     }
 
-    /// The volume that is kept [m3].
+    /// The target volume [m3].
     pub fn rest(&self) -> f64 {
         self.rest
     }
@@ -132,7 +136,7 @@ impl TrueVolume {
         self.surface.value(x) + self.rest
     }
 
-    /// Pressure inside over outside [Pa].
+    /// Excess pressure inside [Pa].
     pub fn pressure(&self, x: &[Point3<f64>]) -> f64 {
         -self.bulk * self.surface.value(x) / self.rest
     }
@@ -173,7 +177,8 @@ impl Force for TrueVolume {
     ) {
         let (change, gradient) = self.surface.value_and_gradient(x);
         let pressure = -self.bulk * change / self.rest;
-        // For unequal weights the symmetric part that has their geometric mean stands for K.
+        // For unequal weights, K is replaced by its symmetric form with the geometric mean of the
+        // weights.
         let root = |i: usize| self.weight[i].sqrt();
         let along = tree_sum_by(gradient.len(), |i| gradient[i].dot(&p[i]) * root(i));
         for (i, g) in gradient.iter().enumerate() {
@@ -182,7 +187,7 @@ impl Force for TrueVolume {
         if definite {
             return;
         }
-        // The volume is cubic: the change of its gradient is that of the ring's products.
+        // The volume is cubic: the change of its gradient is that of the products in the ring.
         for &[a, b, c] in self.surface.triangles() {
             for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]].map(|t| t.map(|v| v as usize)) {
                 let (to_j, to_k) = (x[j] - x[i], x[k] - x[i]);
@@ -202,19 +207,21 @@ impl Force for TrueVolume {
         for &[a, b, c] in self.surface.triangles() {
             for [i, j, k] in [[a, b, c], [b, c, a], [c, a, b]].map(|t| t.map(|v| v as usize)) {
                 let around = (x[j] - x[i]).norm() + (x[k] - x[i]).norm();
-                // Each twice: before the neighbour's displacement and before the point's own.
+                // Each term twice: for the neighbour's displacement and for the point's own.
                 sums[i] += pressure * around / 3.0;
             }
         }
     }
 }
 
-/// The thesis's springs from every point to the centre of mass: `f_i = -c_i k (D + C d_i) u_i`, `D = sum c_i d_i/3`, `d_i` the
-/// change of the distance to the centre, `u_i` its direction, `c_i` the area of the point's triangles over the mean area.
+/// The thesis's springs from every point to the centre of mass: `f_i = -c_i k (D + C d_i) u_i`,
+/// `D = sum c_i d_i/3`. Here `d_i` is the change of the distance to the centre, `u_i` its
+/// direction, and `c_i` the area of the point's triangles over the mean area.
 ///
-/// Kept beside [`TrueVolume`] for comparison (errata B04): it grows with the number of triangles, so that k has to be found anew
-/// for each mesh, pushes bodies without symmetry, and takes a change of shape at the same volume for a change of volume.
-/// Points count equally in the centre. The energy is that of a centre that stays.
+/// This force exists for comparison with [`TrueVolume`] (errata B04). It grows with the number of
+/// triangles, so k must be tuned for each mesh. It pushes bodies without symmetry, and treats a
+/// change of shape at constant volume as a change of volume. All points have equal weight in the
+/// centre. The energy is that of a fixed centre.
 #[derive(Clone, Debug)]
 pub struct CentreSprings {
     points: Vec<u32>,
@@ -225,10 +232,12 @@ pub struct CentreSprings {
 }
 
 impl CentreSprings {
-    /// Springs of a closed surface that is at rest at `x`; `stiffness` k [N/m], `keep` C from 0 to 1.
+    /// Creates springs of a closed surface at rest at `x`; `stiffness` is k [N/m], `keep` is C from
+    /// 0 to 1.
     ///
     /// # Errors
-    /// A triangle of points that do not exist, a surface without area, parameters out of range.
+    /// A triangle with points that do not exist, a surface without area, or parameters out of
+    /// range.
     pub fn new(
         x: &[Point3<f64>],
         triangles: &[[u32; 3]],
@@ -272,7 +281,7 @@ impl CentreSprings {
         Ok(springs)
     }
 
-    /// From the centre to each point.
+    /// Vector from the centre to each point.
     fn spokes(&self, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
         let count = self.points.len();
         let mean = |k: usize| tree_sum_by(count, |i| x[self.points[i] as usize][k]) / count as f64;
@@ -283,7 +292,7 @@ impl CentreSprings {
             .collect()
     }
 
-    /// D, what stands for the change of volume over the mean area [m], and d of each point [m].
+    /// D, the measure of the change of volume over the mean area [m], and d of each point [m].
     pub fn change(&self, x: &[Point3<f64>]) -> (f64, Vec<f64>) {
         let spokes = self.spokes(x);
         let d: Vec<f64> = spokes
@@ -332,7 +341,8 @@ impl Force for CentreSprings {
         _: bool,
         product: &mut [Vector3<f64>],
     ) {
-        // What is along the spokes, which is symmetric and definite; what turns them is of second order at rest.
+        // The part along the spokes, which is symmetric and definite; their rotation is of second
+        // order at rest.
         let spokes: Vec<Vector3<f64>> = self
             .spokes(x)
             .iter()

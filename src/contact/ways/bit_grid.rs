@@ -1,4 +1,4 @@
-//! Boxes that are either bone or free, a bit each.
+//! A grid of boxes that are either bone or free, one bit each.
 
 use nalgebra::{Point3, Vector3};
 
@@ -10,28 +10,31 @@ use crate::mesh::inside::Inside;
 use crate::mesh::measures::Aabb;
 use crate::mesh::winding::WindingTree;
 
-/// Which boxes are bone.
+/// Rule for the boxes of bone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fill {
-    /// Those whose middle is: bone thinner than a box may have none.
+    /// Boxes whose centre is in bone: bone thinner than a box can have none.
     Centre,
-    /// Those whose middle is, and all that the surface meets: no bone is free, but a gap narrower than a box is bone.
+    /// Boxes whose centre is in bone, and all boxes that the surface intersects: all bone is
+    /// covered, but a gap narrower than a box is filled.
     Touch,
 }
 
-/// A part of a way, as shares of it.
+/// A part of a path, as shares of its length.
 struct Stretch {
     from: f64,
     to: f64,
     bone: bool,
 }
 
-/// The grid of bits of the first source: `k^3` boxes, of which only is known whether they are bone \[cervenka2019\].
+/// The bit grid of the first source: `k^3` boxes with one bit each \[cervenka2019\].
 ///
-/// A muscle is kept out of the boxes and not out of the bone. Let `d` be the distance from a closed bone and `e` that from
-/// the boxes. Where `e` is positive, `-diagonal <= d <= e + diagonal`; filled by touch also `e <= d`, so that what is kept
-/// out of the boxes is kept out of the bone. Inside of the boxes `e` may be anything below `d` where a gap of the bone was
-/// filled, and filled by their middles `e` may be anything above `d` where the bone is thin. A direction is that to a
+/// Contact acts on the boxes, not on the bone. Let `d` be the distance from a closed bone and `e`
+/// that from the boxes. Where `e` is positive, `-diagonal <= d <= e + diagonal`. With
+/// [`Fill::Touch`] also `e <= d`: a point outside the boxes is outside the bone. Inside the boxes,
+/// `e` can be any value below `d` where a gap of the bone was filled; with [`Fill::Centre`], any
+/// value above `d` where the bone is thin. A direction is that to a corner, an edge or a side of a
+/// box.
 /// corner, an edge or a side of a box.
 #[derive(Clone, Debug)]
 pub struct BitGrid {
@@ -41,8 +44,9 @@ pub struct BitGrid {
 }
 
 impl BitGrid {
-    /// Fills `k` boxes along each axis, at least four: the surface begins amid the second, and the outermost are free. What is inside a mesh that is not closed
-    /// and oriented is decided by the generalised winding number \[jacobson2013\].
+    /// Fills `k` boxes along each axis, at least four: the surface begins in the middle of the
+    /// second box, and the outermost boxes are free. For a mesh that is not closed and oriented the
+    /// generalised winding number decides what is inside \[jacobson2013\].
     pub fn new(mesh: &TriangleMesh, k: usize, fill: Fill) -> Self {
         let k = k.max(4);
         let inner = Boxes::new(&mesh.bounding_box(), k - 3);
@@ -89,17 +93,17 @@ impl BitGrid {
         self.bits[index / 64] >> (index % 64) & 1 == 1
     }
 
-    /// Whether a point lies in a box that is bone; beyond the boxes all is free.
+    /// True if a point lies in a box of bone; everything beyond the grid is free.
     pub fn holds(&self, point: &Point3<f64>) -> bool {
         self.boxes.bounds.contains(point) && self.is_bone(self.boxes.at(point))
     }
 
-    /// Diagonal of a box [m], which bounds how far the surface is beyond the boxes.
+    /// Diagonal of a box [m], a bound on the distance of the surface beyond the boxes.
     pub fn diagonal(&self) -> f64 {
         self.boxes.size.norm()
     }
 
-    /// How many boxes are bone.
+    /// Number of boxes of bone.
     pub fn filled(&self) -> usize {
         self.bits.iter().map(|b| b.count_ones() as usize).sum()
     }
@@ -109,9 +113,10 @@ impl BitGrid {
         self.bits.capacity() * 8
     }
 
-    /// The rule of the first source as printed, for comparison: where a vertex that wanted to go from `x` to `p` [m] is
-    /// put. It stays at a `p` that is free, whatever it passed (errata A17); else it is put into the first free box on
-    /// the way back to `x`. `None` if there is none, as when a bone moved over both.
+    /// The rule of the first source as printed, for comparison: the new position of a vertex that
+    /// would move from `x` to `p` [m]. The vertex goes to `p` if that is free, whatever the path
+    /// crosses (errata A17); otherwise to the first free box on the path back to `x`. `None` if
+    /// there is none, for example when a bone moved over both.
     pub fn walk_back(&self, x: &Point3<f64>, p: &Point3<f64>) -> Option<Point3<f64>> {
         if !self.holds(p) {
             return Some(*p);
@@ -120,8 +125,9 @@ impl BitGrid {
         Some(p + (x - p) * (free.from + self.within(&free, (x - p).norm())))
     }
 
-    /// What the rule should have been: the last place on the way from `x` to `p` [m] before the first box of bone; `p` if
-    /// no box of the way is bone. `None` if `x` lies in bone: the way out is then that to [`Closest::point`].
+    /// The corrected rule: the last point on the path from `x` to `p` [m] before the first box of
+    /// bone; `p` if no box on the path is bone. `None` if `x` lies in bone: the exit is then
+    /// [`Closest::point`].
     pub fn walk(&self, x: &Point3<f64>, p: &Point3<f64>) -> Option<Point3<f64>> {
         if self.holds(x) {
             return None;
@@ -136,7 +142,7 @@ impl BitGrid {
         Some(x + (p - x) * (before.to - self.within(before, (p - x).norm())))
     }
 
-    /// The parts of a way that lie in one box each, or beyond all.
+    /// The parts of a path that lie in one box each, or beyond all boxes.
     fn stretches(&self, from: &Point3<f64>, to: &Point3<f64>) -> Vec<Stretch> {
         let along = to - from;
         let bone = |a: f64, b: f64| self.holds(&(from + along * (0.5 * (a + b))));
@@ -151,13 +157,13 @@ impl BitGrid {
             .collect()
     }
 
-    /// How far from its end a place in a stretch of a way of `length` [m] is chosen, as a share of the way: a quarter of a
-    /// box, which is certainly within, or half of the stretch, which was looked at.
+    /// Distance of the chosen point from the end of a part, as a share of a path of `length` [m]: a
+    /// quarter of a box, which is certainly inside, or half of the part, which was tested.
     fn within(&self, stretch: &Stretch, length: f64) -> f64 {
         (0.5 * (stretch.to - stretch.from)).min(0.25 * self.boxes.size.min() / length)
     }
 
-    /// Unit vector by which one gets from the first box to the second.
+    /// Unit vector from the first box to the second.
     fn towards(&self, from: Place, to: Place) -> Vector3<f64> {
         let along = self.boxes.centre(to) - self.boxes.centre(from);
         along.try_normalize(0.0).unwrap_or_else(Vector3::z)
@@ -168,7 +174,7 @@ fn set(bits: &mut [u64], index: usize) {
     bits[index / 64] |= 1 << (index % 64);
 }
 
-/// The surface is that between free boxes and those that are bone.
+/// The surface between free boxes and boxes of bone.
 impl Obstacle for BitGrid {
     fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
         let inside = self.holds(point);
@@ -186,7 +192,7 @@ impl Obstacle for BitGrid {
         });
         let (distance, other, nearest) = best?;
         let sign = if inside { -1.0 } else { 1.0 };
-        // Nearer than this the direction is rounding.
+        // At a smaller distance the direction is rounding error.
         let normal = if distance > 1e-9 * self.diagonal() {
             (point - nearest) * (sign / distance)
         } else {

@@ -1,31 +1,31 @@
-//! A box along the axes, cut into equally many boxes along each of them.
+//! An axis-aligned box divided into equal numbers of boxes along each axis.
 
 use nalgebra::{Point3, Vector3};
 
 use super::overlap::may_meet;
 use crate::mesh::measures::Aabb;
 
-/// Roundings of a coordinate of a box, relative to the largest coordinate; a generous count.
+/// Upper bound of the rounding error of a box's coordinate, relative to the largest coordinate.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// Where a box is along each axis.
+/// Index of a box along each axis.
 pub(super) type Place = [usize; 3];
 
-/// Boxes that fill a box.
+/// A uniform division of a box.
 #[derive(Clone, Debug)]
 pub(super) struct Boxes {
-    /// All of them [m].
+    /// Bounds of all boxes [m].
     pub bounds: Aabb,
-    /// Sides of one [m].
+    /// Side lengths of one box [m].
     pub size: Vector3<f64>,
-    /// How many there are along each axis.
+    /// Number of boxes along each axis.
     pub count: usize,
-    /// More than any coordinate of a box is off by rounding [m].
+    /// Upper bound of the rounding error of a box's coordinates [m].
     pub slack: f64,
 }
 
 impl Boxes {
-    /// Cuts `bounds`; what is flat is made as thick as it is long, for its boxes must have sides.
+    /// Divides `bounds`; a flat box becomes as thick as long, since all sides must be positive.
     pub fn new(bounds: &Aabb, count: usize) -> Self {
         let count = count.max(1);
         let min = if bounds.is_empty() {
@@ -34,7 +34,7 @@ impl Boxes {
             bounds.min
         };
         let extents = bounds.extents();
-        // Boxes of a single point may have any size.
+        // Boxes of a single point can have any size.
         let longest = if extents.max() > 0.0 {
             extents.max()
         } else {
@@ -54,19 +54,19 @@ impl Boxes {
         }
     }
 
-    /// The box that holds a point, or the nearest to it.
+    /// The box that contains a point, or the nearest box.
     pub fn at(&self, point: &Point3<f64>) -> Place {
         std::array::from_fn(|k| {
             (((point[k] - self.bounds.min[k]) / self.size[k]) as usize).min(self.count - 1)
         })
     }
 
-    /// Index of a box in a list of all.
+    /// Index of a box in a list of all boxes.
     pub fn index(&self, [x, y, z]: Place) -> usize {
         (x * self.count + y) * self.count + z
     }
 
-    /// How many boxes there are.
+    /// Number of boxes.
     pub fn len(&self) -> usize {
         self.count.pow(3)
     }
@@ -76,18 +76,18 @@ impl Boxes {
         self.bounds.min + Vector3::from_fn(|k, _| place[k] as f64).component_mul(&self.size)
     }
 
-    /// Middle of a box [m].
+    /// Centre of a box [m].
     pub fn centre(&self, place: Place) -> Point3<f64> {
         self.low(place) + 0.5 * self.size
     }
 
-    /// The point of a box that is nearest to `point` [m].
+    /// The point of a box nearest to `point` [m].
     pub fn nearest(&self, place: Place, point: &Point3<f64>) -> Point3<f64> {
         let low = self.low(place);
         low.sup(&(low + self.size).inf(point))
     }
 
-    /// Visits the boxes that a triangle may meet.
+    /// Visits a superset of the boxes that a triangle intersects.
     pub fn meeting(&self, t: &[Point3<f64>; 3], mut visit: impl FnMut(Place)) {
         let grown = Aabb::of_points(t).inflate(self.slack);
         let (low, high) = (self.at(&grown.min), self.at(&grown.max));
@@ -103,9 +103,9 @@ impl Boxes {
         }
     }
 
-    /// Visits boxes in growing shells around the one nearest to `point`. `visit` is given the distance within which a
-    /// search still wants to know of something [m] and returns it, less where it found something; boxes that are all
-    /// further away are not visited.
+    /// Visits boxes in growing shells around the one nearest to `point`. `visit` gets the present
+    /// search distance [m] and returns it, reduced if it found something nearer. Boxes beyond the
+    /// search distance are not visited.
     pub fn search(
         &self,
         point: &Point3<f64>,
@@ -122,7 +122,7 @@ impl Boxes {
             } else {
                 self.beyond(&inner, middle, ring)
             };
-            // No point of the boxes is nearer to `point` than this, as they are convex together.
+            // No point of the boxes is nearer to `point` than this, since their union is convex.
             if (away + beyond * beyond).sqrt() - self.slack > reach || beyond.is_infinite() {
                 return;
             }
@@ -130,7 +130,8 @@ impl Boxes {
         }
     }
 
-    /// Distance of a point in the box `middle` from all boxes at least `ring` boxes away [m]; infinite if there is none.
+    /// Distance of a point in the box `middle` from all boxes at least `ring` boxes away [m];
+    /// infinite if there are none.
     fn beyond(&self, inner: &Point3<f64>, middle: Place, ring: usize) -> f64 {
         let mut least = f64::INFINITY;
         for k in 0..3 {
@@ -142,11 +143,11 @@ impl Boxes {
                 least = least.min(face(middle[k] + ring) - inner[k]);
             }
         }
-        // Rounding may put the point a little out of its box.
+        // Rounding can put the point slightly outside its box.
         least.max(0.0)
     }
 
-    /// Visits the boxes exactly `ring` boxes away along some axis and no further along any.
+    /// Visits the boxes exactly `ring` boxes away along some axis and no farther along any.
     fn shell(&self, middle: Place, ring: usize, mut visit: impl FnMut(Place)) {
         let low = middle.map(|m| m.saturating_sub(ring));
         let high = middle.map(|m| (m + ring).min(self.count - 1));
@@ -166,14 +167,15 @@ impl Boxes {
         }
     }
 
-    /// Where the way from `from` to `to` may pass from one box to another, as shares of it, ascending from 0 to 1.
+    /// Positions where the path from `from` to `to` can pass from one box to another, as shares of
+    /// the path, ascending from 0 to 1.
     pub fn cuts(&self, from: &Point3<f64>, to: &Point3<f64>) -> Vec<f64> {
         let mut cuts = vec![0.0, 1.0];
         for k in 0..3 {
             let along = to[k] - from[k];
             let share =
                 |index: usize| (self.bounds.min[k] + index as f64 * self.size[k] - from[k]) / along;
-            // Parallel to the faces it passes none; the quotient is not finite then.
+            // A path parallel to the faces crosses none; the quotient is not finite then.
             cuts.extend((0..=self.count).map(share).filter(|s| *s > 0.0 && *s < 1.0));
         }
         cuts.sort_unstable_by(f64::total_cmp);
@@ -202,7 +204,7 @@ mod tests {
                 reach
             });
             assert!(visits.iter().all(|v| *v == 1), "{p}: {visits:?}");
-            // What is within a reach is visited.
+            // Everything within the search distance is visited.
             let reach = draw.between(0.0, 4.0);
             let mut met = vec![false; boxes.len()];
             boxes.search(&p, reach, |place, reach| {

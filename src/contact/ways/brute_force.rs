@@ -1,11 +1,11 @@
-//! Every triangle for every point: what the other ways are measured by.
+//! Every triangle for every point: the reference of the other methods.
 
 use nalgebra::Point3;
 
 use super::{Best, Kind, Way};
 use crate::mesh::TriangleMesh;
 
-/// Line of the list of ways.
+/// Entry in the list of methods.
 pub(super) const KIND: Kind = Kind {
     name: "brute force",
     sizes: &[0],
@@ -13,7 +13,7 @@ pub(super) const KIND: Kind = Kind {
     sort: |_, _| Box::new(BruteForce),
 };
 
-/// Looks at all triangles; `n m` of them for `n` points and `m` triangles (errata A03).
+/// Tests all triangles: `n m` tests for `n` points and `m` triangles (errata A03).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BruteForce;
 

@@ -1,7 +1,9 @@
-//! Other ways to find contact than the crate's own hierarchy, to be compared with it \[cervenka2019\].
+//! Alternative methods of contact search, for comparison with this crate's hierarchy
+//! \[cervenka2019\].
 //!
-//! Whatever finds the nearest triangle is exact: what a way leaves out is proven to be further away. The grid of bits has
-//! no triangles and is off by up to a box; it stands apart. A new way is a file of its own and a line in [`WAYS`].
+//! Methods that find the nearest triangle are exact: every skipped triangle is provably farther
+//! away. The bit grid has no triangles and an error of up to a box; it is separate. A new method is
+//! a file of its own and an entry in [`WAYS`].
 
 pub mod bit_grid;
 mod boxes;
@@ -25,45 +27,47 @@ use super::{Closest, Obstacle, OnTriangle};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 
-/// Triangles of a mesh at rest, sorted so that the nearest is found.
+/// A search structure over the triangles of a mesh at rest, for the nearest triangle.
 pub trait Way: Send + Sync {
-    /// The triangle of `mesh`, the one that was sorted, that is nearest to `point` and at most `reach` [m] from it; of
-    /// several equally near any.
+    /// The triangle of `mesh`, the mesh of this structure, nearest to `point` and within `reach`
+    /// [m]; any of several equally near.
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32>;
-    /// Heap memory held beside the mesh [bytes].
+    /// Heap memory besides the mesh [bytes].
     fn bytes(&self) -> usize;
 }
 
-/// A kind of way and the sizes with which the first source compared it.
+/// A method with the sizes that the first source compares.
 pub struct Kind {
-    /// Its name.
+    /// Name of the method.
     pub name: &'static str,
-    /// What is to be chosen: boxes along an axis, triangles in a cell; zero where nothing is.
+    /// Values of the parameter: boxes along an axis, or triangles in a cell; zero for a method
+    /// without parameter.
     pub sizes: &'static [usize],
-    /// The size that is best of them for bones of some ten thousand triangles.
+    /// The best of these sizes for bones of about ten thousand triangles.
     pub usual: usize,
-    /// Sorts a mesh.
+    /// Builds the structure of a mesh.
     pub sort: fn(&TriangleMesh, usize) -> Box<dyn Way>,
 }
 
 impl Kind {
-    /// The surface of `mesh` as an obstacle that is searched in this way, of the usual size.
+    /// The surface of `mesh` as an obstacle with this method and the usual size.
     pub fn obstacle(&self, mesh: &TriangleMesh) -> Arc<dyn Obstacle> {
         Arc::new(Searched::new(mesh, (self.sort)(mesh, self.usual)))
     }
 }
 
-/// Every kind of way.
+/// All methods.
 pub const WAYS: &[Kind] = &[brute_force::KIND, voxels::KIND, octree::KIND];
 
-/// A surface at rest whose nearest triangle is found by any way; signs as those of [`super::Surface`].
+/// A surface at rest with any method for the nearest triangle; signs are those of
+/// [`super::Surface`].
 pub struct Searched {
     faces: Faces,
     way: Box<dyn Way>,
 }
 
 impl Searched {
-    /// A copy of `mesh` with the `way` in which it was sorted.
+    /// A copy of `mesh` with its search structure `way`.
     pub fn new(mesh: &TriangleMesh, way: Box<dyn Way>) -> Self {
         Self {
             faces: Faces::new(mesh),
@@ -71,7 +75,7 @@ impl Searched {
         }
     }
 
-    /// The nearest place of the surface, at most `reach` [m] away.
+    /// The nearest point of the surface within `reach` [m].
     pub fn nearest(&self, point: &Point3<f64>, reach: f64) -> Option<OnTriangle> {
         let triangle = self.way.nearest(&self.faces.mesh, point, reach)?;
         Some(self.faces.on(point, triangle, &self.faces.mesh.vertices))
@@ -84,7 +88,7 @@ impl Obstacle for Searched {
     }
 
     fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
-        // A little more, for what is nearest may itself have given the bound.
+        // Slightly larger, since the nearest point itself can have given the bound.
         let reach = (point - known).norm() * (1.0 + 1e-9);
         self.nearest(point, reach)
             .map(|on| on.closest)
@@ -106,7 +110,7 @@ impl Obstacle for Searched {
 
 /// The nearest triangle so far.
 struct Best {
-    /// Its distance [m], at first the reach of the search.
+    /// Distance to the triangle [m]; at first the reach of the search.
     distance: f64,
     triangle: Option<u32>,
 }
@@ -119,7 +123,7 @@ impl Best {
         }
     }
 
-    /// Looks at one triangle.
+    /// Tests one triangle.
     fn look_at(&mut self, mesh: &TriangleMesh, point: &Point3<f64>, triangle: u32) {
         let t = mesh.corners(triangle as usize);
         let distance = (point_at(&t, &on_triangle(point, &t).0) - point).norm();

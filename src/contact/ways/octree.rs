@@ -1,4 +1,4 @@
-//! A box that is cut in eight wherever it holds too many triangles.
+//! A box that is divided in eight wherever it contains too many triangles.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,7 +6,7 @@ use super::overlap::may_meet;
 use super::{Best, Kind, Way, boxes::Boxes};
 use crate::mesh::TriangleMesh;
 
-/// Line of the list of ways.
+/// Entry in the list of methods.
 pub(super) const KIND: Kind = Kind {
     name: "octree",
     sizes: &[4, 8, 16],
@@ -14,31 +14,33 @@ pub(super) const KIND: Kind = Kind {
     sort: |mesh, k| Box::new(Octree::new(mesh, k, DEPTH)),
 };
 
-/// Cuts above one another at most, unless said otherwise: at a vertex of more triangles than a cell may hold, which is
-/// nearly any vertex where it may hold four, cutting would never end. Cells are then as large as those of 1024^3 voxels.
+/// Default depth of the tree: at a vertex with more triangles than a cell may contain (nearly any
+/// vertex for a limit of four) the division would never end. The smallest cells are as large as
+/// those of 1024^3 voxels.
 pub const DEPTH: u32 = 10;
 
-/// A cell: eight children that begin at `link`, or a leaf with the triangles `link..end`.
+/// A cell: eight children from index `link`, or a leaf with the triangles `link..end`.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     link: u32,
-    /// [`CUT`] where it has children.
+    /// [`CUT`] for a cell with children.
     end: u32,
 }
 
 const CUT: u32 = u32::MAX;
 
-/// Deeper than this a cell is no larger than the rounding of its place.
+/// At a greater depth a cell is no larger than the rounding of its position.
 const DEEPEST: u32 = 40;
 
-/// With more cells or entries than this nothing is cut any more, for their numbers have 32 bits.
+/// The division ends at this number of cells or entries, since their indices have 32 bits.
 const FULL: usize = 1 << 30;
 
-/// A tree of cells with at most so many triangles in a leaf, but at the greatest depth \[cervenka2019\]. The nearest
-/// triangle is exact: a cell is left out if it is further away than the best triangle.
+/// A tree of cells with a limited number of triangles per leaf, except at the greatest depth
+/// \[cervenka2019\]. The nearest triangle is exact: a cell is skipped if it is farther away than
+/// the best triangle.
 #[derive(Clone, Debug)]
 pub struct Octree {
-    /// Middle [m], half sides [m] and rounding [m] of the first cell.
+    /// Centre [m], half sides [m] and rounding [m] of the first cell.
     centre: Point3<f64>,
     half: Vector3<f64>,
     slack: f64,
@@ -46,7 +48,7 @@ pub struct Octree {
     listed: Vec<u32>,
 }
 
-/// A cell on the way down.
+/// A cell during the search.
 #[derive(Clone, Copy)]
 struct Visit {
     cell: u32,
@@ -55,7 +57,8 @@ struct Visit {
 }
 
 impl Visit {
-    /// Child `k`, upper along the axes whose bits are set, where the first of the eight is `first`.
+    /// Child `k`, upper along the axes whose bits are set; `first` is the index of the first of the
+    /// eight.
     fn child(&self, first: u32, k: usize) -> Self {
         let half = 0.5 * self.half;
         let towards = Vector3::from_fn(|axis, _| {
@@ -80,8 +83,8 @@ impl Visit {
 }
 
 impl Octree {
-    /// Cuts every cell with more than `most` triangles, at most `depth` times above one another. A cell may hold at least
-    /// two, or all along every edge would be cut to the greatest depth.
+    /// Divides every cell with more than `most` triangles, up to depth `depth`. The limit is at
+    /// least two; otherwise all cells along every edge would reach the greatest depth.
     pub fn new(mesh: &TriangleMesh, most: usize, depth: u32) -> Self {
         let (most, depth) = (most.max(2), depth.min(DEEPEST));
         // One box, for its rounding and its sides.
@@ -138,7 +141,7 @@ impl Octree {
         this
     }
 
-    /// How many cells there are, cut ones included.
+    /// Number of cells, including divided ones.
     pub fn cells(&self) -> usize {
         self.cells.len()
     }

@@ -1,15 +1,17 @@
-//! Whether a triangle and a box along the axes share a point.
+//! Intersection test of a triangle and an axis-aligned box.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::measures::greatest;
 
-/// Roundings of a product of two differences of coordinates, relative to the lengths; a generous count.
+/// Upper bound of the rounding error of a product of two coordinate differences, relative to the
+/// lengths.
 const ROUNDING: f64 = 32.0 * f64::EPSILON;
 
-/// Whether triangle `t` may meet the box about `centre` with half sides `half` [m], by separating axes \[ericson2005\].
+/// True if triangle `t` possibly intersects the box about `centre` with half sides `half` [m], by
+/// separating axes \[ericson2005\].
 ///
-/// A no is certain: what rounding leaves open counts as a yes.
+/// False is certain: cases within rounding return true.
 pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector3<f64>) -> bool {
     let v = t.map(|p| p - centre);
     let apart = |axis: &Vector3<f64>, doubt: f64| {
@@ -26,7 +28,7 @@ pub(crate) fn may_meet(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector
     }
     let reach = greatest(v.iter().map(Vector3::norm));
     let sides: [Vector3<f64>; 3] = std::array::from_fn(|k| v[(k + 1) % 3] - v[k]);
-    // The normal of a sliver is rounding; the lengths of its sides bound by how much.
+    // The normal of a sliver is rounding error; the lengths of its sides bound it.
     let doubt = ROUNDING * reach * sides[0].norm() * sides[2].norm();
     if apart(&sides[0].cross(&sides[1]), doubt) {
         return false;
@@ -43,7 +45,7 @@ mod tests {
     use crate::contact::nearest::{on_triangle, point_at};
     use crate::testing::Draw;
 
-    /// Whether some point of a lattice on the triangle lies in the box.
+    /// True if some point of a lattice on the triangle lies in the box.
     fn sampled(t: &[Point3<f64>; 3], centre: &Point3<f64>, half: &Vector3<f64>) -> bool {
         let parts = 60;
         (0..=parts).any(|i| {
@@ -71,7 +73,7 @@ mod tests {
             let found = may_meet(&t, &centre, &half);
             seen[usize::from(found)] += 1;
             if found {
-                // The nearest point to the centre is no further than the corners are.
+                // The nearest point to the centre is no farther than the corners.
                 let nearest = point_at(&t, &on_triangle(&centre, &t).0);
                 assert!((nearest - centre).norm() <= half.norm() * (1.0 + 1e-12));
             } else {

@@ -1,4 +1,4 @@
-//! Equal boxes, each with a list of the triangles that meet it.
+//! Equal boxes, each with a list of the triangles that intersect it.
 
 use nalgebra::Point3;
 
@@ -6,7 +6,7 @@ use super::boxes::Boxes;
 use super::{Best, Kind, Way};
 use crate::mesh::TriangleMesh;
 
-/// Line of the list of ways.
+/// Entry in the list of methods.
 pub(super) const KIND: Kind = Kind {
     name: "voxels",
     sizes: &[16, 24, 32, 64],
@@ -14,21 +14,23 @@ pub(super) const KIND: Kind = Kind {
     sort: |mesh, k| Box::new(Voxels::new(mesh, k)),
 };
 
-/// `k^3` boxes over the bounds of a mesh \[cervenka2019\]. The nearest triangle is exact: shells of boxes about the point
-/// are looked through until the next shell is further away than the best triangle.
+/// `k^3` boxes over the bounds of a mesh \[cervenka2019\]. The nearest triangle is exact: the
+/// search visits shells of boxes about the point until the next shell is farther away than the best
+/// triangle.
 ///
-/// A surface meets only about `k^2` of the boxes (errata A03), so shells about a far point are mostly empty.
+/// A surface intersects only about `k^2` of the boxes (errata A03), so shells about a distant point
+/// are mostly empty.
 #[derive(Clone, Debug)]
 pub struct Voxels {
     boxes: Boxes,
-    /// Where the list of each box begins, and the end of the last.
+    /// Start of the list of each box, and the end of the last list.
     start: Vec<u32>,
     listed: Vec<u32>,
 }
 
 impl Voxels {
-    /// Lists every triangle in the boxes that it meets, `k` along each axis; fewer where the lists would have more than
-    /// 2^32 entries.
+    /// Lists every triangle in the boxes that it intersects, `k` along each axis; fewer if the
+    /// lists would have more than 2^32 entries.
     pub fn new(mesh: &TriangleMesh, k: usize) -> Self {
         let mut boxes = Boxes::new(&mesh.bounding_box(), k);
         let start = loop {
@@ -61,7 +63,7 @@ impl Voxels {
         }
     }
 
-    /// How many boxes have triangles.
+    /// Number of boxes with triangles.
     pub fn filled(&self) -> usize {
         self.start
             .windows(2)

@@ -1,4 +1,4 @@
-//! Cubes that cover the inside of a muscle, and how wide the way from each to the next is.
+//! Cubes that cover the inside of a muscle, and the open area between neighbours.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -9,49 +9,51 @@ use crate::mesh::TriangleMesh;
 
 /// No cell.
 pub const NONE: u32 = u32::MAX;
-/// Share of a cell, or of a face between cells, that counts as open where the surface passes but no sample is inside:
-/// a thin sheet stays joined, and hardly any flux leaves the muscle.
+/// Least open share of a cell or of a face between cells that the surface passes without a sample
+/// inside: a thin sheet stays connected, and hardly any flux leaves the muscle.
 const LEAST: f64 = 0.02;
 
-/// Of the bits of a cube all eighths, the middle, and all of it.
+/// Bits of a cube: all octants, the centre, and all of them.
 const EIGHTHS: u16 = 0xff;
 const MIDDLE: u16 = 0x100;
 const WHOLE: u16 = EIGHTHS | MIDDLE;
 
-/// Cubes that the muscle meets.
+/// Cubes that the muscle intersects.
 #[derive(Clone, Debug)]
 pub struct Cells {
     /// Lower corner of the box [m].
     pub low: Point3<f64>,
     /// Side of a cube [m].
     pub side: f64,
-    /// Cubes of the box along each axis.
+    /// Number of cubes of the box along each axis.
     pub dims: [usize; 3],
-    /// Number of the cell at each place of the box, x first; [`NONE`] for a cube that the muscle does not meet.
+    /// Index of the cell at each place of the box, x first; [`NONE`] for a cube outside the muscle.
     pub at: Vec<u32>,
     /// Place of each cell.
     pub places: Vec<[u32; 3]>,
-    /// Share of each cell inside the muscle.
+    /// Share of each cell's volume inside the muscle.
     pub shares: Vec<f64>,
-    /// A point inside the muscle, near the middle of what is inside of the cell [m].
+    /// A point inside the muscle near the centre of the cell's inner part [m].
     pub inner: Vec<Option<Point3<f64>>>,
-    /// One bit for each eighth of a cell whose middle is inside.
+    /// One bit for each octant of a cell whose centre is inside.
     pub eighths: Vec<u8>,
-    /// Whether the middle of each cell is inside the muscle.
+    /// True for each cell whose centre is inside the muscle.
     pub middle_inside: Vec<bool>,
-    /// Distance of the middle of each cube to a point of the surface in it [m], infinite where there is none.
+    /// Distance of each cube's centre to a point of the surface in the cube [m]; infinite if the
+    /// cube contains none.
     surface: Vec<f64>,
-    /// Whether the surface passes through a cube or one beside it, for each place of the box.
+    /// True for each place of the box whose cube, or a neighbour of it, contains a part of the
+    /// surface.
     by_wall: Vec<bool>,
-    /// Share of the face towards the next cell along x, y, z that is open; 0 where there is none.
+    /// Open share of the face towards the next cell along x, y, z; 0 without a next cell.
     pub open: Vec<[f64; 3]>,
 }
 
 impl Cells {
-    /// Covers the inside by cubes of `side` [m].
+    /// Covers the inside with cubes of side `side` [m].
     pub fn new(solid: &Solid<'_>, side: f64) -> Self {
         let bounds = solid.mesh().bounding_box();
-        // A cube of air on each side, so that every cell has a neighbour in the box.
+        // A layer of cubes outside on each side, so that every cell has a neighbour in the box.
         let low = bounds.min - Vector3::repeat(side * 1.001);
         let dims: [usize; 3] =
             std::array::from_fn(|k| ((bounds.max[k] - low[k]) / side) as usize + 2);
@@ -79,7 +81,7 @@ impl Cells {
         this
     }
 
-    /// Marks all places at most `reach` from one that is marked, along each axis.
+    /// Marks all places within `reach` of a marked place along each axis.
     pub fn around(&self, marked: &[bool], reach: usize) -> Vec<bool> {
         let mut all = marked.to_vec();
         for axis in 0..3 {
@@ -87,7 +89,8 @@ impl Cells {
             for _ in 0..reach {
                 let before = all.clone();
                 for (index, _) in before.iter().enumerate().filter(|(_, m)| **m) {
-                    // Off the ends of a row this marks places of the next one: a few too many, never too few.
+                    // Past the ends of a row this marks places of the next row: some too many,
+                    // never too few.
                     all[index.saturating_sub(step)] = true;
                     all[(index + step).min(before.len() - 1)] = true;
                 }
@@ -105,23 +108,25 @@ impl Cells {
         [1, self.dims[0], self.dims[0] * self.dims[1]][axis]
     }
 
-    /// Index in the box of the cube that holds a point; points off the box go to its border.
+    /// Index in the box of the cube that contains a point; a point outside the box gets a cube at
+    /// its border.
     pub fn holding(&self, p: &Point3<f64>) -> usize {
         self.index(self.place(p))
     }
 
-    /// Its place.
+    /// Place of the cube that contains a point.
     pub fn place(&self, p: &Point3<f64>) -> [usize; 3] {
         std::array::from_fn(|k| (((p[k] - self.low[k]) / self.side) as usize).min(self.dims[k] - 1))
     }
 
-    /// The middle of a cube [m].
+    /// The centre of a cube [m].
     pub fn middle(&self, place: [usize; 3]) -> Point3<f64> {
         self.low + Vector3::from(place.map(|k| (k as f64 + 0.5) * self.side))
     }
 
-    /// Distance of the middle of each cube to a point of the surface in it [m], infinite where there is none; sampled, so that
-    /// a cube that a corner only grazes may be missed.
+    /// Distance of each cube's centre to a point of the surface in the cube [m]; infinite if the
+    /// cube contains none. The surface is sampled, so the result can miss a cube that the surface
+    /// only grazes.
     fn surface(&self, mesh: &TriangleMesh) -> Vec<f64> {
         let mut squares = vec![f64::INFINITY; self.at.len()];
         let mut note = |p: &Point3<f64>| {
@@ -139,13 +144,14 @@ impl Cells {
         squares.into_iter().map(f64::sqrt).collect()
     }
 
-    /// How far from the middle of a cube to look for the surface [m], at most a cell; `None` where it is farther.
+    /// Search radius for the surface from the centre of a cube [m], at most a cell; `None` where
+    /// the surface is farther.
     pub fn wall_within(&self, index: usize) -> Option<f64> {
-        // A little more than to a point of it, for rounding.
+        // Slightly larger than the distance to a point of the surface, for rounding.
         self.by_wall[index].then(|| (self.surface[index] * (1.0 + 1e-9)).min(self.side))
     }
 
-    /// One bit for each eighth of a cube whose middle is inside, and one more for its own middle.
+    /// One bit for each octant of a cube whose centre is inside, and one for the cube's centre.
     fn classify(&self, solid: &Solid<'_>, touched: &[bool]) -> Vec<u16> {
         let mut bits = vec![0; self.at.len()];
         bits.par_chunks_mut(self.dims[0])
@@ -175,7 +181,7 @@ impl Cells {
         let through = |p: &Point3<f64>| solid.row(p.y, p.z);
         let eighths: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.eighth(&middle, n << 1)));
         let middles = through(&middle);
-        // Between two cubes that the surface does not meet nothing changes; the first is air.
+        // The state is constant between two cubes without surface; the first cube is outside.
         let mut known = Some(false);
         for (i, bits) in bits.iter_mut().enumerate() {
             let middle = self.middle([i, j, k]);
@@ -197,7 +203,8 @@ impl Cells {
         }
     }
 
-    /// The middle of an eighth of the cube of that middle [m]; bit k of `bit` tells on which side along axis k.
+    /// The centre of an octant of the cube with that centre [m]; bit k of `bit` is its side along
+    /// axis k.
     pub fn eighth(&self, middle: &Point3<f64>, bit: usize) -> Point3<f64> {
         let quarter = |axis: usize| if bit >> axis & 1 == 1 { 0.25 } else { -0.25 } * self.side;
         middle + Vector3::new(quarter(0), quarter(1), quarter(2))
@@ -224,7 +231,8 @@ impl Cells {
         }
     }
 
-    /// Of the sampled points inside the one nearest to their mean; the middle of a full cube.
+    /// The inner sample point nearest to the mean of all inner sample points; the centre for a full
+    /// cube.
     fn inner_point(&self, place: [usize; 3], bits: u16) -> Option<Point3<f64>> {
         let middle = self.middle(place);
         if bits == EIGHTHS {

@@ -1,4 +1,4 @@
-//! Fibres that cover little that no other covers give way to fibres through what none covers.
+//! Exchange of redundant fibres for fibres through uncovered parts of the muscle.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -9,24 +9,25 @@ use super::trace::{Tracer, Way};
 use super::{DecompositionError, Going, Reached, through, whole};
 use crate::fibres::polyline::length;
 
-/// Below this uncovered share of the volume nothing is exchanged.
+/// The exchange ends below this uncovered share of the volume.
 const ENOUGH: f64 = 0.0075;
-/// Cells around an uncovered one that are looked at, to begin where most is to be gained.
+/// Range of cells around an uncovered cell that decides where the gain is greatest.
 const AROUND: usize = 2;
-/// Tries for each fibre.
+/// Number of tries per fibre.
 const TRIES: usize = 2;
-/// Streamlines that are followed at once: always as many, so that the result does not depend on the number of threads.
+/// Number of streamlines that are traced at once; constant, so that the result does not depend on
+/// the number of threads.
 const BATCH: usize = 8;
-/// So many batches in a row without a gain, and no more are tried.
+/// The exchange ends after this number of batches in a row without a gain.
 const IN_VAIN: usize = 3;
-/// Eighths of a cell that stand for it: those at the corners of a tetrahedron.
+/// The octants that represent a cell: those at the corners of a tetrahedron.
 const ASKED: u8 = 0b0110_1001;
 
-/// Exchanges fibres of so many points while that covers more of the volume, unless more than the share `hopeless` of it is bare;
-/// the share that stays so.
+/// Exchanges fibres of `points` points while this increases the covered volume, unless the
+/// uncovered share exceeds `hopeless`. Returns the uncovered share that remains.
 ///
 /// # Errors
-/// It was stopped.
+/// The caller stopped the exchange.
 pub fn exchange(
     tracer: &Tracer<'_>,
     ways: &mut [[Way; 2]],
@@ -82,15 +83,15 @@ pub fn exchange(
     Ok(cover.bare_share())
 }
 
-/// Parts of cells that a line covers: a cell, and one bit for each of its eighths.
+/// Parts of cells that a line covers: a cell, and one bit for each octant.
 type Near = Vec<(u32, u8)>;
 
-/// The eighths whose middles are inside and at most `radius` [m] from a line.
+/// The octants whose centres are inside and within `radius` [m] of a line.
 fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
     let mut seen = vec![0u8; cells.count()];
     let mut found = Vec::new();
     let side = cells.side;
-    // From the middle of a cell to that of an eighth.
+    // From the centre of a cell to that of an octant.
     let reach = 0.25 * 3f64.sqrt() * side;
     let [all, none] = [(radius - reach).max(0.0).powi(2), (radius + reach).powi(2)];
     for s in line.windows(2) {
@@ -136,7 +137,7 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
     found.into_iter().map(|c| (c, seen[c as usize])).collect()
 }
 
-/// All cells whose middles may be at most `radius` [m] from a segment, along each axis.
+/// All cells whose centres can be within `radius` [m] of a segment along each axis.
 fn around(
     cells: &Cells,
     a: &Point3<f64>,
@@ -159,19 +160,20 @@ fn around(
     }
 }
 
-/// Which fibres cover which eighths of cells.
+/// The octants of cells that each fibre covers.
 struct Cover<'a> {
     cells: &'a Cells,
-    /// How many fibres cover each eighth, and the sum of their numbers: that of the fibre where it is one.
+    /// Number of fibres that cover each octant, and the sum of their indices: for a single fibre,
+    /// its index.
     counts: Vec<[u32; 8]>,
     sums: Vec<[u32; 8]>,
-    /// What each fibre covers.
+    /// Octants that each fibre covers.
     of: Vec<Near>,
-    /// How many eighths each covers alone.
+    /// Number of octants that each fibre alone covers.
     alone: Vec<usize>,
-    /// Bare eighths of each cell.
+    /// Number of uncovered octants of each cell.
     bare: Vec<u32>,
-    /// All bare eighths, and all eighths.
+    /// Number of uncovered octants, and of all octants.
     bare_count: usize,
     count: usize,
 }
@@ -205,7 +207,7 @@ impl<'a> Cover<'a> {
         self.bare_count as f64 / self.count.max(1) as f64
     }
 
-    /// Puts a fibre in the place of the one of that number.
+    /// Replaces the fibre with that index.
     fn put(&mut self, fibre: u32, near: Near) {
         for (c, n) in eighths(&std::mem::take(&mut self.of[fibre as usize])) {
             self.counts[c][n] -= 1;
@@ -236,7 +238,7 @@ impl<'a> Cover<'a> {
         self.of[fibre as usize] = near;
     }
 
-    /// Takes a fibre in for the one that then covers least alone, if that is a gain; which one.
+    /// Replaces the fibre with the fewest exclusive octants, if this is a gain. Returns its index.
     fn offer(&mut self, near: Near) -> Option<u32> {
         let mut gain = 0;
         let mut alone = self.alone.clone();
@@ -255,7 +257,8 @@ impl<'a> Cover<'a> {
         Some(least as u32)
     }
 
-    /// Cells amid most that is bare, none near another; they are noted as tried.
+    /// Cells with the most uncovered volume around them, no two near each other; marks them as
+    /// tried.
     fn barest(&self, tried: &mut [bool]) -> Vec<u32> {
         let cells = self.cells;
         let bare: Vec<u32> = (0..cells.count() as u32)
@@ -286,7 +289,7 @@ impl<'a> Cover<'a> {
     }
 }
 
-/// Each eighth: its cell, and its number there.
+/// Each octant: its cell, and its index in the cell.
 fn eighths(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
     near.iter().flat_map(|&(c, bits)| {
         (0..8)
@@ -295,7 +298,7 @@ fn eighths(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
     })
 }
 
-/// All cells at most [`AROUND`] places from one, along each axis.
+/// All cells within [`AROUND`] places of a cell along each axis.
 fn visit(cells: &Cells, cell: u32, mut deed: impl FnMut(u32)) {
     let place = cells.places[cell as usize].map(|k| k as usize);
     let range =

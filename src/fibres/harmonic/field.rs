@@ -1,8 +1,8 @@
 //! The harmonic field in the cells, and its gradient everywhere.
 //!
-//! Finite volumes: the flux through the face between two cells is the difference of their values times the open area over
-//! the distance. All entries off the diagonal are negative, so that no cell is a peak or a pit: from each, some neighbour
-//! leads on towards either area.
+//! The method is finite volumes: the flux through the face between two cells is the difference of
+//! their values times the open area over the distance. All entries off the diagonal are negative,
+//! so no cell is a local extremum: each cell has a neighbour closer to either area.
 
 use nalgebra::{Point3, Vector3};
 
@@ -16,16 +16,18 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::solvers::sparse::{Factor, FactorError};
 
-/// What passes through an area over what passes through the muscle, for the same difference of values. Small: the flux is
-/// spread over each area as is prescribed, like that of \[choi2013\], and does not crowd at the rim that faces the other area.
+/// Conductance of an area relative to that of the muscle. A small value distributes the flux over
+/// each area as prescribed, like that of \[choi2013\]; the flux does not concentrate at the
+/// boundary that faces the other area.
 const PASSAGE: f64 = 0.1;
-/// Share of that at least, where most of it passes elsewhere.
+/// Least share of that conductance where most of the flux passes elsewhere.
 const LEAST_CONTACT: f64 = 1e-6;
 
-/// How strongly streamlines outside the wall are led back, and how far inside it [cells] that begins.
+/// Strength of the push on streamlines outside the wall, and the distance inside the wall [cells]
+/// at which it begins.
 const PUSH: f64 = 0.3;
 const PUSH_FROM: f64 = 0.25;
-/// How many cubes from an area count as near it.
+/// Distance from an area, in cubes, that counts as near.
 const BY_AREA: usize = 3;
 
 /// Values of the field and its gradient at the middles of the cells.
@@ -33,68 +35,71 @@ const BY_AREA: usize = 3;
 pub struct Field {
     /// The cells.
     pub cells: Cells,
-    /// 0 at the origin, 1 at the insertion; NaN in cells that are not joined to both.
+    /// 0 at the origin, 1 at the insertion; NaN in cells without a connection to both.
     pub values: Vec<f64>,
-    /// Whether an area passes near a cube, for each place of the box: of the origin, of the insertion.
+    /// For each place of the box, true if the cube is near the origin; the same for the insertion.
     pub by_area: [Vec<bool>; 2],
-    /// Of the values; where lines on the surface were given, unit vectors along what they say.
+    /// Gradients of the values; with lines on the surface, unit vectors along the interpolated
+    /// directions.
     gradients: Vec<Vector3<f64>>,
     nodes: Vec<Node>,
 }
 
-/// What is interpolated of a cell, together in memory: gradient, push, value, and 1, each times the share of the cell
-/// inside, for what is known of a cell is as good as that; 0 where it has no value.
+/// The interpolated values of a cell, together in memory: gradient, push, value, and 1, each
+/// weighted by the cell's share inside, its measure of reliability; 0 where the cell has no value.
 type Node = [f64; 8];
 
-/// How a wall leads the flow in a cell.
+/// Effect of a wall on the flow in a cell.
 #[derive(Clone, Copy, Debug)]
 struct Lead {
     /// Unit vector off the wall.
     inwards: Vector3<f64>,
-    /// Share taken of what points across the wall.
+    /// Share of the component across the wall that is removed.
     turned: f64,
-    /// How strongly to lead back.
+    /// Strength of the push towards the inside.
     push: f64,
 }
 
 /// The field at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Its gradient [1/m], or the direction of lines on the surface, along the wall where that is near.
+    /// Gradient [1/m], or the direction of lines on the surface; parallel to a near wall.
     pub gradient: Vector3<f64>,
-    /// Its value.
+    /// Value of the field.
     pub value: f64,
-    /// Direction and strength in which streamlines are kept off the wall, relative to their own direction.
+    /// Direction and strength of the push away from the wall, relative to the streamline's
+    /// direction.
     pub push: Vector3<f64>,
 }
 
-/// How flux is spread over an area.
+/// Distribution of the flux over an area.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Flux {
-    /// Evenly.
+    /// Constant over the area.
     Even,
-    /// An area much larger than the cross-section cannot have fibres all over: those that begin near the other area would
-    /// have to cover what lies above the rest of it as well, and a layer along the area would stay bare. The larger it is,
-    /// the more of them begin far from the other area: as the distance to the power of the area over the mean cross-section,
-    /// and of this more.
+    /// The flux increases with the distance from the other area: as the distance to a power, which
+    /// is this factor times the area over the mean cross-section. Fibres cannot begin everywhere on
+    /// an area much larger than the cross-section: those near the other area would also have to
+    /// cover the space above the rest of the area, and a layer along the area would stay uncovered.
     Crowded(f64),
 }
 
-/// Why there is no field.
+/// Error of [`Field::new`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FieldError {
-    /// No way leads from the origin to the insertion inside.
+    /// Origin and insertion are not connected inside.
     NotJoined,
-    /// The system could not be solved.
+    /// The linear system has no solution.
     Factor(FactorError),
 }
 
 impl Field {
-    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest of the surface. If there
-    /// are `lines` on the surface [m], streamlines follow their directions, spread through the inside ([`super::spread`]).
+    /// Solves for the field: 0 behind the origin, 1 behind the insertion, no flux through the rest
+    /// of the surface. With `lines` on the surface [m], streamlines follow their directions,
+    /// interpolated to the inside ([`super::spread`]).
     ///
     /// # Errors
-    /// The areas are not joined inside, no memory.
+    /// The areas are not connected inside, or too little memory.
     pub fn new(
         cells: Cells,
         solid: &Solid<'_>,
@@ -132,7 +137,7 @@ impl Field {
             .into_iter()
             .filter(|&(a, _, _)| wanted[a as usize])
             .collect();
-        // One thread factors, the others look for walls.
+        // One thread factorises; the others search for walls.
         let (values, leads) = rayon::join(
             || solved(&cells, &name, &kept, &contacts),
             || leads(&cells, &by_area, solid, &ends.map(|area| area.tree(muscle))),
@@ -154,7 +159,7 @@ impl Field {
         Ok(this)
     }
 
-    /// Puts directions of lines in the place of the gradients.
+    /// Replaces the gradients by the directions of lines.
     fn follow(
         &mut self,
         lines: &[Vec<Point3<f64>>],
@@ -172,8 +177,9 @@ impl Field {
         Ok(())
     }
 
-    /// Takes from the gradients near a wall what points across it, and notes where to lead back: once for each cell, and
-    /// between cells as smooth as the gradient itself, so that no two streamlines are thrown together.
+    /// Removes the component across a near wall from the gradients, and stores the push towards the
+    /// inside. Each cell has one correction; between cells the correction is as smooth as the
+    /// gradient, so no two streamlines merge.
     fn lead_along_walls(&mut self, leads: &[Option<Lead>]) {
         let node = |(c, lead): (usize, &Option<Lead>)| {
             let gradient = self.gradients[c];
@@ -194,7 +200,7 @@ impl Field {
         self.gradients = Vec::new();
     }
 
-    /// Mean of the slopes through the two faces along each axis, each by how far it is open.
+    /// Mean of the slopes through the two faces along each axis, weighted by their open shares.
     fn gradients(&self, links: &[(u32, u32, usize)]) -> Vec<Vector3<f64>> {
         let mut sums = vec![[[0.0; 2]; 3]; self.cells.count()];
         for &(a, b, axis) in links {
@@ -212,7 +218,8 @@ impl Field {
             .collect()
     }
 
-    /// The field at a point, between the middles of the cells around it; `None` where there is no cell.
+    /// The field at a point, interpolated between the centres of the cells around it; `None`
+    /// outside the cells.
     pub fn at(&self, p: &Point3<f64>) -> Option<Sample> {
         let [x, y, z, a, b, c, value, total] = self.between(p)?;
         let (gradient, push) = (Vector3::new(x, y, z), Vector3::new(a, b, c));
@@ -223,7 +230,8 @@ impl Field {
         })
     }
 
-    /// Unit vector along the flow at a point, towards the insertion for `sign` 1, towards the origin for -1.
+    /// Unit vector along the flow at a point: towards the insertion for `sign` 1, towards the
+    /// origin for -1.
     pub fn direction(&self, p: &Point3<f64>, sign: f64) -> Option<Vector3<f64>> {
         let [x, y, z, a, b, c, _, total] = self.between(p)?;
         let along = Vector3::new(x, y, z).try_normalize(0.0)? * sign;
@@ -235,12 +243,12 @@ impl Field {
         }
     }
 
-    /// The nodes around a point, each by how near it is.
+    /// The interpolated node at a point.
     fn between(&self, p: &Point3<f64>) -> Option<Node> {
         let cells = &self.cells;
         let [nx, ny, nz] = cells.dims;
         let local = (p - cells.low) / cells.side - Vector3::repeat(0.5);
-        // Around the box all is air.
+        // Everything around the box is outside.
         if !(local >= Vector3::zeros()
             && local.x < nx as f64 - 1.0
             && local.y < ny as f64 - 1.0
@@ -271,7 +279,8 @@ impl Field {
         Some(sum)
     }
 
-    /// The neighbour of a cell with the greatest (`sign` = 1) or least value, if it is beyond that of the cell.
+    /// The neighbour of a cell with the greatest (`sign` = 1) or least value, if that exceeds the
+    /// cell's value.
     pub fn onward(&self, cell: u32, sign: f64) -> Option<u32> {
         let place = self.cells.places[cell as usize].map(|k| k as usize);
         let index = self.cells.index(place);
@@ -298,7 +307,7 @@ impl Field {
     }
 }
 
-/// Values of the cells with a name, NaN of the others.
+/// Values of the cells with a name, NaN for the others.
 fn solved(
     cells: &Cells,
     name: &[u32],
@@ -336,7 +345,7 @@ fn solved(
         .collect())
 }
 
-/// How walls lead the flow in each cell.
+/// Effect of walls on the flow in each cell.
 fn leads(
     cells: &Cells,
     by_area: &[Vec<bool>; 2],
@@ -347,7 +356,7 @@ fn leads(
         let place = cells.places[c].map(|k| k as usize);
         let index = cells.index(place);
         let middle = cells.middle(place);
-        // A wall farther away than a cell leads nothing.
+        // A wall farther away than a cell has no effect.
         let wall = solid.wall(&middle, cells.wall_within(index)?)?;
         let inside = cells.middle_inside[c];
         let inwards = if inside { wall.away } else { -wall.away };
@@ -356,7 +365,7 @@ fn leads(
         } else {
             -wall.distance
         } / cells.side;
-        // 0 where what is nearest of the surface is an area, 1 where both areas are twice as far.
+        // 0 where an area is the nearest part of the surface, 1 where both areas are twice as far.
         let to = |k: usize| {
             by_area[k][index]
                 .then(|| areas[k].closest(&middle, 2.0 * wall.distance))
@@ -381,7 +390,7 @@ fn leads(
     (0..cells.count()).into_par_iter().map(lead).collect()
 }
 
-/// What passes through each cell's part of each area, over what passes through a face, for the same difference of values.
+/// Conductance of each cell's part of each area, relative to that of a face.
 fn contacts(
     cells: &Cells,
     muscle: &TriangleMesh,
@@ -399,7 +408,7 @@ fn contacts(
     });
     let inside: f64 = cells.shares.iter().sum();
     let section = inside / ((middles[1] - middles[0]).norm() / cells.side);
-    // Of a bar of the same volume and length, in faces over cells.
+    // Conductance of a bar of the same volume and length, in faces over cells.
     let through = inside * (cells.side / muscle.length()).powi(2);
     [0, 1].map(|end: usize| {
         let mut contact = contact(cells, muscle, areas[end]);
@@ -454,7 +463,7 @@ fn contact(cells: &Cells, muscle: &TriangleMesh, area: &Area) -> Vec<f64> {
     contact
 }
 
-/// Whether a cell belongs to a piece that touches both areas.
+/// True for each cell in a component that touches both areas.
 fn joined(cells: &Cells, links: &[(u32, u32, usize)], contacts: &[Vec<f64>; 2]) -> Vec<bool> {
     let mut parents: Vec<u32> = (0..cells.count() as u32).collect();
     fn root(parents: &mut [u32], mut c: u32) -> u32 {

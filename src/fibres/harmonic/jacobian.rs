@@ -1,14 +1,14 @@
-//! How much the flow from cross-section to cross-section spreads or turns over what is next to a fibre.
+//! Expansion and orientation of the flow between cross-sections near a fibre.
 
 use nalgebra::{Point3, Vector3};
 
 use super::trace::{Tracer, Way};
 
-/// Size of the triangle that is carried along, in sides of a cell.
+/// Size of the test triangle, in sides of a cell.
 const SIZE: f64 = 1e-5;
 
-/// Area across the fibre of what was one unit of area at the seed, at each point of one half of a streamline; negative
-/// where the order about the fibre is reversed.
+/// Area across the fibre relative to that at the seed, at each point of one half of a streamline;
+/// negative where the orientation about the fibre is reversed.
 pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
     areas(
         way,
@@ -17,7 +17,7 @@ pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
     )
 }
 
-/// Whether all of [`along`] is above 0; asks no further than to the first that is not.
+/// True if all values of [`along`] are above 0; stops at the first that is not.
 pub fn keeps_order(tracer: &Tracer<'_>, way: &Way, sign: f64) -> bool {
     let map = onward(tracer, way, sign);
     let mut area = 1.0;
@@ -27,7 +27,7 @@ pub fn keeps_order(tracer: &Tracer<'_>, way: &Way, sign: f64) -> bool {
     })
 }
 
-/// Where the flow takes a point beside point k of the way.
+/// The image under the flow of a point beside point k of the streamline.
 fn onward<'a>(
     tracer: &'a Tracer<'_>,
     way: &'a Way,
@@ -41,8 +41,9 @@ fn onward<'a>(
     }
 }
 
-/// The areas, where `map` takes what is beside point k of the way to what is beside point k + 1; two points `size` [m]
-/// beside each point are carried on. Where it gives none the area stays.
+/// The areas, where `map` takes points beside point k of the streamline to points beside point k +
+/// 1. Two points at the distance `size` [m] beside each point are mapped. Where the map has no
+/// value, the area is unchanged.
 pub fn areas(
     way: &Way,
     size: f64,
@@ -55,14 +56,14 @@ pub fn areas(
     areas
 }
 
-/// The area at point k + 1 over that at point k.
+/// Ratio of the area at point k + 1 to that at point k.
 fn factor(
     way: &Way,
     k: usize,
     size: f64,
     map: &impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
 ) -> f64 {
-    // A fresh pair at each point: of the one before, only its size and its order matter from here on.
+    // A new pair at each point: only the size and orientation of the previous pair matter.
     let factor = heading(way, k).and_then(|direction| {
         let onward = heading(way, k + 1).unwrap_or(direction);
         let carried = |f: Vector3<f64>| {

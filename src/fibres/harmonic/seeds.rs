@@ -1,20 +1,20 @@
-//! Through which points fibres go: each next one through the point farthest from all that are there.
+//! Seed points of fibres: each next point is the one farthest from all earlier fibres.
 
 use nalgebra::Point3;
 
 use super::field::Field;
 use crate::mesh::Aabb;
 
-/// Cubes along each side of a block.
+/// Number of cubes along each side of a block.
 const BLOCK: usize = 4;
-/// Points of a streamline that are looked at together.
+/// Number of points of a streamline that are tested together.
 const RUN: usize = 8;
 
-/// How far from a streamline a cell counts as on it, in sides of a cell.
+/// Distance from a streamline, in sides of a cell, at which a cell is on the streamline.
 const BESIDE: f64 = 0.5;
 
-/// Distance of each cell to the fibres so far, by blocks: where all of a block are nearer to a fibre than to what is new,
-/// none of them is looked at.
+/// Distance of each cell to the fibres so far, in blocks. A block is skipped if all its cells are
+/// nearer to a fibre than to the new streamline.
 #[derive(Debug)]
 pub struct Seeds {
     blocks: Vec<Block>,
@@ -22,23 +22,23 @@ pub struct Seeds {
     side: f64,
 }
 
-/// Candidates beside one another.
+/// Neighbouring candidates.
 #[derive(Clone, Debug)]
 struct Block {
     bounds: Aabb,
     cells: Vec<u32>,
-    /// Their places [m], by axis.
+    /// Positions [m], by axis.
     at: [Vec<f64>; 3],
-    /// Squares of their distances [m2]; negative where no fibre can begin.
+    /// Squared distances [m2]; negative for cells that are no candidates.
     squares: Vec<f64>,
-    /// The greatest of these.
+    /// The greatest squared distance [m2].
     greatest: f64,
 }
 
-/// Where the next fibre goes through.
+/// The seed of the next fibre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Seed {
-    /// Its cell.
+    /// Cell of the seed.
     pub cell: u32,
     /// A point inside [m].
     pub point: Point3<f64>,
@@ -47,7 +47,7 @@ pub struct Seed {
 }
 
 impl Seeds {
-    /// All cells with a point inside are candidates.
+    /// Takes all cells with a point inside as candidates.
     pub fn new(field: &Field) -> Self {
         let cells = &field.cells;
         let [nx, ny, nz] = cells.dims.map(|n| n.div_ceil(BLOCK));
@@ -95,14 +95,14 @@ impl Seeds {
         best
     }
 
-    /// Takes a candidate out.
+    /// Removes a candidate.
     pub fn give_up(&mut self, seed: &Seed) {
         let block = &mut self.blocks[seed.block];
         block.squares[seed.slot] = -1.0;
         block.measure();
     }
 
-    /// Takes out what lies on a streamline that is lost, for it would be lost again.
+    /// Removes the candidates on a lost streamline; their streamlines would be lost too.
     pub fn give_up_along(&mut self, points: &[Point3<f64>]) {
         let square = (BESIDE * self.side).powi(2);
         for block in &mut self.blocks {
@@ -123,7 +123,7 @@ impl Seeds {
         }
     }
 
-    /// Notes a fibre, by points less than a cell apart.
+    /// Adds a fibre, as points less than a cell apart.
     pub fn note(&mut self, points: &[Point3<f64>]) {
         let points = thinned(points, 0.8 * self.side);
         let runs: Vec<(Aabb, &[Point3<f64>])> = points
@@ -185,13 +185,13 @@ impl Block {
     }
 }
 
-/// Square of the distance between two boxes [m2].
+/// Squared distance between two boxes [m2].
 fn apart(a: &Aabb, b: &Aabb) -> f64 {
     let gap = |k: usize| (b.min[k] - a.max[k]).max(a.min[k] - b.max[k]).max(0.0);
     (0..3).map(|k| gap(k) * gap(k)).sum()
 }
 
-/// Points of a line that are at least so far apart [m], and its last.
+/// Points of a line at least `apart` [m] from each other, and its last point.
 fn thinned(points: &[Point3<f64>], apart: f64) -> Vec<Point3<f64>> {
     let mut kept: Vec<Point3<f64>> = Vec::new();
     for (k, p) in points.iter().enumerate() {
@@ -232,7 +232,7 @@ pub(super) mod tests {
         Field::new(cells, &solid, &mesh, &areas, &[], Flux::Even).expect("a field")
     }
 
-    /// Every cell on its own, without blocks.
+    /// All cells in one list, without blocks.
     struct Plain(Vec<(u32, Point3<f64>, f64)>);
 
     impl Plain {
@@ -275,7 +275,7 @@ pub(super) mod tests {
                 .filter(|(c, _, _)| *c == cell)
                 .for_each(|(_, _, square)| *square = -1.0);
             if n % 3 == 0 {
-                // Farther apart than points are thinned to.
+                // Farther apart than the spacing of thinned points.
                 let along = draw.direction() * 0.9 * field.cells.side;
                 let line: Vec<Point3<f64>> = (-20..20)
                     .map(|k| seed.point + along * f64::from(k))

@@ -1,8 +1,9 @@
-//! Directions given on the surface, spread through the inside \[kohout2017\].
+//! Interpolation of directions on the surface to the inside \[kohout2017\].
 //!
-//! Each of the three components of the direction is harmonic in the cells, and held at the lines through a resistance that is
-//! small against that of a cell. Where the result would lead back, it is turned towards the gradient of the field between the
-//! areas until it rises again, so that every streamline ends at the insertion.
+//! Each of the three components of the direction is harmonic in the cells. Lines prescribe the
+//! direction through a resistance that is small against that of a cell. Where the direction would
+//! not rise, it is turned towards the gradient of the field between the areas until it rises, so
+//! that every streamline ends at the insertion.
 
 use nalgebra::{Point3, Vector3};
 
@@ -10,16 +11,17 @@ use super::cells::{Cells, NONE};
 use crate::fibres::polyline::length;
 use crate::solvers::sparse::{Factor, FactorError};
 
-/// How firmly a side of a cell's length of line holds the direction, over what passes between two cells.
+/// Conductance of a line per cell length, relative to that between two cells.
 const HELD: f64 = 10.0;
-/// How firmly the gradient of the field does in every cell: so little that it counts in pieces alone that no line passes.
+/// Conductance of the field's gradient in every cell: small, so that the gradient only matters in
+/// components without a line.
 const LOOSE: f64 = 1e-6;
-/// Length between two places at which a line holds, in sides of a cell.
+/// Spacing of the sample points of a line, in sides of a cell.
 const APART: f64 = 0.25;
-/// Cosine between direction and gradient at least.
+/// Least cosine between direction and gradient.
 const RISE: f64 = 0.25;
 
-/// Where and which way lines hold the direction.
+/// Prescribed directions of the lines.
 #[derive(Clone, Debug, Default)]
 struct Held {
     /// Weight of each cell.
@@ -28,7 +30,7 @@ struct Held {
     sums: Vec<Vector3<f64>>,
 }
 
-/// Places of a line at most [`APART`] from each other, each with the vector along the line that belongs to it [m].
+/// Points of a line at most [`APART`] from each other, each with its vector along the line [m].
 fn places(line: &[Point3<f64>], apart: f64) -> Vec<(Point3<f64>, Vector3<f64>)> {
     let mut all = Vec::new();
     for s in line.windows(2) {
@@ -39,7 +41,8 @@ fn places(line: &[Point3<f64>], apart: f64) -> Vec<(Point3<f64>, Vector3<f64>)> 
     all
 }
 
-/// The cell in or next to the cube of a point that is more inside than others, nearest to the point.
+/// The cell in or next to the cube of a point: the one with the greatest share inside, then the
+/// nearest to the point.
 fn cell_of(cells: &Cells, p: &Point3<f64>, usable: impl Fn(u32) -> bool) -> Option<u32> {
     let index = cells.holding(p);
     let [nx, ny, _] = cells.dims;
@@ -86,7 +89,7 @@ impl Held {
                 ))
             };
             let held: Vec<(u32, Vector3<f64>)> = places.into_iter().filter_map(in_cell).collect();
-            // Which end of a line is which is decided by the field, along all of it.
+            // The field along the whole line decides which end is which.
             let rise: f64 = held
                 .iter()
                 .map(|(c, along)| along.dot(&gradients[*c as usize]))
@@ -101,11 +104,12 @@ impl Held {
     }
 }
 
-/// Directions in the cells with a `name` (their number in the system), unit vectors, from those along `lines` [m]; `links` are
-/// pairs of names with what passes between them, `gradients` those of the field between the areas.
+/// Directions in the cells with a `name` (their index in the system) as unit vectors, from the
+/// directions of `lines` [m]. `links` are pairs of names with their conductance; `gradients` are
+/// those of the field between the areas.
 ///
 /// # Errors
-/// No memory.
+/// Too little memory.
 pub fn spread(
     cells: &Cells,
     name: &[u32],
@@ -145,7 +149,7 @@ pub fn spread(
     Ok(name.iter().enumerate().map(direction).collect())
 }
 
-/// The unit vector along `direction`, turned towards the unit vector `up` where it rises too little.
+/// The unit vector along `direction`, turned towards the unit vector `up` if it rises too little.
 fn rising(direction: &Vector3<f64>, up: &Vector3<f64>) -> Vector3<f64> {
     let Some(unit) = direction.try_normalize(0.0) else {
         return *up;
@@ -182,7 +186,7 @@ mod tests {
                 "{turned}"
             );
         }
-        // Without a field there is nothing to rise in.
+        // Without a field no direction rises.
         assert_eq!(
             rising(&Vector3::new(0.0, -2.0, 0.0), &Vector3::zeros()),
             -Vector3::y()

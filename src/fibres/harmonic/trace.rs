@@ -1,4 +1,4 @@
-//! Streamlines of the field, from the origin to the insertion, along its walls.
+//! Streamlines of the field from the origin to the insertion, along its walls.
 
 use nalgebra::Point3;
 
@@ -10,20 +10,22 @@ use crate::mesh::closest::SurfaceTree;
 
 /// Length of a step, in sides of a cell.
 const STEP: f64 = 0.4;
-/// Nearer to its area than this a streamline goes straight to it, in sides of a cell: the field knows
-/// no finer, and where an area is smaller than a cell streamlines would meet in the middle of that cell.
+/// Within this distance of its area, in sides of a cell, a streamline goes straight to the area.
+/// The field has no finer resolution; where an area is smaller than a cell, streamlines would meet
+/// in the centre of that cell.
 const ARRIVED: f64 = 1.0;
-/// The same where the field leads no further.
+/// The same distance where the field ends.
 const ARRIVED_LATE: f64 = 2.0;
-/// What is left of the way to the closest place of the area: not all, or all streamlines that arrive beside an area
-/// would end in one point of its rim.
+/// Remaining share of the distance to the closest point of the area. With 0, all streamlines that
+/// arrive beside an area would end in one point of its boundary.
 const LEFT: f64 = 1e-3;
-/// The same, in lengths of the muscle, at most.
+/// Upper bound of that remainder, in lengths of the muscle.
 const LEFT_MOST: f64 = 2e-6;
-/// Steps in which a streamline has to move on by [`PROGRESS`] steps; else it is lost in a corner.
+/// A streamline is lost in a corner if it advances by less than [`PROGRESS`] steps in this number
+/// of steps.
 const PATIENCE: usize = 16;
 const PROGRESS: f64 = 2.0;
-/// Steps of one half of a streamline at most, in cells along the box's sides.
+/// Greatest number of steps of half a streamline, per cell along the sides of the box.
 const MOST_STEPS: usize = 24;
 
 /// One half of a streamline.
@@ -31,11 +33,12 @@ const MOST_STEPS: usize = 24;
 pub struct Way {
     /// From the seed to the area [m].
     pub points: Vec<Point3<f64>>,
-    /// Whether the step to the next point follows the field, and is not a hop or the way onto the area.
+    /// True if the step to the next point follows the field; false for a hop or the last step to
+    /// the area.
     pub flows: Vec<bool>,
 }
 
-/// Follows the field in a muscle.
+/// Traces streamlines of the field in a muscle.
 #[derive(Debug)]
 pub struct Tracer<'a> {
     /// The field.
@@ -45,7 +48,7 @@ pub struct Tracer<'a> {
 }
 
 impl<'a> Tracer<'a> {
-    /// A tracer between two areas of `muscle`.
+    /// Creates a tracer between two areas of `muscle`.
     pub fn new(field: &'a Field, muscle: &TriangleMesh, origin: &Area, insertion: &Area) -> Self {
         Self {
             field,
@@ -69,7 +72,7 @@ impl<'a> Tracer<'a> {
         Some(p + self.field.direction(&half, sign)? * length)
     }
 
-    /// Where a streamline that comes to `p` meets the area.
+    /// The point where a streamline through `p` reaches the area.
     pub fn landing(&self, p: &Point3<f64>, sign: f64) -> Option<Point3<f64>> {
         let found = self.areas[usize::from(sign > 0.0)].closest(p, f64::INFINITY)?;
         if !(found.distance > 0.0) {
@@ -87,7 +90,8 @@ impl<'a> Tracer<'a> {
     /// Follows the field from a seed to the area.
     ///
     /// # Errors
-    /// It is lost on the way, as far as it came, and may not go on by cells (`hop`).
+    /// A lost streamline, as far as the tracer came, if `hop` does not allow it to continue by
+    /// cells.
     pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Result<Way, Way> {
         let mut way = Way {
             points: vec![*seed],

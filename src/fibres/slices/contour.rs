@@ -1,4 +1,4 @@
-//! The contour in which a plane cuts a surface.
+//! The contour of a plane and a surface.
 
 use std::collections::BTreeMap;
 
@@ -9,12 +9,12 @@ use crate::mesh::TriangleMesh;
 /// A surface in the axes of its slices.
 pub struct Slicer<'a> {
     triangles: &'a [[u32; 3]],
-    /// Coordinates along the two axes across, and along the main one.
+    /// Coordinates along the two transverse axes and the main axis.
     own: Vec<Vector3<f64>>,
 }
 
 impl<'a> Slicer<'a> {
-    /// A surface and its axes, the main one last.
+    /// A surface with its axes, the main axis last.
     pub fn new(muscle: &'a TriangleMesh, axes: &[Vector3<f64>; 3]) -> Self {
         let own = muscle
             .vertices
@@ -27,10 +27,11 @@ impl<'a> Slicer<'a> {
         }
     }
 
-    /// The contour of the plane at a height, counter-clockwise about the main axis; of several the one around most.
+    /// The contour at a height, counter-clockwise about the main axis; of several contours the one
+    /// with the greatest area.
     ///
-    /// A vertex in the plane counts as above it, so that every edge is cut once or not. Contours that do not close, for the
-    /// surface is open, are closed by a straight line.
+    /// A vertex in the plane counts as above it, so the plane cuts every edge once or not at all. A
+    /// straight line closes the open contours of an open surface.
     pub fn cut(&self, height: f64) -> Option<Vec<Point2<f64>>> {
         let above = |v: u32| self.own[v as usize].z >= height;
         let mut sides: Vec<[[u32; 2]; 2]> = Vec::new();
@@ -45,7 +46,7 @@ impl<'a> Slicer<'a> {
                 sides.push([first.min(second), first.max(second)]);
             }
         }
-        // A triangle that is there twice is cut once.
+        // Duplicate triangles count once.
         sides.sort_unstable();
         sides.dedup();
         let lines = chains(&sides);
@@ -65,7 +66,7 @@ impl<'a> Slicer<'a> {
     }
 }
 
-/// Twice the area \[m2\], positive where the way around is counter-clockwise.
+/// Twice the signed area \[m2\], positive for a counter-clockwise contour.
 fn signed_area(contour: &[Point2<f64>]) -> f64 {
     let Some(&first) = contour.first() else {
         return 0.0;
@@ -78,7 +79,7 @@ fn signed_area(contour: &[Point2<f64>]) -> f64 {
     contour.iter().zip(next).map(of).sum()
 }
 
-/// Sides joined end to end: lists of edges, each cut once by the plane.
+/// Chains of sides: lists of edges, each cut once by the plane.
 fn chains(sides: &[[[u32; 2]; 2]]) -> Vec<Vec<[u32; 2]>> {
     let mut at: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
     for (s, ends) in sides.iter().enumerate() {
@@ -87,7 +88,7 @@ fn chains(sides: &[[[u32; 2]; 2]]) -> Vec<Vec<[u32; 2]>> {
     }
     let mut done = vec![false; sides.len()];
     let mut all = Vec::new();
-    // From loose ends first, so that an open line is walked as one.
+    // Starts with loose ends, so that an open line is one chain.
     let loose = at
         .iter()
         .filter(|(_, s)| s.len() == 1)

@@ -1,23 +1,24 @@
-//! From a square into a contour: corners of the contour go to the square by arc length, points of the square have mean-value
-//! coordinates over them.
+//! A map from a square to a contour: corners of the contour map to the square by arc length; points
+//! of the square have mean-value coordinates over the mapped corners.
 
 use nalgebra::{Point2, Vector2};
 
-/// Places nearer to the square's side than this are on it.
+/// Tolerance for points on a side of the square.
 const ON_SIDE: f64 = 1e-12;
 
-/// A contour, and where its corners are on the unit square.
+/// A contour and the positions of its corners on the unit square.
 #[derive(Clone, Debug)]
 pub struct Outline {
-    /// Corners of the contour and the four places of the square's corners \[m\], in order from the square's corner (0, 0).
+    /// Corners of the contour and the four images of the square's corners \[m\], in order from the
+    /// square's corner (0, 0).
     contour: Vec<Point2<f64>>,
-    /// The share of the perimeter of each, ascending from 0.
+    /// Share of the perimeter of each, in ascending order from 0.
     shares: Vec<f64>,
-    /// The same on the square.
+    /// Positions on the square.
     square: Vec<Point2<f64>>,
 }
 
-/// The place of a share of the perimeter on the unit square, counter-clockwise from (0, 0).
+/// The point of the unit square at a share of its perimeter, counter-clockwise from (0, 0).
 pub fn on_square(share: f64) -> Point2<f64> {
     let way = 4.0 * share.clamp(0.0, 1.0);
     match way {
@@ -28,7 +29,7 @@ pub fn on_square(share: f64) -> Point2<f64> {
     }
 }
 
-/// The share of the perimeter of a place on the square's side.
+/// The share of the perimeter of a point on the square's boundary.
 fn share_of(p: &Point2<f64>) -> Option<f64> {
     let on = |a: f64, b: f64| (a - b).abs() <= ON_SIDE;
     if on(p.y, 0.0) {
@@ -45,7 +46,7 @@ fn share_of(p: &Point2<f64>) -> Option<f64> {
 }
 
 impl Outline {
-    /// Of a contour that runs counter-clockwise, at least one point.
+    /// Creates the map for a counter-clockwise contour with at least one point.
     pub fn new(contour: &[Point2<f64>]) -> Self {
         let line = from_corner(contour);
         let mut arcs = vec![0.0];
@@ -68,7 +69,7 @@ impl Outline {
         };
         for k in 0..line.len() {
             outline.push(at(k), share(k));
-            // The square's corners, so that the corners of the contour bound all of the square.
+            // Includes the square's corners, so that the mapped corners bound the whole square.
             for corner in [0.25, 0.5, 0.75] {
                 if share(k) < corner && corner < share(k + 1) {
                     let within = (corner - share(k)) / (share(k + 1) - share(k));
@@ -85,7 +86,7 @@ impl Outline {
         self.square.push(on_square(share));
     }
 
-    /// Where a place of the unit square goes.
+    /// The image of a point of the unit square.
     pub fn of(&self, p: &Point2<f64>) -> Point2<f64> {
         match share_of(p) {
             Some(share) => self.along(share),
@@ -93,7 +94,7 @@ impl Outline {
         }
     }
 
-    /// The place of a share of the perimeter.
+    /// The point of the contour at a share of the perimeter.
     fn along(&self, share: f64) -> Point2<f64> {
         let after = self.shares.partition_point(|s| *s <= share);
         let before = after.saturating_sub(1);
@@ -114,14 +115,15 @@ impl Outline {
         self.contour[before] + (self.contour[next] - self.contour[before]) * within
     }
 
-    /// By mean-value coordinates: weights (tan(a/2) + tan(b/2)) / distance, a and b the angles to the neighbours.
+    /// Interpolates by mean-value coordinates: weights (tan(a/2) + tan(b/2)) / distance, where a
+    /// and b are the angles to the neighbours.
     fn inner(&self, p: &Point2<f64>) -> Point2<f64> {
         let n = self.square.len();
         let to: Vec<Vector2<f64>> = self.square.iter().map(|q| q - p).collect();
         let half = |k: usize| {
             let (a, b) = (to[k], to[(k + 1) % n]);
             let cross = a.x * b.y - a.y * b.x;
-            // tan(x/2) = sin x / (1 + cos x), and at most half a turn lies between neighbours.
+            // tan(x/2) = sin x / (1 + cos x); the angle between neighbours is at most pi.
             cross / (a.norm() * b.norm() + a.dot(&b))
         };
         let tangents: Vec<f64> = (0..n).map(half).collect();
@@ -135,8 +137,9 @@ impl Outline {
     }
 }
 
-/// The contour begun where it is farthest towards the corner (0, 0) of its box: where the ray from its middle there leaves it,
-/// or, if that hits nothing, at its corner farthest that way.
+/// The contour, starting nearest to the corner (0, 0) of its bounding box: where the ray from the
+/// centre to that corner leaves it or, if the ray hits nothing, at the corner farthest in that
+/// direction.
 fn from_corner(contour: &[Point2<f64>]) -> Vec<Point2<f64>> {
     let low = contour
         .iter()

@@ -1,7 +1,8 @@
-//! Springs between points of a grid at rest, the surface held.
+//! Equilibrium of springs between grid points with a fixed surface.
 //!
-//! A spring pulls with D (l - l0), D = 1/l0, l0 its length in the template at rest. Where all springs are pulled there is one
-//! state of rest; the way there, which the source goes in time, damped by (7.2), does not matter for it.
+//! A spring pulls with D (l - l0), where D = 1/l0 and l0 is its length in the template at rest. If
+//! all springs are in tension, there is one equilibrium. The source integrates a damped motion
+//! (7.2) to reach it; the result does not depend on the path.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -13,23 +14,23 @@ use crate::springs::Neighbours;
 use crate::springs::lattice::Shape;
 use crate::springs::patterns;
 
-/// Steps of Newton's method at most.
+/// Greatest number of steps of Newton's method.
 const STEPS: usize = 60;
-/// Force left on a point over that of all its springs.
+/// Greatest residual force on a point, relative to the sum of its spring forces.
 const AT_REST: f64 = 1e-12;
-/// Times a step is halved at most.
+/// Greatest number of halvings of a step.
 const HALVINGS: usize = 30;
 
-/// A spring between two points: its rest length in a template of side 1.
+/// A spring between two points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
-    /// Its ends.
+    /// End points.
     pub ends: [u32; 2],
-    /// Rest length in the template, whose cube has side 1; D is 1 over it.
+    /// Rest length in the template, whose cube has side 1; the stiffness is D = 1/rest.
     pub rest: f64,
 }
 
-/// The springs of a template to the six nearest neighbours.
+/// The springs of a template to the six nearest neighbours of each point.
 pub fn springs(sampling: &Sampling, template: Template) -> Vec<Spring> {
     let x = sampling.positions(template);
     let pairs = patterns::lattice(&sampling.shape(), Neighbours::Six);
@@ -41,10 +42,12 @@ pub fn springs(sampling: &Sampling, template: Template) -> Vec<Spring> {
         .collect()
 }
 
-/// Brings the inner points to rest, for a template of side `side` \[m\]; points on the surface stay.
+/// Brings the inner points to equilibrium, for a template of side `side` \[m\]; points on the
+/// surface are fixed.
 ///
 /// # Errors
-/// Newton's method does not come to rest, for springs are pressed, or the system cannot be factored.
+/// Newton's method does not converge because springs are in compression, or the system cannot be
+/// factorised.
 pub fn rest(
     sampling: &Sampling,
     template: Template,
@@ -76,10 +79,11 @@ pub fn rest(
     }
 }
 
-/// Brings the points within one layer to rest between springs to their four neighbours on it; those on its sides stay.
+/// Brings the points within one layer to equilibrium between springs to their four neighbours in
+/// the layer; points on its sides are fixed.
 ///
 /// # Errors
-/// The system cannot be factored.
+/// The system cannot be factorised.
 pub fn face(
     sampling: &Sampling,
     layer: usize,
@@ -119,7 +123,7 @@ pub fn face(
 
 struct Network {
     springs: Vec<Spring>,
-    /// Of each point; `u32::MAX` where it is held.
+    /// Index of the unknown of each point; `u32::MAX` for a fixed point.
     unknown: Vec<u32>,
     free: Vec<u32>,
     side: f64,
@@ -136,7 +140,8 @@ impl Network {
             .collect()
     }
 
-    /// Springs without rest length: D x summed over springs is zero at each point, coordinate by coordinate.
+    /// Springs without rest length: the sum of D x over the springs is zero at each point, for each
+    /// coordinate.
     fn linear(&self, x: &mut [Point3<f64>]) -> Result<(), SpringsError> {
         let count = self.free.len();
         let mut system = Factor::<1>::new(count, &self.pairs())?;
@@ -166,7 +171,7 @@ impl Network {
         Ok(())
     }
 
-    /// D (1 - l0/l) of a spring, and the unit vector along it.
+    /// D (1 - l0/l) of a spring, and its unit vector.
     fn pull(&self, spring: &Spring, x: &[Point3<f64>]) -> (Vector3<f64>, f64, f64) {
         let way = x[spring.ends[1] as usize] - x[spring.ends[0] as usize];
         let length = way.norm();
@@ -187,8 +192,8 @@ impl Network {
         self.springs.iter().map(of).sum()
     }
 
-    /// Downhill by Newton's method; springs that are pressed count sideways as if they were not, so that the system stays
-    /// positive definite.
+    /// Minimises by Newton's method. A compressed spring contributes no lateral stiffness, so that
+    /// the system stays positive definite.
     fn newton(&self, x: &mut [Point3<f64>]) -> Result<(), SpringsError> {
         let count = self.free.len();
         let mut system = Factor::<3>::new(count, &self.pairs())?;
@@ -214,7 +219,7 @@ impl Network {
                     let step = Vector3::new(force[3 * u], force[3 * u + 1], force[3 * u + 2]);
                     x[p as usize] = start[p as usize] + step * share;
                 }
-                // Where energies differ by rounding only, the whole step is taken.
+                // Accepts the whole step if energies differ by rounding only.
                 let enough = self.energy(x) <= before - 1e-4 * share * fall + 1e-14 * before;
                 if enough || halving == HALVINGS {
                     break;
@@ -228,7 +233,7 @@ impl Network {
         })
     }
 
-    /// Forces on the unknowns, and the greatest sum of sizes of forces at one of them.
+    /// Forces on the unknowns, and the greatest sum of force magnitudes at one of them.
     fn assemble(&self, x: &[Point3<f64>], system: &mut Factor<3>) -> (Vec<f64>, f64) {
         system.clear();
         let mut force = vec![0.0; 3 * self.free.len()];

@@ -1,13 +1,15 @@
-//! Where the points of a template's surface lie on a muscle.
+//! Positions of a template's surface points on a muscle.
 //!
-//! Whatever its curves, the surface of a template is that of a cube in r, s, t. On a sphere whose poles are the centres of the
-//! two areas the faces t = 0 and t = 1 are laid onto the areas, their sides onto the rims, and each line of its other sides runs
-//! along the meridian between the rims; rings around are made even ([`rings`](super::rings)). That takes the place of moving
-//! points of areas one by one by (6.2), whose steps may be stuck (errata M10): order around and along is kept, so nothing folds
-//! on the sides. Points within an area come to rest between springs on it.
+//! The surface of every template is that of a cube in r, s, t. The poles of the sphere are the
+//! centres of the two areas. The faces t = 0 and t = 1 map to the areas, and their sides to the
+//! boundaries. Each line of the other faces follows a meridian between the boundaries; rings around
+//! the muscle are equalised ([`rings`](super::rings)). This replaces the source's motion of single
+//! points of areas (6.2), whose steps can get stuck (errata M10): the order around and along the
+//! muscle is kept, so the sides do not fold. Points within an area come to equilibrium between
+//! springs on the area.
 //!
-//! The muscle's map has the two centres at any angle. A map of the sphere to itself that keeps angles, the one by which
-//! moving observers see the sky, brings them opposite, and back.
+//! In the muscle's map the two centres have any angle. A conformal map of the sphere to itself (a
+//! Lorentz boost, as for a moving observer of the sky) makes them antipodal; its inverse maps back.
 
 use std::f64::consts::PI;
 
@@ -23,19 +25,20 @@ use crate::mesh::{Topology, TriangleMesh};
 use crate::morph::locate::{Located, Locator};
 use crate::morph::sphere::SphereMap;
 
-/// Turns about the poles that are tried.
+/// Number of rotations about the poles that are tried.
 const TURNS: usize = 12;
-/// Places along a meridian between two points of a fibre, from which equal lengths are measured.
+/// Number of samples along a meridian between two fibre points, for equal lengths.
 const FINE: usize = 8;
-/// An area is taken to no more than this angle from its pole, so that two never meet.
+/// Greatest angle of an area from its pole; two areas never overlap.
 const WIDEST: f64 = 0.45 * PI;
-/// Directions of the sphere nearer than this have no angle between them.
+/// Directions of the sphere nearer than this are equal.
 const SAME: f64 = 1e-9;
 
-/// Places of all points of the grid on the muscle \[m\]; inner points are at the origin.
+/// Positions of all grid points on the muscle \[m\]; inner points are at the origin.
 ///
 /// # Errors
-/// A surface that is no sphere or inside out, areas without rim or in one place.
+/// A surface that is no topological sphere or inside out, an area without boundary, or two areas
+/// with one centre.
 pub fn place(
     muscle: &TriangleMesh,
     attachment: &Attachment,
@@ -47,7 +50,7 @@ pub fn place(
         return Err(SpringsError::InsideOut { volume });
     }
     let seats = Seats::new(muscle, &map, attachment)?;
-    // Half a turn of a grid with as many fibres along r as along s is a turn by its symmetry.
+    // A grid with equal numbers of fibres along r and s has a symmetry of half a turn.
     let symmetry = if sampling.points[0] == sampling.points[1] {
         0.5 * PI
     } else {
@@ -64,19 +67,19 @@ pub fn place(
     seats.place(sampling, best.map_or(0.0, |b| b.1))
 }
 
-/// The muscle's map seen with its two areas at the poles.
+/// The muscle's map with its two areas at the poles.
 struct Seats<'a> {
     muscle: &'a TriangleMesh,
     locator: Locator<'a>,
-    /// To the sphere with the areas at its poles: along this axis by this much.
+    /// Axis of the boost that takes the areas to the poles.
     axis: Vector3<f64>,
-    /// Hyperbolic cosine and sine.
+    /// Hyperbolic cosine and sine of the boost.
     boost: [f64; 2],
-    /// Axes there; the third is the pole of the origin.
+    /// Axes after the boost; the third is the pole of the origin.
     frame: [Vector3<f64>; 3],
-    /// Sides of the rims there, in coordinates of the frame seen from the own pole.
+    /// Sides of the boundaries after the boost, in coordinates of the frame at the area's own pole.
     rims: [Vec<[Vector3<f64>; 2]>; 2],
-    /// Triangles of the areas, ascending.
+    /// Triangles of the areas, in ascending order.
     areas: [&'a [u32]; 2],
     trees: [SurfaceTree; 2],
 }
@@ -102,7 +105,7 @@ impl<'a> Seats<'a> {
         if (o - i).norm() <= SAME {
             return Err(SpringsError::OnePlace { vertices });
         }
-        // Opposite poles need no boost.
+        // Antipodal poles need no boost.
         let axis = (-(o + i))
             .try_normalize(SAME)
             .unwrap_or_else(|| any_across(&o));
@@ -139,7 +142,7 @@ impl<'a> Seats<'a> {
         Ok(seats)
     }
 
-    /// A direction of the sphere as seen by one who moves along the axis, one way or back.
+    /// The direction of the sphere after the boost along the axis; `sign` is its direction.
     fn boosted(&self, p: &Vector3<f64>, sign: f64) -> Vector3<f64> {
         let along = self.axis.dot(p);
         let [cosh, sinh] = [self.boost[0], sign * self.boost[1]];
@@ -147,21 +150,21 @@ impl<'a> Seats<'a> {
         moved.normalize()
     }
 
-    /// A direction of the map in the frame, from the pole of area `k`.
+    /// A direction of the map in the frame at the pole of area `k`.
     fn seen(&self, p: &Vector3<f64>, k: usize) -> Vector3<f64> {
         let q = self.boosted(p, 1.0);
         let [x, y, z] = [0, 1, 2].map(|c| self.frame[c].dot(&q));
         Vector3::new(x, y, if k == 0 { z } else { -z })
     }
 
-    /// The angle from the pole of area `k` at which a meridian first leaves it.
+    /// The angle from the pole of area `k` at which a meridian first leaves the area.
     fn width(&self, k: usize, turn: f64) -> f64 {
         let (sin, cos) = libm::sincos(turn);
         let (along, across) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));
         let mut least = WIDEST;
         for [a, b] in &self.rims[k] {
             let (da, db) = (a.dot(&across), b.dot(&across));
-            // Half open, so that a corner of the rim counts once.
+            // Half-open, so that a corner of the boundary counts once.
             if (da < 0.0) == (db < 0.0) {
                 continue;
             }
@@ -174,27 +177,28 @@ impl<'a> Seats<'a> {
         least
     }
 
-    /// The direction of the map at an angle from the pole of the origin, on a meridian.
+    /// The direction of the map on a meridian at an angle from the pole of the origin.
     fn direction(&self, angle: f64, turn: f64) -> Vector3<f64> {
         let ((sin, cos), (across, along)) = (libm::sincos(angle), libm::sincos(turn));
         let [x, y, z] = self.frame;
         self.boosted(&(x * (sin * along) + y * (sin * across) + z * cos), -1.0)
     }
 
-    /// The place on the muscle \[m\] at an angle from the pole of the origin, on a meridian.
+    /// The point of the muscle \[m\] on a meridian at an angle from the pole of the origin.
     fn at(&self, angle: f64, turn: f64, point: usize) -> Result<Point3<f64>, SpringsError> {
         let found = self.locator.locate(&self.direction(angle, turn));
         let place = |l: Located| l.of(&self.muscle.triangles, &self.muscle.vertices);
         found.map(place).ok_or(SpringsError::NotFound { point })
     }
 
-    /// The meridian of a point of a face or side of the cube, u and v in -1..1 in place of r and s.
+    /// The meridian of a point of a face or side of the cube; u and v in -1..1 replace r and s.
     fn meridian(u: f64, v: f64, turn: f64) -> f64 {
-        // Seen from outside at the origin the cube's s runs backwards.
+        // Seen from outside at the origin, the cube's s axis is reversed.
         libm::atan2(-v, u) + turn
     }
 
-    /// Energy of springs around and along the sides, of lengths 1/n without tension, for a turn about the poles.
+    /// Energy of springs around and along the sides, of stiffness n and no rest length, for a
+    /// rotation about the poles.
     fn energy(&self, sampling: &Sampling, turn: f64) -> Result<f64, SpringsError> {
         let [_, _, nt] = sampling.points;
         let around = perimeter(sampling);
@@ -238,8 +242,8 @@ impl<'a> Seats<'a> {
         Self::meridian(u, v, turn)
     }
 
-    /// The same angle, taken back to where the muscle's own triangles say that the area ends: the rim seen by one who moves is
-    /// not quite made of great circles.
+    /// The same angle, reduced to where the muscle's triangles end the area: a boosted boundary
+    /// does not consist of great circles exactly.
     fn rim_at(&self, k: usize, turn: f64) -> f64 {
         let inside = |angle: f64| {
             let direction = self.direction(if k == 0 { angle } else { PI - angle }, turn);
@@ -251,7 +255,7 @@ impl<'a> Seats<'a> {
         if inside(high) {
             return high;
         }
-        // The exit is near: shares of the angle that are in the area are looked for from above.
+        // The exit is near: tests shares of the angle from above.
         for n in 1..=10 {
             let less = high * (1.0 - 0.02 * f64::from(n * n));
             if less > 0.0 && inside(less) {
@@ -302,7 +306,7 @@ impl<'a> Seats<'a> {
         for (area, layer) in [(0, 0), (1, nt - 1)] {
             network::face(sampling, layer, &mut positions)?;
             for point in inner(sampling, layer) {
-                // On the area, which need not be flat.
+                // On the area, which can be curved.
                 let found = self.trees[area].closest(&positions[point], f64::INFINITY);
                 positions[point] = found.map_or(positions[point], |found| found.point);
             }
@@ -310,7 +314,7 @@ impl<'a> Seats<'a> {
         Ok(positions)
     }
 
-    /// The angle of a level: at both ends that of the rim, else as given.
+    /// The angle of a level: that of the boundary at both ends, otherwise as given.
     fn of_level(&self, angle: f64, meridian: f64, k: usize, nt: usize) -> f64 {
         if k == 0 {
             self.rim_at(0, meridian)
@@ -321,7 +325,7 @@ impl<'a> Seats<'a> {
         }
     }
 
-    /// The lines along the sides: meridians, and on each angles at equal lengths on the muscle.
+    /// The lines along the sides: meridians, and on each the angles at equal lengths on the muscle.
     fn lines(
         &self,
         sampling: &Sampling,
@@ -347,7 +351,7 @@ impl<'a> Seats<'a> {
                     )
                 })
                 .collect();
-            // Around the template meridians fall.
+            // Around the template meridians decrease.
             let last = lines.meridians.last().copied().unwrap_or(f64::INFINITY);
             let turns = if last.is_finite() {
                 ((meridian - last) / (2.0 * PI)).ceil().max(0.0)
@@ -365,14 +369,15 @@ impl<'a> Seats<'a> {
 
 /// Lines along the sides of a template, once around.
 struct Lines {
-    /// Falling, over one turn.
+    /// In descending order, over one turn.
     meridians: Vec<f64>,
-    /// Of each line, at its levels.
+    /// Angles of each line at its levels.
     angles: Vec<Vec<f64>>,
 }
 
 impl Lines {
-    /// Meridian and angle of level k at x from 0 to the number of lines, between lines in proportion.
+    /// Meridian and angle of level k at x from 0 to the number of lines, with linear interpolation
+    /// between lines.
     fn at(&self, x: f64, k: usize) -> (f64, f64) {
         let n = self.meridians.len();
         let line = (x as usize).min(n - 1);
@@ -390,7 +395,7 @@ impl Lines {
     }
 }
 
-/// u and v in -1..1 of fibre (i, j).
+/// Coordinates u and v in -1..1 of fibre (i, j).
 fn square([i, j]: [usize; 2], sampling: &Sampling) -> [f64; 2] {
     let [nr, ns, _] = sampling.points;
     [
@@ -399,7 +404,7 @@ fn square([i, j]: [usize; 2], sampling: &Sampling) -> [f64; 2] {
     ]
 }
 
-/// The points of a layer that are on no side.
+/// The points of a layer that are not on its sides.
 fn inner(sampling: &Sampling, k: usize) -> impl Iterator<Item = usize> + use<> {
     let ([nr, ns, _], sampling) = (sampling.points, *sampling);
     (1..ns - 1).flat_map(move |j| (1..nr - 1).map(move |i| sampling.number([i, j, k])))
@@ -419,7 +424,7 @@ fn any_across(p: &Vector3<f64>) -> Vector3<f64> {
     p.cross(&Vector3::ith(p.iamin(), 1.0)).normalize()
 }
 
-/// Edges with one triangle of an area.
+/// Edges with exactly one triangle of an area.
 fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<[u32; 2]> {
     let triangles: Vec<[u32; 3]> = area
         .triangles
@@ -434,9 +439,10 @@ fn rim(muscle: &TriangleMesh, area: &Area) -> Vec<[u32; 2]> {
         .collect()
 }
 
-/// The place on the sphere of the point of an area that is nearest to its middle on the muscle.
+/// The point of an area nearest to the area's centre on the muscle, as a direction of the sphere.
 ///
-/// The mean of the places of its vertices need not be in the area, nor near the middle of what it is on the muscle.
+/// The mean of the vertices' directions can be outside the area or far from the area's centre on
+/// the muscle.
 fn middle(muscle: &TriangleMesh, map: &SphereMap, area: &Area) -> Option<Vector3<f64>> {
     let (mut sum, mut weight) = (Vector3::zeros(), 0.0);
     for &t in &area.triangles {

@@ -1,20 +1,22 @@
-//! Rings around a muscle made even: points equally far apart on each, and no ring turned against the next.
+//! Equalised rings around a muscle: points at equal distances on each ring, and no rotation of a
+//! ring against the next.
 //!
-//! Maps to the sphere may wind about a long body; what runs along a meridian then winds about the muscle. On each ring points
-//! are laid off anew at equal lengths, and each ring, from the middle one outwards, is begun where the sum of squared
-//! distances to the points of the one before is least. Order around and along stays as it is, so nothing folds by that.
+//! Maps to the sphere can twist about a long body; meridians then wind about the muscle. Each ring
+//! gets new points at equal lengths. Each ring, from the middle one outwards, starts where the sum
+//! of squared distances to the points of the previous ring is least. The order around and along is
+//! unchanged, so no new fold appears.
 
 use nalgebra::Point3;
 
-/// Places on a ring between two lines, from which lengths are measured.
+/// Number of samples on a ring between two lines, for the lengths.
 const FINE: usize = 4;
 
 /// A closed ring over lines: `place(x)` for x from 0 to the number of lines.
 pub struct Ring {
-    /// x of equal lengths, over one turn and its end.
+    /// Values of x at equal lengths, over one turn and its end.
     at: Vec<f64>,
     lines: f64,
-    /// Where the first point is, as a share of the turn.
+    /// Position of the first point, as a share of the turn.
     pub start: f64,
 }
 
@@ -38,14 +40,14 @@ impl Ring {
         })
     }
 
-    /// x of a share of the turn from the start.
+    /// Value of x at a share of the turn from the start.
     pub fn line(&self, share: f64) -> f64 {
         let y = (self.start + share).rem_euclid(1.0) * (self.at.len() - 1) as f64;
         let k = (y as usize).min(self.at.len() - 2);
         (self.at[k] + (self.at[k + 1] - self.at[k]) * (y - k as f64)).min(self.lines)
     }
 
-    /// Begins where the points are nearest to those of a neighbour ring.
+    /// Rotates the ring so that its points are nearest to those of a neighbour ring.
     pub fn turn_to<E>(
         &mut self,
         neighbour: &[Point3<f64>],
@@ -68,7 +70,7 @@ impl Ring {
         let best = (0..count)
             .min_by(|&a, &b| costs[a].total_cmp(&costs[b]))
             .unwrap_or(0);
-        // Between the shifts tried, where a parabola through the best three is least.
+        // Between the tried shifts: at the minimum of the parabola through the best three.
         let (before, after) = (costs[(best + count - 1) % count], costs[(best + 1) % count]);
         let bend = before - 2.0 * costs[best] + after;
         let shift = if bend > 0.0 {

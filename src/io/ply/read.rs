@@ -50,12 +50,12 @@ impl Kind {
     }
 }
 
-/// A number of a file, before it is known what it should be.
+/// A number of a file before its use is known.
 #[derive(Clone, Copy)]
 enum Number {
     Whole(i64),
     Real(f64),
-    /// A number of text that a double does not hold, and what it became: an infinity or 0.
+    /// A number of text outside the range of a double, and its value: an infinity or 0.
     Beyond(f64),
 }
 
@@ -68,7 +68,7 @@ impl Number {
     }
 }
 
-/// A number of binary data, which has as many bytes as its type.
+/// A number of binary data with the size of its type.
 fn decode(kind: Kind, bytes: &[u8], big: bool) -> Number {
     match kind {
         Kind::I8 => Number::Whole(i64::from(i8::from_le_bytes(ordered(bytes, big)))),
@@ -78,7 +78,7 @@ fn decode(kind: Kind, bytes: &[u8], big: bool) -> Number {
         Kind::I32 => Number::Whole(i64::from(i32::from_le_bytes(ordered(bytes, big)))),
         Kind::U32 => Number::Whole(i64::from(u32::from_le_bytes(ordered(bytes, big)))),
         Kind::I64 => Number::Whole(i64::from_le_bytes(ordered(bytes, big))),
-        // A count or an index of more than 63 bits is out of range whatever it is exactly.
+        // A count or an index of more than 63 bits is out of range in any case.
         Kind::U64 => Number::Whole(
             i64::try_from(u64::from_le_bytes(ordered(bytes, big))).unwrap_or(i64::MAX),
         ),
@@ -87,7 +87,7 @@ fn decode(kind: Kind, bytes: &[u8], big: bool) -> Number {
     }
 }
 
-/// Bytes in little-endian order; other numbers of bytes than `N` are excluded by the caller.
+/// Bytes in little-endian order; the caller excludes lengths other than `N`.
 fn ordered<const N: usize>(bytes: &[u8], big: bool) -> [u8; N] {
     let mut bytes: [u8; N] = bytes.try_into().unwrap_or([0; N]);
     if big {
@@ -96,7 +96,7 @@ fn ordered<const N: usize>(bytes: &[u8], big: bool) -> [u8; N] {
     bytes
 }
 
-/// What an element has: one number, or a list of them.
+/// A property of an element: one number, or a list of numbers.
 #[derive(Clone)]
 struct Property {
     name: Vec<u8>,
@@ -117,7 +117,7 @@ impl Element {
             .position(|p| names.contains(&p.name.as_slice()))
     }
 
-    /// The size of a record of binary data, where all have the same.
+    /// The size of a binary record, if all records have the same.
     fn bytes_without_lists(&self) -> Option<usize> {
         self.properties
             .iter()
@@ -132,11 +132,12 @@ impl Element {
     }
 }
 
-/// Reads a PLY file: `x y z` of `vertex`, the lists `vertex_indices` or `vertex_index` of `face`, and `vertex1 vertex2` of
-/// `edge`, each of which is a line of its own.
+/// Reads a PLY file: `x y z` of `vertex`, the lists `vertex_indices` or `vertex_index` of `face`,
+/// and `vertex1 vertex2` of `edge`; each edge is a separate line.
 ///
 /// # Errors
-/// A malformed header, counts that the file cannot hold, a number that is none, an index out of range.
+/// A malformed header, counts beyond the size of the file, an invalid number, an index out of
+/// range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut cursor = Cursor::new(name, bytes);
     let (encoding, elements) = header(&mut cursor)?;
@@ -161,7 +162,7 @@ pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadErro
 fn header(cursor: &mut Cursor<'_>) -> Result<(Encoding, Vec<Element>), ReadError> {
     let mut encoding = None;
     let mut elements: Vec<Element> = Vec::new();
-    // The first line is "ply": the format was detected by it.
+    // The first line is "ply"; the detection of the format checked it.
     cursor.token();
     cursor.next_line();
     loop {
@@ -231,7 +232,7 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// Refuses a count before anything is read or reserved for it.
+    /// Rejects a count before anything is read or reserved for it.
     fn check_room(&self, element: &Element) -> Result<(), ReadError> {
         let smallest: usize = element
             .properties
@@ -244,7 +245,8 @@ impl<'a> Body<'a> {
                 }
             })
             .sum();
-        // The last number of a text needs no space behind it; an element without properties takes no room at all.
+        // The last number of a text needs no following space; an element without properties has
+        // size 0.
         let possible = ((self.cursor.rest().len() + 1) / smallest.max(1)) as u64;
         if smallest > 0 && element.count > possible {
             let problem = Problem::CountExceedsFile {
@@ -319,7 +321,8 @@ impl<'a> Body<'a> {
         })
     }
 
-    /// Edges are lines of two vertices; an element of that name with other properties is skipped.
+    /// Edges become lines of two vertices; an element of that name with other properties is
+    /// skipped.
     fn edges(&mut self, element: &Element) -> Result<(), ReadError> {
         let ends = [b"vertex1", b"vertex2"].map(|end| element.position(&[end.as_slice()]));
         let [Some(first), Some(second)] = ends else {
@@ -337,7 +340,7 @@ impl<'a> Body<'a> {
         })
     }
 
-    /// Reads each record of an element and hands it to `each`.
+    /// Reads each record of an element and passes it to `each`.
     fn records(
         &mut self,
         element: &Element,
@@ -354,7 +357,7 @@ impl<'a> Body<'a> {
             } else {
                 let start = self.cursor.position();
                 match stride {
-                    // All parts of such a record stand where those of the first do.
+                    // All parts of such a record have the same offsets as in the first.
                     Some(stride)
                         if !record.parts.is_empty() && self.cursor.rest().len() >= stride =>
                     {
@@ -372,7 +375,7 @@ impl<'a> Body<'a> {
         Ok(())
     }
 
-    /// Reads a record of text, which is a line; returns the line.
+    /// Reads a record of text, which is one line. Returns the line.
     fn text_record(
         &mut self,
         element: &Element,
@@ -490,11 +493,11 @@ fn whole_length(length: Number) -> Result<u64, Problem> {
     }
 }
 
-/// The numbers of one element: of text read already, of binary data only when they are asked for.
+/// The numbers of one element: text is already read, binary data are decoded on demand.
 struct Record<'a> {
     text: Vec<Number>,
     bytes: &'a [u8],
-    /// Where those of each property begin and end, in `text` or in `bytes`.
+    /// Start and end of the numbers of each property, in `text` or in `bytes`.
     parts: Vec<(usize, usize)>,
     kinds: Vec<Kind>,
     is_text: bool,
@@ -520,7 +523,7 @@ impl Record<'_> {
         self.parts.clear();
     }
 
-    /// The numbers of a property: those of text, or the bytes of binary data with the size of each.
+    /// The numbers of a property: numbers of text, or the bytes of binary data with their type.
     fn part(&self, i: usize) -> (&[Number], &[u8], Kind) {
         let (start, end) = self.parts.get(i).copied().unwrap_or_default();
         let kind = self.kinds.get(i).copied().unwrap_or(Kind::U8);

@@ -1,31 +1,32 @@
-//! Surfaces of unstructured grids: which cells are part of one.
+//! Surfaces of unstructured grids: the cell types that are part of a surface.
 
 use super::read::{Cells, Numbers};
 use crate::io::error::{Place, Problem, ReadError};
 use crate::io::surface::Surface;
 
-/// The types of the cells, in the numbers of VTK.
+/// The types of the cells, as numbers of VTK.
 pub(super) struct CellTypes<'a>(pub(super) Numbers<'a>);
 
-/// Said of a cell that fills a volume.
+/// The error for a cell that fills a volume.
 const VOLUME: Problem = Problem::NoSurface {
     what: "a cell of a surface, not of a volume",
 };
 
-/// Said of a cell with curved sides.
+/// The error for a cell with curved sides.
 const CURVED: Problem = Problem::NoSurface {
     what: "a cell with straight edges, not a curved one",
 };
 
-/// Said of any other number.
+/// The error for any other number.
 const UNKNOWN: Problem = Problem::Expected {
     what: "a cell type of VTK: line, triangle, strip, polygon, pixel or quad (3 to 9)",
 };
 
-/// Adds each cell as what its type says.
+/// Adds each cell according to its type.
 ///
 /// # Errors
-/// As many types as cells are needed; a cell that is no part of a surface; an index out of range; too few corners.
+/// Another number of types than cells; a cell that is no part of a surface; an index out of range;
+/// too few corners.
 pub(super) fn add_cells(
     surface: &mut Surface,
     cells: &Cells<'_>,
@@ -46,14 +47,14 @@ pub(super) fn add_cells(
         cells.corners(surface, range, &mut corners)?;
         let at: &dyn Fn() -> Place = &|| cells.place(range);
         let added = match types.0.values[i] {
-            // Points, and a cell that VTK calls empty.
+            // Points, and the empty cell of VTK.
             0..=2 => Ok(()),
             3 | 4 => surface.line(&corners),
             5 => exactly(3, &corners).and_then(|()| surface.polygon(&corners, at)),
             6 => surface.strip(&corners, at),
             7 => surface.polygon(&corners, at),
             8 => {
-                // The corners of a pixel go by rows, those of a polygon around it.
+                // The corners of a pixel are in row order, those of a polygon in cyclic order.
                 exactly(4, &corners).and_then(|()| {
                     corners.swap(2, 3);
                     surface.polygon(&corners, at)

@@ -28,7 +28,7 @@ impl Kind {
             b"unsigned_short" => Kind::Unsigned(2),
             b"short" => Kind::Signed(2),
             b"unsigned_int" => Kind::Unsigned(4),
-            // VTK writes its own index type as 32 bits, whatever it is in memory.
+            // VTK writes its own index type as 32 bits, independent of its size in memory.
             b"int" | b"vtkidtype" => Kind::Signed(4),
             b"unsigned_long" | b"vtktypeuint64" => Kind::Unsigned(8),
             b"long" | b"vtktypeint64" => Kind::Signed(8),
@@ -51,11 +51,12 @@ impl Kind {
 
 /// Reads legacy VTK: `POINTS`, `POLYGONS`, `TRIANGLE_STRIPS` and `LINES` of polydata, `CELLS` of an unstructured grid.
 ///
-/// Attributes of points and cells are the last sections of a file and hold no surface: reading ends where they begin.
+/// Attributes of points and cells are the last sections of a file and contain no surface: reading
+/// ends at their start.
 ///
 /// # Errors
-/// Another data set, a cell that is no part of a surface, a section whose size does not fit, a number that is none, an
-/// index out of range.
+/// Another data set, a cell that is no part of a surface, a section of inconsistent size, an
+/// invalid number, an index out of range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str) -> Result<MeshFile, ReadError> {
     let mut reader = Reader {
         cursor: Cursor::new(name, bytes),
@@ -74,14 +75,14 @@ pub(super) struct Reader<'a> {
     pub(super) surface: Surface,
 }
 
-/// Whole numbers of a section, and how to find one of them again for an error.
+/// Integers of a section, with the means to locate one of them for an error.
 pub(super) struct Numbers<'a> {
     pub(super) values: Vec<i64>,
     start: Cursor<'a>,
     kind: Kind,
 }
 
-/// The cells of a section: the indices of all, and where those of each begin and end.
+/// The cells of a section: the indices of all cells, and the start and end of each.
 pub(super) struct Cells<'a> {
     pub(super) numbers: Numbers<'a>,
     pub(super) ranges: Vec<(usize, usize)>,
@@ -106,7 +107,7 @@ impl<'a> Numbers<'a> {
 }
 
 impl Cells<'_> {
-    /// Where a cell begins; this reads the section again.
+    /// Place of a cell; this reads the section again.
     pub(super) fn place(&self, (start, _): (usize, usize)) -> Place {
         self.numbers.locate(start).place()
     }
@@ -129,7 +130,7 @@ impl Cells<'_> {
 }
 
 impl<'a> Reader<'a> {
-    /// Reads the header; tells whether the data set is an unstructured grid and not polydata.
+    /// Reads the header. Returns true for an unstructured grid and false for polydata.
     fn header(&mut self) -> Result<bool, ReadError> {
         let first = self.cursor.next_line().unwrap_or_default();
         let version = first
@@ -148,7 +149,7 @@ impl<'a> Reader<'a> {
                 ));
             }
         }
-        // The title, which may be anything.
+        // The title can be any text.
         self.cursor.next_line();
         let encoding = self.word("ASCII or BINARY")?;
         let binary = match encoding.to_ascii_uppercase().as_slice() {
@@ -231,7 +232,7 @@ impl<'a> Reader<'a> {
             }
         }
         match cells {
-            // Without their types nobody knows what they are.
+            // Cells without types have no meaning.
             Some(_) => Err(self.cursor.fail(
                 Problem::Expected {
                     what: "CELL_TYPES behind CELLS",
@@ -242,7 +243,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A section that both data sets may have.
+    /// A section that both data sets can have.
     fn common_section(
         &mut self,
         section: &[u8],
@@ -272,7 +273,7 @@ impl<'a> Reader<'a> {
         count(word, what).map_err(|problem| self.cursor.fail(problem, word))
     }
 
-    /// A type, and the end of its line where binary numbers follow.
+    /// A type, and the end of its line if binary numbers follow.
     fn kind(&mut self) -> Result<Kind, ReadError> {
         let word = self.word("a type such as float, double or int")?;
         let Some(kind) = Kind::parse(word) else {
@@ -287,7 +288,8 @@ impl<'a> Reader<'a> {
         Ok(kind)
     }
 
-    /// Binary numbers begin right behind one line feed; their bytes may look like more of it.
+    /// Binary numbers begin directly after one line feed; their first bytes can look like white
+    /// space.
     fn end_of_line(&mut self) -> Result<(), ReadError> {
         while self.cursor.binary {
             match self
@@ -309,7 +311,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Refuses a count of numbers before anything is read or reserved for it.
+    /// Rejects a count of numbers before anything is read or reserved for it.
     fn check_room(&self, count: u64, kind: Kind) -> Result<usize, ReadError> {
         let rest = self.cursor.rest().len() as u64;
         let possible = if self.cursor.binary {
@@ -343,7 +345,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// A coordinate of the vertex behind the last.
+    /// A coordinate of the vertex after the last one.
     fn coordinate(&mut self, kind: Kind) -> Result<f64, ReadError> {
         if !self.cursor.binary {
             let word = self.word(A_NUMBER)?;
@@ -369,7 +371,7 @@ impl<'a> Reader<'a> {
                 let shift = 64 - 8 * bytes;
                 Ok((self.big_endian(bytes)? << shift) as i64 >> shift)
             }
-            // What needs 64 bits is no index and no count of this file.
+            // A number that needs 64 bits is no index and no count of this file.
             Kind::Unsigned(bytes) => Ok(i64::try_from(self.big_endian(bytes)?).unwrap_or(i64::MAX)),
             _ => Err(self.cursor.fail(
                 Problem::Expected {
@@ -391,7 +393,7 @@ impl<'a> Reader<'a> {
     fn numbers(&mut self, count: u64, kind: Kind) -> Result<Numbers<'a>, ReadError> {
         let count = self.check_room(count, kind)?;
         let start = self.cursor;
-        // Collecting would not know the length ahead and keep up to three times as much.
+        // `collect` would not know the length and would use up to three times the memory.
         let mut values = Vec::with_capacity(count);
         for _ in 0..count {
             values.push(self.whole(kind)?);
@@ -403,7 +405,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Reads a section of cells and gives each to `add`.
+    /// Reads a section of cells and passes each to `add`.
     fn add(
         &mut self,
         add: impl Fn(&mut Surface, &[u32], &dyn Fn() -> Place) -> Result<(), Problem>,
@@ -419,7 +421,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Reads a section of cells; the content tells which of the two layouts it has.
+    /// Reads a section of cells; the content decides between the two layouts.
     fn cells(&mut self) -> Result<Cells<'a>, ReadError> {
         let first = self.count("the number of cells")?;
         let second = self.count("the size of the cells")?;
@@ -434,7 +436,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Up to version 4.2: `count i j ...` for each cell, and the number of all these numbers ahead.
+    /// Up to version 4.2: `count i j ...` for each cell, preceded by the number of all these
+    /// numbers.
     fn cells_with_counts(&mut self, cells: u64, size: u64) -> Result<Cells<'a>, ReadError> {
         if size > 0 {
             self.end_of_line()?;
@@ -475,7 +478,8 @@ impl<'a> Reader<'a> {
         Ok(Cells { numbers, ranges })
     }
 
-    /// From version 5: where each cell begins, one number more than cells, and the indices of all cells.
+    /// From version 5: the start of each cell, one number more than cells, and the indices of all
+    /// cells.
     fn cells_with_offsets(&mut self, offsets: u64, size: u64) -> Result<Cells<'a>, ReadError> {
         self.cursor.token();
         let kind = self.kind()?;
@@ -519,7 +523,7 @@ impl<'a> Reader<'a> {
         Ok(Cells { numbers, ranges })
     }
 
-    /// Metadata are lines up to an empty one.
+    /// Metadata end with an empty line.
     fn skip_metadata(&mut self) {
         self.cursor.next_line();
         while self
@@ -550,7 +554,7 @@ impl<'a> Reader<'a> {
                     "a field array",
                 )?;
             } else if kind == Kind::Text {
-                // Strings stand one on a line, and the rest of this line comes first.
+                // Each string is on its own line; the rest of this line comes first.
                 self.cursor.skip_lines(count + 1);
             } else {
                 self.cursor.skip_tokens(count);

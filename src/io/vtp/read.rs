@@ -1,4 +1,5 @@
-//! Reader of VTK XML polydata: arrays as text, in base64 or appended, plain or compressed, of one piece or several.
+//! Reader of VTK XML polydata: arrays as text, in base64 or appended, uncompressed or compressed,
+//! in one or more pieces.
 
 mod data;
 
@@ -49,7 +50,7 @@ impl Kind {
     }
 }
 
-/// Where the numbers of an array stand.
+/// Location of the numbers of an array.
 #[derive(Clone, Copy)]
 enum Stored<'a> {
     Text(&'a [u8]),
@@ -57,19 +58,19 @@ enum Stored<'a> {
     Appended(u64),
 }
 
-/// An array, before it is read.
+/// An array before it is read.
 #[derive(Clone, Copy)]
 struct Array<'a> {
     kind: Kind,
     stored: Stored<'a>,
     tag: &'a [u8],
     slot: Slot,
-    /// The number of its piece, from 1.
+    /// Index of its piece, from 1.
     piece: usize,
 }
 
 impl Array<'_> {
-    /// What errors call it.
+    /// Name in errors.
     fn describe(&self) -> String {
         let section = |i: usize| SECTIONS.get(i).map_or("", |(_, _, name)| name);
         let piece = self.piece;
@@ -89,9 +90,9 @@ const SECTIONS: [(&[u8], &str, &str); 3] = [
     (b"Polys", "NumberOfPolys", "Polys"),
 ];
 
-/// The arrays of a piece and the numbers of points and cells that it declares.
+/// The arrays of a piece and its declared numbers of points and cells.
 ///
-/// It is small as long as it is empty: a file may consist of little else than pieces.
+/// An empty piece is small: a file can consist of almost nothing but pieces.
 #[derive(Default)]
 struct Piece<'a> {
     point_count: Option<u64>,
@@ -99,13 +100,13 @@ struct Piece<'a> {
     arrays: Vec<Array<'a>>,
 }
 
-/// What an array holds; cells by the index of their section.
+/// Content of an array; cells by the index of their section.
 #[derive(Clone, Copy, PartialEq)]
 enum Slot {
     Points,
     Corners(usize),
     Ends(usize),
-    /// Numbers at the points, which the surface does without.
+    /// Numbers at the points, which the surface does not use.
     Data,
 }
 
@@ -119,7 +120,7 @@ impl<'a> Piece<'a> {
 struct Numbers<'a> {
     array: Array<'a>,
     values: Values<'a>,
-    /// Where an error in them is.
+    /// Place for errors.
     place: usize,
     text: bool,
 }
@@ -143,7 +144,7 @@ impl Numbers<'_> {
         }
     }
 
-    /// The bits of a number and its type; `None` for numbers of text.
+    /// The bits of a number and its type; `None` for a number of text.
     fn word(&self, i: usize) -> Option<(u64, Kind)> {
         let Values::Bytes {
             bytes,
@@ -179,7 +180,7 @@ impl Numbers<'_> {
             (_, Some((word, Kind::Signed(bytes)))) => {
                 (word << (64 - 8 * bytes)) as i64 >> (64 - 8 * bytes)
             }
-            // What needs 64 bits is no index of this file, and neither is a real number.
+            // A number that needs 64 bits is no index of this file, and neither is a real number.
             (_, Some((word, Kind::Unsigned(_)))) => i64::try_from(word).unwrap_or(i64::MAX),
             (Values::Whole(values), _) => values[i],
             _ => i64::MAX,
@@ -191,16 +192,17 @@ struct Reader<'a> {
     xml: Xml<'a>,
     layout: Layout,
     surface: Surface,
-    /// The appended data behind their underscore, and whether they are base64.
+    /// The appended data after their underscore, and whether they are base64.
     appended: Option<(&'a [u8], bool)>,
-    /// Encoded bytes that may still be read: arrays that share theirs would make a small file take long.
+    /// Encoded bytes that may still be read: arrays that share bytes could make a small file slow.
     encoded_left: usize,
 }
 
 /// Reads the points, polygons, strips and lines of VTK XML polydata.
 ///
 /// # Errors
-/// Another XML file, an array that is missing, damaged or of another size than declared, an index out of range.
+/// Another XML file, an array that is missing, damaged or of another size than declared, or an
+/// index out of range.
 pub(in crate::io) fn read(bytes: &[u8], name: &str, limit: u64) -> Result<MeshFile, ReadError> {
     let mut reader = Reader::new(bytes, name, limit);
     let pieces = reader.structure()?;
@@ -228,7 +230,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Reads all tags, and no number.
+    /// Reads all tags without numbers.
     fn structure(&mut self) -> Result<Vec<Piece<'a>>, ReadError> {
         let mut pieces: Vec<Piece<'a>> = Vec::new();
         let mut section: &[u8] = b"";
@@ -244,7 +246,7 @@ impl<'a> Reader<'a> {
                 b"PolyData" if tag.closes || tag.empty => ended = true,
                 b"AppendedData" if !tag.closes => {
                     self.appended = Some(self.appended_data(&tag)?);
-                    // What follows may be binary, and only the end tags come behind it.
+                    // Binary data can follow; only end tags come after them.
                     break;
                 }
                 b"PointData" | b"CellData" | b"FieldData" | b"Points" | b"Verts" | b"Lines"

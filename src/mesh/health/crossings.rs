@@ -1,4 +1,4 @@
-//! Triangles of one surface that meet where they are not joined.
+//! Self-intersections: triangles of one surface that intersect where they are not joined.
 
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::measures::Aabb;
@@ -6,32 +6,33 @@ use crate::mesh::predicates;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// Triangles searched between two looks at the budget; a part of what a search that stopped early reports.
+/// Number of triangles between two checks of the budget.
 const CHUNK: usize = 4096;
 
-/// Pairs of boxes that a search may look at, in all and for each triangle. A surface has some twenty for each; only where
-/// thousands of triangles lie in one place would their square be asked for.
+/// Greatest number of box pairs in a search, in all and per triangle. A normal surface has about
+/// twenty per triangle; only thousands of triangles at one position would need their square.
 const BUDGET: (usize, usize) = (1 << 22, 256);
 
-/// The most pairs that are listed; all are counted.
+/// Greatest number of listed pairs; the count covers all pairs.
 const LISTED: usize = 100;
 
-/// Triangles that meet where they are not joined.
+/// Self-intersections of a surface.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Crossings {
     /// Pairs of triangles, the lower index first, ascending; at most 100 of them.
     pub pairs: Vec<[u32; 2]>,
-    /// How many pairs there are.
+    /// Number of pairs.
     pub count: usize,
-    /// Whether all were searched; else there may be more of them, because too many triangles lie in one place.
+    /// True if all pairs were tested; false if too many triangles at one position ended the search
+    /// early.
     pub complete: bool,
 }
 
-/// All pairs of triangles that share a point other than the corners they have in common; exact.
+/// All pairs of triangles that share a point other than their common corners; exact.
 ///
-/// `names` says which vertex each vertex is, so that coincident vertices count as one. Triangles for which `skipped` holds
-/// (those without area, duplicates) are left out.
+/// `names` maps each vertex to its representative, so that coincident vertices count as one.
+/// Triangles with `skipped` (zero area, duplicates) are left out.
 pub fn crossings(
     vertices: &[Point3<f64>],
     triangles: &[[u32; 3]],

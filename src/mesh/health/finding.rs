@@ -1,10 +1,10 @@
-//! One thing that is wrong with a surface: its code, its place, and what mends it.
+//! A defect of a surface: code, place and repair.
 
 use super::{Health, Parts};
 use crate::format::counted;
 use crate::mesh::TriangleMesh;
 
-/// What can be wrong with a surface. `E`: a simulation refuses it; `W`: it is said and nothing more.
+/// Kinds of defects. `E`: a simulation rejects the surface; `W`: a warning only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum Kind {
@@ -12,32 +12,32 @@ pub enum Kind {
     NoTriangles,
     /// An edge with more than two triangles.
     NonManifoldEdge,
-    /// Neighbouring triangles turn against each other.
+    /// Neighbouring triangles have opposite orientations.
     InconsistentOrientation,
     /// An edge with one triangle.
     OpenBoundary,
     /// The enclosed volume is not positive.
     InsideOut,
-    /// A triangle that another one repeats.
+    /// A triangle repeats another one.
     DuplicateTriangles,
-    /// A vertex that no triangle names.
+    /// A vertex has no triangle.
     UnusedVertices,
-    /// Vertices in the same place.
+    /// Vertices coincide.
     DuplicateVertices,
-    /// Triangles that meet where they are not joined.
+    /// Triangles intersect where they are not joined.
     SelfIntersection,
     /// Triangles with an angle below 1 degree.
     Slivers,
-    /// Triangles whose corners lie on one line.
+    /// The corners of a triangle are collinear.
     ZeroArea,
     /// Surfaces that touch in a point.
     NonManifoldVertex,
-    /// More than one piece.
+    /// The surface has more than one component.
     SeveralComponents,
 }
 
 impl Kind {
-    /// Every kind, in the order in which they are told.
+    /// All kinds, in the order of the report.
     pub const ALL: [Self; 13] = [
         Self::NoTriangles,
         Self::NonManifoldEdge,
@@ -73,12 +73,12 @@ impl Kind {
         }
     }
 
-    /// Whether a simulation refuses a muscle with it.
+    /// True if a simulation rejects a muscle with this defect.
     pub fn refuses(self) -> bool {
         self.code().starts_with('E')
     }
 
-    /// What mends it.
+    /// The repair of this defect.
     pub fn repair(self) -> &'static str {
         match self {
             Self::NoTriangles => "export the surface with its triangles",
@@ -113,7 +113,7 @@ impl serde::Serialize for Kind {
     }
 }
 
-/// Where the first of several is, indices counted from 0 in the order of the file.
+/// Place of the first occurrence; indices start at 0 in the order of the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Place {
@@ -121,26 +121,26 @@ pub struct Place {
     pub vertices: Vec<u32>,
     /// Triangles.
     pub triangles: Vec<u32>,
-    /// A point there, in the unit of the coordinates.
+    /// A point at the place, in the unit of the coordinates.
     pub point: Option<[f64; 3]>,
 }
 
-/// One thing that is wrong.
+/// A defect with its place.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Finding {
-    /// Its code.
+    /// Kind of the defect.
     #[cfg_attr(feature = "serde", serde(rename = "code"))]
     pub kind: Kind,
-    /// How often it was found.
+    /// Number of occurrences.
     pub count: usize,
-    /// In words, with the place of the first.
+    /// Description with the place of the first occurrence.
     pub message: String,
-    /// The place of the first.
+    /// Place of the first occurrence.
     pub place: Place,
 }
 
-/// The most indices that a message lists.
+/// Greatest number of indices in a message.
 const SHOWN: usize = 6;
 
 fn list(indices: &[u32]) -> String {
@@ -154,7 +154,7 @@ fn list(indices: &[u32]) -> String {
     shown.join(", ") + &rest
 }
 
-/// Every digit of a coordinate, but not three hundred zeros.
+/// All digits of a coordinate, without hundreds of zeros.
 fn coordinate(c: f64) -> String {
     if c == 0.0 || (1e-6..1e16).contains(&c.abs()) {
         format!("{c}")
@@ -169,7 +169,7 @@ struct Found<'a> {
 }
 
 impl Found<'_> {
-    /// Adds a finding if there is anything; `what` is told, then the place.
+    /// Adds a finding if the count is positive; the message is `what`, then the place.
     fn add(
         &mut self,
         kind: Kind,
@@ -242,7 +242,7 @@ impl Found<'_> {
     }
 }
 
-/// Everything that is wrong, in the order of [`Kind::ALL`].
+/// All defects, in the order of [`Kind::ALL`].
 pub(super) fn all(parts: &Parts, mesh: &TriangleMesh, health: &Health) -> Vec<Finding> {
     let mut found = Found {
         mesh,
@@ -350,7 +350,7 @@ fn rims(found: &mut Found<'_>, parts: &Parts) {
 }
 
 fn inside_out(found: &mut Found<'_>, parts: &Parts, health: &Health) {
-    // Only of a closed surface whose triangles agree is the volume that of an inside.
+    // The volume is an inside only for a closed, consistently oriented surface.
     let decided = parts.topology.is_closed() && parts.topology.is_oriented();
     if decided && (health.volume <= 0.0 || health.volume.is_nan()) {
         let what = match health.volume {

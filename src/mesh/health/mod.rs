@@ -1,7 +1,8 @@
-//! What is wrong with a surface, exactly, and what would mend it.
+//! Exact detection of the defects of a surface, with their repairs.
 //!
-//! Counts are topological; whether a triangle has area and whether two cross is decided by exact signs of the doubles as
-//! stored ([`crate::mesh::predicates`]), so that no tolerance and no unit enter. Only slivers have a threshold, an angle.
+//! Counts are topological. Exact signs of the doubles as stored ([`crate::mesh::predicates`])
+//! decide whether a triangle has area and whether two triangles intersect, so no tolerance and no
+//! unit enters. Only slivers have a threshold, an angle.
 
 pub mod crossings;
 mod finding;
@@ -17,10 +18,11 @@ use super::orientation::Orientation;
 use super::topology::Topology;
 use super::{TriangleMesh, predicates};
 
-/// A triangle with a smaller angle is a sliver \[rad\]: 1 degree, at which it is 57 times as long as high.
+/// Least angle of a triangle that is no sliver \[rad\]: 1 degree, where the triangle is 57 times as
+/// long as high.
 pub const SLIVER: f64 = std::f64::consts::PI / 180.0;
 
-/// Everything that is counted about a surface; lengths in the unit of its coordinates.
+/// All counts of a surface; lengths are in the unit of its coordinates.
 #[derive(Clone, Debug)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Health {
@@ -30,9 +32,9 @@ pub struct Health {
     pub triangles: usize,
     /// Number of edges.
     pub edges: usize,
-    /// Connected pieces.
+    /// Number of connected components.
     pub components: usize,
-    /// Rims, that is walks along edges with one triangle.
+    /// Number of boundary loops: walks along edges with one triangle.
     pub boundary_loops: usize,
     /// Edges with one triangle.
     pub boundary_edges: usize,
@@ -40,29 +42,29 @@ pub struct Health {
     pub non_manifold_edges: usize,
     /// Vertices where surfaces touch in a point.
     pub non_manifold_vertices: usize,
-    /// Edges whose two triangles do not agree in orientation.
+    /// Edges whose two triangles have opposite orientations.
     pub inconsistent_edges: usize,
-    /// Whether no surface is one-sided, so that its triangles can be turned to agree.
+    /// True if no component is one-sided, so that a consistent orientation exists.
     pub orientable: bool,
-    /// Euler characteristic V - E + F of the vertices in use.
+    /// Euler characteristic V - E + F of the vertices with triangles.
     pub euler_characteristic: i64,
-    /// Number of handles in all; `None` where the surface is not manifold or one-sided.
+    /// Total number of handles; `None` where the surface is not manifold or one-sided.
     pub genus: Option<i64>,
-    /// Triangles with a smallest angle below 1 degree, those without area left out.
+    /// Triangles with a smallest angle below 1 degree, without those of zero area.
     pub slivers: usize,
-    /// Triangles whose corners lie on one line, exactly.
+    /// Triangles with exactly collinear corners.
     pub zero_area: usize,
     /// Triangles beyond the first with the same three corners.
     pub duplicate_triangles: usize,
-    /// Vertices beyond the first in exactly the same place.
+    /// Vertices beyond the first at exactly the same position.
     pub duplicate_vertices: usize,
-    /// Vertices that no triangle names.
+    /// Vertices without triangles.
     pub unused_vertices: usize,
-    /// Pairs of triangles that meet where they are not joined.
+    /// Pairs of triangles that intersect where they are not joined.
     pub self_intersections: usize,
-    /// Whether all pairs were looked at.
+    /// True if all pairs were tested.
     pub self_intersections_complete: bool,
-    /// Enclosed volume; of an open surface that of the cones from the middle of its box.
+    /// Enclosed volume; for an open surface the volume of the cones from the centre of its box.
     pub volume: f64,
     /// Area.
     pub area: f64,
@@ -70,7 +72,7 @@ pub struct Health {
     pub lowest: [f64; 3],
     /// Highest corner of the bounding box.
     pub highest: [f64; 3],
-    /// What is wrong, what refuses a simulation first.
+    /// Defects; those that reject a simulation come first.
     #[cfg_attr(feature = "serde", serde(skip))]
     pub findings: Vec<Finding>,
 }
@@ -81,7 +83,7 @@ impl Health {
         Self::with_lines(mesh, &[])
     }
 
-    /// As [`Self::of`]; vertices of `lines` count as used.
+    /// The same as [`Self::of`]; vertices of `lines` count as used.
     pub fn with_lines(mesh: &TriangleMesh, lines: &[Vec<u32>]) -> Self {
         let mut parts = Parts::of(mesh);
         let mut on_line = vec![false; mesh.vertices.len()];
@@ -95,7 +97,8 @@ impl Health {
         health
     }
 
-    /// Whether a simulation takes the surface as a muscle: closed, manifold along edges, oriented outward.
+    /// True if a simulation accepts the surface as a muscle: closed, manifold along edges, oriented
+    /// outward.
     pub fn is_fit(&self) -> bool {
         self.findings.iter().all(|f| !f.kind.refuses())
     }
@@ -108,7 +111,7 @@ impl Health {
     }
 }
 
-/// What findings are made of.
+/// Input of the findings.
 struct Parts {
     topology: Topology,
     orientation: Orientation,
@@ -169,7 +172,8 @@ impl Parts {
         }
     }
 
-    /// The enclosed volume; vertices that nothing names have no part in it, not even in the middle of the box.
+    /// The enclosed volume. Vertices without triangles do not affect it, not even through the
+    /// centre of the box.
     fn volume(&self, mesh: &TriangleMesh) -> f64 {
         let (Some(first), false) = (mesh.triangles.first(), self.unused.is_empty()) else {
             return mesh.volume();
@@ -188,7 +192,7 @@ impl Parts {
         let orientable = self.orientation.one_sided.is_none();
         let euler = topology.euler_characteristic();
         let manifold = non_manifold_edges == 0 && self.non_manifold_vertices.is_empty();
-        // Each handle takes 2 from the characteristic of a piece, each rim 1.
+        // Each handle takes 2 from the Euler characteristic of a component, each boundary loop 1.
         let genus = (2 * components as i64 - self.rims.len() as i64 - euler) / 2;
         let bounds = if mesh.vertices.is_empty() {
             Aabb::of_points(&[Point3::origin()])

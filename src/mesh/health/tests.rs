@@ -27,7 +27,7 @@ fn a_sound_surface_has_no_finding() {
     }
 }
 
-/// A sphere with one thing wrong, and all codes that it must then have.
+/// Spheres with one defect each, and all codes that the defect must give.
 fn ailing() -> Vec<(&'static str, TriangleMesh, Vec<&'static str>)> {
     let sphere = || icosphere(1.0, 2);
     let with = |change: &dyn Fn(&mut TriangleMesh)| {
@@ -109,7 +109,7 @@ fn ailing() -> Vec<(&'static str, TriangleMesh, Vec<&'static str>)> {
 fn each_ailment_is_found() {
     for (name, mesh, expected) in ailing() {
         let found = codes(&mesh);
-        // Moving a vertex far gives slivers and crossings beside what it is meant for.
+        // A vertex far from its place gives slivers and intersections besides the intended defect.
         let rest: Vec<_> = found.iter().filter(|c| !expected.contains(c)).collect();
         assert!(
             rest.is_empty(),
@@ -171,7 +171,7 @@ fn codes_are_told_apart() {
 
 #[test]
 fn a_heap_of_triangles_is_not_searched_for_ever() {
-    // 20,000 triangles in one place would be 200 million pairs.
+    // 20,000 triangles at one position would give 200 million pairs.
     let count = 20_000u32;
     let mut draw = crate::testing::Draw::new(8);
     let vertices = (0..3 * count).map(|_| draw.direction().into()).collect();

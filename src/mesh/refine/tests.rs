@@ -92,7 +92,7 @@ fn real_muscles() {
 
 #[test]
 fn slivers_are_removed() {
-    // A tube with forty segments and rings three times as far apart, and fans of needles at its ends.
+    // A tube with forty segments, rings three times as far apart, and fans of needles at its ends.
     let mut mesh = tube(0.5, 2.0, 40);
     mesh.vertices.iter_mut().for_each(|p| p.x *= 3.0);
     let sharpest = mesh

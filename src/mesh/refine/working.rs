@@ -1,4 +1,5 @@
-//! A mesh under change: split, collapse, flip and move, each refused where it would harm the surface.
+//! A mesh during remeshing: split, collapse, flip and move; each is rejected where it would damage
+//! the surface.
 
 use std::cell::Cell;
 
@@ -9,47 +10,50 @@ use crate::mesh::closest::{SurfaceTree, closest_on_triangle};
 use crate::mesh::{Topology, TriangleMesh};
 
 const NONE: u32 = u32::MAX;
-/// A triangle is compared with parts of the original that do not face away from it by more than this cosine.
+/// A triangle is compared with parts of the original whose normal has a cosine above this value
+/// with its own.
 ///
-/// Negative, so that a triangle across a sharp rim still finds both sides; it keeps a thin sheet's other side out.
+/// The value is negative, so that a triangle across a sharp edge still finds both sides. It
+/// excludes the other side of a thin sheet.
 const FACING: f64 = -0.3;
-/// A vertex is drawn onto parts of the original that face its way.
+/// A vertex is projected onto parts of the original that face in its direction.
 const VERTEX_FACING: f64 = 0.0;
-/// Edges of the original with a fold above this cosine are features whose points are watched.
+/// Edges of the original whose fold has a cosine below this value are features with sample points.
 const FEATURE_COSINE: f64 = 0.97;
 
 /// Corners of a triangle [m].
 pub(super) type Corners = [Point3<f64>; 3];
 
-/// What an operation may do at most.
+/// Limits of an operation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     /// Largest distance between the surfaces [m].
     pub deviation: f64,
     /// Longest edge that an operation may make [m].
     pub longest: f64,
-    /// An operation may not leave a triangle with a smaller sine than this, unless the worst was smaller before.
+    /// Least sine of an angle after an operation, unless the worst was smaller before.
     pub sine: f64,
 }
 
-/// The mesh under change; triangles and vertices that are gone stay as holes until [`Working::finish`].
+/// The mesh during remeshing; deleted triangles and vertices stay as holes until
+/// [`Working::finish`].
 pub(super) struct Working<'a> {
     pub points: Vec<Point3<f64>>,
     pub triangles: Vec<[u32; 3]>,
-    /// Triangles of each vertex, in no order that matters.
+    /// Triangles of each vertex, in any order.
     pub rings: Vec<Vec<u32>>,
     pub boundary: Vec<bool>,
     original: &'a SurfaceTree,
-    /// The part of the original that was near to the last new triangle: it is tried first.
+    /// The part of the original near the last new triangle; the next query starts there.
     likely: Cell<u32>,
-    /// Points of the original that must stay near.
+    /// Points of the original that must stay near the new surface.
     samples: Vec<Point3<f64>>,
-    /// For each triangle the samples that it has to stay near to.
+    /// Samples of each triangle: the triangle must stay near them.
     carried: Vec<Vec<u32>>,
-    /// Projections reach so far [m].
+    /// Greatest distance of a projection [m].
     reach: f64,
     go_on: &'a dyn Fn() -> bool,
-    /// How often it was asked whether to go on.
+    /// Number of checks for cancellation.
     asked: usize,
     stopped: bool,
 }
@@ -113,7 +117,8 @@ impl<'a> Working<'a> {
         working
     }
 
-    /// Whether to go on with the next edge, vertex or triangle; once stopped, it stays so.
+    /// True if the work continues with the next edge, vertex or triangle; after a stop always
+    /// false.
     pub fn goes_on(&mut self) -> bool {
         if !self.stopped && self.asked.is_multiple_of(ASKED) {
             self.stopped = !(self.go_on)();
@@ -122,12 +127,12 @@ impl<'a> Working<'a> {
         !self.stopped
     }
 
-    /// Whether it was stopped from outside, and so is not done.
+    /// True if the caller stopped the work before its end.
     pub fn is_stopped(&self) -> bool {
         self.stopped
     }
 
-    /// Makes samples of all vertices and, `spacing` apart, of folded edges.
+    /// Takes samples at all vertices and, `spacing` apart, on folded edges.
     fn watch(&mut self, mesh: &TriangleMesh, topology: &Topology, spacing: f64) {
         for v in 0..mesh.vertices.len() {
             if let Some(&t) = topology.triangles_of_vertex(v).first() {
@@ -174,7 +179,8 @@ impl<'a> Working<'a> {
         (self.points[b as usize] - self.points[a as usize]).norm()
     }
 
-    /// The triangle that runs an edge from `a` to `b`, and the one that runs it back, with the wing tip of each.
+    /// The triangle that traverses an edge from `a` to `b`, and the one in the opposite direction,
+    /// each with its wing tip.
     fn sides(&self, a: u32, b: u32) -> [Option<(u32, u32)>; 2] {
         let mut found = [None; 2];
         for &t in &self.rings[a as usize] {
@@ -202,13 +208,13 @@ impl<'a> Working<'a> {
         all
     }
 
-    /// All edges with a length that `wanted` admits, sorted by length, shortest first, ties by vertices.
+    /// All edges whose length satisfies `wanted`, shortest first, ties in vertex order.
     pub fn edges_by_length(&self, wanted: impl Fn(f64) -> bool) -> Vec<(f64, u32, u32)> {
         let mut edges = Vec::new();
         for t in self.triangles.iter().filter(|t| t[0] != NONE) {
             for k in 0..3 {
                 let (a, b) = (t[k], t[(k + 1) % 3]);
-                // An edge of the rim has no triangle that runs it the other way.
+                // A boundary edge has no triangle in the other direction.
                 let once = a < b
                     || (self.boundary[a as usize]
                         && self.boundary[b as usize]
@@ -245,7 +251,7 @@ impl<'a> Working<'a> {
             .map(|c| c.point)
     }
 
-    /// Whether `new` triangles, the changed corner first, may take the place of the `old`.
+    /// True if the triangles `new`, the changed corner first, may replace the triangles `old`.
     fn may_replace(&self, old: &[u32], new: &[Corners], limits: &Limits) -> bool {
         let before = old
             .iter()
@@ -281,7 +287,7 @@ impl<'a> Working<'a> {
         })
     }
 
-    /// Hands samples of triangles that are about to change to the nearest of those that replace them.
+    /// Gives samples of changed triangles to the nearest of the new triangles.
     fn hand_over(&mut self, samples: Vec<u32>, to: &[u32]) {
         for s in samples {
             let point = self.samples[s as usize];
@@ -304,7 +310,7 @@ impl<'a> Working<'a> {
             .collect()
     }
 
-    /// Splits the edge at its middle.
+    /// Splits the edge at its midpoint.
     pub fn split(&mut self, a: u32, b: u32) {
         let sides = self.sides(a, b);
         let m = self.points.len() as u32;
@@ -424,7 +430,8 @@ impl<'a> Working<'a> {
         self.hand_over(samples, &kept);
     }
 
-    /// Whether the surface stays a manifold of the same genus: only the wing tips are neighbours of both ends.
+    /// True if the surface stays a manifold of the same genus: only the wing tips are neighbours of
+    /// both ends.
     fn link_condition(&self, a: u32, b: u32, c: u32, d: u32) -> bool {
         let (near_a, near_b) = (self.neighbours(a), self.neighbours(b));
         let shared = near_a
@@ -436,7 +443,8 @@ impl<'a> Working<'a> {
         c != d && shared == 2 && enough(c) && enough(d)
     }
 
-    /// Turns the edge in its quad if that is allowed and `better(old, new)` says so of the two pairs of triangles.
+    /// Flips the edge in its quad if the limits allow it and `better(old, new)` holds for the two
+    /// pairs of triangles.
     pub fn flip(
         &mut self,
         a: u32,
@@ -459,7 +467,7 @@ impl<'a> Working<'a> {
         }
         let [p, q, r, s] = [a, b, c, d].map(|v| self.points[v as usize]);
         let (old, new) = ([self.corners(t), self.corners(u)], [[s, r, p], [r, s, q]]);
-        // Turned against the pair it replaces, a triangle would fold over.
+        // A triangle with a normal opposite to the replaced pair would fold over.
         let facing = cross(&old[0]) + cross(&old[1]);
         if new.iter().any(|n| cross(n).dot(&facing) <= 0.0)
             || !better(self, [a, b, c, d], worst_sine(&old), worst_sine(&new))
@@ -480,7 +488,7 @@ impl<'a> Working<'a> {
         true
     }
 
-    /// The worst sine around a vertex if it were at `target`.
+    /// The least sine around a vertex for the position `target`.
     pub fn sine_with(&self, v: u32, target: &Point3<f64>) -> f64 {
         let ring = self.rings[v as usize].iter();
         ring.map(|&t| smallest_sine(&self.with_corner(t, v, target)))
@@ -507,8 +515,8 @@ impl<'a> Working<'a> {
         true
     }
 
-    /// The mesh without holes, vertices in their order here, the number of each of those in it, and the largest distance of a
-    /// watched point from it [m].
+    /// The mesh without holes, its vertices in the present order, the new index of each vertex, and
+    /// the largest distance of a sample point from the mesh [m].
     pub fn finish(self) -> (TriangleMesh, Vec<u32>, f64) {
         let mut drift: f64 = 0.0;
         let mut names = vec![NONE; self.points.len()];

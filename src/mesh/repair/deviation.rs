@@ -1,4 +1,4 @@
-//! How far two surfaces lie apart.
+//! Distance between two surfaces.
 
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
@@ -6,18 +6,18 @@ use crate::mesh::measures::greatest;
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-/// Greatest distances between two surfaces, measured from the corners, mid-sides and centroids of all triangles
-/// [unit of the coordinates]; `None` where one of them has no triangle.
+/// Greatest distances between two surfaces, measured from the corners, edge midpoints and centroids
+/// of all triangles [unit of the coordinates]; `None` where one surface has no triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Deviation {
-    /// From points of the first to the second: what the second lost or moved.
+    /// From points of the first surface to the second: what the second lost or moved.
     pub lost: Option<f64>,
-    /// From points of the second to the first: what the second has beyond it.
+    /// From points of the second surface to the first: what the second added.
     pub added: Option<f64>,
 }
 
-/// Measures both ways.
+/// Measures both directions.
 pub fn deviation(first: &TriangleMesh, second: &TriangleMesh) -> Deviation {
     Deviation {
         lost: one_way(first, second),

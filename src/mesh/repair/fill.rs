@@ -11,21 +11,24 @@ use crate::mesh::boundary::rims;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
-/// Closes every rim of at most `longest` edges without a new vertex, where that gives no edge a third triangle.
+/// Closes every boundary loop of at most `longest` edges without a new vertex, unless an edge would
+/// get a third triangle.
 pub(super) fn close(working: &mut Working, longest: usize) {
     if longest < 3 {
         return;
     }
     let topology = topology(working);
     let (mut closed, mut around, mut added) = (0, Vec::new(), 0);
-    // Chords of covers; a second cover over the same chord would make it an edge of four triangles.
+    // Chords of the covers; a second cover over the same chord would give an edge with four
+    // triangles.
     let mut chords = BTreeSet::new();
     for rim in rims(&topology) {
         if !rim.closed || !(3..=longest).contains(&rim.vertices.len()) {
             continue;
         }
         let mut ring = rim.vertices;
-        // The cover runs the first edge of the rim against its triangle; should others disagree, they are turned later.
+        // The cover traverses the first edge of the loop against its triangle. If other triangles
+        // have the opposite orientation, a later step reverses them.
         let Some(edge) = topology.find_edge(ring[0], ring[1]) else {
             continue;
         };
@@ -40,7 +43,7 @@ pub(super) fn close(working: &mut Working, longest: usize) {
         let Some(cover) = cover(&ring, &working.vertices, &topology, &chords) else {
             continue;
         };
-        // A loose triangle is no hole: its cover would be the same triangle turned round.
+        // A loose triangle is no hole: its cover would be the same triangle reversed.
         if cover.len() == 1 && ring.iter().all(|v| corners.contains(v)) {
             continue;
         }
@@ -65,11 +68,12 @@ pub(super) fn close(working: &mut Working, longest: usize) {
     working.note(Step::ClosedHoles, closed, message, around);
 }
 
-/// Open edges at a vertex beyond this number are not searched for gaps, as the time is that of their square.
+/// Vertices with more open edges are not searched for gaps, as the time is quadratic.
 const MOST_OPEN: usize = 64;
 
-/// Closes every gap of three edges between triangles that meet at its corners, before they are taken apart there: what
-/// a missing triangle leaves where the triangle next to it has no other neighbour. Wants rims of three to be closed.
+/// Closes every gap of three edges between triangles that share its corners, before the triangles
+/// are separated there. A missing triangle leaves such a gap if its neighbour has no other
+/// neighbour. Acts only if loops of three edges are closed.
 pub(super) fn close_gaps(working: &mut Working, longest: usize) {
     if longest < 3 {
         return;
@@ -101,7 +105,7 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
                 .binary_search_by_key(&c, |(other, _)| *other)
                 .ok()?;
             let all = [t, s, open[b as usize][at].1];
-            // Three edges of one triangle are that triangle, and no gap.
+            // Three edges of one triangle are that triangle, not a gap.
             let apart = all[0] != all[1] && all[1] != all[2] && all[2] != all[0];
             let unused = [[a, c], [b, c]]
                 .iter()
@@ -110,7 +114,8 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
         });
         if let Some(c) = third {
             used.extend([[a, b], [a, c], [b, c]].map(|[u, v]| [u.min(v), u.max(v)]));
-            // Against its neighbour along the first edge; should others disagree, they are turned later.
+            // Opposite to its neighbour along the first edge; if others have the opposite
+            // orientation, a later step reverses them.
             let corners = working.triangles[t as usize];
             let along = (0..3).any(|k| corners[k] == a && corners[(k + 1) % 3] == b);
             added.push(if along { [b, a, c] } else { [a, b, c] });
@@ -133,11 +138,11 @@ pub(super) fn close_gaps(working: &mut Working, longest: usize) {
     working.note(Step::ClosedHoles, count, message, around);
 }
 
-/// What a part of a cover costs: first the triangles without area, then the area.
+/// Cost of a part of a cover: first the number of triangles without area, then the area.
 type Cost = (u32, f64);
 
-/// The triangles over a closed walk that have the least area in all; `None` where every choice gives an edge a third
-/// triangle.
+/// The triangles of least total area over a closed walk; `None` if every choice gives an edge a
+/// third triangle.
 fn cover(
     ring: &[u32],
     points: &[Point3<f64>],
@@ -145,7 +150,7 @@ fn cover(
     chords: &BTreeSet<[u32; 2]>,
 ) -> Option<Vec<[u32; 3]>> {
     let n = ring.len();
-    // A chord that is an edge already would get more triangles than two.
+    // A chord that is already an edge would get more than two triangles.
     let is_edge = |u: u32, v: u32| {
         topology.find_edge(u, v).is_some() || chords.contains(&[u.min(v), u.max(v)])
     };
@@ -192,7 +197,7 @@ fn cover(
             continue;
         }
         let (_, m) = best[i * n + j]?;
-        // The ring runs with its triangles, the cover against it.
+        // The ring has the direction of its triangles, the cover the opposite one.
         cover.push([ring[i], ring[j], ring[m]]);
         open.extend([(i, m), (m, j)]);
     }

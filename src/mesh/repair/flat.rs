@@ -1,4 +1,4 @@
-//! Cuts triangles without area out of a surface, which moves no point of it.
+//! Removes triangles without area from a surface without moving a point of it.
 
 use nalgebra::Point3;
 
@@ -8,32 +8,35 @@ use crate::format::counted;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
-/// Triangles that the rounds may look at in all. Each round cuts triangles that do not touch, a row of them one by one.
+/// Greatest total number of examined triangles. Each round cuts triangles that do not touch, a row
+/// of them one by one.
 const EFFORT: usize = 20_000_000;
 
-/// The fewest rounds that are allowed, however many triangles there are.
+/// Least allowed number of rounds, for any number of triangles.
 const ROUNDS: usize = 64;
 
-/// Vertices with more triangles are left alone: each triangle without area asks for all of them.
+/// Vertices with more triangles are skipped: each triangle without area would examine all of them.
 const CROWD: usize = 1000;
 
-/// What is done about one triangle without area.
+/// The treatment of a triangle without area.
 enum Cut {
     /// Two corners coincide: the second becomes the first.
     Collapse([u32; 2]),
-    /// The middle corner lies on the long side: the triangle across is divided there.
+    /// The middle corner lies on the long side: the triangle across the side is divided there.
     Flip {
-        /// The triangle across, and what becomes of the two.
+        /// The triangle across the side, and the triangles that replace both.
         across: usize,
         halves: [[u32; 3]; 2],
     },
-    /// The long side is a rim: the triangle goes, and the rim runs along the other two sides.
+    /// The long side is on the boundary: the triangle is removed, and the boundary follows the
+    /// other two sides.
     Drop,
 }
 
-/// Flips, collapses or drops every triangle without area that can be, exactly where it lies.
+/// Flips, collapses or removes every triangle without area where possible, exactly in place.
 ///
-/// Left is what would give an edge a third triangle, and what hangs on a vertex with more than 1000 triangles.
+/// A triangle stays if an edge would get a third triangle, or if a vertex has more than 1000
+/// triangles.
 pub(super) fn cut(working: &mut Working) {
     let mut cut = Vec::new();
     for _ in 0..ROUNDS.max(EFFORT / (working.triangles.len() + 1)) {
@@ -74,7 +77,7 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
         return;
     }
     let topology = topology(working);
-    // Triangles about a vertex of which one was changed have to wait for the next round.
+    // Triangles at a vertex with a changed triangle wait for the next round.
     let mut touched = vec![false; working.vertices.len()];
     let mut gone = vec![false; working.triangles.len()];
     for t in flat {
@@ -123,7 +126,8 @@ fn round(working: &mut Working, cut: &mut Vec<Option<u32>>) {
     working.retain(|t| !gone[t]);
 }
 
-/// What to do about triangle `t`, and the vertices that it concerns; `None` where nothing can be done now.
+/// The treatment of triangle `t` and the vertices that it affects; `None` where nothing is possible
+/// now.
 fn plan(
     t: usize,
     triangles: &[[u32; 3]],
@@ -146,7 +150,7 @@ fn plan(
             return allowed.then(|| (Cut::Collapse([keep, drop]), vec![keep, drop]));
         }
     }
-    // Distinct corners on one line: in any order along it the second is the one between the others.
+    // Distinct collinear corners: in either order along the line the second is the middle one.
     let key = |k: usize| at(corners[k]);
     let compare = |i: &usize, j: &usize| {
         let (p, q) = (key(*i), key(*j));
@@ -167,14 +171,15 @@ fn plan(
         [s, u] => {
             let across = if s as usize == t { u } else { s } as usize;
             let apex = *triangles[across].iter().find(|v| **v != a && **v != c)?;
-            // One without area has to be cut first, or the two would be flipped back and forth.
+            // A neighbour without area is cut first; otherwise both would flip back and forth.
             if apex == b
                 || topology.find_edge(apex, b).is_some()
                 || is_flat(&triangles[across].map(at))
             {
                 return None;
             }
-            // Each half is the triangle across with one end of the long side moved to the middle.
+            // Each half is the triangle across the side with one end of the long side moved to the
+            // middle corner.
             let with = |end: u32| triangles[across].map(|v| if v == end { b } else { v });
             Some((
                 Cut::Flip {
@@ -188,7 +193,8 @@ fn plan(
     }
 }
 
-/// Whether the vertices next to both ends of an edge are those opposite it, so that a collapse joins nothing else.
+/// True if the common neighbours of both ends of an edge are those opposite the edge, so that a
+/// collapse joins nothing else.
 fn link_is_free(a: u32, b: u32, topology: &Topology, triangles: &[[u32; 3]]) -> bool {
     let around = |v: u32| {
         let ring = topology.triangles_of_vertex(v as usize);
@@ -210,7 +216,7 @@ fn link_is_free(a: u32, b: u32, topology: &Topology, triangles: &[[u32; 3]]) -> 
         .filter(|v| around_b.binary_search(v).is_ok())
         .count();
     let opposite = topology.triangles_of_edge(edge as usize).len();
-    // Two rims that a collapse would bring together stay apart.
+    // A collapse must not join two boundary loops.
     let on_rim = |v: u32| {
         let ring = topology.triangles_of_vertex(v as usize);
         let sides = ring

@@ -1,7 +1,8 @@
-//! Makes a surface fit for simulation, and tells everything that it changed.
+//! Repairs a surface for simulation and reports every change.
 //!
-//! Nothing is moved but vertices that are merged over a distance, which is asked for. What is joined stays joined:
-//! only rims are closed, only edges with more than two triangles and vertices in which surfaces touch are taken apart.
+//! Vertices move only by merging over a distance that the caller sets. Joined parts stay joined:
+//! the repair only closes boundary loops and separates edges with more than two triangles and
+//! vertices in which surfaces touch.
 
 mod deviation;
 mod fill;
@@ -17,31 +18,33 @@ use super::TriangleMesh;
 use super::topology::Topology;
 use working::Working;
 
-/// The longest rim that can be closed [edges]; time grows as its cube.
+/// Greatest length of a boundary loop that can be closed [edges]; the time grows as its cube.
 pub const LONGEST_RIM: usize = 500;
 
-/// What may be changed beyond what moves and loses nothing.
+/// Optional changes that move or drop parts of the surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Vertices on rims that are at most this far apart are merged [unit of the coordinates]; 0: those in one place.
+    /// Boundary vertices at most this far apart are merged [unit of the coordinates]; 0 merges
+    /// coincident vertices only.
     pub merge_within: f64,
-    /// Rims of at most so many edges are closed, at most [`LONGEST_RIM`]; 0: none.
+    /// Boundary loops with at most this number of edges are closed, at most [`LONGEST_RIM`]; 0
+    /// closes none.
     pub close_holes: usize,
-    /// Whether all pieces but the one of the greatest area are dropped.
+    /// Drops all components but the one of the greatest area.
     pub keep_largest: bool,
 }
 
-/// One thing that was changed.
+/// A change of a repair.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Change {
-    /// Which of the steps.
+    /// The step of the repair.
     pub step: Step,
-    /// How many elements were changed.
+    /// Number of changed elements.
     pub count: usize,
-    /// In words.
+    /// Description.
     pub message: String,
-    /// The elements, vertices or triangles as the step says, by their index in the mesh as read, ascending.
+    /// The changed vertices or triangles, by their index in the original mesh, ascending.
     pub elements: Vec<u32>,
 }
 
@@ -50,49 +53,52 @@ pub struct Change {
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Step {
-    /// Vertices on rims that were merged with another.
+    /// Boundary vertices merged with another vertex.
     MergedVertices,
-    /// Triangles dropped because others have the same corners.
+    /// Dropped triangles with the same corners as another one.
     DroppedDuplicateTriangles,
-    /// Triangles without area that were flipped or collapsed away.
+    /// Triangles without area, removed by flips or collapses.
     CutZeroArea,
-    /// Vertices that were given a second copy, where surfaces were taken apart.
+    /// Vertices that got a copy where surfaces were separated.
     SplitVertices,
-    /// Triangles of pieces that were dropped.
+    /// Triangles of dropped components.
     DroppedPieces,
-    /// Vertices of rims that were closed.
+    /// Vertices of closed boundary loops.
     ClosedHoles,
-    /// Triangles that were turned round.
+    /// Reversed triangles.
     TurnedTriangles,
-    /// Vertices that were dropped because nothing names them.
+    /// Dropped vertices without a triangle or line.
     DroppedVertices,
 }
 
-/// A repaired surface and how it came about.
+/// A repaired surface with its changes.
 #[derive(Clone, Debug)]
 pub struct Repaired {
     /// The surface.
     pub mesh: TriangleMesh,
     /// The polylines, with the new indices.
     pub lines: Vec<Vec<u32>>,
-    /// What was changed, in order; empty for a mesh that needed nothing, which then has the same bits.
+    /// Changes in order; empty for a mesh without defects, whose bits are unchanged.
     pub changes: Vec<Change>,
-    /// The furthest that a vertex was moved [unit of the coordinates].
+    /// Greatest displacement of a vertex [unit of the coordinates].
     pub moved: f64,
 }
 
-/// Repairs a surface with valid indices and finite coordinates; `lines` are polylines over its vertices, which are kept.
+/// Repairs a surface with valid indices and finite coordinates; the polylines `lines` over its
+/// vertices are kept.
 pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &Options) -> Repaired {
     let mut working = Working::new(mesh, lines);
-    // A triangle over another hides a rim, and two rims over one another hide duplicates.
+    // A duplicate triangle hides a boundary, and coincident boundaries hide duplicates.
     working.drop_duplicates();
     seams::merge(&mut working, options.merge_within);
     working.drop_duplicates();
-    // Where surfaces touch, triangles without area cannot be flipped; where such a triangle was, surfaces may touch.
+    // Triangles without area cannot flip where surfaces touch; surfaces can touch where such a
+    // triangle was.
     for round in 0..2 {
         flat::cut(&mut working);
         if round == 0 {
-            // Taken apart, such triangles would be loose pieces, and the gaps between them one hole over which they lie.
+            // After separation such triangles would be loose components, and the gaps between them
+            // one hole.
             fill::close_gaps(&mut working, options.close_holes);
         }
         split::split(&mut working);
@@ -105,7 +111,7 @@ pub fn repair(mesh: &TriangleMesh, lines: &[Vec<u32>], options: &Options) -> Rep
     working.finish()
 }
 
-/// The topology of what is being repaired.
+/// The topology of the mesh under repair.
 fn topology(working: &Working) -> Topology {
     Topology::of_triangles(working.vertices.len(), &working.triangles)
 }

@@ -1,4 +1,5 @@
-//! Turns triangles so that neighbours agree and closed pieces face outward.
+//! Reverses triangles so that neighbours have the same orientation and closed components face
+//! outward.
 
 use std::collections::BTreeMap;
 
@@ -10,14 +11,14 @@ use crate::format::counted;
 use crate::mesh::inside::Inside;
 use crate::mesh::orientation::Orientation;
 
-/// Triangles that may be looked at to find what lies in what, in all and for each triangle; pieces beyond are taken as lying
-/// in none. Only thousands of pieces one behind the other come near it.
+/// Greatest number of triangle tests for the nesting of components, in all and per triangle;
+/// components beyond count as not nested. Only thousands of components in one line come near it.
 const EFFORT: (usize, usize) = (1 << 26, 64);
 
-/// Vertices of a piece that are asked what they lie in.
+/// Number of vertices of a component in the test for nesting.
 const VOTES: usize = 8;
 
-/// Six times the volume of a closed piece, seen from a corner of it; only its sign is asked for.
+/// Six times the volume of a closed component, seen from one of its corners; only the sign is used.
 fn six_volumes(points: &[Point3<f64>], own: &[[u32; 3]]) -> f64 {
     let Some(first) = own.first() else { return 0.0 };
     let origin = points[first[0] as usize];
@@ -28,8 +29,9 @@ fn six_volumes(points: &[Point3<f64>], own: &[[u32; 3]]) -> f64 {
     own.iter().map(part).sum()
 }
 
-/// Turns the fewer triangles of each patch that disagrees with itself; then each closed piece outward. A piece within
-/// another is turned only if that one is: whether it is the wall of a cavity or a body of its own, only its maker knows.
+/// Makes each patch consistent with the fewest reversals, then each closed component outward. A
+/// component inside another is reversed only together with the outer one: it can be the wall of a
+/// cavity or a body of its own.
 pub(super) fn turn(working: &mut Working) {
     let topology = topology(working);
     let orientation = Orientation::new(&topology, &working.triangles);
@@ -39,7 +41,7 @@ pub(super) fn turn(working: &mut Working) {
         let [a, b, c] = working.triangles[t];
         if turn[t] { [b, a, c] } else { [a, b, c] }
     };
-    // Pieces by their vertices; one that is open anywhere has no inside.
+    // Components by their vertices; a component with a boundary has no inside.
     let components = topology.components();
     let label = |t: usize| components.labels[working.triangles[t][0] as usize];
     let mut pieces: Vec<Vec<usize>> = vec![Vec::new(); components.count];
@@ -54,7 +56,8 @@ pub(super) fn turn(working: &mut Working) {
         .map(|t| turned(&turn, t))
         .collect();
     let inside = Inside::new(points, &walls);
-    // The pieces that each closed piece lies in; the outermost decides, and what lies in it is turned with it.
+    // The components that contain each closed component. The outermost one decides for all
+    // components inside it.
     let mut within: Vec<Vec<u32>> = vec![Vec::new(); components.count];
     let mut inward = vec![false; components.count];
     let mut effort = 0;
@@ -65,7 +68,8 @@ pub(super) fn turn(working: &mut Working) {
     {
         let own: Vec<[u32; 3]> = members.iter().map(|t| turned(&turn, *t)).collect();
         inward[piece] = six_volumes(points, &own) < 0.0;
-        // Of several vertices each has to lie within another piece: where pieces touch, one alone may lie on its wall.
+        // Each of several vertices must lie inside the other component: where components touch, one
+        // vertex can lie on the wall.
         let step = own.len().div_ceil(VOTES);
         let votes: Vec<&Point3<f64>> = own
             .iter()

@@ -1,4 +1,4 @@
-//! Joins rims whose vertices lie in one place, or near one another.
+//! Joins boundary loops with coincident or near vertices.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,11 @@ use super::{Step, topology};
 use crate::format::counted;
 use crate::mesh::measures::greatest;
 
-/// Merges vertices on rims that are at most `within` apart with the lowest of them; 0 merges those in one place.
+/// Merges each group of boundary vertices at most `within` apart into the lowest vertex; 0 merges
+/// coincident vertices.
 ///
-/// Vertices inside a surface are left alone: where they coincide, surfaces touch, and stay apart. So do the ends of
-/// an edge that has a length.
+/// Inner vertices of a surface are skipped: where they coincide, surfaces touch and stay separate.
+/// The ends of an edge of positive length also stay separate.
 pub(super) fn merge(working: &mut Working, within: f64) {
     let topology = topology(working);
     let mut on_rim: Vec<u32> = topology
@@ -28,8 +29,8 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     };
     let mut target: Vec<u32> = (0..working.vertices.len() as u32).collect();
     for &v in &on_rim {
-        // Only vertices that stay are in the grid, so that no chain of merges leads further than `within`, and a cell
-        // holds few however many are merged.
+        // The grid contains only kept vertices, so no chain of merges exceeds `within`, and a cell
+        // contains few vertices after any number of merges.
         let at = |v: u32| working.vertices[v as usize];
         let free = |w: &u32| at(*w) == at(v) || topology.find_edge(v, *w).is_none();
         match grid
@@ -87,10 +88,10 @@ pub(super) fn merge(working: &mut Working, within: f64) {
     working.note(Step::MergedVertices, merged.len(), message, merged.clone());
 }
 
-/// Cells beyond this number are smaller than the distance between doubles.
+/// A greater cell number means cells smaller than the spacing of doubles.
 const FINEST: f64 = 9e15;
 
-/// Vertices sorted into cells as wide as the distance asked for.
+/// Vertices in cells whose width is the merge distance.
 struct Grid {
     within: f64,
     cells: BTreeMap<[i64; 3], Vec<u32>>,
@@ -102,7 +103,8 @@ impl Grid {
         if cells.iter().all(|c| c.abs() < FINEST) {
             cells.map(|c| c as i64).into()
         } else {
-            // As fine as doubles are, or no distance at all: only the same place is near. Adding 0 makes -0 into 0.
+            // Cells at the spacing of doubles, or no distance: only equal positions are near.
+            // Adding 0 makes -0 into 0.
             p.coords.map(|c| (c + 0.0).to_bits() as i64).into()
         }
     }

@@ -1,4 +1,4 @@
-//! Takes surfaces apart along edges with more than two triangles, and where they touch in a vertex.
+//! Separates surfaces along edges with more than two triangles and at vertices where they touch.
 
 mod divide;
 
@@ -14,16 +14,16 @@ use crate::mesh::orientation::Orientation;
 use crate::mesh::predicates::is_flat;
 use crate::mesh::topology::Topology;
 
-/// Leaves each edge with at most two triangles and each vertex with one fan.
+/// Gives each edge at most two triangles and each vertex one fan.
 ///
-/// Around an edge, triangles that face each other across the inside of a body stay together; a sheet that hangs on a
-/// closed surface, or divides it, comes off whole.
+/// Triangles around an edge that face each other across the inside of a body stay together. A sheet
+/// that hangs on a closed surface, or divides it, is separated as a whole.
 pub(super) fn split(working: &mut Working) {
     let before = topology(working);
     let edges = before.non_manifold_edges();
     let patches = Orientation::new(&before, &working.triangles);
     let sheets = sheets(working, &before, &edges, &patches);
-    // As the triangles will be turned within their patch.
+    // The orientation that the triangles will have within their patch.
     let turned = |(t, turn): (&[u32; 3], &bool)| if *turn { [t[1], t[0], t[2]] } else { *t };
     let oriented: Vec<[u32; 3]> = working
         .triangles
@@ -75,8 +75,9 @@ pub(super) fn split(working: &mut Working) {
     working.note(Step::SplitVertices, count, message, copied);
 }
 
-/// The triangles of patches to be taken off before what remains is paired: those with a rim of their own that hang on
-/// edges with an odd number of triangles, else of such patches the smallest, until no such edge has a patch to spare.
+/// The triangles of patches that are separated before the rest is paired: those with their own
+/// boundary on edges with an odd number of triangles, otherwise the smallest of such patches, until
+/// no such edge has a patch to spare.
 fn sheets(
     working: &Working,
     topology: &Topology,
@@ -102,7 +103,8 @@ fn sheets(
             .for_each(|t| rim[patches.patches[*t as usize] as usize] = true);
     }
     let mut order: Vec<usize> = (0..patches.count).collect();
-    // Those with a rim first, then by area: each is asked once, so that the time is that of a sort.
+    // Patches with a boundary first, then by area. Each is tested once, so the time is that of a
+    // sort.
     order.sort_by(|&p, &q| {
         rim[q]
             .cmp(&rim[p])
@@ -120,7 +122,8 @@ fn sheets(
     }
     let mut sheet = vec![false; patches.count];
     for p in order {
-        // It may only hang on edges that have one triangle too many, each by one of its own.
+        // The patch may only touch edges with one surplus triangle, each with one triangle of its
+        // own.
         let once = at_edge[p].windows(2).all(|w| w[0] != w[1]);
         if !at_edge[p].is_empty() && once && at_edge[p].iter().all(|&e| left[e as usize] % 2 == 1) {
             sheet[p] = true;
@@ -134,7 +137,8 @@ fn sheets(
     taken
 }
 
-/// Which triangles around an edge stay together, two by two; what belongs to no other is a group of its own.
+/// The pairs of triangles around an edge that stay together; a triangle without a partner is a
+/// group of its own.
 fn groups(
     edge: [u32; 2],
     around: &[u32],
@@ -175,8 +179,9 @@ fn pairs(
         })
     };
     let mut joined = Vec::new();
-    // A triangle that runs the edge backwards has the inside after it, one that runs it forwards before it: they close
-    // like brackets. Twice around, for a body may lie across the beginning.
+    // A triangle that traverses the edge backwards has the inside after it, one that traverses it
+    // forwards before it: they match like brackets. Two rounds, since a body can lie across the
+    // start.
     let mut open: Vec<usize> = Vec::new();
     let (mut opened, mut closed) = (vec![false; order.len()], vec![false; order.len()]);
     for k in (0..2 * order.len()).map(|k| k % order.len()) {
@@ -196,7 +201,8 @@ fn pairs(
 
 /// The triangles by their angle about the edge, from that of the first, counter-clockwise seen against its direction.
 ///
-/// Angles are rounded, to about 1e-15 times the length of the edge over the height of the triangle; triangles nearer to each other than that are taken in the order of their indices.
+/// Angles have a rounding error of about 1e-15 times the length of the edge over the height of the
+/// triangle. Triangles nearer to each other are sorted by index.
 fn by_angle(
     edge: [u32; 2],
     around: &[u32],
@@ -214,7 +220,7 @@ fn by_angle(
         let away = at(apex) - a;
         away - axis * away.dot(&axis)
     };
-    // One without area has no direction to count from.
+    // A triangle without area has no reference direction.
     let open = around
         .iter()
         .find(|t| !is_flat(&triangles[**t as usize].map(at)));
@@ -233,7 +239,7 @@ fn by_angle(
     order.into_iter().map(|(_, t)| t).collect()
 }
 
-/// Corners of triangles, joined where their vertex is one.
+/// Corners of triangles, joined where they share a vertex.
 struct Corners {
     parents: Vec<u32>,
 }
@@ -254,7 +260,7 @@ impl Corners {
         c
     }
 
-    /// Joins the corners of two triangles at both ends of an edge of theirs.
+    /// Joins the corners of two triangles at both ends of a common edge.
     fn join_along(&mut self, triangles: &[[u32; 3]], edge: [u32; 2], s: u32, t: u32) {
         let corner = |t: u32, v: u32| {
             3 * t
@@ -269,8 +275,8 @@ impl Corners {
         }
     }
 
-    /// Gives each group of corners beyond the first of a vertex a copy of it; tells which vertices were copied, once for
-    /// each copy, by their index as read.
+    /// Gives each group of corners beyond the first of a vertex a copy of the vertex. Returns the
+    /// copied vertices, once per copy, by their original index.
     fn give_vertices(mut self, working: &mut Working, topology: &Topology) -> Vec<u32> {
         let mut copied = Vec::new();
         for v in 0..topology.vertex_count() {
@@ -284,7 +290,7 @@ impl Corners {
             let corners: Vec<u32> = topology.triangles_of_vertex(v).iter().map(corner).collect();
             let mut groups: Vec<(u32, u32)> =
                 corners.into_iter().map(|c| (self.root(c), c)).collect();
-            // The group of the lowest triangle comes first and keeps the vertex.
+            // The group of the lowest triangle is first and keeps the vertex.
             groups.sort_unstable();
             for (k, group) in groups.chunk_by(|a, b| a.0 == b.0).enumerate() {
                 if k == 0 {

@@ -21,7 +21,7 @@ fn append(mesh: &mut TriangleMesh, other: &TriangleMesh, by: Vector3<f64>) {
         .extend(other.triangles.iter().map(|t| t.map(|v| v + count)));
 }
 
-/// Merges vertices in the same place, whatever they belong to.
+/// Merges all coincident vertices.
 fn weld(mesh: &mut TriangleMesh) {
     let first = crate::mesh::coincident::first_in_place(&mesh.vertices);
     mesh.triangles
@@ -55,7 +55,7 @@ fn a_sound_surface_keeps_its_bits() {
 
 #[test]
 fn seams_are_joined() {
-    // Every triangle with vertices of its own, as STL has them.
+    // Every triangle has its own vertices, as in STL.
     let whole = icosphere(1.0, 2);
     let soup = TriangleMesh {
         vertices: (0..whole.triangles.len())
@@ -75,7 +75,7 @@ fn seams_are_joined() {
         (whole.vertices.len(), 0.0)
     );
     assert!(Health::of(&repaired.mesh).is_fit());
-    // A little apart, they are joined only within the distance asked for.
+    // Slightly apart, they are joined only within the given distance.
     let mut draw = Draw::new(4);
     let apart: Vec<_> = soup
         .vertices
@@ -119,7 +119,7 @@ fn two_cubes_on_one_edge_come_apart() {
         "{:?}",
         repaired.changes
     );
-    // And the same with the directions of all triangles lost.
+    // The same with random directions of all triangles.
     let mut draw = Draw::new(11);
     mesh.triangles
         .iter_mut()
@@ -165,7 +165,7 @@ fn a_fin_and_a_wall_come_off() {
     weld(&mut walled);
     let repaired = plain(&walled);
     let health = Health::of(&repaired.mesh);
-    // The wall is there twice, once for each cube, and both cubes are closed without it.
+    // The wall is present twice, once per cube, and both cubes are closed without it.
     assert_eq!(
         (health.is_fit(), health.volume),
         (true, 2.0),
@@ -173,7 +173,7 @@ fn a_fin_and_a_wall_come_off() {
         repaired.changes,
         health.findings
     );
-    // The wall once: it is taken off, and what remains is closed.
+    // The wall once: it is separated, and the rest is closed.
     let mut once = plain(&walled).mesh;
     let on_wall = |p: &Point3<f64>| p.x == 0.5;
     let wall: Vec<u32> = (0..once.vertices.len() as u32)
@@ -297,7 +297,8 @@ fn pieces_face_outward_and_keep_what_they_are_within() {
         vertices: cube().vertices.iter().map(|p| p * 0.5).collect(),
         ..cube()
     };
-    // A cavity stays one, a body within stays one, and both are turned with what holds them.
+    // A cavity stays a cavity and a body inside stays a body; both are reversed together with their
+    // container.
     for (inner, volume) in [(turned(small.clone()), 0.875), (small, 1.125)] {
         let mut mesh = cube();
         append(&mut mesh, &inner, Vector3::zeros());
@@ -327,7 +328,8 @@ fn a_moebius_strip_stays_one_sided() {
     assert!(!health.orientable && !health.is_fit());
 }
 
-/// One side of a surface has points on an edge that the other side has not, and a fan without area makes up for it.
+/// One side of a surface has points on an edge that the other side lacks, and a fan without area
+/// connects them.
 #[test]
 fn a_row_of_flat_triangles_is_cut_whole() {
     for count in [1, 5, 50, 300] {
@@ -384,7 +386,8 @@ fn pieces_that_touch_are_not_within_one_another() {
 
 #[test]
 fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
-    // Of four triangles that divide one, those at the corners are missing: the one in the middle hangs by points.
+    // Of four triangles that divide one, the corner ones are missing: the middle one is attached by
+    // points only.
     let mut mesh = icosphere(1.0, 3);
     let whole = mesh.clone();
     mesh.triangles.drain(100..103);
@@ -405,7 +408,7 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
     assert_eq!(mended.mesh.triangles[..before.len()], before);
     let sorted = |mesh: &TriangleMesh| {
         let mut all: Vec<[u32; 3]> = mesh.triangles.clone();
-        // From the lowest corner on, so that the sense of rotation counts.
+        // From the lowest corner, so that the direction of rotation matters.
         all.iter_mut().for_each(|t| {
             (0..2).for_each(|_| {
                 if t[0] > t[1] || t[0] > t[2] {
@@ -429,7 +432,7 @@ fn gaps_around_a_triangle_that_hangs_by_its_corners_are_closed() {
             .collect::<Vec<_>>(),
         [(Step::ClosedHoles, 3)]
     );
-    // Not asked to close holes, it takes the triangle off.
+    // Without closing holes, the repair removes the triangle.
     let apart = repair(&mesh, &[], &Options::default());
     assert_eq!(Health::of(&apart.mesh).components, 2);
 }
@@ -456,8 +459,8 @@ fn a_loose_triangle_is_no_hole() {
     assert!(!Health::of(&repaired.mesh).is_fit());
 }
 
-/// Meshes for which the square of their size would be asked for by what walks around a vertex, an edge or a rim, or along
-/// a ray: with it this test would run for hours.
+/// Meshes for which a traversal around a vertex, an edge or a boundary loop, or along a ray, could
+/// take quadratic time: this test would then run for hours.
 #[test]
 fn heaps_end() {
     let n = 30_000u32;
@@ -526,7 +529,7 @@ fn heaps_end() {
     }
 }
 
-/// What must hold of every repair, whatever was repaired.
+/// Properties of every repair.
 fn assert_repaired(mesh: &TriangleMesh, repaired: &Repaired) {
     assert_eq!(
         crate::testing::check_repaired(mesh, &[], repaired),
@@ -543,7 +546,7 @@ proptest! {
     #[test]
     fn any_heap_of_triangles_becomes_manifold(seed in any::<u64>(), corners in 4usize..14, count in 1usize..40, holes in 0usize..9) {
         let mut draw = Draw::new(seed);
-        // On a coarse grid vertices coincide, triangles lie flat and on one another.
+        // On a coarse grid vertices coincide and triangles are flat or duplicate.
         let mut place = || Vector3::new(draw.between(0.0, 3.0).floor(), draw.between(0.0, 3.0).floor(), draw.between(0.0, 2.0).floor());
         let vertices: Vec<Point3<f64>> = (0..corners).map(|_| place().into()).collect();
         let mut corner = || draw.index(corners) as u32;
@@ -568,13 +571,13 @@ proptest! {
                 1 => mesh.triangles[t] = [b, a, c],
                 2 => mesh.vertices.push(draw.direction().into()),
                 3 => {
-                    // A triangle with vertices of its own.
+                    // A triangle with its own vertices.
                     let next = mesh.vertices.len() as u32;
                     mesh.vertices.extend([a, b, c].map(|v| mesh.vertices[v as usize]));
                     mesh.triangles[t] = [next, next + 1, next + 2];
                 }
                 _ => {
-                    // A side divided for one triangle alone, which a triangle without area makes up for.
+                    // A side divided for one triangle only; a triangle without area fills the gap.
                     let next = mesh.vertices.len() as u32;
                     mesh.vertices.push(mesh.vertices[a as usize]);
                     mesh.triangles[t] = [next, b, c];

@@ -1,4 +1,4 @@
-//! The mesh under repair, which knows where its parts came from.
+//! The mesh under repair, with the origin of its parts.
 
 use nalgebra::Point3;
 
@@ -9,17 +9,17 @@ use crate::mesh::coincident::{first_in_place, same_corners};
 use crate::mesh::measures::{greatest, triangle_areas};
 use crate::mesh::topology::Topology;
 
-/// Vertices, triangles and lines, each with the index that it had as read.
+/// Vertices, triangles and lines, each with its original index.
 pub(super) struct Working {
     pub vertices: Vec<Point3<f64>>,
     pub triangles: Vec<[u32; 3]>,
     pub lines: Vec<Vec<u32>>,
-    /// The vertex as read that each vertex is, or is a copy of.
+    /// The original vertex of each vertex or copy.
     pub vertex_origin: Vec<u32>,
-    /// The triangle as read that each triangle is; `None` for one that closes a hole.
+    /// The original triangle of each triangle; `None` for one that closes a hole.
     pub triangle_origin: Vec<Option<u32>>,
     pub changes: Vec<Change>,
-    /// The furthest that a vertex was moved.
+    /// Greatest displacement of a vertex.
     pub moved: f64,
 }
 
@@ -36,7 +36,7 @@ impl Working {
         }
     }
 
-    /// Notes a change, if there is any.
+    /// Records a change if it affects any element.
     pub fn note(
         &mut self,
         step: Step,
@@ -61,7 +61,7 @@ impl Working {
         self.triangles[t].map(|v| self.vertices[v as usize])
     }
 
-    /// Keeps the triangles for which `keep` holds; gives the others' indices as read.
+    /// Keeps the triangles for which `keep` holds. Returns the original indices of the others.
     pub fn retain(&mut self, keep: impl Fn(usize) -> bool) -> Vec<u32> {
         let mut dropped = Vec::new();
         let mut next = 0;
@@ -79,9 +79,10 @@ impl Working {
         dropped
     }
 
-    /// Of triangles with the same corners keeps one, turned as most of them; none where as many turn either way, which
-    /// enclose nothing. Either leaves every edge with as many triangles, modulo 2, as the surface without repetitions.
-    /// A triangle that is joined to none and lies in the place of another goes, too.
+    /// Keeps one of several triangles with the same corners, in the orientation of the majority;
+    /// keeps none if both orientations are equally frequent, since they enclose nothing. In either
+    /// case every edge has the same number of triangles, modulo 2, as the surface without
+    /// duplicates. A loose triangle at the place of another one is dropped too.
     pub fn drop_duplicates(&mut self) {
         let mut keep = vec![true; self.triangles.len()];
         let first = first_in_place(&self.vertices);
@@ -96,7 +97,7 @@ impl Working {
             topology.triangle_edges[t as usize].iter().all(alone)
         };
         for group in same_corners(&placed) {
-            // One has to stay: the first where all are loose.
+            // One triangle must stay: the first if all are loose.
             let kept = group.iter().find(|t| !is_loose(**t)).unwrap_or(&group[0]);
             group
                 .iter()
@@ -132,7 +133,7 @@ impl Working {
         );
     }
 
-    /// Drops all pieces but the one of the greatest area.
+    /// Drops all components but the one of the greatest area.
     pub fn keep_largest(&mut self) {
         let components = Topology::of_triangles(self.vertices.len(), &self.triangles).components();
         if components.count < 2 {
@@ -164,7 +165,7 @@ impl Working {
         self.note(Step::DroppedPieces, dropped.len(), message, dropped.clone());
     }
 
-    /// Drops vertices that nothing names, and gives what has become of the mesh.
+    /// Drops vertices without a triangle or line. Returns the result.
     pub fn finish(mut self) -> Repaired {
         let mut used = vec![false; self.vertices.len()];
         let named = self
@@ -184,7 +185,7 @@ impl Working {
                 dropped.push(self.vertex_origin[v])
             }
         }
-        // What lives on as a copy was not dropped.
+        // A vertex with a surviving copy is not dropped.
         let mut lives = vec![false; used.len()];
         used.iter()
             .zip(&self.vertex_origin)
@@ -219,7 +220,7 @@ impl Working {
     }
 }
 
-/// Whether three corners are an even permutation of their ascending order.
+/// True if three corners are an even permutation of their ascending order.
 fn is_even([a, b, c]: [u32; 3]) -> bool {
     (a < b) ^ (b < c) ^ (a < c)
 }

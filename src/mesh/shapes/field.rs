@@ -1,4 +1,4 @@
-//! Signed distances [m] of simple bodies, negative inside, and smooth ways to join them.
+//! Signed distances [m] of simple bodies, negative inside, and smooth combinations of them.
 
 use nalgebra::Point3;
 
@@ -24,7 +24,7 @@ pub(super) fn capsule(
     (p - (a + along * t)).norm() - (radius_a + (radius_b - radius_a) * t)
 }
 
-/// A triangle with a radius all round.
+/// A triangle with a radius around it.
 pub(super) fn plate(p: &Point3<f64>, corners: &[Point3<f64>; 3], radius: f64) -> f64 {
     (p - closest_on_triangle(p, corners)).norm() - radius
 }

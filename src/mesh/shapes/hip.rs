@@ -1,4 +1,4 @@
-//! The built-in hip: a socket, a femur that turns in it, and a strap of muscle behind them.
+//! The built-in hip: a socket, a femur that turns in it, and a strap of muscle behind both.
 //!
 //! Frame of the real data: metres, y up, +z forward, x < 0 to the side (a right hip), the joint's centre at the
 //! origin. Flexion by an angle turns the femur about the axis -x.
@@ -12,17 +12,17 @@ use crate::mesh::{TriangleMesh, isosurface, refine};
 
 /// Side of a cell of the bones [m].
 const BONE_CELL: f64 = 0.003;
-/// Wanted edge length of the muscle [m].
+/// Target edge length of the muscle [m].
 const MUSCLE_EDGE: f64 = 0.0031;
-/// Cross-sections computed for each one that is given.
+/// Number of interpolated cross-sections per given one.
 const PARTS: usize = 10;
 const HEAD_RADIUS: f64 = 0.0235;
-/// Between head and cup [m].
+/// Gap between head and cup [m].
 const CLEARANCE: f64 = 0.003;
 
 /// Distance of the muscle's ends from bone [m].
 const END_GAP: f64 = 0.000_85;
-/// Distance from bone between the ends, where the muscle lies on it [m].
+/// Distance from bone between the ends, where the muscle touches it [m].
 const MIDDLE_GAP: f64 = 0.001_8;
 /// Shares of the strap at its ends that keep [`END_GAP`].
 const END_SHARES: [f64; 2] = [0.14, 0.12];
@@ -61,7 +61,7 @@ pub(super) fn socket_field(p: Point3<f64>) -> f64 {
     );
     let bump = sphere(&p, &mm(16.0, -58.0, -45.0), 0.017);
     let bones = join(join(wing, sacrum, 0.01), join(ramus, bump, 0.01), 0.015);
-    // Nothing reaches into the cup.
+    // Nothing extends into the cup.
     meet(join(cup, bones, 0.012), inner - p.coords.norm(), 0.001)
 }
 
@@ -112,14 +112,14 @@ pub(super) fn femur() -> TriangleMesh {
 #[derive(Clone, Copy, Debug)]
 struct Station {
     center: Point3<f64>,
-    /// Away from bone.
+    /// Direction away from bone.
     out: Vector3<f64>,
     half_width: f64,
     half_thickness: f64,
 }
 
-/// Cross-sections that the strap passes through, from origin to insertion: middle and outward direction [mm],
-/// half width and half thickness [mm].
+/// Cross-sections of the strap from origin to insertion: centre and outward direction [mm], half
+/// width and half thickness [mm].
 const STATIONS: [([f64; 3], [f64; 3], f64, f64); 7] = [
     ([15.5, 100.0, -66.0], [-0.98, 0.05, -0.2], 31.0, 9.5),
     ([11.5, 72.0, -66.0], [-0.95, 0.0, -0.3], 32.0, 10.0),
@@ -130,7 +130,7 @@ const STATIONS: [([f64; 3], [f64; 3], f64, f64); 7] = [
     ([-60.0, -122.0, -12.5], [-0.66, 0.0, -0.75], 26.0, 10.0),
 ];
 
-/// The strap along which fibres run, as cross-sections close together.
+/// The strap that guides the fibres, as closely spaced cross-sections.
 struct Strap {
     stations: Vec<Station>,
 }
@@ -144,7 +144,8 @@ impl Strap {
         Self { stations }
     }
 
-    /// Place along the strap (0..1) nearest to `p`, its cross-section, and the direction along.
+    /// The position along the strap (0..1) nearest to `p`, its cross-section, and the direction
+    /// along the strap.
     fn nearest(&self, p: &Point3<f64>) -> (f64, Station, Vector3<f64>) {
         // First the nearest of a few cross-sections, then the segments about it.
         let square = |i: usize| (p - self.stations[i].center).norm_squared();
@@ -173,7 +174,8 @@ impl Strap {
         (place, here, along)
     }
 
-    /// The cross-section at a place along the strap (0..1), and the direction along it there.
+    /// The cross-section at a position along the strap (0..1), and the direction of the strap
+    /// there.
     fn at(&self, place: f64) -> (Station, Vector3<f64>) {
         let last = self.stations.len() - 1;
         let x = place.clamp(0.0, 1.0) * last as f64;
@@ -199,7 +201,7 @@ impl Strap {
         (here, along)
     }
 
-    /// About the signed distance [m] of the strap with bones cut out of it.
+    /// Approximate signed distance [m] of the strap minus the bones.
     fn field(&self, p: Point3<f64>) -> f64 {
         let (place, here, along) = self.nearest(&p);
         let from = p - here.center;
@@ -209,7 +211,7 @@ impl Strap {
         let corner = Vector3::new(
             beyond(y, here.half_thickness),
             beyond(z, here.half_width),
-            // Zero between the ends, but for the corners between stations.
+            // Zero between the ends, except for the corners between stations.
             if place > 0.0 && place < 1.0 {
                 0.0
             } else {
@@ -218,14 +220,15 @@ impl Strap {
         );
         let body = corner.norm() - ROUNDING;
         if body > 2.0 * MUSCLE_EDGE {
-            // Far outside, where bones change nothing.
+            // Far outside bones change nothing.
             return body;
         }
         let bone = socket_field(p).min(femur_field(p));
         meet(body, gap(place) - bone, 0.002)
     }
 
-    /// The point of a fibre at a place along the strap; `thick` and `wide` are shares of the half sizes (-1..1).
+    /// The point of a fibre at a position along the strap; `thick` and `wide` are shares of the
+    /// half sizes (-1..1).
     fn fibre_point(&self, place: f64, thick: f64, wide: f64) -> Point3<f64> {
         let (here, along) = self.at(place);
         let across = along.cross(&here.out);
@@ -233,7 +236,7 @@ impl Strap {
     }
 }
 
-/// A station between those given, by a cubic through each (Catmull and Rom).
+/// An interpolated station: a cubic through the given ones (Catmull-Rom).
 fn station(x: f64) -> Station {
     let last = STATIONS.len() - 1;
     let i = (x as usize).min(last - 1);
@@ -253,7 +256,7 @@ fn station(x: f64) -> Station {
     }
 }
 
-/// Distance that the muscle keeps from bone at a place along the strap [m].
+/// Distance between the muscle and bone at a position along the strap [m].
 fn gap(place: f64) -> f64 {
     let ramp = |x: f64| {
         let s = (x / 0.04).clamp(0.0, 1.0);
@@ -273,11 +276,11 @@ pub(super) fn gluteus() -> Shape {
         mm(45.0, 150.0, 25.0),
         1.25 * MUSCLE_EDGE,
     );
-    // A surface made by isosurface is closed and oriented; were it not, the tests of this file would see it.
+    // A surface made by isosurface is closed and oriented; the tests of this file verify it.
     let mut mesh = refine(&surface, MUSCLE_EDGE).map_or(surface, |refined| refined.mesh);
     draw_onto_zero(&field, &mut mesh.vertices, 0.1 * MUSCLE_EDGE);
     let mut fibres = Vec::new();
-    // The inner side is cut where it meets bone, so fibres keep to the middle and outside.
+    // Bone cuts the inner side, so fibres stay in the middle and outside.
     for thick in [0.1, 0.4, 0.7] {
         for k in 0..15 {
             let wide = 0.8 * (f64::from(k) / 7.0 - 1.0);

@@ -1,4 +1,4 @@
-//! The press: a muscle-like body and the plate that is lowered onto it.
+//! The press: a muscle-like body and a plate that moves onto it.
 
 use nalgebra::Point3;
 
@@ -18,7 +18,7 @@ pub(super) fn muscle() -> TriangleMesh {
     let margin = 2.0 * EDGE;
     let corner = Point3::from(HALF.map(|h| h + margin));
     let surface = isosurface(muscle_field, -corner, corner, EDGE);
-    // A surface made by isosurface is closed and oriented; were it not, the tests of this file would see it.
+    // A surface made by isosurface is closed and oriented; the tests of this file verify it.
     refine(&surface, EDGE).map_or(surface, |refined| refined.mesh)
 }
 
@@ -30,8 +30,8 @@ fn muscle_field(p: Point3<f64>) -> f64 {
     HALF[1] * (libm::pow(sum, 1.0 / EXPONENT) - 1.0)
 }
 
-/// A box centred at the origin, its large faces normal to y, edges of 10 mm: at a tenth of its thickness the muscle
-/// covers ten times its area, all of which stays between the plates.
+/// A box centred at the origin, with its large faces normal to y and edges of 10 mm. At a tenth of
+/// its thickness the muscle covers ten times its area, which stays between the plates.
 pub(super) fn plate() -> TriangleMesh {
     box_surface(PLATE, 0.01)
 }

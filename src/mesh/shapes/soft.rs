@@ -1,4 +1,5 @@
-//! What soft bodies and skins of the built-in scenes are made of: a cube and what presses it, a sheet, a scalp over a skull.
+//! Soft bodies and skins of the built-in scenes: a cube and its press, a sheet, a scalp over a
+//! skull.
 
 use nalgebra::Point3;
 
@@ -6,7 +7,7 @@ use super::{box_surface, icosphere};
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::NONE;
 
-/// Side of the cube [m] and the squares along it, as the second source has it.
+/// Side of the cube [m] and the number of squares along it, as in the second source.
 const SIDE: f64 = 0.02;
 const SQUARES: f64 = 8.0;
 
@@ -86,10 +87,10 @@ pub fn sheet(side: f64, cells: u32) -> TriangleMesh {
     }
 }
 
-/// The upper half, along z, of a sphere of 90 mm about the origin: about a scalp, open below.
+/// The upper half, along z, of a sphere of 90 mm about the origin: similar to a scalp, open below.
 pub fn scalp() -> TriangleMesh {
     let whole = icosphere(SCALP, 5);
-    // Triangles that cross the equator stay out, so that the rim is even.
+    // Triangles across the equator are left out, so that the boundary is even.
     let kept = |t: &&[u32; 3]| t.iter().all(|v| whole.vertices[*v as usize].z >= 0.0);
     let mut number = vec![NONE; whole.vertices.len()];
     let mut vertices = Vec::new();
@@ -110,7 +111,7 @@ pub fn scalp() -> TriangleMesh {
     }
 }
 
-/// A sphere of 84 mm about the origin: about a skull.
+/// A sphere of 84 mm about the origin: similar to a skull.
 pub(super) fn skull() -> TriangleMesh {
     icosphere(SKULL, 4)
 }

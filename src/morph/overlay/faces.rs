@@ -1,7 +1,8 @@
-//! The pieces between the edges of two maps, by walking around them.
+//! The faces between the edges of two maps, by traversal of their boundaries.
 //!
-//! Around a vertex edges follow in the order of its triangles; around a crossing the two edges alternate, in the order that
-//! their directions give. A piece is what is walked around when one turns into the last edge before the one that was come by.
+//! Around a vertex edges have the order of its triangles. Around a crossing the two edges
+//! alternate, in the order of their directions. The traversal of a face leaves each vertex by the
+//! edge before the one of arrival.
 
 use std::collections::HashMap;
 
@@ -9,16 +10,16 @@ use super::Laid;
 use super::walk::{Exactly, Ground};
 use crate::morph::sphere::turn;
 
-/// Crossings of edges, and where they lie along them.
+/// Crossings of edges, with their order along the edges.
 pub(super) struct Crossings {
     /// Edge of the first map and of the second.
     pub pairs: Vec<[u32; 2]>,
-    /// For each map and edge its crossings, from its first end on.
+    /// Crossings of each edge of each map, in order from its first end.
     pub along: [Vec<Vec<u32>>; 2],
 }
 
 impl Crossings {
-    /// Numbers the crossings; both maps must have found the same.
+    /// Numbers the crossings; both maps must have the same ones.
     pub fn new(laid: &[Laid; 2]) -> Result<Self, Exactly> {
         let mut numbers = HashMap::new();
         let mut pairs = Vec::new();
@@ -50,10 +51,10 @@ impl Crossings {
     }
 }
 
-/// Half edges of the merged surface, each given by where it starts and ends.
+/// Half edges of the merged surface, each with its start and end.
 struct Halves {
     ends: Vec<[u32; 2]>,
-    /// Around each merged vertex the half edges that start there, counter-clockwise.
+    /// Half edges that start at each merged vertex, counter-clockwise.
     around: Vec<Vec<u32>>,
 }
 
@@ -67,7 +68,7 @@ pub(super) fn triangles(
     let mut next = vec![u32::MAX; halves.ends.len()];
     for ring in &halves.around {
         for (i, &h) in ring.iter().enumerate() {
-            // Come by the other half of h, one leaves by the half edge before h.
+            // After arrival by the opposite of h, the traversal leaves by the half edge before h.
             let before = ring[if i == 0 { ring.len() - 1 } else { i - 1 }];
             next[(h ^ 1) as usize] = before;
         }
@@ -85,7 +86,7 @@ pub(super) fn triangles(
             corners.push(halves.ends[at][0]);
             at = next[at] as usize;
         }
-        // A piece lies in one triangle of each map: it is convex, with three to six corners.
+        // A face lies in one triangle of each map: it is convex with three to six corners.
         if at != start || !(3..=6).contains(&corners.len()) {
             return Err(Exactly);
         }
@@ -93,7 +94,7 @@ pub(super) fn triangles(
         triangles.extend((1..corners.len() - 1).map(|k| [corners[0], corners[k], corners[k + 1]]));
     }
     let vertices = laid[0].on.len() + laid[1].on.len() + crossings.pairs.len();
-    // V - E + F = 2, or the crossings do not fit together.
+    // V - E + F = 2, or the crossings are inconsistent.
     if vertices + faces == halves.ends.len() / 2 + 2 {
         Ok(triangles)
     } else {
@@ -101,7 +102,8 @@ pub(super) fn triangles(
     }
 }
 
-/// The pieces of edges between vertices and crossings: half edges 2 k and 2 k + 1 are the two ways of one.
+/// The parts of edges between vertices and crossings: half edges 2 k and 2 k + 1 are the two
+/// directions of one part.
 fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
     let counts = [
         grounds[0].map.points().len() as u32,
@@ -110,7 +112,8 @@ fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
     let base = counts[0] + counts[1];
     let shift = [0, counts[0]];
     let mut ends = Vec::new();
-    // For each map and edge the half edges that leave its two ends, and for each crossing those that leave it.
+    // For each map and edge the half edges at its two ends, and for each crossing those that start
+    // there.
     let mut leaving: [Vec<[u32; 2]>; 2] = [Vec::new(), Vec::new()];
     let mut at_crossing = vec![[[0u32; 2]; 2]; crossings.pairs.len()];
     for side in 0..2 {
@@ -135,7 +138,7 @@ fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
         let [[on, back], [other, other_back]] = at_crossing[x];
         let p = grounds[0].topology.edges[e as usize].map(|v| &grounds[0].map.points()[v as usize]);
         let q = grounds[1].topology.edges[f as usize];
-        // The second edge goes to the left of the first where its far end lies there.
+        // The second edge goes to the left of the first if its far end lies there.
         let left = turn(p[0], p[1], &grounds[1].map.points()[q[1] as usize]) > 0.0;
         around.push(if left {
             vec![on, other, back, other_back]
@@ -146,7 +149,7 @@ fn halves(grounds: &[Ground<'_>; 2], crossings: &Crossings) -> Halves {
     Halves { ends, around }
 }
 
-/// Half edges that leave a vertex, counter-clockwise.
+/// Half edges that start at a vertex, counter-clockwise.
 fn around_vertex(ground: &Ground<'_>, vertex: u32, leaving: &[[u32; 2]]) -> Vec<u32> {
     let (topology, triangles) = (&ground.topology, ground.map.triangles());
     let out =
@@ -158,7 +161,8 @@ fn around_vertex(ground: &Ground<'_>, vertex: u32, leaving: &[[u32; 2]]) -> Vec<
             .iter()
             .position(|&v| v == vertex)
             .unwrap_or(0);
-        // Counter-clockwise the side that leaves comes first, and the triangle beyond the side that arrives is next.
+        // Counter-clockwise the outgoing side comes first; the triangle across the incoming side is
+        // next.
         ring.push(out(topology.triangle_edges[at as usize][k]));
         at = topology.neighbours_of_triangle(at as usize)[(k + 2) % 3].unwrap_or(at);
     }

@@ -1,8 +1,10 @@
-//! Two maps laid over one another: a surface with the vertices and edges of both, and a place on either for each vertex.
+//! Overlay of two maps: a surface with the vertices and edges of both, and a position on either for
+//! each vertex.
 //!
-//! How edges cross is told by exact predicates, and what is built from it, the order of edges around a vertex and of
-//! crossings along an edge, is combinatorial: V - E + F = 2 however thin the pieces are. Where a vertex lies exactly on
-//! an edge of the other map, or on a vertex, one map is turned a little, and it is said by how much.
+//! Exact predicates decide how edges cross. The construction from them (order of edges around a
+//! vertex, order of crossings along an edge) is combinatorial: V - E + F = 2 for faces of any
+//! thinness. Where a vertex lies exactly on an edge or vertex of the other map, one map is rotated
+//! slightly, and the result contains the angle.
 
 mod faces;
 mod walk;
@@ -15,32 +17,32 @@ use self::walk::{Exactly, Ground};
 use super::locate::{Located, Locator};
 use super::sphere::{SphereError, SphereMap, turn};
 
-/// Where a vertex of the merged surface comes from.
+/// Origin of a vertex of the merged surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Origin {
     /// A vertex of the first surface, in a triangle of the second.
     First {
         /// The vertex.
         vertex: u32,
-        /// Its place on the second.
+        /// Position on the second surface.
         on: Located,
     },
     /// A vertex of the second surface, in a triangle of the first.
     Second {
         /// The vertex.
         vertex: u32,
-        /// Its place on the first.
+        /// Position on the first surface.
         on: Located,
     },
-    /// Where an edge of each crosses.
+    /// A crossing of an edge of each surface.
     Crossing {
         /// Ends of the edge of the first surface.
         first: [u32; 2],
-        /// How far along it, 0 to 1.
+        /// Position along that edge, 0 to 1.
         along_first: f64,
         /// Ends of the edge of the second.
         second: [u32; 2],
-        /// How far along that.
+        /// Position along that edge, 0 to 1.
         along_second: f64,
     },
 }
@@ -48,54 +50,55 @@ pub enum Origin {
 /// A surface with the vertices and edges of two.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlay {
-    /// Where each vertex comes from: those of the first surface, those of the second, crossings.
+    /// Origin of each vertex: those of the first surface, those of the second, crossings.
     pub origins: Vec<Origin>,
     /// Triangles over these vertices, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Number of vertices of the first and of the second surface.
+    /// Numbers of vertices of the first and of the second surface.
     pub counts: [usize; 2],
-    /// By how much the first map was turned so that no vertex lies exactly on an edge \[rad\].
+    /// Small rotation of the first map so that no vertex lies exactly on an edge \[rad\].
     pub turned: f64,
 }
 
-/// Why two maps have no overlay.
+/// Error of an overlay.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum OverlayError {
-    /// Turning did not help.
+    /// The small rotations did not help.
     #[error(
         "vertices of one map lie exactly on edges of the other, in {attempts} attempts to turn it by up to {angle} rad"
     )]
     Exact {
-        /// Attempts.
+        /// Number of attempts.
         attempts: usize,
         /// The last angle \[rad\].
         angle: f64,
     },
-    /// The positions do not belong to the map.
+    /// The number of positions does not match the map.
     #[error("{found} positions for a map of {wanted} vertices")]
     Positions {
-        /// How many were given.
+        /// Number given.
         found: usize,
-        /// How many there are.
+        /// Number required.
         wanted: usize,
     },
-    /// Turning folded a thin triangle.
+    /// A small rotation folded a thin triangle.
     #[error(transparent)]
     Sphere(#[from] SphereError),
 }
 
-/// Angles by which the first map is turned if need be \[rad\]: as little as possible, yet well above rounding.
+/// Rotations of the first map that are tried \[rad\]: as small as possible, yet well above
+/// rounding.
 const ANGLES: [f64; 6] = [0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6];
 
 impl Overlay {
-    /// Lays `first` over `second`.
+    /// Creates the overlay of `first` and `second`.
     ///
     /// # Errors
-    /// Maps that cannot be brought into general position.
+    /// Maps without general position after all rotations.
     pub fn new(first: &SphereMap, second: &SphereMap) -> Result<Self, OverlayError> {
         let mut last = None;
         for angle in ANGLES {
-            // An axis along no symmetry that a mesh made by code is likely to have.
+            // This axis is unlikely to be an axis of symmetry of a generated mesh.
             let axis = Vector3::new(0.534_522, -0.267_261, 0.801_784).normalize();
             let turned = match angle > 0.0 {
                 true => first.turned(&UnitQuaternion::from_scaled_axis(axis * angle)),
@@ -132,10 +135,10 @@ impl Overlay {
         self.origins.len() - self.counts[0] - self.counts[1]
     }
 
-    /// Places on the first surface, whose vertices and triangles are given \[m\].
+    /// Positions on the first surface \[m\], from its vertices and triangles.
     ///
     /// # Errors
-    /// Positions that do not belong to the first map.
+    /// Positions that do not match the first map.
     pub fn on_first(
         &self,
         places: &[Point3<f64>],
@@ -152,10 +155,10 @@ impl Overlay {
         Ok(self.origins.iter().map(place).collect())
     }
 
-    /// Places on the second surface.
+    /// Positions on the second surface \[m\].
     ///
     /// # Errors
-    /// Positions that do not belong to the second map.
+    /// Positions that do not match the second map.
     pub fn on_second(
         &self,
         places: &[Point3<f64>],
@@ -189,7 +192,8 @@ fn between(places: &[Point3<f64>], ends: [u32; 2], along: f64) -> Point3<f64> {
     a + (b - a) * along
 }
 
-/// What becomes of one map's vertices and edges on the other: the triangle of each vertex, the edges that each edge crosses.
+/// One map's vertices and edges on the other: the triangle of each vertex, and the edges that each
+/// edge crosses.
 struct Laid {
     on: Vec<Located>,
     crossed: Vec<Vec<u32>>,
@@ -262,7 +266,8 @@ fn lay(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
     Ok((origins, triangles))
 }
 
-/// How far along the chord of an arc it meets the plane of another that crosses it: between 0 and 1, whatever rounding does.
+/// Position along the chord of an arc where it crosses the plane of another arc; clamped to 0..1
+/// against rounding.
 fn part(p: [&Point3<f64>; 2], q: [&Point3<f64>; 2]) -> f64 {
     let (before, after) = (turn(p[0], q[0], q[1]), turn(p[1], q[0], q[1]));
     before / (before - after)

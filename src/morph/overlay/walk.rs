@@ -1,4 +1,4 @@
-//! The way of an edge of one map through the triangles of the other.
+//! The path of an edge of one map through the triangles of the other.
 
 use nalgebra::Point3;
 
@@ -6,24 +6,25 @@ use super::super::sphere::{SphereMap, turn};
 use crate::mesh::Topology;
 use crate::mesh::topology::NONE;
 
-/// Whether two arcs of less than half a turn cross in their interiors, exactly.
+/// True if two arcs of less than half a turn cross in their interiors, exactly.
 ///
-/// The meeting point is +-(p1 x p2) x (q1 x q2); it lies on both arcs only if both run through it on the same side of the
-/// sphere. The printed test asks for the two parameters alone, and so finds crossings of arcs that are opposite (M4).
+/// The intersection is +-(p1 x p2) x (q1 x q2). It lies on both arcs only if both contain it with
+/// the same sign. The printed test uses the two parameters alone, and so finds crossings of
+/// antipodal arcs (M4).
 pub fn arcs_cross(p: [&Point3<f64>; 2], q: [&Point3<f64>; 2]) -> bool {
     let (a, b) = (turn(p[0], q[0], q[1]), turn(p[1], q[0], q[1]));
     let (c, d) = (turn(q[0], p[0], p[1]), turn(q[1], p[0], p[1]));
-    // p leaves q's plane from above, then q must leave p's from below, and the other way round.
+    // If p leaves the plane of q from above, q must leave that of p from below, and vice versa.
     (a > 0.0 && b < 0.0 && c < 0.0 && d > 0.0) || (a < 0.0 && b > 0.0 && c > 0.0 && d < 0.0)
 }
 
-/// What is known of a map that others are laid over.
+/// Data of a map for overlays with other maps.
 pub(super) struct Ground<'a> {
     pub map: &'a SphereMap,
     pub topology: Topology,
 }
 
-/// A vertex or edge that lies exactly on another: not general.
+/// A vertex or edge lies exactly on another: no general position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Exactly;
 
@@ -39,7 +40,8 @@ impl<'a> Ground<'a> {
         &self.map.points()[v as usize]
     }
 
-    /// The edges that the arc from `from`, in triangle `start`, to `to`, in triangle `end`, crosses, in order.
+    /// The edges that the arc from `from` in triangle `start` to `to` in triangle `end` crosses, in
+    /// order.
     pub fn crossed(
         &self,
         from: &Point3<f64>,
@@ -57,7 +59,8 @@ impl<'a> Ground<'a> {
                     continue;
                 }
                 let (a, b) = (self.point(corners[k]), self.point(corners[(k + 1) % 3]));
-                // The sides of the arc on which the ends of the edge lie, and those of the edge on which the arc ends.
+                // The sides of the arc with the ends of the edge, and the sides of the edge with
+                // the ends of the arc.
                 let ends = [turn(a, from, to), turn(b, from, to)];
                 if ends.contains(&0.0) {
                     return Err(Exactly);

@@ -1,21 +1,21 @@
-//! The similarity that takes points nearest to others, and how many draws RANSAC needs.
+//! The best-fitting similarity between points, and the number of draws of RANSAC.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, Vector3};
 
 use super::super::align::rotation_of;
 
-/// Whether size may change.
+/// Degrees of freedom of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Motion {
-    /// Turned and moved.
+    /// Rotation and translation.
     #[default]
     Rigid,
-    /// Turned, moved and scaled.
+    /// Rotation, translation and scale.
     Similarity,
 }
 
-/// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\]; `None` where weights or
-/// points give none: all in one place, all weights 0.
+/// The motion with the least weighted sum of squared distances from `from` to `to` \[umeyama1991\];
+/// `None` where none is defined: all points coincide, or all weights are 0.
 pub fn fit(
     from: &[Point3<f64>],
     to: &[Point3<f64>],

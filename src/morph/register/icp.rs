@@ -1,4 +1,5 @@
-//! Iterated closest points in six stages \[rusinkiewicz2001\]: select, match, weigh, reject, measure, minimise.
+//! Iterated closest points in six stages \[rusinkiewicz2001\]: select, match, weigh, reject,
+//! measure, minimise.
 
 use crate::mesh::measures::greatest;
 use nalgebra::{Point3, Similarity3, Vector3};
@@ -6,44 +7,46 @@ use nalgebra::{Point3, Similarity3, Vector3};
 use super::fit::{Motion, fit};
 use super::{RegisterError, Surface};
 
-/// Which vertices of the moving surface take part.
+/// Selection of vertices of the moving surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Select {
-    /// All.
+    /// All vertices.
     All,
-    /// Every so manieth, such that about so many are left.
+    /// Vertices at an equal index step, about this number of them.
     About(usize),
 }
 
-/// How pairs are weighed.
+/// Weights of pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Weigh {
-    /// All alike.
+    /// Equal weights.
     #[default]
     Even,
-    /// 1 - d/d_max, so that near pairs count more.
+    /// 1 - d/d_max: near pairs have greater weights.
     Near,
 }
 
-/// Which pairs are dropped.
+/// Rejection of pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reject {
-    /// None.
+    /// No rejection.
     None,
-    /// Those further apart than this \[m\].
+    /// Pairs farther apart than this \[m\].
     Beyond(f64),
-    /// This share of them, the worst.
+    /// This share of the pairs, those with the greatest distances.
     Worst(f64),
-    /// Those further apart than so many times the median, whose normals disagree, or whose partner lies on an open edge.
+    /// Pairs farther apart than this multiple of the median, with opposite normals, or with a
+    /// partner on an open edge.
     Median(f64),
 }
 
-/// What is made small.
+/// The minimised measure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Measure {
     /// Distances between the points of pairs.
     Points,
-    /// Distances from the tangent planes of the partners: much faster where surfaces slide along each other.
+    /// Distances from the tangent planes of the partners: much faster convergence where surfaces
+    /// slide along each other.
     #[default]
     Planes,
 }
@@ -61,9 +64,10 @@ pub struct Icp {
     pub reject: Reject,
     /// Stage 5.
     pub measure: Measure,
-    /// Rounds at most.
+    /// Greatest number of rounds.
     pub rounds: usize,
-    /// It ends when no vertex moves further in a round, over the size of the surface; or when distances get no less for long.
+    /// Greatest displacement of a vertex in a round, relative to the size of the surface, at which
+    /// the iteration converges. The iteration also ends if the distances stop decreasing.
     pub threshold: f64,
 }
 
@@ -81,22 +85,22 @@ impl Default for Icp {
     }
 }
 
-/// Where it ended.
+/// Result of the iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Registered {
-    /// Takes the moving surface to the other.
+    /// Motion of the moving surface to the fixed one.
     pub motion: Similarity3<f64>,
-    /// Rounds made.
+    /// Number of rounds.
     pub rounds: usize,
-    /// Whether it ended by its threshold.
+    /// True if the iteration ended by its threshold.
     pub converged: bool,
-    /// Root of the mean square of the distances of the pairs that were kept \[m\].
+    /// Root mean square distance of the accepted pairs \[m\].
     pub distance: f64,
-    /// Pairs that were kept.
+    /// Number of accepted pairs.
     pub pairs: usize,
 }
 
-/// A vertex and what it is matched with.
+/// A vertex and its match.
 struct Pair {
     from: Point3<f64>,
     to: Point3<f64>,
@@ -104,17 +108,18 @@ struct Pair {
     distance: f64,
 }
 
-/// Distances that get less by less than this are the same.
+/// A smaller relative decrease of the distance counts as none.
 const BETTER: f64 = 1e-6;
-/// It ends when in so many rounds distances got no less, and moves are below this share of the size.
+/// The iteration ends after this number of rounds without a decrease, if displacements are small
+/// relative to the size.
 const PATIENCE: usize = 25;
 const SMALL: f64 = 1e-3;
 
 impl Icp {
-    /// Moves `moving` onto `fixed`, from `start` on.
+    /// Registers `moving` to `fixed`, from the motion `start`.
     ///
     /// # Errors
-    /// Too few pairs are left, or they determine no motion.
+    /// Too few pairs remain, or they determine no motion.
     pub fn run(
         &self,
         moving: &Surface<'_>,
@@ -161,7 +166,7 @@ impl Icp {
                 distance: (squares / pairs.len() as f64).sqrt(),
                 pairs: pairs.len(),
             };
-            // Where shapes differ, pairs come and go in turn for ever.
+            // Where shapes differ, the accepted pairs can alternate without end.
             since = if last.distance < least * (1.0 - BETTER) {
                 0
             } else {
@@ -224,7 +229,7 @@ impl Icp {
         pairs.retain(|p| p.distance <= limit);
     }
 
-    /// The motion that makes the measure least.
+    /// The motion that minimises the measure.
     fn step(&self, pairs: &[Pair]) -> Option<Similarity3<f64>> {
         let most = greatest(pairs.iter().map(|p| p.distance));
         let weight = |p: &Pair| match self.weigh {
@@ -242,8 +247,9 @@ impl Icp {
         fit(&from, &to, &weights, self.motion)
     }
 
-    /// Gauss and Newton on distances from planes: turn, shift and the logarithm of the scale about the middle of the pairs.
-    /// `None` where surfaces slide without a change of distance.
+    /// A Gauss-Newton step on distances from planes: rotation, translation and logarithm of the
+    /// scale about the centre of the pairs. `None` where surfaces slide without a change of
+    /// distance.
     fn step_by_planes(&self, pairs: &[Pair], weights: &[f64]) -> Option<Similarity3<f64>> {
         let total: f64 = weights.iter().sum();
         let middle = pairs
@@ -261,7 +267,7 @@ impl Icp {
         let mut matrix = nalgebra::SMatrix::<f64, 7, 7>::zeros();
         let mut rhs = nalgebra::SVector::<f64, 7>::zeros();
         for (p, w) in pairs.iter().zip(weights) {
-            // In units of the size, so that all seven unknowns are alike.
+            // In units of the size, so that all seven unknowns have similar magnitudes.
             let (arm, n) = ((p.from.coords - middle) / size, p.normal);
             let turn = arm.cross(&n);
             let swell = if self.motion == Motion::Similarity {
@@ -289,7 +295,8 @@ impl Icp {
             Vector3::new(x[0], x[1], x[2]),
             Vector3::new(x[3], x[4], x[5]) * size,
         );
-        // A step of more than half a radian or half the size is no step of a linear model.
+        // A step of more than half a radian or half the size is outside the range of the linear
+        // model.
         let share = 1.0f64.min(0.5 / turn.norm().max(x[6].abs()).max(1e-300));
         let rotation = nalgebra::UnitQuaternion::from_scaled_axis(turn * share);
         let scale = (x[6] * share).exp();

@@ -1,5 +1,5 @@
-//! Laying one surface onto another: by a motion, from a start found by RANSAC and refined by iterated closest points, and by
-//! bending.
+//! Registration of one surface to another: a motion from a RANSAC start, refined by iterated
+//! closest points, and an optional deformation.
 
 pub mod fit;
 pub mod icp;
@@ -19,13 +19,13 @@ pub use whole::{Laid, Settings, lay};
 use crate::mesh::closest::{Closest, SurfaceTree};
 use crate::mesh::{MeshError, Topology, TriangleMesh};
 
-/// Why surfaces cannot be registered.
+/// Error of a registration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RegisterError {
-    /// Indices or coordinates are none.
+    /// Indices or coordinates are invalid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// Too little surface.
+    /// The surface has too few vertices or triangles.
     #[error("{vertices} vertices and {triangles} triangles; at least 4 and 1 are needed")]
     TooFew {
         /// Number of vertices.
@@ -33,64 +33,65 @@ pub enum RegisterError {
         /// Number of triangles.
         triangles: usize,
     },
-    /// A surface without size.
+    /// All vertices of the surface coincide.
     #[error("all {vertices} vertices lie in one place")]
     NoSize {
         /// Number of vertices.
         vertices: usize,
     },
-    /// Hardly any pair is left.
+    /// Too few pairs remain.
     #[error(
         "{pairs} of {of} pairs are left in round {round}; at least 6 are needed: start nearer, or reject less"
     )]
     Pairs {
-        /// Pairs left.
+        /// Number of remaining pairs.
         pairs: usize,
-        /// Of how many.
+        /// Number of all pairs.
         of: usize,
         /// The round, from 1.
         round: usize,
     },
-    /// The pairs leave the motion open.
+    /// The pairs do not determine the motion.
     #[error("{pairs} pairs of round {round} determine no motion: their points coincide")]
     Undetermined {
-        /// Pairs.
+        /// Number of pairs.
         pairs: usize,
         /// The round, from 1.
         round: usize,
     },
-    /// RANSAC found nothing that agrees.
+    /// RANSAC found no motion with enough agreement.
     #[error(
         "no start found in {draws} draws: the best lays {inliers} of {of} points onto the other surface, {wanted} are wanted"
     )]
     NoStart {
-        /// Draws made.
+        /// Number of draws.
         draws: usize,
-        /// Points that agreed at best.
+        /// Greatest number of agreeing points.
         inliers: usize,
-        /// Of how many.
+        /// Number of tested points.
         of: usize,
-        /// How many are wanted.
+        /// Required number of agreeing points.
         wanted: usize,
     },
-    /// The system of the bending could not be solved.
+    /// The linear system of the deformation has no solution.
     #[error(transparent)]
     Factor(#[from] crate::solvers::sparse::FactorError),
-    /// Somebody asked to stop.
+    /// The caller stopped the registration.
     #[error("stopped")]
     Stopped,
 }
 
-/// Cosine of the angle between the normals of a triangle and of its corners up to which a surface counts as smooth: 25 degrees.
+/// Least cosine of the angle between the normals of a triangle and of its corners on a smooth
+/// surface: 25 degrees.
 const SMOOTH: f64 = 0.906;
 
-/// A surface with what registration asks of it.
+/// A surface prepared for registration.
 pub struct Surface<'a> {
     mesh: &'a TriangleMesh,
     tree: SurfaceTree,
     normals: Vec<Vector3<f64>>,
     size: f64,
-    /// Sides of each triangle that belong to no other.
+    /// Boundary edges of each triangle.
     open: Vec<[bool; 3]>,
 }
 
@@ -98,7 +99,7 @@ impl<'a> Surface<'a> {
     /// Prepares a surface, open or closed.
     ///
     /// # Errors
-    /// No valid mesh, or one with too little of it.
+    /// An invalid mesh, or one with too few vertices or triangles.
     pub fn new(mesh: &'a TriangleMesh) -> Result<Self, RegisterError> {
         TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
         let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
@@ -159,11 +160,13 @@ impl<'a> Surface<'a> {
             .unwrap_or_default()
     }
 
-    /// A place of a triangle and its normal on the smooth surface that the triangles stand for, where it is smooth.
+    /// A point of a triangle with its normal, on the smooth surface that the triangles approximate,
+    /// where it is smooth.
     ///
-    /// With p_i the corners, n_i their normals and w_i the weights of y in the triangle, y + 1/2 sum w_i ((p_i - y) . n_i) n_i is on
-    /// the surface to second order: a triangle lies below a surface of curvature k by k/2 sum w_i |y - p_i|^2. Without that, two
-    /// samples of one round body differ by the depth of their triangles, and the one that moves shrinks.
+    /// With p_i the corners, n_i their normals and w_i the weights of y in the triangle, y + 1/2
+    /// sum w_i ((p_i - y) . n_i) n_i is on the surface to second order: a triangle lies below a
+    /// surface of curvature k by k/2 sum w_i |y - p_i|^2. Without this correction two samples of
+    /// one round body differ by the depth of their triangles, and the moving one shrinks.
     fn curved(&self, near: &Closest) -> (Point3<f64>, Vector3<f64>) {
         let flat = self.normal(near.triangle);
         let names = self.mesh.triangles[near.triangle as usize];
@@ -171,7 +174,7 @@ impl<'a> Surface<'a> {
             self.mesh.corners(near.triangle as usize),
             names.map(|v| self.normals[v as usize]),
         );
-        // At edges and outliers vertex normals say nothing about the surface between.
+        // At edges and outliers vertex normals do not describe the surface in between.
         if normals.iter().any(|n| n.dot(&flat) < SMOOTH) {
             return (near.point, flat);
         }
@@ -190,13 +193,13 @@ impl<'a> Surface<'a> {
         (y + lift, normal.try_normalize(0.0).unwrap_or(flat))
     }
 
-    /// Whether a place of a triangle lies on an open side of it: what is matched there is beyond the rim.
+    /// True if a point of a triangle lies on a boundary edge: a match there is beyond the boundary.
     fn is_on_rim(&self, triangle: u32, at: &Point3<f64>) -> bool {
         let corners = self.mesh.corners(triangle as usize);
         (0..3).any(|k| {
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let along = b - a;
-            // Rounding of the projection onto the side.
+            // Tolerance for the rounding of the projection onto the edge.
             self.open[triangle as usize][k]
                 && along.cross(&(at - a)).norm() <= 1e-9 * along.norm_squared()
         })

@@ -1,10 +1,13 @@
-//! Bending one surface onto another: clusters that each turn and move as one, blended over the surface.
+//! Deformation of one surface onto another: clusters with one rigid motion each, interpolated over
+//! the surface.
 //!
-//! After the scheme of \[huang2008\]: representatives are spread evenly over the surface, each leads a cluster that moves by one
-//! turn and shift about it, and a vertex follows the clusters near it along the surface, with weights that end smoothly. What
-//! is nearest on the other surface draws vertices to its tangent plane, and a little to itself; clusters that are neighbours
-//! shall agree on where each other's representative goes. That agreement is stiff at first, so that the whole turns before parts
-//! bend, and is let go by and by. It is the embedded deformation of \[sumner2007\] with rotations in place of affine maps.
+//! The scheme follows \[huang2008\]. Representatives are spread evenly over the surface. Each leads
+//! a cluster with one rotation and translation about the representative. A vertex follows the
+//! clusters near it along the surface, with smooth compact weights. The nearest point of the other
+//! surface attracts a vertex to its tangent plane, and weakly to itself. Neighbouring clusters
+//! should agree on the motion of each other's representative. This agreement is stiff at first, so
+//! that the whole surface turns before parts bend, and decreases gradually. The method is the
+//! embedded deformation of \[sumner2007\] with rotations instead of affine maps.
 
 mod clusters;
 
@@ -15,23 +18,26 @@ use crate::mesh::measures::{greatest, median};
 use crate::solvers::sparse::Factor;
 use clusters::Clusters;
 
-/// Settings of the bending.
+/// Settings of the deformation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NonRigid {
-    /// Clusters at most; fewer where there are fewer vertices.
+    /// Greatest number of clusters; fewer for fewer vertices.
     pub clusters: usize,
-    /// Weight of agreement over that of the data at first, and the least that it is let go to.
+    /// Weight of the agreement relative to that of the data: first value, and least value.
     pub stiffness: [f64; 2],
-    /// Weight of the distance between points, over that from planes.
+    /// Weight of the distance between points, relative to that from planes.
     pub points: f64,
-    /// Vertices further from the other surface than so many times the median are not drawn, unless they are within reach.
+    /// Vertices farther from the other surface than this multiple of the median have no target,
+    /// unless they are within `reach`.
     pub reject: f64,
-    /// How far all vertices are drawn, over the size of the other surface: what is to bend is off it by much here and there.
+    /// Distance within which all vertices have a target, relative to the size of the other surface:
+    /// undeformed parts can be far from it.
     pub reach: f64,
-    /// Rounds at most.
+    /// Greatest number of rounds.
     pub rounds: usize,
-    /// Stiffness is let go when no vertex moves further in a round, over the size of the other surface, or after eight rounds; at
-    /// its least the bending ends when no vertex does, or when distances get no less for long.
+    /// Greatest displacement of a vertex in a round, relative to the size of the other surface, at
+    /// which the stiffness decreases; it also decreases after eight rounds. At the least stiffness
+    /// the deformation ends at this displacement, or if the distances stop decreasing.
     pub threshold: f64,
 }
 
@@ -49,34 +55,36 @@ impl Default for NonRigid {
     }
 }
 
-/// A surface that was bent.
+/// A deformed surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bent {
-    /// Its vertices \[m\].
+    /// Vertices \[m\].
     pub points: Vec<Point3<f64>>,
     /// The cluster of the nearest representative, for each vertex.
     pub clusters: Vec<u32>,
-    /// How many clusters there are.
+    /// Number of clusters.
     pub count: usize,
-    /// Rounds made.
+    /// Number of rounds.
     pub rounds: usize,
-    /// Whether it ended by its threshold.
+    /// True if the deformation ended by its threshold.
     pub converged: bool,
-    /// Vertices that were drawn in the last round.
+    /// Number of vertices with a target in the last round.
     pub pairs: usize,
-    /// Greatest angle between the turns of two neighbours \[rad\].
+    /// Greatest angle between the rotations of two neighbouring clusters \[rad\].
     pub bend_max: f64,
 }
 
-/// How much less stiff it gets at a time, and after how many rounds at the latest.
+/// Factor of each decrease of the stiffness, and the greatest number of rounds before it.
 const LET_GO: f64 = 0.5;
 const EACH: usize = 8;
-/// Distances that get less by less than this for so many rounds are at rest: pairs come and go in turn.
+/// The deformation is at rest after this number of rounds with a smaller relative decrease of the
+/// distance: pairs can alternate.
 const BETTER: f64 = 1e-3;
 const PATIENCE: usize = 12;
-/// Vertices face what they are drawn to within 60 degrees.
+/// Least cosine between the normals of a vertex and of its target: 60 degrees.
 const FACING: f64 = 0.5;
-/// Against turns that no data determine, over the mean of the diagonal: rounding must not make the matrix indefinite.
+/// Regularisation of undetermined rotations, relative to the mean of the diagonal: rounding must
+/// not make the matrix indefinite.
 const HELD: f64 = 1e-9;
 
 /// The motion of a cluster.
@@ -86,7 +94,7 @@ struct Motion {
     shift: Vector3<f64>,
 }
 
-/// A vertex that is drawn, in units of the size.
+/// A vertex with its target, in units of the size.
 struct Drawn {
     vertex: usize,
     to: Point3<f64>,
@@ -94,10 +102,10 @@ struct Drawn {
 }
 
 impl NonRigid {
-    /// Bends a surface, `start` being where its vertices are to begin with.
+    /// Deforms a surface; `start` holds the initial positions of its vertices.
     ///
     /// # Errors
-    /// Hardly any vertex is near the other surface, or the system cannot be solved.
+    /// Too few vertices are near the other surface, or the system has no solution.
     pub fn run(
         &self,
         moving: &Surface<'_>,
@@ -164,7 +172,7 @@ impl NonRigid {
     }
 }
 
-/// What is being bent, in units of the size of the other surface.
+/// State of the deformation, in units of the size of the other surface.
 struct Bending<'a> {
     fixed: &'a Surface<'a>,
     clusters: &'a Clusters,
@@ -216,7 +224,7 @@ impl<'a> Bending<'a> {
         })
     }
 
-    /// The arm of a vertex about a representative, turned with its cluster.
+    /// The vector from a representative to a vertex, rotated with its cluster.
     fn arm(&self, cluster: u32, p: &Point3<f64>) -> Vector3<f64> {
         self.motions[cluster as usize].turn * (p - self.seed(cluster))
     }
@@ -241,7 +249,8 @@ impl<'a> Bending<'a> {
         self.now = now;
     }
 
-    /// What vertices are drawn to: the nearest place that faces the same way, unless it is at a rim or far off.
+    /// Targets of the vertices: the nearest point with a similar normal, unless it is on a boundary
+    /// or far away.
     fn drawn(&self, reject: f64, reach: f64) -> Vec<Drawn> {
         let normals = crate::mesh::TriangleMesh {
             vertices: self.now.clone(),
@@ -282,13 +291,13 @@ impl<'a> Bending<'a> {
             .collect()
     }
 
-    /// Mean square of the distances of what is drawn from the planes it is drawn to, over the size.
+    /// Mean squared distance of the vertices from their target planes, in units of the size.
     fn off(&self, drawn: &[Drawn]) -> f64 {
         let square = |d: &Drawn| d.normal.dot(&(self.now[d.vertex] - d.to)).powi(2);
         drawn.iter().map(square).sum::<f64>() / drawn.len().max(1) as f64
     }
 
-    /// One step of Gauss and Newton; how far a vertex moved at most.
+    /// One Gauss-Newton step. Returns the greatest displacement of a vertex.
     fn step(&mut self, drawn: &[Drawn], stiffness: f64, points: f64) -> Result<f64, RegisterError> {
         self.factor.clear();
         let mut rhs = vec![0.0; 6 * self.motions.len()];
@@ -306,7 +315,7 @@ impl<'a> Bending<'a> {
         self.factor.solve(&mut rhs, 1);
         for (motion, part) in self.motions.iter_mut().zip(rhs.chunks(6)) {
             let turn = Vector3::new(part[0], part[1], part[2]);
-            // Beyond half a radian the linear model says nothing.
+            // Beyond half a radian the linear model is invalid.
             let share = 0.5 / turn.norm().max(0.5);
             motion.turn = UnitQuaternion::from_scaled_axis(turn * share) * motion.turn;
             motion.shift += Vector3::new(part[3], part[4], part[5]) * share;
@@ -318,7 +327,7 @@ impl<'a> Bending<'a> {
         ))
     }
 
-    /// A vertex is drawn to the plane, and a little to the point.
+    /// Adds the attraction of a vertex to its plane, and weakly to its point.
     fn draw(&mut self, d: &Drawn, points: f64, rhs: &mut [f64]) {
         let label = &self.clusters.labels[d.vertex];
         let (p, off) = (self.rest[d.vertex], self.now[d.vertex] - d.to);
@@ -339,7 +348,7 @@ impl<'a> Bending<'a> {
         }
     }
 
-    /// Cluster `a` shall take the representative of `b` where `b` does.
+    /// Adds the agreement that cluster `a` moves the representative of `b` as `b` does.
     fn agree(&mut self, a: u32, b: u32, weight: f64, rhs: &mut [f64]) {
         let arm = self.arm(a, &self.seed(b));
         let there = self.seed(a).coords + arm + self.motions[a as usize].shift;
@@ -370,7 +379,7 @@ impl<'a> Bending<'a> {
         }
     }
 
-    /// Greatest angle between the turns of two neighbours.
+    /// Greatest angle between the rotations of two neighbouring clusters.
     fn bend(&self) -> f64 {
         let turn = |c: u32| self.motions[c as usize].turn;
         greatest(
@@ -382,7 +391,7 @@ impl<'a> Bending<'a> {
     }
 }
 
-/// Derivative of n . (turned arm + shift) by turn and shift.
+/// Derivative of n . (rotated arm + translation) with respect to rotation and translation.
 fn row(arm: &Vector3<f64>, n: &Vector3<f64>, weight: f64) -> Part {
     let turn = arm.cross(n) * weight;
     let shift = n * weight;

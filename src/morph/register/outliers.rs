@@ -1,26 +1,27 @@
-//! Vertices that stand far off their neighbours, and normals that they do not spoil.
+//! Outlier vertices, far from their neighbours, and normals without their influence.
 //!
-//! Of vertices thrown about at random a fifth is enough to turn the normal of nearly every vertex. So what stands far off the
-//! middle of its neighbours is left out, and of the triangles that are left those that face another way than most count little.
+//! If a fifth of the vertices are displaced at random, the normal of nearly every vertex is wrong.
+//! Vertices far from the centre of their neighbours are therefore left out. Of the remaining
+//! triangles, those whose normal differs from most have small weights.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::mesh::measures::median;
 use crate::mesh::{Topology, TriangleMesh};
 
-/// A vertex so many times further from the middle of its neighbours than they are is an outlier. At the tip of a cone it is half
-/// as much for an opening of 53 degrees.
+/// A vertex is an outlier if its distance to the centre of its neighbours is this multiple of
+/// theirs. At the tip of a cone the ratio is half as great for an opening of 53 degrees.
 const OFF: f64 = 2.0;
-/// Rounds of weighing triangles by how they agree.
+/// Number of rounds that weight triangles by their agreement.
 const ROUNDS: usize = 4;
 
-/// Middle of some points, by medians of coordinates; of none the origin.
+/// Centre of some points, by medians of coordinates; the origin for no points.
 fn middle(points: &[Point3<f64>]) -> Point3<f64> {
     let along = |k: usize| median(points.iter().map(|p| p[k]).collect()).unwrap_or(0.0);
     Point3::new(along(0), along(1), along(2))
 }
 
-/// Which vertices are outliers; none where more than half would be, for then the mesh is like that.
+/// Outlier vertices; none if more than half would be, since the mesh itself is then irregular.
 pub(super) fn outliers(mesh: &TriangleMesh, topology: &Topology) -> Vec<bool> {
     let (start, neighbours) = topology.vertex_neighbours();
     let is_off = |v: usize| {
@@ -42,7 +43,8 @@ pub(super) fn outliers(mesh: &TriangleMesh, topology: &Topology) -> Vec<bool> {
     }
 }
 
-/// Unit normals of the vertices; zero for outliers, and where all triangles have one for a corner.
+/// Unit normals of the vertices; zero for outliers, and where each triangle has an outlier as a
+/// corner.
 pub(super) fn normals(mesh: &TriangleMesh, topology: &Topology, off: &[bool]) -> Vec<Vector3<f64>> {
     let faces: Vec<Vector3<f64>> = (0..mesh.triangles.len())
         .map(|t| {
@@ -72,7 +74,7 @@ pub(super) fn normals(mesh: &TriangleMesh, topology: &Topology, off: &[bool]) ->
                 .sum::<Vector3<f64>>()
                 .try_normalize(0.0)?;
         }
-        // By area, of what faces that way.
+        // Area-weighted mean over triangles with a similar normal.
         let facing = own.iter().filter(|n| n.dot(&found) > 0.5 * n.norm());
         facing.sum::<Vector3<f64>>().try_normalize(0.0)
     };
@@ -97,7 +99,7 @@ mod tests {
         }
         let off = outliers(&ball, &topology);
         let (found, thrown) = (off.iter().filter(|off| **off).count(), (0..642).step_by(5));
-        // One in the midst of others that were thrown alike does not stand off.
+        // An outlier among displaced neighbours is not detected.
         let missed = thrown.clone().filter(|v| !off[*v]).count();
         assert!(
             missed * 20 < thrown.count() && found < 160,
@@ -107,7 +109,7 @@ mod tests {
         let wrong = (0..642)
             .filter(|v| kept[*v] != Vector3::zeros() && kept[*v].angle(&clean[*v]) > 0.3)
             .count();
-        // The plain ones are spoilt.
+        // The plain normals are wrong.
         let plain = ball.vertex_normals();
         let spoilt = (0..642)
             .filter(|v| plain[*v].angle(&clean[*v]) > 0.3)

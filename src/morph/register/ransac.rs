@@ -1,8 +1,9 @@
-//! A start for registration: pairs of points with normals that look alike on both surfaces.
+//! Start of a registration: pairs of points with normals that are similar on both surfaces.
 //!
-//! Two points p, q with normals m, n give three angles that no similarity changes: of m and of n to q - p, and between the two
-//! around it. A pair here and one there that agree in them give the whole motion, its scale included; the one that lays
-//! most points onto the other surface is taken. It needs two good points, where three without normals would be needed.
+//! Two points p, q with normals m, n have three angles that no similarity changes: of m and of n to
+//! q - p, and between the two about this line. A pair on each surface with equal angles determines
+//! the whole motion with its scale. The search keeps the motion with the most points on the other
+//! surface. It needs two good points; without normals it would need three.
 
 use std::collections::HashMap;
 
@@ -23,19 +24,21 @@ use crate::random::Random;
 pub struct Ransac {
     /// Whether size may change.
     pub motion: Motion,
-    /// Share of the points of the moving surface that have a place on the other, at least.
+    /// Least share of the moving surface's points that correspond to the other surface.
     pub good: f64,
     /// Probability of drawing at least one pair of good points.
     pub sure: f64,
-    /// Draws made for each that this asks for: normals of different samples differ, and not every good pair is recognised.
+    /// Number of draws relative to the theoretical number: normals of different samples differ, and
+    /// some good pairs are not recognised.
     pub patience: f64,
-    /// A point agrees if it comes as near as this to the other surface, over the size of the smaller.
+    /// Distance to the other surface at which a point agrees, relative to the size of the smaller
+    /// surface.
     pub near: f64,
     /// Least and greatest scale.
     pub scales: [f64; 2],
-    /// Points of the fixed surface between which pairs are listed.
+    /// Number of points of the fixed surface whose pairs are listed.
     pub listed: usize,
-    /// Of the draws.
+    /// Seed of the draws.
     pub seed: u64,
 }
 
@@ -54,32 +57,34 @@ impl Default for Ransac {
     }
 }
 
-/// Bins of each of the three angles.
+/// Number of bins of each of the three angles.
 const BINS: f64 = 24.0;
-/// Points that are tried first, and the share of the wanted agreement that they must have.
+/// Number of points in a first test, and the share of the required agreement that they must have.
 const FIRST: usize = 24;
 
-/// Searches, each among other points, until enough points agree.
+/// Number of searches, each with other points, until enough points agree.
 const ATTEMPTS: usize = 4;
 
-/// Motions that are kept, all different, refined a little, and of these the best refined further.
+/// Number of distinct motions that are refined slightly, and of the best ones that are refined
+/// further.
 const KEPT: usize = 60;
 const BEST: usize = 6;
-/// Motions that take all points to within this of each other are alike, over the size of the fixed surface.
+/// Two motions are alike if their difference is within this distance at all points, relative to the
+/// size of the fixed surface.
 const ALIKE: f64 = 0.04;
-/// Of the share of points that seems to agree, so much is believed: some agree by chance.
+/// Reliable part of the share of agreeing points: some agree by chance.
 const BELIEVED: f64 = 0.8;
-/// How near points must come after refining, over what is asked before.
+/// Distance of agreement after refining, relative to that before.
 const CLOSER: f64 = 0.2;
 
 /// Two points with normals.
 type Oriented = [(Point3<f64>, Vector3<f64>); 2];
 
-/// Cosines of both normals to the line, and the angle between them about it.
+/// Cosines of both normals with the line, and the angle between the normals about the line.
 fn angles([(p, m), (q, n)]: &Oriented) -> Option<[f64; 3]> {
     let d = (q - p).try_normalize(0.0)?;
     let (a, b) = (m - d * m.dot(&d), n - d * n.dot(&d));
-    // Along the line a normal has no direction about it.
+    // A normal along the line has no direction about it.
     if !(a.norm() > 0.2 && b.norm() > 0.2) {
         return None;
     }
@@ -104,7 +109,7 @@ fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f6
         let across = (side - d * side.dot(&d)).try_normalize(1e-3)?;
         Some(Matrix3::from_columns(&[d, across, d.cross(&across)]))
     };
-    // Sums of the two normals mean the same on both sides, for they include the same angle.
+    // The sum of the two normals is the same on both sides, since they form the same angle.
     let rotation = frame(to)? * frame(from)?.transpose();
     let rotation =
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
@@ -122,7 +127,7 @@ fn motion(from: &Oriented, to: &Oriented, kind: Motion) -> Option<Similarity3<f6
     ))
 }
 
-/// What is fixed for all draws.
+/// Data that are constant over all draws.
 struct Search<'a> {
     settings: &'a Ransac,
     moving: &'a Surface<'a>,
@@ -130,17 +135,18 @@ struct Search<'a> {
     listed: Vec<u32>,
     pairs: HashMap<[i32; 3], Vec<[u32; 2]>>,
     tried: Vec<u32>,
-    /// Vertices of the moving surface that have a normal, and the diagonal of their box.
+    /// Vertices of the moving surface with a normal, and the diagonal of their box.
     with: Vec<u32>,
     size: f64,
     wanted: usize,
 }
 
 impl Ransac {
-    /// Finds a motion of `moving` that lays the share [`Self::good`] of its points onto `fixed`.
+    /// Finds a motion of `moving` for which at least the share [`Self::good`] of its points agrees
+    /// with `fixed`.
     ///
     /// # Errors
-    /// None was found.
+    /// No motion was found.
     pub fn start(
         &self,
         moving: &Surface<'_>,
@@ -154,10 +160,10 @@ impl Ransac {
         }
     }
 
-    /// The best motion of those drawn and of `others`, however few points it lays there.
+    /// The best motion of the draws and of `others`, for any number of agreeing points.
     ///
     /// # Errors
-    /// No motion at all was found; `go_on` said no.
+    /// No motion was found, or `go_on` stopped the search.
     pub fn best(
         &self,
         moving: &Surface<'_>,
@@ -190,7 +196,8 @@ impl Ransac {
         best.map(|b| b.1).ok_or(none)
     }
 
-    /// One search among listed points; the motion that lays most points onto the other surface, and how it was judged.
+    /// One search among listed points. Returns the motion with the most agreeing points, and its
+    /// score.
     fn once(
         &self,
         search: &Search<'_>,
@@ -232,7 +239,7 @@ impl Ransac {
             best.extend(judged);
             best.sort_by_key(|b| std::cmp::Reverse(b.0));
             search.keep_different(&mut best);
-            // As many draws as the share of good points that was seen asks for.
+            // The number of draws for the observed share of good points.
             let seen = best
                 .first()
                 .map_or(0.0, |b| BELIEVED * b.0 as f64 / search.tried.len() as f64);
@@ -275,23 +282,23 @@ impl Ransac {
     }
 }
 
-/// Where registration may begin.
+/// Start of a registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Begun {
-    /// Takes the moving surface near the other.
+    /// Motion of the moving surface to near the fixed one.
     pub motion: Similarity3<f64>,
-    /// Draws made.
+    /// Number of draws.
     pub draws: usize,
-    /// Tried points that it lays onto the other surface.
+    /// Number of tested points that agree.
     pub inliers: usize,
-    /// Points that were tried.
+    /// Number of tested points.
     pub of: usize,
-    /// How many are wanted.
+    /// Required number of agreeing points.
     pub wanted: usize,
 }
 
 impl Begun {
-    /// What is said where too few points agree.
+    /// The error for too few agreeing points.
     pub fn too_few(&self) -> RegisterError {
         let Self {
             draws,
@@ -326,7 +333,7 @@ impl<'a> Search<'a> {
             all
         };
         let listed = sample(settings.listed, fixed.points().len(), draws);
-        // What has no normal agrees with nothing.
+        // A point without a normal agrees with nothing.
         let with: Vec<u32> = (0..moving.points().len() as u32)
             .filter(|&v| moving.normals()[v as usize] != Vector3::zeros())
             .collect();
@@ -334,7 +341,7 @@ impl<'a> Search<'a> {
             .into_iter()
             .map(|i| with[i as usize])
             .collect();
-        // Two thirds of what is said to be good, for some of it lies at rims.
+        // Two thirds of the expected good points, since some lie at boundaries.
         let wanted = ((settings.good * tried.len() as f64 * 2.0 / 3.0).ceil() as usize).max(3);
         let size = Aabb::of_points(with.iter().map(|&v| &moving.points()[v as usize]))
             .extents()
@@ -365,7 +372,7 @@ impl<'a> Search<'a> {
         search
     }
 
-    /// Two points of the moving surface that are well apart.
+    /// Two points of the moving surface that are far apart.
     fn draw(&self, draws: &mut Random) -> Option<Oriented> {
         if self.with.is_empty() {
             return None;
@@ -381,7 +388,8 @@ impl<'a> Search<'a> {
         None
     }
 
-    /// Of motions sorted by how many points agree, those that are unlike any better one, at most [`KEPT`].
+    /// Of motions sorted by their number of agreeing points, those that differ from every better
+    /// one, at most [`KEPT`].
     fn keep_different(&self, best: &mut Vec<(usize, Similarity3<f64>)>) {
         let probes: Vec<Point3<f64>> = self
             .tried
@@ -407,8 +415,9 @@ impl<'a> Search<'a> {
         *best = kept;
     }
 
-    /// Motions after some rounds of closest points, each with its points that agree, closely and less closely together and
-    /// closely alone. What is right gets better by refining, and then agrees more closely; what agrees by chance does not.
+    /// Motions after some rounds of closest points, each with its number of points that agree
+    /// closely and less closely together, and closely alone. A correct motion improves by refining
+    /// and then agrees more closely; one that agrees by chance does not.
     fn refined(
         &self,
         starts: &[Similarity3<f64>],
@@ -437,7 +446,7 @@ impl<'a> Search<'a> {
         starts.par_iter().filter_map(refine).collect()
     }
 
-    /// Motions to all listed pairs that look alike.
+    /// Motions to all similar listed pairs.
     fn candidates(&self, from: &Oriented) -> Vec<Similarity3<f64>> {
         let Some(own) = angles(from) else {
             return Vec::new();
@@ -469,9 +478,11 @@ impl<'a> Search<'a> {
         found
     }
 
-    /// How many of the tried points come near the other surface, with a normal alike; 0 where it can hardly beat `least`.
+    /// Number of tested points near the other surface with a similar normal; 0 where it can hardly
+    /// exceed `least`.
     fn agreeing(&self, motion: &Similarity3<f64>, least: Option<usize>, near: f64) -> usize {
-        // Over the smaller of the two, or a surface that shrinks to a spot would agree with any.
+        // Relative to the smaller of the two: otherwise a surface that shrinks to a point would
+        // agree with any.
         let moved = motion.scaling() * self.size;
         let within = near * self.fixed.size().min(moved);
         let agrees = |&&v: &&u32| {

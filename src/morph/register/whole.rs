@@ -1,4 +1,4 @@
-//! The whole of a registration: starts, iterated closest points, and, where it is asked for, bending.
+//! A complete registration: starts, iterated closest points, and an optional deformation.
 
 use std::time::Instant;
 
@@ -11,53 +11,54 @@ use crate::mesh::measures::median;
 use crate::morph::align::rotation_of;
 use crate::morph::pose::axes;
 
-/// What is asked for.
+/// Settings of a registration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Settings {
-    /// Whether size may change.
+    /// Degrees of freedom.
     pub motion: Motion,
-    /// How a start is found.
+    /// Settings of the search for a start.
     pub ransac: Ransac,
-    /// How it is refined.
+    /// Settings of the refinement.
     pub icp: Icp,
-    /// How the surface is bent after that.
+    /// Settings of the deformation after the refinement; `None` for none.
     pub bending: Option<NonRigid>,
 }
 
-/// Seconds that each part took.
+/// Time of each part [s].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Times {
-    /// Finding a start.
+    /// Time of the search for a start.
     pub start: f64,
-    /// Iterated closest points.
+    /// Time of the iterated closest points.
     pub icp: f64,
-    /// Bending.
+    /// Time of the deformation.
     pub bend: f64,
 }
 
-/// A surface laid onto another.
+/// A surface registered to another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Laid {
-    /// Where it began.
+    /// The start.
     pub begun: Begun,
-    /// Where iterated closest points ended.
+    /// Result of the iterated closest points.
     pub registered: Registered,
-    /// How it was bent.
+    /// Result of the deformation.
     pub bent: Option<Bent>,
-    /// Where its vertices are \[m\].
+    /// Positions of the vertices \[m\].
     pub points: Vec<Point3<f64>>,
     /// Distance of each vertex from the other surface \[m\].
     pub distances: Vec<f64>,
-    /// Which vertices lie on it: near, facing the same way, and not at a rim.
+    /// True for each vertex on the other surface: near, with a similar normal, and not at a
+    /// boundary.
     pub inliers: Vec<bool>,
-    /// Seconds of each part.
+    /// Time of each part.
     pub times: Times,
 }
 
-/// Distances over a set of vertices.
+/// Measures of distances over a set of vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Residual {
-    /// Root of the mean square \[m\].
+    /// Root mean square \[m\].
     pub rms: f64,
     /// Median \[m\].
     pub median: f64,
@@ -66,7 +67,7 @@ pub struct Residual {
 }
 
 impl Residual {
-    /// Of distances; zero for none.
+    /// Measures of the given distances; zero for none.
     pub fn of(distances: impl Iterator<Item = f64>) -> Self {
         let all: Vec<f64> = distances.collect();
         let squares: f64 = all.iter().map(|d| d * d).sum();
@@ -96,10 +97,10 @@ impl Laid {
     }
 }
 
-/// Lays `moving` onto `fixed`.
+/// Registers `moving` to `fixed`.
 ///
 /// # Errors
-/// No start at all, too few pairs on the way, a system that cannot be solved; `go_on` said no.
+/// No start, too few pairs during the refinement, a system without solution, or a stop by `go_on`.
 pub fn lay(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,
@@ -155,7 +156,7 @@ pub fn lay(
     })
 }
 
-/// Starts without draws: as the surfaces are placed, middle on middle, and by their principal axes.
+/// Starts without draws: the given placement, coincident centres, and principal axes.
 fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: Motion) -> Vec<Similarity3<f64>> {
     let [a, b] = [moving, fixed].map(|m| m.surface_centroid().unwrap_or_default().coords);
     let ratio = (fixed.area() / moving.area()).sqrt();
@@ -182,7 +183,7 @@ fn others(moving: &TriangleMesh, fixed: &TriangleMesh, motion: Motion) -> Vec<Si
     all
 }
 
-/// Distance of each vertex, and whether it lies on the other surface.
+/// Distance of each vertex, and whether the vertex lies on the other surface.
 fn judged(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,

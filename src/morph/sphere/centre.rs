@@ -1,4 +1,4 @@
-//! The sphere around a body, and a place inside it.
+//! A bounding sphere of a body, and a point inside the body.
 
 use crate::mesh::measures::greatest;
 use nalgebra::{Point3, Vector3};
@@ -8,9 +8,10 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::mesh::inside::Inside;
 
-/// A sphere that holds all of some points, in two passes \[ritter1990\]: up to about 14 % larger than the smallest.
+/// A bounding sphere of some points in two passes \[ritter1990\]: up to about 14 % larger than the
+/// smallest.
 ///
-/// Returns centre and radius \[m\]; of no points a sphere without size at the origin.
+/// Returns centre and radius \[m\]; for no points a sphere of radius 0 at the origin.
 pub fn bounding_sphere(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
     let bounds = crate::mesh::Aabb::of_points(points);
     if bounds.is_empty() {
@@ -25,19 +26,19 @@ pub fn bounding_sphere(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
             radius += grown;
         }
     }
-    // What rounding left outside.
+    // Points that rounding left outside.
     let farthest = greatest(points.iter().map(|p| (p - centre).norm()).chain([radius]));
     (centre, farthest)
 }
 
-/// Tries to find a place inside, each from where the last one ended.
+/// Number of attempts to find a point inside, each from the end of the last one.
 const ATTEMPTS: usize = 8;
 
-/// A place inside the body near `from`: itself if it is inside, else half the local thickness behind the nearest place of the
-/// surface, tested again (errata M6 to M8).
+/// A point inside the body near `from`: `from` itself if it is inside, otherwise the point half the
+/// local thickness behind the nearest point of the surface, tested again (errata M6 to M8).
 ///
 /// # Errors
-/// No such place was found, for the surface crosses itself or is inside out.
+/// No such point was found: the surface intersects itself or is inside out.
 pub fn inside_near(mesh: &TriangleMesh, from: &Point3<f64>) -> Result<Point3<f64>, SphereError> {
     let inside = Inside::new(&mesh.vertices, &mesh.triangles);
     let tree = SurfaceTree::new(&mesh.vertices, &mesh.triangles);
@@ -61,7 +62,8 @@ pub fn inside_near(mesh: &TriangleMesh, from: &Point3<f64>) -> Result<Point3<f64
     })
 }
 
-/// How far it is from a place of the surface through the body to the other side \[m\]; 0 where nothing is behind it.
+/// Distance from a point of the surface through the body to the other side \[m\]; 0 without another
+/// side.
 fn thickness(mesh: &TriangleMesh, own: u32, from: &Point3<f64>, along: &Vector3<f64>) -> f64 {
     let hit = |t: usize| {
         let [a, b, c] = mesh.corners(t);
@@ -71,7 +73,7 @@ fn thickness(mesh: &TriangleMesh, own: u32, from: &Point3<f64>, along: &Vector3<
         let w = from - a;
         let q = w.cross(&u);
         let (s, t, distance) = (w.dot(&p) / area, along.dot(&q) / area, v.dot(&q) / area);
-        // The far side is one that is left, not one that is entered.
+        // The ray leaves the body at the far side; it does not enter there.
         let leaves = u.cross(&v).dot(along) > 0.0;
         (leaves && s >= 0.0 && t >= 0.0 && s + t <= 1.0 && distance > 0.0).then_some(distance)
     };

@@ -1,14 +1,14 @@
-//! Why a surface has no map to the sphere.
+//! Errors of maps to the sphere.
 
 use crate::mesh::MeshError;
 
-/// What keeps a surface from being mapped to the sphere, and where.
+/// The reason why a surface has no map to the sphere, with its place.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SphereError {
-    /// Indices or coordinates are none.
+    /// Indices or coordinates are invalid.
     #[error(transparent)]
     Mesh(#[from] MeshError),
-    /// No tetrahedron's worth of points.
+    /// There are too few points for a tetrahedron.
     #[error(
         "{vertices} vertices and {triangles} triangles; a closed surface needs at least 4 of each"
     )]
@@ -29,15 +29,15 @@ pub enum SphereError {
         /// The first of them.
         first: [u32; 2],
     },
-    /// An edge with three or more triangles.
+    /// An edge has three or more triangles.
     #[error("the edge between vertices {} and {} has {triangles} triangles; it must have two", edge[0], edge[1])]
     Edge {
-        /// Its vertices.
+        /// Vertices of the edge.
         edge: [u32; 2],
-        /// Its triangles.
+        /// Number of its triangles.
         triangles: usize,
     },
-    /// Two triangles that run their edge the same way.
+    /// Two triangles traverse their edge in the same direction.
     #[error(
         "triangles {} and {} at the edge between vertices {} and {} are turned against each other; turn one round",
         triangles[0], triangles[1], edge[0], edge[1]
@@ -48,31 +48,31 @@ pub enum SphereError {
         /// The two triangles.
         triangles: [u32; 2],
     },
-    /// A vertex at which several fans of triangles touch.
+    /// Several fans of triangles touch at a vertex.
     #[error("at vertex {vertex} parts of the surface touch in one point; split it")]
     Vertex {
         /// The vertex.
         vertex: u32,
     },
-    /// A vertex of no triangle.
+    /// A vertex has no triangle.
     #[error("{count} vertices belong to no triangle, the first is vertex {vertex}; drop them")]
     Unused {
         /// The first such vertex.
         vertex: u32,
-        /// How many there are.
+        /// Number of such vertices.
         count: usize,
     },
-    /// Several surfaces.
+    /// There are several components.
     #[error(
         "{pieces} separate surfaces, where there must be one; vertex {vertex} is the first that is not joined to vertex 0"
     )]
     Pieces {
-        /// How many.
+        /// Number of components.
         pieces: usize,
-        /// The first vertex of the second piece.
+        /// The first vertex of the second component.
         vertex: u32,
     },
-    /// Handles.
+    /// The surface has handles.
     #[error(
         "the surface has {genus} {} (V - E + F = {euler}); only one without (V - E + F = 2) can be mapped to the sphere",
         if *genus == 1 { "handle" } else { "handles" }
@@ -83,67 +83,67 @@ pub enum SphereError {
         /// V - E + F.
         euler: i64,
     },
-    /// No centre inside the body was found.
+    /// No point inside the body was found.
     #[error("no centre inside the body: the surface winds {winding} times about ({}, {}, {}) m", at[0], at[1], at[2])]
     Centre {
-        /// Winding number there.
+        /// Winding number at the best point.
         winding: i32,
-        /// The best place \[m\].
+        /// The best point \[m\].
         at: [f64; 3],
     },
-    /// Relaxation fell into a cap in every attempt.
+    /// The relaxation collapsed in every attempt.
     #[error(
         "relaxation collapsed in all {attempts} attempts: nothing came nearer than {gap} to the antipode of vertex {anchor}; \
          use the robust map"
     )]
     Collapsed {
-        /// Attempts made.
+        /// Number of attempts.
         attempts: usize,
-        /// The anchor of the last attempt that was missed most.
+        /// The anchor of the last attempt with the greatest gap.
         anchor: u32,
-        /// Distance from its antipode to the nearest vertex, on the unit sphere.
+        /// Distance from the antipode of that anchor to the nearest vertex, on the unit sphere.
         gap: f64,
     },
-    /// Relaxation left triangles turned in.
+    /// Reversed triangles remain after the relaxation.
     #[error(
         "{flipped} of {triangles} triangles are still turned in after {sweeps} sweeps, the first is triangle {triangle}; \
          use the robust map"
     )]
     Flipped {
-        /// How many.
+        /// Number of reversed triangles.
         flipped: usize,
-        /// Of how many.
+        /// Number of all triangles.
         triangles: usize,
-        /// The first.
+        /// The first reversed triangle.
         triangle: u32,
-        /// Sweeps made in the last attempt.
+        /// Number of sweeps of the last attempt.
         sweeps: usize,
     },
-    /// A map was given in which triangles are not positively oriented.
+    /// A given map has triangles that are not positively oriented.
     #[error(
         "{flipped} triangles of the map are not turned outward, the first is triangle {triangle}"
     )]
     NotPositive {
-        /// How many.
+        /// Number of such triangles.
         flipped: usize,
-        /// The first.
+        /// The first such triangle.
         triangle: u32,
     },
-    /// A map was given that covers the sphere more than once.
+    /// A given map covers the sphere more than once.
     #[error("the map covers the sphere {times} times, where once is wanted")]
     Covers {
-        /// How often.
+        /// Number of covers.
         times: f64,
     },
-    /// A point of a map that is given is not on the unit sphere.
+    /// A point of a given map is not on the unit sphere.
     #[error("vertex {vertex} lies at {radius} from the centre of the map, where 1 is wanted")]
     Radius {
         /// The vertex.
         vertex: u32,
-        /// Its distance from the centre.
+        /// Distance of the point from the centre.
         radius: f64,
     },
-    /// No room for a vertex that doubles can tell from its neighbours.
+    /// A vertex has no position that doubles can distinguish from its neighbours.
     #[error(
         "no room on the sphere for vertex {vertex} between its neighbours, with {placed} of {vertices} vertices placed; where \
          a body has few vertices around and many along, give it more around or fewer along"
@@ -151,17 +151,17 @@ pub enum SphereError {
     Crowded {
         /// The vertex.
         vertex: u32,
-        /// Vertices placed before.
+        /// Number of vertices placed before.
         placed: usize,
-        /// All of them.
+        /// Number of all vertices.
         vertices: usize,
     },
-    /// No edge can be contracted, which a triangulated sphere never does.
+    /// No edge can be contracted, which is impossible for a triangulated sphere.
     #[error("no edge at vertex {vertex} can be contracted, with {left} vertices left")]
     Stuck {
-        /// A vertex that is left.
+        /// A remaining vertex.
         vertex: u32,
-        /// How many are left.
+        /// Number of remaining vertices.
         left: usize,
     },
 }

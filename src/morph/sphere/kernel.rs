@@ -1,13 +1,14 @@
-//! The places from which all of a spherical polygon is seen.
+//! The kernel of a spherical polygon: the points that see the whole polygon.
 
 use nalgebra::{Point3, Vector3};
 
 use super::surface::turn;
 
-/// Below this a determinant of three unit vectors may have the wrong sign: some 24 roundings of terms up to 1.
+/// Below this value a determinant of three unit vectors can have the wrong sign: about 24 roundings
+/// of terms up to 1.
 const CERTAIN: f64 = 1e-14;
 
-/// Whether the triangles of a fan from `at` to a ring are all turned outward, exactly.
+/// True if all triangles of a fan from `at` to a ring are oriented outward, exactly.
 pub fn sees(at: &Point3<f64>, ring: &[Point3<f64>]) -> bool {
     (0..ring.len()).all(|i| {
         let (a, b) = (&ring[i], &ring[if i + 1 == ring.len() { 0 } else { i + 1 }]);
@@ -15,11 +16,13 @@ pub fn sees(at: &Point3<f64>, ring: &[Point3<f64>]) -> bool {
     })
 }
 
-/// Height of the cone that a kernel is cut out of, over its half side: a little less than the hemisphere, two sides of which
-/// would meet a plane in opposite rays, with no way between them.
+/// Height of the cone that contains the kernel, relative to its half side. The cone is slightly
+/// smaller than the hemisphere: two sides of a hemisphere would meet a plane in opposite rays
+/// without a connection.
 const HEIGHT: f64 = 0.05;
 
-/// Corners of the part of nearly the hemisphere about `near` that sees the whole of a ring, as unit vectors in order.
+/// Corners of the kernel of a ring within nearly the hemisphere about `near`, as unit vectors in
+/// order.
 pub fn kernel(near: &Point3<f64>, ring: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     let axis = near.coords;
     let aside = Vector3::ith(axis.iamin(), 1.0);
@@ -45,7 +48,7 @@ pub fn kernel(near: &Point3<f64>, ring: &[Point3<f64>]) -> Vec<Vector3<f64>> {
     corners
 }
 
-/// Middle of a convex spherical polygon, weighted by the area of its chords.
+/// Centroid of a convex spherical polygon, weighted by the area of its chords.
 pub fn middle(corners: &[Vector3<f64>]) -> Option<Point3<f64>> {
     let first = corners.first()?;
     let mut sum = Vector3::zeros();

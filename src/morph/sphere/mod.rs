@@ -1,8 +1,9 @@
 //! Maps of closed surfaces without handles to the unit sphere.
 //!
-//! [`SphereMap::robust`] is the one to take: it works for bodies of any length. [`relaxation`] is the method of the source,
-//! corrected, with its limits. Either way every spherical triangle of a [`SphereMap`] is turned outward, by an exact predicate
-//! on the numbers as stored, and together they cover the sphere once: so each place of the sphere belongs to one place of the
+//! [`SphereMap::robust`] is the standard method: it works for bodies of any length. [`relaxation`]
+//! is the corrected method of the source, with its limits. In both cases every spherical triangle
+//! of a [`SphereMap`] is oriented outward, by an exact predicate on the stored numbers, and the
+//! triangles cover the sphere once. Each point of the sphere thus corresponds to one point of the
 //! surface.
 
 pub mod centre;
@@ -22,10 +23,11 @@ pub use surface::{check, flipped, solid_angle, turn};
 
 use crate::mesh::TriangleMesh;
 
-/// How far from the unit sphere a point of a map may be: a few roundings of a normalisation, many times over.
+/// Tolerance of the distance of a map's point from the unit sphere: many times the rounding of a
+/// normalisation.
 const ROUND: f64 = 1e-12;
 
-/// A surface spread over the unit sphere without folds.
+/// A surface mapped to the unit sphere without folds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SphereMap {
     points: Vec<Point3<f64>>,
@@ -33,21 +35,22 @@ pub struct SphereMap {
 }
 
 impl SphereMap {
-    /// Maps a surface by taking vertices out and putting them back, see the module; some 10 microseconds a vertex.
+    /// Maps a surface by removal and reinsertion of vertices, see the module; about 10 microseconds
+    /// per vertex.
     ///
     /// # Errors
-    /// A surface that is open, not manifold, not oriented, in pieces or with handles; and where doubles leave no room for a
-    /// vertex.
+    /// A surface that is open, not manifold, not oriented, disconnected or with handles; or a
+    /// vertex without a position in doubles.
     pub fn robust(mesh: &TriangleMesh) -> Result<Self, SphereError> {
         check(mesh)?;
         Self::of_positions(progressive::map(mesh)?, mesh.triangles.clone())
     }
 
-    /// Takes positions from elsewhere.
+    /// Creates a map from given positions.
     ///
     /// # Errors
-    /// As [`Self::robust`], points that are not on the unit sphere, triangles that are not turned outward, and a map that
-    /// covers the sphere more than once.
+    /// Those of [`Self::robust`], points that are not on the unit sphere, triangles that are not
+    /// oriented outward, and a map that covers the sphere more than once.
     pub fn new(points: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Result<Self, SphereError> {
         let mesh = TriangleMesh {
             vertices: points,
@@ -57,7 +60,7 @@ impl SphereMap {
         Self::of_positions(mesh.vertices, mesh.triangles)
     }
 
-    /// The same over a surface that was checked.
+    /// Creates the map of a checked surface.
     fn of_positions(
         points: Vec<Point3<f64>>,
         triangles: Vec<[u32; 3]>,
@@ -76,7 +79,7 @@ impl SphereMap {
                 triangle,
             });
         }
-        // All triangles turned outward cover the sphere a whole number of times.
+        // Outward triangles cover the sphere a whole number of times.
         let times = solid_angle(&points, &triangles) / (4.0 * std::f64::consts::PI);
         if !((times - 1.0).abs() < 0.5) {
             return Err(SphereError::Covers { times });
@@ -84,20 +87,20 @@ impl SphereMap {
         Ok(Self { points, triangles })
     }
 
-    /// Places of the vertices on the unit sphere.
+    /// Positions of the vertices on the unit sphere.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }
 
-    /// The triangles, as in the surface.
+    /// The triangles of the surface.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// The map turned.
+    /// The rotated map.
     ///
     /// # Errors
-    /// Where rounding turns a thin triangle over.
+    /// Rounding reverses a thin triangle.
     pub fn turned(&self, by: &UnitQuaternion<f64>) -> Result<Self, SphereError> {
         let matrix = by.to_rotation_matrix();
         let turn = |p: &Point3<f64>| Point3::from((matrix * p.coords).normalize());

@@ -1,13 +1,16 @@
-//! The robust map: vertices are taken out until a tetrahedron is left, and put back where they see their neighbours.
+//! The robust map: vertices are removed until a tetrahedron remains, and reinserted where they see
+//! their neighbours.
 //!
-//! A triangulated sphere with more than four vertices always has an edge that can be contracted (Steinitz), so that a
-//! tetrahedron is reached. On the sphere its four triangles are turned outward. When a vertex u that was drawn into v is
-//! put back, the places that see all of its ring are not empty: close to v, in the angle between the two edges that v keeps.
-//! So every triangle is turned outward after every insertion, in exact arithmetic always \[praun2003\]; with doubles every
-//! place is tested by an exact predicate before it is taken, and where none is left, that is an error.
+//! A triangulated sphere with more than four vertices always has an edge that can be contracted
+//! (Steinitz), so the removal reaches a tetrahedron. On the sphere its four triangles are oriented
+//! outward. A vertex u that was merged into v has a non-empty kernel at its reinsertion: close to
+//! v, in the angle between the two edges that v keeps. So every triangle is oriented outward after
+//! every insertion in exact arithmetic \[praun2003\]. In doubles an exact predicate tests every
+//! position first; no valid position is an error.
 //!
-//! In between all vertices move to where the surface is stretched least. With a fair sample of the surface at every stage (see
-//! [`super::removal`]) a long body does not crowd into two spots, as it does by relaxation (erratum M21).
+//! Between insertions all vertices move to positions of least stretch. Each stage is an even sample
+//! of the surface (see [`super::removal`]), so a long body does not collapse into two clusters, as
+//! in relaxation (erratum M21).
 
 use nalgebra::{Point3, Vector2, Vector3};
 
@@ -19,22 +22,22 @@ use super::stretch::{Patch, Stretch, energy, stretch};
 use crate::mesh::TriangleMesh;
 use crate::mesh::shapes::tetrahedron;
 
-/// All vertices are moved whenever there are so many times more of them.
+/// All vertices move whenever their number has grown by this factor.
 const GROWTH: f64 = 1.2;
-/// Passes over all vertices each time.
+/// Number of passes over all vertices each time.
 const PASSES: usize = 4;
-/// Passes at the end.
+/// Number of passes at the end.
 const LAST_PASSES: usize = 12;
-/// Part of the mean area of a triangle that is added to areas and squares of lengths.
+/// Share of the mean triangle area that is added to areas and squared lengths.
 const LEAST: f64 = 1e-3;
-/// Lengths of a step that are tried.
+/// Number of step lengths that are tried.
 const STEPS: usize = 7;
-/// Attempts to make room for a vertex.
+/// Number of attempts to make room for a vertex.
 const ATTEMPTS: usize = 20;
-/// Steps towards the neighbour that a vertex was drawn into; beyond these nothing moves.
+/// Number of halvings towards the neighbour of the contraction; smaller steps change nothing.
 const HALVINGS: usize = 50;
 
-/// Positions on the unit sphere of the vertices of a mesh that was checked.
+/// Positions on the unit sphere of the vertices of a checked mesh.
 pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
     let Some(rings) = Rings::new(mesh.vertices.len(), &mesh.triangles) else {
         return Err(SphereError::Vertex { vertex: 0 });
@@ -85,11 +88,11 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
 struct Working<'a> {
     rings: Rings,
     points: Vec<Point3<f64>>,
-    /// Places of the vertices on the surface \[m\].
+    /// Positions of the vertices on the surface \[m\].
     places: &'a [Point3<f64>],
-    /// Added to areas and squares of lengths \[m^2\].
+    /// Addition to areas and squared lengths \[m^2\].
     least: f64,
-    /// Positions of one ring, and its triangles on the surface, kept to be filled again.
+    /// Positions of one ring, and its triangles on the surface, as reused buffers.
     ring: Vec<Point3<f64>>,
     patches: Vec<Patch>,
 }
@@ -99,7 +102,7 @@ impl Working<'_> {
         let corners = tetrahedron().vertices;
         self.points[first as usize] = corners[0];
         let ring: Vec<u32> = self.rings.of(first).to_vec();
-        // Triangle (0, 1, 3) of the tetrahedron is turned outward.
+        // Triangle (0, 1, 3) of the tetrahedron is oriented outward.
         ring.iter()
             .zip([1, 3, 2])
             .for_each(|(&v, k)| self.points[v as usize] = corners[k]);
@@ -115,7 +118,8 @@ impl Working<'_> {
         );
     }
 
-    /// Puts a vertex back where it sees its neighbours; where doubles leave no such place they make room first.
+    /// Reinserts a vertex where it sees its neighbours; if doubles have no such position, the
+    /// neighbours make room first.
     fn insert(&mut self, removed: &Removed) -> bool {
         for _ in 0..ATTEMPTS {
             self.rings.restore(removed);
@@ -140,7 +144,7 @@ impl Working<'_> {
             if sees(&place, &self.ring) {
                 return Some(place);
             }
-            // Nearer to the neighbour that it was drawn into, where there is always room.
+            // Nearer to the neighbour of the contraction, where there is always room.
             place = (place.coords + near.coords)
                 .try_normalize(0.0)
                 .map(Point3::from)?;
@@ -148,14 +152,15 @@ impl Working<'_> {
         None
     }
 
-    /// Moves a vertex that was put back and its ring to the middles of their stars. The place that was left between them may be
-    /// a sliver, and a sliver keeps itself: each of its corners alone finds less stretch only where it runs against the others.
+    /// Moves a reinserted vertex and its ring to the centroids of their stars. The kernel between
+    /// them can be a sliver, and slivers persist: a single corner reduces the stretch only by
+    /// moving against the others.
     fn open(&mut self, last: &Removed) {
         last.ring.iter().for_each(|&v| self.smooth(v));
         self.smooth(last.vertex);
     }
 
-    /// Moves a vertex to where its triangles are stretched least, as far as it sees its ring on the way.
+    /// Moves a vertex to the position of least stretch, as far as it sees its ring along the step.
     fn settle(&mut self, vertex: u32) {
         self.gather(vertex);
         self.compare(vertex);
@@ -171,7 +176,7 @@ impl Working<'_> {
             .map(|p| p.coords)
             .sum::<Vector3<f64>>()
             .try_normalize(0.0);
-        // A vertex that is caught in a thin star gets out of it by way of the middle.
+        // A vertex in a thin star leaves it through the centroid.
         for (step, steps) in [(step, STEPS), (middle.map(|m| m - at.coords), 3)] {
             let Some(step) = step else { continue };
             let mut share = 1.0;
@@ -193,7 +198,8 @@ impl Working<'_> {
         }
     }
 
-    /// Moves a vertex to the middle of its star, weighted by area, as far as it sees its ring on the way.
+    /// Moves a vertex to the area-weighted centroid of its star, as far as it sees its ring along
+    /// the step.
     fn smooth(&mut self, vertex: u32) {
         self.gather(vertex);
         let at = self.points[vertex as usize];
@@ -221,7 +227,7 @@ impl Working<'_> {
         }
     }
 
-    /// What the triangles at a vertex are on the surface.
+    /// Sets the triangles at a vertex as they are on the surface.
     fn compare(&mut self, vertex: u32) {
         let at = |v: u32| &self.places[v as usize];
         let (ring, own) = (self.rings.of(vertex), at(vertex));
@@ -233,8 +239,8 @@ impl Working<'_> {
     }
 }
 
-/// Newton's step with the sizes of the two curvatures, so that it goes down where the energy is not convex as well; `None`
-/// where numbers fail.
+/// Newton's step with the absolute values of the two curvatures, so that it descends also where the
+/// energy is not convex; `None` for invalid numbers.
 fn downhill(now: &Stretch) -> Option<Vector2<f64>> {
     let h = now.hessian;
     let (mean, half) = (0.5 * (h.m11 + h.m22), 0.5 * (h.m11 - h.m22));

@@ -1,8 +1,9 @@
 //! Relaxation with anchors \[alexa2000\], as corrected: errata M5 to M8 and M21.
 //!
-//! Vertices are thrown onto a sphere about a place inside the body and drawn to the middle of their neighbours, first with
-//! four vertices held that lie near the corners of a tetrahedron, then with the four nearest to their antipodes. It ends
-//! when no triangle is turned in, which may be never: a long evenly triangulated body crowds into two spots (M21).
+//! Vertices are projected to a sphere about a point inside the body and move to the centroid of
+//! their neighbours. In the first phase four vertices near the corners of a tetrahedron are fixed,
+//! in the second the four nearest to their antipodes. The method ends when no triangle is reversed.
+//! It can fail: a long, evenly triangulated body collapses into two clusters (M21).
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,21 +13,23 @@ use crate::mesh::TriangleMesh;
 use crate::mesh::shapes::tetrahedron;
 use crate::random::Random;
 
-/// How relaxation goes.
+/// Parameters of the relaxation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Relaxation {
-    /// A phase ends when no vertex moves further in a sweep, on the unit sphere.
+    /// Greatest displacement of a vertex in a sweep that ends a phase, on the unit sphere.
     pub threshold: f64,
-    /// Sweeps after which a phase ends anyway.
+    /// Greatest number of sweeps of a phase.
     pub sweeps: usize,
-    /// Tetrahedra tried.
+    /// Greatest number of tetrahedra.
     pub attempts: usize,
-    /// How far from the antipode of an anchor the nearest vertex may be, on the unit sphere, before the attempt counts as
-    /// collapsed. The printed limit, the edge of a tetrahedron, cannot be exceeded (M5).
+    /// Greatest distance from the antipode of an anchor to the nearest vertex, on the unit sphere;
+    /// beyond it the attempt counts as collapsed. The printed limit, the edge of a tetrahedron,
+    /// cannot be exceeded (M5).
     pub gap: f64,
-    /// Of the random tetrahedra.
+    /// Seed of the random tetrahedra.
     pub seed: u64,
-    /// Place of the centre \[m\]; where none is given, one inside the body near the middle of its bounding sphere.
+    /// Position of the centre \[m\]; `None` for a point inside the body near the centre of its
+    /// bounding sphere.
     pub centre: Option<Point3<f64>>,
 }
 
@@ -43,18 +46,18 @@ impl Default for Relaxation {
     }
 }
 
-/// What relaxation took.
+/// Effort of a relaxation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Effort {
-    /// Tetrahedra tried.
+    /// Number of tetrahedra.
     pub attempts: usize,
-    /// Sweeps of the first phase of the last attempt.
+    /// Number of sweeps of the first phase of the last attempt.
     pub first: usize,
-    /// Sweeps of its second phase, until no triangle was turned in.
+    /// Number of sweeps of its second phase, until no triangle was reversed.
     pub second: usize,
 }
 
-/// Where one attempt got to.
+/// State of one attempt.
 struct State<'a> {
     start: &'a [u32],
     neighbours: &'a [u32],
@@ -66,7 +69,8 @@ impl Relaxation {
     /// Maps a surface to the sphere.
     ///
     /// # Errors
-    /// A surface that is no sphere, see [`check`]; no centre inside; every attempt collapsed or kept triangles turned in.
+    /// A surface that is no topological sphere, see [`check`]; no point inside; collapse or
+    /// reversed triangles in every attempt.
     pub fn map(&self, mesh: &TriangleMesh) -> Result<(SphereMap, Effort), SphereError> {
         let topology = check(mesh)?;
         let centre = match self.centre {
@@ -148,7 +152,7 @@ impl Relaxation {
                 return Ok((state.points, first, second));
             };
             threshold *= 0.5;
-            // Below this, moves are rounding.
+            // Below this value displacements are rounding error.
             if second >= self.sweeps || threshold < 1e-15 {
                 let (flipped, triangles) = (bad.len(), mesh.triangles.len());
                 return Err(SphereError::Flipped {
@@ -162,13 +166,13 @@ impl Relaxation {
     }
 }
 
-/// A direction as a point of the unit sphere; where there is none, the pole.
+/// A direction as a point of the unit sphere; the pole for a zero vector.
 fn thrown(direction: &Vector3<f64>) -> Point3<f64> {
     Point3::from(direction.try_normalize(0.0).unwrap_or_else(Vector3::z))
 }
 
 impl State<'_> {
-    /// Vertices nearest to the corners of a random tetrahedron, four of them.
+    /// The four vertices nearest to the corners of a random tetrahedron.
     fn anchors(&self, draws: &mut Random) -> [u32; 4] {
         let mut found = [0, 1, 2, 3];
         for _ in 0..100 {
@@ -194,14 +198,15 @@ impl State<'_> {
             .unwrap_or(0)
     }
 
-    /// Draws all but the held vertices to the middle of their neighbours, all at once; returns how many sweeps it took.
+    /// Moves all vertices but the fixed ones to the centroid of their neighbours, all at once.
+    /// Returns the number of sweeps.
     fn relax(&mut self, held: &[u32; 4], threshold: f64, most: usize) -> usize {
         for sweep in 1..=most {
             let mut greatest = 0.0f64;
             for v in 0..self.points.len() {
                 let ring = &self.neighbours[self.start[v] as usize..self.start[v + 1] as usize];
                 let sum: Vector3<f64> = ring.iter().map(|&n| self.points[n as usize].coords).sum();
-                // Where neighbours cancel out, the vertex stays.
+                // A vertex stays where its neighbours cancel out.
                 self.next[v] = sum.try_normalize(0.0).map_or(self.points[v], Point3::from);
             }
             for &v in held {

@@ -1,13 +1,16 @@
-//! In which order vertices are taken out, so that what is left is a fair sample of the surface at every stage.
+//! The order of the removal of vertices: the remaining vertices are an even sample of the surface
+//! at every stage.
 //!
-//! Each time the vertex goes whose triangles give way to the ones with the shortest edges. What counts is the length of the
-//! edges that come, not of the one that is contracted: on a regular mesh all contracted edges are equally long, and a tube would
-//! be eaten up from one end, with all of its length put back later into what one cap has left for it.
+//! Each step removes the vertex whose replacement triangles have the shortest edges. The new edges
+//! count, not the contracted one. On a regular mesh all contracted edges are equally long, and a
+//! tube would be removed from one end; the reinsertion would then have to fit its whole length into
+//! the room of one cap.
 //!
-//! Lengths are not those in space. Around a thin limb few vertices would be left at stations far apart, three at last; and a
-//! triangle whose corners lie on the sides of another has a quarter of its area: so every further station has a quarter of the
-//! room of the last, and doubles end after a few. Hence places count as far apart as the normals there, as well: around a limb
-//! normals turn all the way, however thin it is and whichever way it bends.
+//! Lengths are not those in space. Around a thin limb few vertices would remain at stations far
+//! apart, finally three. A triangle whose corners lie on the sides of another has a quarter of its
+//! area, so every further station would have a quarter of the room of the last one, and doubles
+//! would end after a few. Therefore points are also as far apart as their normals: around a limb
+//! the normals make a full turn, for any thickness and bend.
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::BinaryHeap;
@@ -21,13 +24,14 @@ use super::rings::{Removed, Rings};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 
-/// The radius of the body, where two unit vectors at a right angle are 1.4 apart. Maps are as good from 2 to 6.
+/// Radius of the body in units where two perpendicular unit normals are 1.4 apart. Maps are equally
+/// good from 2 to 6.
 const EXTENT: f64 = 3.0;
 
 /// The vertices of a body.
 pub fn spots(mesh: &TriangleMesh) -> Vec<Spot> {
     let (centre, radius) = bounding_sphere(&mesh.vertices);
-    // A body without size has no order either.
+    // A body of size 0 has no order.
     let scale = if radius > 0.0 { EXTENT / radius } else { 0.0 };
     let spot = |(p, normal): (&Point3<f64>, Vector3<f64>)| Spot {
         place: Point3::from((p - centre) * scale),
@@ -40,13 +44,13 @@ pub fn spots(mesh: &TriangleMesh) -> Vec<Spot> {
         .collect()
 }
 
-/// What it costs to draw a vertex into its best neighbour.
+/// Cost of the contraction of a vertex into its best neighbour.
 #[derive(Clone, Copy, PartialEq)]
 struct Candidate {
     cost: f64,
     vertex: u32,
     into: u32,
-    /// How often the vertex was looked at before; older ones are out of date.
+    /// Number of earlier evaluations of the vertex; candidates with a smaller stamp are obsolete.
     stamp: u32,
 }
 
@@ -67,7 +71,7 @@ impl PartialOrd for Candidate {
     }
 }
 
-/// Takes vertices out until four are left.
+/// Removes vertices until four remain.
 pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>), SphereError> {
     let count = spots.len();
     let mut stamps = vec![0u32; count];
@@ -118,7 +122,8 @@ pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>),
     Ok((rings, removed))
 }
 
-/// The cheapest neighbour to draw a vertex into: one without long new edges, and without many neighbours afterwards.
+/// The neighbour with the least cost of a contraction: without long new edges, and without many
+/// neighbours afterwards.
 fn best(spots: &[Spot], rings: &Rings, vertex: u32, stamp: u32) -> Option<Candidate> {
     let ours = rings.of(vertex);
     let cost = |into: u32| {

@@ -1,22 +1,24 @@
-//! A closed triangulation as the ring of neighbours of each vertex, in which vertices are taken out and put back.
+//! A closed triangulation as the ring of neighbours of each vertex, with removal and reinsertion of
+//! vertices.
 
-/// Neighbours of each vertex, counter-clockwise seen from outside; a vertex that was taken out has none.
+/// Neighbours of each vertex, counter-clockwise seen from outside; empty for a removed vertex.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rings {
     rings: Vec<Vec<u32>>,
 }
 
-/// A vertex taken out by drawing it into a neighbour.
+/// A vertex removed by contraction into a neighbour.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Removed {
     /// The vertex.
     pub vertex: u32,
-    /// Its neighbours at the time, the one that it was drawn into first.
+    /// Its neighbours at the removal, starting with the one of the contraction.
     pub ring: Vec<u32>,
 }
 
 impl Rings {
-    /// The rings of a closed, oriented manifold; `None` where the triangles at a vertex are no single ring.
+    /// The rings of a closed, oriented manifold; `None` where the triangles at a vertex form no
+    /// single ring.
     pub fn new(vertices: usize, triangles: &[[u32; 3]]) -> Option<Self> {
         let mut pairs: Vec<Vec<[u32; 2]>> = vec![Vec::new(); vertices];
         for &[a, b, c] in triangles {
@@ -34,15 +36,16 @@ impl Rings {
         &self.rings[vertex as usize]
     }
 
-    /// Whether drawing `vertex` into its neighbour `into` leaves a closed triangulation of at least four vertices: no
-    /// more than two neighbours are shared, and one of the two has others.
+    /// True if the contraction of `vertex` into its neighbour `into` leaves a closed triangulation
+    /// of at least four vertices: they have exactly two common neighbours, and one of the two
+    /// vertices has others.
     pub fn can_draw(&self, vertex: u32, into: u32) -> bool {
         let (ours, theirs) = (self.of(vertex), self.of(into));
         let shared = ours.iter().filter(|v| theirs.contains(v)).count();
         shared == 2 && ours.len() + theirs.len() > 6
     }
 
-    /// Draws a vertex into a neighbour: its triangles give way to a fan about that.
+    /// Contracts a vertex into a neighbour: a fan about the neighbour replaces its triangles.
     pub fn draw(&mut self, vertex: u32, into: u32) -> Removed {
         let mut ring = std::mem::take(&mut self.rings[vertex as usize]);
         let start = ring.iter().position(|&v| v == into).unwrap_or(0);
@@ -61,12 +64,12 @@ impl Rings {
         Removed { vertex, ring }
     }
 
-    /// Puts back the vertex that was taken out last of those that are still out.
+    /// Reinserts the most recently removed vertex.
     pub fn restore(&mut self, removed: &Removed) {
         let Removed { vertex, ring } = removed;
         let (into, last) = (ring[0], ring.len() - 1);
         let theirs = &mut self.rings[into as usize];
-        // What lies between the two ends gives way, and may run over the end of the list.
+        // The entries between the two ends are replaced; they can wrap around the end of the list.
         let start = theirs.iter().position(|&v| v == ring[1]).unwrap_or(0);
         theirs.rotate_left(start);
         theirs.splice(1..last - 1, [*vertex]);
@@ -89,7 +92,7 @@ impl Rings {
     }
 }
 
-/// One ring out of its pairs of successive neighbours.
+/// A ring from its pairs of successive neighbours.
 fn chained(pairs: &[[u32; 2]]) -> Option<Vec<u32>> {
     let first = pairs.first()?[0];
     let mut ring = vec![first];

@@ -1,23 +1,27 @@
-//! How much a spherical triangle is stretched when it is laid onto the surface, with what Newton's method needs to know.
+//! Stretch of a spherical triangle relative to the surface, with the derivatives for Newton's
+//! method.
 //!
-//! The energy is that of \[sander2001\]: a / (8 A^2) times the sum of d_k l_k over the corners k, where a is the area of the
-//! triangle on the surface, A that on the sphere, d_k the product of the two edges at corner k on the sphere and l_k the square
-//! of the opposite edge on the surface. It grows without bound as a spherical triangle closes, and most where much surface has
-//! little room: so room goes where the surface is, and long bodies do not crowd into two spots, as conformal maps let them.
+//! The energy is that of \[sander2001\]: a / (8 A^2) times the sum of d_k l_k over the corners k.
+//! Here a is the area of the triangle on the surface, A that on the sphere, d_k the dot product of
+//! the two edges at corner k on the sphere and l_k the squared length of the opposite edge on the
+//! surface. The energy grows without bound as a spherical triangle closes, most where much surface
+//! has little room. Room thus goes where the surface is, and long bodies do not collapse into two
+//! clusters, as in conformal maps.
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
-/// The surface's side of a triangle (v, a, b), \[m^2\].
+/// A triangle (v, a, b) on the surface, \[m^2\].
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
     /// Squared lengths of the edges opposite v, a and b.
     pub squares: [f64; 3],
-    /// Its area.
+    /// Area.
     pub area: f64,
 }
 
 impl Patch {
-    /// Of three places on the surface; `least` \[m^2\] keeps triangles without area from vanishing on the sphere as well.
+    /// Creates a patch from three points of the surface; `least` \[m^2\] prevents triangles without
+    /// area from vanishing on the sphere.
     pub fn new(v: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>, least: f64) -> Self {
         let squares = [
             (a - b).norm_squared() + least,
@@ -31,7 +35,7 @@ impl Patch {
     }
 }
 
-/// Energy, its gradient and Hessian in two directions that are square to the vertex.
+/// Energy, gradient and Hessian in two directions perpendicular to the vertex.
 #[derive(Clone, Copy, Debug)]
 pub struct Stretch {
     pub energy: f64,
@@ -60,13 +64,13 @@ pub fn stretch(
         let n = lv * va.dot(&vb) - la * va.dot(&ab) + lb * vb.dot(&ab);
         let across = w.cross(&ab);
         let of_n = (va + vb) * -lv + ab * (la - lb);
-        // Everything below in the two directions only.
+        // All terms below are in the two directions only.
         let dn = Vector2::new(of_n.dot(&frame[0]), of_n.dot(&frame[1]));
         let dq = 2.0 * Vector2::new(across.dot(&frame[0]), across.dot(&frame[1]));
         let along = Vector2::new(ab.dot(&frame[0]), ab.dot(&frame[1]));
         let ddq = 2.0 * (Matrix2::identity() * ab.norm_squared() - along * along.transpose());
         let (mixed, squared) = (dn * dq.transpose(), dq * dq.transpose());
-        // The constant 1/8 and the half of the area drop out of where the minimum is.
+        // The constant 1/8 and half of the area do not affect the minimiser.
         sum.energy += patch.area * n / q;
         sum.gradient += (dn - dq * (n / q)) * (patch.area / q);
         let bent =
@@ -94,7 +98,7 @@ pub fn energy(v: &Point3<f64>, ring: &[Point3<f64>], patches: &[Patch]) -> f64 {
 mod tests {
     use super::*;
 
-    /// A vertex with a ring of five on the sphere, and what they are on a surface.
+    /// A vertex with a ring of five on the sphere, and their triangles on a surface.
     fn star() -> (Point3<f64>, Vec<Point3<f64>>, Vec<Patch>) {
         let on = |x: f64, y: f64| Point3::from(Vector3::new(x, y, 1.0).normalize());
         let ring = [

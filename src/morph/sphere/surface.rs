@@ -1,4 +1,4 @@
-//! Whether a surface is a sphere in the sense of topology, and which way its triangles are turned on the unit sphere.
+//! Topological sphere test for a surface, and orientation of triangles on the unit sphere.
 
 use nalgebra::Point3;
 use robust::{Coord3D, orient3d};
@@ -26,7 +26,7 @@ pub fn turn(a: &Point3<f64>, b: &Point3<f64>, c: &Point3<f64>) -> f64 {
     )
 }
 
-/// The triangles that are not turned outward, seen from the origin; exact for the numbers as stored.
+/// The triangles that are not oriented outward, seen from the origin; exact for the stored numbers.
 pub fn flipped(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<u32> {
     let bad = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| &points[v as usize]);
@@ -37,7 +37,7 @@ pub fn flipped(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<u32> {
         .collect()
 }
 
-/// Solid angle of all triangles together, seen from the origin \[sr\] \[vanoosterom1983\].
+/// Total solid angle of all triangles, seen from the origin \[sr\] \[vanoosterom1983\].
 pub fn solid_angle(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
     crate::mesh::sum::tree_sum_by(triangles.len(), |t| {
         let [a, b, c] = triangles[t].map(|v| points[v as usize].coords);
@@ -49,10 +49,10 @@ pub fn solid_angle(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> f64 {
 
 /// Checks that a mesh is one closed, manifold, oriented surface without handles.
 ///
-/// Which side is outside is not asked: a surface that is inside out is mapped as it is turned.
+/// The orientation is not tested: a surface that is inside out is mapped in its orientation.
 ///
 /// # Errors
-/// The first thing that is in the way, and where.
+/// The first defect, with its place.
 pub fn check(mesh: &TriangleMesh) -> Result<Topology, SphereError> {
     TriangleMesh::new(mesh.vertices.clone(), mesh.triangles.clone())?;
     let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());

@@ -16,7 +16,8 @@ fn ready(skin: &TriangleMesh, vertex: usize, edge: f64) -> Ready {
     Ready::new(skin, &order, &[]).expect("a region")
 }
 
-/// Closed, each edge run both ways, no surfaces that touch, of one piece and of genus 0.
+/// True for a closed, connected mesh of genus 0 with each edge in both directions and without
+/// touching surfaces.
 fn is_a_ball(mesh: &TriangleMesh) -> bool {
     let topology = Topology::new(mesh);
     let euler =
@@ -33,7 +34,7 @@ fn thinnest(mesh: &TriangleMesh) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// As it was done before: patches beside what is outside of them.
+/// The earlier method: patches beside the rest of the skin.
 fn unjoined(skin: &TriangleMesh, ready: &Ready) -> TriangleMesh {
     let mut mesh = crate::skin::region::Region::of(skin, ready.outside.clone()).mesh;
     let first = mesh.vertices.len() as u32;
@@ -80,7 +81,7 @@ fn a_closed_skin_stays_closed_and_the_region_as_it_was() {
                     || skin.vertices[ready.origin[v] as usize] == ready.patch.vertices[v]
             );
         }
-        // The check sees what was wrong.
+        // Control: the check detects the old error.
         let cracked = unjoined(&skin, &ready);
         assert!(is_a_ball(&skin) && !is_a_ball(&cracked));
     }

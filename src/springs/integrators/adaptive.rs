@@ -1,39 +1,41 @@
-//! A step that grows while it is stable, and is halved and done again where it is not \[baraff1998\].
+//! A step that grows while it is stable, and is halved and repeated if not \[baraff1998\].
 
 use super::{Integrator, StepError};
 use crate::springs::system::SpringSystem;
 
-/// An integrator with a step of its own choice.
+/// An integrator with an adaptive step.
 pub struct Adaptive {
-    /// What makes the steps.
+    /// The integrator of the steps.
     pub integrator: Box<dyn Integrator>,
-    /// The step that is tried next [s].
+    /// Length of the next step [s].
     pub dt: f64,
-    /// The shortest step [s]; where even that is not stable, the run ends.
+    /// Least step [s]; if it is unstable, the run ends.
     pub least: f64,
-    /// The longest step [s].
+    /// Greatest step [s].
     pub greatest: f64,
-    /// The step grows by this factor after each stable one.
+    /// Growth factor of the step after each stable one.
     pub growth: f64,
-    /// A step is unstable if it raises the total energy by more than this share of the greatest so far, loads not counted in it.
+    /// A step is unstable if it increases the total energy by more than this share of the greatest
+    /// energy so far, without loads.
     pub rise: f64,
-    /// For so many steps after one was done again it does not grow.
+    /// Number of steps without growth after a repeated one.
     pub patience: usize,
     waiting: usize,
     most_energy: f64,
 }
 
-/// What a step was like.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// The step that was made [s].
+    /// Length of the step [s].
     pub dt: f64,
-    /// How many were taken back before it.
+    /// Number of rejected attempts before the step.
     pub redone: usize,
 }
 
 impl Adaptive {
-    /// Begins with a step of `dt` [s], which may shrink to a millionth and grow to a thousand of it.
+    /// Starts with a step of `dt` [s], which can shrink to a millionth and grow to a thousand of
+    /// it.
     pub fn new(integrator: Box<dyn Integrator>, dt: f64) -> Self {
         Self {
             integrator,
@@ -50,10 +52,11 @@ impl Adaptive {
 
     /// Makes one step.
     ///
-    /// The energy of everything must not rise: nothing but loads, whose energy is counted, does work on a system.
+    /// The total energy must not increase: only loads, whose energy is included, do work on a
+    /// system.
     ///
     /// # Errors
-    /// Not even the shortest step is stable; the system is then as before.
+    /// Even the least step is unstable; the system is then unchanged.
     pub fn step(&mut self, system: &mut SpringSystem) -> Result<Attempt, StepError> {
         let before = (system.position.clone(), system.velocity.clone());
         let remembered = self.integrator.fork();

@@ -7,11 +7,12 @@ use super::{Integrator, StepError, finite};
 use crate::springs::stability::Mode;
 use crate::springs::system::SpringSystem;
 
-/// Positions, velocities and the step that led to the present ones.
+/// Positions, velocities and length of the previous step.
 type Past = (Vec<Point3<f64>>, Vec<Vector3<f64>>, f64);
 
-/// `(1 + 2r)/(1 + r) y' - (1 + r) y + r^2/(1 + r) y_before = dt f(y')`, r the ratio of this step to the last; for equal steps
-/// `3/2 y' - 2 y + 1/2 y_before = dt f(y')`. The first step is implicit Euler's.
+/// `(1 + 2r)/(1 + r) y' - (1 + r) y + r^2/(1 + r) y_before = dt f(y')`, where r is the ratio of
+/// this step to the last; for equal steps `3/2 y' - 2 y + 1/2 y_before = dt f(y')`. The first step
+/// is implicit Euler.
 ///
 /// Stable for every constant step, and with much less damping than implicit Euler.
 #[derive(Clone, Debug, Default)]
@@ -41,7 +42,7 @@ impl Integrator for Bdf2 {
             Some((x_before, v_before, last)) => {
                 let r = dt / last;
                 let first = (1.0 + 2.0 * r) / (1.0 + r);
-                // The differences are small, what they are added to is not: so written, less is lost.
+                // This form loses fewer digits: small differences are added to large numbers.
                 let ahead = r * r / ((1.0 + r) * first);
                 let at_x: Vec<_> = x
                     .iter()

@@ -1,4 +1,4 @@
-//! Explicit Euler, kept as the counter-example.
+//! Explicit Euler, as a counter-example.
 
 use super::{Integrator, StepError, finite};
 use crate::springs::stability::Mode;
@@ -41,7 +41,7 @@ impl Integrator for ExplicitEuler {
             f64::INFINITY
         };
         let root = drag * drag - 4.0 * square;
-        // Written so that nothing cancels where the mode is slow.
+        // Avoids cancellation for a slow mode.
         let second = if root < 0.0 || drag == 0.0 {
             f64::INFINITY
         } else {

@@ -1,4 +1,4 @@
-//! The equations of implicit steps, by Newton's method with conjugate gradients and no matrix.
+//! The equations of implicit steps, by Newton's method with matrix-free conjugate gradients.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,13 +7,13 @@ use crate::mesh::measures::greatest;
 use crate::mesh::sum::tree_sum_by;
 use crate::springs::system::SpringSystem;
 
-/// Iterations of Newton's method at most.
+/// Greatest number of Newton iterations.
 const NEWTON: usize = 60;
-/// A residual below this share of the forces in the equation is round-off and what it grew to.
+/// A residual below this share of the forces in the equation is rounding error.
 const SOLVED: f64 = 1e-11;
-/// Nor do moves below this share of the positions mean anything.
+/// Relative displacements below this value are rounding error.
 const ROUNDED: f64 = 4.0 * f64::EPSILON;
-/// Share of the residual that a linear solve leaves.
+/// Relative residual of a linear solve.
 const LINEAR: f64 = 1e-4;
 
 /// The equation `m (v' - v_a) = h (f(x_a + h v') - c v')` of each free point, for v'.
@@ -31,7 +31,8 @@ fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
 }
 
 impl Equation<'_> {
-    /// Solves it and puts positions and velocities into the system; `dt` is for the message.
+    /// Solves the equation and sets positions and velocities of the system; `dt` is for the error
+    /// message.
     pub(super) fn solve(&self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError> {
         let mut v = system.velocity.clone();
         let mut x = system.position.clone();
@@ -49,14 +50,16 @@ impl Equation<'_> {
                 system.velocity = v;
                 return Ok(());
             }
-            // Far from the solution the residual may rise once; if it goes on rising there is no way to it.
+            // Far from the solution the residual can increase once; further increases mean
+            // divergence.
             if size > 1e6 * least {
                 break;
             }
             least = least.min(size);
             let step = self.linear(system, &x, &residual);
             v.iter_mut().zip(&step).for_each(|(v, step)| *v += step);
-            // A stiff force rounds more than the equation wants; then the positions are as good as they can be.
+            // A stiff force has more rounding than the tolerance; the positions are then as
+            // accurate as possible.
             let moves = greatest(step.iter().map(|s| s.norm())) * self.h;
             let moved = greatest(x.iter().zip(&system.position).map(|(x, b)| (x - b).norm()));
             let reach = greatest(x.iter().map(|x| x.coords.norm()));
@@ -73,7 +76,7 @@ impl Equation<'_> {
         })
     }
 
-    /// What the equation lacks of being true [N s], and the size of what is in it.
+    /// The residual of the equation [N s], and the magnitude of its terms.
     fn residual(
         &self,
         system: &SpringSystem,
@@ -81,7 +84,7 @@ impl Equation<'_> {
         v: &[Vector3<f64>],
         residual: &mut Vec<Vector3<f64>>,
     ) -> f64 {
-        // The forces are there first.
+        // The residual starts with the forces.
         system.static_force(x, residual);
         let mut scale = 0.0;
         for (i, residual) in residual
@@ -95,7 +98,8 @@ impl Equation<'_> {
                 (*residual - v[i] * system.damping) * self.h,
             );
             *residual = push - inertia;
-            // Momenta, too: differences of velocities cannot be better than the velocities.
+            // Momenta count too: differences of velocities are no more accurate than the
+            // velocities.
             scale += push.norm_squared() + (v[i].norm_squared() + self.v[i].norm_squared()) * m * m;
         }
         scale.sqrt()

@@ -7,7 +7,7 @@ use crate::springs::system::SpringSystem;
 
 /// `v' = v + a(x', v') dt`, `x' = x + v' dt`.
 ///
-/// Stable for every step; it damps, the more the longer the step.
+/// Stable for every step; its damping increases with the step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ImplicitEuler {}
 

@@ -22,18 +22,19 @@ pub use verlet::Verlet;
 use super::stability::Mode;
 use super::system::SpringSystem;
 
-/// Why a step was not made.
+/// Error of a step.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// The step gave a number that is not finite: the step is longer than the stability limit, or forces are too large.
+    /// The step gave a number that is not finite: the step exceeds the stability limit, or forces
+    /// are too large.
     #[error("point {point} is nowhere after a step of {dt} s")]
     NotFinite {
-        /// The point.
+        /// Index of the point.
         point: usize,
         /// The step [s].
         dt: f64,
     },
-    /// The equations of an implicit step were not solved.
+    /// The equations of an implicit step have no solution.
     #[error(
         "the equations of an implicit step of {dt} s were not solved in {iterations} iterations; take a shorter step"
     )]
@@ -43,7 +44,7 @@ pub enum StepError {
         /// Iterations of Newton's method.
         iterations: usize,
     },
-    /// The step has shrunk to its least length and still is too long.
+    /// The step is unstable at its least length.
     #[error("even a step of {dt} s is not stable")]
     TooLong {
         /// The step [s].
@@ -51,31 +52,32 @@ pub enum StepError {
     },
 }
 
-/// A way to advance a system in time.
+/// A method that advances a system in time.
 pub trait Integrator: Send {
-    /// Its name, as the command takes it.
+    /// Name, as used by the command.
     fn name(&self) -> &'static str;
 
-    /// Order of convergence of positions in the step, without damping.
+    /// Order of convergence of positions with respect to the step, without damping.
     fn order(&self) -> u32;
 
     /// Advances the system by `dt` [s]. Pinned points stay.
     ///
     /// # Errors
-    /// Numbers that are not finite, equations that are not solved; the system is then as the failed step left it.
+    /// Numbers that are not finite, or equations without a solution; the system is then in the
+    /// state of the failed step.
     fn step(&mut self, system: &mut SpringSystem, dt: f64) -> Result<(), StepError>;
 
     /// The longest stable step [s] of one mode of motion; 0 for none, infinity where every step is stable.
     fn limit(&self, mode: Mode) -> f64;
 
-    /// Forgets earlier steps: to be called where positions or velocities were changed from outside.
+    /// Discards earlier steps; to be called after external changes of positions or velocities.
     fn restart(&mut self) {}
 
-    /// A copy with all it remembers, to go back to.
+    /// A copy with its history, to return to.
     fn fork(&self) -> Box<dyn Integrator>;
 }
 
-/// The integrators by name, in the order in which help lists them.
+/// The integrators by name, in the order of the help text.
 pub const INTEGRATORS: [&str; 6] = [
     "verlet",
     "semi-implicit",
@@ -98,7 +100,7 @@ pub fn by_name(name: &str) -> Option<Box<dyn Integrator>> {
     })
 }
 
-/// Refuses what is not finite.
+/// Rejects numbers that are not finite.
 fn finite(system: &SpringSystem, dt: f64) -> Result<(), StepError> {
     system
         .first_non_finite()

@@ -6,13 +6,13 @@ use super::{Integrator, StepError, finite};
 use crate::springs::stability::Mode;
 use crate::springs::system::SpringSystem;
 
-/// Four evaluations of the forces a step.
+/// Four evaluations of the forces per step.
 ///
-/// Stable without damping for `w dt <= 2 sqrt(2)`; then it loses energy, as order 5 of the step.
+/// Stable without damping for `w dt <= 2 sqrt(2)`; the loss of energy is of order 5 in the step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rk4;
 
-/// Where along the step each evaluation is.
+/// Position of each evaluation in the step.
 const STAGES: [f64; 4] = [0.0, 0.5, 0.5, 1.0];
 /// Weight of each evaluation.
 const WEIGHTS: [f64; 4] = [1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0];
@@ -68,7 +68,7 @@ impl Integrator for Rk4 {
                 (one + z * (one + z * (one + z * (one + z / 4.0) / 3.0) / 2.0)).norm() > 1.0 + 1e-12
             })
         };
-        // The region of stability reaches at most 3 around the origin.
+        // The region of stability extends at most 3 from the origin.
         let at = |k: f64| 3.5 * k / (RAY as f64 * scale);
         let Some(first) = (1..=RAY).find(|&k| grows(at(k as f64))) else {
             return f64::INFINITY;

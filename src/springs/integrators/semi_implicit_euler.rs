@@ -6,11 +6,12 @@ use crate::springs::system::SpringSystem;
 
 /// `v' = factor (v + a dt)`, `x' = x + v' dt`: positions with the new velocity (errata B05).
 ///
-/// [`Self::velocities`] and [`Self::positions`] are its halves, for those who change velocities between them, as by impulses
-/// of contact.
+/// [`Self::velocities`] and [`Self::positions`] are its halves, for callers that change velocities
+/// in between, such as contact impulses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SemiImplicitEuler {
-    /// Share of the velocity that is left after each step, 0..1; 1 is without this damping. It depends on the step.
+    /// Remaining share of the velocity after each step, 0..1; 1 means no such damping. The effect
+    /// depends on the step.
     pub factor: f64,
 }
 

@@ -8,18 +8,19 @@ use crate::springs::system::SpringSystem;
 
 /// `x(t+dt) = 2 x(t) - x(t-dt) + dt^2 F/m`, `F = f(x(t)) - c (x(t) - x(t-dt))/dt`.
 ///
-/// Of order 2 without damping, of order 1 with it: the damping is half a step late. Stable for `k dt^2 + 2 c dt < 4 m`
-/// (errata M3). The velocity left in the system is that of the last two moves, drawn on by half a step.
+/// Of order 2 without damping, of order 1 with damping, which lags by half a step. Stable for
+/// `k dt^2 + 2 c dt < 4 m` (errata M3). The resulting velocity of the system is that of the last
+/// two moves, extrapolated by half a step.
 #[derive(Clone, Debug, Default)]
 pub struct Verlet {
-    /// Positions [m] one step ago, and that step [s].
+    /// Positions [m] of the previous step, and its length [s].
     before: Option<(Vec<Point3<f64>>, f64)>,
     from_stillness: bool,
 }
 
 impl Verlet {
-    /// Begins with x(-dt) = x(0) - v(0) dt, as the thesis does, in place of half of the acceleration besides: of order 1 in
-    /// the first step.
+    /// Starts with x(-dt) = x(0) - v(0) dt, as the thesis does, without half of the acceleration:
+    /// of order 1 in the first step.
     pub fn from_stillness() -> Self {
         Self {
             before: None,
@@ -27,7 +28,7 @@ impl Verlet {
         }
     }
 
-    /// Positions a step of `dt` ago.
+    /// Positions at the time -`dt`.
     fn earlier(&mut self, system: &SpringSystem, a: &[Vector3<f64>], dt: f64) -> Vec<Point3<f64>> {
         let count = system.len();
         let drag = |i: usize| system.damping / system.mass()[i];
@@ -35,7 +36,7 @@ impl Verlet {
             Some((before, last)) if before.len() == count && last == dt => before,
             Some((before, last)) if before.len() == count => {
                 let back = |i: usize| {
-                    // The velocity now: that of half a step ago, half a step on.
+                    // The present velocity: that of half a step ago, extrapolated by half a step.
                     let half = (system.position[i] - before[i]) / last;
                     let a = a[i] - half * drag(i);
                     system.position[i] - (half + a * (0.5 * last)) * dt + a * (0.5 * dt * dt)
@@ -90,7 +91,7 @@ impl Integrator for Verlet {
     }
 
     fn limit(&self, Mode { square, drag }: Mode) -> f64 {
-        // dt < (-c + sqrt(c^2 + 4 k m))/k, written so that nothing cancels.
+        // dt < (-c + sqrt(c^2 + 4 k m))/k, in a form without cancellation.
         let root = drag + (drag * drag + 4.0 * square).sqrt();
         if root > 0.0 {
             4.0 / root

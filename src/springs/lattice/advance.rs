@@ -1,13 +1,15 @@
 //! Steps of a lattice: slabs of planes on threads, and two steps in one pass through memory.
 //!
-//! A step reads each position now and before and writes it once, which memory sets the pace of where no cache holds the lattice. A second
-//! step needs of the first one only what is at most a plane away: it trails by one plane while that is still in the cache.
-//! Positions change places in turn, x(t + dt) in the place of x(t - dt) and x(t + 2 dt) in that of x(t), which by then nothing
-//! reads any more.
+//! A step reads the present and the previous position of each point and writes one; memory limits
+//! its speed where no cache holds the lattice. A second step needs only planes of the first step
+//! that are at most one plane away: it follows one plane behind, while these are still in the
+//! cache. Positions exchange places: x(t + dt) replaces x(t - dt), and x(t + 2 dt) replaces x(t),
+//! which is no longer read then.
 //!
-//! Where slabs meet, a first step must still see x(t) of its neighbour: that is copied before, and the second steps of the
-//! planes on either side are made when all first steps are done. What a plane below does is computed again for each slab, in the same
-//! order: no bit depends on the number of slabs, nor on whether steps go alone or in pairs.
+//! At the border of slabs a first step still needs x(t) of its neighbour: it is copied before. The
+//! second steps of the planes on either side follow when all first steps are done. The effect of
+//! the plane below is computed again for each slab, in the same order: no bit depends on the number
+//! of slabs, or on single or paired steps.
 
 use rayon::prelude::*;
 
@@ -16,12 +18,12 @@ use super::{Lattice, LatticeError};
 use crate::constraints::Width;
 use crate::simd::{FusedLane, FusedWork, Number};
 
-/// Slabs of fewer points are not worth a thread.
+/// Slabs of fewer points do not justify a thread.
 const POINTS_PER_THREAD: usize = 4096;
-/// Slabs of fewer planes compute too much of their neighbours' for two steps at once.
+/// Slabs of fewer planes repeat too much work of their neighbours for paired steps.
 const PLANES_FOR_TWO: usize = 4;
 
-/// One step of the planes from `first` on, as many as `previous` holds. `current` is of all planes.
+/// One step of the planes from `first`, as many as in `previous`. `current` contains all planes.
 struct One<'a, F> {
     frame: &'a Frame<F>,
     current: &'a [F],
@@ -61,14 +63,15 @@ impl<F: Number> FusedWork<F> for One<'_, F> {
     }
 }
 
-/// Two steps of the planes from `first` on: the first one of all, the second one of those that need nothing of other slabs.
+/// Two steps of the planes from `first`: the first step of all, and the second step of those that
+/// need nothing of other slabs.
 struct Two<'a, F> {
     frame: &'a Frame<F>,
-    /// x(t), and x(t + 2 dt) of the planes that made their second step.
+    /// x(t), and x(t + 2 dt) of the planes after their second step.
     current: &'a mut [F],
     /// x(t - dt), then x(t + dt).
     previous: &'a mut [F],
-    /// x(t) of the planes below and above, if there are any.
+    /// x(t) of the planes below and above, if any.
     outside: [Option<&'a [F]>; 2],
     first: usize,
     carried: &'a mut [Carried<F>; 2],
@@ -120,7 +123,7 @@ impl<F: Number> FusedWork<F> for Two<'_, F> {
             };
             let next = plane_of(frame, previous, k);
             if next.is_none() && above.is_some() {
-                // It needs the plane above it; what the one below does to it is kept.
+                // The step needs the plane above; the effect of the plane below is stored.
                 break;
             }
             if trailing > 0 || below.is_none() {
@@ -145,12 +148,12 @@ impl<F: Number> FusedWork<F> for Two<'_, F> {
     }
 }
 
-/// The second steps that [`Two`] left.
+/// The second steps that [`Two`] leaves.
 struct Seams<'a, F> {
     frame: &'a Frame<F>,
     /// x(t + dt) of all planes.
     all: &'a [F],
-    /// The slab, x(t) of the planes that are left.
+    /// The slab with x(t) of the remaining planes.
     current: &'a mut [F],
     first: usize,
     carried: &'a mut [Carried<F>; 2],
@@ -201,24 +204,24 @@ impl<F: Number> FusedWork<F> for Seams<'_, F> {
     }
 }
 
-/// A plane of some, if there is such a one.
+/// A plane of a slice; `None` if it does not exist.
 fn plane_of<'a, F: Number>(frame: &Frame<F>, planes: &'a [F], k: usize) -> Option<&'a [F]> {
     planes.get(k * frame.plane()..(k + 1) * frame.plane())
 }
 
 impl<F: Number> Lattice<F> {
-    /// One step, on the threads of the current pool of `rayon`.
+    /// Makes one step, on the threads of the current `rayon` pool.
     ///
     /// # Errors
-    /// [`LatticeError::Diverged`] if a point went where there are no numbers.
+    /// [`LatticeError::Diverged`] if a position is not finite.
     pub fn step(&mut self) -> Result<(), LatticeError> {
         self.measured_step().map(|_| ())
     }
 
-    /// One step, and the largest move of a point in it \[m\].
+    /// Makes one step. Returns the largest move of a point \[m\].
     ///
     /// # Errors
-    /// As [`Self::step`].
+    /// Those of [`Self::step`].
     pub fn measured_step(&mut self) -> Result<f64, LatticeError> {
         self.find_patterns();
         let moved = self.advance();
@@ -227,11 +230,11 @@ impl<F: Number> Lattice<F> {
         checked(moved, self.steps)
     }
 
-    /// Two steps that share one pass through memory, and the largest move of a point in each of them \[m\]. The result is that of two
-    /// single steps, to the last bit.
+    /// Makes two steps in one pass through memory. Returns the largest move of a point in each
+    /// \[m\]. The result has the same bits as two single steps.
     ///
     /// # Errors
-    /// As [`Self::step`]; both steps are made.
+    /// Those of [`Self::step`]; both steps are made.
     pub fn measured_pair(&mut self) -> Result<[f64; 2], LatticeError> {
         if self.thickness() < PLANES_FOR_TWO.min(self.shape.points[2]) {
             return Ok([self.measured_step()?, self.measured_step()?]);
@@ -245,10 +248,11 @@ impl<F: Number> Lattice<F> {
         ])
     }
 
-    /// So many steps, two at a time, and the largest move of a point in the last one \[m\]; 0 for no step.
+    /// Makes `steps` steps, two at a time. Returns the largest move of a point in the last one
+    /// \[m\]; 0 for no step.
     ///
     /// # Errors
-    /// As [`Self::step`]; a step more may have been made than the one that the error names.
+    /// Those of [`Self::step`]; one more step than the error names is possible.
     pub fn run(&mut self, steps: u64) -> Result<f64, LatticeError> {
         let mut last = 0.0;
         for _ in 0..steps / 2 {
@@ -261,14 +265,14 @@ impl<F: Number> Lattice<F> {
         }
     }
 
-    /// Planes of a slab.
+    /// Number of planes of a slab.
     fn thickness(&self) -> usize {
         let planes = self.shape.points[2];
         let most = (self.shape.count() / POINTS_PER_THREAD).clamp(1, planes);
         planes.div_ceil(rayon::current_num_threads().clamp(1, most))
     }
 
-    /// New positions in the place of previous ones.
+    /// Replaces previous positions by new ones.
     fn advance(&mut self) -> Moved {
         let (frame, thickness) = (&self.frame, self.thickness());
         let parts = self.previous.chunks_mut(thickness * frame.plane());
@@ -292,14 +296,14 @@ impl<F: Number> Lattice<F> {
         on_slabs(self.width, slabs.collect(), Moved::and)
     }
 
-    /// Positions after a step in the place of previous ones, and after two in the place of current ones.
+    /// Replaces previous positions by those after a step, and current positions by those after two.
     fn advance_twice(&mut self) -> [Moved; 2] {
         let (frame, thickness) = (&self.frame, self.thickness());
         let (plane, size) = (frame.plane(), thickness * frame.plane());
         let count = self.shape.points[2].div_ceil(thickness);
         self.carried
             .resize_with(self.carried.len().max(count), Default::default);
-        // Of each seam the planes below and above it.
+        // The planes below and above each border.
         self.seams.clear();
         for seam in 1..count {
             self.seams
@@ -352,7 +356,7 @@ impl<F: Number> Lattice<F> {
     }
 }
 
-/// The work of each slab, on threads if there are several.
+/// Runs the work of each slab, on threads if there are several.
 fn on_slabs<F: Number, W: FusedWork<F, Output: Default + Send> + Send>(
     width: Width,
     slabs: Vec<W>,
@@ -365,7 +369,7 @@ fn on_slabs<F: Number, W: FusedWork<F, Output: Default + Send> + Send>(
             .map(work)
             .reduce(W::Output::default, both);
     }
-    // A pool would cost a small lattice more than its step.
+    // A thread pool would cost a small lattice more than its step.
     slabs.into_iter().map(work).fold(W::Output::default(), both)
 }
 

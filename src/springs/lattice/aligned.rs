@@ -1,11 +1,11 @@
-//! Numbers that begin where a cache line does.
+//! Arrays aligned to cache lines.
 
 use std::ops::{Deref, DerefMut};
 
-/// Bytes of a cache line, and of the widest register.
+/// Size of a cache line, and of the widest register [bytes].
 const LINE: usize = 64;
 
-/// Numbers whose first one begins a cache line, so that no register's worth of them lies across two.
+/// An array whose first number begins a cache line, so that no register load crosses two lines.
 #[derive(Debug)]
 pub(super) struct Aligned<F> {
     numbers: Vec<F>,
@@ -14,7 +14,7 @@ pub(super) struct Aligned<F> {
 }
 
 impl<F> Aligned<F> {
-    /// Where numbers have to begin. Where the processor would have to be lied to, they begin anywhere.
+    /// Start index for the alignment; any start if it cannot be determined.
     fn begin(numbers: &[F]) -> usize {
         numbers
             .as_ptr()
@@ -24,7 +24,7 @@ impl<F> Aligned<F> {
 }
 
 impl<F: Copy + Default> Aligned<F> {
-    /// So many zeros.
+    /// Creates `length` zeros.
     pub fn zeros(length: usize) -> Self {
         let numbers = vec![F::default(); length + LINE / size_of::<F>()];
         Self {
@@ -53,7 +53,7 @@ impl<F: Clone> Clone for Aligned<F> {
     fn clone(&self) -> Self {
         let mut numbers = self.numbers.clone();
         let first = Self::begin(&numbers);
-        // The copy begins elsewhere in its line.
+        // The copy has another offset in its cache line.
         numbers.rotate_left(self.first);
         numbers.rotate_right(first);
         Self {

@@ -1,56 +1,57 @@
-//! What is wrong with a lattice, and what to change.
+//! Errors of a lattice, with advice.
 
 use thiserror::Error;
 
-/// Why a lattice cannot be built, or its run cannot go on.
+/// The reason why a lattice cannot be built or advanced.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum LatticeError {
-    /// A side without points, or too many points.
+    /// A side has no points, or there are too many points.
     #[error("a lattice of {} x {} x {} points: give each side at least 1 point, and at most {most} points in all", .points[0], .points[1], .points[2])]
     Points {
-        /// Along x, y, z.
+        /// Numbers along x, y, z.
         points: [usize; 3],
-        /// The largest number of all points.
+        /// Greatest total number of points.
         most: usize,
     },
-    /// A spacing, a mass or a stiffness that is not positive and finite, or a damping or diagonal factor below zero.
+    /// A spacing, mass or stiffness is not positive and finite, or a damping or diagonal factor is
+    /// negative.
     #[error("{name} is {value:e}: give a finite number {}", if *.zero_allowed { "of at least 0" } else { "above 0" })]
     Value {
-        /// What is wrong.
+        /// Name of the value.
         name: &'static str,
-        /// What was found.
+        /// The value.
         value: f64,
-        /// Whether zero would do.
+        /// True if zero is allowed.
         zero_allowed: bool,
     },
-    /// Steps that grow whatever is done.
+    /// The time step is above the stability limit.
     #[error(
         "a time step of {time_step:e} with mass {mass:e} and damping {damping:e} makes the lattice explode (largest stiffness \
          {stiffness:e}): give a step below {limit:e}, or more mass"
     )]
     Unstable {
-        /// The step that was asked for.
+        /// The given time step.
         time_step: f64,
         /// The step above which the system is unstable.
         limit: f64,
-        /// m.
+        /// Mass m.
         mass: f64,
-        /// c.
+        /// Damping c.
         damping: f64,
-        /// Largest eigenvalue of the stiffness matrix.
+        /// Greatest eigenvalue of the stiffness matrix.
         stiffness: f64,
     },
-    /// A position that is not a number or infinite.
+    /// A position is NaN or infinite.
     #[error(
         "the lattice exploded at step {step}: give a smaller time step, more mass or weaker forces"
     )]
     Diverged {
-        /// Steps since the lattice was built.
+        /// Number of steps since the construction.
         step: u64,
     },
 }
 
-/// A number that must be finite and positive, or not negative.
+/// Checks that a number is finite and positive, or not negative.
 pub(super) fn value(
     name: &'static str,
     value: f64,

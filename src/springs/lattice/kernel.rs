@@ -1,9 +1,9 @@
-//! One step over a plane of points, row by row, each spring once.
+//! One step of a plane of points, row by row, with each spring computed once.
 //!
-//! A row of points along x lies as three runs of numbers, x, y and z. A row acts with the rows after it only: the next one of
-//! its plane and one or three of the plane above. What it does to them waits, a plane of forces or two, which stay in the cache;
-//! when a row's turn comes, all rows before it have acted on it, and its points move. So positions are read once
-//! and written once.
+//! A row of points along x is stored as three runs of numbers: x, y and z. A row acts only on later
+//! rows: the next one of its plane and one or three of the plane above. Their forces are stored in
+//! one or two planes, which stay in the cache. When a row is processed, all earlier rows have acted
+//! on it, and its points move. Positions are thus read once and written once.
 
 mod six;
 mod twenty_six;
@@ -19,21 +19,21 @@ pub(super) struct Spring<F> {
     pub tension: F,
 }
 
-/// Springs of one direction that also goes along x: none at the last point of a row and after it.
+/// Springs of one direction with a component along x: zero at and after the last point of a row.
 #[derive(Clone, Debug)]
 pub(super) struct Sloped<F> {
     pub stiffness: Vec<F>,
     pub tension: Vec<F>,
 }
 
-/// What does not change from step to step.
+/// Constant data of all steps.
 #[derive(Clone, Debug)]
 pub(super) struct Frame<F> {
-    /// Rows a plane.
+    /// Number of rows per plane.
     pub rows: usize,
-    /// Numbers of a run: points along x and what fills it up.
+    /// Length of a run: points along x and padding.
     pub run: usize,
-    /// Whether springs go to all 26 neighbours.
+    /// True if springs go to all 26 neighbours.
     pub diagonal: bool,
     /// Directions y, z, yz.
     pub straight: [Spring<F>; 3],
@@ -41,11 +41,11 @@ pub(super) struct Frame<F> {
     pub sloped: [Sloped<F>; 4],
     /// 1 - c dt / m.
     pub kept: F,
-    /// dt^2 / m, or 0 for what is pinned: a run for each pattern of pinned points that occurs.
+    /// dt^2 / m, or 0 for pinned points: one run for each pattern of pinned points that occurs.
     pub patterns: Vec<F>,
     /// The pattern of each row.
     pub pattern: Vec<u32>,
-    /// External forces as positions lie, or nothing.
+    /// External forces in the layout of positions, or empty.
     pub external: Vec<F>,
 }
 
@@ -55,28 +55,28 @@ impl<F: Number> Frame<F> {
         3 * self.run
     }
 
-    /// Numbers of a plane; those after its last row are read with it, and not used.
+    /// Length of a plane; the numbers after its last row are read with it, but not used.
     pub fn plane(&self) -> usize {
         self.rows * self.row() + F::ROW
     }
 
-    /// The row `j` of a plane, and the number after it.
+    /// Row `j` of a plane, and the number after it.
     fn row_of<'a>(&self, plane: &'a [F], j: usize) -> &'a [F] {
         &plane[j * self.row()..=(j + 1) * self.row()]
     }
 }
 
-/// Forces that wait for the rows that they act on.
+/// Stored forces on later rows.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Carried<F> {
-    /// On the plane whose turn it is.
+    /// Forces on the present plane.
     now: Vec<F>,
-    /// With 26 neighbours on the next one; with 6 on the next row.
+    /// With 26 neighbours, forces on the next plane; with 6, on the next row.
     next: Vec<F>,
 }
 
 impl<F: Number> Carried<F> {
-    /// None.
+    /// Sets all forces to zero.
     pub fn clear(&mut self, frame: &Frame<F>) {
         let next = if frame.diagonal {
             frame.plane()
@@ -106,7 +106,7 @@ impl Moved {
     }
 }
 
-/// A plane of points, its number, and the plane above it if there is one.
+/// A plane of points, its index, and the plane above if any.
 #[derive(Clone, Copy)]
 pub(super) struct Plane<'a, F> {
     pub number: usize,
@@ -114,7 +114,8 @@ pub(super) struct Plane<'a, F> {
     pub above: Option<&'a [F]>,
 }
 
-/// One step of a plane on which all planes below have acted: new positions in the place of previous ones.
+/// One step of a plane after all planes below have acted on it: replaces previous positions by new
+/// ones.
 #[inline(always)]
 pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
@@ -130,7 +131,7 @@ pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     }
 }
 
-/// What a plane, and nothing else, does to the one above it, in the order in which it always does.
+/// The effect of a plane on the plane above, always in the same order.
 #[inline(always)]
 pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
@@ -146,19 +147,19 @@ pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     }
 }
 
-/// Chunks of the three runs of a row from `shift` on.
+/// Chunks of the three runs of a row from offset `shift`.
 macro_rules! runs {
     ($lanes:ty, $row:expr, $run:expr, $shift:expr) => {{
         let (row, run) = ($row, $run);
         let x = <$lanes>::chunks(&row[$shift..$shift + run]);
         let y = <$lanes>::chunks(&row[run + $shift..$shift + 2 * run]);
         let z = <$lanes>::chunks(&row[2 * run + $shift..$shift + 3 * run]);
-        // Known to be equal, so that no index is looked at in the loop.
+        // Equal lengths, so that the loop needs no bounds checks.
         (x, &y[..x.len()], &z[..x.len()])
     }};
 }
 
-/// The same for a row of a known number of chunks.
+/// The same for a row with a constant number of chunks.
 macro_rules! counted {
     ($lanes:ty, $row:expr, $run:expr, $shift:expr, $count:expr) => {{
         let (x, y, z) = runs!($lanes, $row, $run, $shift);
@@ -199,7 +200,7 @@ macro_rules! store {
 }
 use {counted, load, runs, runs_mut, store};
 
-/// The force that a spring along `d` exerts on its first end, over `d`.
+/// The force of a spring along `d` on its first end, divided by `d`.
 #[inline(always)]
 fn pull<F: Number, L: FusedLane<F>>(machine: L::Machine, d: [L; 3], stiffness: L, tension: L) -> L {
     let squared = d[2].mul_add(d[2], d[1].mul_add(d[1], d[0].mul(d[0])));
@@ -254,7 +255,7 @@ fn moved_up<F: Number, L: FusedLane<F>>(a: [L; 3], before: [L; 3]) -> [L; 3] {
 type Runs<'a, C> = (&'a [C], &'a [C], &'a [C]);
 type RunsMut<'a, C> = (&'a mut [C], &'a mut [C], &'a mut [C]);
 
-/// How the points of a row move.
+/// Motion of the points of a row.
 struct Motion<'a, F: Number, L: FusedLane<F>> {
     machine: L::Machine,
     /// dt^2 / m, or 0.
@@ -262,13 +263,13 @@ struct Motion<'a, F: Number, L: FusedLane<F>> {
     external: Option<Runs<'a, L::Chunk>>,
     previous: RunsMut<'a, L::Chunk>,
     kept: L,
-    /// Of squared moves.
+    /// Largest squared moves.
     largest: L,
     sum: L,
 }
 
 impl<'a, F: Number, L: FusedLane<F>> Motion<'a, F, L> {
-    /// Of row `j` of plane `k`.
+    /// Motion of row `j` of plane `k`.
     #[inline(always)]
     fn new(
         machine: L::Machine,
@@ -300,7 +301,7 @@ impl<'a, F: Number, L: FusedLane<F>> Motion<'a, F, L> {
         }
     }
 
-    /// Moves the points of chunk `c` by what acts on them.
+    /// Moves the points of chunk `c` by their force.
     #[inline(always)]
     fn advance(&mut self, c: usize, at: [L; 3], mut force: [L; 3]) {
         let (machine, previous) = (self.machine, &mut self.previous);
@@ -320,7 +321,7 @@ impl<'a, F: Number, L: FusedLane<F>> Motion<'a, F, L> {
         self.sum = self.sum.add(squared);
     }
 
-    /// What moved.
+    /// The result of the motion.
     #[inline(always)]
     fn moved(self) -> Moved {
         Moved {

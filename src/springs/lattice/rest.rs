@@ -1,39 +1,42 @@
-//! Until nothing moves.
+//! Simulation of a lattice to rest.
 
 use super::{Lattice, LatticeError, Number};
 
-/// When a lattice counts as at rest.
+/// Criterion of rest of a lattice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest {
-    /// Largest move of a point in a step \[m\], below which it rests.
+    /// Greatest move of a point in a step at rest \[m\].
     pub threshold: f64,
-    /// Steps in a row that must stay below: what swings stands still for a moment at each turn.
+    /// Number of successive steps below the threshold: an oscillation pauses at each turn.
     pub quiet: u64,
-    /// Steps, at most.
+    /// Greatest number of steps.
     pub limit: u64,
 }
 
-/// How a lattice came to rest, or did not.
+/// Result of a run to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settled {
-    /// Steps up to the last one whose largest move was not below the threshold: what came after only proved it.
+    /// Number of steps up to the last one with a move at or above the threshold; later steps only
+    /// confirm the rest.
     pub steps: u64,
-    /// Whether it stayed below as long as it had to.
+    /// True if the lattice stayed below the threshold long enough.
     pub at_rest: bool,
     /// Largest move of a point in the last step \[m\].
     pub last_move: f64,
 }
 
 impl<F: Number> Lattice<F> {
-    /// Steps until no point moves as far as the threshold, for as many steps as asked, or until the limit.
+    /// Makes steps until no point moves as far as the threshold for the given number of steps, or
+    /// until the limit.
     ///
     /// # Errors
-    /// [`LatticeError::Value`] for a threshold that is not positive, [`LatticeError::Diverged`] if the lattice explodes.
+    /// [`LatticeError::Value`] for a threshold that is not positive, [`LatticeError::Diverged`] if
+    /// the lattice diverges.
     pub fn until_rest(&mut self, rest: &Rest) -> Result<Settled, LatticeError> {
         super::value("the threshold of rest", rest.threshold, false)?;
         let (mut step, mut last, mut last_move) = (0, 0, 0.0);
         while step < rest.limit {
-            // The first step of a pair must not be the one at which this ends.
+            // The end must not fall on the first step of a pair.
             let pair = rest.limit - step >= 2 && step + 1 - last < rest.quiet;
             let moves = if pair {
                 self.measured_pair()?.map(Some)

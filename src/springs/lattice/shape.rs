@@ -1,16 +1,16 @@
-//! The points of a box, before any spring.
+//! The points of a box, without springs.
 
 use nalgebra::Point3;
 
 use super::error::{LatticeError, value};
 
-/// Points of a lattice, at most: their numbers still fit 32 bits.
+/// Greatest number of points of a lattice: indices fit into 32 bits.
 const MOST_POINTS: usize = 1 << 30;
 
 /// Points of a box at rest, x running fastest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shape {
-    /// Along x, y, z.
+    /// Number of points along x, y, z.
     pub points: [usize; 3],
     /// Position of the first point \[m\].
     pub origin: [f64; 3],
@@ -29,10 +29,11 @@ impl Shape {
         }
     }
 
-    /// A box whose longest side has the length `side` \[m\], the first point at the origin, all spacings equal.
+    /// A box with longest side `side` \[m\], the first point at the origin, and equal spacings.
     ///
     /// # Errors
-    /// [`LatticeError`] for a side without points, too many points, a length that is not positive.
+    /// [`LatticeError`] for a side without points, too many points, or a length that is not
+    /// positive.
     pub fn with_longest_side(points: [usize; 3], side: f64) -> Result<Self, LatticeError> {
         value("the longest side", side, false)?;
         let most = points
@@ -54,12 +55,12 @@ impl Shape {
         self.points.iter().product()
     }
 
-    /// Position of a point at rest \[m\].
+    /// Rest position of a point \[m\].
     pub fn at(&self, point: [usize; 3]) -> [f64; 3] {
         [0, 1, 2].map(|c| self.origin[c] + self.spacing[c] * point[c] as f64)
     }
 
-    /// Whether a point is on the surface of the box.
+    /// True if a point is on the surface of the box.
     pub fn on_surface(&self, point: [usize; 3]) -> bool {
         (0..3).any(|c| point[c] == 0 || point[c] + 1 == self.points[c])
     }
@@ -70,14 +71,14 @@ impl Shape {
         (0..nz).flat_map(move |k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k])))
     }
 
-    /// Positions of all points at rest \[m\].
+    /// Rest positions of all points \[m\].
     pub fn positions(&self) -> Vec<Point3<f64>> {
         self.each()
             .map(|point| Point3::from(self.at(point)))
             .collect()
     }
 
-    /// The numbers of the points on the surface.
+    /// The indices of the points on the surface.
     pub fn surface(&self) -> Vec<u32> {
         (0u32..)
             .zip(self.each())
@@ -86,7 +87,8 @@ impl Shape {
             .collect()
     }
 
-    /// Length of the longest side \[m\], and the spacing along it; nothing if no side has two points.
+    /// Length of the longest side \[m\], and the spacing along it; `None` if no side has two
+    /// points.
     pub(super) fn longest(&self) -> Option<(f64, f64)> {
         let sides = (0..3).filter(|&c| self.points[c] > 1).map(|c| {
             let spacing = self.spacing[c];

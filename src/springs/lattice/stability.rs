@@ -1,4 +1,4 @@
-//! Which time steps a lattice bears.
+//! Stable time steps of a lattice.
 
 use std::f64::consts::PI;
 
@@ -8,11 +8,11 @@ use super::{Neighbours, Settings, Shape};
 use crate::springs::integrators::{Integrator, Verlet};
 use crate::springs::stability::Mode;
 
-/// Lattices of more points take the largest stiffness of the endless lattice, which is a bound and close to theirs.
+/// Larger lattices use the largest stiffness of the infinite lattice, a close bound.
 const ITERATED: usize = 4096;
-/// Products with the stiffness matrix, at most.
+/// Greatest number of products with the stiffness matrix.
 const PRODUCTS: usize = 2000;
-/// Change of the largest eigenvalue, relative, below which it is taken.
+/// Relative change of the largest eigenvalue at which the iteration ends.
 const CHANGE: f64 = 1e-7;
 
 /// A direction of springs: steps along x, y, z, and `D n n^T`.
@@ -23,7 +23,7 @@ pub(super) struct Direction {
     unit: Vector3<f64>,
 }
 
-/// The 3 or 13 directions of springs; each stands for its opposite too.
+/// The 3 or 13 directions of springs; each also represents its opposite.
 pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
     let direction = |&step: &[i32; 3]| {
         let along = Vector3::from([0, 1, 2].map(|c| f64::from(step[c]) * shape.spacing[c]));
@@ -40,10 +40,12 @@ pub(super) fn directions(shape: &Shape, settings: &Settings) -> Vec<Direction> {
     settings.neighbours.half().iter().map(direction).collect()
 }
 
-/// Largest eigenvalue of the stiffness matrix of the free lattice at rest; pinned points only lower it.
+/// Largest eigenvalue of the stiffness matrix of the free lattice at rest; pinned points only
+/// reduce it.
 ///
-/// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. Twenty-six: by power iteration, or for large lattices that of the
-/// endless lattice, which is a bound: what is left out of it only takes energy away.
+/// Six neighbours: `4 D sin^2(pi (n - 1) / (2 n))`, exact. Twenty-six neighbours: by power
+/// iteration. For large lattices the value of the infinite lattice, which is a bound: missing
+/// springs only remove energy.
 pub fn largest_stiffness(shape: &Shape, settings: &Settings) -> f64 {
     let all = directions(shape, settings);
     match settings.neighbours {
@@ -64,7 +66,8 @@ pub fn largest_stiffness(shape: &Shape, settings: &Settings) -> f64 {
     }
 }
 
-/// The largest eigenvalue of a wave, over a grid of waves that holds the corners, where it is found.
+/// The largest eigenvalue of a wave, over a grid of waves that contains the corners, where the
+/// maximum lies.
 fn endless(all: &[Direction]) -> f64 {
     let angle = |i: i32| PI * f64::from(i) / 8.0;
     let mut largest: f64 = 0.0;
@@ -84,7 +87,7 @@ fn endless(all: &[Direction]) -> f64 {
     largest
 }
 
-/// By power iteration, from a start that is the same every time.
+/// Power iteration from a fixed start.
 fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
     let [nx, ny, nz] = shape.points;
     let count = shape.count();
@@ -95,7 +98,7 @@ fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
             .wrapping_add(1_442_695_040_888_963_407);
         (seed >> 11) as f64 / (1u64 << 53) as f64 - 0.5
     };
-    // Stiffest are waves that change sign from point to point.
+    // The stiffest waves alternate in sign from point to point.
     let sign = |p: usize| {
         if (p % nx + p / nx % ny + p / (nx * ny)).is_multiple_of(2) {
             1.0
@@ -140,7 +143,8 @@ fn iterated(shape: &Shape, all: &[Direction]) -> f64 {
     value
 }
 
-/// The time step from which on Verlet with backward-difference damping explodes: `k dt^2 + 2 c dt < 4 m` \[s\].
+/// The greatest stable time step of Verlet with backward-difference damping:
+/// `k dt^2 + 2 c dt < 4 m` \[s\].
 pub fn stability_limit(stiffness: f64, mass: f64, damping: f64) -> f64 {
     Verlet::default().limit(Mode::of(stiffness, damping, mass))
 }

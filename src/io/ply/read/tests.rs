@@ -68,7 +68,7 @@ fn text_and_both_byte_orders_are_the_same_mesh() {
     assert_eq!(file, read_bytes(crlf.as_bytes(), "").unwrap());
 }
 
-/// Records without lists are taken as a whole; each type is read in both byte orders.
+/// Records without lists are read as a whole; each type is read in both byte orders.
 #[test]
 fn every_type_of_number_is_read() {
     let head = |encoding: &str, x: &str| {
@@ -166,7 +166,7 @@ fn edges_are_lines() {
 fn every_truncation_is_an_error() {
     for whole in [text().into_bytes(), binary(false), binary(true)] {
         for length in 0..whole.len() {
-            // The last number of a text may lose digits and still be one; here it is a single digit.
+            // A truncated last number of a text can be valid; here it is a single digit.
             read_bytes(&whole[..length], "a.ply").unwrap_err();
         }
     }

@@ -121,7 +121,8 @@ fn binary_errors_name_the_offset() {
 
 const BINARY: &str = "# vtk DataFile Version 4.2\nt\nBINARY\nDATASET POLYDATA\n";
 
-/// A triangle of points in a type of numbers; behind the type there may be more white space than a line feed.
+/// A triangle of points in a type of numbers; more white space than a line feed can follow the
+/// type.
 fn triangle(kind: &str, numbers: impl Fn(i8) -> Vec<u8>) -> Vec<u8> {
     let mut bytes = format!("{BINARY}POINTS 3 {kind} \t\r\n").into_bytes();
     bytes.extend([0, 0, 0, 1, 0, 0, 0, 1, -2].into_iter().flat_map(numbers));
@@ -152,7 +153,7 @@ fn every_type_of_binary_numbers_is_read() {
         ),
         ("long", |i| i64::from(i).to_be_bytes().into(), -2.),
         ("vtktypeint64", |i| i64::from(i).to_be_bytes().into(), -2.),
-        // What needs 64 bits becomes the largest of 63.
+        // A number that needs 64 bits becomes the largest of 63 bits.
         (
             "unsigned_long",
             |i| (i as u64).to_be_bytes().into(),

@@ -1,4 +1,4 @@
-//! Numbers at the points of VTK XML polydata, of all types but texts.
+//! Numbers at the points of VTK XML polydata, of all types except strings.
 
 use super::{Array, Reader, Slot};
 use crate::io::error::{Problem, ReadError};
@@ -16,7 +16,7 @@ struct Found<'a> {
 /// Reads the arrays of `PointData` that all pieces have, joined over the pieces.
 ///
 /// # Errors
-/// Another XML file, an array that is damaged or of another size than declared.
+/// Another XML file, or an array that is damaged or of another size than declared.
 pub(in crate::io) fn point_data(
     bytes: &[u8],
     name: &str,
@@ -58,7 +58,7 @@ pub(in crate::io) fn point_data(
             all = here;
             continue;
         }
-        // What a piece lacks has no value at its points.
+        // An array that one piece lacks has no value at its points.
         all.retain_mut(|array| {
             let more = here
                 .iter()
@@ -72,7 +72,7 @@ pub(in crate::io) fn point_data(
     Ok(all)
 }
 
-/// The arrays of each piece; of two that share their name the first.
+/// The arrays of each piece; the first of two with the same name.
 fn found<'a>(reader: &mut Reader<'a>) -> Result<Vec<Vec<Found<'a>>>, ReadError> {
     let mut pieces: Vec<(u64, Vec<Found<'a>>)> = Vec::new();
     let (mut begun, mut inside) = (false, false);

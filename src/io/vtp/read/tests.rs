@@ -259,7 +259,7 @@ fn triangle(types: [(&str, Encode); 3], big: bool, last: f64) -> Vec<u8> {
 fn every_type_of_number_is_read_in_both_orders() {
     for (i, &kind) in KINDS.iter().enumerate() {
         let last = if kind.0.starts_with('U') { 254. } else { -2. };
-        // Corners and ends take each type of whole numbers in turn.
+        // Corners and ends take each integer type in turn.
         let types = [kind, KINDS[(i + 3) % 8], KINDS[(i + 6) % 8]];
         for big in [false, true] {
             let file = read_bytes(&triangle(types, big, last), "a").unwrap();

@@ -1,11 +1,12 @@
-//! Takes surfaces apart along an edge whose ends they share further on, so that copies of the ends do not part them.
+//! Separates surfaces along an edge whose ends they share further on, so that copies of the ends
+//! cannot separate them.
 
 use crate::mesh::repair::topology;
 use crate::mesh::repair::working::Working;
 
-/// Gives each group of triangles at an edge, but the first, a point of its own in the middle of it, where the edge still has
-/// more than two triangles. `edges` and `groups` are those before vertices were copied. Gives for each new vertex an end
-/// of its edge, by its index as read.
+/// Gives each group of triangles at an edge but the first its own midpoint, where the edge still
+/// has more than two triangles. `edges` and `groups` are those before vertices were copied. Returns
+/// for each new vertex an end of its edge, by its original index.
 pub(super) fn divide(
     working: &mut Working,
     edges: &[[u32; 2]],
@@ -21,7 +22,7 @@ pub(super) fn divide(
     if crowded.is_empty() {
         return new;
     }
-    // What each triangle has been divided into, itself first.
+    // The parts of each triangle, starting with the triangle itself.
     let mut parts: Vec<Vec<u32>> = (0..working.triangles.len() as u32)
         .map(|t| vec![t])
         .collect();
@@ -46,8 +47,8 @@ pub(super) fn divide(
 }
 
 impl Working {
-    /// The part of a triangle that has a copy of an edge, given by the origins of its ends, among the `crowded` ones; and
-    /// that copy.
+    /// The part of a triangle that has a copy of an edge among the `crowded` ones, and that copy.
+    /// The edge is given by the origins of its ends.
     fn side_of(
         &self,
         parts: &[u32],
@@ -68,16 +69,16 @@ impl Working {
             .find(|(_, side)| matches(*side) && crowded.binary_search(side).is_ok())
     }
 
-    /// A new vertex in the middle of an edge.
+    /// A new vertex at the midpoint of an edge.
     fn middle_of(&mut self, [a, b]: [u32; 2]) -> u32 {
         let (p, q) = (self.vertices[a as usize], self.vertices[b as usize]);
-        // Halved first: the difference of the largest doubles is infinite.
+        // Halved first: the sum of the largest doubles is infinite.
         self.vertices.push((p.coords * 0.5 + q.coords * 0.5).into());
         self.vertex_origin.push(self.vertex_origin[a as usize]);
         self.vertices.len() as u32 - 1
     }
 
-    /// Divides a triangle at `middle` of its side; gives the new half.
+    /// Divides a triangle at the vertex `middle` of a side. Returns the new half.
     fn halve(&mut self, t: u32, [a, b]: [u32; 2], middle: u32) -> u32 {
         let whole = self.triangles[t as usize];
         self.triangles[t as usize] = whole.map(|v| if v == b { middle } else { v });

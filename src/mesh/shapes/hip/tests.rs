@@ -106,7 +106,8 @@ fn muscle_is_even_and_clear_of_bone() {
         nearest = distances(&muscle.vertices, &tree(&bone))
             .into_iter()
             .fold(nearest, f64::min);
-        // From the bone's vertices to the muscle's triangles, which catches a bone that pokes through a triangle.
+        // From the bone's vertices to the muscle's triangles, to detect a bone that penetrates a
+        // triangle.
         nearest = distances(&bone.vertices, &tree(&muscle))
             .into_iter()
             .fold(nearest, f64::min);

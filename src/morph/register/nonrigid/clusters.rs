@@ -1,26 +1,26 @@
-//! Representatives spread over a surface, and which of them each vertex follows.
+//! Representatives on a surface, and the clusters that each vertex follows.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, BinaryHeap};
 
 use nalgebra::Point3;
 
-/// Clusters that a vertex follows.
+/// Number of clusters that a vertex follows.
 const FOLLOWED: usize = 4;
 
-/// A division of a surface.
+/// Clusters of a surface.
 pub(super) struct Clusters {
     /// The vertex that represents each cluster.
     pub seeds: Vec<u32>,
-    /// Clusters that each vertex follows and their weights, of sum 1, the nearest first.
+    /// Clusters that each vertex follows with their weights, of sum 1, nearest first.
     pub labels: Vec<Vec<(u32, f64)>>,
-    /// Pairs that shall agree, each once.
+    /// Pairs of clusters with an agreement term, each once.
     pub neighbours: Vec<[u32; 2]>,
-    /// Pairs that some vertex follows together, those above among them.
+    /// Pairs of clusters with a common vertex, a superset of `neighbours`.
     pub together: Vec<[u32; 2]>,
 }
 
-/// A distance that can be sorted.
+/// A distance with a total order.
 #[derive(Clone, Copy, PartialEq)]
 struct Distance(f64);
 
@@ -63,7 +63,8 @@ impl<'a> Ways<'a> {
         (self.points[a as usize] - self.points[b as usize]).norm()
     }
 
-    /// Vertices far from each other along edges, the first being vertex 0, and in each piece at least one if there is room.
+    /// Vertices far from each other along edges, starting with vertex 0; each component has at
+    /// least one if the count permits.
     fn seeds(&self, count: usize) -> Vec<u32> {
         let used: Vec<u32> = (0..self.points.len() as u32)
             .filter(|&v| !self.rings[v as usize].is_empty())
@@ -72,7 +73,7 @@ impl<'a> Ways<'a> {
         let mut seeds = Vec::new();
         while seeds.len() < count.min(used.len()) {
             let far = |v: &&u32| Distance(distances[**v as usize]);
-            // Of several that are equally far the first.
+            // Of several equally far vertices the first.
             let Some(&next) = used.iter().rev().max_by_key(far) else {
                 break;
             };
@@ -98,7 +99,7 @@ impl<'a> Ways<'a> {
         seeds
     }
 
-    /// The nearest seeds of each vertex along edges, at most `most`, and how far they are.
+    /// The nearest seeds of each vertex along edges, at most `most`, with their distances.
     fn nearest(&self, seeds: &[u32], most: usize) -> Vec<Vec<(u32, f64)>> {
         let mut found: Vec<Vec<(u32, f64)>> = vec![Vec::new(); self.points.len()];
         let mut open: BinaryHeap<_> = seeds
@@ -153,7 +154,7 @@ impl Clusters {
                 for (k, &(b, _)) in label[..i].iter().enumerate() {
                     let pair = [a.min(b), a.max(b)];
                     together.insert(pair);
-                    // The nearest of a vertex is a neighbour of all others.
+                    // The nearest cluster of a vertex is a neighbour of its other clusters.
                     if k == 0 {
                         neighbours.insert(pair);
                     }
@@ -170,7 +171,7 @@ impl Clusters {
     }
 }
 
-/// Weights (1 - d/d_max)^2 of the nearest, d_max being the distance of the next.
+/// Weights (1 - d/d_max)^2 of the nearest seeds, where d_max is the distance of the next one.
 fn weighted(near: &[(u32, f64)]) -> Vec<(u32, f64)> {
     let followed = &near[..near.len().min(FOLLOWED)];
     let beyond = near

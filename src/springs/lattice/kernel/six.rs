@@ -1,4 +1,4 @@
-//! Rows of points with 6 neighbours: a row's springs and its move in one go, each force carried once.
+//! Rows of points with 6 neighbours: springs and move of a row in one pass, each force stored once.
 
 use super::{
     Carried, Frame, Motion, Moved, Plane, Spring, add, counted, load, moved_up, pull, runs,
@@ -20,7 +20,7 @@ pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     carried.next.fill(F::default());
     for j in 0..frame.rows {
         let here = frame.row_of(plane.here, j);
-        // Where there is no row, springs without stiffness go to this one.
+        // Missing rows are replaced by springs of zero stiffness to this row.
         let last = j + 1 == frame.rows;
         let beside = if last {
             here
@@ -80,8 +80,8 @@ pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     }
 }
 
-/// One step of a row. `forces` are those of the springs to the row before it and from below, on their first ends; they become those
-/// to the row after it and to above.
+/// One step of a row. `forces` are those of the springs to the previous row and from below, on
+/// their first ends; they become those to the next row and to above.
 #[inline(always)]
 fn step_row<F: Number, L: FusedLane<F>>(
     machine: L::Machine,

@@ -52,12 +52,12 @@ pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     for j in 0..frame.rows {
         act_upwards_row::<F, L>(machine, frame, planes, j, carried);
     }
-    // What it does to itself was counted when it was its turn.
+    // The row's forces on itself were included when it was processed.
     carried.now.fill(F::default());
     std::mem::swap(&mut carried.now, &mut carried.next);
 }
 
-/// What row `j` of a plane does with the rows above it.
+/// The effect of row `j` of a plane on the rows above.
 #[inline(always)]
 fn act_upwards_row<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
@@ -79,8 +79,8 @@ fn act_upwards_row<F: Number, L: FusedLane<F>>(
     }
 }
 
-/// The springs between two rows: from each point to the one opposite, to the one after that, and from the point after it to
-/// the one opposite.
+/// The springs between two rows: from each point to the opposite one, to the one after that, and
+/// from the next point to the opposite one.
 #[inline(always)]
 fn act<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
@@ -136,7 +136,7 @@ fn act<F: Number, L: FusedLane<F>>(
     }
 }
 
-/// The springs along a row, and its points' move; forces are left at zero.
+/// The springs along a row, and the move of its points; resets the forces to zero.
 #[inline(always)]
 fn finish<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
