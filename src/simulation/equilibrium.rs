@@ -3,12 +3,12 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::constraints::EnclosedVolume;
+use crate::constraints::Potential;
 use crate::contact::{Contacts, Placed, Row};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
 use crate::solvers::energy::{Energy, Inertia};
-use crate::solvers::potential::Potential;
 use crate::solvers::quasi_static::QuasiStatic;
 use crate::solvers::sparse::FactorError;
 use crate::solvers::{Broken, System};

@@ -188,19 +188,22 @@ mod tests {
 
     #[test]
     fn an_error_of_a_scene_shows_its_line_and_a_caret() {
-        let text = "frames = 3\nframe_rate = \"60 Hz\"\n[effects.contact]\ntickness = '1 mm'\n";
+        let text = "frames = 3\nframe_rate = \"60 Hz\"\n\
+            [[bone]]\nname = \"femur\"\nshape = \"hip-femur\"\n\
+            [[muscle]]\nname = \"calf\"\nshape = \"tetrahedron\"\n\
+            [effects.contact]\ntickness = '1 mm'\n";
         let error =
             pliant::scene::parse(text, "s.toml", std::path::Path::new(".")).expect_err("refused");
         let handler = GraphicalReportHandler::new_themed(miette::GraphicalTheme::none());
         let wanted = "E052
 
   x unknown key `tickness`, did you mean `thickness`?
-   ,-[s.toml:4:1]
- 3 | [effects.contact]
- 4 | tickness = '1 mm'
-   : ^^^^|^^^
-   :     `-- effects.contact
-   `----
+    ,-[s.toml:10:1]
+  9 | [effects.contact]
+ 10 | tickness = '1 mm'
+    : ^^^^|^^^
+    :     `-- effects.contact
+    `----
   help: known keys here: thickness, friction";
         let shown = graphical(&SceneDiagnostic::new(&error), &handler);
         assert_eq!(shown.as_deref(), Some(wanted));

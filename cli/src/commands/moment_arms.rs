@@ -7,11 +7,11 @@ use std::time::Instant;
 use clap::ValueEnum;
 use nalgebra::{Unit, Vector3};
 
+use super::environment;
 use super::failure::Failure;
 use super::options::Output;
 use super::progress::Rounds;
 use super::run::stop_on_interrupt;
-use super::environment;
 use crate::report::folder::{Folder, FolderError};
 use crate::report::moment_arms::{self as files, Swept};
 use pliant::fibres::harmonic::Options;

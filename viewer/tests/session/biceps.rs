@@ -12,7 +12,7 @@ use super::ends::at_both_ends;
 use super::{assert_refused, bits, done, recipe, set, shown, why_refused};
 use pliant::testing::tolerances::{T1, T18};
 
-const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
+const FILE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/biceps.toml");
 
 fn biceps(overrides: &[&str]) -> Session {
     super::session(FILE, overrides, Pace::paused())
