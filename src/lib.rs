@@ -11,6 +11,7 @@
 
 // In the order in which they may import each other, not by letter: `reorder_modules` is off.
 pub mod format;
+pub mod progress;
 pub mod mesh;
 pub mod io;
 pub mod state;

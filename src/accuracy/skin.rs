@@ -3,12 +3,14 @@
 //! The error is that of the area gained in the last frame. Areas themselves are not compared, because the region ends with
 //! whole triangles and so has another area before on every mesh.
 
+use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::study::Watch;
 use crate::scene::content::{SkinScene, SkinSurface, Under};
 use crate::simulation::LoadError;
-use crate::simulation::skin::{SkinRun, Stepped};
+use crate::simulation::Stepped;
+use crate::simulation::skin::SkinRun;
 use crate::skin::settle::Method;
 
 /// Edge lengths measured, in the scene's own, from coarse to fine.
@@ -142,7 +144,11 @@ fn insert(
 ) -> Result<Option<SkinRow>, LoadError> {
     let begun = Instant::now();
     let mut run = SkinRun::new(scene)?;
-    if run.step(&mut |_| !watch.stops()) != Stepped::Done {
+    let progress = |_: &str, _: usize, _: usize| match watch.stops() {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
+    };
+    if run.step(&progress) != Stepped::Done {
         return Ok(None);
     }
     let count =

@@ -1,13 +1,15 @@
 //! A scene run once with one solver, and what has to be known of it.
 
-use std::time::Instant;
+use std::ops::ControlFlow;
+use std::time::Duration;
 
 use nalgebra::Point3;
 
 use super::candidates::Candidate;
 use super::distance::rise;
+use crate::progress::Silent;
 use crate::scene::Scene;
-use crate::simulation::{Assets, LoadError, Plan, Simulation};
+use crate::simulation::{self, Assets, LoadError, Observer, Plan, Simulation};
 
 /// A run of a scene's first frames.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -63,36 +65,24 @@ impl Trajectory {
         if let Some(way) = candidate.kind_of_way() {
             simulation.set_contact_way(way);
         }
-        let mut run = Self {
-            converged: true,
-            ..Self::default()
-        };
-        run.time_s = simulation
+        simulation.set_threads(candidate.threads);
+        let prepared_s: f64 = simulation
             .bodies
             .iter()
             .flat_map(|b| b.system.clock.effects.values())
             .map(|(s, _)| s)
             .sum();
-        // Fails only where the system gives no threads: then those at hand serve.
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(candidate.threads)
-            .build()
-            .ok();
-        for frame in 1..=frames {
-            let begin = Instant::now();
-            match &pool {
-                Some(pool) => pool.install(|| simulation.step_frame()),
-                None => simulation.step_frame(),
-            }
-            let took = begin.elapsed().as_secs_f64();
-            run.time_s += took;
-            run.note(&simulation);
-            let goes_on = watch(frame, took);
-            if run.stopped || !goes_on {
-                run.cut_short = frame < frames;
-                break;
-            }
-        }
+        let mut recorder = Recorder {
+            trajectory: Self {
+                converged: true,
+                time_s: prepared_s,
+                ..Self::default()
+            },
+            frames,
+            watch,
+        };
+        simulation::run(&mut simulation, &mut [&mut recorder], &Silent);
+        let mut run = recorder.trajectory;
         run.iterations = simulation
             .bodies
             .iter()
@@ -122,6 +112,37 @@ impl Trajectory {
             self.converged &= m.converged;
         }
         self.stopped |= bodies.iter().any(|b| b.stopped.is_some());
+    }
+}
+
+/// Records the first frames of a run, and ends it after them.
+struct Recorder<'a> {
+    trajectory: Trajectory,
+    frames: usize,
+    watch: &'a mut dyn FnMut(usize, f64) -> bool,
+}
+
+impl Observer<Simulation> for Recorder<'_> {
+    fn start(&mut self, _: &Simulation) -> ControlFlow<()> {
+        if self.frames == 0 {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
+    }
+
+    fn frame(&mut self, simulation: &Simulation, took: Duration) -> ControlFlow<()> {
+        let (frame, took) = (simulation.frame(), took.as_secs_f64());
+        self.trajectory.time_s += took;
+        self.trajectory.note(simulation);
+        let goes_on = (self.watch)(frame, took);
+        if self.trajectory.stopped || !goes_on {
+            self.trajectory.cut_short = frame < self.frames;
+            return ControlFlow::Break(());
+        }
+        if frame >= self.frames {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
     }
 }
 

@@ -13,13 +13,6 @@ use crate::springs::Neighbours;
 pub enum Content {
     /// Muscles that slide around moving bones: a scene with `[[muscle]]`.
     Muscles(Box<Scene>),
-    /// Anything else.
-    Staged(Staged),
-}
-
-/// A scene without muscles: its frames are computed one after the other, and nothing else is asked of it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Staged {
     /// Skin over implants or over a ball, at rest in every frame: a scene with `[[skin]]`.
     Skin(Box<SkinScene>),
     /// A box of points on springs, dragged and let go: a scene with `[lattice]`.
@@ -31,8 +24,8 @@ impl Content {
     pub fn name(&self) -> &str {
         match self {
             Self::Muscles(scene) => &scene.name,
-            Self::Staged(Staged::Skin(scene)) => &scene.name,
-            Self::Staged(Staged::Lattice(scene)) => &scene.name,
+            Self::Skin(scene) => &scene.name,
+            Self::Lattice(scene) => &scene.name,
         }
     }
 
@@ -40,8 +33,8 @@ impl Content {
     pub fn frames(&self) -> usize {
         match self {
             Self::Muscles(scene) => scene.frames,
-            Self::Staged(Staged::Skin(scene)) => scene.frames,
-            Self::Staged(Staged::Lattice(scene)) => scene.frames,
+            Self::Skin(scene) => scene.frames,
+            Self::Lattice(scene) => scene.frames,
         }
     }
 
@@ -49,7 +42,7 @@ impl Content {
     pub fn accuracy(&self) -> Option<Accuracy> {
         match self {
             Self::Muscles(scene) => scene.accuracy,
-            Self::Staged(_) => None,
+            Self::Skin(_) | Self::Lattice(_) => None,
         }
     }
 
@@ -57,8 +50,8 @@ impl Content {
     pub fn origin(&self) -> &Origin {
         match self {
             Self::Muscles(scene) => &scene.origin,
-            Self::Staged(Staged::Skin(scene)) => &scene.origin,
-            Self::Staged(Staged::Lattice(scene)) => &scene.origin,
+            Self::Skin(scene) => &scene.origin,
+            Self::Lattice(scene) => &scene.origin,
         }
     }
 
@@ -66,8 +59,8 @@ impl Content {
     pub(super) fn with_origin(mut self, origin: Origin) -> Self {
         *match &mut self {
             Self::Muscles(scene) => &mut scene.origin,
-            Self::Staged(Staged::Skin(scene)) => &mut scene.origin,
-            Self::Staged(Staged::Lattice(scene)) => &mut scene.origin,
+            Self::Skin(scene) => &mut scene.origin,
+            Self::Lattice(scene) => &mut scene.origin,
         } = origin;
         self
     }

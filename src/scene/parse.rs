@@ -17,7 +17,6 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::content::Staged;
 use super::error::{Problem, SceneError};
 use super::reader::{Context, Item, Limit, Section};
 use super::schema::ROOT;
@@ -127,10 +126,8 @@ pub fn parse_content(
     let name = scene_name(&root, file_stem)?;
     let content = match kind(&root)? {
         Kind::Muscles => Content::Muscles(Box::new(scene(&root, name)?)),
-        Kind::Skin => Content::Staged(Staged::Skin(Box::new(parse_skin::scene(&root, name)?))),
-        Kind::Lattice => Content::Staged(Staged::Lattice(Box::new(parse_lattice::scene(
-            &root, name,
-        )?))),
+        Kind::Skin => Content::Skin(Box::new(parse_skin::scene(&root, name)?)),
+        Kind::Lattice => Content::Lattice(Box::new(parse_lattice::scene(&root, name)?)),
     };
     Ok(content.with_origin(Origin::new(document, sources)))
 }

@@ -6,7 +6,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::fault::{Fault, LoadError};
 use super::plan::Plan;
-use super::skin::Stepped;
+use super::scenario::Stepped;
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::scene::content::LatticeScene;
@@ -254,7 +254,7 @@ mod tests {
     use super::*;
     use crate::mesh::Topology;
     use crate::scene::builtin::load_content;
-    use crate::scene::content::{Content, Staged};
+    use crate::scene::content::Content;
 
     #[test]
     fn the_surface_of_a_box_is_closed_and_looks_outward() {
@@ -279,7 +279,7 @@ mod tests {
                 more.to_owned(),
             ];
             let found = load_content("lattice", &changes).expect("a scene");
-            let Content::Staged(Staged::Lattice(scene)) = found else {
+            let Content::Lattice(scene) = found else {
                 panic!("a lattice")
             };
             let mut run = LatticeRun::new(*scene).expect("a lattice");

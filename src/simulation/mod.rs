@@ -12,6 +12,8 @@ mod ready;
 pub mod lattice;
 pub mod measures;
 pub mod plan;
+pub mod run;
+pub mod scenario;
 pub mod skin;
 mod steer;
 
@@ -25,6 +27,11 @@ pub use body::{Body, Method};
 pub use fault::{Fault, LoadError, Unfit};
 pub use measures::Measures;
 pub use plan::Plan;
+pub use run::{Ended, Observer, run};
+pub use scenario::{
+    BodyDescription, BodyState, FrameState, Scenario, ScenarioError, ScenarioKind,
+    SceneDescription, Stepped, scenario,
+};
 
 use crate::contact::capsule::Capsule;
 use crate::contact::ways::Kind;
@@ -54,6 +61,8 @@ pub struct Simulation {
     placed: Vec<Placed>,
     frame: usize,
     substeps: u32,
+    /// Where frames are computed; `None`: in the pool of the caller.
+    pool: Option<rayon::ThreadPool>,
 }
 
 impl Simulation {
@@ -101,6 +110,7 @@ impl Simulation {
             placed,
             frame: 0,
             substeps,
+            pool: None,
             scene,
         })
     }
@@ -133,8 +143,25 @@ impl Simulation {
         }
     }
 
+    /// Computes frames on `threads` threads of their own. Where the system gives no threads, those of the caller serve.
+    /// Results do not depend on the number of threads.
+    pub fn set_threads(&mut self, threads: usize) {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        self.pool = pool.build().ok();
+    }
+
     /// Computes the next frame.
     pub fn step_frame(&mut self) {
+        match self.pool.take() {
+            Some(pool) => {
+                pool.install(|| self.compute_frame());
+                self.pool = Some(pool);
+            }
+            None => self.compute_frame(),
+        }
+    }
+
+    fn compute_frame(&mut self) {
         let steps: Vec<Vec<Placed>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
@@ -250,6 +277,7 @@ impl State for Simulation {
             placed: _,
             frame,
             substeps: _,
+            pool: _,
         } = self;
         to.put(frame);
         to.list(notes);

@@ -8,31 +8,22 @@ use nalgebra::{Point3, Vector3};
 use super::assets::{mended, name_of, named_at, read_scaled};
 use super::fault::{Fault, LoadError};
 use super::plan::Plan;
+use super::scenario::Stepped;
 use crate::mesh::measures::Aabb;
 use crate::mesh::{TriangleMesh, shapes};
+use crate::progress::{Progress, Silent};
 use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
 use crate::skin::coarse::halved_near;
 use crate::skin::implant::Implant;
 use crate::skin::plan::{Inserted, Place, Ready};
-use crate::skin::settle::Progress;
+use crate::skin::settle;
 use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
 use crate::skin::{self, Areas, Order, SkinError};
 
 /// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
 const REACH: f64 = 2.0;
-
-/// How a frame ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Stepped {
-    /// It is there.
-    Done,
-    /// It was given up, because `watch` said so.
-    Interrupted,
-    /// It could not be computed, and why.
-    Failed(String),
-}
 
 /// Implants that share skin, or the ball, in one frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +35,7 @@ pub struct Measured {
     /// Areas of the region.
     pub areas: Areas,
     /// How it was found.
-    pub progress: Progress,
+    pub progress: settle::Progress,
     /// Wall time [s].
     pub time_s: f64,
 }
@@ -131,14 +122,14 @@ impl SkinRun {
     /// # Errors
     /// A mesh that cannot be read or used; an implant that does not go where it is asked for.
     pub fn new(scene: SkinScene) -> Result<Self, LoadError> {
-        Self::new_while(scene, &|| true)
+        Self::new_with(scene, &Silent)
     }
 
-    /// The same, as long as `go_on` says so: it is asked while skin is refined.
+    /// The same; `progress` hears of the refinement of the skin and may end it.
     ///
     /// # Errors
-    /// As of [`Self::new`]; also where it is given up.
-    pub fn new_while(scene: SkinScene, go_on: &dyn Fn() -> bool) -> Result<Self, LoadError> {
+    /// As of [`Self::new`]; also where the progress ends it.
+    pub fn new_with(scene: SkinScene, progress: &dyn Progress) -> Result<Self, LoadError> {
         let mut notes = Vec::new();
         let skin = read_skin(&scene, &mut notes)?;
         let obstacles: Vec<TriangleMesh> = (0..scene.obstacles.len())
@@ -157,7 +148,7 @@ impl SkinRun {
             scene: &scene,
             skin: &skin,
             obstacles: &obstacles,
-            go_on,
+            go_on: &|| progress.report("refining skin", 0, 0).is_continue(),
         }
         .parts()?;
         let plan = Plan::of_skin(&scene, &parts, &obstacles);
@@ -191,19 +182,21 @@ impl SkinRun {
         self.parts.iter().all(Part::converged)
     }
 
-    /// Computes the next frame; `watch` hears how far each part is, and says whether to go on.
-    pub fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped {
+    /// Computes the next frame; `progress` hears of each round of each part.
+    pub fn step(&mut self, progress: &dyn Progress) -> Stepped {
         let frame = self.frame + 1;
         let mut found = Vec::new();
         for part in &self.parts {
             let begun = Instant::now();
-            let mut heard = |p: &Progress| {
-                watch(&format!(
+            let mut heard = |p: &settle::Progress| {
+                let stage = format!(
                     "frame {frame}, {}: round {}, moved {:.3} mm",
                     part.name,
                     p.rounds,
                     p.moved * 1e3
-                ))
+                );
+                let frames = self.scene.frames;
+                progress.report(&stage, self.frame, frames).is_continue()
             };
             let done = match &self.scene.under {
                 Under::Implants(all) => {

@@ -1,8 +1,10 @@
 //! Implants that are filled step by step, and a ball that comes up, as a scene runs them.
 
+use pliant::progress::Silent;
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::{Content, Staged, Under};
-use pliant::simulation::skin::{SkinRun, Stepped};
+use pliant::scene::content::{Content, Under};
+use pliant::simulation::Stepped;
+use pliant::simulation::skin::SkinRun;
 
 /// The flat implant on a coarse mesh, run to its last frame.
 fn run(changes: &[&str]) -> SkinRun {
@@ -14,12 +16,12 @@ fn run(changes: &[&str]) -> SkinRun {
 
 fn of(scene: &str, changes: &[&str]) -> SkinRun {
     let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
-    let Ok(Content::Staged(Staged::Skin(scene))) = load_content(scene, &changes) else {
+    let Ok(Content::Skin(scene)) = load_content(scene, &changes) else {
         panic!("no skin")
     };
     let mut run = SkinRun::new(*scene).expect("a scene that runs");
     while run.frame() < run.scene.frames {
-        assert_eq!(run.step(&mut |_| true), Stepped::Done);
+        assert_eq!(run.step(&Silent), Stepped::Done);
     }
     assert!(run.converged());
     run
@@ -77,7 +79,8 @@ fn a_frame_that_is_given_up_leaves_the_last_one() {
     };
     implants[0].fill.push((3, 90e-6));
     let before = run.skin_at();
-    assert_eq!(run.step(&mut |_| false), Stepped::Interrupted);
+    let stop = |_: &str, _: usize, _: usize| std::ops::ControlFlow::Break(());
+    assert_eq!(run.step(&stop), Stepped::Interrupted);
     assert!(run.frame() == 2 && run.skin_at() == before);
 }
 

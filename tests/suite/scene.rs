@@ -8,7 +8,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use pliant::scene::builtin::{BUILTIN, builtin, load, load_content, load_with};
-use pliant::scene::content::{Staged, Under};
+use pliant::scene::content::Under;
 use pliant::scene::{
     self, Area, Content, Mass, Minimisation, Order, Scene, SceneError, Solver, Source,
     Surroundings, parse_content,
@@ -145,7 +145,7 @@ fn the_layout_of_the_documentation_is_a_scene() {
 }
 
 /// The layout of one of the scenes without muscles.
-fn staged(text: &str) -> Staged {
+fn without_muscles(text: &str) -> Content {
     let (folder, variable) = (folder(), |_: &str| None);
     let around = Surroundings {
         folder: &folder,
@@ -153,14 +153,15 @@ fn staged(text: &str) -> Staged {
         overrides: &[],
     };
     match parse_content(text, "s.toml", &around).unwrap_or_else(|e| panic!("{e:?}")) {
-        Content::Staged(scene) => scene,
         Content::Muscles(_) => panic!("a scene of muscles"),
+        content => content,
     }
 }
 
 #[test]
 fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
-    let Staged::Skin(scene) = staged(include_str!("../../src/scene/layout-skin.toml")) else {
+    let Content::Skin(scene) = without_muscles(include_str!("../../src/scene/layout-skin.toml"))
+    else {
         panic!("no skin")
     };
     assert_eq!(
@@ -182,7 +183,9 @@ fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
         (default, SILICONE)
     );
     assert_eq!(implants[1].order.place, Place::Vertex(911));
-    let Staged::Lattice(scene) = staged(include_str!("../../src/scene/layout-lattice.toml")) else {
+    let Content::Lattice(scene) =
+        without_muscles(include_str!("../../src/scene/layout-lattice.toml"))
+    else {
         panic!("no lattice")
     };
     assert_eq!(
@@ -194,7 +197,7 @@ fn the_layouts_of_skin_and_of_a_lattice_are_scenes() {
 #[test]
 fn a_key_of_the_only_element_needs_no_number() {
     let volume = |change: &str| {
-        let Content::Staged(Staged::Skin(scene)) =
+        let Content::Skin(scene) =
             load_content("flat-implant", &[change.to_owned()]).expect("a scene")
         else {
             panic!("no skin")

@@ -15,10 +15,10 @@ use super::subject::{Advanced, Subject, Watch};
 use pliant::constraints::distance::Distance;
 use pliant::fibres::binding::BoundLines;
 use pliant::mesh::Topology;
-use pliant::scene::content::{Content, LatticeScene, Staged};
+use pliant::scene::content::{Content, LatticeScene};
+use pliant::simulation::Stepped;
 use pliant::simulation::lattice::LatticeRun;
 use pliant::simulation::measures::strain_at_vertices;
-use pliant::simulation::skin::Stepped;
 use pliant::springs::Neighbours;
 
 /// A hand moves a point by at most this share of the spacing a frame: springs that are turned inside out do not come back.
@@ -42,7 +42,7 @@ pub(super) struct Lattice {
 
 fn scene_of(recipe: &Recipe) -> Result<LatticeScene, Refused> {
     match recipe.content().map_err(Refused::Scene)? {
-        Content::Staged(Staged::Lattice(scene)) => Ok(*scene),
+        Content::Lattice(scene) => Ok(*scene),
         _ => Err(Refused::NotHere(
             "this would be no scene of a lattice any more",
         )),

@@ -10,7 +10,6 @@ use crate::subject::Subject;
 use pliant::format::number;
 use pliant::geometric::file::FileError;
 use pliant::scene::builtin::{self, Written};
-use pliant::scene::content::Staged;
 use pliant::scene::units::UnitError;
 use pliant::scene::{
     Area, Content, Scene, SceneError, Source, Surroundings, Variables, no_variables, parse_content,
@@ -214,8 +213,8 @@ impl Recipe {
             Content::Muscles(scene) => {
                 Box::new(Muscles::new(self, *scene, Simulation::step_frame)?)
             }
-            Content::Staged(Staged::Skin(scene)) => Box::new(Skin::new(self, *scene)?),
-            Content::Staged(Staged::Lattice(scene)) => Box::new(Lattice::new(self, *scene)?),
+            Content::Skin(scene) => Box::new(Skin::new(self, *scene)?),
+            Content::Lattice(scene) => Box::new(Lattice::new(self, *scene)?),
         })
     }
 

@@ -18,9 +18,10 @@ use super::snapshot::{Shot, Stage};
 use super::subject::{Advanced, Subject, Watch};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::closest::SurfaceTree;
-use pliant::scene::content::{Content, Filled, SkinScene, Staged, Under};
+use pliant::scene::content::{Content, Filled, SkinScene, Under};
 use pliant::simulation::LoadError;
-use pliant::simulation::skin::{SkinRun, Stepped};
+use pliant::simulation::Stepped;
+use pliant::simulation::skin::SkinRun;
 use pliant::skin::plan::Place;
 use pliant::skin::region::frame;
 use shots::Spot;
@@ -59,7 +60,7 @@ pub(super) struct Skin {
 /// The scene of a recipe.
 fn scene_of(recipe: &Recipe) -> Result<SkinScene, Refused> {
     match recipe.content().map_err(Refused::Scene)? {
-        Content::Staged(Staged::Skin(scene)) => Ok(*scene),
+        Content::Skin(scene) => Ok(*scene),
         _ => Err(Refused::NotHere("this would be no scene of skin any more")),
     }
 }
@@ -207,13 +208,12 @@ impl Skin {
 
     /// Makes ready what was moved.
     fn arrive(&mut self, moving: Moving, watch: Watch<'_>) -> Advanced {
-        let go_on = || !(watch.is_ended() || watch.is_called());
-        match SkinRun::new_while(moving.scene.clone(), &go_on) {
+        match SkinRun::new_with(moving.scene.clone(), &watch) {
             Ok(run) => {
                 self.take(moving.recipe, run);
                 Advanced::On
             }
-            Err(_) if !go_on() => {
+            Err(_) if watch.is_ended() || watch.is_called() => {
                 self.moving = Some(Box::new(moving));
                 Advanced::GivenUp
             }
@@ -244,10 +244,7 @@ impl Subject for Skin {
         if self.run.frame() >= last {
             return Advanced::Rests;
         }
-        match self
-            .run
-            .step(&mut |_| !(watch.is_ended() || watch.is_called()))
-        {
+        match self.run.step(&watch) {
             Stepped::Done if self.run.frame() >= last => Advanced::Rests,
             Stepped::Done => Advanced::On,
             Stepped::Interrupted => Advanced::GivenUp,

@@ -1,10 +1,12 @@
 //! What a session runs: muscles, skin, a lattice, a geometric muscle, or the frames of a finished run.
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::recipe::Refused;
 use super::session::Command;
 use super::snapshot::Shot;
+use pliant::progress::Progress;
 
 /// How a frame ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -38,6 +40,16 @@ impl Watch<'_> {
     /// Whether a command waits.
     pub fn is_called(&self) -> bool {
         self.sent.load(Ordering::Relaxed) > self.answered
+    }
+}
+
+/// A computation ends where the session does or where a command waits.
+impl Progress for Watch<'_> {
+    fn report(&self, _: &str, _: usize, _: usize) -> ControlFlow<()> {
+        if self.is_ended() || self.is_called() {
+            return ControlFlow::Break(());
+        }
+        ControlFlow::Continue(())
     }
 }
 

@@ -12,7 +12,7 @@ use crate::report::{skin_accuracy, work_precision};
 use pliant::accuracy::skin::{self, SkinStudyError};
 use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
 use pliant::io::names::file_name;
-use pliant::scene::content::{SkinScene, Staged};
+use pliant::scene::content::SkinScene;
 use pliant::scene::{Content, Scene, overrides};
 use pliant::simulation::Assets;
 
@@ -93,8 +93,8 @@ impl Watch for Said<'_> {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match environment::load_content(&arguments.scene, &arguments.set)? {
         Content::Muscles(scene) => of_muscles(arguments, &scene),
-        Content::Staged(Staged::Skin(scene)) => of_skin(arguments, &scene),
-        Content::Staged(Staged::Lattice(_)) => {
+        Content::Skin(scene) => of_skin(arguments, &scene),
+        Content::Lattice(_) => {
             let hint = "compare lattices in a study that varies `lattice.points`, see `pliant study --help`";
             Err(Failure::usage(
                 "accuracy is measured for muscles and for skin",

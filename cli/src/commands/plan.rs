@@ -4,10 +4,9 @@ use serde::Serialize;
 
 use super::failure::Failure;
 use super::{DONE, columns, environment, say, say_json};
-use crate::report::run::ready;
 use pliant::scene::{Content, overrides};
 use pliant::simulation::plan::{LeftOut, Planned};
-use pliant::simulation::{Assets, Plan};
+use pliant::simulation::{Assets, Plan, scenario};
 
 /// Tell which effects a scene will run, on how much, and what is left out and why
 #[derive(Debug, clap::Args)]
@@ -45,8 +44,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
                 format!("{} frames at {} Hz", scene.frames, scene.frame_rate),
             )
         }
-        Content::Staged(scene) => (
-            ready(scene)?.plan().clone(),
+        other => (
+            scenario(other)?.plan().clone(),
             format!("{} frames", content.frames()),
         ),
     };

@@ -2,6 +2,8 @@
 
 use std::cell::Cell;
 use std::io::IsTerminal;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
@@ -181,5 +183,46 @@ impl Rounds {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+/// A run of equilibria that Ctrl-C stops: shows each frame and each stage of one.
+pub(super) struct Stoppable<'a> {
+    pub(super) stop: &'a AtomicBool,
+    pub(super) rounds: Rounds,
+    /// When the last frame was done.
+    last: Cell<Instant>,
+}
+
+impl<'a> Stoppable<'a> {
+    /// Of a run of so many frames, which the flag stops.
+    pub(super) fn new(frames: usize, stop: &'a AtomicBool) -> Self {
+        Self {
+            stop,
+            rounds: Rounds::new(frames),
+            last: Cell::new(Instant::now()),
+        }
+    }
+}
+
+impl pliant::progress::Progress for Stoppable<'_> {
+    fn report(&self, stage: &str, done: usize, _: usize) -> ControlFlow<()> {
+        if !stage.is_empty() {
+            self.rounds.part(stage);
+        } else {
+            let took = self.last.replace(Instant::now()).elapsed();
+            if done > 0 {
+                self.rounds.frame(done, took);
+            }
+        }
+        if_raised(self.stop)
+    }
+}
+
+/// Ends a computation once the flag is raised.
+pub(super) fn if_raised(stop: &AtomicBool) -> ControlFlow<()> {
+    match stop.load(Ordering::Relaxed) {
+        true => ControlFlow::Break(()),
+        false => ControlFlow::Continue(()),
     }
 }

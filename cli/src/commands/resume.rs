@@ -5,11 +5,10 @@ use std::time::Instant;
 
 use super::failure::Failure;
 use crate::report::folder::CHECKPOINT;
-use crate::report::frames::Snapshot;
 use crate::report::gathered::Gathered;
 use crate::report::results::Results;
-use pliant::simulation::Simulation;
 use pliant::simulation::checkpoint::{Checkpoint, Fingerprint, Refused};
+use pliant::simulation::{Scenario, Simulation};
 
 /// The bytes of the checkpoint in a folder of results.
 pub(super) fn read(folder: &Path) -> Result<Vec<u8>, Failure> {
@@ -60,7 +59,7 @@ pub(super) fn go_on(
         )
     };
     let checkpoint = Checkpoint::open(bytes).map_err(refused)?;
-    let first = Snapshot::of(simulation);
+    let first = simulation.state();
     let fingerprint = Fingerprint::of(simulation);
     checkpoint
         .restore(simulation, &fingerprint)

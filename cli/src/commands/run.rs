@@ -2,6 +2,7 @@
 
 mod staged;
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +13,7 @@ use clap::ValueEnum;
 use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
-use super::progress::Progress;
+use super::progress::{Progress, if_raised};
 use super::{DONE, FAILED, INTERRUPTED, environment, resume, say, warn};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
@@ -22,7 +23,7 @@ use pliant::accuracy::{self, Chosen, StudyError};
 use pliant::io::names::file_name;
 use pliant::scene::{Accuracy, Content, Scene, overrides};
 use pliant::simulation::checkpoint::Fingerprint;
-use pliant::simulation::{Assets, LoadError, Plan, Simulation};
+use pliant::simulation::{self, Assets, Ended, LoadError, Observer, Plan, Simulation};
 
 /// The scene that runs when none is named.
 const FIRST_SCENE: &str = "hip";
@@ -112,7 +113,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     match environment::load_content(arguments.scene.as_deref().unwrap_or(FIRST_SCENE), &changes)? {
         Content::Muscles(scene) => of_muscles(arguments, *scene, None, begun, &stop),
-        Content::Staged(scene) => staged::run(arguments, &scene, begun, &stop),
+        other => staged::run(arguments, &other, begun, &stop),
     }
 }
 
@@ -233,31 +234,41 @@ fn choose(
 /// Runs to the last frame, to Ctrl-C, or until nothing moves any more because every muscle was stopped.
 fn advance(
     simulation: &mut Simulation,
-    mut results: Results,
+    results: Results,
     settings: &[(String, String)],
     stop: &AtomicBool,
     chosen: Option<&Chosen>,
 ) -> Result<Summary, Failure> {
-    let progress = Progress::new(simulation.scene.frames);
-    // What goes on has its last frame already.
-    let mut writing = !results.last().is_empty() || results.frame(simulation, Duration::ZERO);
-    let ended = |simulation: &Simulation| simulation.bodies.iter().all(|b| b.stopped.is_some());
-    while writing
-        && simulation.frame() < simulation.scene.frames
-        && !stop.load(Ordering::Relaxed)
-        && !ended(simulation)
-    {
-        let before = Instant::now();
-        simulation.step_frame();
-        writing =
-            results.frame(simulation, before.elapsed()) && results.checkpoint(simulation, false);
-        progress.frame(simulation.frame(), before.elapsed(), results.last());
-    }
+    let mut shown = Shown {
+        results,
+        bar: Progress::new(simulation.scene.frames),
+    };
+    let until_raised = |_: &str, _: usize, _: usize| if_raised(stop);
+    let ended = simulation::run(simulation, &mut [&mut shown], &until_raised);
+    let Shown { mut results, bar } = shown;
     // A writer that failed tells why when all is finished.
     let _ = results.checkpoint(simulation, true);
-    progress.end();
-    let interrupted = stop.load(Ordering::Relaxed) && simulation.frame() < simulation.scene.frames;
-    Ok(results.finish(simulation, settings, interrupted, chosen)?)
+    bar.end();
+    Ok(results.finish(simulation, settings, ended == Ended::Interrupted, chosen)?)
+}
+
+/// Results that are gathered, and a bar that shows the measures of each frame.
+struct Shown {
+    results: Results,
+    bar: Progress,
+}
+
+impl Observer<Simulation> for Shown {
+    fn start(&mut self, simulation: &Simulation) -> ControlFlow<()> {
+        self.results.start(simulation)
+    }
+
+    fn frame(&mut self, simulation: &Simulation, took: Duration) -> ControlFlow<()> {
+        let goes_on = Observer::frame(&mut self.results, simulation, took);
+        self.bar
+            .frame(simulation.frame(), took, self.results.last());
+        goes_on
+    }
 }
 
 /// What was asked for, for the report.

@@ -1,6 +1,7 @@
 //! `pliant study`: every combination of lists of values over a scene, in one table and on one sheet of pictures.
 
 use std::io::IsTerminal;
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -9,14 +10,16 @@ use std::time::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::failure::Failure;
+use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{DONE, INTERRUPTED, environment, say, say_json, warn};
 use crate::report::Table;
 use crate::report::folder::Folder;
 use crate::study::combinations::in_words;
 use crate::study::running::missing;
-use crate::study::{Combination, Combinations, Findings, Outcome, Watch, execute, findings};
+use crate::study::{Combination, Combinations, Findings, Outcome, execute, findings};
 use pliant::io::names::file_name;
+use pliant::progress::Progress;
 use pliant::scene::{StudyFile, overrides};
 
 /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
@@ -103,7 +106,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             study.all.len()
         ));
     }
-    execute(&study, &wanted, &folder, threads, &said)?;
+    execute(
+        &study,
+        &wanted,
+        &folder,
+        threads,
+        &said,
+        &|combination, outcome| {
+            said.done(combination, outcome);
+        },
+    )?;
     said.end();
     let found = Findings::of(&study, folder.path());
     let sheets = found.write(&folder)?;
@@ -213,14 +225,20 @@ impl Said {
     }
 }
 
-impl Watch for Said {
-    fn frame(&self) {
-        self.frames_done.fetch_add(1, Ordering::Relaxed);
-        if let Some(bar) = &self.bar {
-            bar.inc(1);
+impl Progress for Said {
+    fn report(&self, stage: &str, done: usize, _: usize) -> ControlFlow<()> {
+        // A run reports each frame with an empty stage; its start is no frame.
+        if stage.is_empty() && done > 0 {
+            self.frames_done.fetch_add(1, Ordering::Relaxed);
+            if let Some(bar) = &self.bar {
+                bar.inc(1);
+            }
         }
+        if_raised(&self.stop)
     }
+}
 
+impl Said {
     fn done(&self, combination: &Combination, outcome: &Outcome) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         let text = format!(
@@ -242,9 +260,5 @@ impl Watch for Said {
                 warn(&format!("{text}; about {} left", in_words(left)));
             }
         }
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
     }
 }

@@ -1,6 +1,5 @@
 //! The frames of a run as files for ParaView, written on a thread of their own while the next frame is computed.
 
-use std::collections::HashSet;
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -9,143 +8,22 @@ use std::thread::JoinHandle;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::folder::{CHECKPOINT, Folder, FolderError};
-use pliant::constraints::distance::Distance;
-use pliant::fibres::binding::BoundLines;
-use pliant::io::names::file_name;
 use pliant::io::pvd::{Collection, Entry};
 use pliant::io::vtp::{self, PolyData};
-use pliant::mesh::TriangleMesh;
-use pliant::simulation::Simulation;
 use pliant::simulation::measures::strain_at_vertices;
+use pliant::simulation::{BodyDescription, FrameState, SceneDescription};
 
 /// Frames that may wait for the writer; more would only cost memory.
 const WAITING: usize = 4;
 
-/// What does not change in a run, as the writers of frames and pictures need it.
-#[derive(Debug)]
-pub struct Cast {
-    /// Muscles, in the scene's order.
-    pub muscles: Vec<Actor>,
-    /// Names of the bones' files, and their meshes in their own frame.
-    pub bones: Vec<(String, TriangleMesh)>,
+/// The file that shows a body in a frame.
+pub fn file_at(body: &BodyDescription, frame: usize) -> String {
+    format!("frames/{}_{frame:04}.vtp", body.file)
 }
 
-/// A muscle of the cast.
-#[derive(Debug)]
-pub struct Actor {
-    /// Name of its files.
-    pub file: String,
-    /// Name of the files of its fibres.
-    pub fibre_file: String,
-    /// Name in the scene.
-    pub name: String,
-    /// Surface at rest.
-    pub rest: TriangleMesh,
-    /// Edges with rest lengths.
-    pub edges: Vec<Distance>,
-    /// Edges that belong to no triangle, to be drawn as lines.
-    pub lines: Vec<Vec<u32>>,
-    /// Fibres bound to it.
-    pub fibres: BoundLines,
-    /// 1 for a vertex that a bone holds, else 0.
-    pub attached: Vec<f64>,
-}
-
-/// Positions [m] and velocities [m/s] of a muscle's vertices.
-pub type State = (Vec<Point3<f64>>, Vec<Vector3<f64>>);
-
-/// Where everything is in one frame.
-#[derive(Clone, Debug)]
-pub struct Snapshot {
-    /// Frame.
-    pub frame: usize,
-    /// Time since the start [s].
-    pub time: f64,
-    /// Positions [m] and velocities [m/s] of each muscle.
-    pub muscles: Vec<State>,
-    /// Pose of each bone.
-    pub bones: Vec<Isometry3<f64>>,
-}
-
-impl Snapshot {
-    /// The last frame of a simulation.
-    pub fn of(simulation: &Simulation) -> Self {
-        let frame = simulation.frame();
-        let state = |p: &pliant::particles::Particles| (p.position.clone(), p.velocity.clone());
-        Self {
-            frame,
-            time: frame as f64 / simulation.scene.frame_rate,
-            muscles: simulation
-                .bodies
-                .iter()
-                .map(|b| state(&b.system.particles))
-                .collect(),
-            bones: (0..simulation.bones.len())
-                .map(|b| simulation.pose(b, frame as f64))
-                .collect(),
-        }
-    }
-}
-
-/// A file name that no earlier one equals, even where case does not count.
-pub(super) fn unused(name: &str, used: &mut HashSet<String>) -> String {
-    let name = file_name(name);
-    let mut chosen = name.clone();
-    let mut next = 2;
-    while !used.insert(chosen.to_lowercase()) {
-        chosen = format!("{name}-{next}");
-        next += 1;
-    }
-    chosen
-}
-
-impl Cast {
-    /// The cast of a simulation.
-    pub fn of(simulation: &Simulation) -> Self {
-        let mut used = HashSet::new();
-        let mut actors = Vec::new();
-        for body in &simulation.bodies {
-            let mut attached = vec![0.0; body.rest.vertices.len()];
-            body.attached
-                .iter()
-                .for_each(|&(v, _)| attached[v as usize] = 1.0);
-            let bare = body.rest.triangles.is_empty();
-            actors.push(Actor {
-                file: unused(&body.name, &mut used),
-                fibre_file: unused(&format!("{}_fibres", body.name), &mut used),
-                name: body.name.clone(),
-                rest: body.rest.clone(),
-                edges: body.edges.clone(),
-                lines: if bare {
-                    body.edges.iter().map(|e| e.points.to_vec()).collect()
-                } else {
-                    Vec::new()
-                },
-                fibres: body.fibres.clone(),
-                attached,
-            });
-        }
-        let bones = simulation.scene.bones.iter().zip(&simulation.bones);
-        let bones = bones
-            .map(|(b, mesh)| (unused(&format!("bone_{}", b.name), &mut used), mesh.clone()))
-            .collect();
-        Self {
-            muscles: actors,
-            bones,
-        }
-    }
-}
-
-impl Actor {
-    /// The file that shows it in a frame.
-    pub fn file_at(&self, frame: usize) -> String {
-        format!("frames/{}_{frame:04}.vtp", self.file)
-    }
-
-    /// Mean absolute strain of the edges at each vertex, at positions `x`.
-    pub fn stretch(&self, x: &[Point3<f64>]) -> Vec<f64> {
-        strain_at_vertices(&self.edges, x)
-    }
+/// Mean absolute strain of a body's edges at each vertex, at positions `x`.
+pub fn stretch(body: &BodyDescription, x: &[Point3<f64>]) -> Vec<f64> {
+    strain_at_vertices(&body.edges, x)
 }
 
 /// Which files show which frames, as they follow from the poses of the bones alone.
@@ -181,7 +59,7 @@ impl Files {
 
 impl Listing {
     /// Before the first frame.
-    pub fn new(cast: &Cast) -> Self {
+    pub fn new(cast: &SceneDescription) -> Self {
         Self {
             collection: Collection::new(),
             bones: vec![None; cast.bones.len()],
@@ -189,7 +67,13 @@ impl Listing {
     }
 
     /// Lists the next frame, at `time` [s] with bones at `poses`; returns the files that show it.
-    pub fn add(&mut self, cast: &Cast, frame: usize, time: f64, poses: &[Isometry3<f64>]) -> Files {
+    pub fn add(
+        &mut self,
+        cast: &SceneDescription,
+        frame: usize,
+        time: f64,
+        poses: &[Isometry3<f64>],
+    ) -> Files {
         let Self { collection, bones } = self;
         let mut part = 0;
         let mut list = |name: &str, file: &str| {
@@ -205,8 +89,8 @@ impl Listing {
             muscles: Vec::new(),
             bones: Vec::new(),
         };
-        for actor in &cast.muscles {
-            let file = actor.file_at(frame);
+        for actor in &cast.bodies {
+            let file = file_at(actor, frame);
             list(&actor.file, &file);
             let fibres = (!actor.fibres.is_empty())
                 .then(|| format!("frames/{}_{frame:04}.vtp", actor.fibre_file));
@@ -235,7 +119,7 @@ impl Listing {
 
 /// What the thread that writes is handed.
 enum Job {
-    Frame(Arc<Snapshot>),
+    Frame(Arc<FrameState>),
     /// After all frames before it.
     Checkpoint(Vec<u8>),
 }
@@ -248,7 +132,7 @@ pub struct FrameWriter {
 
 impl FrameWriter {
     /// Starts the thread; `listing` has the frames that are there already.
-    pub fn start(folder: Arc<Folder>, cast: Arc<Cast>, listing: Listing) -> Self {
+    pub fn start(folder: Arc<Folder>, cast: Arc<SceneDescription>, listing: Listing) -> Self {
         let (sender, receiver) = sync_channel(WAITING);
         let thread = std::thread::spawn(move || write_all(&folder, &cast, &receiver, listing));
         Self { sender, thread }
@@ -256,7 +140,7 @@ impl FrameWriter {
 
     /// Hands a frame over; waits where the writer is behind. False once the writer has failed: then end the run and
     /// ask [`Self::finish`] why.
-    pub fn push(&self, snapshot: Arc<Snapshot>) -> bool {
+    pub fn push(&self, snapshot: Arc<FrameState>) -> bool {
         self.sender.send(Job::Frame(snapshot)).is_ok()
     }
 
@@ -277,7 +161,7 @@ impl FrameWriter {
 
 fn write_all(
     folder: &Folder,
-    cast: &Cast,
+    cast: &SceneDescription,
     jobs: &Receiver<Job>,
     mut listing: Listing,
 ) -> Result<Collection, FolderError> {
@@ -297,14 +181,13 @@ fn write_all(
 
 fn write_frame(
     folder: &Folder,
-    cast: &Cast,
-    snapshot: &Snapshot,
+    cast: &SceneDescription,
+    snapshot: &FrameState,
     listing: &mut Listing,
 ) -> Result<(), FolderError> {
     let Files { muscles, bones } =
         listing.add(cast, snapshot.frame, snapshot.time, &snapshot.bones);
-    for ((actor, (x, v)), (file, fibres)) in
-        cast.muscles.iter().zip(&snapshot.muscles).zip(&muscles)
+    for ((actor, (x, v)), (file, fibres)) in cast.bodies.iter().zip(&snapshot.bodies).zip(&muscles)
     {
         put(folder, file, &muscle_data(actor, x, v))?;
         if let Some(file) = fibres {
@@ -328,7 +211,11 @@ fn write_frame(
     Ok(())
 }
 
-fn muscle_data<'a>(actor: &'a Actor, x: &'a [Point3<f64>], v: &[Vector3<f64>]) -> PolyData<'a> {
+fn muscle_data<'a>(
+    actor: &'a BodyDescription,
+    x: &'a [Point3<f64>],
+    v: &[Vector3<f64>],
+) -> PolyData<'a> {
     let moved = x
         .iter()
         .zip(&actor.rest.vertices)
@@ -339,7 +226,7 @@ fn muscle_data<'a>(actor: &'a Actor, x: &'a [Point3<f64>], v: &[Vector3<f64>]) -
         lines: &actor.lines,
         point_data: vec![
             ("displacement_m", moved.collect()),
-            ("edge_stretch", actor.stretch(x)),
+            ("edge_stretch", stretch(actor, x)),
             ("speed_m_s", v.iter().map(Vector3::norm).collect()),
             ("attached", actor.attached.clone()),
         ],
@@ -367,17 +254,4 @@ fn put_lines(folder: &Folder, file: &str, lines: &[Vec<Point3<f64>>]) -> Result<
             ..PolyData::default()
         },
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_of_files_are_safe_and_unlike() {
-        let mut used = HashSet::new();
-        assert_eq!(unused("gluteus maximus", &mut used), "gluteus_maximus");
-        assert_eq!(unused("Gluteus_maximus", &mut used), "Gluteus_maximus-2");
-        assert_eq!(unused("a&b#c%", &mut used), "a_b_c_");
-    }
 }

@@ -4,13 +4,13 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::Vector3;
 
 use super::folder::FolderError;
-use super::frames::{Cast, Listing, Snapshot};
+use super::frames::{Listing, file_at};
 use super::record::{FrameTimes, Record};
 use super::results::Shots;
-use pliant::simulation::{Measures, Simulation};
+use pliant::simulation::{FrameState, Measures, Scenario, SceneDescription, Simulation};
 use pliant::solvers::effect_of_name;
 use pliant::state::{Corrupt, Reader, Writer};
 
@@ -107,10 +107,10 @@ impl Gathered {
     /// The shots of the frames so far: of the start and of the last as at hand, of others from their files in `root`.
     pub(super) fn shots(
         &self,
-        cast: &Cast,
+        cast: &SceneDescription,
         simulation: &Simulation,
         root: &Path,
-        first: Snapshot,
+        first: FrameState,
         animate: bool,
     ) -> Result<Shots, FolderError> {
         let mut shots = Shots::new(animate);
@@ -119,12 +119,12 @@ impl Gathered {
             let measures = &self.measures[(frame * count).min(self.measures.len())..];
             // Which frames are shown follows from their numbers and measures.
             shots.add(
-                &Arc::new(without_muscles(simulation, frame)),
+                &Arc::new(simulation.state_of_bones(frame)),
                 &measures[..count.min(measures.len())],
             );
         }
-        let mut known: HashMap<usize, Arc<Snapshot>> = HashMap::new();
-        known.insert(simulation.frame(), Arc::new(Snapshot::of(simulation)));
+        let mut known: HashMap<usize, Arc<FrameState>> = HashMap::new();
+        known.insert(simulation.frame(), Arc::new(simulation.state()));
         known.insert(0, Arc::new(first));
         for frame in shots.all().map(|shot| shot.frame).collect::<HashSet<_>>() {
             if let std::collections::hash_map::Entry::Vacant(place) = known.entry(frame) {
@@ -140,32 +140,16 @@ impl Gathered {
     }
 }
 
-fn poses(simulation: &Simulation, frame: usize) -> Vec<Isometry3<f64>> {
-    (0..simulation.bones.len())
-        .map(|b| simulation.pose(b, frame as f64))
-        .collect()
-}
-
-fn without_muscles(simulation: &Simulation, frame: usize) -> Snapshot {
-    let time = frame as f64 / simulation.scene.frame_rate;
-    Snapshot {
-        frame,
-        time,
-        muscles: Vec::new(),
-        bones: poses(simulation, frame),
-    }
-}
-
 /// A frame from its files. They hold no velocities, and no picture shows any.
 fn read(
-    cast: &Cast,
+    cast: &SceneDescription,
     simulation: &Simulation,
     root: &Path,
     frame: usize,
-) -> Result<Snapshot, FolderError> {
-    let mut snapshot = without_muscles(simulation, frame);
-    for actor in &cast.muscles {
-        let path = root.join(actor.file_at(frame));
+) -> Result<FrameState, FolderError> {
+    let mut snapshot = simulation.state_of_bones(frame);
+    for actor in &cast.bodies {
+        let path = root.join(file_at(actor, frame));
         if !path.is_file() {
             return Err(FolderError::Missing(path));
         }
@@ -173,7 +157,7 @@ fn read(
         match pliant::io::read(&path) {
             Ok(file) if file.mesh.vertices.len() == count => {
                 snapshot
-                    .muscles
+                    .bodies
                     .push((file.mesh.vertices, vec![Vector3::zeros(); count]));
             }
             _ => return Err(FolderError::Changed(path)),
@@ -183,11 +167,14 @@ fn read(
 }
 
 /// The list of the frames so far, and all files that show them.
-pub(super) fn listing(cast: &Cast, simulation: &Simulation) -> (Listing, HashSet<String>) {
+pub(super) fn listing(
+    cast: &SceneDescription,
+    simulation: &Simulation,
+) -> (Listing, HashSet<String>) {
     let mut listing = Listing::new(cast);
     let mut files = HashSet::new();
     for frame in 0..=simulation.frame() {
-        let Snapshot { time, bones, .. } = without_muscles(simulation, frame);
+        let FrameState { time, bones, .. } = simulation.state_of_bones(frame);
         files.extend(listing.add(cast, frame, time, &bones).all().cloned());
     }
     (listing, files)

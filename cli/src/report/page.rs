@@ -2,14 +2,13 @@
 
 use std::collections::BTreeSet;
 
-use super::frames::{Cast, Snapshot};
 use super::pictures::Painter;
 use super::record::Record;
 use super::results::Shots;
 use super::summary::{MuscleSummary, Summary};
 use super::{LinePlot, Report, Table, Turntable};
-use pliant::simulation::Measures;
 use pliant::simulation::plan::{LeftOut, Planned};
+use pliant::simulation::{FrameState, Measures, SceneDescription};
 use pliant_render::PictureError;
 
 /// Points of a plotted line at most; a longer run shows the greatest of each few frames.
@@ -22,7 +21,7 @@ const MOST_POINTS: usize = 1000;
 pub fn report(
     summary: &Summary,
     record: &Record,
-    cast: &Cast,
+    cast: &SceneDescription,
     shots: &Shots,
     settings: &[(String, String)],
 ) -> Result<Report, PictureError> {
@@ -57,11 +56,17 @@ fn subtitle(summary: &Summary) -> String {
 }
 
 /// The turn-table of a run; none of a single frame.
-pub(super) fn turntable(cast: &Cast, shots: &Shots) -> Result<Option<Turntable>, PictureError> {
+pub(super) fn turntable(
+    cast: &SceneDescription,
+    shots: &Shots,
+) -> Result<Option<Turntable>, PictureError> {
     Painter::new(cast, shots).map_or(Ok(None), |painter| painter.turntable(shots))
 }
 
-pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+pub(super) fn pictures(
+    cast: &SceneDescription,
+    shots: &Shots,
+) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
     let Some(painter) = Painter::new(cast, shots) else {
         return Ok(Vec::new());
     };
@@ -72,13 +77,13 @@ pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8
         ("Last frame", shots.last.as_ref()),
     ];
     let mut pictures = Vec::new();
-    let fibres = if cast.muscles.iter().any(|m| !m.fibres.is_empty()) {
+    let fibres = if cast.bodies.iter().any(|m| !m.fibres.is_empty()) {
         "; pale lines: fibres"
     } else {
         ""
     };
     for (caption, shot) in wanted {
-        let Some(shot): Option<&std::sync::Arc<Snapshot>> = shot else {
+        let Some(shot): Option<&std::sync::Arc<FrameState>> = shot else {
             continue;
         };
         let caption = match caption {

@@ -4,10 +4,11 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::frames::{Cast, Snapshot};
+use super::frames::stretch;
 use super::results::Shots;
 use super::turntable::{Side, Turntable};
 use pliant::mesh::measures::Aabb;
+use pliant::simulation::{BodyDescription, FrameState, SceneDescription};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, Lines, PictureError, Surface, TextStyle,
     View, colour, render, to_overlays,
@@ -49,7 +50,7 @@ pub struct Stage {
 
 impl Stage {
     /// Shows muscles within `bounds`, seen as suits a cast at its first frame; colours end at the strain `stretch`.
-    pub fn new(cast: &Cast, first: &Snapshot, bounds: &Aabb, stretch: f64) -> Self {
+    pub fn new(cast: &SceneDescription, first: &FrameState, bounds: &Aabb, stretch: f64) -> Self {
         let bounds = bounds.inflate(AROUND * bounds.extents().amax());
         let most = (stretch * 100.0).max(LEAST_RANGE);
         let (view, is_outside) = view(cast, first, &bounds);
@@ -131,21 +132,21 @@ impl Stage {
 /// Draws all pictures of one run from the same place with the same colours.
 #[derive(Debug)]
 pub struct Painter<'a> {
-    cast: &'a Cast,
+    cast: &'a SceneDescription,
     stage: Stage,
 }
 
 impl<'a> Painter<'a> {
     /// A painter for these shots; `None` if there are none.
-    pub fn new(cast: &'a Cast, shots: &Shots) -> Option<Self> {
+    pub fn new(cast: &'a SceneDescription, shots: &Shots) -> Option<Self> {
         let (first, last) = (shots.first.as_deref()?, shots.last.as_deref()?);
         let worst = shots.worst.as_ref().map_or(last, |(_, s)| s.as_ref());
         let bounds = shots
             .all()
-            .flat_map(|s| &s.muscles)
+            .flat_map(|s| &s.bodies)
             .map(|(x, _)| Aabb::of_points(x))
             .reduce(|a, b| a.union(&b))?;
-        let covered = covered_stretch(cast, worst.muscles.iter().map(|(x, _)| x.as_slice()));
+        let covered = covered_stretch(cast, worst.bodies.iter().map(|(x, _)| x.as_slice()));
         Some(Self {
             cast,
             stage: Stage::new(cast, first, &bounds, covered),
@@ -153,7 +154,7 @@ impl<'a> Painter<'a> {
     }
 
     /// A painter that shares its place and colours with others.
-    pub fn on(cast: &'a Cast, stage: &Stage) -> Self {
+    pub fn on(cast: &'a SceneDescription, stage: &Stage) -> Self {
         Self {
             cast,
             stage: stage.clone(),
@@ -161,7 +162,7 @@ impl<'a> Painter<'a> {
     }
 
     /// A picture for the report.
-    pub fn picture(&self, shot: &Snapshot) -> Frame {
+    pub fn picture(&self, shot: &FrameState) -> Frame {
         self.titled(shot, SIZE, true)
     }
 
@@ -221,13 +222,13 @@ impl<'a> Painter<'a> {
         }))
     }
 
-    fn with_legend(&self, shot: &Snapshot, size: (u32, u32), legend: Legend) -> Frame {
+    fn with_legend(&self, shot: &FrameState, size: (u32, u32), legend: Legend) -> Frame {
         let mut frame = self.paint(shot, Canvas::new(size.0, size.1).with_right(legend.width()));
         legend.draw(&mut frame);
         frame
     }
 
-    fn titled(&self, shot: &Snapshot, size: (u32, u32), large: bool) -> Frame {
+    fn titled(&self, shot: &FrameState, size: (u32, u32), large: bool) -> Frame {
         let legend = if large {
             self.stage.legend().large()
         } else {
@@ -247,7 +248,7 @@ impl<'a> Painter<'a> {
     }
 
     /// A picture without title and legend.
-    pub fn paint(&self, shot: &Snapshot, canvas: Canvas) -> Frame {
+    pub fn paint(&self, shot: &FrameState, canvas: Canvas) -> Frame {
         let range = self.stage.range;
         let camera = Camera::fit(self.stage.focus.iter().copied(), &self.stage.view, canvas);
         let values = stretches(self.cast, shot);
@@ -262,23 +263,19 @@ impl<'a> Painter<'a> {
         };
         let bones: Vec<Vec<Point3<f64>>> =
             self.cast.bones.iter().zip(&shot.bones).map(posed).collect();
-        let surfaces = self
-            .cast
-            .muscles
-            .iter()
-            .zip(&shot.muscles)
-            .zip(&values)
-            .map(|((actor, (x, _)), values)| {
+        let surfaces = self.cast.bodies.iter().zip(&shot.bodies).zip(&values).map(
+            |((actor, (x, _)), values)| {
                 Surface::field(x, &actor.rest.triangles, values, range, ColourMap::Viridis)
-            });
+            },
+        );
         let around = self.cast.bones.iter().zip(&bones).map(|((_, mesh), x)| {
             Surface::plain(x, &mesh.triangles, colour::BONE).with_opacity(0.45)
         });
         let lines: Vec<Vec<Vec<Point3<f64>>>> = self
             .cast
-            .muscles
+            .bodies
             .iter()
-            .zip(&shot.muscles)
+            .zip(&shot.bodies)
             .map(|(actor, (x, _))| {
                 let bare = actor
                     .lines
@@ -288,7 +285,7 @@ impl<'a> Painter<'a> {
             })
             .collect();
         let mut drawing = Drawing::of(surfaces.chain(around));
-        for (m, (actor, lines)) in self.cast.muscles.iter().zip(&lines).enumerate() {
+        for (m, (actor, lines)) in self.cast.bodies.iter().zip(&lines).enumerate() {
             let ink = if actor.lines.is_empty() {
                 LINE
             } else {
@@ -303,14 +300,14 @@ impl<'a> Painter<'a> {
 
 /// The mean absolute strain of a vertex's edges that all but a few vertices stay below, at positions of each muscle.
 pub fn covered_stretch<'a>(
-    cast: &Cast,
+    cast: &SceneDescription,
     positions: impl IntoIterator<Item = &'a [Point3<f64>]>,
 ) -> f64 {
     let mut all: Vec<f64> = cast
-        .muscles
+        .bodies
         .iter()
         .zip(positions)
-        .flat_map(|(actor, x)| actor.stretch(x))
+        .flat_map(|(actor, x)| stretch(actor, x))
         .collect();
     all.sort_unstable_by(f64::total_cmp);
     all.get((COVERED * all.len() as f64) as usize)
@@ -320,26 +317,22 @@ pub fn covered_stretch<'a>(
 }
 
 /// Mean absolute strain of the edges at each vertex of each muscle [%].
-fn stretches(cast: &Cast, shot: &Snapshot) -> Vec<Vec<f64>> {
-    let percent = |(actor, (x, _)): (&super::frames::Actor, &(Vec<Point3<f64>>, _))| {
-        actor.stretch(x).into_iter().map(|s| s * 100.0).collect()
+fn stretches(cast: &SceneDescription, shot: &FrameState) -> Vec<Vec<f64>> {
+    let percent = |(actor, (x, _)): (&BodyDescription, &(Vec<Point3<f64>>, _))| {
+        stretch(actor, x).into_iter().map(|s| s * 100.0).collect()
     };
-    cast.muscles
-        .iter()
-        .zip(&shot.muscles)
-        .map(percent)
-        .collect()
+    cast.bodies.iter().zip(&shot.bodies).map(percent).collect()
 }
 
 /// From outside: from the bones that are near the muscles to the muscles, and a little from above; and whether that is
 /// known, or any side did.
-fn view(cast: &Cast, first: &Snapshot, bounds: &Aabb) -> (View, bool) {
+fn view(cast: &SceneDescription, first: &FrameState, bounds: &Aabb) -> (View, bool) {
     let mean = |points: &[Point3<f64>]| {
         let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
         (!points.is_empty()).then(|| sum / points.len() as f64)
     };
     let muscles: Vec<Point3<f64>> = first
-        .muscles
+        .bodies
         .iter()
         .flat_map(|(x, _)| x.iter().copied())
         .collect();

@@ -1,12 +1,13 @@
 //! The results of a run, gathered frame by frame and written into a folder.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::folder::{Folder, FolderError};
-use super::frames::{Cast, FrameWriter, Listing, Snapshot};
+use super::frames::{FrameWriter, Listing};
 use super::gathered::{self, Gathered};
 use super::page;
 use super::pictures::Painter;
@@ -16,7 +17,7 @@ use pliant::accuracy::Chosen;
 use pliant::io::names::file_name;
 use pliant::mesh::measures::greatest;
 use pliant::simulation::checkpoint::{self, Fingerprint};
-use pliant::simulation::{Measures, Simulation};
+use pliant::simulation::{FrameState, Measures, Observer, Scenario, SceneDescription, Simulation};
 use pliant_render::{PictureError, to_gif};
 
 /// An animation shows every so many frames.
@@ -32,7 +33,7 @@ const MOST_TURNED: usize = 23;
 #[derive(Clone, Debug)]
 pub struct Evenly {
     /// The frames so far.
-    pub shots: Vec<Arc<Snapshot>>,
+    pub shots: Vec<Arc<FrameState>>,
     /// Frames from one to the next; 0 for none at all.
     step: usize,
     /// This many at most; of a longer run every second, and so on.
@@ -49,7 +50,7 @@ impl Evenly {
         }
     }
 
-    fn add(&mut self, snapshot: &Arc<Snapshot>) {
+    fn add(&mut self, snapshot: &Arc<FrameState>) {
         if self.step > 0 && snapshot.frame.is_multiple_of(self.step) {
             self.shots.push(snapshot.clone());
             if self.shots.len() > self.most {
@@ -65,11 +66,11 @@ impl Evenly {
 #[derive(Clone, Debug)]
 pub struct Shots {
     /// The start.
-    pub first: Option<Arc<Snapshot>>,
+    pub first: Option<Arc<FrameState>>,
     /// The frame with the greatest edge stretch, and that stretch.
-    pub worst: Option<(f64, Arc<Snapshot>)>,
+    pub worst: Option<(f64, Arc<FrameState>)>,
     /// The last frame.
-    pub last: Option<Arc<Snapshot>>,
+    pub last: Option<Arc<FrameState>>,
     /// Frames of the animation; none unless one is wanted.
     pub animation: Evenly,
     /// Frames of the turn-table, but for the last.
@@ -89,7 +90,7 @@ impl Shots {
     }
 
     /// The frames that a turn-table shows, the first and the last among them.
-    pub fn of_turntable(&self) -> Vec<Arc<Snapshot>> {
+    pub fn of_turntable(&self) -> Vec<Arc<FrameState>> {
         let mut all = self.turned.shots.clone();
         if let Some(last) = self
             .last
@@ -102,7 +103,7 @@ impl Shots {
     }
 
     /// All frames that are kept; one that is kept for several pictures comes as often.
-    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<Snapshot>> {
+    pub(super) fn all_mut(&mut self) -> impl Iterator<Item = &mut Arc<FrameState>> {
         let Self {
             first,
             worst,
@@ -118,7 +119,7 @@ impl Shots {
     }
 
     /// As [`Self::all_mut`].
-    pub(super) fn all(&self) -> impl Iterator<Item = &Arc<Snapshot>> {
+    pub(super) fn all(&self) -> impl Iterator<Item = &Arc<FrameState>> {
         let single = self
             .first
             .iter()
@@ -130,7 +131,7 @@ impl Shots {
     }
 
     /// Adds a frame of muscles.
-    pub(super) fn add(&mut self, snapshot: &Arc<Snapshot>, measures: &[Measures]) {
+    pub(super) fn add(&mut self, snapshot: &Arc<FrameState>, measures: &[Measures]) {
         self.add_stretched(
             snapshot,
             greatest(measures.iter().map(|m| m.edge_stretch_rms)),
@@ -138,7 +139,7 @@ impl Shots {
     }
 
     /// Adds a frame in which edges are stretched by so much.
-    pub(super) fn add_stretched(&mut self, snapshot: &Arc<Snapshot>, stretch: f64) {
+    pub(super) fn add_stretched(&mut self, snapshot: &Arc<FrameState>, stretch: f64) {
         self.first.get_or_insert_with(|| snapshot.clone());
         if self.worst.as_ref().is_none_or(|(most, _)| stretch > *most) {
             self.worst = Some((stretch, snapshot.clone()));
@@ -152,7 +153,7 @@ impl Shots {
 /// Results that are being gathered.
 pub struct Results {
     folder: Arc<Folder>,
-    cast: Arc<Cast>,
+    cast: Arc<SceneDescription>,
     /// Present until the end.
     writer: Option<FrameWriter>,
     record: Record,
@@ -185,7 +186,7 @@ impl Results {
         begun: Instant,
     ) -> Result<Self, FolderError> {
         let folder = Arc::new(folder);
-        let cast = Arc::new(Cast::of(simulation));
+        let cast = Arc::new(simulation.description());
         let writer = Some(FrameWriter::start(
             folder.clone(),
             cast.clone(),
@@ -216,11 +217,11 @@ impl Results {
         root: &Path,
         simulation: &mut Simulation,
         gathered: Gathered,
-        first: Snapshot,
+        first: FrameState,
         animate: bool,
         begun: Instant,
     ) -> Result<Self, FolderError> {
-        let cast = Arc::new(Cast::of(simulation));
+        let cast = Arc::new(simulation.description());
         let shots = gathered.shots(&cast, simulation, root, first, animate)?;
         let (listing, files) = gathered::listing(&cast, simulation);
         let folder = Arc::new(Folder::resume(root, &files, |file| {
@@ -280,7 +281,7 @@ impl Results {
         let before = Instant::now();
         let measures = simulation.measure();
         let audit = before.elapsed();
-        let snapshot = Arc::new(Snapshot::of(simulation));
+        let snapshot = Arc::new(simulation.state());
         self.shots.add(&snapshot, &measures);
         self.record.add(simulation, measures, step, audit);
         self.writer.as_ref().is_some_and(|w| w.push(snapshot))
@@ -297,7 +298,7 @@ impl Results {
     /// Measures of the last frame, muscle by muscle.
     pub fn last(&self) -> &[Measures] {
         let all = &self.record.measures;
-        &all[all.len().saturating_sub(self.cast.muscles.len())..]
+        &all[all.len().saturating_sub(self.cast.bodies.len())..]
     }
 
     /// Writes all that is not written yet, `summary.json` last; `settings` are names and values for the report, `chosen` what
@@ -379,6 +380,27 @@ impl Results {
     }
 }
 
+impl Observer<Simulation> for Results {
+    fn start(&mut self, simulation: &Simulation) -> ControlFlow<()> {
+        // A resumed run has its last frame already.
+        let goes_on = !self.last().is_empty() || self.frame(simulation, Duration::ZERO);
+        end_unless(goes_on)
+    }
+
+    fn frame(&mut self, simulation: &Simulation, took: Duration) -> ControlFlow<()> {
+        let goes_on = Self::frame(self, simulation, took) && self.checkpoint(simulation, false);
+        end_unless(goes_on)
+    }
+}
+
+/// Ends a run unless it goes on.
+pub(super) fn end_unless(goes_on: bool) -> ControlFlow<()> {
+    if goes_on {
+        return ControlFlow::Continue(());
+    }
+    ControlFlow::Break(())
+}
+
 /// A time that was kept; one that makes no sense is none.
 fn seconds(kept: f64) -> Duration {
     Duration::try_from_secs_f64(kept).unwrap_or_default()
@@ -388,7 +410,7 @@ fn seconds(kept: f64) -> Duration {
 mod tests {
     use super::*;
 
-    fn frames(shots: &[Arc<Snapshot>]) -> Vec<usize> {
+    fn frames(shots: &[Arc<FrameState>]) -> Vec<usize> {
         shots.iter().map(|s| s.frame).collect()
     }
 
@@ -397,10 +419,10 @@ mod tests {
         let mut shots = Shots::new(true);
         let mut most = 0;
         for frame in 0..=100_000 {
-            let snapshot = Snapshot {
+            let snapshot = FrameState {
                 frame,
                 time: frame as f64,
-                muscles: Vec::new(),
+                bodies: Vec::new(),
                 bones: Vec::new(),
             };
             shots.add_stretched(&Arc::new(snapshot), 0.0);

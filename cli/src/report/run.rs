@@ -1,32 +1,28 @@
 //! Scenes without muscles, from their start to their last frame, and the files of them.
 
 use std::io::Write;
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use nalgebra::Isometry3;
 use serde_json::{Map, Value, json};
 
 use super::folder::{Folder, FolderError};
-use super::frames::{Cast, FrameWriter, Listing, Snapshot};
+use super::frames::{FrameWriter, Listing};
 use super::output::Verdict;
 use super::page::{of_effects, pictures, turntable};
 use super::pictures::Painter;
-use super::results::Shots;
-use super::{LinePlot, Report, Table};
+use super::results::{Shots, end_unless};
+use super::{LinePlot, Report, Table, lattice, skin};
 use pliant::io::names::file_name;
 use pliant::mesh::measures::median;
-use pliant::scene::content::Staged;
-use pliant::simulation::lattice::LatticeRun;
-use pliant::simulation::skin::{SkinRun, Stepped};
-use pliant::simulation::{LoadError, Plan};
+use pliant::progress::Progress;
+use pliant::simulation::{Ended, Observer, Scenario, ScenarioKind, SceneDescription, run};
 use pliant_render::{PictureError, to_gif};
 
 /// What a run has to tell.
 #[derive(Clone, Debug, Default)]
 pub struct Account {
-    /// Measures of studies, by name.
-    pub numbers: Vec<(&'static str, f64)>,
     /// What `summary.json` has besides what all runs have.
     pub summary: Map<String, Value>,
     /// Whether each promise is kept.
@@ -41,65 +37,26 @@ pub struct Account {
     pub notes: Vec<String>,
 }
 
-/// A scene without muscles that runs frame after frame.
-pub trait Run {
-    /// Name of the scene.
-    fn name(&self) -> &str;
-    /// Frames that the scene asks for.
-    fn frames(&self) -> usize;
-    /// The last frame that was computed; 0 is the start.
-    fn frame(&self) -> usize;
-    /// What runs.
-    fn plan(&self) -> &Plan;
-    /// Who is on its pictures.
-    fn cast(&self) -> Cast;
-    /// Where everything is in the last frame.
-    fn snapshot(&self) -> Snapshot;
-    /// Poses of the bones of the cast at a frame.
-    fn poses(&self, frame: usize) -> Vec<Isometry3<f64>>;
-    /// How far the last frame is stretched, to find the worst.
-    fn stretch(&self) -> f64;
-    /// What [`Run::stretch`] is, in words.
-    fn worst(&self) -> &'static str;
-    /// Computes the next frame; `watch` hears how far it is and says whether to go on.
-    fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped;
-    /// Whether every frame that had to be at rest was.
-    fn converged(&self) -> bool;
-    /// What there is to tell after the last frame.
-    fn account(&self) -> Account;
-    /// Pictures besides those of the first, the worst and the last frame.
-    ///
-    /// # Errors
-    /// One that cannot be encoded.
-    fn pictures(&self) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-        Ok(Vec::new())
+/// What there is to tell of a scenario after its last frame; nothing of muscles, which have a report of their own.
+pub fn account(scenario: &dyn Scenario) -> Account {
+    match scenario.kind() {
+        ScenarioKind::Skin(run) => skin::account(run),
+        ScenarioKind::Lattice(run) => lattice::account(run),
+        ScenarioKind::Muscles(_) | ScenarioKind::Other => Account::default(),
     }
 }
 
-/// Makes a scene without muscles ready to run.
-///
-/// # Errors
-/// What keeps it from running.
-pub fn ready(scene: &Staged) -> Result<Box<dyn Run>, LoadError> {
-    Ok(match scene {
-        Staged::Skin(scene) => Box::new(SkinRun::new((**scene).clone())?),
-        Staged::Lattice(scene) => Box::new(LatticeRun::new((**scene).clone())?),
-    })
-}
-
-/// Hears how far a run is, and may end it.
-pub trait Listener {
-    /// A frame is on its way; whether to go on.
-    fn part(&mut self, text: &str) -> bool;
-    /// A frame is there.
-    fn frame(&mut self, frame: usize, took: Duration);
-    /// Whether to stop now.
-    fn stops(&self) -> bool;
+/// Pictures besides those of the first, the worst and the last frame.
+fn own_pictures(scenario: &dyn Scenario) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+    match scenario.kind() {
+        ScenarioKind::Skin(run) => skin::pictures(run),
+        ScenarioKind::Muscles(_) | ScenarioKind::Lattice(_) | ScenarioKind::Other => Ok(Vec::new()),
+    }
 }
 
 /// How a run ended.
 #[derive(Clone, Debug)]
-pub struct Ended {
+pub struct Performed {
     /// `summary.json`.
     pub summary: Value,
     /// Whether it was interrupted.
@@ -121,75 +78,67 @@ pub struct Wanted {
     pub settings: Vec<(String, String)>,
 }
 
-/// Runs to the last frame, to Ctrl-C, or to a frame that cannot be computed, and writes everything, `summary.json` last.
+/// Runs to the last frame, until the progress ends it, or to a frame that cannot be computed, and writes everything,
+/// `summary.json` last.
 ///
 /// # Errors
 /// What kept a file from being written.
 pub fn perform(
-    run: &mut dyn Run,
+    scenario: &mut dyn Scenario,
     folder: Folder,
     wanted: &Wanted,
-    listener: &mut dyn Listener,
-) -> Result<Ended, FolderError> {
-    let (folder, cast) = (Arc::new(folder), Arc::new(run.cast()));
-    let writer = FrameWriter::start(folder.clone(), cast.clone(), Listing::new(&cast));
-    let prepared = wanted.begun.elapsed();
-    let mut told = Told {
+    progress: &dyn Progress,
+) -> Result<Performed, FolderError> {
+    let (folder, scene) = (Arc::new(folder), Arc::new(scenario.description()));
+    let mut frames = Frames {
+        writer: FrameWriter::start(folder.clone(), scene.clone(), Listing::new(&scene)),
         shots: Shots::new(wanted.animate),
         times: Vec::new(),
-        failed: None,
     };
-    let mut writing = told.show(run, &writer);
-    let mut interrupted = false;
-    while writing && run.frame() < run.frames() {
-        let before = Instant::now();
-        // A lattice looks up between frames only.
-        interrupted = listener.stops() || {
-            match run.step(&mut |text| listener.part(text) && !listener.stops()) {
-                Stepped::Done => false,
-                Stepped::Interrupted => true,
-                Stepped::Failed(why) => {
-                    told.failed = Some(why);
-                    break;
-                }
-            }
-        };
-        if interrupted {
-            break;
-        }
-        told.times.push(before.elapsed().as_secs_f64());
-        writing = told.show(run, &writer);
-        listener.frame(run.frame(), before.elapsed());
-    }
+    let prepared = wanted.begun.elapsed();
+    let ended = run(scenario, &mut [&mut frames], progress);
+    let Frames {
+        writer,
+        shots,
+        times,
+    } = frames;
     let collection = writer.finish()?;
-    let name = file_name(run.name());
+    let name = file_name(scenario.name());
     let path = folder.claim(&format!("{name}.pvd"))?;
     collection
         .write(&path)
         .map_err(|source| FolderError::Io { path, source })?;
-    let account = run.account();
+    let account = account(scenario);
     let text = |file: &str, text: &str| folder.write(file, |w| w.write_all(text.as_bytes()));
     text("measures.csv", &account.measures)?;
     let encoded = |name: &str, error: PictureError| FolderError::Io {
         path: folder.path().join(name),
         source: std::io::Error::other(error),
     };
-    if let Some(painter) = Painter::new(&cast, &told.shots).filter(|_| wanted.animate) {
+    if let Some(painter) = Painter::new(&scene, &shots).filter(|_| wanted.animate) {
         let name = format!("{name}.gif");
-        let (pictures, seconds) = painter.animation(&told.shots);
+        let (pictures, seconds) = painter.animation(&shots);
         let gif = to_gif(&pictures, seconds).map_err(|e| encoded(&name, e))?;
         folder.write(&name, |w| w.write_all(&gif))?;
     }
-    // What was not run to its end has not come to rest there.
-    let converged = run.converged() && told.failed.is_none() && !interrupted;
     let time = json!({
         "total_s": wanted.begun.elapsed().as_secs_f64(),
         "prepare_s": prepared.as_secs_f64(),
-        "frame_ms_median": median(told.times.clone()).unwrap_or(0.0) * 1e3,
+        "frame_ms_median": median(times).unwrap_or(0.0) * 1e3,
     });
-    let summary = summary(run, &account, &told, interrupted, time);
+    let told = Told {
+        shots,
+        interrupted: ended == Ended::Interrupted,
+        // What was not run to its end has not come to rest there.
+        converged: scenario.converged() && ended == Ended::Finished,
+        failed: match ended {
+            Ended::Failed(why) => Some(why),
+            Ended::Finished | Ended::Interrupted | Ended::ByObserver => None,
+        },
+    };
+    let summary = summary(scenario, &account, &told, time);
     let page = told
-        .page(run, &cast, &account, wanted)
+        .page(scenario, &scene, &account, wanted)
         .map_err(|e| encoded("report.html", e))?;
     text("report.html", &page.to_html())?;
     text(
@@ -197,41 +146,64 @@ pub fn perform(
         &serde_json::to_string_pretty(&summary).unwrap_or_default(),
     )?;
     folder.close()?;
-    Ok(Ended {
+    Ok(Performed {
         summary,
-        interrupted,
-        converged,
+        interrupted: told.interrupted,
+        converged: told.converged,
         account,
     })
 }
 
-/// What is gathered on the way.
-struct Told {
+/// Writes each frame, and keeps those that pictures show.
+struct Frames {
+    writer: FrameWriter,
     shots: Shots,
     /// Wall time of each frame [s].
     times: Vec<f64>,
+}
+
+impl Frames {
+    /// Hands the last frame to the writer; ends the run once that has failed.
+    fn take(&mut self, scenario: &dyn Scenario) -> ControlFlow<()> {
+        let state = Arc::new(scenario.state());
+        self.shots.add_stretched(&state, scenario.severity());
+        end_unless(self.writer.push(state))
+    }
+}
+
+impl Observer<dyn Scenario + '_> for Frames {
+    fn start(&mut self, scenario: &(dyn Scenario + '_)) -> ControlFlow<()> {
+        self.take(scenario)
+    }
+
+    fn frame(&mut self, scenario: &(dyn Scenario + '_), took: Duration) -> ControlFlow<()> {
+        self.times.push(took.as_secs_f64());
+        self.take(scenario)
+    }
+}
+
+/// What is known after the last frame.
+struct Told {
+    shots: Shots,
+    interrupted: bool,
+    converged: bool,
     failed: Option<String>,
 }
 
 impl Told {
-    /// Hands the last frame to the writer; false once it has failed.
-    fn show(&mut self, run: &dyn Run, writer: &FrameWriter) -> bool {
-        let snapshot = Arc::new(run.snapshot());
-        self.shots.add_stretched(&snapshot, run.stretch());
-        writer.push(snapshot)
-    }
-
     fn page(
         &self,
-        run: &dyn Run,
-        cast: &Cast,
+        scenario: &dyn Scenario,
+        scene: &SceneDescription,
         account: &Account,
         wanted: &Wanted,
     ) -> Result<Report, PictureError> {
-        let mut shown = run.pictures()?;
-        let own = |caption: String| caption.replace("greatest edge stretch rms", run.worst());
+        let mut shown = own_pictures(scenario)?;
+        let own = |caption: String| {
+            caption.replace("greatest edge stretch rms", scenario.severity_name())
+        };
         shown.extend(
-            pictures(cast, &self.shots)?
+            pictures(scene, &self.shots)?
                 .into_iter()
                 .map(|(caption, png)| (own(caption), png)),
         );
@@ -241,15 +213,19 @@ impl Told {
             .iter()
             .for_each(|(what, value)| set.row([what.clone(), value.clone()]));
         let mut tables = account.tables.clone();
-        tables.extend(of_effects("part", &run.plan().run, &run.plan().left_out));
+        tables.extend(of_effects(
+            "part",
+            &scenario.plan().run,
+            &scenario.plan().left_out,
+        ));
         tables.push(set);
         let seconds = wanted.begun.elapsed().as_secs_f64();
         Ok(Report {
-            title: run.name().to_owned(),
+            title: scenario.name().to_owned(),
             subtitle: format!(
                 "{} of {} frames in {seconds:.1} s",
-                run.frame(),
-                run.frames()
+                scenario.frame(),
+                scenario.frames()
             ),
             verdict: account
                 .verdicts
@@ -258,7 +234,7 @@ impl Told {
                 .chain(failed(self.failed.as_deref()))
                 .collect(),
             pictures: shown,
-            turntable: turntable(cast, &self.shots)?,
+            turntable: turntable(scene, &self.shots)?,
             plots: account.plots.clone(),
             tables: tables.into_iter().filter(|t| !t.rows.is_empty()).collect(),
             notes: account.notes.clone(),
@@ -272,18 +248,18 @@ fn failed(why: Option<&str>) -> Option<Verdict> {
     why.map(|why| Verdict::new("every frame can be computed", false).at(why))
 }
 
-fn summary(run: &dyn Run, account: &Account, told: &Told, interrupted: bool, time: Value) -> Value {
+fn summary(scenario: &dyn Scenario, account: &Account, told: &Told, time: Value) -> Value {
     let mut all = json!({
-        "scene": run.name(),
-        "frames": run.frame(),
-        "frames_wanted": run.frames(),
-        "interrupted": interrupted,
-        "converged": run.converged() && told.failed.is_none() && !interrupted,
+        "scene": scenario.name(),
+        "frames": scenario.frame(),
+        "frames_wanted": scenario.frames(),
+        "interrupted": told.interrupted,
+        "converged": told.converged,
         "stopped": told.failed,
     });
     let last = json!({
         "time": time,
-        "effects": { "run": run.plan().run, "left_out": run.plan().left_out },
+        "effects": { "run": scenario.plan().run, "left_out": scenario.plan().left_out },
         "verdicts": account.verdicts.iter().cloned().chain(failed(told.failed.as_deref())).collect::<Vec<_>>(),
         "notes": account.notes,
     });

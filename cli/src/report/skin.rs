@@ -1,70 +1,27 @@
 //! What is told of skin over implants, or over a ball, frame after frame.
 
-use std::collections::HashSet;
-
-use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use nalgebra::Isometry3;
 use serde_json::{Map, Value, json};
 
-use super::frames::{Actor, Cast, Snapshot, unused};
 use super::implant::{Insertion, joined, json_of};
 use super::output::Verdict;
 use super::record::quoted;
-use super::run::{Account, Run};
+use super::run::Account;
 use super::{LinePlot, Table};
-use pliant::constraints::distance::Distance;
-use pliant::fibres::binding::BoundLines;
 use pliant::mesh::measures::greatest;
-use pliant::mesh::{Topology, TriangleMesh, shapes};
+use pliant::mesh::shapes;
 use pliant::scene::content::Under;
-use pliant::simulation::Plan;
-use pliant::simulation::skin::{Measured, Part, SkinRun, Stepped};
+use pliant::simulation::skin::{Measured, Part, SkinRun};
+use pliant::skin::Areas;
 use pliant::skin::Order;
 use pliant::skin::areas::CAVEATS;
 use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
 use pliant::skin::plan::Inserted;
 use pliant::skin::settle::deepest;
-use pliant::skin::{Areas, Interval};
 use pliant_render::PictureError;
-
-/// Frames of an equilibrium have no rate of their own; pictures are shown at this one [1/s].
-const RATE: f64 = 4.0;
 
 /// An implant keeps its volume to this share.
 const VOLUME_HELD: f64 = 1e-6;
-
-/// A surface as it is drawn, edges by their strain.
-pub(super) fn actor(
-    name: &str,
-    rest: TriangleMesh,
-    held: Vec<f64>,
-    used: &mut HashSet<String>,
-) -> Actor {
-    let topology = Topology::new(&rest);
-    let lengths = topology.edge_lengths(&rest);
-    let edges = topology
-        .edges
-        .iter()
-        .zip(lengths)
-        .filter(|(_, rest)| *rest > 0.0);
-    let edges = edges
-        .map(|(&points, rest)| Distance { points, rest })
-        .collect();
-    let attached = if held.is_empty() {
-        vec![0.0; rest.vertices.len()]
-    } else {
-        held
-    };
-    Actor {
-        file: unused(name, used),
-        fibre_file: unused(&format!("{name}_fibres"), used),
-        name: name.to_owned(),
-        rest,
-        edges,
-        lines: Vec::new(),
-        fibres: BoundLines::default(),
-        attached,
-    }
-}
 
 fn insertion(run: &SkinRun) -> Insertion<'_> {
     Insertion {
@@ -137,39 +94,6 @@ fn volume_error(run: &SkinRun, part: &Part) -> Option<f64> {
     Some(greatest(part.frames.iter().map(of_frame)))
 }
 
-/// Areas of all parts together in a frame.
-fn areas(run: &SkinRun, frame: usize) -> Areas {
-    run.parts.iter().map(|part| areas_at(part, frame)).sum()
-}
-
-fn numbers(run: &SkinRun) -> Vec<(&'static str, f64)> {
-    let areas = areas(run, run.frame());
-    let volume: f64 = run
-        .parts
-        .iter()
-        .filter_map(|p| p.frames.last())
-        .map(volume_of)
-        .sum();
-    let last = |of: fn(&Measured) -> f64| {
-        greatest(run.parts.iter().filter_map(|p| p.frames.last()).map(of))
-    };
-    vec![
-        ("time_s", run.parts.iter().map(Part::time_s).sum()),
-        ("area_before_m2", areas.before),
-        ("area_deformed_m2", areas.deformed),
-        ("area_gain_m2", areas.gain()),
-        ("area_retracted_low_m2", areas.retracted.low),
-        ("area_retracted_high_m2", areas.retracted.high),
-        ("area_grown_low_m2", areas.grown.low),
-        ("area_grown_high_m2", areas.grown.high),
-        ("implant_volume_m3", volume),
-        ("volume_difference_m3", areas.volume_difference),
-        ("stretch_max", areas.stretch_max),
-        ("pressure_pa", last(|f| f.progress.pressure)),
-        ("penetration_m", last(|f| f.progress.depth)),
-    ]
-}
-
 fn own_summary(run: &SkinRun) -> Map<String, Value> {
     let implants: Vec<Value> = match &run.scene.under {
         Under::Implants(all) => {
@@ -182,7 +106,7 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
         Under::Ball(_) => Vec::new(),
     };
     let mut all = joined(
-        json_of(&areas(run, run.frame())),
+        json_of(&run.areas_at(run.frame())),
         json!({
             "skin": run.scene.skin.name,
             "stretch_limit": run.scene.skin.stretch_limit,
@@ -222,7 +146,7 @@ fn csv(run: &SkinRun) -> String {
     for frame in 0..=run.frame() {
         for part in &run.parts {
             let (a, row) = (
-                areas_at(part, frame),
+                part.areas_at(frame),
                 part.frames.iter().find(|f| f.frame == frame),
             );
             let progress = row.map(|f| f.progress).unwrap_or_default();
@@ -243,7 +167,7 @@ fn csv(run: &SkinRun) -> String {
             let mut cells = vec![
                 frame.to_string(),
                 quoted(&part.name),
-                row.map_or(0.0, volume_of).to_string(),
+                row.map_or(0.0, Measured::volume).to_string(),
             ];
             cells.extend(areas.iter().chain(&rest).map(f64::to_string));
             cells.push(progress.iterations.to_string());
@@ -260,7 +184,7 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
     let line = |of: &dyn Fn(&Areas) -> f64| -> Vec<(f64, f64)> {
         frames
             .clone()
-            .map(|f| (f as f64, of(&areas(run, f))))
+            .map(|f| (f as f64, of(&run.areas_at(f))))
             .collect()
     };
     let cm2 = |of: fn(&Areas) -> f64| line(&move |a: &Areas| (of(a) - a.before) * 1e4);
@@ -279,33 +203,6 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
             .with("", line(&|a| a.stretch_max))
             .with_limit("limit", run.scene.skin.stretch_limit),
     ]
-}
-
-/// Areas of a part in a frame; those before in frame 0.
-fn areas_at(part: &Part, frame: usize) -> Areas {
-    part.frames.iter().find(|f| f.frame == frame).map_or_else(
-        || {
-            let layers = &part.ready.layers;
-            let areas = Areas::of(layers, &layers.rest);
-            // Nothing was put in: nothing remains and nothing grows.
-            let none = Interval {
-                low: areas.before,
-                high: areas.before,
-            };
-            Areas {
-                retracted: none,
-                grown: none,
-                ..areas
-            }
-        },
-        |f| f.areas,
-    )
-}
-
-/// Volume of all implants of a part [m^3].
-fn volume_of(frame: &Measured) -> f64 {
-    // An empty sum is minus zero.
-    frame.shells.iter().map(|(volume, _)| volume).sum::<f64>() + 0.0
 }
 
 /// The entries of a part's implants, one of a ball, each with its number among all implants.
@@ -362,7 +259,7 @@ fn json_of_frames(part: &Part, shell: usize) -> Value {
 /// What implants that share skin have in common.
 fn json_of_region(part: &Part) -> Value {
     let (ready, last) = (&part.ready, part.frames.last());
-    let areas = areas_at(part, last.map_or(0, |f| f.frame));
+    let areas = part.areas_at(last.map_or(0, |f| f.frame));
     let progress = last.map(|f| f.progress).unwrap_or_default();
     let own = json!({
         "name": part.name,
@@ -383,172 +280,66 @@ fn json_of_region(part: &Part) -> Value {
     joined(own, json_of(&areas))
 }
 
-impl Run for SkinRun {
-    fn name(&self) -> &str {
-        &self.scene.name
+/// What there is to tell of skin after its last frame.
+pub fn account(run: &SkinRun) -> Account {
+    let implants = matches!(run.scene.under, Under::Implants(_));
+    let insertion = insertion(run);
+    let tables = if implants && run.frame() > 0 {
+        vec![insertion.table(), insertion.run_table()]
+    } else {
+        vec![ball_table(run)]
+    };
+    Account {
+        summary: own_summary(run),
+        verdicts: verdicts(run),
+        tables,
+        plots: plots(run),
+        measures: csv(run),
+        notes: run
+            .notes
+            .iter()
+            .cloned()
+            .chain(
+                implants
+                    .then_some(CAVEATS)
+                    .into_iter()
+                    .flatten()
+                    .map(str::to_owned),
+            )
+            .collect(),
     }
+}
 
-    fn frames(&self) -> usize {
-        self.scene.frames
+/// Pictures of the insertion.
+///
+/// # Errors
+/// A picture that cannot be encoded.
+pub fn pictures(run: &SkinRun) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+    // A ball bears the skin as an obstacle does.
+    let mut below = run.obstacles.clone();
+    if let (Under::Ball(ball), [part]) = (&run.scene.under, run.parts.as_slice()) {
+        let at = run.ball_at(ball, part, run.frame());
+        let mut round = shapes::icosphere(at.radius, 4);
+        round
+            .vertices
+            .iter_mut()
+            .for_each(|p| *p += at.centre.coords);
+        below.push(round);
     }
-
-    fn frame(&self) -> usize {
-        SkinRun::frame(self)
-    }
-
-    fn plan(&self) -> &Plan {
-        &self.plan
-    }
-
-    fn cast(&self) -> Cast {
-        let mut used = HashSet::new();
-        let mut held = vec![1.0; self.whole.vertices.len()];
-        for part in &self.parts {
-            for (region, vertex) in part.vertices() {
-                held[vertex] = f64::from(u8::from(part.ready.layers.held[region]));
-            }
-        }
-        let mut muscles = vec![actor(
-            &self.scene.skin.name,
-            self.whole.clone(),
-            held,
-            &mut used,
-        )];
-        for part in &self.parts {
-            for ((k, shell), at) in part.members.iter().zip(&part.shells).zip(part.shells_at()) {
-                let rest = TriangleMesh {
-                    vertices: at.to_vec(),
-                    ..shell.clone()
-                };
-                // What is stretched is the skin; a pocket has no edges at rest.
-                muscles.push(Actor {
-                    edges: Vec::new(),
-                    ..actor(self.name_of(*k), rest, Vec::new(), &mut used)
-                });
-            }
-        }
-        let obstacles = self.scene.obstacles.iter().zip(&self.obstacles);
-        let mut bones: Vec<(String, TriangleMesh)> = obstacles
-            .map(|(o, mesh)| {
-                (
-                    unused(&format!("obstacle_{}", o.name), &mut used),
-                    mesh.clone(),
-                )
-            })
-            .collect();
-        if let Under::Ball(ball) = &self.scene.under {
-            bones.push((unused("ball", &mut used), shapes::icosphere(ball.radius, 3)));
-        }
-        Cast { muscles, bones }
-    }
-
-    fn snapshot(&self) -> Snapshot {
-        let still = |x: Vec<Point3<f64>>| {
-            let count = x.len();
-            (x, vec![Vector3::zeros(); count])
-        };
-        let mut muscles = vec![still(self.skin_at())];
-        muscles.extend(
-            self.parts
-                .iter()
-                .flat_map(|p| p.shells_at())
-                .map(|shell| still(shell.to_vec())),
-        );
-        let frame = SkinRun::frame(self);
-        Snapshot {
-            frame,
-            time: frame as f64 / RATE,
-            muscles,
-            bones: self.poses(frame),
-        }
-    }
-
-    fn poses(&self, frame: usize) -> Vec<Isometry3<f64>> {
-        let mut bones = vec![Isometry3::identity(); self.obstacles.len()];
-        if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
-            bones.push(Translation3::from(self.ball_at(ball, part, frame).centre.coords).into());
-        }
-        bones
-    }
-
-    fn stretch(&self) -> f64 {
-        greatest(
-            self.parts
-                .iter()
-                .filter_map(|p| p.frames.last())
-                .map(|f| f.areas.stretch_max),
-        )
-    }
-
-    fn worst(&self) -> &'static str {
-        "greatest stretch"
-    }
-
-    fn step(&mut self, watch: &mut dyn FnMut(&str) -> bool) -> Stepped {
-        SkinRun::step(self, watch)
-    }
-
-    fn converged(&self) -> bool {
-        SkinRun::converged(self)
-    }
-
-    fn account(&self) -> Account {
-        let implants = matches!(self.scene.under, Under::Implants(_));
-        let insertion = insertion(self);
-        let tables = if implants && self.frame() > 0 {
-            vec![insertion.table(), insertion.run_table()]
-        } else {
-            vec![ball_table(self)]
-        };
-        Account {
-            numbers: numbers(self),
-            summary: own_summary(self),
-            verdicts: verdicts(self),
-            tables,
-            plots: plots(self),
-            measures: csv(self),
-            notes: self
-                .notes
-                .iter()
-                .cloned()
-                .chain(
-                    implants
-                        .then_some(CAVEATS)
-                        .into_iter()
-                        .flatten()
-                        .map(str::to_owned),
-                )
-                .collect(),
-        }
-    }
-
-    fn pictures(&self) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
-        // A ball bears the skin as an obstacle does.
-        let mut below = self.obstacles.clone();
-        if let (Under::Ball(ball), [part]) = (&self.scene.under, self.parts.as_slice()) {
-            let at = self.ball_at(ball, part, SkinRun::frame(self));
-            let mut round = shapes::icosphere(at.radius, 4);
-            round
-                .vertices
-                .iter_mut()
-                .for_each(|p| *p += at.centre.coords);
-            below.push(round);
-        }
-        let insertion = Insertion {
-            obstacles: &below,
-            ..insertion(self)
-        };
-        let pictures = insertion.pictures(&insertion.shown())?;
-        Ok(pictures
-            .into_iter()
-            .map(|picture| (picture.caption, picture.bytes))
-            .collect())
-    }
+    let insertion = Insertion {
+        obstacles: &below,
+        ..insertion(run)
+    };
+    let pictures = insertion.pictures(&insertion.shown())?;
+    Ok(pictures
+        .into_iter()
+        .map(|picture| (picture.caption, picture.bytes))
+        .collect())
 }
 
 /// Areas of the skin over a ball, as a table.
 fn ball_table(run: &SkinRun) -> Table {
-    let areas = areas(run, run.frame());
+    let areas = run.areas_at(run.frame());
     let mut table = Table::new("Areas and volumes", ["what", "value"]);
     table.row([
         "area before [cm2]".to_owned(),

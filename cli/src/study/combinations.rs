@@ -7,12 +7,11 @@ use rayon::prelude::*;
 
 use super::findings::{Measure, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 use super::key::{Contents, key_of, name_of};
-use crate::report::run::ready;
 use pliant::format::number;
-use pliant::scene::content::{Content, Staged};
+use pliant::scene::content::Content;
 use pliant::scene::study::{Change, Combine, StudyFile};
 use pliant::scene::{Effects, Material, Scene, SceneError, Solver};
-use pliant::simulation::{Assets, LoadError, Plan, Simulation};
+use pliant::simulation::{Assets, LoadError, Plan, Scenario, Simulation, scenario};
 
 /// What a run is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,8 +42,30 @@ pub enum Subject {
         /// Its meshes, shared with other combinations where they are the same.
         assets: Arc<Assets>,
     },
-    /// A scene without muscles, and the time that its plan expects it to take [s].
-    Staged(Staged, f64),
+    /// A scene of another kind, and the time that its plan expects it to take [s].
+    Other(Content, f64),
+}
+
+impl Subject {
+    /// Makes the scene ready to run.
+    ///
+    /// # Errors
+    /// What keeps it from running.
+    pub fn scenario(&self) -> Result<Box<dyn Scenario>, LoadError> {
+        match self {
+            Self::Muscles { scene, assets } => Ok(Box::new(muscles(scene, assets)?)),
+            Self::Other(content, _) => scenario(content),
+        }
+    }
+}
+
+/// Muscles with their meshes at hand, ready to run.
+///
+/// # Errors
+/// What keeps them from running.
+pub fn muscles(scene: &Scene, assets: &Assets) -> Result<Simulation, LoadError> {
+    let plan = Plan::new(scene, assets);
+    Simulation::with(scene.clone(), assets.clone(), plan)
 }
 
 /// One scene of a study.
@@ -76,7 +97,7 @@ impl Combination {
     pub fn expected_s(&self) -> f64 {
         match &self.subject {
             Subject::Muscles { scene, assets } => seconds(&Plan::new(scene, assets), scene.frames),
-            Subject::Staged(_, expected) => *expected,
+            Subject::Other(_, expected) => *expected,
         }
     }
 
@@ -84,17 +105,16 @@ impl Combination {
     pub fn frames(&self) -> usize {
         match &self.subject {
             Subject::Muscles { scene, .. } => scene.frames,
-            Subject::Staged(Staged::Skin(scene), _) => scene.frames,
-            Subject::Staged(Staged::Lattice(scene), _) => scene.frames,
+            Subject::Other(content, _) => content.frames(),
         }
     }
 
     /// The measures that its runs have.
     pub fn measures(&self) -> &'static [Measure] {
         match &self.subject {
-            Subject::Muscles { .. } => &OF_MUSCLES,
-            Subject::Staged(Staged::Skin(_), _) => &OF_SKIN,
-            Subject::Staged(Staged::Lattice(_), _) => &OF_LATTICES,
+            Subject::Muscles { .. } | Subject::Other(Content::Muscles(_), _) => &OF_MUSCLES,
+            Subject::Other(Content::Skin(_), _) => &OF_SKIN,
+            Subject::Other(Content::Lattice(_), _) => &OF_LATTICES,
         }
     }
 }
@@ -325,9 +345,9 @@ impl Making<'_> {
                 let assets = self.meshes.of(&scene).map_err(refused)?;
                 Subject::Muscles { scene, assets }
             }
-            Content::Staged(scene) => {
-                let expected = seconds(ready(&scene).map_err(refused)?.plan(), frames);
-                Subject::Staged(scene, expected)
+            other => {
+                let expected = seconds(scenario(&other).map_err(refused)?.plan(), frames);
+                Subject::Other(other, expected)
             }
         };
         let key = key?;
@@ -456,11 +476,7 @@ fn check_bodies(file: &StudyFile, all: &[Combination]) -> Result<(), SceneError>
         let Subject::Muscles { scene, assets } = &c.subject else {
             return Ok(());
         };
-        match Simulation::with(
-            (**scene).clone(),
-            (**assets).clone(),
-            Plan::new(scene, assets),
-        ) {
+        match muscles(scene, assets) {
             Ok(_) => Ok(()),
             Err(error) => Err(file.refused(&c.changes.iter().collect::<Vec<_>>(), &error.terse())),
         }

@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use pliant::scene::content::{Content, SkinSurface, Staged};
+use pliant::scene::content::{Content, SkinSurface};
 use pliant::scene::{Area, Scene, Source};
 use pliant::state::Hash;
 
@@ -57,7 +57,7 @@ pub fn key_of(content: &Content, frames: &[usize], contents: &mut Contents) -> i
 fn files(content: &Content) -> Vec<&PathBuf> {
     let sources: Vec<&Source> = match content {
         Content::Muscles(scene) => sources(scene).collect(),
-        Content::Staged(Staged::Skin(scene)) => {
+        Content::Skin(scene) => {
             let skin = match &scene.skin.surface {
                 SkinSurface::Source(source) => Some(source),
                 SkinSurface::Sheet { .. } => None,
@@ -66,7 +66,7 @@ fn files(content: &Content) -> Vec<&PathBuf> {
                 .chain(scene.obstacles.iter().map(|o| &o.surface))
                 .collect()
         }
-        Content::Staged(Staged::Lattice(_)) => Vec::new(),
+        Content::Lattice(_) => Vec::new(),
     };
     sources.into_iter().filter_map(path_of).collect()
 }

@@ -14,4 +14,4 @@ pub mod sheet;
 pub use combinations::{Combination, Combinations, Role, Subject};
 pub use findings::{Findings, OF_LATTICES, OF_MUSCLES, OF_SKIN};
 pub use outcome::Outcome;
-pub use running::{Watch, execute};
+pub use running::execute;

@@ -1,6 +1,7 @@
 //! Runs the combinations of a study, many at once, each on threads of its own.
 
 use std::collections::HashSet;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -8,29 +9,19 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
 
-use super::combinations::{Combination, Combinations, Subject};
+use super::combinations::{Combination, Combinations, Subject, muscles};
 use super::outcome::{Outcome, Positions};
 use crate::report::folder::{Folder, FolderError};
-use crate::report::frames::Cast;
 use crate::report::pictures::covered_stretch;
 use crate::report::record::Record;
-use crate::report::run::ready;
 use crate::report::summary::{Summary, Time};
 use pliant::mesh::measures::{Aabb, greatest};
-use pliant::scene::content::Staged;
-use pliant::simulation::skin::Stepped;
-use pliant::simulation::{Body, Plan, Simulation};
+use pliant::progress::Progress;
+use pliant::scene::Scene;
+use pliant::simulation::{
+    Assets, Body, Ended, Observer, Scenario, ScenarioKind, SceneDescription, Simulation, run,
+};
 use pliant::solvers::DIVERGENCE;
-
-/// Hears how far a study is, from several threads, and may end it.
-pub trait Watch: Sync {
-    /// A combination took another frame.
-    fn frame(&self);
-    /// A combination is finished.
-    fn done(&self, combination: &Combination, outcome: &Outcome);
-    /// Whether to stop now.
-    fn stops(&self) -> bool;
-}
 
 /// Combinations that have no result in the folder yet, equal ones once; all without a folder.
 pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
@@ -49,7 +40,8 @@ pub fn missing(study: &Combinations, folder: Option<&Path>) -> Vec<usize> {
 }
 
 /// Runs the combinations `wanted`, as many at once as there are `threads`, and writes each result as it is finished.
-/// One that is ended by `watch` leaves none. The results do not depend on the number of threads.
+/// One that is ended by the progress leaves none; progress hears of each frame of each combination, with an empty stage,
+/// from several threads. `done` hears of each finished combination. The results do not depend on the number of threads.
 ///
 /// # Errors
 /// A result that cannot be written; the others are then ended.
@@ -58,7 +50,8 @@ pub fn execute(
     wanted: &[usize],
     folder: &Folder,
     threads: usize,
-    watch: &impl Watch,
+    progress: &(dyn Progress + Sync),
+    done: &(dyn Fn(&Combination, &Outcome) + Sync),
 ) -> Result<(), FolderError> {
     // Foreign files in the way are told of before hours are spent.
     wanted
@@ -78,8 +71,15 @@ pub fn execute(
                     .ok();
                 while let Some(&k) = wanted.get(next.fetch_add(1, Ordering::Relaxed)) {
                     let combination = &study.all[k];
-                    let goes_on = || !watch.stops() && !has_failed();
-                    let work = || simulate(combination, &study.frames, &goes_on, watch);
+                    let work = || {
+                        let until_failed = |stage: &str, done: usize, of: usize| {
+                            if has_failed() {
+                                return ControlFlow::Break(());
+                            }
+                            progress.report(stage, done, of)
+                        };
+                        simulate(combination, &study.frames, &until_failed)
+                    };
                     let outcome = match &pool {
                         Some(pool) => pool.install(work),
                         None => work(),
@@ -94,7 +94,7 @@ pub fn execute(
                         }
                         return;
                     }
-                    watch.done(combination, &outcome);
+                    done(combination, &outcome);
                 }
             });
         }
@@ -110,58 +110,31 @@ pub fn execute(
 fn simulate(
     combination: &Combination,
     frames: &[usize],
-    goes_on: &dyn Fn() -> bool,
-    watch: &impl Watch,
+    progress: &dyn Progress,
 ) -> Option<Outcome> {
-    let (scene, assets) = match &combination.subject {
-        Subject::Muscles { scene, assets } => ((**scene).clone(), (**assets).clone()),
-        Subject::Staged(scene, _) => return perform(scene, frames, goes_on, watch),
-    };
-    let begun = Instant::now();
-    let plan = Plan::new(&scene, &assets);
-    // It was built once before; only a file that changed since could keep it from being built, and files are not read.
-    let mut simulation = Simulation::with(scene, assets, plan).ok()?;
-    let cast = Cast::of(&simulation);
-    let prepared = begun.elapsed();
-    let mut record = Record::default();
-    let mut looks = Looks {
-        frames,
-        cast: &cast,
-        positions: Vec::new(),
-        stretch: 0.0,
-    };
-    record.add(
-        &simulation,
-        simulation.measure(),
-        Duration::ZERO,
-        Duration::ZERO,
-    );
-    looks.look(&simulation);
-    let mut diverged = false;
-    while simulation.frame() < simulation.scene.frames {
-        if !goes_on() {
-            return None;
-        }
-        let before = Instant::now();
-        simulation.step_frame();
-        let step = before.elapsed();
-        let measures = simulation.measure();
-        record.add(&simulation, measures, step, before.elapsed() - step);
-        let has_diverged = |body: &Body| {
-            body.stopped
-                .as_ref()
-                .is_some_and(|(_, why)| why.effect == DIVERGENCE)
-        };
-        if simulation.bodies.iter().any(has_diverged) {
-            diverged = true;
-            break;
-        }
-        looks.look(&simulation);
-        watch.frame();
-        if simulation.bodies.iter().all(|b| b.stopped.is_some()) {
-            break;
-        }
+    match &combination.subject {
+        Subject::Muscles { scene, assets } => of_muscles(scene, assets, frames, progress),
+        other => of_others(other.scenario().ok()?.as_mut(), frames, progress),
     }
+}
+
+fn of_muscles(
+    scene: &Scene,
+    assets: &Assets,
+    frames: &[usize],
+    progress: &dyn Progress,
+) -> Option<Outcome> {
+    let begun = Instant::now();
+    // It was built once before; only a file that changed since could keep it from being built, and files are not read.
+    let mut simulation = muscles(scene, assets).ok()?;
+    let mut looks = Looks::new(frames, simulation.description());
+    let mut recorded = Recorded::default();
+    let prepared = begun.elapsed();
+    let ended = run(&mut simulation, &mut [&mut recorded, &mut looks], progress);
+    if ended == Ended::Interrupted {
+        return None;
+    }
+    let Recorded { record, diverged } = recorded;
     let time = Time::of(
         &record,
         begun.elapsed().as_secs_f64(),
@@ -176,52 +149,58 @@ fn simulate(
     })
 }
 
-/// As [`simulate`], of a scene without muscles.
-fn perform(
-    scene: &Staged,
+/// As [`of_muscles`], of a scene without muscles.
+fn of_others(
+    scenario: &mut dyn Scenario,
     frames: &[usize],
-    goes_on: &dyn Fn() -> bool,
-    watch: &impl Watch,
+    progress: &dyn Progress,
 ) -> Option<Outcome> {
-    let mut run = ready(scene).ok()?;
-    let cast = run.cast();
-    let (mut positions, mut stretch, mut stopped) = (Vec::new(), 0.0, None);
-    loop {
-        if frames.contains(&run.frame()) {
-            let x: Vec<Vec<Point3<f64>>> =
-                run.snapshot().muscles.into_iter().map(|(x, _)| x).collect();
-            stretch = greatest([stretch, covered_stretch(&cast, x.iter().map(Vec::as_slice))]);
-            positions.push((run.frame(), x));
-        }
-        if run.frame() >= run.frames() {
-            break;
-        }
-        if !goes_on() {
-            return None;
-        }
-        match run.step(&mut |_| goes_on()) {
-            Stepped::Done => watch.frame(),
-            Stepped::Interrupted => return None,
-            Stepped::Failed(why) => {
-                stopped = Some(why);
-                break;
-            }
-        }
+    let mut looks = Looks::new(frames, scenario.description());
+    let stopped = match run(scenario, &mut [&mut looks], progress) {
+        Ended::Finished | Ended::ByObserver => None,
+        Ended::Interrupted => return None,
+        Ended::Failed(why) => Some(why),
+    };
+    let mut numbers = Vec::new();
+    for (name, value) in scenario.measures() {
+        numbers.push((name.to_owned(), value));
     }
-    let numbers = run.account().numbers;
     Some(Outcome {
-        frames: run.frame(),
-        not_converged: usize::from(!run.converged()),
+        frames: scenario.frame(),
+        not_converged: usize::from(!scenario.converged()),
         stopped,
         diverged: false,
-        numbers: numbers
-            .into_iter()
-            .map(|(name, value)| (name.to_owned(), value))
-            .collect(),
-        bounds: bounds(&positions),
-        positions,
-        stretch,
+        numbers,
+        bounds: bounds(&looks.positions),
+        positions: looks.positions,
+        stretch: looks.stretch,
     })
+}
+
+/// Measures each frame of muscles; ends the run where one diverges.
+#[derive(Default)]
+struct Recorded {
+    record: Record,
+    diverged: bool,
+}
+
+impl Observer<Simulation> for Recorded {
+    fn frame(&mut self, simulation: &Simulation, took: Duration) -> ControlFlow<()> {
+        let before = Instant::now();
+        let measures = simulation.measure();
+        self.record
+            .add(simulation, measures, took, before.elapsed());
+        let has_diverged = |body: &Body| {
+            body.stopped
+                .as_ref()
+                .is_some_and(|(_, why)| why.effect == DIVERGENCE)
+        };
+        self.diverged = simulation.bodies.iter().any(has_diverged);
+        match self.diverged {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
+        }
+    }
 }
 
 /// Least and greatest corner of all positions.
@@ -238,28 +217,38 @@ fn bounds(positions: &[(usize, Positions)]) -> Option<[Point3<f64>; 2]> {
 /// Gathers positions at the frames looked at.
 struct Looks<'a> {
     frames: &'a [usize],
-    cast: &'a Cast,
-    positions: Vec<(usize, Vec<Vec<Point3<f64>>>)>,
+    scene: SceneDescription,
+    positions: Vec<(usize, Positions)>,
     stretch: f64,
 }
 
-impl Looks<'_> {
-    fn look(&mut self, simulation: &Simulation) {
+impl<S: Scenario + ?Sized> Observer<S> for Looks<'_> {
+    fn frame(&mut self, scenario: &S, _: Duration) -> ControlFlow<()> {
         // What was stopped stays where it was: no picture of the scene at that frame.
-        let stopped = simulation.bodies.iter().any(|b| b.stopped.is_some());
-        if stopped || !self.frames.contains(&simulation.frame()) {
-            return;
+        let stopped = match scenario.kind() {
+            ScenarioKind::Muscles(simulation) => {
+                simulation.bodies.iter().any(|b| b.stopped.is_some())
+            }
+            ScenarioKind::Skin(_) | ScenarioKind::Lattice(_) | ScenarioKind::Other => false,
+        };
+        if !stopped && self.frames.contains(&scenario.frame()) {
+            let x: Positions = scenario.bodies().into_iter().map(|(x, _)| x).collect();
+            let covered = covered_stretch(&self.scene, x.iter().map(Vec::as_slice));
+            self.stretch = greatest([self.stretch, covered]);
+            self.positions.push((scenario.frame(), x));
         }
-        let x: Vec<_> = simulation
-            .bodies
-            .iter()
-            .map(|b| b.system.particles.position.clone())
-            .collect();
-        self.stretch = greatest([
-            self.stretch,
-            covered_stretch(self.cast, x.iter().map(Vec::as_slice)),
-        ]);
-        self.positions.push((simulation.frame(), x));
+        ControlFlow::Continue(())
+    }
+}
+
+impl<'a> Looks<'a> {
+    fn new(frames: &'a [usize], scene: SceneDescription) -> Self {
+        Self {
+            frames,
+            scene,
+            positions: Vec::new(),
+            stretch: 0.0,
+        }
     }
 
     fn outcome(self, summary: &Summary, record: &Record) -> Outcome {

@@ -2,18 +2,15 @@
 
 use std::path::Path;
 
-use nalgebra::Isometry3;
 use rayon::prelude::*;
 
-use super::combinations::{Combination, Combinations, Role, Subject};
+use super::combinations::{Combination, Combinations, Role};
 use super::findings::Row;
 use super::outcome::{Outcome, Positions};
-use crate::report::frames::{Cast, Snapshot};
 use crate::report::pictures::{Painter, Stage};
-use crate::report::run::ready;
 use pliant::format::number;
 use pliant::mesh::measures::Aabb;
-use pliant::simulation::{Plan, Simulation};
+use pliant::simulation::FrameState;
 use pliant_render::{Canvas, Frame, Rgb, TextStyle};
 
 /// Width of a picture [px].
@@ -225,44 +222,9 @@ fn stage(study: &Combinations, rows: &[Row]) -> Option<Stage> {
     };
     let bounds = tame().map(|(b, _)| *b).reduce(|a, b| a.union(&b))?;
     let stretch = pliant::mesh::measures::greatest(tame().map(|(_, s)| *s));
-    let Start { cast, first, .. } = start(study.all.first()?)?;
-    Some(Stage::new(&cast, &first, &bounds, stretch))
-}
-
-/// The start of a run, and where bones are at a frame.
-struct Start {
-    cast: Cast,
-    first: Snapshot,
-    poses: Box<dyn Fn(usize) -> Vec<Isometry3<f64>>>,
-}
-
-fn start(combination: &Combination) -> Option<Start> {
-    match &combination.subject {
-        Subject::Muscles { scene, assets } => {
-            let plan = Plan::new(scene, assets);
-            let simulation = Simulation::with((**scene).clone(), (**assets).clone(), plan).ok()?;
-            let (cast, first) = (Cast::of(&simulation), Snapshot::of(&simulation));
-            let poses = move |frame: usize| {
-                (0..simulation.bones.len())
-                    .map(|b| simulation.pose(b, frame as f64))
-                    .collect()
-            };
-            Some(Start {
-                cast,
-                first,
-                poses: Box::new(poses),
-            })
-        }
-        Subject::Staged(scene, _) => {
-            let run = ready(scene).ok()?;
-            let (cast, first) = (run.cast(), run.snapshot());
-            Some(Start {
-                cast,
-                first,
-                poses: Box::new(move |frame| run.poses(frame)),
-            })
-        }
-    }
+    let start = study.all.first()?.subject.scenario().ok()?;
+    let (scene, first) = (start.description(), start.state());
+    Some(Stage::new(&scene, &first, &bounds, stretch))
 }
 
 /// The pictures of one run, one for each frame; `None` for a frame that it did not reach.
@@ -277,18 +239,19 @@ fn pictures(
     let Some(outcome) = Outcome::read(&folder.join(combination.file()), &combination.key) else {
         return none();
     };
-    let Some(Start { cast, poses, .. }) = start(combination) else {
+    let Ok(scenario) = combination.subject.scenario() else {
         return none();
     };
-    let painter = Painter::on(&cast, stage);
-    let shot = |frame: usize, x: &Positions| Snapshot {
+    let scene = scenario.description();
+    let painter = Painter::on(&scene, stage);
+    let shot = |frame: usize, x: &Positions| FrameState {
         frame,
         // No picture tells its time.
         time: 0.0,
-        muscles: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
-        bones: poses(frame),
+        bodies: x.iter().map(|x| (x.clone(), Vec::new())).collect(),
+        bones: scenario.poses(frame),
     };
-    let shots: Vec<Option<Snapshot>> = study
+    let shots: Vec<Option<FrameState>> = study
         .frames
         .iter()
         .map(|&f| Some(shot(f, outcome.at(f)?)))

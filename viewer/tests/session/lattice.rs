@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::{Content, Staged};
+use pliant::scene::content::Content;
 use pliant::simulation::lattice::LatticeRun;
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
@@ -25,7 +25,7 @@ fn straight(overrides: &[&str]) -> LatticeRun {
         .map(|o| (*o).to_owned())
         .collect();
     match load_content("lattice", &all).expect("a scene") {
-        Content::Staged(Staged::Lattice(scene)) => LatticeRun::new(*scene).expect("a lattice"),
+        Content::Lattice(scene) => LatticeRun::new(*scene).expect("a lattice"),
         _ => panic!("a lattice"),
     }
 }

@@ -6,12 +6,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Isometry3, Point3};
-use pliant::scene::{Content, builtin};
-use pliant::simulation::Simulation;
+use pliant::progress::Silent;
+use pliant::scene::builtin;
+use pliant::simulation::{Simulation, scenario};
 use pliant::testing::Scratch;
 use pliant_cli::report::folder::Folder;
 use pliant_cli::report::results::Results;
-use pliant_cli::report::run::{Listener, Wanted, perform, ready};
+use pliant_cli::report::run::{Wanted, perform};
 use pliant_viewer::{Command, Pace, Replay, ReplayError, Session, Snapshot, Tissue};
 
 use super::{HIP, LONG, bits, done, simulation, told, why_refused};
@@ -445,36 +446,17 @@ fn what_is_no_run_is_refused_with_what_to_do() {
     assert!(matches!(Replay::open(&run), Err(ReplayError::Unfinished(path)) if path == run));
 }
 
-/// Nobody listens.
-struct Deaf;
-
-impl Listener for Deaf {
-    fn part(&mut self, _: &str) -> bool {
-        true
-    }
-
-    fn frame(&mut self, _: usize, _: Duration) {}
-
-    fn stops(&self) -> bool {
-        false
-    }
-}
-
 fn run_staged(out: &Path, name: &str, overrides: &[&str]) {
     let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    let Content::Staged(scene) =
-        builtin::load_content(name, &overrides).unwrap_or_else(|e| panic!("{}", e.terse()))
-    else {
-        panic!("{name} has muscles");
-    };
-    let mut run = ready(&scene).unwrap_or_else(|e| panic!("{}", e.terse()));
+    let scene = builtin::load_content(name, &overrides).unwrap_or_else(|e| panic!("{}", e.terse()));
+    let mut run = scenario(&scene).unwrap_or_else(|e| panic!("{}", e.terse()));
     let folder = Folder::open(out).unwrap_or_else(|e| panic!("{e}"));
     let wanted = Wanted {
         animate: false,
         begun: Instant::now(),
         settings: Vec::new(),
     };
-    perform(&mut *run, folder, &wanted, &mut Deaf).unwrap_or_else(|e| panic!("{e}"));
+    perform(&mut *run, folder, &wanted, &Silent).unwrap_or_else(|e| panic!("{e}"));
 }
 
 /// What a file has, as it is read alone.

@@ -5,9 +5,11 @@ use std::time::{Duration, Instant};
 
 use nalgebra::{Point3, Vector3};
 use pliant::mesh::measures;
+use pliant::progress::Silent;
 use pliant::scene::builtin::load_content;
-use pliant::scene::content::{Content, Staged};
-use pliant::simulation::skin::{SkinRun, Stepped};
+use pliant::scene::content::Content;
+use pliant::simulation::Stepped;
+use pliant::simulation::skin::SkinRun;
 use pliant_viewer::{Command, Pace, Session, Snapshot, Tissue};
 
 use super::ends::at_both_ends;
@@ -20,11 +22,11 @@ const SCALP: [&str; 1] = ["skin.0.edge_length=9 mm"];
 
 fn straight(name: &str, overrides: &[&str], frames: usize) -> SkinRun {
     let all: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    let Content::Staged(Staged::Skin(scene)) = load_content(name, &all).expect("a scene") else {
+    let Content::Skin(scene) = load_content(name, &all).expect("a scene") else {
         panic!("skin")
     };
     let mut run = SkinRun::new(*scene).expect("skin");
-    (0..frames).for_each(|_| assert_eq!(run.step(&mut |_| true), Stepped::Done));
+    (0..frames).for_each(|_| assert_eq!(run.step(&Silent), Stepped::Done));
     run
 }
 

@@ -1,44 +1,24 @@
 //! `pliant run` of a scene without muscles.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use super::Arguments;
 use crate::commands::failure::Failure;
-use crate::commands::progress::Rounds;
+use crate::commands::progress::Stoppable;
 use crate::commands::{DONE, FAILED, INTERRUPTED, say, say_json};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
-use crate::report::run::{Ended, Listener, Run, Wanted, perform, ready};
+use crate::report::run::{Performed, Wanted, perform};
 use pliant::io::names::file_name;
-use pliant::scene::content::Staged;
-
-/// Says how far a run is; Ctrl-C stops it.
-struct Said<'a> {
-    stop: &'a AtomicBool,
-    rounds: Rounds,
-}
-
-impl Listener for Said<'_> {
-    fn part(&mut self, text: &str) -> bool {
-        self.rounds.part(text);
-        true
-    }
-
-    fn frame(&mut self, frame: usize, took: Duration) {
-        self.rounds.frame(frame, took);
-    }
-
-    fn stops(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
-    }
-}
+use pliant::scene::Content;
+use pliant::simulation::{Scenario, scenario};
 
 /// Runs to the last frame or to Ctrl-C.
 pub(super) fn run(
     arguments: &Arguments,
-    scene: &Staged,
+    scene: &Content,
     begun: Instant,
     stop: &AtomicBool,
 ) -> Result<u8, Failure> {
@@ -49,27 +29,24 @@ pub(super) fn run(
             "leave --checkpoint-every and --resume out: this scene runs from its start",
         ));
     }
-    let mut run = ready(scene)?;
-    let run = run.as_mut();
+    let mut scenario = scenario(scene)?;
+    let scenario = scenario.as_mut();
     let out = arguments
         .out
         .clone()
-        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(run.name())));
+        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(scenario.name())));
     let wanted = Wanted {
         animate: arguments.animate.is_some(),
         begun,
         settings: super::settings(arguments),
     };
-    let mut said = Said {
-        stop,
-        rounds: Rounds::new(run.frames()),
-    };
-    let ended = perform(run, Folder::open(&out)?, &wanted, &mut said)?;
+    let said = Stoppable::new(scenario.frames(), stop);
+    let ended = perform(scenario, Folder::open(&out)?, &wanted, &said)?;
     said.rounds.end();
     if arguments.json {
         say_json(&ended.summary);
     } else {
-        say(&in_words(run, &ended, &out, begun.elapsed()));
+        say(&in_words(scenario, &ended, &out, begun.elapsed()));
     }
     Ok(match (ended.interrupted, ended.converged) {
         (true, _) => INTERRUPTED,
@@ -79,16 +56,16 @@ pub(super) fn run(
 }
 
 /// What a person wants to know at the end.
-fn in_words(run: &dyn Run, ended: &Ended, folder: &Path, took: Duration) -> String {
+fn in_words(scenario: &dyn Scenario, ended: &Performed, folder: &Path, took: Duration) -> String {
     let interrupted = if ended.interrupted {
         ", interrupted"
     } else {
         ""
     };
-    let (frames, wanted, seconds) = (run.frame(), run.frames(), took.as_secs_f64());
+    let (frames, wanted, seconds) = (scenario.frame(), scenario.frames(), took.as_secs_f64());
     let mut text = format!(
         "{}: {frames} of {wanted} frames in {seconds:.1} s{interrupted}\n\n",
-        run.name()
+        scenario.name()
     );
     text.push_str(&verdict_table(&ended.account.verdicts).to_text());
     if let Some(why) = ended.summary["stopped"].as_str() {
@@ -109,7 +86,7 @@ fn in_words(run: &dyn Run, ended: &Ended, folder: &Path, took: Duration) -> Stri
         "\nResults in {}\n  open {} in a browser\n  open {} in ParaView\n",
         folder.display(),
         file("report.html"),
-        file(&format!("{}.pvd", file_name(run.name())))
+        file(&format!("{}.pvd", file_name(scenario.name())))
     ));
     text
 }

@@ -1,0 +1,39 @@
+//! Progress of a long computation, and its cancellation.
+
+use std::ops::ControlFlow;
+
+/// Hears how far a long computation is, and may end it.
+///
+/// ```
+/// use pliant::progress::{Progress, Silent};
+/// use std::ops::ControlFlow;
+/// let three = |_: &str, done: usize, _: usize| match done {
+///     0..3 => ControlFlow::Continue(()),
+///     _ => ControlFlow::Break(()),
+/// };
+/// assert!(three.report("refining", 2, 10).is_continue());
+/// assert!(three.report("refining", 3, 10).is_break());
+/// assert!(Silent.report("refining", 3, 10).is_continue());
+/// ```
+pub trait Progress {
+    /// Reports that `done` of `of` parts of a `stage` are done; `of` is 0 where their number is unknown.
+    ///
+    /// `Break` ends the computation at the next place where it can end.
+    fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()>;
+}
+
+impl<F: Fn(&str, usize, usize) -> ControlFlow<()>> Progress for F {
+    fn report(&self, stage: &str, done: usize, of: usize) -> ControlFlow<()> {
+        self(stage, done, of)
+    }
+}
+
+/// Shows nothing and ends nothing.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn report(&self, _: &str, _: usize, _: usize) -> ControlFlow<()> {
+        ControlFlow::Continue(())
+    }
+}
