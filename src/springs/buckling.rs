@@ -1,6 +1,7 @@
 //! The buckling law of cloth: what resists compression as a bent strip does, and nothing else.
 
 use super::pairs::{Law, Pairs};
+use crate::constraints::spring::SpringLaw;
 
 /// Newton steps for the angle of an arc; the function is smooth and monotone, few are needed.
 const STEPS: usize = 60;
@@ -85,7 +86,9 @@ impl Law for Buckling {
         let finite = self.parameters().iter().all(|p| p.is_finite());
         finite && self.rest > 0.0 && self.bending >= 0.0 && self.compression >= 0.0
     }
+}
 
+impl SpringLaw for Buckling {
     fn energy(&self, length: f64) -> f64 {
         if length >= self.rest {
             return 0.0;
