@@ -1,8 +1,9 @@
 //! Distance of two points: C = |p1 - p2| - d.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::lanes::{dot, neg, scale, sub};
+use super::stencil::Blocks;
 use super::{Constraint, Kernel, Lane, LaneConstraint, Scalar, Several, safe_norm};
 
 /// Keeps two particles `rest` [m] apart: C = |p1 - p2| - d \[mueller2007\], gradient (u, -u) with
@@ -44,7 +45,7 @@ impl Constraint<2> for Distance {
     }
 
     fn kernel() -> Kernel<Self, 2> {
-        Kernel::in_lanes()
+        Kernel::in_lanes().with_hessian(Self::hessian)
     }
 }
 
@@ -68,6 +69,22 @@ impl LaneConstraint<2> for Distance {
 }
 
 impl Distance {
+    /// Second derivative [N/m] of the energy of a spring of `stiffness` k [N/m]: k (u u^T + (1 - d/l) (1 - u u^T)) by one
+    /// point twice, the opposite by both. Across the spring its tension alone resists; with `convex`, not its pressure.
+    fn hessian(&self, x: &[Point3<f64>; 2], stiffness: f64, convex: bool) -> Option<Blocks<2>> {
+        let d = x[0] - x[1];
+        let length = d.norm();
+        if length == 0.0 {
+            return None;
+        }
+        let unit = d / length;
+        let tension = 1.0 - self.rest / length;
+        let across = if convex { tension.max(0.0) } else { tension };
+        let along = unit * unit.transpose();
+        let block = (along + (Matrix3::identity() - along) * across) * stiffness;
+        Some([[block, -block], [-block, block]])
+    }
+
     /// For points that coincide, are very near or far, or are not numbers.
     #[cold]
     fn unusual(&self, x: &[Point3<f64>; 2]) -> Option<(f64, [Vector3<f64>; 2])> {
@@ -90,6 +107,38 @@ impl super::Spec<2> for Distance {
         Self {
             points,
             rest: parameters[0],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::constraints::quadratic;
+
+    #[test]
+    fn the_second_derivative_that_is_written_out_is_that_of_the_value() {
+        for (rest, to) in [
+            (1.0, [0.3, -0.9, 1.2]),
+            (2.0, [0.4, 0.1, 0.2]),
+            (0.1, [0.05, 0.05, 0.05]),
+        ] {
+            let spring = Distance {
+                points: [0, 1],
+                rest,
+            };
+            let x = [Point3::new(0.2, 0.1, -0.3), Point3::from(to)];
+            for convex in [false, true] {
+                let own = spring.hessian(&x, 3.0, convex).expect("a direction");
+                let general = quadratic::hessian(&spring, &x, 3.0, convex).expect("a direction");
+                for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                    assert!(
+                        (own[i][j] - general[i][j]).norm() <= 1e-12 * general[i][j].norm(),
+                        "{rest} {convex}"
+                    );
+                    assert!(general[i][j].norm() > 1.0);
+                }
+            }
         }
     }
 }

@@ -1,8 +1,11 @@
 //! Evaluation of one kind of constraints in sweeps and energies: one by one or in lanes, with or without a branch.
 
+use nalgebra::Point3;
+
 use super::lanes::{Lane, Several, Width};
 use super::projection::{self, Span, Sweep};
 use super::quadratic::{self, Forces};
+use super::stencil::Blocks;
 use super::{Constraint, Periodic};
 
 /// A constraint that several lanes evaluate at once.
@@ -76,6 +79,9 @@ pub(crate) struct Branch<C> {
 /// A sweep over the spans of a block.
 pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span], Width);
 
+/// The second derivative [N/m] of k C^2 / 2 for a stiffness k, or with `true` its nearest positive semi-definite part.
+pub type Hessian<C, const K: usize> = fn(&C, &[Point3<f64>; K], f64, bool) -> Option<Blocks<K>>;
+
 /// The functions by which batches and energies evaluate constraints of one kind; [`Constraint::kernel`] chooses them.
 ///
 /// The choice changes the speed and, for a periodic constraint, the branch of C. It changes no other bit of a result.
@@ -83,6 +89,7 @@ pub(crate) type SweepBlock<C, const K: usize> = fn(&mut Sweep<'_, C, K>, &[Span]
 pub struct Kernel<C, const K: usize> {
     pub(crate) sweep: SweepBlock<C, K>,
     pub(crate) forces: fn(Forces<'_, C, K>),
+    pub(crate) hessian: Hessian<C, K>,
     pub(crate) branch: Option<Branch<C>>,
     unit: bool,
 }
@@ -93,6 +100,7 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         Self {
             sweep: projection::one_by_one::<C, Plain, K>,
             forces: quadratic::one_by_one,
+            hessian: quadratic::hessian,
             branch: None,
             unit: false,
         }
@@ -106,8 +114,8 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
         Self {
             sweep: projection::in_lanes::<C, Lanes, K>,
             forces: quadratic::in_lanes,
-            branch: None,
             unit: C::UNIT,
+            ..Self::one_by_one()
         }
     }
 
@@ -136,6 +144,12 @@ impl<C: Constraint<K>, const K: usize> Kernel<C, K> {
             branch: Self::periodic().branch,
             ..Self::in_lanes()
         }
+    }
+
+    /// With a second derivative of the energy that is written out, in place of the one that follows from the value.
+    #[must_use]
+    pub fn with_hessian(self, hessian: Hessian<C, K>) -> Self {
+        Self { hessian, ..self }
     }
 
     /// Whether gradients are taken to have length one, see [`LaneConstraint::UNIT`].

@@ -18,6 +18,8 @@ pub mod quadratic;
 mod rings;
 mod scalar;
 pub mod second;
+pub mod spring;
+pub mod stencil;
 #[cfg(any(test, feature = "testing"))]
 mod spec;
 
@@ -42,6 +44,7 @@ pub use quadratic::Quadratic;
 pub use scalar::Scalar;
 #[cfg(any(test, feature = "testing"))]
 pub use spec::{ForEachKind, Parameter, Spec};
+pub use stencil::{Stencil, Stencils};
 pub use tetrahedron_volume::TetrahedronVolume;
 pub use triangle_contact::TriangleContact;
 

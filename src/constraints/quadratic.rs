@@ -6,6 +6,7 @@ use super::batch::{restore_branches, save_branches};
 use super::lanes::{self, InLanes, Lane, Several, Width, unrolled};
 use super::potential::{Memory, Potential, positive_part};
 use super::second::Second;
+use super::stencil::{self, Blocks, Stencil};
 use super::{Constraint, LaneConstraint};
 use crate::mesh::measures::greatest;
 use crate::mesh::sum::Compensated;
@@ -36,8 +37,78 @@ impl<C: Constraint<K>, const K: usize> Quadratic<C, K> {
         }
     }
 
-    fn each(&self) -> impl Iterator<Item = (&C, f64)> {
-        self.constraints.iter().zip(self.stiffness.iter().copied())
+    fn terms(&self) -> impl ExactSizeIterator<Item = Squared<C>> {
+        let each = self.constraints.iter().zip(&self.stiffness);
+        each.map(|(&constraint, &stiffness)| Squared {
+            constraint,
+            stiffness,
+        })
+    }
+}
+
+/// The energy k C^2 / 2 of one constraint.
+#[derive(Clone, Copy, Debug)]
+pub struct Squared<C> {
+    /// The constraint.
+    pub constraint: C,
+    /// Stiffness k [J per unit of C squared].
+    pub stiffness: f64,
+}
+
+/// Where the gradient is undefined an edge or hinge without extent exerts no force.
+impl<C: Constraint<K>, const K: usize> Stencil<K> for Squared<C> {
+    #[inline]
+    fn points(&self) -> [u32; K] {
+        self.constraint.points()
+    }
+
+    #[inline]
+    fn energy_and_gradient(&self, x: &[Point3<f64>; K]) -> Option<(f64, [Vector3<f64>; K])> {
+        let (value, gradient) = self.constraint.value_and_gradient(x)?;
+        let force = self.stiffness * value;
+        Some((0.5 * force * value, gradient.map(|g| g * force)))
+    }
+
+    fn hessian(&self, x: &[Point3<f64>; K], convex: bool) -> Option<Blocks<K>> {
+        (C::kernel().hessian)(&self.constraint, x, self.stiffness, convex)
+    }
+
+    /// The trace of each block k g_i g_j^T: a Gram matrix, hence positive semi-definite.
+    fn scalar_hessian(&self, x: &[Point3<f64>; K]) -> Option<[[f64; K]; K]> {
+        let (_, g) = self.constraint.value_and_gradient(x)?;
+        Some(std::array::from_fn(|i| {
+            std::array::from_fn(|j| self.stiffness * g[i].dot(&g[j]))
+        }))
+    }
+
+    /// The force at which C has changed by as much as a strain of one changes it.
+    fn force_scale(&self, x: &[Point3<f64>; K]) -> f64 {
+        let Some((_, g)) = self.constraint.value_and_gradient(x) else {
+            return 0.0;
+        };
+        let longest = greatest(x.iter().map(|p| (p - x[0]).norm_squared()));
+        self.stiffness * g[0].norm_squared() * longest.sqrt()
+    }
+}
+
+/// The second derivative of k C^2 / 2 from the constraint's own value, see [`Second`].
+pub(crate) fn hessian<C: Constraint<K>, const K: usize>(
+    constraint: &C,
+    x: &[Point3<f64>; K],
+    stiffness: f64,
+    convex: bool,
+) -> Option<Blocks<K>> {
+    constraint.value_and_gradient(x)?;
+    let c = constraint.value(&Second::variables(x));
+    let block = |i: usize, j: usize| {
+        (c.gradient[i] * c.gradient[j].transpose() + c.hessian[i][j] * c.value) * stiffness
+    };
+    let blocks = std::array::from_fn(|i| std::array::from_fn(|j| block(i, j)));
+    // A spring at rest or stretched, and any constraint that holds, has no negative curvature of its own.
+    if convex && c.value != 0.0 {
+        Some(positive_part(&blocks))
+    } else {
+        Some(blocks)
     }
 }
 
@@ -61,15 +132,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (constraint, k) in self.each() {
-            let at = constraint.points().map(|p| x[p as usize]);
-            // Where the gradient is undefined so is the value: an edge or hinge without extent exerts no force.
-            if let Some((c, _)) = constraint.value_and_gradient(&at) {
-                sum.add(0.5 * k * c * c);
-            }
-        }
-        sum.total()
+        stencil::energy(self.terms(), x)
     }
 
     fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
@@ -87,12 +150,7 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
     }
 
     fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        for constraint in &self.constraints {
-            let points = constraint.points();
-            for i in 0..K {
-                points[..i].iter().for_each(|&q| pair(points[i], q));
-            }
-        }
+        stencil::pairs(self.terms(), pair);
     }
 
     fn hessian(
@@ -101,53 +159,15 @@ impl<C: Constraint<K>, const K: usize> Potential for Quadratic<C, K> {
         convex: bool,
         add: &mut dyn FnMut(u32, u32, &Matrix3<f64>),
     ) {
-        for (constraint, k) in self.each() {
-            let points = constraint.points();
-            let at = points.map(|p| x[p as usize]);
-            if constraint.value_and_gradient(&at).is_none() {
-                continue;
-            }
-            let c = constraint.value(&Second::variables(&at));
-            let block = |i: usize, j: usize| {
-                (c.gradient[i] * c.gradient[j].transpose() + c.hessian[i][j] * c.value) * k
-            };
-            let mut blocks: [[Matrix3<f64>; K]; K] =
-                std::array::from_fn(|i| std::array::from_fn(|j| block(i, j)));
-            // A spring at rest or stretched, and any constraint that holds, has no negative curvature of its own.
-            if convex && c.value != 0.0 {
-                blocks = positive_part(&blocks);
-            }
-            for i in 0..K {
-                (0..K).for_each(|j| add(points[i], points[j], &blocks[i][j]));
-            }
-        }
+        stencil::hessian(self.terms(), x, convex, add);
     }
 
     fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for (constraint, k) in self.each() {
-            let points = constraint.points();
-            let Some((_, g)) = constraint.value_and_gradient(&points.map(|p| x[p as usize])) else {
-                continue;
-            };
-            // The trace of each block k g_i g_j^T: a Gram matrix, hence positive semi-definite.
-            for i in 0..K {
-                (0..K).for_each(|j| add(points[i], points[j], k * g[i].dot(&g[j])));
-            }
-        }
+        stencil::scalar_hessian(self.terms(), x, add);
     }
 
     fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (constraint, k) in self.each() {
-            let at = constraint.points().map(|p| x[p as usize]);
-            if let Some((_, g)) = constraint.value_and_gradient(&at) {
-                // The force at which C has changed by as much as a strain of one changes it.
-                let longest = greatest(at.iter().map(|p| (p - at[0]).norm_squared()));
-                let force = k * g[0].norm_squared() * longest.sqrt();
-                sum.add(force * force);
-            }
-        }
-        (sum.total() / self.constraints.len().max(1) as f64).sqrt()
+        stencil::force_scale(self.terms(), x)
     }
 
     fn memory(&self) -> Option<&dyn Memory> {

@@ -74,7 +74,10 @@ impl Simulation {
         self.let_go(muscle);
         let (body, grip) = (&mut self.bodies[muscle], Grip::new(vertex, to, stiffness));
         match body.equilibrium_mut() {
-            Some(equilibrium) => equilibrium.energy_mut().elastic.push(Box::new(grip)),
+            Some(equilibrium) => {
+                let potential = Box::new(grip.potential());
+                equilibrium.energy_mut().elastic.push(potential);
+            }
             None => body.system.elastic.push(Box::new(grip)),
         }
     }

@@ -14,8 +14,8 @@ use crate::solvers::energy::Energy;
 use crate::solvers::newton::Newton;
 use crate::solvers::press::{Press, Sample};
 use crate::solvers::sparse::FactorError;
-use crate::solvers::tension::Tension;
-use crate::solvers::tracking::Tracking;
+use crate::solvers::tension::{Tension, support, tension};
+use crate::solvers::tracking::{Tracking, toward, tracking};
 use crate::solvers::{Broken, System};
 
 /// Rounds at most in which samples that have come near to a bone are looked up again.
@@ -77,7 +77,7 @@ impl Tracked {
         let Parts {
             edges,
             stiffness,
-            tracking,
+            tracking: share,
             bones,
         } = parts;
         let particles = &system.particles;
@@ -97,7 +97,7 @@ impl Tracked {
                 .map(|&o| bones[o].clone())
                 .collect();
             Press::new(
-                PRESS * (1.0 + tracking) * stiffest,
+                PRESS * (1.0 + share) * stiffest,
                 contacts.thickness(),
                 samples,
                 bones,
@@ -108,10 +108,10 @@ impl Tracked {
             press,
             ..Energy::default()
         };
-        let shares = stiffness.iter().map(|k| k * tracking).collect();
-        let tracking = Tracking::new(points, shares, shape.clone());
+        let shares: Vec<f64> = stiffness.iter().map(|k| k * share).collect();
+        let tracking = tracking(&points, &shares, &shape);
         energy.elastic.push(Box::new(tracking.clone()));
-        let tension = Tension::new(edges.to_vec(), stiffness);
+        let tension = tension(edges, &stiffness);
         energy.elastic.push(Box::new(tension.clone()));
         let lies_on = system.contacts.as_ref().map_or_else(Vec::new, |contacts| {
             let reach = RESTS * contacts.thickness();
@@ -148,7 +148,7 @@ impl Tracked {
             .held
             .iter()
             .for_each(|h| x[h.vertex as usize] = placed[h.bone].now * h.local);
-        self.solver.problem.energy.elastic[0] = Box::new(self.tracking.toward(next));
+        self.solver.problem.energy.elastic[0] = Box::new(toward(&self.tracking, next));
         last.copy_from_slice(next);
         self.solver.problem.energy.forces = self.support(placed);
         let obstacles = system.contacts.as_ref().map_or(&[][..], |c| c.obstacles());
@@ -185,7 +185,7 @@ impl Tracked {
     /// The forces [N] that hold a muscle with tone in the prescribed shape: those of what lies around it. Where it lies on a
     /// bone at rest, it is the bone that holds it, so that its tone presses it against the bone from the beginning.
     fn support(&self, placed: &[Placed]) -> Vec<Vector3<f64>> {
-        let mut forces = self.tension.support(&self.shapes[1]);
+        let mut forces = support(&self.tension, &self.shapes[1]);
         for (v, o, away) in &self.lies_on {
             let away = placed[*o].now * away;
             let force = &mut forces[*v as usize];

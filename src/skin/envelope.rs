@@ -1,130 +1,90 @@
 //! The shell of an implant: it carries tension and no compression, like a thin sheet that wrinkles
 //! instead.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-use crate::constraints::Potential;
+use crate::constraints::Stencils;
 use crate::constraints::distance::Distance;
-use crate::mesh::sum::Compensated;
+use crate::constraints::spring::{Between, Spring, SpringLaw};
 
 /// Share of its stiffness with which a spring pulls its ends together at any length. It determines
 /// the positions of the vertices of a slack shell and costs as much as a strain of one percent.
 const GATHER: f64 = 0.01;
 
-/// The energy sum k (max(0, l - l0)^2 + l^2/100) / 2: convex, so a shell has a unique state.
-#[derive(Clone, Debug)]
-pub struct Envelope {
-    springs: Vec<Distance>,
-    stiffness: Vec<f64>,
+/// The energy k (max(0, l - l0)^2 + l^2/100) / 2: convex, so that a shell has no folds to choose from.
+#[derive(Clone, Copy, Debug)]
+pub struct Membrane {
+    rest: f64,
+    /// k [N/m].
+    stiffness: f64,
     /// True if this energy sets the scale of the forces.
     alone: bool,
 }
 
-impl Envelope {
-    /// Creates springs with a stiffness each [N/m].
-    ///
-    /// # Panics
-    /// If the numbers of springs and stiffnesses differ.
-    pub fn new(springs: Vec<Distance>, stiffness: Vec<f64>) -> Self {
-        assert_eq!(
-            springs.len(),
-            stiffness.len(),
-            "one stiffness for each spring"
-        );
-        Self {
-            springs,
+/// The shell of an implant.
+pub type Envelope = Stencils<Spring<Between, Membrane>, 2>;
+
+/// A shell of springs with a stiffness each [N/m]. A shell that is `alone`, without skin over it, is its own scale of forces.
+pub fn envelope(springs: &[Distance], stiffness: &[f64], alone: bool) -> Envelope {
+    let spring = |(spring, &stiffness): (&Distance, &f64)| Spring {
+        arm: Between(spring.points),
+        law: Membrane {
+            rest: spring.rest,
             stiffness,
-            alone: false,
-        }
-    }
-
-    /// The same for a shell without skin: this energy sets the scale of the forces.
-    pub fn alone(mut self) -> Self {
-        self.alone = true;
-        self
-    }
-
-    /// Each spring: its ends, the vector from the second to the first, its length, its rest length
-    /// and its stiffness.
-    fn each<'a>(
-        &'a self,
-        x: &'a [Point3<f64>],
-    ) -> impl Iterator<Item = ([u32; 2], Vector3<f64>, f64, f64, f64)> + 'a {
-        self.springs.iter().zip(&self.stiffness).map(|(spring, k)| {
-            let [a, b] = spring.points.map(|p| x[p as usize]);
-            (spring.points, a - b, (a - b).norm(), spring.rest, *k)
-        })
-    }
+            alone,
+        },
+    };
+    let springs = springs.iter().zip(stiffness).map(spring);
+    Stencils::new("envelope", springs.collect())
 }
 
-impl Potential for Envelope {
-    fn name(&self) -> &'static str {
-        "envelope"
+impl SpringLaw for Membrane {
+    fn energy(&self, length: f64) -> f64 {
+        let over = (length - self.rest).max(0.0);
+        0.5 * self.stiffness * (over * over + GATHER * length * length)
     }
 
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (_, _, length, rest, k) in self.each(x) {
-            let over = (length - rest).max(0.0);
-            sum.add(0.5 * k * (over * over + GATHER * length * length));
+    fn tension(&self, length: f64) -> f64 {
+        self.stiffness * ((length - self.rest).max(0.0) + GATHER * length)
+    }
+
+    fn tension_per_length(&self, length: f64) -> f64 {
+        let taut = if length > self.rest {
+            1.0 - self.rest / length
+        } else {
+            0.0
+        };
+        self.stiffness * (taut + GATHER)
+    }
+
+    fn slope(&self, length: f64) -> f64 {
+        let taut = if length > self.rest { 1.0 } else { 0.0 };
+        self.stiffness * (taut + GATHER)
+    }
+
+    // The sum of both springs, each positive semi-definite.
+    fn block(&self, d: &Vector3<f64>, _: bool) -> Matrix3<f64> {
+        let length = d.norm();
+        let mut block = Matrix3::from_diagonal_element(self.stiffness * GATHER);
+        if length > self.rest {
+            let unit = d / length;
+            let along = unit * unit.transpose();
+            let across = (Matrix3::identity() - along) * (1.0 - self.rest / length);
+            block += (along + across) * self.stiffness;
         }
-        sum.total()
+        block
     }
 
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        for ([a, b], d, length, rest, k) in self.each(x) {
-            let taut = if length > rest {
-                1.0 - rest / length
-            } else {
-                0.0
-            };
-            let force = d * (k * (taut + GATHER));
-            gradient[a as usize] += force;
-            gradient[b as usize] -= force;
-        }
-        self.energy(x)
+    fn scalar(&self, length: f64) -> f64 {
+        self.stiffness * if length >= self.rest { 1.0 } else { GATHER }
     }
 
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.springs
-            .iter()
-            .for_each(|s| pair(s.points[0], s.points[1]));
-    }
-
-    fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        for ([a, b], d, length, rest, k) in self.each(x) {
-            let mut block = Matrix3::from_diagonal_element(k * GATHER);
-            if length > rest {
-                let n = d / length;
-                let along = n * n.transpose();
-                block += (along + (Matrix3::identity() - along) * (1.0 - rest / length)) * k;
-            }
-            add(a, a, &block);
-            add(b, b, &block);
-            add(a, b, &-block);
-            add(b, a, &-block);
-        }
-    }
-
-    fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for ([a, b], _, length, rest, k) in self.each(x) {
-            let k = k * if length >= rest { 1.0 } else { GATHER };
-            [(a, a, k), (b, b, k), (a, b, -k), (b, a, -k)]
-                .into_iter()
-                .for_each(|(i, j, k)| add(i, j, k));
-        }
-    }
-
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
+    fn force_scale(&self, _: &Vector3<f64>) -> f64 {
         // Under skin the springs of the skin set the scale of the forces.
-        if !self.alone {
-            return 0.0;
+        if self.alone {
+            self.stiffness * self.rest
+        } else {
+            0.0
         }
-        let mut sum = Compensated::default();
-        self.springs
-            .iter()
-            .zip(&self.stiffness)
-            .for_each(|(spring, k)| sum.add((k * spring.rest).powi(2)));
-        (sum.total() / self.springs.len().max(1) as f64).sqrt()
     }
 }

@@ -15,7 +15,6 @@ pub mod ball;
 pub mod coarse;
 pub mod contact;
 mod detector;
-pub mod elastic;
 pub mod envelope;
 mod fault;
 pub mod fill;

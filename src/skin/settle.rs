@@ -8,16 +8,16 @@
 use nalgebra::Point3;
 
 use super::SkinError;
-use super::contact::{Anchors, Touching};
+use super::contact::Touching;
 pub use super::detector::deepest;
 use super::detector::{Detector, PENALTY};
-use super::elastic::Elastic;
-use super::envelope::Envelope;
+use super::envelope::envelope;
 use super::layers::Layers;
 use super::sheet::Sheet;
-use super::thickness::Thickness;
-use crate::constraints::EnclosedVolume;
+use super::thickness::{Thickness, thickness};
 use crate::constraints::distance::Distance;
+use crate::constraints::spring::anchors;
+use crate::constraints::{EnclosedVolume, Quadratic};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
 use crate::solvers::descent::{Outcome, Settings, Unguarded};
@@ -370,7 +370,7 @@ impl Model {
 
     /// The resistance to thinning, as stiff as contact over the depth of the skin.
     fn thickness(&self) -> Thickness {
-        Thickness::new(
+        thickness(
             &self.layers,
             FIRM * PENALTY * self.membrane / (self.base * self.base) * self.depth(),
         )
@@ -378,28 +378,20 @@ impl Model {
 
     fn energy(&self, touching: Touching, start: &[Point3<f64>]) -> Energy {
         let mut energy = Energy::default();
-        energy.elastic.push(Box::new(Elastic::new(
-            &self.layers.springs,
-            &self.layers.stiffness,
+        energy.elastic.push(Box::new(Quadratic::new(
+            self.layers.springs.clone(),
+            self.layers.stiffness.clone(),
         )));
         if self.layers.count() > 0 {
             energy.elastic.push(Box::new(self.thickness()));
         }
         for implant in &self.implants {
-            let mut shell = Envelope::new(implant.springs.clone(), implant.stiffness.clone());
-            if self.layers.springs.is_empty() {
-                shell = shell.alone();
-            }
+            let alone = self.layers.springs.is_empty();
+            let shell = envelope(&implant.springs, &implant.stiffness, alone);
             energy.elastic.push(Box::new(shell));
-            let places = implant
-                .pocket
-                .iter()
-                .map(|&v| (v, start[v as usize]))
-                .collect();
-            energy.elastic.push(Box::new(Anchors {
-                places,
-                stiffness: POCKET * self.membrane,
-            }));
+            let places = implant.pocket.iter().map(|&v| (v, start[v as usize]));
+            let pocket = anchors("anchors", places, POCKET * self.membrane);
+            energy.elastic.push(Box::new(pocket));
         }
         energy.volumes = self.volumes();
         energy.elastic.push(Box::new(touching));

@@ -1,12 +1,12 @@
 //! Resistance of skin to thinning: the length of crossing diagonals alone is the same if the layers
 //! change sides.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::contact::law;
 use super::layers::Layers;
-use crate::constraints::Potential;
-use crate::mesh::sum::Compensated;
+use crate::constraints::stencil::Blocks;
+use crate::constraints::{Stencil, Stencils};
 
 /// Volume share between the layers at which the resistance begins; the resistance is that of a
 /// spring as far below [`MIDDLE`].
@@ -15,13 +15,15 @@ const FIRST: f64 = 0.8;
 /// Centre of the quadratic part of the force, as a volume share.
 const MIDDLE: f64 = 0.5;
 
-/// The prism between two triangles.
+/// What lies between two triangles: the energy V K w(v/V) with rest volume V and volume v; w grows below 0.8.
 #[derive(Clone, Copy, Debug)]
-struct Prism {
+pub struct Prism {
     /// Three corners of the lower triangle, then those above them.
     corners: [u32; 6],
-    /// Volume at rest [m^3].
+    /// Volume at rest V [m^3].
     volume: f64,
+    /// V K [J].
+    stiffness: f64,
 }
 
 /// A volume share with its derivatives with respect to the corners [1/m].
@@ -33,8 +35,7 @@ struct Share {
 impl Prism {
     /// Volume and derivatives: the mean area vector of both triangles times the vector between
     /// their centroids.
-    fn measure(&self, x: &[Point3<f64>]) -> (f64, [Vector3<f64>; 6]) {
-        let [a, b, c, d, e, f] = self.corners.map(|v| x[v as usize]);
+    fn measure(&[a, b, c, d, e, f]: &[Point3<f64>; 6]) -> (f64, [Vector3<f64>; 6]) {
         let area = ((b - a).cross(&(c - a)) + (e - d).cross(&(f - d))) / 4.0;
         let way = ((d - a) + (e - b) + (f - c)) / 3.0;
         let third = area / 3.0;
@@ -52,118 +53,73 @@ impl Prism {
         (area.dot(&way), gradient)
     }
 
-    fn share(&self, x: &[Point3<f64>]) -> Share {
-        let (volume, gradient) = self.measure(x);
+    fn share(&self, x: &[Point3<f64>; 6]) -> Share {
+        let (volume, gradient) = Self::measure(x);
         Share {
             value: volume / self.volume,
             gradient: gradient.map(|g| g / self.volume),
         }
     }
-}
 
-/// The energy V K w(v/V) over all prisms with rest volume V and volume v; w is zero above 0.8 and
-/// increases below.
-#[derive(Clone, Debug)]
-pub struct Thickness {
-    prisms: Vec<Prism>,
-    /// K [Pa].
-    stiffness: f64,
-}
-
-impl Thickness {
-    /// Creates the energy between both layers, with the stiffness `stiffness` [Pa].
-    pub fn new(layers: &Layers, stiffness: f64) -> Self {
-        let n = layers.count() as u32;
-        let prism = |t: &[u32; 3]| {
-            let corners = [t[0] + n, t[1] + n, t[2] + n, t[0], t[1], t[2]];
-            let empty = Prism {
-                corners,
-                volume: 1.0,
-            };
-            Prism {
-                volume: empty.measure(&layers.rest).0,
-                ..empty
-            }
-        };
-        // A prism without rest volume has no resistance.
-        let prisms = layers
-            .triangles
-            .iter()
-            .map(prism)
-            .filter(|p| p.volume > 0.0)
-            .collect();
-        Self { prisms, stiffness }
-    }
-
-    /// The compressed prisms: stiffness [J], force and second derivative of w, and the share.
-    fn pressed(
-        &self,
-        x: &[Point3<f64>],
-    ) -> impl Iterator<Item = (&Prism, f64, (f64, f64, f64), Share)> {
-        self.prisms.iter().filter_map(move |prism| {
-            let share = prism.share(x);
-            let w = law(share.value - MIDDLE, FIRST - MIDDLE);
-            (w.1 > 0.0).then_some((prism, prism.volume * self.stiffness, w, share))
-        })
+    /// Energy, force and second derivative of w, and the share; `None` where the prism does not resist.
+    fn pressed(&self, x: &[Point3<f64>; 6]) -> Option<((f64, f64, f64), Share)> {
+        let share = self.share(x);
+        let w = law(share.value - MIDDLE, FIRST - MIDDLE);
+        (w.1 > 0.0).then_some((w, share))
     }
 }
 
-impl Potential for Thickness {
-    fn name(&self) -> &'static str {
-        "thickness of the skin"
-    }
+/// The prisms between both layers.
+pub type Thickness = Stencils<Prism, 6>;
 
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        self.pressed(x).for_each(|(_, k, w, _)| sum.add(k * w.0));
-        sum.total()
-    }
-
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (prism, k, w, share) in self.pressed(x) {
-            sum.add(k * w.0);
-            let each = prism.corners.iter().zip(&share.gradient);
-            each.for_each(|(p, g)| gradient[*p as usize] -= g * (k * w.1));
+/// The prisms between both layers, which resist with `stiffness` K [Pa].
+pub fn thickness(layers: &Layers, stiffness: f64) -> Thickness {
+    let n = layers.count() as u32;
+    let prism = |t: &[u32; 3]| {
+        let corners = [t[0] + n, t[1] + n, t[2] + n, t[0], t[1], t[2]];
+        let (volume, _) = Prism::measure(&corners.map(|v| layers.rest[v as usize]));
+        Prism {
+            corners,
+            volume,
+            stiffness: volume * stiffness,
         }
-        sum.total()
+    };
+    // Without volume at rest there is none to keep.
+    let prisms = layers.triangles.iter().map(prism);
+    let prisms = prisms.filter(|p| p.volume > 0.0).collect();
+    Stencils::new("thickness of the skin", prisms)
+}
+
+impl Stencil<6> for Prism {
+    fn points(&self) -> [u32; 6] {
+        self.corners
     }
 
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        for prism in &self.prisms {
-            for (i, p) in prism.corners.iter().enumerate() {
-                prism.corners[..i].iter().for_each(|q| pair(*p, *q));
-            }
-        }
+    fn energy_and_gradient(&self, x: &[Point3<f64>; 6]) -> Option<(f64, [Vector3<f64>; 6])> {
+        let (w, share) = self.pressed(x)?;
+        let gradient = share.gradient.map(|g| g * -(self.stiffness * w.1));
+        Some((self.stiffness * w.0, gradient))
     }
 
-    fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        for (prism, k, w, share) in self.pressed(x) {
-            // Without the second derivative of the volume: few prisms resist, and the rest is
-            // convex.
-            for (p, g) in prism.corners.iter().zip(&share.gradient) {
-                for (q, h) in prism.corners.iter().zip(&share.gradient) {
-                    add(*p, *q, &(g * h.transpose() * (k * w.2)));
-                }
-            }
-        }
+    /// Without the volume's own second derivative: few prisms resist, and what is left is convex.
+    fn hessian(&self, x: &[Point3<f64>; 6], _: bool) -> Option<Blocks<6>> {
+        let (w, Share { gradient, .. }) = self.pressed(x)?;
+        let k = self.stiffness * w.2;
+        Some(gradient.map(|g| gradient.map(|h| g * h.transpose() * k)))
     }
 
-    fn scalar_hessian(&self, x: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for (prism, k, w, share) in self.pressed(x) {
-            for (p, g) in prism.corners.iter().zip(&share.gradient) {
-                for (q, h) in prism.corners.iter().zip(&share.gradient) {
-                    // A third: the resistance acts in one direction of three.
-                    add(*p, *q, k * w.2 / 3.0 * g.dot(h));
-                }
-            }
-        }
+    /// A third: it holds in one direction of three.
+    fn scalar_hessian(&self, x: &[Point3<f64>; 6]) -> Option<[[f64; 6]; 6]> {
+        let (w, Share { gradient, .. }) = self.pressed(x)?;
+        let k = self.stiffness * w.2 / 3.0;
+        Some(gradient.map(|g| gradient.map(|h| k * g.dot(&h))))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constraints::Potential;
 
     /// A prism of width 1 and height 0.2.
     fn prism() -> (Thickness, Vec<Point3<f64>>) {
@@ -174,7 +130,7 @@ mod tests {
             rest: [at(0.2), at(0.0)].concat(),
             ..Layers::none(1.0)
         };
-        (Thickness::new(&layers, 3.0), layers.rest)
+        (thickness(&layers, 3.0), layers.rest)
     }
 
     #[test]

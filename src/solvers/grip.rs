@@ -3,9 +3,10 @@
 //! In a step it is a constraint of three components, x - p = 0, with compliance 1/k, so that it is stable for any stiffness;
 //! in an equilibrium its energy k |x - p|^2 / 2 is one part more.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
-use crate::constraints::{Potential, Project};
+use crate::constraints::Project;
+use crate::constraints::spring::{Anchors, anchors};
 use crate::particles::{Packed, Particles};
 use crate::state::{Corrupt, Reader, State, Writer};
 
@@ -34,6 +35,11 @@ impl Grip {
             stiffness,
             multiplier: Vector3::zeros(),
         }
+    }
+
+    /// Its energy, for an equilibrium.
+    pub fn potential(&self) -> Anchors {
+        anchors(DRAG, [(self.vertex, self.to)], self.stiffness)
     }
 
     /// The displacement [m] of a vertex at `x` with inverse mass `w` [1/kg] in one sweep: the update of \[macklin2016\] with the
@@ -85,38 +91,10 @@ impl Project for Grip {
     }
 }
 
-impl Potential for Grip {
-    fn name(&self) -> &'static str {
-        DRAG
-    }
-
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        0.5 * self.stiffness * (x[self.vertex as usize] - self.to).norm_squared()
-    }
-
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        gradient[self.vertex as usize] += (x[self.vertex as usize] - self.to) * self.stiffness;
-        self.energy(x)
-    }
-
-    fn pairs(&self, _: &mut dyn FnMut(u32, u32)) {}
-
-    fn hessian(&self, _: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        add(
-            self.vertex,
-            self.vertex,
-            &Matrix3::from_diagonal_element(self.stiffness),
-        );
-    }
-
-    fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        add(self.vertex, self.vertex, self.stiffness);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constraints::Potential;
 
     /// A particle of 2 kg on a spring of 8 N/m, 1 m from rest, after one step of half a second from rest, by `displacement`.
     fn after(sweeps: usize, wrong: f64) -> f64 {
@@ -160,7 +138,7 @@ mod tests {
 
     #[test]
     fn the_gradient_is_that_of_the_energy() {
-        let grip = Grip::new(1, Point3::new(0.3, -0.2, 0.1), 8.0);
+        let grip = Grip::new(1, Point3::new(0.3, -0.2, 0.1), 8.0).potential();
         let x = vec![Point3::origin(), Point3::new(1.0, 2.0, 3.0)];
         let mut gradient = vec![Vector3::zeros(); 2];
         grip.energy_and_gradient(&x, &mut gradient);

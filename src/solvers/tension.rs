@@ -1,159 +1,100 @@
 //! The energy of cords under tone: edges whose force is positive at every length and increases with
 //! it.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
-use crate::constraints::Potential;
+use crate::constraints::Stencils;
 use crate::constraints::distance::Distance;
-use crate::mesh::sum::Compensated;
+use crate::constraints::spring::{Between, Spring, SpringLaw};
 
 /// Exponential growth of passive muscle force with strain: the force increases by a factor e when
 /// the strain increases by the inverse of this value. The value is the exponent 4 over the strain
 /// 0.6 at the greatest isometric force \[thelen2003\].
 pub const STEEPNESS: f64 = 4.0 / 0.6;
 
-/// The energy `sum k d^2 exp(a e) / a^2` over edges of rest length `d` and strain `e`, where `a` is
-/// [`STEEPNESS`]. The force of an edge is `k d / a` at rest and follows the exponential law of
-/// passive muscle. The energy is convex and smooth: a net of such cords has a unique equilibrium,
-/// does not buckle, and never becomes slack suddenly.
-#[derive(Clone, Debug)]
-pub struct Tension {
-    edges: Vec<Distance>,
-    /// Stiffness of each edge [N/m].
-    stiffness: Vec<f64>,
+/// The exponential law of passive muscle: energy `k d^2 exp(a e) / a^2` at strain `e`, `d` the rest length, `a` being
+/// [`STEEPNESS`]. The force grows from `k d / a` at rest. The energy is convex and smooth: a net of such cords has one
+/// equilibrium, none buckles, and none suddenly becomes slack.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cord {
+    /// Rest length [m].
+    pub rest: f64,
+    /// Stiffness at rest [N/m].
+    pub stiffness: f64,
 }
 
-/// An edge at its present length.
-struct Cord {
-    /// Its vector [m].
-    vector: Vector3<f64>,
-    length: f64,
-    /// Its force [N].
-    force: f64,
-    /// Derivative of the force with respect to the length [N/m].
-    slope: f64,
-}
-
-impl Tension {
-    /// Creates edges with a stiffness at rest [N/m] each.
-    pub fn new(edges: Vec<Distance>, stiffness: Vec<f64>) -> Self {
-        Self { edges, stiffness }
+impl SpringLaw for Cord {
+    fn energy(&self, length: f64) -> f64 {
+        self.tension(length) * self.rest / STEEPNESS
     }
 
-    /// The forces [N] on the vertices of a shape `x` [m] that balance edges with their rest force
-    /// at any length.
-    pub fn support(&self, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
-        let mut forces = vec![Vector3::zeros(); x.len()];
-        for (edge, k) in self.edges.iter().zip(&self.stiffness) {
-            let [a, b] = edge.points.map(|p| p as usize);
-            let along = (x[a] - x[b])
-                .try_normalize(0.0)
-                .unwrap_or_else(Vector3::zeros);
-            let force = along * (k * edge.rest / STEEPNESS);
-            forces[a] += force;
-            forces[b] -= force;
-        }
-        forces
+    fn tension(&self, length: f64) -> f64 {
+        self.slope(length) * self.rest / STEEPNESS
     }
 
-    fn cord(&self, e: usize, x: &[Point3<f64>]) -> Cord {
-        let Distance {
-            points: [a, b],
-            rest,
-        } = self.edges[e];
-        let vector = x[a as usize] - x[b as usize];
-        let length = vector.norm();
-        let slope = self.stiffness[e] * libm::exp(STEEPNESS * (length - rest) / rest);
-        Cord {
-            vector,
-            length,
-            force: slope * rest / STEEPNESS,
-            slope,
-        }
+    fn slope(&self, length: f64) -> f64 {
+        self.stiffness * libm::exp(STEEPNESS * (length - self.rest) / self.rest)
     }
 
-    /// Energy of an edge [J].
-    fn of(&self, e: usize, cord: &Cord) -> f64 {
-        cord.force * self.edges[e].rest / STEEPNESS
+    // One exponential for both. A cord without extent pulls in no direction.
+    fn along(&self, d: &Vector3<f64>) -> (f64, f64) {
+        let length = d.norm();
+        let tension = self.tension(length);
+        let per_length = if length > 0.0 { tension / length } else { 0.0 };
+        (tension * self.rest / STEEPNESS, per_length)
+    }
+
+    fn factors(&self, d: &Vector3<f64>, _: bool) -> (f64, f64, f64) {
+        let length = d.norm();
+        let slope = self.slope(length);
+        let tension = slope * self.rest / STEEPNESS;
+        let per_length = if length > 0.0 { tension / length } else { 0.0 };
+        (length, slope, per_length)
+    }
+
+    fn scalar(&self, _: f64) -> f64 {
+        self.stiffness
+    }
+
+    fn force_scale(&self, _: &Vector3<f64>) -> f64 {
+        self.stiffness * self.rest
     }
 }
 
-impl Potential for Tension {
-    fn name(&self) -> &'static str {
-        "tension"
-    }
+/// Edges under tone.
+pub type Tension = Stencils<Spring<Between, Cord>, 2>;
 
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        (0..self.edges.len()).for_each(|e| sum.add(self.of(e, &self.cord(e, x))));
-        sum.total()
-    }
+/// Edges under tone with a stiffness at rest [N/m] each.
+pub fn tension(edges: &[Distance], stiffness: &[f64]) -> Tension {
+    let cord = |(edge, &stiffness): (&Distance, &f64)| Spring {
+        arm: Between(edge.points),
+        law: Cord {
+            rest: edge.rest,
+            stiffness,
+        },
+    };
+    Stencils::new("tension", edges.iter().zip(stiffness).map(cord).collect())
+}
 
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for (e, edge) in self.edges.iter().enumerate() {
-            let cord = self.cord(e, x);
-            sum.add(self.of(e, &cord));
-            // An edge without extent has no force.
-            let pull = if cord.length > 0.0 {
-                cord.vector * (cord.force / cord.length)
-            } else {
-                Vector3::zeros()
-            };
-            gradient[edge.points[0] as usize] += pull;
-            gradient[edge.points[1] as usize] -= pull;
-        }
-        sum.total()
+/// The forces [N] on the vertices of a shape `x` [m] that balance cords which pull as at rest, whatever their lengths.
+pub fn support(cords: &Tension, x: &[Point3<f64>]) -> Vec<Vector3<f64>> {
+    let mut forces = vec![Vector3::zeros(); x.len()];
+    for Spring { arm, law } in cords.terms() {
+        let [a, b] = arm.0.map(|p| p as usize);
+        let direction = (x[a] - x[b])
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::zeros);
+        let force = direction * (law.stiffness * law.rest / STEEPNESS);
+        forces[a] += force;
+        forces[b] -= force;
     }
-
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.edges
-            .iter()
-            .for_each(|e| pair(e.points[0], e.points[1]));
-    }
-
-    fn hessian(&self, x: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        for (e, edge) in self.edges.iter().enumerate() {
-            let cord = self.cord(e, x);
-            if !(cord.length > 0.0) {
-                continue;
-            }
-            let unit = cord.vector / cord.length;
-            let across = cord.force / cord.length;
-            let block =
-                Matrix3::identity() * across + unit * unit.transpose() * (cord.slope - across);
-            let [a, b] = edge.points;
-            add(a, a, &block);
-            add(b, b, &block);
-            add(a, b, &-block);
-            add(b, a, &-block);
-        }
-    }
-
-    fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for (edge, &k) in self.edges.iter().zip(&self.stiffness) {
-            let [a, b] = edge.points;
-            add(a, a, k);
-            add(b, b, k);
-            add(a, b, -k);
-            add(b, a, -k);
-        }
-    }
-
-    fn force_scale(&self, _: &[Point3<f64>]) -> f64 {
-        let squares: f64 = self
-            .edges
-            .iter()
-            .zip(&self.stiffness)
-            .map(|(e, k)| (k * e.rest).powi(2))
-            .sum();
-        (squares / self.edges.len().max(1) as f64).sqrt()
-    }
+    forces
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::constraints::Potential;
     use crate::testing::Draw;
 
     /// Cords of which some are shorter and some longer than at rest.
@@ -171,8 +112,8 @@ mod tests {
                 });
             }
         }
-        let stiffness = edges.iter().map(|_| draw.between(10.0, 300.0)).collect();
-        (Tension::new(edges, stiffness), x)
+        let stiffness: Vec<f64> = edges.iter().map(|_| draw.between(10.0, 300.0)).collect();
+        (tension(&edges, &stiffness), x)
     }
 
     #[test]
@@ -222,21 +163,21 @@ mod tests {
     fn a_shape_at_rest_lengths_is_in_balance_with_its_support() {
         let (part, _) = drawn();
         let x = Draw::new(5).shape(6);
-        let at_rest = |e: &Distance| {
-            let [a, b] = e.points.map(|p| x[p as usize]);
-            Distance {
-                points: e.points,
+        let at_rest = |cord: &Spring<Between, Cord>| {
+            let [a, b] = cord.arm.0.map(|p| x[p as usize]);
+            let law = Cord {
                 rest: (a - b).norm(),
-            }
+                ..cord.law
+            };
+            Spring { law, ..*cord }
         };
-        let edges: Vec<Distance> = part.edges.iter().map(at_rest).collect();
-        let balanced = Tension::new(edges, part.stiffness.clone());
+        let balanced = Stencils::new("tension", part.terms().iter().map(at_rest).collect());
         let greatest = |x: &[Point3<f64>]| {
             let mut gradient = vec![Vector3::zeros(); 6];
             balanced.energy_and_gradient(x, &mut gradient);
             let left = gradient
                 .iter()
-                .zip(balanced.support(x))
+                .zip(support(&balanced, x))
                 .map(|(g, f)| (g - f).norm());
             crate::mesh::measures::greatest(left)
         };

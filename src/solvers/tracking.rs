@@ -1,125 +1,60 @@
 //! The energy of departing from a shape that is prescribed: what keeps a muscle as near as contact and volume let it to
 //! where its bones' motion alone would carry it.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::Point3;
 
-use crate::constraints::Potential;
-use crate::mesh::sum::Compensated;
+use crate::constraints::Stencils;
+use crate::constraints::spring::{Displacement, Linear, Spring};
+use crate::constraints::stencil::at;
 
 /// The energy `sum k |d_a - d_b|^2 / 2` over edges, `d` the displacement from the target: a membrane of corrections. It
 /// is quadratic, so that without obstacles its minimum is unique and moves smoothly with the target.
-#[derive(Clone, Debug)]
-pub struct Tracking {
-    edges: Vec<[u32; 2]>,
-    /// [N/m], one an edge.
-    stiffness: Vec<f64>,
-    /// Where every vertex would be [m].
-    target: Vec<Point3<f64>>,
+pub type Tracking = Stencils<Spring<Displacement, Linear>, 2>;
+
+/// Edges with a stiffness [N/m] each, drawn to a target [m], one place a vertex. The scale of forces is that of a strain of
+/// one of the edges there.
+pub fn tracking(edges: &[[u32; 2]], stiffness: &[f64], target: &[Point3<f64>]) -> Tracking {
+    let tie = |(&points, &stiffness): (&[u32; 2], &f64)| {
+        let targets = at(points, target);
+        let force_scale = stiffness * (targets[0] - targets[1]).norm();
+        Spring {
+            arm: Displacement { points, targets },
+            law: Linear {
+                stiffness,
+                force_scale,
+            },
+        }
+    };
+    Stencils::new("tracking", edges.iter().zip(stiffness).map(tie).collect())
 }
 
-impl Tracking {
-    /// Edges with a stiffness [N/m] each, over vertices that are where they should be.
-    pub fn new(edges: Vec<[u32; 2]>, stiffness: Vec<f64>, target: Vec<Point3<f64>>) -> Self {
-        Self {
-            edges,
-            stiffness,
-            target,
+/// The same edges, drawn to another target [m].
+pub fn toward(tracking: &Tracking, target: &[Point3<f64>]) -> Tracking {
+    let drawn = |tie: &Spring<Displacement, Linear>| {
+        let points = tie.arm.points;
+        let targets = at(points, target);
+        Spring {
+            arm: Displacement { points, targets },
+            ..*tie
         }
-    }
-
-    /// The same edges, drawn to another target [m].
-    #[must_use]
-    pub fn toward(&self, target: &[Point3<f64>]) -> Self {
-        Self {
-            target: target.to_vec(),
-            ..self.clone()
-        }
-    }
-
-    fn each<'a>(
-        &'a self,
-        x: &'a [Point3<f64>],
-    ) -> impl Iterator<Item = ([usize; 2], Vector3<f64>, f64)> + 'a {
-        let displacement = |v: usize| x[v] - self.target[v];
-        self.edges
-            .iter()
-            .zip(&self.stiffness)
-            .map(move |(edge, k)| {
-                let [a, b] = edge.map(|v| v as usize);
-                ([a, b], displacement(a) - displacement(b), *k)
-            })
-    }
-}
-
-impl Potential for Tracking {
-    fn name(&self) -> &'static str {
-        "tracking"
-    }
-
-    fn energy(&self, x: &[Point3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        self.each(x)
-            .for_each(|(_, d, k)| sum.add(0.5 * k * d.norm_squared()));
-        sum.total()
-    }
-
-    fn energy_and_gradient(&self, x: &[Point3<f64>], gradient: &mut [Vector3<f64>]) -> f64 {
-        let mut sum = Compensated::default();
-        for ([a, b], d, k) in self.each(x) {
-            sum.add(0.5 * k * d.norm_squared());
-            gradient[a] += d * k;
-            gradient[b] -= d * k;
-        }
-        sum.total()
-    }
-
-    fn pairs(&self, pair: &mut dyn FnMut(u32, u32)) {
-        self.edges.iter().for_each(|[a, b]| pair(*a, *b));
-    }
-
-    fn hessian(&self, _: &[Point3<f64>], _: bool, add: &mut dyn FnMut(u32, u32, &Matrix3<f64>)) {
-        self.scalar_hessian(&[], &mut |a, b, k| {
-            add(a, b, &Matrix3::from_diagonal_element(k))
-        });
-    }
-
-    fn scalar_hessian(&self, _: &[Point3<f64>], add: &mut dyn FnMut(u32, u32, f64)) {
-        for (&[a, b], &k) in self.edges.iter().zip(&self.stiffness) {
-            add(a, a, k);
-            add(b, b, k);
-            add(a, b, -k);
-            add(b, a, -k);
-        }
-    }
-
-    fn force_scale(&self, x: &[Point3<f64>]) -> f64 {
-        let force =
-            |(edge, k): (&[u32; 2], &f64)| k * (x[edge[0] as usize] - x[edge[1] as usize]).norm();
-        let squares: f64 = self
-            .edges
-            .iter()
-            .zip(&self.stiffness)
-            .map(force)
-            .map(|f| f * f)
-            .sum();
-        (squares / self.edges.len().max(1) as f64).sqrt()
-    }
+    };
+    Stencils::new("tracking", tracking.terms().iter().map(drawn).collect())
 }
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+
     use super::*;
+    use crate::constraints::Potential;
     use crate::mesh::measures::greatest;
     use crate::testing::Draw;
 
     fn drawn() -> (Tracking, Vec<Point3<f64>>) {
         let mut draw = Draw::new(3);
         let edges = vec![[0, 1], [1, 2], [2, 3], [0, 3], [1, 3]];
-        let stiffness = (0..5).map(|_| draw.between(10.0, 300.0)).collect();
-        (
-            Tracking::new(edges, stiffness, draw.shape(4)),
-            draw.shape(4),
-        )
+        let stiffness: Vec<f64> = (0..5).map(|_| draw.between(10.0, 300.0)).collect();
+        (tracking(&edges, &stiffness, &draw.shape(4)), draw.shape(4))
     }
 
     #[test]
@@ -163,7 +98,7 @@ mod tests {
             .iter()
             .map(|p| p + Vector3::new(0.25, -0.5, 1.0))
             .collect();
-        let part = part.toward(&shifted);
+        let part = toward(&part, &shifted);
         let size = greatest(x.iter().map(|p| p.coords.norm())) + 1.25;
         assert!(part.energy(&x) <= 300.0 * 5.0 * (8.0 * f64::EPSILON * size).powi(2));
         assert!(drawn().0.energy(&x) > 1e-3, "control");

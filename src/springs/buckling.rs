@@ -1,6 +1,7 @@
 //! The buckling law of cloth: a strip that bends under compression and has no other resistance.
 
 use super::pairs::{Law, Pairs};
+use crate::constraints::spring::SpringLaw;
 
 /// Greatest number of Newton steps for the angle of an arc; the function is smooth and monotonic,
 /// so few are needed.
@@ -89,7 +90,9 @@ impl Law for Buckling {
         let finite = self.parameters().iter().all(|p| p.is_finite());
         finite && self.rest > 0.0 && self.bending >= 0.0 && self.compression >= 0.0
     }
+}
 
+impl SpringLaw for Buckling {
     fn energy(&self, length: f64) -> f64 {
         if length >= self.rest {
             return 0.0;

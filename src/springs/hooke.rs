@@ -1,6 +1,7 @@
 //! The linear spring.
 
 use super::pairs::{Law, Pairs};
+use crate::constraints::spring::SpringLaw;
 
 /// Hooke's law: the tension is `stiffness (length - rest)`; force on point i `k (|x_ij| - l) x_ij/|x_ij|`, `x_ij = x_j - x_i`.
 ///
@@ -28,7 +29,9 @@ impl Law for Hooke {
     fn is_valid(&self) -> bool {
         self.rest >= 0.0 && self.rest.is_finite() && self.stiffness.is_finite()
     }
+}
 
+impl SpringLaw for Hooke {
     fn energy(&self, length: f64) -> f64 {
         let stretch = length - self.rest;
         0.5 * self.stiffness * stretch * stretch

@@ -6,11 +6,12 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::force::Force;
+use crate::constraints::spring::SpringLaw;
 use crate::mesh::sum::tree_sum_by;
 use crate::particles::{SHARE, is_shared};
 
-/// Tension of a spring as a function of its length.
-pub trait Law: Copy + Send + Sync + 'static {
+/// A law of springs that can be sorted and checked.
+pub trait Law: SpringLaw {
     /// Name of such springs in reports.
     const NAME: &'static str;
 
@@ -19,24 +20,6 @@ pub trait Law: Copy + Send + Sync + 'static {
 
     /// True if the law is defined for the parameters.
     fn is_valid(&self) -> bool;
-
-    /// Stored energy [J] at a length [m].
-    fn energy(&self, length: f64) -> f64;
-
-    /// Tension [N] at a length [m]; positive pulls.
-    fn tension(&self, length: f64) -> f64;
-
-    /// Tension over length [N/m]; its limit or 0 at the length 0.
-    fn tension_per_length(&self, length: f64) -> f64 {
-        if length > 0.0 {
-            self.tension(length) / length
-        } else {
-            0.0
-        }
-    }
-
-    /// Derivative of the tension with respect to the length [N/m].
-    fn slope(&self, length: f64) -> f64;
 }
 
 /// Error of [`Pairs::new`].
@@ -206,7 +189,7 @@ impl<L: Law> Force for Pairs<L> {
     ) {
         self.gather(product, |i, around, product| {
             for &(j, law) in around {
-                *product += block(&law, x[j as usize] - x[i], p[i] - p[j as usize], definite);
+                *product += law.product(&(x[j as usize] - x[i]), p[i] - p[j as usize], definite);
             }
         });
     }
@@ -215,33 +198,8 @@ impl<L: Law> Force for Pairs<L> {
         self.gather(sums, |i, around, sum| {
             for &(j, law) in around {
                 let length = (x[j as usize] - x[i]).norm();
-                *sum += 2.0
-                    * law
-                        .slope(length)
-                        .abs()
-                        .max(law.tension_per_length(length).abs());
+                *sum += 2.0 * law.stiffest(length);
             }
         });
-    }
-}
-
-/// `B u` with `B = slope d d^T + tension/length (1 - d d^T)`, where `d` is the direction of
-/// `along`.
-pub(super) fn block<L: Law>(
-    law: &L,
-    along: Vector3<f64>,
-    u: Vector3<f64>,
-    definite: bool,
-) -> Vector3<f64> {
-    let length = along.norm();
-    let (mut slope, mut across) = (law.slope(length), law.tension_per_length(length));
-    if definite {
-        (slope, across) = (slope.max(0.0), across.max(0.0));
-    }
-    if length > 0.0 {
-        let d = along / length;
-        u * across + d * ((slope - across) * d.dot(&u))
-    } else {
-        u * across
     }
 }

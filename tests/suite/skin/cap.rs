@@ -5,11 +5,11 @@ use std::f64::consts::PI;
 
 use nalgebra::Point3;
 use pliant::constraints::EnclosedVolume;
+use pliant::constraints::Quadratic;
 use pliant::constraints::distance::Distance;
 use pliant::mesh::measures::area;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::Shape;
-use pliant::skin::elastic::Elastic;
 use pliant::skin::implant::{Implant, SILICONE, upper};
 use pliant::skin::layers::springs_of;
 use pliant::solvers::descent::Settings;
@@ -71,9 +71,10 @@ fn inflate(
     all: &[[u32; 3]],
 ) {
     let mut energy = Energy::default();
-    energy
-        .elastic
-        .push(Box::new(Elastic::new(springs, stiffness)));
+    energy.elastic.push(Box::new(Quadratic::new(
+        springs.to_vec(),
+        stiffness.to_vec(),
+    )));
     energy.volumes = vec![EnclosedVolume::new(all, x.len(), volume, 0.0)];
     let movable = upper(RINGS - 1) as usize;
     let inverse_mass: Vec<f64> = (0..x.len())

@@ -1,14 +1,15 @@
 //! Every force against its own energy, and what must not change its bits.
 
 use nalgebra::{Point3, Vector3};
+use pliant::constraints::spring::SpringLaw;
 use pliant::mesh::shapes;
 use pliant::mesh::topology::Topology;
-use pliant::springs::anchors::Anchors;
-use pliant::springs::angular::{AngularSpring, AngularSprings};
+use pliant::springs::anchors;
+use pliant::springs::angular::{AngularSpring, angular_springs};
 use pliant::springs::buckling::{Buckling, Strips};
 use pliant::springs::hooke::{Hooke, Springs};
 use pliant::springs::lattice::Shape;
-use pliant::springs::pairs::{Law, PairError};
+use pliant::springs::pairs::PairError;
 use pliant::springs::patterns;
 use pliant::springs::volume::{CentreSprings, TrueVolume, VolumeError};
 use pliant::springs::{Force, Neighbours, SpringSystem, SystemError};
@@ -75,11 +76,11 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
         )
     });
     let angular = patterns::angular_at_rest(x, &pattern.angular, 3.0);
-    let anchors = [
+    let places = [
         (0, Point3::new(2.0, 0.5, 0.0), 0.0),
         (5, Point3::new(-0.3, 0.1, 0.7), 0.4),
     ];
-    let anchors = anchors.map(|(p, at, rest)| {
+    let places = places.map(|(p, at, rest)| {
         (
             p,
             at,
@@ -92,8 +93,8 @@ fn kinds() -> (Vec<Point3<f64>>, Vec<Box<dyn Force>>) {
     let forces: Vec<Box<dyn Force>> = vec![
         Box::new(Springs::new(count, at_rest(&pattern.structural)).unwrap()),
         Box::new(Strips::new(count, strips).unwrap()),
-        Box::new(AngularSprings::new(count, angular).unwrap()),
-        Box::new(Anchors::new(count, anchors).unwrap()),
+        Box::new(angular_springs(count, angular).unwrap()),
+        Box::new(anchors::anchors(count, places).unwrap()),
         Box::new(TrueVolume::new(x, &mesh.triangles, 30.0, None, &[]).unwrap()),
     ];
     (mesh.vertices, forces)
@@ -422,7 +423,7 @@ fn what_is_no_system_is_refused() {
         points: [0, 1, 1],
         law: law(1.0, 1.0),
     };
-    assert!(AngularSprings::new(3, [twice]).is_err());
+    assert!(angular_springs(3, [twice]).is_err());
     let system =
         |x: Vec<Point3<f64>>, m: Vec<f64>| SpringSystem::new(x, m).map(|_| ()).unwrap_err();
     let o = Point3::origin();
