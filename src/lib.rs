@@ -17,6 +17,7 @@ pub mod format;
 pub mod mesh;
 pub mod io;
 pub mod state;
+pub mod encode;
 pub mod particles;
 mod random;
 pub mod constraints;
@@ -34,3 +35,13 @@ pub mod moment_arms;
 pub mod accuracy;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+
+/// The digest of the library's sources and of its lock file, taken when the library was built: 32 hexadecimal digits.
+///
+/// Results of libraries with the same digest agree bit for bit on the same kind of machine. A change of a command's text
+/// leaves the digest as it is; a change of the library or of a dependency changes it.
+///
+/// ```
+/// assert_eq!(pliant::DIGEST.len(), 32);
+/// ```
+pub const DIGEST: &str = env!("PLIANT_DIGEST");
