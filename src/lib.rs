@@ -15,6 +15,7 @@ pub mod progress;
 pub mod mesh;
 pub mod io;
 pub mod state;
+pub mod encode;
 pub mod particles;
 mod random;
 pub mod simd;
@@ -41,3 +42,13 @@ pub mod moment_arms;
 pub mod accuracy;
 #[cfg(any(test, feature = "testing"))]
 pub mod testing;
+
+/// The digest of the library's sources and of its lock file, taken when the library was built: 32 hexadecimal digits.
+///
+/// Results of libraries with the same digest agree bit for bit on the same kind of machine. A change of a command's text
+/// leaves the digest as it is; a change of the library or of a dependency changes it.
+///
+/// ```
+/// assert_eq!(pliant::DIGEST.len(), 32);
+/// ```
+pub const DIGEST: &str = env!("PLIANT_DIGEST");

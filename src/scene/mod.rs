@@ -7,6 +7,7 @@
 pub mod builtin;
 pub mod content;
 pub mod effects;
+mod encode;
 pub mod error;
 mod guess;
 pub mod keys;

@@ -23,7 +23,7 @@ use crate::state::{Corrupt, Hash, Reader, State, Writer};
 const MAGIC: &[u8; 8] = b"PLIANTCP";
 
 /// Counts up whenever bytes get another meaning.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// The version of the crate that wrote a checkpoint: others may compute other bits.
 const CRATE: &str = env!("CARGO_PKG_VERSION");

@@ -1,17 +1,17 @@
 //! Everything that the result of a run depends on, as a text to compare and a name of a file.
 
 use std::collections::HashMap;
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
+use pliant::encode::text_of;
 use pliant::scene::content::{Content, SkinSurface};
 use pliant::scene::{Area, Scene, Source};
 use pliant::state::Hash;
 
 /// Layout of the stored results: another number makes all old ones unfit.
-const LAYOUT: u32 = 1;
+const LAYOUT: u32 = 2;
 
 /// Hashes of files, each read once.
 #[derive(Debug, Default)]
@@ -35,23 +35,38 @@ impl Contents {
     }
 }
 
-/// Scene in SI units with every change, contents of its files, this program, and the frames whose positions are kept.
+/// The library, the frames whose positions are kept, the contents of the scene's files, and the scene in SI units with every
+/// change. The text of a command is no part of it.
 ///
 /// # Errors
 /// A file that cannot be read.
 pub fn key_of(content: &Content, frames: &[usize], contents: &mut Contents) -> io::Result<String> {
-    let mut key = format!("layout {LAYOUT}\npliant {}", env!("CARGO_PKG_VERSION"));
-    // A build of the same version may compute otherwise; where the program cannot be read the version has to do.
-    if let Ok(program) = std::env::current_exe().and_then(|path| contents.of(&path)) {
-        let _ = write!(key, " {program:032x}");
-    }
-    let _ = write!(key, "\nframes {frames:?}");
+    let mut hashes = Vec::new();
     for path in files(content) {
-        let _ = write!(key, "\nfile {} {:032x}", path.display(), contents.of(path)?);
+        hashes.push((path, contents.of(path)?));
     }
-    // Numbers in it are the shortest texts that read back to the same bits.
-    let _ = write!(key, "\n{content:?}");
-    Ok(key)
+    Ok(key_with(pliant::DIGEST, content, frames, &hashes))
+}
+
+fn key_with(
+    library: &str,
+    content: &Content,
+    frames: &[usize],
+    files: &[(&PathBuf, u128)],
+) -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    let mut key = format!("layout {LAYOUT}\npliant {version} {library}\n");
+    key.push_str(&text_of("frames", frames));
+    for (path, hash) in files {
+        key.push_str(&text_of("file", *path));
+        key.push_str(&format!("{hash:032x}\n"));
+    }
+    key.push_str(&match content {
+        Content::Muscles(scene) => text_of("muscles", &**scene),
+        Content::Staged(Staged::Skin(scene)) => text_of("skin", &**scene),
+        Content::Staged(Staged::Lattice(scene)) => text_of("lattice", &**scene),
+    });
+    key
 }
 
 fn files(content: &Content) -> Vec<&PathBuf> {
@@ -107,6 +122,19 @@ mod tests {
         // FNV-1a, 128 bits, of the empty text and of "foobar".
         assert_eq!(name_of(""), "6c62272e07bb014262b821756295c58d");
         assert_eq!(name_of("foobar"), "343e1662793c64bf6f0d3597ba446f18");
+    }
+
+    #[test]
+    fn another_library_makes_another_key_and_another_command_the_same() {
+        let scene = load_content("distance", &[]).unwrap();
+        let key = |library: &str| key_with(library, &scene, &[1], &[]);
+        assert_ne!(key(pliant::DIGEST), key(&"0".repeat(32)));
+        let own = key_of(&scene, &[1], &mut Contents::default()).unwrap();
+        assert_eq!(own, key(pliant::DIGEST));
+        // The program that runs this test is not the command, and its path and bytes are nowhere in the key.
+        let program = std::env::current_exe().unwrap();
+        let bytes = format!("{:032x}", Contents::default().of(&program).unwrap());
+        assert!(!own.contains(&bytes) && !own.contains(&*program.to_string_lossy()));
     }
 
     #[test]

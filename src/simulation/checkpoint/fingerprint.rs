@@ -1,12 +1,13 @@
 //! What the state of a simulation depends on besides itself, part by part, so that a difference has a name.
 
-use std::fmt::{Debug, Write};
-
+use crate::constraints::distance::Distance;
+use crate::encode::{Encode, Encoder, hash_of};
 use crate::mesh::TriangleMesh;
 use crate::scene::{Attachment, Bone, Capsule, Muscle, Scene};
 use crate::simulation::Simulation;
 use crate::simulation::body::Body;
 use crate::simulation::plan::MusclePlan;
+use crate::solvers::Held;
 use crate::state::{Corrupt, Hash, Reader, Value, Writer};
 
 /// Hashes of all that a simulation was made from: settings, motions, contents of meshes whatever their files are called,
@@ -82,26 +83,21 @@ impl Fingerprint {
         self.add(format!("the edges of muscle `{name}`"), &body.edges);
         self.add(format!("the material of muscle `{name}`"), material);
         // Patches come out as the vertices that are held.
-        let limits = attachments
-            .iter()
-            .map(
-                |Attachment {
-                     bone,
-                     area: _,
-                     limit: _,
-                 }| bone,
-            )
-            .collect::<Vec<_>>();
-        let held: Vec<_> = body
-            .system
-            .held
-            .iter()
-            .map(|h| (h.vertex, h.bone, h.local))
-            .collect();
-        self.add(
-            format!("the attachments of muscle `{name}`"),
-            &(limits, held, &body.system.particles.inverse_mass),
-        );
+        let mut bones = Vec::new();
+        for Attachment {
+            bone,
+            area: _,
+            limit: _,
+        } in attachments
+        {
+            bones.push(*bone);
+        }
+        let held = Holding {
+            bones,
+            held: &body.system.held,
+            inverse_mass: &body.system.particles.inverse_mass,
+        };
+        self.add(format!("the attachments of muscle `{name}`"), &held);
         self.add(
             format!("the fibres of muscle `{name}`"),
             &body.fibres.at(&body.rest.vertices),
@@ -125,12 +121,9 @@ impl Fingerprint {
         );
     }
 
-    /// A part, by its shortest text that reads back to the same bits.
-    fn add(&mut self, name: String, part: &impl Debug) {
-        let mut hash = Hash::default();
-        // A hash takes every text.
-        let _ = write!(hash, "{part:?}");
-        self.0.push((name, hash.value()));
+    /// A part, by the hash of its encoding.
+    fn add(&mut self, name: String, part: &impl Encode) {
+        self.0.push((name, hash_of(part)));
     }
 
     fn mesh(&mut self, name: String, mesh: &TriangleMesh) {
@@ -173,6 +166,38 @@ impl Fingerprint {
             all.push("the order of bones, capsules or muscles".to_owned());
         }
         all
+    }
+}
+
+/// What holds a muscle.
+struct Holding<'a> {
+    bones: Vec<usize>,
+    held: &'a [Held],
+    inverse_mass: &'a [f64],
+}
+
+impl Encode for Holding<'_> {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        to.field("bones", &self.bones);
+        for Held {
+            vertex,
+            bone,
+            local,
+        } in self.held
+        {
+            to.field("vertex", vertex);
+            to.field("bone", bone);
+            to.field("local", local);
+        }
+        to.field("inverse_mass", self.inverse_mass);
+    }
+}
+
+impl Encode for Distance {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { points, rest } = self;
+        to.field("points", points);
+        to.field("rest", rest);
     }
 }
 

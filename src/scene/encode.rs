@@ -1,0 +1,391 @@
+//! The encoding of scenes. A structure is taken apart field by field: a field that is added does not compile here until
+//! it is encoded or left out on purpose.
+
+use super::content::{Ball, Filled, LatticeScene, Obstacle, Skin, SkinScene, SkinSurface, Under};
+use super::effects::{EFFECTS, material_constants};
+use super::keys::KeyValue;
+use super::{
+    Accuracy, Area, Attachment, Bone, Capsule, Displacement, Effects, Force, Joint, Key, Mass,
+    Material, Motion, Muscle, Scene, Solver, Source,
+};
+use crate::encode::{Encode, Encoder};
+use crate::mesh::repair;
+use crate::skin::implant::Implant;
+use crate::skin::layers::Tissue;
+use crate::skin::plan::{Order, Place};
+use crate::skin::settle::Method;
+use crate::springs::Neighbours;
+
+impl Encode for Scene {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            frames,
+            frame_rate,
+            bones,
+            capsules,
+            muscles,
+            most_held,
+            effects,
+            solver,
+            accuracy,
+            origin: _,
+        } = self;
+        to.field("name", name);
+        to.field("frames", frames);
+        to.field("frame_rate", frame_rate);
+        to.field("bone", bones);
+        to.field("capsule", capsules);
+        to.field("muscle", muscles);
+        to.field("most_held", most_held);
+        to.field("effects", effects);
+        to.field("solver", solver);
+        to.field("accuracy", accuracy);
+    }
+}
+
+impl Encode for Effects {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        for spec in &EFFECTS {
+            to.field(spec.key, &spec.values(self));
+        }
+    }
+}
+
+impl Encode for Solver {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        to.choice(self.spec().key);
+        for (key, value) in self.settings() {
+            to.field(key.key, &value);
+        }
+    }
+}
+
+impl Encode for KeyValue {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match self {
+            Self::Number(number) => number.encode(to),
+            Self::Whole(number) => number.encode(to),
+            Self::Vector(vector) => vector.encode(to),
+            Self::Order(order) => to.choice(order.name()),
+        }
+    }
+}
+
+impl Encode for Accuracy {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match self {
+            Self::Length(length) => to.field("length", length),
+            Self::Share(share) => to.field("share", share),
+        }
+    }
+}
+
+impl Encode for Source {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match self {
+            Self::File { path, scale } => {
+                to.field("path", path);
+                to.field("scale", scale);
+            }
+            Self::Shape(name) => to.field("shape", name),
+        }
+    }
+}
+
+impl Encode for repair::Options {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            merge_within,
+            close_holes,
+            keep_largest,
+        } = self;
+        to.field("merge_within", merge_within);
+        to.field("close_holes", close_holes);
+        to.field("keep_largest", keep_largest);
+    }
+}
+
+impl Encode for Bone {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            surface,
+            repair,
+            motion,
+        } = self;
+        to.field("name", name);
+        to.field("surface", surface);
+        to.field("repair", repair);
+        to.field("motion", motion);
+    }
+}
+
+impl Encode for Motion {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { keys, joint } = self;
+        to.field("keys", keys);
+        to.field("joint", joint);
+    }
+}
+
+impl Encode for Joint {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { name, centre, axis } = self;
+        to.field("name", name);
+        to.field("centre", centre);
+        to.field("axis", axis);
+    }
+}
+
+impl Encode for Key {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { frame, pose } = self;
+        to.field("frame", frame);
+        to.field("pose", pose);
+    }
+}
+
+impl Encode for Capsule {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            bone,
+            segment,
+            radius,
+        } = self;
+        to.field("name", name);
+        to.field("bone", bone);
+        to.field("segment", segment);
+        to.field("radius", radius);
+    }
+}
+
+impl Encode for Muscle {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            surface,
+            repair,
+            edge_length,
+            material,
+            attachments,
+            fibres,
+            forces,
+            displacements,
+        } = self;
+        to.field("name", name);
+        to.field("surface", surface);
+        to.field("repair", repair);
+        to.field("edge_length", edge_length);
+        to.field("material", material);
+        to.field("attachment", attachments);
+        to.field("fibres", fibres);
+        to.field("force", forces);
+        to.field("displace", displacements);
+    }
+}
+
+impl Encode for Material {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        match &self.mass {
+            Mass::Density(density) => to.field("density", density),
+            Mass::PerVertex(mass) => to.field("vertex_mass", mass),
+        }
+        for constant in material_constants() {
+            to.field(constant.key.key, &constant.value(self));
+        }
+    }
+}
+
+impl Encode for Attachment {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { bone, area, limit } = self;
+        to.field("bone", bone);
+        match area {
+            Area::Near(within) => to.field("near", within),
+            Area::Patch {
+                source,
+                component,
+                within,
+            } => {
+                to.field("patch", source);
+                to.field("component", component);
+                to.field("within", within);
+            }
+            Area::Vertices(vertices) => to.field("vertices", vertices),
+        }
+        to.field("limit", limit);
+    }
+}
+
+impl Encode for Force {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { vertices, force } = self;
+        to.field("vertices", vertices);
+        to.field("force", force);
+    }
+}
+
+impl Encode for Displacement {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { vertices, by } = self;
+        to.field("vertices", vertices);
+        to.field("by", by);
+    }
+}
+
+impl Encode for SkinScene {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            frames,
+            skin,
+            under,
+            obstacles,
+            origin: _,
+        } = self;
+        to.field("name", name);
+        to.field("frames", frames);
+        to.field("skin", skin);
+        match under {
+            Under::Implants(implants) => to.field("implant", implants),
+            Under::Ball(ball) => to.field("ball", ball),
+        }
+        to.field("obstacle", obstacles);
+    }
+}
+
+impl Encode for Skin {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            surface,
+            repair,
+            stretch_limit,
+            method,
+        } = self;
+        to.field("name", name);
+        match surface {
+            SkinSurface::Source(source) => to.field("surface", source),
+            SkinSurface::Sheet { side, cells } => {
+                to.field("side", side);
+                to.field("cells", cells);
+            }
+        }
+        to.field("repair", repair);
+        to.field("stretch_limit", stretch_limit);
+        let method = method.map(|method| match method {
+            Method::Newton => "newton",
+            Method::QuasiStatic => "l-bfgs",
+        });
+        to.field("method", &method);
+    }
+}
+
+impl Encode for Filled {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self { name, order, fill } = self;
+        to.field("name", name);
+        to.field("order", order);
+        to.field("fill", fill);
+    }
+}
+
+impl Encode for Ball {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            radius,
+            from,
+            to: end,
+            order,
+        } = self;
+        to.field("radius", radius);
+        to.field("from", from);
+        to.field("to", end);
+        to.field("order", order);
+    }
+}
+
+impl Encode for Order {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            place,
+            implant,
+            long,
+            tissue,
+            edge,
+        } = self;
+        match place {
+            Place::Vertex(vertex) => to.field("vertex", vertex),
+            Place::Point(point) => to.field("point", point),
+        }
+        let Implant {
+            shape,
+            base,
+            volume,
+            membrane,
+        } = implant;
+        to.field("shape", shape.name());
+        to.field("base", base);
+        to.field("volume", volume);
+        to.field("membrane", membrane);
+        to.field("long", long);
+        let Tissue {
+            modulus,
+            thickness,
+            depth,
+        } = tissue;
+        to.field("modulus", modulus);
+        to.field("thickness", thickness);
+        to.field("depth", depth);
+        to.field("edge", edge);
+    }
+}
+
+impl Encode for Obstacle {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            surface,
+            repair,
+        } = self;
+        to.field("name", name);
+        to.field("surface", surface);
+        to.field("repair", repair);
+    }
+}
+
+impl Encode for LatticeScene {
+    fn encode(&self, to: &mut Encoder<'_>) {
+        let Self {
+            name,
+            frames,
+            frame_rate,
+            points,
+            side,
+            neighbours,
+            stiffness,
+            mass,
+            damping,
+            drag,
+            release,
+            origin: _,
+        } = self;
+        to.field("name", name);
+        to.field("frames", frames);
+        to.field("frame_rate", frame_rate);
+        to.field("points", points);
+        to.field("side", side);
+        let neighbours: u32 = match neighbours {
+            Neighbours::Six => 6,
+            Neighbours::TwentySix => 26,
+        };
+        to.field("neighbours", &neighbours);
+        to.field("stiffness", stiffness);
+        to.field("mass", mass);
+        to.field("damping", damping);
+        to.field("drag", drag);
+        to.field("release", release);
+    }
+}
