@@ -13,7 +13,7 @@ use pliant::accuracy::skin::{self, SkinStudyError};
 use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
 use pliant::io::names::file_name;
 use pliant::scene::content::{SkinScene, Staged};
-use pliant::scene::{Content, Scene, builtin, overrides};
+use pliant::scene::{Content, Scene, builtin};
 use pliant::simulation::Assets;
 
 /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
@@ -41,7 +41,7 @@ pub(super) struct Arguments {
     /// Folder of the results [default: pliant-out/NAME-accuracy]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::SET_HELP)]
     set: Vec<String>,
     /// Number of threads [default: one for each core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

@@ -20,7 +20,7 @@ use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::reference::{ReferenceError, Table};
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
 use pliant::scene::units::{Dimension, parse};
-use pliant::scene::{Content, builtin, overrides};
+use pliant::scene::{Content, builtin};
 
 /// Points of the fibres of a muscle at most: each holds a number for every vertex.
 const MOST_POINTS: u64 = 20_000;
@@ -99,7 +99,7 @@ pub(super) struct Arguments {
     coordinate: Option<String>,
     #[command(flatten)]
     output: Output,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::SET_HELP)]
     set: Vec<String>,
 }
 

@@ -8,6 +8,18 @@ use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use pliant::io::names::file_name;
 
+/// The long help of `--set`.
+pub(super) const SET_HELP: &str = "\
+Change the scene before it is checked: PATH=VALUE
+  --set effects.contact.friction=0.3      a key by its path
+  --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
+  --set implant.volume=100cc              the number may be left out where there is one element
+  --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
+  --set effects.contact=off               remove a section or a key (none or off)
+  --set effects.stretch=on                add a section that needs no keys
+  --set solver=quasi_static               change the solver, with its default settings
+Texts need no quotes. May be given several times; the last one wins.";
+
 /// What goes to standard output.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Printing {

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::failure::Failure;
 use super::{DONE, columns, say, say_json};
 use crate::report::run::ready;
-use pliant::scene::{Content, builtin, overrides};
+use pliant::scene::{Content, builtin};
 use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{Assets, Plan};
 
@@ -20,7 +20,7 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::SET_HELP)]
     set: Vec<String>,
     /// Write the result as JSON
     #[arg(long)]

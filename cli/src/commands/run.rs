@@ -20,7 +20,7 @@ use crate::report::results::Results;
 use crate::report::summary::Summary;
 use pliant::accuracy::{self, Chosen, StudyError};
 use pliant::io::names::file_name;
-use pliant::scene::{Accuracy, Content, Scene, builtin, overrides};
+use pliant::scene::{Accuracy, Content, Scene, builtin};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{Assets, LoadError, Plan, Simulation};
 
@@ -52,7 +52,7 @@ pub(super) struct Arguments {
     /// Folder of the results [default: pliant-out/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::SET_HELP)]
     set: Vec<String>,
     /// Number of frames, instead of the scene's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]

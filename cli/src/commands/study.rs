@@ -17,7 +17,7 @@ use crate::study::combinations::in_words;
 use crate::study::running::missing;
 use crate::study::{Combination, Combinations, Findings, Outcome, Watch, execute, findings};
 use pliant::io::names::file_name;
-use pliant::scene::{StudyFile, overrides};
+use pliant::scene::StudyFile;
 
 /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
 #[derive(Debug, clap::Args)]
@@ -47,7 +47,7 @@ pub(super) struct Arguments {
     /// Folder of the results [default: pliant-out/NAME-study]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = overrides::HELP)]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = super::options::SET_HELP)]
     set: Vec<String>,
     /// Number of threads, and so of runs at once [default: one for each core]; the results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]

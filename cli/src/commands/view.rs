@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// A scene file, a muscle of frusta, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with = "replay")]
     scene: Option<String>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = pliant::scene::overrides::HELP, conflicts_with = "replay")]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::SET_HELP, conflicts_with = "replay")]
     set: Vec<String>,
     /// Play the finished run in this folder, any frame, forward and back
     #[arg(long, value_name = "DIR")]

@@ -10,7 +10,7 @@ use nalgebra::Point3;
 use serde::Serialize;
 
 pub use crossings::{Crossings, crossings};
-pub use finding::{Finding, Kind, Place};
+pub use finding::{Finding, Kind, Place, Repair};
 
 use super::boundary::{Rim, rims};
 use super::coincident::{first_in_place, same_corners};
