@@ -38,18 +38,16 @@ pub(super) struct Arguments {
     /// Begin paused
     #[arg(long)]
     paused: bool,
-    /// Folder of pictures and recordings [default: pliant-out/NAME-pictures]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: super::options::Out,
     /// Width and height of the window in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     size: (u32, u32),
     /// Write what the window shows to this file, a line of JSON a picture; for tests
     #[arg(long, value_name = "FILE", hide = true)]
     trace: Option<PathBuf>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: super::options::Threads,
 }
 
 /// A width and a height.
@@ -75,13 +73,7 @@ pub(super) fn run(_: &Arguments) -> Result<u8, Failure> {
 /// Opens the window and returns when it is closed.
 #[cfg(feature = "viewer")]
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    use pliant::io::names::file_name;
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
+    arguments.threads.start();
     let pace = if arguments.paused {
         Pace::paused()
     } else {
@@ -97,11 +89,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let stem = std::path::Path::new(&name)
         .file_stem()
         .map_or_else(|| name.clone(), |s| s.to_string_lossy().into_owned());
-    let out = arguments.out.clone();
     let options = window::Options {
-        folder: out.unwrap_or_else(|| {
-            PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))
-        }),
+        folder: arguments.out.folder(&stem, "pictures"),
         name: name.clone(),
         stem,
         size: arguments.size,

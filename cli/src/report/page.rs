@@ -31,7 +31,7 @@ pub fn report(
         title: summary.scene.clone(),
         subtitle: subtitle(summary),
         verdict: summary.verdicts.clone(),
-        pictures: pictures(cast, shots)?,
+        pictures: pictures(cast, shots, "greatest edge stretch rms")?,
         sheets: Vec::new(),
         turntable: turntable(cast, shots)?,
         plots_title: String::new(),
@@ -61,7 +61,11 @@ pub(super) fn turntable(cast: &Cast, shots: &Shots) -> Result<Option<Turntable>,
     Painter::new(cast, shots).map_or(Ok(None), |painter| painter.turntable(shots))
 }
 
-pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
+pub(super) fn pictures(
+    cast: &Cast,
+    shots: &Shots,
+    stretch: &str,
+) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
     let Some(painter) = Painter::new(cast, shots) else {
         return Ok(Vec::new());
     };
@@ -82,10 +86,7 @@ pub(super) fn pictures(cast: &Cast, shots: &Shots) -> Result<Vec<(String, Vec<u8
             continue;
         };
         let caption = match caption {
-            "Worst frame" => format!(
-                "{caption} (greatest edge stretch rms), {}{fibres}",
-                shot.frame
-            ),
+            "Worst frame" => format!("{caption} ({stretch}), {}{fibres}", shot.frame),
             _ => format!("{caption}, {}{fibres}", shot.frame),
         };
         pictures.push((caption, painter.picture(shot).to_png()?));

@@ -229,12 +229,7 @@ impl Told {
         wanted: &Wanted,
     ) -> Result<Report, PictureError> {
         let mut shown = run.pictures()?;
-        let own = |caption: String| caption.replace("greatest edge stretch rms", run.worst());
-        shown.extend(
-            pictures(cast, &self.shots)?
-                .into_iter()
-                .map(|(caption, png)| (own(caption), png)),
-        );
+        shown.extend(pictures(cast, &self.shots, run.worst())?);
         let mut set = Table::new("Settings", ["what", "value"]);
         wanted
             .settings

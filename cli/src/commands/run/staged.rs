@@ -1,13 +1,13 @@
 //! `pliant run` of a scene without muscles.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::Arguments;
 use crate::commands::failure::Failure;
 use crate::commands::progress::Rounds;
-use crate::commands::{DONE, FAILED, INTERRUPTED, say, say_json};
+use crate::commands::{DONE, FAILED, INTERRUPTED, say_json};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
 use crate::report::run::{Ended, Listener, Run, Wanted, perform, ready};
@@ -51,10 +51,7 @@ pub(super) fn run(
     }
     let mut run = ready(scene)?;
     let run = run.as_mut();
-    let out = arguments
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(run.name())));
+    let out = arguments.output.folder(run.name(), "");
     let wanted = Wanted {
         animate: arguments.animate.is_some(),
         begun,
@@ -66,11 +63,11 @@ pub(super) fn run(
     };
     let ended = perform(run, Folder::open(&out)?, &wanted, &mut said)?;
     said.rounds.end();
-    if arguments.json {
+    if arguments.output.printing.json {
         say_json(&ended.summary);
-    } else {
-        say(&in_words(run, &ended, &out, begun.elapsed()));
     }
+    let text = in_words(run, &ended, &out, begun.elapsed());
+    arguments.output.printing.say(&text);
     Ok(match (ended.interrupted, ended.converged) {
         (true, _) => INTERRUPTED,
         (false, true) => DONE,
