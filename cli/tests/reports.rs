@@ -62,7 +62,9 @@ fn a_study_has_the_form_that_was_promised() {
         .collect();
     assert_eq!(targets, [0.1, 0.01, 0.001]);
     let mut csv = Vec::new();
-    work_precision::write_csv(&study, &mut csv).expect("memory");
+    work_precision::data(&study)
+        .write(&mut csv)
+        .expect("memory");
     let text = String::from_utf8(csv).expect("text");
     let cells: Vec<usize> = text.lines().map(|line| line.split(',').count()).collect();
     assert_eq!(cells.len(), study.rows.len() + 1);

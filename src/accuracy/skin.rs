@@ -243,8 +243,7 @@ fn reference(rows: &mut Vec<SkinRow>) -> Result<(SkinRow, f64), SkinStudyError> 
         .filter(|&k| rows[k].method == Method::Newton && rows[k].converged)
         .collect();
     let [.., second, finest] = newton[..] else {
-        let why =
-            "fewer than two meshes came to rest in the time; give more, with --budget".to_owned();
+        let why = "fewer than two meshes came to rest in the time; give more time".to_owned();
         return Err(SkinStudyError::NoReference(why));
     };
     let last = (rows[finest].gain - rows[second].gain).abs();

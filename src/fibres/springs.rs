@@ -68,9 +68,7 @@ pub enum SpringsError {
     )]
     Surface(#[from] SphereError),
     /// The triangles are oriented inward.
-    #[error(
-        "the muscle's surface is inside out, its volume is {volume:.3e} m3; `pliant check --repair` turns it"
-    )]
+    #[error("the muscle's surface is inside out, its volume is {volume:.3e} m3; turn it outward")]
     InsideOut {
         /// The signed volume \[m3\].
         volume: f64,

@@ -369,20 +369,20 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     let degrees = |angle: f64| crate::format::number(angle.to_degrees());
     if !(from < to) {
         return refuse(format!(
-            "from {} to {} degrees is no range; --from must be below --to",
+            "from {} to {} degrees is no range; the first angle must be below the last",
             degrees(from),
             degrees(to)
         ));
     }
     if !(from >= -WIDEST && to <= WIDEST) {
         return refuse(
-            "a joint turns by at most 180 degrees either way; choose --from and --to within that"
+            "a joint turns by at most 180 degrees either way; choose the first and the last angle within that"
                 .to_owned(),
         );
     }
     if !(step > 0.0) || (to - from) / step > MOST_VALUES as f64 {
         return refuse(format!(
-            "a step of {} degrees makes no or too many values; choose another --step",
+            "a step of {} degrees makes no or too many values; choose another step",
             degrees(step)
         ));
     }
@@ -390,7 +390,7 @@ fn angles(sweep: &Sweep) -> Result<Vec<f64>, SweepError> {
     let count = ((to - from) / step - 1e-9).ceil().max(1.0) as usize;
     if count < 2 {
         return refuse(
-            "a moment arm needs at least 3 values of the angle; choose a smaller --step".to_owned(),
+            "a moment arm needs at least 3 values of the angle; choose a smaller step".to_owned(),
         );
     }
     Ok((0..=count)

@@ -1,4 +1,4 @@
-//! Changes of a scene from the command line, `--set path.key=value`, applied to the TOML before it is checked.
+//! Changes of a scene as texts `path.key=value`, applied to the TOML before it is checked.
 //!
 //! Every key has its path; a list's element is named by its number from 0, by its `name`, or is `*` for all:
 //! `muscle.0.edge_length=3 mm`, `muscle.biceps.edge_length=3 mm`, `muscle.*.material.density=1 g/cm3`; where it is the only
@@ -14,24 +14,6 @@ use super::schema::{Kind, ROOT, Schema};
 use super::solvers::{SOLVERS, SolverSpec};
 use super::spelling::{listed, nearest, shown};
 use super::tree::{self, Entry, Node, Sources, Span, Table, Value};
-
-/// The help text of `--set`.
-#[must_use]
-pub fn help() -> String {
-    let solvers = listed(SOLVERS.iter().map(|spec| spec.key));
-    format!("{HELP}\nSolvers: {solvers}.")
-}
-
-const HELP: &str = "\
-Change the scene before it is checked: PATH=VALUE
-  --set effects.contact.friction=0.3      a key by its path
-  --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
-  --set implant.volume=100cc              the number may be left out where there is one element
-  --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
-  --set effects.contact=off               remove a section or a key (none or off)
-  --set effects.stretch=on                add a section that needs no keys
-  --set solver=NAME                       change the solver, with its default settings
-Texts need no quotes. May be given several times; the last one wins.";
 
 /// One segment of a path.
 struct Segment {
@@ -53,7 +35,7 @@ type Done = Result<(), SceneError>;
 
 /// Applies one text `path.key=value` to the document.
 pub(super) fn apply(text: &str, document: &mut Node, sources: &mut Sources) -> Done {
-    let start = sources.add(&format!("--set {}", shown(text)), text);
+    let start = sources.add(&format!("change {}", shown(text)), text);
     let whole = start..start + text.len();
     let sources = &*sources;
     let malformed = |message: &str| {

@@ -137,7 +137,7 @@ impl StudyFile {
     ) -> Read<Self> {
         let file = Path::new(path);
         let text = builtin::read(file).map_err(|reason| {
-            let hint = "name a study file; `pliant study --help` has an example";
+            let hint = "name a study file";
             SceneError::of_name(
                 Problem::MissingFile {
                     path: shown_path(file),
@@ -340,7 +340,7 @@ impl StudyFile {
                 let span = varied.values.first().map_or(&self.at.vary, |c| &c.span);
                 return Err(self.error(
                     Problem::DuplicateKey { key: shown(key) },
-                    "--set and vary",
+                    "the changes and `vary`",
                     span,
                 ));
             }

@@ -106,15 +106,6 @@ pub enum Fault {
     Lattice(#[from] LatticeError),
 }
 
-/// What help for the command line calls a thing, and its key in a scene.
-const KEYS: [(&str, &str); 5] = [
-    ("--near-vertex", "`near_vertex`"),
-    ("--at", "`at`"),
-    ("--edge", "`edge_length`"),
-    ("--unit", "`unit`"),
-    ("--repair", "`repair = true`"),
-];
-
 impl Fault {
     /// The code, the same for each fault of one kind.
     #[must_use]
@@ -163,10 +154,7 @@ impl Fault {
             Self::TooManyAttached { .. } => "lower `limit` or the distances".to_owned(),
             Self::Unheld => "attach every piece of it to a bone, or let it move: [solver.xpbd]".to_owned(),
             Self::FactorTooLarge { .. } => "ask for a longer `edge_length`, or use [solver.xpbd]".to_owned(),
-            Self::Skin(error) => {
-                let plain = error.help().to_owned();
-                KEYS.iter().fold(plain, |text, (option, key)| text.replace(option, key))
-            }
+            Self::Skin(error) => error.help().to_owned(),
             Self::Lattice(_) => "change `stiffness`, `mass`, `damping` or `frame_rate`".to_owned(),
         }
     }

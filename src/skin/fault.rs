@@ -292,10 +292,10 @@ impl SkinError {
             Self::NotPositive { .. } => "give a positive number with its unit",
             Self::Empty => "name a file with triangles",
             Self::Mesh(_) | Self::NotManifold { .. } | Self::OneSided => {
-                "see `pliant check`, and repair the mesh with --repair"
+                "repair the mesh: `repair = true` below it in a scene"
             }
-            Self::NoVertex { .. } => "count vertices from 0, or give a place with --at",
-            Self::FarAway { .. } => "check --at and --unit: both are in the unit of the file",
+            Self::NoVertex { .. } => "count vertices from 0, or give a place with `at`",
+            Self::FarAway { .. } => "check `at` and `unit`: both are in the unit of the file",
             Self::NothingBelow => {
                 "check the obstacles and their unit, which is that of the skin; or leave them out"
             }
@@ -315,18 +315,18 @@ impl SkinError {
                 "name what lies under the skin, such as bones; or leave it out"
             }
             Self::TooLargePatch { .. } => {
-                "make --edge larger or the base larger, or refine the mesh near the implant (`coarse::halved_near` does)"
+                "make `edge_length` larger or the base larger, or refine the mesh near the implant (`coarse::halved_near` does)"
             }
             Self::WrapsAround { .. } => "make the base smaller, or choose a flatter place",
-            Self::TooCoarse { .. } => "make --edge smaller or the base larger",
+            Self::TooCoarse { .. } => "make `edge_length` smaller or the base larger",
             Self::TooLarge { .. } => "make the volume smaller or the base larger",
             Self::TooCurved { .. } => {
-                "make the base smaller, or choose a flatter place or another direction with --long"
+                "make the base smaller, or choose a flatter place or another direction"
             }
-            Self::TooFine { .. } => "make --edge larger or the base smaller",
-            Self::Refine(_) => "see `pliant check`, or give another --edge",
+            Self::TooFine { .. } => "make `edge_length` larger or the base smaller",
+            Self::Refine(_) => "check the mesh, or give another `edge_length`",
             Self::Overlap { .. } => "move them apart: bases may touch, but not overlap",
-            Self::Solver(_) => "make the volume smaller, or --edge larger",
+            Self::Solver(_) => "make the volume smaller, or `edge_length` larger",
             Self::OutOfReach { .. } => "make the base larger, or use several implants",
             Self::Schedule { .. } => {
                 "give days that rise and volumes that do not fall, as in 0:30cc,7:60cc,14:100cc"

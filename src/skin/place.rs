@@ -66,7 +66,7 @@ pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>,
         Place::Point(point) => {
             if !point.coords.iter().all(|c| c.is_finite()) {
                 return Err(SkinError::NotPositive {
-                    what: "the distance of --at to the skin",
+                    what: "the distance of the place to the skin",
                     value: f64::NAN,
                 });
             }

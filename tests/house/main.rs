@@ -1,5 +1,6 @@
 //! The rules of the house that a machine can check: who may import whom, what the library never does, how much it pulls in.
 
+mod flags;
 mod order;
 mod packages;
 mod quiet;

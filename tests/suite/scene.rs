@@ -460,7 +460,7 @@ fn wrong_overrides_name_themselves() {
     for (text, message) in cases {
         assert_eq!(
             refused_override("hip", text),
-            format!("--set {text}: {message}")
+            format!("change {text}: {message}")
         );
     }
     // An error of the file is placed in the file, whatever is overridden.

@@ -55,4 +55,4 @@ pub use snapshot::{
 pub use subject::{Advanced, Subject, Watch};
 
 /// What scenes that are computed answer to commands for frames that are.
-const ONLY_REPLAYED: &str = "only a finished run has frames to go to; see `pliant view --replay`";
+const ONLY_REPLAYED: &str = "only a finished run has frames to go to";

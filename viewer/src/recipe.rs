@@ -27,7 +27,7 @@ pub enum StartError {
     #[error("{0}")]
     Load(#[from] LoadError),
     /// The file of a geometric muscle is.
-    #[error("{name}: {why}; `pliant biceps --help` tells the keys")]
+    #[error("{name}: {why}")]
     Muscle {
         /// The file.
         name: String,
@@ -93,7 +93,7 @@ pub enum Refused {
     },
     /// It asks for other meshes.
     #[error(
-        "`{path}` changes {what}, which is made before the start; start again with --set {path}=VALUE"
+        "`{path}` changes {what}, which is made before the start; start again with another `{path}`"
     )]
     Meshes {
         /// The path of the change.

@@ -56,8 +56,8 @@ pub enum ReplayError {
     NoCollection(PathBuf),
     /// The list of the frames is not there yet.
     #[error(
-        "`{0}` has no .pvd yet: its run goes on, or was killed; wait for its end, or finish it: a run with checkpoints by \
-         `pliant run SCENE --resume`, any other by running it again"
+        "`{0}` has no .pvd yet: its run goes on, or was killed; wait for its end, or finish it: resume a run \
+         with checkpoints, run any other again"
     )]
     Unfinished(PathBuf),
     /// It is not clear which is meant.

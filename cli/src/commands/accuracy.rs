@@ -1,19 +1,19 @@
 //! `pliant accuracy`: what accuracy costs in a scene, and the cheapest way to it.
 
-use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::failure::Failure;
+use super::options::Output;
 use super::run::stop_on_interrupt;
-use super::{DONE, FAILED, INTERRUPTED, environment, say, say_json, warn};
+use super::{FAILED, INTERRUPTED, environment, warn};
 use crate::report::folder::Folder;
+use crate::report::output::RunOutput;
 use crate::report::{skin_accuracy, work_precision};
 use pliant::accuracy::skin::{self, SkinStudyError};
 use pliant::accuracy::{Options, Question, StudyError, Watch, measure};
-use pliant::io::names::file_name;
 use pliant::scene::content::SkinScene;
-use pliant::scene::{Content, Scene, overrides};
+use pliant::scene::{Content, Scene};
 use pliant::simulation::Assets;
 
 /// Measure what accuracy costs in a scene: errors and times of many solvers and settings against a reference
@@ -38,17 +38,10 @@ pub(super) struct Arguments {
     /// Number of frames to compare, from the first on [default: as many as the budget allows]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: Option<u32>,
-    /// Folder of the results [default: pliant-out/NAME-accuracy]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
+    #[command(flatten)]
+    output: Output,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Number of threads [default: one for each core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
-    /// Write the result as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
 }
 
 /// A time with its unit; a bare number is seconds.
@@ -104,45 +97,6 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
 }
 
-/// Where the results go.
-fn path(arguments: &Arguments, scene: &str) -> PathBuf {
-    let path = arguments.out.clone();
-    path.unwrap_or_else(|| {
-        PathBuf::from("pliant-out").join(format!("{}-accuracy", file_name(scene)))
-    })
-}
-
-/// Recommendation, table and notes to a person.
-fn tell(tables: [String; 2], notes: &[String], path: &Path) {
-    let mut text = format!("{}\n{}\n", tables[0], tables[1]);
-    notes
-        .iter()
-        .for_each(|note| text.push_str(&format!("  note: {note}\n")));
-    let page = path.join("report.html");
-    say(&format!(
-        "{text}\nResults in {}\n  open {} in a browser\n",
-        path.display(),
-        page.display()
-    ));
-}
-
-/// Says what was found, and how it ends.
-fn conclude(
-    arguments: &Arguments,
-    json: &serde_json::Value,
-    tables: [String; 2],
-    notes: &[String],
-    path: &Path,
-    interrupted: bool,
-) -> u8 {
-    if arguments.json {
-        say_json(json)
-    } else {
-        tell(tables, notes, path)
-    }
-    if interrupted { INTERRUPTED } else { DONE }
-}
-
 fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
     if arguments.frames.is_some() {
         let hint = "leave --frames out; with --set frames=N the fill ends there";
@@ -152,14 +106,9 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
         ));
     }
     let stop = stop_on_interrupt("stopping after this frame");
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
-    let path = path(arguments, &scene.name);
-    let folder = Folder::open(&path)?;
+    arguments.output.threads.start();
+    let begun = Instant::now();
+    let folder = Folder::open(&arguments.output.folder(&scene.name, "accuracy"))?;
     let study = match skin::measure(scene, arguments.budget, &mut Said { stop: &stop }) {
         Ok(study) => study,
         Err(SkinStudyError::Load(error)) => return Err(error.into()),
@@ -172,19 +121,11 @@ fn of_skin(arguments: &Arguments, scene: &SkinScene) -> Result<u8, Failure> {
             });
         }
     };
-    skin_accuracy::write(&study, &folder)?;
-    let tables = [
-        skin_accuracy::recommendation(&study).to_text(),
-        skin_accuracy::table(&study).to_text(),
-    ];
-    Ok(conclude(
-        arguments,
-        &skin_accuracy::to_json(&study),
-        tables,
-        &skin_accuracy::notes(&study),
-        &path,
-        study.interrupted,
-    ))
+    let output = RunOutput {
+        time_s: begun.elapsed().as_secs_f64(),
+        ..skin_accuracy::output(&study)
+    };
+    arguments.output.finish(&folder, output)
 }
 
 fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
@@ -192,15 +133,14 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
         return Err(no_energy());
     }
     let stop = stop_on_interrupt("stopping after this frame");
-    let cores = std::thread::available_parallelism().map_or(1, Into::into);
     let options = Options {
         budget: arguments.budget,
         frames: arguments.frames.map(|n| n as usize),
-        threads: arguments.threads.map_or(cores, usize::from),
+        threads: arguments.output.threads.count(),
     };
-    let path = path(arguments, &scene.name);
+    let begun = Instant::now();
     let assets = Assets::load(scene)?;
-    let folder = Folder::open(&path)?;
+    let folder = Folder::open(&arguments.output.folder(&scene.name, "accuracy"))?;
     let study = match measure(scene, &assets, options, &mut Said { stop: &stop }) {
         Ok(study) => study,
         Err(StudyError::Load(error)) => return Err(error.into()),
@@ -214,19 +154,11 @@ fn of_muscles(arguments: &Arguments, scene: &Scene) -> Result<u8, Failure> {
             });
         }
     };
-    work_precision::write(&study, &folder)?;
-    let tables = [
-        work_precision::recommendation(&study).to_text(),
-        work_precision::table(&study).to_text(),
-    ];
-    Ok(conclude(
-        arguments,
-        &work_precision::to_json(&study),
-        tables,
-        &work_precision::notes(&study),
-        &path,
-        study.interrupted,
-    ))
+    let output = RunOutput {
+        time_s: begun.elapsed().as_secs_f64(),
+        ..work_precision::output(&study)
+    };
+    arguments.output.finish(&folder, output)
 }
 
 fn no_energy() -> Failure {

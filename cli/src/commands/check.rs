@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::{BAD_INPUT, DONE, FAILED, length_unit, say, say_json};
+use super::options::Printing;
+use super::{BAD_INPUT, DONE, FAILED, length_unit, say_json};
 use checked::{Checked, Outcome};
 use pliant::io::write_whole;
 use pliant::mesh::repair::{LONGEST_RIM, Options};
@@ -55,9 +56,8 @@ pub(super) struct Arguments {
     /// Write over repaired meshes and a changes.json that are there already
     #[arg(long, requires = "repair")]
     force: bool,
-    /// Write the result as JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    printing: Printing,
 }
 
 /// The list of changes that goes with repaired meshes.
@@ -98,11 +98,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             )
         })?;
     }
-    if arguments.json {
+    if arguments.printing.json {
         say_json(&outcomes);
-    } else {
-        say(&words::report(&outcomes, arguments.unit.as_deref()));
     }
+    let text = words::report(&outcomes, arguments.unit.as_deref());
+    arguments.printing.say(&text);
     outcomes
         .iter()
         .filter_map(Outcome::failure)

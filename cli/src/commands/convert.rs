@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::{DONE, length_unit, say, say_json};
+use super::options::Printing;
+use super::{DONE, length_unit, say_json};
 use pliant::io::{self, Encoding, WriteError};
 use pliant::simulation::LoadError;
 
@@ -38,9 +39,8 @@ pub(super) struct Arguments {
     /// Write over a file that is there already
     #[arg(long)]
     force: bool,
-    /// Write what was done as JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    printing: Printing,
 }
 
 #[derive(Serialize)]
@@ -104,11 +104,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         warnings: file.warnings.iter().map(|w| w.terse(&input)).collect(),
         input,
     };
-    if arguments.json {
+    if arguments.printing.json {
         say_json(&converted);
-    } else {
-        say(&in_words(&converted));
     }
+    arguments.printing.say(&in_words(&converted));
     Ok(DONE)
 }
 

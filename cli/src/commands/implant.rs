@@ -12,7 +12,7 @@ use super::run::stop_on_interrupt;
 use super::{INTERRUPTED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::implant::{Insertion, Point};
-use orders::{Question, Said, limit, order, question, refused};
+use orders::{Question, Said, hint, limit, order, question, refused};
 use pliant::io;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::greatest;
@@ -293,7 +293,7 @@ fn refused_of(k: usize, of: usize, error: &SkinError) -> Failure {
     if of == 1 {
         refused(error)
     } else {
-        Failure::usage(format!("implant {}: {error}", k + 1), error.help())
+        Failure::usage(format!("implant {}: {error}", k + 1), hint(error))
     }
 }
 

@@ -158,34 +158,3 @@ fn length_unit(name: &str) -> Result<f64, failure::Failure> {
         )
     })
 }
-
-/// Columns of text, the first of each row to the left, wide enough for all; `right` marks those set to the right.
-fn columns(rows: &[Vec<String>], right: &[bool]) -> String {
-    let count = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let length = |cell: &String| cell.chars().count();
-    let width = |c: usize| {
-        rows.iter()
-            .filter_map(|r| r.get(c))
-            .map(length)
-            .max()
-            .unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..count).map(width).collect();
-    let mut text = String::new();
-    for row in rows {
-        let mut line = String::new();
-        for (c, cell) in row.iter().enumerate() {
-            let width = widths[c];
-            let cell = if right.get(c) == Some(&true) {
-                format!("{cell:>width$}")
-            } else {
-                format!("{cell:<width$}")
-            };
-            line.push_str("  ");
-            line.push_str(&cell);
-        }
-        text.push_str(line.trim_end());
-        text.push('\n');
-    }
-    text
-}

@@ -20,8 +20,8 @@ use pliant::io::pvd::Collection;
 use pliant::moment_arms::arms::Arms;
 use pliant::moment_arms::reference::{ReferenceError, Table};
 use pliant::moment_arms::sweep::{By, Running, Sweep, SweepError};
+use pliant::scene::Content;
 use pliant::scene::units::{Dimension, parse};
-use pliant::scene::{Content, overrides};
 
 /// Points of the fibres of a muscle at most: each holds a number for every vertex.
 const MOST_POINTS: u64 = 20_000;
@@ -100,7 +100,7 @@ pub(super) struct Arguments {
     coordinate: Option<String>,
     #[command(flatten)]
     output: Output,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
 }
 

@@ -7,15 +7,33 @@ use super::{DONE, FAILED, INTERRUPTED, say, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::output::RunOutput;
 use pliant::io::names::file_name;
+use pliant::scene::solvers::SOLVERS;
+
+/// The long help of `--set`.
+pub(super) fn set_help() -> String {
+    let solvers: Vec<&str> = SOLVERS.iter().map(|solver| solver.key).collect();
+    format!("{SET_HELP}\nSolvers: {}.", solvers.join(", "))
+}
+
+const SET_HELP: &str = "\
+Change the scene before it is checked: PATH=VALUE
+  --set effects.contact.friction=0.3      a key by its path
+  --set 'muscle.0.edge_length=3 mm'       an element of a list by number, name, or * for all
+  --set implant.volume=100cc              the number may be left out where there is one element
+  --set contact.friction=0.3              `effects.` and `solver.NAME.` may be left out
+  --set effects.contact=off               remove a section or a key (none or off)
+  --set effects.stretch=on                add a section that needs no keys
+  --set solver=NAME                       change the solver, with its default settings
+Texts need no quotes. May be given several times; the last one wins.";
 
 /// What goes to standard output.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(super) struct Printing {
     /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
+    #[arg(long, global = true)]
     pub(super) json: bool,
     /// Write nothing to standard output, but JSON with --json
-    #[arg(long)]
+    #[arg(long, global = true)]
     pub(super) quiet: bool,
 }
 
@@ -33,10 +51,16 @@ impl Printing {
 pub(super) struct Threads {
     /// Number of threads [default: one for each core]; the results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(super) threads: Option<u16>,
+    threads: Option<u16>,
 }
 
 impl Threads {
+    /// How many there are.
+    pub(super) fn count(self) -> usize {
+        let cores = std::thread::available_parallelism().map_or(1, Into::into);
+        self.threads.map_or(cores, usize::from)
+    }
+
     /// Starts the threads.
     pub(super) fn start(self) {
         if let Some(threads) = self.threads {
@@ -48,12 +72,29 @@ impl Threads {
     }
 }
 
+/// The folder of results.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(super) struct Out {
+    /// Folder of the results [default: pliant-out/NAME, named after what is computed]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+impl Out {
+    /// The folder: `pliant-out/NAME-JOB`, without `-JOB` where `job` is empty, unless another is given.
+    pub(super) fn folder(&self, name: &str, job: &str) -> PathBuf {
+        let dash = if job.is_empty() { "" } else { "-" };
+        let default =
+            || PathBuf::from("pliant-out").join(format!("{}{dash}{job}", file_name(name)));
+        self.out.clone().unwrap_or_else(default)
+    }
+}
+
 /// Options of a command that writes a folder of results.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub(super) struct Output {
-    /// Folder of the results [default: pliant-out/NAME, named after what is computed]
-    #[arg(long, value_name = "DIR")]
-    pub(super) out: Option<PathBuf>,
+    #[command(flatten)]
+    out: Out,
     #[command(flatten)]
     pub(super) threads: Threads,
     #[command(flatten)]
@@ -61,12 +102,9 @@ pub(super) struct Output {
 }
 
 impl Output {
-    /// The folder of the results: `pliant-out/NAME-JOB`, without `-JOB` where `job` is empty, unless another is given.
+    /// The folder of the results, see [`Out::folder`].
     pub(super) fn folder(&self, name: &str, job: &str) -> PathBuf {
-        let dash = if job.is_empty() { "" } else { "-" };
-        let default =
-            || PathBuf::from("pliant-out").join(format!("{}{dash}{job}", file_name(name)));
-        self.out.clone().unwrap_or_else(default)
+        self.out.folder(name, job)
     }
 
     /// Writes a result into its folder, says it, and returns the exit code.

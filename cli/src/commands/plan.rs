@@ -3,8 +3,10 @@
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::{DONE, columns, environment, say, say_json};
-use pliant::scene::{Content, overrides};
+use super::options::Printing;
+use super::{DONE, environment, say_json};
+use crate::report::Table;
+use pliant::scene::Content;
 use pliant::simulation::plan::{LeftOut, Planned};
 use pliant::simulation::{Assets, Plan, scenario};
 
@@ -19,11 +21,10 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene
     #[arg(default_value = "hip")]
     scene: String,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Write the result as JSON
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    printing: Printing,
 }
 
 #[derive(Serialize)]
@@ -50,7 +51,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ),
     };
     let scene = content.name();
-    if arguments.json {
+    if arguments.printing.json {
         say_json(&Report {
             scene,
             frames: content.frames(),
@@ -68,13 +69,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     text.push_str(&runs(&plan, of));
     if !plan.left_out.is_empty() {
         text.push_str("\nLeft out\n");
-        let row = |l: &LeftOut| vec![all(&l.muscle), l.effect.clone(), l.why.clone()];
-        text.push_str(&columns(
-            &plan.left_out.iter().map(row).collect::<Vec<_>>(),
-            &[],
-        ));
+        let mut left_out = Table::new("", [of, "effect", "why"]);
+        for l in &plan.left_out {
+            left_out.row([all(&l.muscle), l.effect.clone(), l.why.clone()]);
+        }
+        text.push_str(&left_out.to_text());
     }
-    say(&text);
+    arguments.printing.say(&text);
     Ok(DONE)
 }
 
@@ -88,26 +89,24 @@ fn all(muscle: &str) -> String {
 }
 
 fn runs(plan: &Plan, of: &str) -> String {
-    let heads = [of, "effect", "elements", "bytes", "ms/frame"].map(str::to_owned);
-    let mut rows = vec![heads.to_vec()];
-    let row = |p: &Planned| {
-        vec![
+    let mut table = Table::new("", [of, "effect", "elements", "bytes", "ms/frame"]);
+    for p in &plan.run {
+        table.row([
             all(&p.muscle),
             p.effect.clone(),
             p.elements.to_string(),
             p.bytes.to_string(),
             format!("{:.2}", p.ms_per_frame),
-        ]
-    };
-    rows.extend(plan.run.iter().map(row));
+        ]);
+    }
     let bytes: usize = plan.run.iter().map(|p| p.bytes).sum();
     let ms: f64 = plan.run.iter().map(|p| p.ms_per_frame).sum();
-    rows.push(vec![
+    table.row([
         "total".to_owned(),
         String::new(),
         String::new(),
         bytes.to_string(),
         format!("{ms:.2}"),
     ]);
-    columns(&rows, &[false, false, true, true, true])
+    table.to_text()
 }

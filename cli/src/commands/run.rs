@@ -3,7 +3,6 @@
 mod staged;
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -13,15 +12,16 @@ use clap::ValueEnum;
 use super::accuracy::Said;
 use super::failure::Failure;
 use super::from_meshes::{self, Meshes};
+use super::options::Output;
 use super::progress::{Progress, if_raised};
-use super::{DONE, FAILED, INTERRUPTED, environment, resume, say, warn};
+use super::{DONE, FAILED, INTERRUPTED, environment, resume, say_json, warn};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
 use crate::report::results::Results;
 use crate::report::summary::Summary;
 use pliant::accuracy::{self, Chosen, StudyError};
 use pliant::io::names::file_name;
-use pliant::scene::{Accuracy, Content, Scene, overrides};
+use pliant::scene::{Accuracy, Content, Scene};
 use pliant::simulation::checkpoint::Fingerprint;
 use pliant::simulation::{self, Assets, Ended, LoadError, Observer, Plan, Simulation};
 
@@ -50,10 +50,9 @@ pub(super) struct Arguments {
     /// A scene file, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with_all = ["muscles", "bones", "fibre_lines", "unit"])]
     scene: Option<String>,
-    /// Folder of the results [default: pliant-out/NAME]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = overrides::help())]
+    #[command(flatten)]
+    output: Output,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
     /// Number of frames, instead of the scene's
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000_000))]
@@ -62,9 +61,6 @@ pub(super) struct Arguments {
     /// study of the first frames
     #[arg(long, value_name = "ERROR")]
     accuracy: Option<String>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
     /// Fail (exit code 1) if any frame of any muscle is not converged
     #[arg(long)]
     strict: bool,
@@ -78,9 +74,6 @@ pub(super) struct Arguments {
     /// changes again. --frames may be larger than before; checkpoints go on as often as before
     #[arg(long)]
     resume: bool,
-    /// Write the summary as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
     #[command(flatten)]
     meshes: Meshes,
 }
@@ -93,12 +86,7 @@ enum Animation {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let begun = Instant::now();
     let stop = stop_on_interrupt("stopping after this frame");
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
+    arguments.output.threads.start();
     let mut changes = arguments.set.clone();
     changes.extend(arguments.frames.map(|n| format!("frames={n}")));
     changes.extend(
@@ -133,10 +121,7 @@ fn of_muscles(
             Failure::from(error)
         }
     };
-    let out = arguments
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(&scene.name)));
+    let out = arguments.output.folder(&scene.name, "");
     let resumed = if arguments.resume {
         Some(resume::read(&out)?)
     } else {
@@ -180,11 +165,10 @@ fn of_muscles(
         stop,
         chosen.as_ref(),
     )?;
-    if arguments.json {
-        say(&format!("{}\n", summary.to_json()));
-    } else {
-        say(&in_words(&summary, &out));
+    if arguments.output.printing.json {
+        say_json(&summary);
     }
+    arguments.output.printing.say(&in_words(&summary, &out));
     Ok(exit_code(&summary, arguments.strict))
 }
 

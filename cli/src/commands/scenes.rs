@@ -3,7 +3,9 @@
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::{DONE, columns, say, say_json};
+use super::options::Printing;
+use super::{DONE, say, say_json};
+use crate::report::Table;
 use pliant::scene::builtin::{BUILTIN, builtin, load};
 
 /// List the built-in scenes, or show one
@@ -15,9 +17,8 @@ Examples:
 pub(super) struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Write the result as JSON
-    #[arg(long, global = true)]
-    json: bool,
+    #[command(flatten)]
+    printing: Printing,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -44,19 +45,21 @@ struct Shown<'a> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match &arguments.command {
-        None if arguments.json => {
+        None if arguments.printing.json => {
             let listed = BUILTIN
                 .iter()
                 .map(|&(name, _, about)| Listed { name, about });
             say_json(&listed.collect::<Vec<_>>());
         }
         None => {
-            let row =
-                |&(name, _, about): &(&str, &str, &str)| vec![name.to_owned(), about.to_owned()];
-            say(&columns(&BUILTIN.iter().map(row).collect::<Vec<_>>(), &[]));
+            let mut table = Table::default();
+            BUILTIN
+                .iter()
+                .for_each(|(name, _, about)| table.row([*name, *about]));
+            arguments.printing.say(&table.to_text());
         }
         Some(Command::Show { name }) => match builtin(name) {
-            Some(toml) if arguments.json => say_json(&Shown { name, toml }),
+            Some(toml) if arguments.printing.json => say_json(&Shown { name, toml }),
             Some(toml) => say(toml),
             // The error of loading it names the scenes that there are.
             None => {

@@ -2,7 +2,6 @@
 
 use std::io::IsTerminal;
 use std::ops::ControlFlow;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Instant;
@@ -10,6 +9,7 @@ use std::time::Instant;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::failure::Failure;
+use super::options::Output;
 use super::progress::if_raised;
 use super::run::stop_on_interrupt;
 use super::{DONE, INTERRUPTED, environment, say, say_json, warn};
@@ -18,9 +18,8 @@ use crate::report::folder::Folder;
 use crate::study::combinations::in_words;
 use crate::study::running::missing;
 use crate::study::{Combination, Combinations, Findings, Outcome, execute, findings};
-use pliant::io::names::file_name;
 use pliant::progress::Progress;
-use pliant::scene::{StudyFile, overrides};
+use pliant::scene::StudyFile;
 
 /// Run every combination of lists of values over a scene, and compare them in one table and on one sheet of pictures
 #[derive(Debug, clap::Args)]
@@ -47,33 +46,22 @@ takes as they are where nothing that they depend on has changed. Exit code 130 a
 pub(super) struct Arguments {
     /// The study file
     file: String,
-    /// Folder of the results [default: pliant-out/NAME-study]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = overrides::help())]
+    #[command(flatten)]
+    output: Output,
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene of all runs; may be given several times", long_help = super::options::set_help())]
     set: Vec<String>,
-    /// Number of threads, and so of runs at once [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
     /// Run everything again, also what is finished
     #[arg(long)]
     fresh: bool,
     /// Only list the runs and the time that they are expected to take
     #[arg(long)]
     dry_run: bool,
-    /// Write the result as JSON to standard output, and nothing else
-    #[arg(long)]
-    json: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let stop = stop_on_interrupt("stopping after this frame");
-    let cores = std::thread::available_parallelism().map_or(1, Into::into);
-    let threads = arguments.threads.map_or(cores, usize::from);
-    // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-    let _ = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads)
-        .build_global();
+    let threads = arguments.output.threads.count();
+    arguments.output.threads.start();
     let file = StudyFile::read(
         &arguments.file,
         &arguments.set,
@@ -81,16 +69,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         environment::variable,
     )?;
     let study = Combinations::of(&file)?;
-    let path = arguments.out.clone().unwrap_or_else(|| {
-        let name = file_name(&study.name);
-        PathBuf::from("pliant-out").join(format!(
-            "{}-study",
-            name.strip_suffix("-study").unwrap_or(&name)
-        ))
-    });
+    let name = study.name.strip_suffix("-study").unwrap_or(&study.name);
+    let path = arguments.output.folder(name, "study");
     let mut wanted = missing(&study, (!arguments.fresh).then_some(path.as_path()));
     if arguments.dry_run {
-        list(&study, &wanted, threads, arguments.json);
+        list(&study, &wanted, threads, arguments.output.printing.json);
         return Ok(DONE);
     }
     let folder =
@@ -119,7 +102,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     said.end();
     let found = Findings::of(&study, folder.path());
     let sheets = found.write(&folder)?;
-    if arguments.json {
+    if arguments.output.printing.json {
         say_json(&found.to_json());
     } else {
         let mut text = format!("{}\n", found.table().to_text());
@@ -136,7 +119,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         if found.interrupted {
             text.push_str("  not complete: the same command goes on where this one stopped\n");
         }
-        say(&text);
+        arguments.output.printing.say(&text);
     }
     Ok(if found.interrupted { INTERRUPTED } else { DONE })
 }

@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     /// A scene file, a muscle of frusta, or the name of a built-in scene [default: hip]
     #[arg(conflicts_with = "replay")]
     scene: Option<String>,
-    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = pliant::scene::overrides::help(), conflicts_with = "replay")]
+    #[arg(long, value_name = "KEY=VALUE", help = "Change the scene; may be given several times", long_help = super::options::set_help(), conflicts_with = "replay")]
     set: Vec<String>,
     /// Play the finished run in this folder, any frame, forward and back
     #[arg(long, value_name = "DIR")]
@@ -38,18 +38,16 @@ pub(super) struct Arguments {
     /// Begin paused
     #[arg(long)]
     paused: bool,
-    /// Folder of pictures and recordings [default: pliant-out/NAME-pictures]
-    #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    #[command(flatten)]
+    out: super::options::Out,
     /// Width and height of the window in pixels
     #[arg(long, value_name = "WxH", default_value = "1280x800", value_parser = size)]
     size: (u32, u32),
     /// Write what the window shows to this file, a line of JSON a picture; for tests
     #[arg(long, value_name = "FILE", hide = true)]
     trace: Option<PathBuf>,
-    /// Number of threads [default: one for each core]; the results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    #[command(flatten)]
+    threads: super::options::Threads,
 }
 
 /// A width and a height.
@@ -84,13 +82,7 @@ fn quietly(open: &mut dyn FnMut()) {
 /// Opens the window and returns when it is closed.
 #[cfg(feature = "viewer")]
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    use pliant::io::names::file_name;
-    if let Some(threads) = arguments.threads {
-        // Fails only if a pool is there already, or the system gives no threads: then the default pool serves.
-        let _ = rayon::ThreadPoolBuilder::new()
-            .num_threads(threads.into())
-            .build_global();
-    }
+    arguments.threads.start();
     let pace = if arguments.paused {
         Pace::paused()
     } else {
@@ -106,11 +98,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let stem = std::path::Path::new(&name)
         .file_stem()
         .map_or_else(|| name.clone(), |s| s.to_string_lossy().into_owned());
-    let out = arguments.out.clone();
     let options = window::Options {
-        folder: out.unwrap_or_else(|| {
-            PathBuf::from("pliant-out").join(format!("{}-pictures", file_name(&stem)))
-        }),
+        folder: arguments.out.folder(&stem, "pictures"),
         name: name.clone(),
         stem,
         size: arguments.size,

@@ -337,7 +337,7 @@ impl Insertion<'_> {
             "area_over_limit_m2": self.over_limit() + 0.0,
             "wanted_area_m2": self.wanted,
             "stretch_limit": self.limit,
-            "sources": {"area_retracted_m2": RETRACTED_SOURCE, "area_grown_m2": GROWN_SOURCE},
+            "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
             "implants": each.collect::<Vec<_>>(),
             "curve": curve.collect::<Vec<_>>(),
         });

@@ -30,7 +30,7 @@ pub fn report(
         title: summary.scene.clone(),
         subtitle: subtitle(summary),
         verdict: summary.verdicts.clone(),
-        pictures: pictures(cast, shots)?,
+        pictures: pictures(cast, shots, "greatest edge stretch rms")?,
         sheets: Vec::new(),
         turntable: turntable(cast, shots)?,
         plots_title: String::new(),
@@ -66,6 +66,7 @@ pub(super) fn turntable(
 pub(super) fn pictures(
     cast: &SceneDescription,
     shots: &Shots,
+    stretch: &str,
 ) -> Result<Vec<(String, Vec<u8>)>, PictureError> {
     let Some(painter) = Painter::new(cast, shots) else {
         return Ok(Vec::new());
@@ -87,10 +88,7 @@ pub(super) fn pictures(
             continue;
         };
         let caption = match caption {
-            "Worst frame" => format!(
-                "{caption} (greatest edge stretch rms), {}{fibres}",
-                shot.frame
-            ),
+            "Worst frame" => format!("{caption} ({stretch}), {}{fibres}", shot.frame),
             _ => format!("{caption}, {}{fibres}", shot.frame),
         };
         pictures.push((caption, painter.picture(shot).to_png()?));

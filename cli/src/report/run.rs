@@ -199,14 +199,7 @@ impl Told {
         wanted: &Wanted,
     ) -> Result<Report, PictureError> {
         let mut shown = own_pictures(scenario)?;
-        let own = |caption: String| {
-            caption.replace("greatest edge stretch rms", scenario.severity_name())
-        };
-        shown.extend(
-            pictures(scene, &self.shots)?
-                .into_iter()
-                .map(|(caption, png)| (own(caption), png)),
-        );
+        shown.extend(pictures(scene, &self.shots, scenario.severity_name())?);
         let mut set = Table::new("Settings", ["what", "value"]);
         wanted
             .settings

@@ -110,7 +110,7 @@ fn own_summary(run: &SkinRun) -> Map<String, Value> {
         json!({
             "skin": run.scene.skin.name,
             "stretch_limit": run.scene.skin.stretch_limit,
-            "sources": {"area_retracted_m2": RETRACTED_SOURCE, "area_grown_m2": GROWN_SOURCE},
+            "sources": {"retracted": RETRACTED_SOURCE, "grown": GROWN_SOURCE},
             "implants": implants,
         }),
     );

@@ -1,16 +1,14 @@
 //! What accuracy costs for skin over implants, as a table, a CSV, a plot, JSON and a page.
 
-use std::io::Write;
-
 use serde_json::{Value, json};
 
-use super::folder::{Folder, FolderError};
-use super::{LinePlot, Report, Table};
+use super::output::{DataFile, Plot, RunOutput, Verdict};
+use super::{LinePlot, Table};
 use pliant::accuracy::skin::{SkinRow, SkinStudy, name};
 use pliant::skin::settle::Method;
 
-/// As `--json` gives it.
-pub fn to_json(study: &SkinStudy) -> Value {
+/// Measures of a study.
+fn to_json(study: &SkinStudy) -> Value {
     let recommended = study.recommended().into_iter().map(|(target, row)| {
         let row = row.map(|k| &study.rows[k]);
         json!({
@@ -31,7 +29,6 @@ pub fn to_json(study: &SkinStudy) -> Value {
         "rows": study.rows.iter().map(|row| row_json(study, row)).collect::<Vec<_>>(),
         "recommended": recommended.collect::<Vec<_>>(),
         "left_out": left_out.collect::<Vec<_>>(),
-        "interrupted": study.interrupted,
     })
 }
 
@@ -54,7 +51,7 @@ fn row_json(study: &SkinStudy, row: &SkinRow) -> Value {
 }
 
 /// All rows and the reference.
-pub fn table(study: &SkinStudy) -> Table {
+fn table(study: &SkinStudy) -> Table {
     let heads = [
         "method",
         "edge [mm]",
@@ -90,7 +87,7 @@ pub fn table(study: &SkinStudy) -> Table {
 }
 
 /// The fastest for each target.
-pub fn recommendation(study: &SkinStudy) -> Table {
+fn recommendation(study: &SkinStudy) -> Table {
     let mut table = Table::new(
         "Recommended",
         ["error of the gain", "method", "edge_length", "time [s]"],
@@ -116,7 +113,7 @@ pub fn recommendation(study: &SkinStudy) -> Table {
 }
 
 /// What a reader should know.
-pub fn notes(study: &SkinStudy) -> Vec<String> {
+fn notes(study: &SkinStudy) -> Vec<String> {
     let reference = &study.reference;
     let mut notes = vec![format!(
         "the reference has edges of {:.2} mm, by Newton's method; its gain of {:.3} cm2 may be off by {:.3} cm2",
@@ -154,62 +151,69 @@ fn plot(study: &SkinStudy) -> LinePlot {
         .logarithmic_both()
 }
 
-fn csv(study: &SkinStudy) -> String {
-    let mut text =
-        "method,edge_m,vertices,springs,status,area_gain_m2,area_deformed_m2,volume_difference_m3,error_m2,\
-                    error_share,certain,steps,time_s\n"
-            .to_owned();
+fn data(study: &SkinStudy) -> DataFile<'_> {
+    let columns = [
+        "method",
+        "edge_m",
+        "vertices",
+        "springs",
+        "status",
+        "area_gain_m2",
+        "area_deformed_m2",
+        "volume_difference_m3",
+        "error_m2",
+        "error_share",
+        "certain",
+        "steps",
+        "time_s",
+    ];
     let reference = std::iter::once((&study.reference, "reference"));
-    for (row, state) in study.rows.iter().map(|r| (r, status(r))).chain(reference) {
-        let numbers = [
-            row.gain,
-            row.deformed,
-            row.volume_difference,
-            study.error(row),
-            study.share(row),
-        ];
-        let numbers: Vec<String> = numbers.iter().map(f64::to_string).collect();
-        let (method, certain) = (name(row.method), study.is_certain(row));
-        text.push_str(&format!(
-            "{method},{},{},{},{state},",
-            row.edge, row.vertices, row.springs
-        ));
-        text.push_str(&format!(
-            "{},{certain},{},{}\n",
-            numbers.join(","),
-            row.steps,
-            row.time_s
-        ));
-    }
-    text
+    let rows = study.rows.iter().map(|r| (r, status(r))).chain(reference);
+    let cells = |(row, state): (&SkinRow, &str)| {
+        vec![
+            name(row.method).to_owned(),
+            row.edge.to_string(),
+            row.vertices.to_string(),
+            row.springs.to_string(),
+            state.to_owned(),
+            row.gain.to_string(),
+            row.deformed.to_string(),
+            row.volume_difference.to_string(),
+            study.error(row).to_string(),
+            study.share(row).to_string(),
+            study.is_certain(row).to_string(),
+            row.steps.to_string(),
+            row.time_s.to_string(),
+        ]
+    };
+    DataFile::new("work_precision.csv", columns, rows.map(cells))
 }
 
-/// Writes table, plot and page into the folder.
-///
-/// # Errors
-/// A file that cannot be written.
-pub fn write(study: &SkinStudy, folder: &Folder) -> Result<(), FolderError> {
-    let text = |name: &str, text: String| folder.write(name, |w| w.write_all(text.as_bytes()));
-    text("work_precision.csv", csv(study))?;
-    text("work_precision.svg", plot(study).to_svg())?;
-    let page = Report {
-        title: format!("{}: what accuracy costs", study.scene),
-        subtitle: if study.interrupted {
-            "interrupted".to_owned()
-        } else {
-            String::new()
-        },
-        plots_title: "Error against time".to_owned(),
-        plots: vec![plot(study)],
-        tables: vec![recommendation(study), table(study)],
+/// The result.
+pub fn output(study: &SkinStudy) -> RunOutput<'_> {
+    let reference = "a reference was computed: uncertainty of its area gained";
+    RunOutput {
+        kind: "accuracy",
+        name: study.scene.clone(),
+        measures: to_json(study),
+        verdicts: vec![
+            Verdict::new(reference, true)
+                .with_value(study.uncertainty)
+                .in_unit("m2"),
+        ],
         notes: notes(study),
-        ..Report::default()
-    };
-    text("report.html", page.to_html())?;
-    text(
-        "summary.json",
-        serde_json::to_string_pretty(&to_json(study)).unwrap_or_default(),
-    )
+        interrupted: study.interrupted,
+        title: format!("{}: what accuracy costs", study.scene),
+        tables_of_text: 2,
+        tables: vec![recommendation(study), table(study)],
+        plots_title: "Error against time".to_owned(),
+        plots: vec![Plot {
+            file: Some("work_precision.svg".to_owned()),
+            plot: plot(study),
+        }],
+        data: vec![data(study)],
+        ..RunOutput::default()
+    }
 }
 
 fn status(row: &SkinRow) -> &'static str {

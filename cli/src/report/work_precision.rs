@@ -1,11 +1,8 @@
 //! What accuracy costs, as a table, a CSV, a plot, JSON and a page.
 
-use std::io::{self, Write};
-
 use serde_json::{Value, json};
 
-use super::folder::{Folder, FolderError};
-use super::html::Report;
+use super::output::{DataFile, Plot, RunOutput, Verdict};
 use super::plot::{LinePlot, Series};
 use super::table::Table;
 use pliant::accuracy::candidates::HIERARCHY;
@@ -21,25 +18,45 @@ fn solvers() -> Vec<&'static SolverSpec> {
 }
 
 /// Columns of `work_precision.csv`.
-const COLUMNS: &str = "scene,vertices,frames,moved_m,solver,substeps,iterations,order,tolerance,contact,lanes,threads,status,certain,time_s,time_min_s,\
-                       time_max_s,repeats,rms_error_m,rms_error_share,max_error_m,worst_frame,model_error_m,\
-                       volume_error,penetration_m,fibre_length_error_m,residual_m,error_estimate_m,solver_iterations,on_front";
-
-/// A number for JSON: one that is not finite has none.
-fn number(value: f64) -> Value {
-    if value.is_finite() {
-        json!(value)
-    } else {
-        Value::Null
-    }
-}
+const COLUMNS: [&str; 30] = [
+    "scene",
+    "vertices",
+    "frames",
+    "moved_m",
+    "solver",
+    "substeps",
+    "iterations",
+    "order",
+    "tolerance",
+    "contact",
+    "lanes",
+    "threads",
+    "status",
+    "certain",
+    "time_s",
+    "time_min_s",
+    "time_max_s",
+    "repeats",
+    "rms_error_m",
+    "rms_error_share",
+    "max_error_m",
+    "worst_frame",
+    "model_error_m",
+    "volume_error",
+    "penetration_m",
+    "fibre_length_error_m",
+    "residual_m",
+    "error_estimate_m",
+    "solver_iterations",
+    "on_front",
+];
 
 /// Whether an error of a row can be told from the reference's own uncertainty.
 pub fn is_certain(row: &Row) -> bool {
     row.error.rms >= row.uncertainty_m
 }
 
-/// As `--json` gives it.
+/// Measures of a study.
 pub fn to_json(study: &Study) -> Value {
     let rows: Vec<Value> = study.rows.iter().map(|row| row_json(study, row)).collect();
     let recommended = study.recommended.iter().map(|r| {
@@ -48,9 +65,9 @@ pub fn to_json(study: &Study) -> Value {
             "target": r.target,
             "solver": row.map(|r| r.candidate.name()),
             "settings": row.map(|r| r.candidate.settings()),
-            "rms_error_m": row.map(|r| number(r.error.rms)),
-            "model_error_m": row.map(|r| number(r.model_error_m)),
-            "time_s": row.map(|r| number(r.time_s)),
+            "rms_error_m": row.map(|r| r.error.rms),
+            "model_error_m": row.map(|r| r.model_error_m),
+            "time_s": row.map(|r| r.time_s),
         })
     });
     let reference = |r: &pliant::accuracy::Reference| {
@@ -58,10 +75,10 @@ pub fn to_json(study: &Study) -> Value {
             "question": question_name(r.question),
             "solver": r.candidate.name(),
             "settings": r.candidate.settings(),
-            "uncertainty_m": number(r.uncertainty.rms),
-            "max_uncertainty_m": number(r.uncertainty.max),
+            "uncertainty_m": r.uncertainty.rms,
+            "max_uncertainty_m": r.uncertainty.max,
             "steps_m": r.steps,
-            "time_s": number(r.run.time_s),
+            "time_s": r.run.time_s,
         })
     };
     json!({
@@ -70,10 +87,9 @@ pub fn to_json(study: &Study) -> Value {
         "frames_of_scene": study.frames_of_scene,
         "vertices": study.vertices,
         "length_m": study.length,
-        "interrupted": study.interrupted,
         "reference": reference(&study.reference),
         "other_reference": study.other.as_ref().map(reference),
-        "model_distance_m": number(study.model_distance_m),
+        "model_distance_m": study.model_distance_m,
         "rows": rows,
         "recommended": recommended.collect::<Vec<_>>(),
         "left_out": study.left_out.iter().map(|c| json!({"solver": c.name(), "settings": c.settings()})).collect::<Vec<_>>(),
@@ -84,83 +100,69 @@ fn row_json(study: &Study, row: &Row) -> Value {
     json!({
         "solver": row.candidate.name(),
         "settings": row.candidate.settings(),
-        "rms_error_m": number(row.error.rms),
-        "max_error_m": number(row.error.max),
-        "rms_error_share": number(row.error.rms / study.length),
+        "rms_error_m": row.error.rms,
+        "max_error_m": row.error.max,
+        "rms_error_share": row.error.rms / study.length,
         "worst_frame": row.error.frame,
-        "model_error_m": number(row.model_error_m),
-        "volume_error": number(row.volume_error),
-        "penetration_m": number(row.penetration_m),
-        "fibre_length_error_m": number(row.fibre_error_m),
-        "residual_m": number(row.residual_m),
-        "error_estimate_m": number(row.error_estimate_m),
+        "model_error_m": row.model_error_m,
+        "volume_error": row.volume_error,
+        "penetration_m": row.penetration_m,
+        "fibre_length_error_m": row.fibre_error_m,
+        "residual_m": row.residual_m,
+        "error_estimate_m": row.error_estimate_m,
         "solver_iterations": row.solver_iterations,
-        "time_s": number(row.time_s),
-        "time_range_s": row.time_range_s.map(number),
+        "time_s": row.time_s,
+        "time_range_s": row.time_range_s,
         "repeats": row.repeats,
         "certain": is_certain(row),
         "status": row.status.name(),
     })
 }
 
-/// Writes `work_precision.csv`.
-///
-/// # Errors
-/// What the writer says.
-pub fn write_csv(study: &Study, w: &mut impl Write) -> io::Result<()> {
-    writeln!(w, "{COLUMNS}")?;
-    let name = study.scene.replace(['"', ',', '\n'], "_");
-    let of_study = format!(
-        "{name},{},{},{}",
-        study.vertices, study.frames, study.moved_m
-    );
-    for (i, row) in study.rows.iter().enumerate() {
-        let settings = row.candidate.settings();
-        let setting = |key: &str| match settings.get(key) {
-            Some(Value::String(text)) => text.clone(),
-            Some(other) => other.to_string(),
-            None => String::new(),
-        };
-        let first = [
-            "substeps",
-            "iterations",
-            "order",
-            "tolerance",
-            "contact",
-            "lanes",
-            "threads",
-        ]
-        .map(setting)
-        .join(",");
-        let e = &row.error;
-        let numbers = [row.time_s, row.time_range_s[0], row.time_range_s[1]]
-            .map(|v| v.to_string())
-            .join(",");
-        let errors = [e.rms, e.rms / study.length, e.max]
-            .map(|v| v.to_string())
-            .join(",");
-        let rest = [
-            row.model_error_m,
-            row.volume_error,
-            row.penetration_m,
-            row.fibre_error_m,
-            row.residual_m,
-            row.error_estimate_m,
-        ];
-        writeln!(
-            w,
-            "{of_study},{},{first},{},{},{numbers},{},{errors},{},{},{},{}",
-            row.candidate.name(),
-            row.status.name(),
-            is_certain(row),
-            row.repeats,
-            e.frame,
-            rest.map(|v| v.to_string()).join(","),
-            row.solver_iterations,
-            study.front.contains(&i)
-        )?;
-    }
-    Ok(())
+/// `work_precision.csv`: a row for each run.
+pub fn data(study: &Study) -> DataFile<'_> {
+    let rows = study.rows.iter().enumerate();
+    DataFile::new(
+        "work_precision.csv",
+        COLUMNS,
+        rows.map(|(i, row)| cells(study, row, study.front.contains(&i))),
+    )
+}
+
+fn cells(study: &Study, row: &Row, on_front: bool) -> Vec<String> {
+    let settings = row.candidate.settings();
+    let setting = |key: &str| match settings.get(key) {
+        Some(Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+        None => String::new(),
+    };
+    let mut cells = vec![
+        study.scene.clone(),
+        study.vertices.to_string(),
+        study.frames.to_string(),
+        study.moved_m.to_string(),
+        row.candidate.name().to_owned(),
+    ];
+    cells.extend(COLUMNS[5..12].iter().map(|key| setting(key)));
+    cells.push(row.status.name().to_owned());
+    cells.push(is_certain(row).to_string());
+    cells.extend([row.time_s, row.time_range_s[0], row.time_range_s[1]].map(|v| v.to_string()));
+    cells.push(row.repeats.to_string());
+    let e = &row.error;
+    cells.extend([e.rms, e.rms / study.length, e.max].map(|v| v.to_string()));
+    cells.push(e.frame.to_string());
+    let rest = [
+        row.model_error_m,
+        row.volume_error,
+        row.penetration_m,
+        row.fibre_error_m,
+        row.residual_m,
+        row.error_estimate_m,
+    ];
+    cells.extend(rest.map(|v| v.to_string()));
+    cells.push(row.solver_iterations.to_string());
+    cells.push(on_front.to_string());
+    cells
 }
 
 /// Error against time, a colour a solver, with the front.
@@ -353,37 +355,39 @@ pub fn notes(study: &Study) -> Vec<String> {
     notes
 }
 
-/// Writes `work_precision.csv`, `work_precision.svg`, `summary.json` and `report.html`.
-///
-/// # Errors
-/// What the folder says.
-pub fn write(study: &Study, folder: &Folder) -> Result<(), FolderError> {
-    folder.write("work_precision.csv", |w| write_csv(study, w))?;
-    folder.write("work_precision.svg", |w| {
-        w.write_all(plot(study).to_svg().as_bytes())
-    })?;
-    folder.write("summary.json", |w| writeln!(w, "{:#}", to_json(study)))?;
-    let report = Report {
+/// The result.
+pub fn output(study: &Study) -> RunOutput<'_> {
+    let threads = study.rows.iter().map(|r| r.candidate.threads).max();
+    let reference = "a reference was computed: its uncertainty";
+    RunOutput {
+        kind: "accuracy",
+        name: study.scene.clone(),
+        measures: to_json(study),
+        verdicts: vec![
+            Verdict::new(reference, true)
+                .with_value(study.reference.uncertainty.rms)
+                .in_unit("m"),
+        ],
+        notes: notes(study),
+        interrupted: study.interrupted,
         title: format!("{}: what accuracy costs", study.scene),
         subtitle: format!(
             "{} vertices, {:.0} mm long; frames 1 to {}; times on {} threads",
             study.vertices,
             study.length * 1e3,
             study.frames,
-            study
-                .rows
-                .iter()
-                .map(|r| r.candidate.threads)
-                .max()
-                .unwrap_or(1)
+            threads.unwrap_or(1)
         ),
-        plots_title: "Error against time".to_owned(),
-        plots: vec![plot(study)],
+        tables_of_text: 2,
         tables: vec![recommendation(study), table(study)],
-        notes: notes(study),
-        ..Report::default()
-    };
-    folder.write("report.html", |w| w.write_all(report.to_html().as_bytes()))
+        plots_title: "Error against time".to_owned(),
+        plots: vec![Plot {
+            file: Some("work_precision.svg".to_owned()),
+            plot: plot(study),
+        }],
+        data: vec![data(study)],
+        ..RunOutput::default()
+    }
 }
 
 fn question_name(question: Question) -> &'static str {

@@ -70,7 +70,7 @@ fn an_implant_gives_areas_with_their_sources_and_files() {
             "{span}"
         );
         assert!(
-            result["sources"][format!("area_{span}_m2")]
+            result["sources"][span]
                 .as_str()
                 .is_some_and(|s| s.contains('[')),
             "{span}"

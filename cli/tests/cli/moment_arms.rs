@@ -94,7 +94,7 @@ fn what_cannot_be_is_refused() {
         ),
         (
             &["hip", "--joint", "hip", "--from", "20deg", "--to", "10deg"],
-            "--from must be below --to",
+            "the first angle must be below the last; `pliant moment-arms --help`",
         ),
         (&["hip", "--joint", "hip", "--to", "60"], "no unit"),
         (

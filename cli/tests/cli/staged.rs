@@ -4,7 +4,9 @@ use std::fs;
 
 use serde_json::Value;
 
-use super::{Scratch, json, names_in, pliant, referenced, run, run_into, shown, text, turntable};
+use super::{
+    Scratch, json, measures, names_in, pliant, referenced, run, run_into, shown, text, turntable,
+};
 
 /// The flat implant on a mesh that takes a second.
 const SMALL: [&str; 6] = [
@@ -348,6 +350,7 @@ fn accuracy_compares_meshes_and_methods() {
     assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
     let found: Value = serde_json::from_slice(&done.stdout).unwrap();
     assert_eq!(found, json(&out.join("summary.json")));
+    let found = measures(&found);
     let rows = found["rows"].as_array().unwrap();
     let edge = number(&found, "/reference/edge_m");
     assert!(

@@ -1,5 +1,7 @@
 //! A defect of a surface: code, place and repair.
 
+use std::fmt;
+
 use super::{Health, Parts};
 use crate::format::counted;
 use crate::mesh::TriangleMesh;
@@ -79,29 +81,54 @@ impl Kind {
     }
 
     /// The repair of this defect.
-    pub fn repair(self) -> &'static str {
+    pub fn repair(self) -> Repair {
         match self {
-            Self::NoTriangles => "export the surface with its triangles",
-            Self::NonManifoldEdge => "--repair takes the surfaces apart there",
-            Self::InconsistentOrientation => "--repair turns the fewer triangles round",
-            Self::OpenBoundary => {
-                "--repair joins rims whose vertices coincide; --close-holes closes the others"
-            }
-            Self::InsideOut => "--repair turns every closed piece outward",
+            Self::NoTriangles => Repair::ByHand("export the surface with its triangles"),
+            Self::NonManifoldEdge => Repair::Automatic("takes the surfaces apart there"),
+            Self::InconsistentOrientation => Repair::Automatic("turns the fewer triangles round"),
+            Self::OpenBoundary => Repair::Automatic(
+                "joins rims whose vertices coincide; closing holes closes the others",
+            ),
+            Self::InsideOut => Repair::Automatic("turns every closed piece outward"),
             Self::DuplicateTriangles => {
-                "--repair keeps one of each, and none where two face each other"
+                Repair::Automatic("keeps one of each, and none where two face each other")
             }
-            Self::UnusedVertices => "--repair drops them",
+            Self::UnusedVertices => Repair::Automatic("drops them"),
             Self::DuplicateVertices => {
-                "--repair joins those on rims; the others belong to surfaces that touch"
+                Repair::Automatic("joins those on rims; the others belong to surfaces that touch")
             }
-            Self::SelfIntersection => {
-                "move the parts apart in a mesh editor; a simulation takes it as it is"
+            Self::SelfIntersection => Repair::ByHand(
+                "move the parts apart in a mesh editor; a simulation takes it as it is",
+            ),
+            Self::Slivers => Repair::ByHand("a simulation with `edge_length` remeshes them"),
+            Self::ZeroArea => {
+                Repair::Automatic("flips or collapses them away, which moves nothing")
             }
-            Self::Slivers => "a simulation with `edge_length` remeshes them",
-            Self::ZeroArea => "--repair flips or collapses them away, which moves nothing",
-            Self::NonManifoldVertex => "--repair gives each surface a vertex of its own there",
-            Self::SeveralComponents => "--keep-largest drops all pieces but the largest",
+            Self::NonManifoldVertex => {
+                Repair::Automatic("gives each surface a vertex of its own there")
+            }
+            Self::SeveralComponents => Repair::KeepLargest,
+        }
+    }
+}
+
+/// The repair of a finding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Repair {
+    /// [`repair`](crate::mesh::repair::repair) does this.
+    Automatic(&'static str),
+    /// Repair with the option to keep the largest piece.
+    KeepLargest,
+    /// A person has to do this.
+    ByHand(&'static str),
+}
+
+impl fmt::Display for Repair {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Automatic(does) => write!(f, "repair {does}"),
+            Self::KeepLargest => f.write_str("keeping the largest piece drops all others"),
+            Self::ByHand(what) => f.write_str(what),
         }
     }
 }

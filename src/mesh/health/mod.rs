@@ -8,7 +8,7 @@ pub mod crossings;
 mod finding;
 
 pub use crossings::{Crossings, crossings};
-pub use finding::{Finding, Kind, Place};
+pub use finding::{Finding, Kind, Place, Repair};
 use nalgebra::Point3;
 
 use super::boundary::{Rim, rims};

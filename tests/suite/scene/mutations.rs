@@ -86,7 +86,7 @@ proptest! {
         let _ = read(&text);
         for change in [text, format!("effects.contact.friction={value}"), format!("muscle.{value}.edge_length=1 mm")] {
             if let Err(error) = read_with(SMALL, &[&change]) {
-                prop_assert!(error.terse().starts_with("--set "), "{}", error.terse());
+                prop_assert!(error.terse().starts_with("change "), "{}", error.terse());
             }
         }
     }

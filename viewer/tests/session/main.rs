@@ -339,7 +339,7 @@ fn what_cannot_be_is_refused_with_its_reason_and_changes_nothing() {
         ),
         (
             set("muscle.0.edge_length", "5 mm"),
-            "start again with --set muscle.0.edge_length=VALUE",
+            "start again with another `muscle.0.edge_length`",
         ),
         (
             set("muscle.0.attachment.0.near", "0.000001 mm"),

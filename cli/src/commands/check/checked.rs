@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::commands::failure::Failure;
 use pliant::io::{self, Encoding, Format, MeshFile, Place, ReadError};
-use pliant::mesh::health::{Finding, Health};
+use pliant::mesh::health::{Finding, Health, Repair};
 use pliant::mesh::repair::{Change, Deviation, Options, deviation, repair};
 use pliant::scene::likely_units;
 use pliant::simulation::LoadError;
@@ -89,7 +89,7 @@ pub(super) struct Told {
     pub code: &'static str,
     pub count: usize,
     pub message: String,
-    pub repair: &'static str,
+    pub repair: String,
     /// The first place in the mesh.
     pub place: Option<pliant::mesh::health::Place>,
     /// The first line of the file, where the reader knows it.
@@ -104,7 +104,7 @@ impl Told {
             code: finding.kind.code(),
             count: finding.count,
             message: finding.message.clone(),
-            repair: finding.kind.repair(),
+            repair: in_options(finding.kind.repair()),
             place: Some(finding.place.clone()),
             line: None,
             offset: None,
@@ -121,7 +121,7 @@ impl Told {
             code: warned.warning.code(),
             count: warned.count,
             message: warned.to_string(),
-            repair: warned.warning.help(),
+            repair: warned.warning.help().to_owned(),
             place: None,
             line,
             offset,
@@ -130,6 +130,15 @@ impl Told {
 
     pub fn refuses(&self) -> bool {
         self.code.starts_with('E')
+    }
+}
+
+/// A repair in words of the command line.
+fn in_options(repair: Repair) -> String {
+    match repair {
+        Repair::Automatic(does) => format!("--repair {does}"),
+        Repair::KeepLargest => "--keep-largest drops all pieces but the largest".to_owned(),
+        Repair::ByHand(what) => what.to_owned(),
     }
 }
 
@@ -239,7 +248,7 @@ fn size_warning(health: &Health, unit: Option<f64>) -> Option<Told> {
         code: "W014",
         count: 1,
         message: format!("in this unit the longest side is {side:e} m"),
-        repair: "check the unit",
+        repair: "check the unit".to_owned(),
         place: None,
         line: None,
         offset: None,

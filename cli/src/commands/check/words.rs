@@ -1,7 +1,7 @@
 //! What was found, as text: all about one mesh, a line each about several.
 
 use super::checked::{Checked, Mended, Outcome, Told};
-use crate::commands::columns;
+use crate::report::Table;
 use pliant::mesh::Health;
 
 /// The whole report.
@@ -162,11 +162,10 @@ fn single(checked: &Checked, unit: Option<&str>) -> String {
     if unit.is_none() {
         rows.push(("unit, as a guess", guess(checked)));
     }
-    let rows: Vec<Vec<String>> = rows
-        .into_iter()
-        .map(|(name, value)| vec![name.to_owned(), value])
-        .collect();
-    text.push_str(&columns(&rows, &[]));
+    let mut table = Table::default();
+    rows.into_iter()
+        .for_each(|(name, value)| table.row([name.to_owned(), value]));
+    text.push_str(&table.to_text());
     text.push('\n');
     text
 }
@@ -192,9 +191,9 @@ const HEADS: [&str; 16] = [
 ];
 
 fn table(all: &[&Checked], unit: Option<&str>) -> String {
-    let mut rows = vec![HEADS.map(str::to_owned).to_vec()];
+    let mut table = Table::new("", HEADS);
     if unit.is_none() {
-        rows[0].insert(15, "unit?".to_owned());
+        table.header.insert(15, "unit?".to_owned());
     }
     for checked in all {
         let health = &checked.health;
@@ -219,14 +218,13 @@ fn table(all: &[&Checked], unit: Option<&str>) -> String {
             row.push(checked.likely_units.first().map_or("-", |u| u).to_owned());
         }
         row.push(if checked.fit { "yes" } else { "no" }.to_owned());
-        rows.push(row);
+        table.rows.push(row);
     }
-    let right: Vec<bool> = (0..15).map(|c| c != 0 && c != 6).collect();
     let note = unit.map_or_else(
         || "volume, area and longest side in the unit of each file; unit? is a guess".to_owned(),
         |u| format!("volume in {u}3, area in {u}2, longest side in {u}"),
     );
-    format!("{}  {note}\n\n", columns(&rows, &right))
+    format!("{}{note}\n\n", table.to_text())
 }
 
 fn changes(checked: &Checked, mended: &Mended, unit: Option<&str>) -> String {

@@ -23,7 +23,29 @@ const VOLUMES: &[(&str, f64)] = &[
 ];
 
 pub(super) fn refused(error: &SkinError) -> Failure {
-    Failure::usage(error.to_string(), error.help())
+    Failure::usage(error.to_string(), hint(error))
+}
+
+/// What to change, in words of the command line.
+pub(super) fn hint(error: &SkinError) -> &'static str {
+    match error {
+        SkinError::Mesh(_) | SkinError::NotManifold { .. } | SkinError::OneSided => {
+            "see `pliant check`, and repair the mesh with --repair"
+        }
+        SkinError::NoVertex { .. } => "count vertices from 0, or give a place with --at",
+        SkinError::FarAway { .. } => "check --at and --unit: both are in the unit of the file",
+        SkinError::TooLargePatch { .. } => {
+            "make --edge larger or the base larger, or refine the mesh near the implant"
+        }
+        SkinError::TooCoarse { .. } => "make --edge smaller or the base larger",
+        SkinError::TooCurved { .. } => {
+            "make the base smaller, or choose a flatter place or another direction with --long"
+        }
+        SkinError::TooFine { .. } => "make --edge larger or the base smaller",
+        SkinError::Refine(_) => "see `pliant check`, or give another --edge",
+        SkinError::Solver(_) => "make the volume smaller, or --edge larger",
+        other => other.help(),
+    }
 }
 
 /// A number with one of some units; `bare` is the unit of a number without.
@@ -203,7 +225,7 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Ord
     if long.is_some_and(|v| !(v.norm() > 0.0)) {
         return Err(Failure::usage(
             format!("--long: {}", SkinError::NoDirection),
-            SkinError::NoDirection.help(),
+            hint(&SkinError::NoDirection),
         ));
     }
     let modulus = parse(&arguments.modulus, Dimension::Pressure)
@@ -273,7 +295,7 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Ord
 
 /// A refusal of what was written, or is meant where nothing was.
 fn flagged(flag: &str, text: &str, more: &str, error: &SkinError) -> Failure {
-    Failure::usage(format!("{flag} {text}{more}: {error}"), error.help())
+    Failure::usage(format!("{flag} {text}{more}: {error}"), hint(error))
 }
 
 /// What is asked of an implant.

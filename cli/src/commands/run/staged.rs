@@ -1,13 +1,13 @@
 //! `pliant run` of a scene without muscles.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use super::Arguments;
 use crate::commands::failure::Failure;
 use crate::commands::progress::Stoppable;
-use crate::commands::{DONE, FAILED, INTERRUPTED, say, say_json};
+use crate::commands::{DONE, FAILED, INTERRUPTED, say_json};
 use crate::report::folder::Folder;
 use crate::report::output::verdict_table;
 use crate::report::run::{Performed, Wanted, perform};
@@ -31,10 +31,7 @@ pub(super) fn run(
     }
     let mut scenario = scenario(scene)?;
     let scenario = scenario.as_mut();
-    let out = arguments
-        .out
-        .clone()
-        .unwrap_or_else(|| PathBuf::from("pliant-out").join(file_name(scenario.name())));
+    let out = arguments.output.folder(scenario.name(), "");
     let wanted = Wanted {
         animate: arguments.animate.is_some(),
         begun,
@@ -43,11 +40,11 @@ pub(super) fn run(
     let said = Stoppable::new(scenario.frames(), stop);
     let ended = perform(scenario, Folder::open(&out)?, &wanted, &said)?;
     said.rounds.end();
-    if arguments.json {
+    if arguments.output.printing.json {
         say_json(&ended.summary);
-    } else {
-        say(&in_words(scenario, &ended, &out, begun.elapsed()));
     }
+    let text = in_words(scenario, &ended, &out, begun.elapsed());
+    arguments.output.printing.say(&text);
     Ok(match (ended.interrupted, ended.converged) {
         (true, _) => INTERRUPTED,
         (false, true) => DONE,

@@ -1,0 +1,212 @@
+//! Summaries against `docs/summary.schema.json`, by a validator of the part of JSON Schema that the file uses.
+
+use std::fs;
+
+use super::{Scratch, json, run, shown, text};
+use serde_json::{Value, json as value};
+
+const SCHEMA: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../docs/summary.schema.json"
+);
+
+/// Keywords that the validator knows: another one in the schema is an error, not a check that never fails.
+const KNOWN: [&str; 18] = [
+    "$schema",
+    "$id",
+    "$defs",
+    "$ref",
+    "title",
+    "description",
+    "type",
+    "const",
+    "enum",
+    "required",
+    "properties",
+    "patternProperties",
+    "additionalProperties",
+    "propertyNames",
+    "items",
+    "allOf",
+    "if",
+    "then",
+];
+
+/// What is wrong with a value, each with its place.
+fn faults(schema: &Value, value: &Value) -> Vec<String> {
+    let mut all = Vec::new();
+    check(schema, schema, value, "", &mut all);
+    all
+}
+
+fn type_of(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "boolean",
+        Value::Number(n) if n.is_i64() || n.is_u64() => "integer",
+        Value::Number(_) => "number",
+        Value::String(_) => "string",
+        Value::Array(_) => "array",
+        Value::Object(_) => "object",
+    }
+}
+
+fn has_type(value: &Value, name: &str) -> bool {
+    let own = type_of(value);
+    own == name || (own == "integer" && name == "number")
+}
+
+/// A pattern of the schema: `_x$` is an ending, `.` anything.
+fn fits(pattern: &str, key: &str) -> bool {
+    match pattern.strip_suffix('$') {
+        Some(end) => key.ends_with(end),
+        None => pattern == ".",
+    }
+}
+
+fn check(root: &Value, schema: &Value, value: &Value, at: &str, all: &mut Vec<String>) {
+    if schema == &Value::Bool(false) {
+        return all.push(format!("{at}: is not allowed"));
+    }
+    let Some(schema) = schema.as_object() else {
+        return;
+    };
+    for (word, rule) in schema {
+        if !KNOWN.contains(&word.as_str()) {
+            all.push(format!("the validator does not know `{word}`"));
+        }
+        let list = || rule.as_array().into_iter().flatten();
+        let wrong = match word.as_str() {
+            "$ref" => {
+                let path = rule.as_str().unwrap_or_default().trim_start_matches('#');
+                match root.pointer(path) {
+                    Some(schema) => check(root, schema, value, at, all),
+                    None => all.push(format!("there is no {path} in the schema")),
+                }
+                false
+            }
+            "type" => match rule {
+                Value::String(name) => !has_type(value, name),
+                _ => !list().any(|name| has_type(value, name.as_str().unwrap_or_default())),
+            },
+            "const" => value != rule,
+            "enum" => !list().any(|known| known == value),
+            "required" => {
+                let missing = list().filter(|key| value.get(key.as_str().unwrap_or_default()).is_none());
+                all.extend(missing.map(|key| format!("{at}: {key} is missing")));
+                false
+            }
+            "items" => {
+                for (k, item) in value.as_array().into_iter().flatten().enumerate() {
+                    check(root, rule, item, &format!("{at}/{k}"), all);
+                }
+                false
+            }
+            "allOf" => {
+                list().for_each(|rule| check(root, rule, value, at, all));
+                false
+            }
+            "if" => {
+                let mut against = Vec::new();
+                check(root, rule, value, at, &mut against);
+                if let Some(then) = schema.get("then").filter(|_| against.is_empty()) {
+                    check(root, then, value, at, all);
+                }
+                false
+            }
+            _ => false,
+        };
+        if wrong {
+            all.push(format!("{at}: {value} against {word} {rule}"));
+        }
+    }
+    check_keys(root, schema, value, at, all);
+}
+
+fn check_keys(
+    root: &Value,
+    schema: &serde_json::Map<String, Value>,
+    value: &Value,
+    at: &str,
+    all: &mut Vec<String>,
+) {
+    let empty = serde_json::Map::new();
+    let of = |word: &str| schema.get(word).and_then(Value::as_object).unwrap_or(&empty);
+    for (key, entry) in value.as_object().unwrap_or(&empty) {
+        let at = format!("{at}/{key}");
+        let patterns = of("patternProperties").iter();
+        let own = of("properties").get(key);
+        let rules: Vec<&Value> = own
+            .into_iter()
+            .chain(patterns.filter(|(p, _)| fits(p, key)).map(|(_, rule)| rule))
+            .collect();
+        for rule in &rules {
+            check(root, rule, entry, &at, all);
+        }
+        if let Some(rule) = schema.get("additionalProperties").filter(|_| rules.is_empty()) {
+            check(root, rule, entry, &at, all);
+        }
+        if let Some(rule) = schema.get("propertyNames") {
+            check(root, rule, &Value::String(key.clone()), &at, all);
+        }
+    }
+}
+
+fn schema() -> Value {
+    serde_json::from_str(&fs::read_to_string(SCHEMA).expect("the schema")).expect("JSON")
+}
+
+/// Asserts that a summary has the form of the schema.
+pub(super) fn assert_valid(summary: &Value) {
+    let faults = faults(&schema(), summary);
+    assert!(faults.is_empty(), "{}\n{summary:#}", faults.join("\n"));
+}
+
+/// A summary that fits, for the controls.
+fn sample() -> Value {
+    let scratch = Scratch::folder();
+    let out = scratch.join("out");
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/biceps.toml");
+    let done = run(&["biceps", file, "--out", shown(&out), "--json"]);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    json(&out.join("summary.json"))
+}
+
+#[test]
+fn what_departs_from_the_schema_is_found() {
+    let (schema, good) = (schema(), sample());
+    assert_eq!(faults(&schema, &good), [""; 0]);
+    let spoilt = |change: &dyn Fn(&mut Value)| {
+        let mut bad = good.clone();
+        change(&mut bad);
+        faults(&schema, &bad)
+    };
+    for (what, change) in [
+        ("another format", &(|s: &mut Value| s["format"] = 0.into()) as &dyn Fn(&mut Value)),
+        ("a text as time", &|s| s["time_s"] = "1 s".into()),
+        ("no verdicts", &|s| drop(s.as_object_mut().map(|s| s.remove("verdicts")))),
+        ("a verdict with a key too many", &|s| s["verdicts"][0]["kept"] = true.into()),
+        ("a verdict without `where`", &|s| {
+            drop(s["verdicts"][0].as_object_mut().map(|v| v.remove("where")))
+        }),
+        ("no measures", &|s| drop(s.as_object_mut().map(|s| s.remove("biceps")))),
+        ("measures of another kind", &|s| s["kind"] = "fibres".into()),
+        ("an unknown kind", &|s| s["kind"] = "muscle".into()),
+        ("a length as text", &|s| s["biceps"]["length_m"] = "long".into()),
+        ("a measure that is gone", &|s| {
+            drop(s["biceps"].as_object_mut().map(|m| m.remove("volume_m3")))
+        }),
+        ("an angle in radians", &|s| s["biceps"]["joint_angle_rad"] = value!(1.0)),
+        ("a key that nobody declared", &|s| s["told"] = value!(1)),
+    ] {
+        assert!(!spoilt(change).is_empty(), "{what} was not found");
+    }
+}
+
+#[test]
+fn a_keyword_that_the_validator_does_not_know_is_an_error() {
+    let schema = value!({"type": "object", "minProperties": 3});
+    assert!(!faults(&schema, &value!({})).is_empty());
+    let schema = value!({"$ref": "#/$defs/nowhere"});
+    assert!(!faults(&schema, &value!({})).is_empty());
+}
