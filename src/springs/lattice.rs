@@ -25,7 +25,6 @@ mod advance;
 mod aligned;
 mod error;
 mod kernel;
-mod lanes;
 mod rest;
 mod shape;
 mod stability;
@@ -36,14 +35,13 @@ use aligned::Aligned;
 pub use error::LatticeError;
 use error::value;
 use kernel::{Carried, Frame, Sloped, Spring};
-pub use lanes::{InLanes, Lanes, Number};
 pub use rest::{Rest, Settled};
 pub use shape::Shape;
 pub use stability::{largest_stiffness, stability_limit};
 
 use super::damping::{self, Body};
 use super::neighbours::Neighbours;
-use crate::constraints::Width;
+use crate::simd::{Number, Width};
 
 /// D of a spring, from its length at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]

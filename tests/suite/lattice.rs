@@ -6,10 +6,10 @@ use std::collections::HashMap;
 
 use nalgebra::{DMatrix, Vector3};
 use pliant::constraints::Width;
+use pliant::simd::Number;
 use pliant::springs::Neighbours;
 use pliant::springs::lattice::{
-    Lattice, LatticeError, Number, Rest, Settings, Shape, Stiffness, largest_stiffness,
-    stability_limit,
+    Lattice, LatticeError, Rest, Settings, Shape, Stiffness, largest_stiffness, stability_limit,
 };
 use pliant::testing::Draw;
 

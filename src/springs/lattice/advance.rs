@@ -12,9 +12,9 @@
 use rayon::prelude::*;
 
 use super::kernel::{Carried, Frame, Moved, Plane, act_upwards, step_plane};
-use super::lanes::{InLanes, Lanes, Number};
 use super::{Lattice, LatticeError};
 use crate::constraints::Width;
+use crate::simd::{FusedLane, FusedWork, Number};
 
 /// Slabs of fewer points are not worth a thread.
 const POINTS_PER_THREAD: usize = 4096;
@@ -30,11 +30,11 @@ struct One<'a, F> {
     carried: &'a mut Carried<F>,
 }
 
-impl<F: Number> InLanes<F> for One<'_, F> {
+impl<F: Number> FusedWork<F> for One<'_, F> {
     type Output = Moved;
 
     #[inline(always)]
-    fn run<L: Lanes<F>>(self, machine: L::Machine) -> Moved {
+    fn run<L: FusedLane<F>>(self, machine: L::Machine) -> Moved {
         let Self {
             frame,
             current,
@@ -74,11 +74,11 @@ struct Two<'a, F> {
     carried: &'a mut [Carried<F>; 2],
 }
 
-impl<F: Number> InLanes<F> for Two<'_, F> {
+impl<F: Number> FusedWork<F> for Two<'_, F> {
     type Output = [Moved; 2];
 
     #[inline(always)]
-    fn run<L: Lanes<F>>(self, machine: L::Machine) -> [Moved; 2] {
+    fn run<L: FusedLane<F>>(self, machine: L::Machine) -> [Moved; 2] {
         let Self {
             frame,
             current,
@@ -156,11 +156,11 @@ struct Seams<'a, F> {
     carried: &'a mut [Carried<F>; 2],
 }
 
-impl<F: Number> InLanes<F> for Seams<'_, F> {
+impl<F: Number> FusedWork<F> for Seams<'_, F> {
     type Output = Moved;
 
     #[inline(always)]
-    fn run<L: Lanes<F>>(self, machine: L::Machine) -> Moved {
+    fn run<L: FusedLane<F>>(self, machine: L::Machine) -> Moved {
         let Self {
             frame,
             all,
@@ -353,7 +353,7 @@ impl<F: Number> Lattice<F> {
 }
 
 /// The work of each slab, on threads if there are several.
-fn on_slabs<F: Number, W: InLanes<F, Output: Default + Send> + Send>(
+fn on_slabs<F: Number, W: FusedWork<F, Output: Default + Send> + Send>(
     width: Width,
     slabs: Vec<W>,
     both: impl Fn(W::Output, W::Output) -> W::Output + Sync + Send,

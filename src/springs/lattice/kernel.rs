@@ -8,7 +8,7 @@
 mod six;
 mod twenty_six;
 
-use super::lanes::{Lanes, Number};
+use crate::simd::{FusedLane, Number};
 
 /// Springs of one direction: force over the vector of a spring is `stiffness - tension / length`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -116,7 +116,7 @@ pub(super) struct Plane<'a, F> {
 
 /// One step of a plane on which all planes below have acted: new positions in the place of previous ones.
 #[inline(always)]
-pub(super) fn step_plane<F: Number, L: Lanes<F>>(
+pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     plane: Plane<F>,
@@ -132,7 +132,7 @@ pub(super) fn step_plane<F: Number, L: Lanes<F>>(
 
 /// What a plane, and nothing else, does to the one above it, in the order in which it always does.
 #[inline(always)]
-pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
+pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     [here, above]: [&[F]; 2],
@@ -201,19 +201,19 @@ use {counted, load, runs, runs_mut, store};
 
 /// The force that a spring along `d` exerts on its first end, over `d`.
 #[inline(always)]
-fn pull<F: Number, L: Lanes<F>>(machine: L::Machine, d: [L; 3], stiffness: L, tension: L) -> L {
+fn pull<F: Number, L: FusedLane<F>>(machine: L::Machine, d: [L; 3], stiffness: L, tension: L) -> L {
     let squared = d[2].mul_add(d[2], d[1].mul_add(d[1], d[0].mul(d[0])));
     tension.mul_sub_from(squared.reciprocal_root(machine), stiffness)
 }
 
 #[inline(always)]
-fn times<F: Number, L: Lanes<F>>(d: [L; 3], by: L) -> [L; 3] {
+fn times<F: Number, L: FusedLane<F>>(d: [L; 3], by: L) -> [L; 3] {
     [d[0].mul(by), d[1].mul(by), d[2].mul(by)]
 }
 
 /// `plus + d * by`.
 #[inline(always)]
-fn plus<F: Number, L: Lanes<F>>(plus: [L; 3], d: [L; 3], by: L) -> [L; 3] {
+fn plus<F: Number, L: FusedLane<F>>(plus: [L; 3], d: [L; 3], by: L) -> [L; 3] {
     [
         d[0].mul_add(by, plus[0]),
         d[1].mul_add(by, plus[1]),
@@ -223,7 +223,7 @@ fn plus<F: Number, L: Lanes<F>>(plus: [L; 3], d: [L; 3], by: L) -> [L; 3] {
 
 /// `from - d * by`.
 #[inline(always)]
-fn less<F: Number, L: Lanes<F>>(from: [L; 3], d: [L; 3], by: L) -> [L; 3] {
+fn less<F: Number, L: FusedLane<F>>(from: [L; 3], d: [L; 3], by: L) -> [L; 3] {
     [
         d[0].mul_sub_from(by, from[0]),
         d[1].mul_sub_from(by, from[1]),
@@ -232,17 +232,17 @@ fn less<F: Number, L: Lanes<F>>(from: [L; 3], d: [L; 3], by: L) -> [L; 3] {
 }
 
 #[inline(always)]
-fn sub<F: Number, L: Lanes<F>>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+fn sub<F: Number, L: FusedLane<F>>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])]
 }
 
 #[inline(always)]
-fn add<F: Number, L: Lanes<F>>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+fn add<F: Number, L: FusedLane<F>>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     [a[0].add(b[0]), a[1].add(b[1]), a[2].add(b[2])]
 }
 
 #[inline(always)]
-fn moved_up<F: Number, L: Lanes<F>>(a: [L; 3], before: [L; 3]) -> [L; 3] {
+fn moved_up<F: Number, L: FusedLane<F>>(a: [L; 3], before: [L; 3]) -> [L; 3] {
     [
         a[0].moved_up(before[0]),
         a[1].moved_up(before[1]),
@@ -255,7 +255,7 @@ type Runs<'a, C> = (&'a [C], &'a [C], &'a [C]);
 type RunsMut<'a, C> = (&'a mut [C], &'a mut [C], &'a mut [C]);
 
 /// How the points of a row move.
-struct Motion<'a, F: Number, L: Lanes<F>> {
+struct Motion<'a, F: Number, L: FusedLane<F>> {
     machine: L::Machine,
     /// dt^2 / m, or 0.
     gain: &'a [L::Chunk],
@@ -267,7 +267,7 @@ struct Motion<'a, F: Number, L: Lanes<F>> {
     sum: L,
 }
 
-impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
+impl<'a, F: Number, L: FusedLane<F>> Motion<'a, F, L> {
     /// Of row `j` of plane `k`.
     #[inline(always)]
     fn new(
@@ -331,7 +331,7 @@ impl<'a, F: Number, L: Lanes<F>> Motion<'a, F, L> {
 }
 
 #[inline(always)]
-fn greatest<F: Number, L: Lanes<F>>(lanes: L) -> f64 {
+fn greatest<F: Number, L: FusedLane<F>>(lanes: L) -> f64 {
     let chunk = [lanes.store()];
     let mut all = 0.0;
     for &value in L::numbers(&chunk) {
@@ -342,7 +342,7 @@ fn greatest<F: Number, L: Lanes<F>>(lanes: L) -> f64 {
 }
 
 #[inline(always)]
-fn total<F: Number, L: Lanes<F>>(lanes: L) -> f64 {
+fn total<F: Number, L: FusedLane<F>>(lanes: L) -> f64 {
     let chunk = [lanes.store()];
     let mut all = 0.0;
     for &value in L::numbers(&chunk) {

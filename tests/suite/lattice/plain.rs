@@ -1,8 +1,9 @@
 //! The source's own way: a list of springs, and two passes (8.3 of its digest), in double precision.
 
 use nalgebra::Vector3;
+use pliant::simd::Number;
 use pliant::springs::Neighbours;
-use pliant::springs::lattice::{Lattice, Number, Settings, Shape, Stiffness};
+use pliant::springs::lattice::{Lattice, Settings, Shape, Stiffness};
 
 /// One of a list.
 pub struct Spring {

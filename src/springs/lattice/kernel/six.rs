@@ -4,10 +4,10 @@ use super::{
     Carried, Frame, Motion, Moved, Plane, Spring, add, counted, load, moved_up, pull, runs,
     runs_mut, store, sub, times,
 };
-use crate::springs::lattice::lanes::{Lanes, Number};
+use crate::simd::{FusedLane, Number};
 
 #[inline(always)]
-pub(super) fn step_plane<F: Number, L: Lanes<F>>(
+pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     plane: Plane<F>,
@@ -52,7 +52,7 @@ pub(super) fn step_plane<F: Number, L: Lanes<F>>(
 }
 
 #[inline(always)]
-pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
+pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     [here, above]: [&[F]; 2],
@@ -83,7 +83,7 @@ pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
 /// One step of a row. `forces` are those of the springs to the row before it and from below, on their first ends; they become those
 /// to the row after it and to above.
 #[inline(always)]
-fn step_row<F: Number, L: Lanes<F>>(
+fn step_row<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     [here, beside, above]: [&[F]; 3],
@@ -133,7 +133,7 @@ fn step_row<F: Number, L: Lanes<F>>(
 
 /// Stiffness and tension in all lanes.
 #[inline(always)]
-fn splat<F: Number, L: Lanes<F>>(machine: L::Machine, spring: Spring<F>) -> [L; 2] {
+fn splat<F: Number, L: FusedLane<F>>(machine: L::Machine, spring: Spring<F>) -> [L; 2] {
     [
         L::splat(machine, spring.stiffness),
         L::splat(machine, spring.tension),
@@ -142,7 +142,7 @@ fn splat<F: Number, L: Lanes<F>>(machine: L::Machine, spring: Spring<F>) -> [L; 
 
 /// The force of springs on their first ends.
 #[inline(always)]
-fn force<F: Number, L: Lanes<F>>(
+fn force<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     [a, b]: [[L; 3]; 2],
     [stiffness, tension]: [L; 2],

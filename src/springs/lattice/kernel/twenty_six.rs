@@ -4,10 +4,10 @@ use super::{
     Carried, Frame, Motion, Moved, Plane, Sloped, Spring, add, counted, less, load, moved_up, plus,
     pull, runs, runs_mut, store, sub, times,
 };
-use crate::springs::lattice::lanes::{Lanes, Number};
+use crate::simd::{FusedLane, Number};
 
 #[inline(always)]
-pub(super) fn step_plane<F: Number, L: Lanes<F>>(
+pub(super) fn step_plane<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     plane: Plane<F>,
@@ -43,7 +43,7 @@ pub(super) fn step_plane<F: Number, L: Lanes<F>>(
 }
 
 #[inline(always)]
-pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
+pub(super) fn act_upwards<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     planes: [&[F]; 2],
@@ -59,7 +59,7 @@ pub(super) fn act_upwards<F: Number, L: Lanes<F>>(
 
 /// What row `j` of a plane does with the rows above it.
 #[inline(always)]
-fn act_upwards_row<F: Number, L: Lanes<F>>(
+fn act_upwards_row<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     [here, above]: [&[F]; 2],
@@ -82,7 +82,7 @@ fn act_upwards_row<F: Number, L: Lanes<F>>(
 /// The springs between two rows: from each point to the one opposite, to the one after that, and from the point after it to
 /// the one opposite.
 #[inline(always)]
-fn act<F: Number, L: Lanes<F>>(
+fn act<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     run: usize,
     [a, b]: [&[F]; 2],
@@ -138,7 +138,7 @@ fn act<F: Number, L: Lanes<F>>(
 
 /// The springs along a row, and its points' move; forces are left at zero.
 #[inline(always)]
-fn finish<F: Number, L: Lanes<F>>(
+fn finish<F: Number, L: FusedLane<F>>(
     machine: L::Machine,
     frame: &Frame<F>,
     here: &[F],

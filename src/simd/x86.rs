@@ -1,51 +1,60 @@
-//! Lanes of x86: four by AVX2, eight by AVX-512. `pulp` hands out the intrinsics as safe methods of a value that only
-//! exists where the processor has them.
+//! Lanes of x86 by AVX2 and AVX-512. `pulp` hands out the intrinsics as safe methods of a value that only exists where
+//! the processor has them.
 
-use std::arch::x86_64::{__m256d, __m512d};
+use std::arch::x86_64::{__m256, __m256d, __m512, __m512d};
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Sub};
 
 use pulp::NullaryFnOnce;
 use pulp::cast;
 use pulp::x86::{V3, V4};
 
-use super::{InLanes, Lane};
+use super::fused::{FusedLane, FusedWork, MAGIC_32, MAGIC_64, double_root, refine, single_root};
+use super::{InLanes, Lane, Register};
 use crate::particles::Slot;
 
-/// Work to be compiled for AVX-512.
-pub struct Eight<W>(pub V4, pub W);
+/// Work of [`Lane`] to be compiled for the machine of the lanes `L`.
+pub struct Plain<L: Register<f64>, W>(pub L::Machine, pub W);
 
-impl<W: InLanes> NullaryFnOnce for Eight<W> {
+impl<L: Lane, W: InLanes> NullaryFnOnce for Plain<L, W> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        self.1.run::<F64x8>(self.0);
+        self.1.run::<L>(self.0);
     }
 }
 
-/// Work to be compiled for AVX2.
-pub struct Four<W>(pub V3, pub W);
+/// Work of [`FusedLane`] to be compiled for a machine `M`, with the lanes `L`.
+pub struct Fused<F, L: Register<F>, W>(pub L::Machine, pub W);
 
-impl<W: InLanes> NullaryFnOnce for Four<W> {
-    type Output = ();
+impl<F, L: FusedLane<F>, W: FusedWork<F>> NullaryFnOnce for Fused<F, L, W> {
+    type Output = W::Output;
 
     #[inline(always)]
-    fn call(self) {
-        self.1.run::<F64x4>(self.0);
+    fn call(self) -> W::Output {
+        self.1.run::<L>(self.0)
     }
 }
 
-/// Four numbers.
+/// Sixteen single numbers.
+#[derive(Clone, Copy)]
+pub struct F32x16(V4, __m512);
+
+/// Eight single numbers.
+#[derive(Clone, Copy)]
+pub struct F32x8(V3, __m256);
+
+/// Eight double numbers.
+#[derive(Clone, Copy)]
+pub struct F64x8(V4, __m512d);
+
+/// Four double numbers.
 #[derive(Clone, Copy)]
 pub struct F64x4(V3, __m256d);
 
 /// Four times yes or no, all bits of a lane alike.
 #[derive(Clone, Copy)]
 pub struct Mask4(V3, __m256d);
-
-/// Eight numbers.
-#[derive(Clone, Copy)]
-pub struct F64x8(V4, __m512d);
 
 /// Eight times yes or no.
 #[derive(Clone, Copy)]
@@ -63,22 +72,30 @@ macro_rules! operators {
     };
 }
 
-operators!(F64x4, avx:
-    Add::add = _mm256_add_pd,
-    Sub::sub = _mm256_sub_pd,
-    Mul::mul = _mm256_mul_pd,
-    Div::div = _mm256_div_pd
+macro_rules! registers {
+    ($($kind:ident, $machine:ident, $number:ty, $set:ident: $set1:ident, $add:ident, $sub:ident, $mul:ident;)*) => {
+        $(operators!($kind, $set: Add::add = $add, Sub::sub = $sub, Mul::mul = $mul);
+
+        impl Register<$number> for $kind {
+            type Machine = $machine;
+
+            #[inline(always)]
+            fn splat(machine: $machine, value: $number) -> Self {
+                Self(machine, machine.$set.$set1(value))
+            }
+        })*
+    };
+}
+
+registers!(
+    F32x16, V4, f32, avx512f: _mm512_set1_ps, _mm512_add_ps, _mm512_sub_ps, _mm512_mul_ps;
+    F64x8, V4, f64, avx512f: _mm512_set1_pd, _mm512_add_pd, _mm512_sub_pd, _mm512_mul_pd;
+    F32x8, V3, f32, avx: _mm256_set1_ps, _mm256_add_ps, _mm256_sub_ps, _mm256_mul_ps;
+    F64x4, V3, f64, avx: _mm256_set1_pd, _mm256_add_pd, _mm256_sub_pd, _mm256_mul_pd;
 );
-operators!(Mask4, avx:
-    BitAnd::bitand = _mm256_and_pd,
-    BitOr::bitor = _mm256_or_pd
-);
-operators!(F64x8, avx512f:
-    Add::add = _mm512_add_pd,
-    Sub::sub = _mm512_sub_pd,
-    Mul::mul = _mm512_mul_pd,
-    Div::div = _mm512_div_pd
-);
+operators!(F64x4, avx: Div::div = _mm256_div_pd);
+operators!(F64x8, avx512f: Div::div = _mm512_div_pd);
+operators!(Mask4, avx: BitAnd::bitand = _mm256_and_pd, BitOr::bitor = _mm256_or_pd);
 
 impl Neg for F64x4 {
     type Output = Self;
@@ -133,14 +150,9 @@ const LT: i32 = 0x11;
 const LE: i32 = 0x12;
 
 impl Lane for F64x4 {
-    type Machine = V3;
     type Mask = Mask4;
     const COUNT: usize = 4;
 
-    #[inline(always)]
-    fn splat(machine: V3, value: f64) -> Self {
-        Self(machine, machine.avx._mm256_set1_pd(value))
-    }
     #[inline(always)]
     fn each(machine: V3, value: impl Fn(usize) -> f64) -> Self {
         Self(
@@ -247,14 +259,9 @@ fn two(machine: V4, low: [f64; 4], high: [f64; 4]) -> __m512d {
 }
 
 impl Lane for F64x8 {
-    type Machine = V4;
     type Mask = Mask8;
     const COUNT: usize = 8;
 
-    #[inline(always)]
-    fn splat(machine: V4, value: f64) -> Self {
-        Self(machine, machine.avx512f._mm512_set1_pd(value))
-    }
     #[inline(always)]
     fn each(machine: V4, v: impl Fn(usize) -> f64) -> Self {
         Self(
@@ -357,3 +364,110 @@ impl Lane for F64x8 {
         u32::from(mask.0)
     }
 }
+
+macro_rules! fused {
+    (
+        $kind:ident, $machine:ident, $number:ty, $count:literal, $root:ident,
+        $set:ident: $max:ident,
+        $fused:ident: $fmadd:ident, $fnmadd:ident,
+        |$m:ident, $q:ident| $guess:expr,
+        |$now:ident, $before:ident| $up:expr
+    ) => {
+        impl FusedLane<$number> for $kind {
+            type Chunk = [$number; $count];
+
+            #[inline(always)]
+            fn chunks(of: &[$number]) -> &[Self::Chunk] {
+                of.as_chunks().0
+            }
+            #[inline(always)]
+            fn chunks_mut(of: &mut [$number]) -> &mut [Self::Chunk] {
+                of.as_chunks_mut().0
+            }
+            #[inline(always)]
+            fn numbers(of: &[Self::Chunk]) -> &[$number] {
+                of.as_flattened()
+            }
+            #[inline(always)]
+            fn load(machine: $machine, from: &Self::Chunk) -> Self {
+                Self(machine, cast(*from))
+            }
+            #[inline(always)]
+            fn store(self) -> Self::Chunk {
+                cast(self.1)
+            }
+            #[inline(always)]
+            fn mul_add(self, by: Self, plus: Self) -> Self {
+                Self(self.0, self.0.$fused.$fmadd(self.1, by.1, plus.1))
+            }
+            #[inline(always)]
+            fn mul_sub_from(self, by: Self, from: Self) -> Self {
+                Self(self.0, self.0.$fused.$fnmadd(self.1, by.1, from.1))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                // The second one is what the instruction gives where one is not a number.
+                Self(self.0, self.0.$set.$max(other.1, self.1))
+            }
+            #[inline(always)]
+            fn root_guess(self) -> Self {
+                let ($m, $q) = (self.0, self.1);
+                Self($m, $guess)
+            }
+            #[inline(always)]
+            fn moved_up(self, before: Self) -> Self {
+                let ($m, $now, $before) = (self.0, self.1, before.1);
+                Self($m, $up)
+            }
+            $root!();
+        }
+    };
+}
+
+fused!(
+    F32x16, V4, f32, 16, single_root,
+    avx512f: _mm512_max_ps,
+    avx512f: _mm512_fmadd_ps, _mm512_fnmadd_ps,
+    |m, q| cast(m.avx512f._mm512_sub_epi32(
+        m.avx512f._mm512_set1_epi32(MAGIC_32.cast_signed()),
+        m.avx512f._mm512_srli_epi32::<1>(cast(q)),
+    )),
+    |now, before| cast(m.avx512f._mm512_alignr_epi32::<15>(cast(now), cast(before)))
+);
+fused!(
+    F64x8, V4, f64, 8, double_root,
+    avx512f: _mm512_max_pd,
+    avx512f: _mm512_fmadd_pd, _mm512_fnmadd_pd,
+    |m, q| cast(m.avx512f._mm512_sub_epi64(
+        m.avx512f._mm512_set1_epi64(MAGIC_64.cast_signed()),
+        m.avx512f._mm512_srli_epi64::<1>(cast(q)),
+    )),
+    |now, before| cast(m.avx512f._mm512_alignr_epi64::<7>(cast(now), cast(before)))
+);
+fused!(
+    F32x8, V3, f32, 8, single_root,
+    avx: _mm256_max_ps,
+    fma: _mm256_fmadd_ps, _mm256_fnmadd_ps,
+    |m, q| cast(m.avx2._mm256_sub_epi32(
+        m.avx._mm256_set1_epi32(MAGIC_32.cast_signed()),
+        m.avx2._mm256_srli_epi32::<1>(cast(q)),
+    )),
+    // The upper half of what was and the lower half of what is, between them the lane that goes over.
+    |now, before| cast(m.avx2._mm256_alignr_epi8::<12>(
+        cast(now),
+        cast(m.avx._mm256_permute2f128_ps::<0x21>(before, now)),
+    ))
+);
+fused!(
+    F64x4, V3, f64, 4, double_root,
+    avx: _mm256_max_pd,
+    fma: _mm256_fmadd_pd, _mm256_fnmadd_pd,
+    |m, q| cast(m.avx2._mm256_sub_epi64(
+        m.avx._mm256_set1_epi64x(MAGIC_64.cast_signed()),
+        m.avx2._mm256_srli_epi64::<1>(cast(q)),
+    )),
+    |now, before| cast(m.avx2._mm256_alignr_epi8::<8>(
+        cast(now),
+        cast(m.avx._mm256_permute2f128_pd::<0x21>(before, now)),
+    ))
+);

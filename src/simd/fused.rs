@@ -1,18 +1,15 @@
-//! Numbers side by side for the lattice's kernels, in single or double precision.
+//! Numbers in lanes whose multiply-add is fused, in single or double precision, for the kernels of lattices.
 //!
 //! Every operation is one of IEEE 754, rounded once, or acts on bits, and multiply-add is fused at every width: so all
 //! widths leave the same bits. The reciprocal root is computed of such operations from a guess by bits: square roots and
 //! divisions of the processor would take most of a step, and its own approximations differ from maker to maker.
 
 #[cfg(target_arch = "x86_64")]
-mod x86;
+use super::x86;
+use super::{Register, Width};
 
-use crate::constraints::Width;
-
-/// One number or several side by side, computed in step.
-pub trait Lanes<F>: Copy {
-    /// Proof that the processor has these lanes.
-    type Machine: Copy + Send + Sync;
+/// Numbers in lanes with a fused multiply-add and a reciprocal root.
+pub trait FusedLane<F>: Register<F> {
     /// As many numbers as there are lanes.
     type Chunk: Copy;
 
@@ -22,18 +19,10 @@ pub trait Lanes<F>: Copy {
     fn chunks_mut(of: &mut [F]) -> &mut [Self::Chunk];
     /// The numbers of chunks.
     fn numbers(of: &[Self::Chunk]) -> &[F];
-    /// `value` in every lane.
-    fn splat(machine: Self::Machine, value: F) -> Self;
     /// The numbers of a chunk.
     fn load(machine: Self::Machine, from: &Self::Chunk) -> Self;
     /// The lanes as a chunk.
     fn store(self) -> Self::Chunk;
-    /// Sum.
-    fn add(self, other: Self) -> Self;
-    /// Difference.
-    fn sub(self, other: Self) -> Self;
-    /// Product.
-    fn mul(self, other: Self) -> Self;
     /// `self * by + plus`, rounded once.
     fn mul_add(self, by: Self, plus: Self) -> Self;
     /// `from - self * by`, rounded once.
@@ -60,34 +49,34 @@ pub trait Number:
 {
     /// Rows are filled up to a multiple of this: the lanes of the widest register.
     const ROW: usize;
-    /// Bound of the relative error of [`Lanes::reciprocal_root`].
+    /// Bound of the relative error of [`FusedLane::reciprocal_root`].
     const ROOT_ERROR: f64;
     /// Rounded to this precision.
     fn from_f64(value: f64) -> Self;
     /// Exact.
     fn to_f64(self) -> f64;
     /// Does work with lanes of the given width, or of the next smaller one that the processor has.
-    fn in_lanes<W: InLanes<Self>>(width: Width, work: W) -> W::Output;
+    fn in_lanes<W: FusedWork<Self>>(width: Width, work: W) -> W::Output;
 }
 
 /// Work that can be done with lanes of any number.
-pub trait InLanes<F> {
+pub trait FusedWork<F> {
     /// What it gives.
     type Output;
     /// Does it.
-    fn run<L: Lanes<F>>(self, machine: L::Machine) -> Self::Output;
+    fn run<L: FusedLane<F>>(self, machine: L::Machine) -> Self::Output;
 }
 
 /// `y` becomes `y (1 + e (c1 + e (c2 + ...)))` with `e = 1 - q y^2`: the series of the reciprocal root, or what is nearest to it
 /// over the errors of the guess.
 macro_rules! refine {
     ($machine:ident, $number:ty, $q:ident, $y:ident, $($c:expr),+) => {{
-        let e = $q.mul($y).mul_sub_from($y, <Self as Lanes<$number>>::splat($machine, 1.0));
-        $y.mul(e).mul_add(refine!(@ $machine, $number, e, $($c),+), $y)
+        let e = ($q * $y).mul_sub_from($y, <Self as Register<$number>>::splat($machine, 1.0));
+        ($y * e).mul_add(refine!(@ $machine, $number, e, $($c),+), $y)
     }};
-    (@ $machine:ident, $number:ty, $e:ident, $last:expr) => { <Self as Lanes<$number>>::splat($machine, $last) };
+    (@ $machine:ident, $number:ty, $e:ident, $last:expr) => { <Self as Register<$number>>::splat($machine, $last) };
     (@ $machine:ident, $number:ty, $e:ident, $c:expr, $($more:expr),+) => {
-        $e.mul_add(refine!(@ $machine, $number, $e, $($more),+), <Self as Lanes<$number>>::splat($machine, $c))
+        $e.mul_add(refine!(@ $machine, $number, $e, $($more),+), <Self as Register<$number>>::splat($machine, $c))
     };
 }
 
@@ -122,16 +111,24 @@ macro_rules! double_root {
         }
     };
 }
-use {double_root, refine, single_root};
+pub(super) use {double_root, refine, single_root};
 
 /// Minus half of these bits, read as a number, is a guess of one over the square root.
-const MAGIC_32: u32 = 0x5f37_5a86;
-const MAGIC_64: u64 = 0x5fe6_eb50_c7b5_37a9;
+pub(super) const MAGIC_32: u32 = 0x5f37_5a86;
+pub(super) const MAGIC_64: u64 = 0x5fe6_eb50_c7b5_37a9;
 
 macro_rules! scalar {
     ($number:ty, $magic:ident, $root:ident) => {
-        impl Lanes<$number> for $number {
+        impl Register<$number> for $number {
             type Machine = ();
+
+            #[inline(always)]
+            fn splat((): (), value: $number) -> Self {
+                value
+            }
+        }
+
+        impl FusedLane<$number> for $number {
             type Chunk = $number;
 
             #[inline(always)]
@@ -147,28 +144,12 @@ macro_rules! scalar {
                 of
             }
             #[inline(always)]
-            fn splat((): (), value: $number) -> Self {
-                value
-            }
-            #[inline(always)]
             fn load((): (), from: &$number) -> Self {
                 *from
             }
             #[inline(always)]
             fn store(self) -> $number {
                 self
-            }
-            #[inline(always)]
-            fn add(self, other: Self) -> Self {
-                self + other
-            }
-            #[inline(always)]
-            fn sub(self, other: Self) -> Self {
-                self - other
-            }
-            #[inline(always)]
-            fn mul(self, other: Self) -> Self {
-                self * other
             }
             #[inline(always)]
             fn mul_add(self, by: Self, plus: Self) -> Self {
@@ -209,21 +190,20 @@ macro_rules! number {
             fn to_f64(self) -> f64 {
                 f64::from(self)
             }
-            fn in_lanes<W: InLanes<Self>>(width: Width, work: W) -> W::Output {
+            fn in_lanes<W: FusedWork<Self>>(width: Width, work: W) -> W::Output {
                 #[cfg(target_arch = "x86_64")]
                 {
                     if let (Width::Eight, Some(machine)) = (width, pulp::x86::V4::try_new()) {
                         return machine
-                            .vectorize(x86::Compiled::<_, _, x86::$eight>::new(machine, work));
+                            .vectorize(x86::Fused::<$number, x86::$eight, _>(machine, work));
                     }
                     if let Some(machine) = pulp::x86::V3::try_new() {
                         if width == Width::One {
                             // Compiled for the fused multiply-add of the processor, else each would be a call.
-                            return machine
-                                .vectorize(x86::Compiled::<_, _, $number>::new((), work));
+                            return machine.vectorize(x86::Fused::<$number, $number, _>((), work));
                         }
                         return machine
-                            .vectorize(x86::Compiled::<_, _, x86::$four>::new(machine, work));
+                            .vectorize(x86::Fused::<$number, x86::$four, _>(machine, work));
                     }
                 }
                 let _ = width;
@@ -242,11 +222,11 @@ mod tests {
     /// Roots of all numbers of a list, with one number at a time or several.
     struct Roots<'a, F>(&'a [F]);
 
-    impl<F: Number> InLanes<F> for Roots<'_, F> {
+    impl<F: Number> FusedWork<F> for Roots<'_, F> {
         type Output = Vec<F>;
 
         #[inline(always)]
-        fn run<L: Lanes<F>>(self, machine: L::Machine) -> Vec<F> {
+        fn run<L: FusedLane<F>>(self, machine: L::Machine) -> Vec<F> {
             let mut all = Vec::new();
             for chunk in L::chunks(self.0) {
                 all.push(L::load(machine, chunk).reciprocal_root(machine).store());
