@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::Closest;
+use super::Projection;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use crate::constraints::bending::dihedral;
 use crate::mesh::TriangleMesh;
@@ -17,7 +17,7 @@ pub struct OnTriangle {
     /// Barycentric weights.
     pub weights: [f64; 3],
     /// Signed distance, normal and point.
-    pub closest: Closest,
+    pub closest: Projection,
 }
 
 /// A ridge turns by more than this [rad]; points along it are this share of the median edge apart.
@@ -26,7 +26,7 @@ const SPACING: f64 = 0.5;
 
 /// The vertices, and points along convex edges: a fold of a muscle that lies across a ridge between two of its vertices
 /// would meet neither of them.
-fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
+fn contact_samples_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
     let mut points = mesh.vertices.clone();
     let spacing = SPACING * mesh.median_edge_length(topology).unwrap_or(0.0);
     for hinge in &topology.hinges {
@@ -40,13 +40,13 @@ fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
     points
 }
 
-/// A triangle mesh with its topology, its guards and the sign of its sides.
+/// A triangle mesh with its topology, its contact samples and the sign of its sides.
 #[derive(Clone)]
 pub(super) struct Faces {
     /// Positions [m] and triangles.
     pub mesh: TriangleMesh,
     /// What is kept out of a muscle's triangles: vertices, and points along ridges [m].
-    pub guards: Vec<Point3<f64>>,
+    pub contact_samples: Vec<Point3<f64>>,
     topology: Topology,
     /// Decides the sign where the mesh is not closed and oriented.
     winding: Option<WindingTree>,
@@ -59,7 +59,7 @@ impl Faces {
         let sound = topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0;
         Self {
             mesh: mesh.clone(),
-            guards: guards_of(mesh, &topology),
+            contact_samples: contact_samples_of(mesh, &topology),
             winding: (!sound).then(|| WindingTree::new(mesh)),
             topology,
         }
@@ -77,7 +77,7 @@ impl Faces {
 
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
-        (self.mesh.vertices.capacity() + self.guards.capacity()) * 24
+        (self.mesh.vertices.capacity() + self.contact_samples.capacity()) * 24
             + self.mesh.triangles.capacity() * 12
             + self.topology.bytes()
             + self.winding.as_ref().map_or(0, WindingTree::bytes)
@@ -108,7 +108,7 @@ impl Faces {
         OnTriangle {
             triangle,
             weights,
-            closest: Closest {
+            closest: Projection {
                 distance: sign * distance,
                 normal,
                 point: nearest,

@@ -1,20 +1,20 @@
 //! Muscles kept out of bones, and bones out of muscles.
 //!
-//! Every near bone gives a vertex a row of its own; a vertex is looked up again before it can have moved further,
+//! Every near bone gives a vertex a plane of its own; a vertex is looked up again before it can have moved further,
 //! relative to the bone, than its last distance, so that nothing tunnels and far vertices cost nothing.
 
+pub mod broad_phase;
 pub mod capsule;
 mod faces;
 mod nearest;
-pub mod remedies;
+pub mod penetration_response;
+mod plane;
 mod response;
-mod row;
 pub mod smooth;
 pub mod surface;
 mod triangles;
 pub mod untangle;
 mod vertices;
-pub mod ways;
 
 use std::sync::Arc;
 
@@ -23,15 +23,15 @@ use nalgebra::{Isometry3, Point3, Vector3};
 pub use faces::OnTriangle;
 pub(crate) use faces::pseudo_normal;
 pub(crate) use nearest::on_triangle;
-pub use response::{Barred, Contacts, Counts};
-pub use row::Row;
+pub use plane::ContactPlane;
+pub use response::{ActiveNormals, Contacts, Counts};
 pub use surface::Surface;
 
 use crate::mesh::measures::Aabb;
 
 /// The place of an obstacle's surface that is nearest to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
+pub struct Projection {
     /// Signed distance [m], negative inside.
     pub distance: f64,
     /// Unit direction in which the distance grows.
@@ -43,9 +43,9 @@ pub struct Closest {
 /// Something rigid that muscles are kept out of, in its own frame.
 pub trait Obstacle: Send + Sync {
     /// The nearest place of the surface; `None` for an obstacle without surface.
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection>;
     /// As [`Self::closest`], faster where `known`, a point of the surface [m], is not far from the nearest.
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         let _ = known;
         self.closest(point)
     }
@@ -58,14 +58,14 @@ pub trait Obstacle: Send + Sync {
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;
     /// Points that are kept out of a muscle's triangles; empty for a smooth obstacle [m].
-    fn guards(&self) -> &[Point3<f64>];
+    fn contact_samples(&self) -> &[Point3<f64>];
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize;
 }
 
 /// An obstacle and where it is at the begin and at the end of a step.
 #[derive(Clone)]
-pub struct Placed {
+pub struct PosedObstacle {
     /// Name of the bone or capsule.
     pub name: String,
     /// The obstacle.

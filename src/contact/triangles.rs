@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::Travel;
+use super::response::MotionBound;
 use super::surface::Surface;
-use super::{Obstacle, OnTriangle, Placed};
+use super::{Obstacle, OnTriangle, PosedObstacle};
 use crate::constraints::{
     Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact,
 };
@@ -47,7 +47,7 @@ struct Found {
 pub(super) struct TriangleContacts {
     /// Travel at which each sleeping vertex is looked up again.
     wake: Vec<f64>,
-    /// Signed distance of each vertex when it was last seen, and the travel at that time.
+    /// Signed distance of each vertex when it was last seen, and the bound on the motion at that time.
     last: Vec<(f64, f64)>,
     /// The triangle that was nearest to each vertex when it was last looked up.
     nearest: Vec<u32>,
@@ -56,7 +56,7 @@ pub(super) struct TriangleContacts {
     pub active: Vec<TriangleContact>,
     thickness: f64,
     /// Vertices looked up in this step, with the motion of the surface since its last refit for which that holds. Until
-    /// the step ends nothing else wakes them: how far the surface is from there is known exactly, and the travel only
+    /// the step ends nothing else wakes them: how far the surface is from there is known exactly, and the bound on the motion only
     /// within twice the motion of the step.
     looked: Vec<(u32, f64)>,
     /// Travel at the last refit of the surface.
@@ -67,7 +67,7 @@ pub(super) struct TriangleContacts {
 
 impl TriangleContacts {
     pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
-        let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
+        let wake = vec![f64::NEG_INFINITY; obstacle.contact_samples().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
         Self {
@@ -85,8 +85,8 @@ impl TriangleContacts {
 
     /// Whether some vertex must be looked up, for which the surface has to be refitted; it has moved by `since` [m] since
     /// its last refit.
-    pub fn is_due(&self, travel: Travel, since: f64) -> bool {
-        self.wake.iter().any(|w| *w <= travel.at_most)
+    pub fn is_due(&self, motion_bound: MotionBound, since: f64) -> bool {
+        self.wake.iter().any(|w| *w <= motion_bound.at_most)
             || self.looked.iter().any(|(_, bound)| *bound <= since)
     }
 
@@ -97,12 +97,18 @@ impl TriangleContacts {
 
     /// Looks up every vertex whose bound is used up, on a freshly refitted surface that had moved by `since` [m] since the
     /// refit before.
-    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel, since: f64) {
-        self.refitted = travel.at_least;
-        let points = placed.obstacle.guards();
+    pub fn update(
+        &mut self,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: MotionBound,
+        since: f64,
+    ) {
+        self.refitted = motion_bound.at_least;
+        let points = placed.obstacle.contact_samples();
         // What would wake soon is looked up now: the refit is paid for.
         let early = EARLY * self.thickness;
-        let soon = travel.at_most + early;
+        let soon = motion_bound.at_most + early;
         let mut due: Vec<u32> = (0..points.len() as u32)
             .filter(|&k| self.wake[k as usize] <= soon)
             .collect();
@@ -117,7 +123,7 @@ impl TriangleContacts {
         let found: Vec<Found> = due
             .par_iter()
             .with_min_len(32)
-            .map(|&k| self.look_up(k, placed, surface, travel))
+            .map(|&k| self.look_up(k, placed, surface, motion_bound))
             .collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
@@ -125,7 +131,7 @@ impl TriangleContacts {
         self.watched.retain(|w| !fresh[w.point as usize]);
         for (&k, found) in due.iter().zip(found) {
             self.nearest[k as usize] = found.triangle;
-            self.last[k as usize] = (found.distance, travel.at_least);
+            self.last[k as usize] = (found.distance, motion_bound.at_least);
             self.wake[k as usize] = f64::INFINITY;
             self.looked.push((k, found.bound));
             self.watched.extend(found.watched);
@@ -133,9 +139,15 @@ impl TriangleContacts {
         self.watched.sort_unstable_by_key(|w| w.point);
     }
 
-    fn look_up(&self, k: u32, placed: &Placed, surface: &Surface, travel: Travel) -> Found {
+    fn look_up(
+        &self,
+        k: u32,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: MotionBound,
+    ) -> Found {
         let near = NEAR * self.thickness;
-        let p = placed.now * placed.obstacle.guards()[k as usize];
+        let p = placed.now * placed.obstacle.contact_samples()[k as usize];
         let triangle = self.nearest[k as usize];
         let asleep = |triangle, distance: f64| {
             let bound = (distance - near / 2.0).max(distance / 2.0);
@@ -167,7 +179,7 @@ impl TriangleContacts {
             on.closest.distance,
             surface,
             surface.positions(),
-            travel,
+            motion_bound,
         );
         let distance = sign * on.closest.distance.abs();
         if distance > near {
@@ -187,26 +199,26 @@ impl TriangleContacts {
         }
     }
 
-    /// At the end of a step, after a travel of `travel` [m], of which the surface made `since` after its last refit.
-    pub fn end_step(&mut self, travel: f64, since: f64) {
+    /// At the end of a step, after a motion of at most `motion_bound` [m], of which the surface made `since` after its last refit.
+    pub fn end_step(&mut self, motion_bound: f64, since: f64) {
         for (k, bound) in self.looked.drain(..) {
-            self.wake[k as usize] = travel + bound - since;
+            self.wake[k as usize] = motion_bound + bound - since;
         }
     }
 
     /// Pushes triangles off the vertices that came nearer than the thickness; returns the largest push [m].
     pub fn project(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         surface: &Surface,
         particles: &mut Particles,
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> f64 {
-        let points = placed.obstacle.guards();
+        let points = placed.obstacle.contact_samples();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
             let (before, at) = self.last[watched.point as usize];
-            if before - (travel.at_most - at) >= self.thickness {
+            if before - (motion_bound.at_most - at) >= self.thickness {
                 continue;
             }
             let p = placed.now * points[watched.point as usize];
@@ -220,22 +232,22 @@ impl TriangleContacts {
                 on.closest.distance,
                 surface,
                 &particles.position,
-                travel,
+                motion_bound,
             );
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
             }
-            self.last[watched.point as usize] = (on.closest.distance, travel.at_least);
+            self.last[watched.point as usize] = (on.closest.distance, motion_bound.at_least);
             if on.closest.distance >= self.thickness {
                 continue;
             }
-            let row = self.row(surface, &p, &on);
-            let x = row.points.map(|v| particles.position[v as usize]);
-            let Some((c, gradient)) = row.value_and_gradient(&x) else {
+            let contact = self.contact(surface, &p, &on);
+            let x = contact.points.map(|v| particles.position[v as usize]);
+            let Some((c, gradient)) = contact.value_and_gradient(&x) else {
                 continue;
             };
-            let w = row.points.map(|v| particles.inverse_mass[v as usize]);
+            let w = contact.points.map(|v| particles.inverse_mass[v as usize]);
             let each = || gradient.iter().zip(w).map(|(g, w)| (w, g.norm()));
             let weight: f64 = each().map(|(w, g)| w * g * g).sum();
             if weight <= 0.0 || c >= 0.0 {
@@ -245,11 +257,11 @@ impl TriangleContacts {
             let weight = greatest(each().map(|(w, g)| 0.5 * w * g).chain([weight]));
             // And none further than the thickness at once: what is deep comes out over the sweeps.
             let c = c.max(-self.thickness);
-            for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
+            for ((v, g), w) in contact.points.into_iter().zip(gradient).zip(w) {
                 particles.position[v as usize] -= g * (w * c / weight);
             }
             largest = largest.max(-c);
-            self.active.push(row);
+            self.active.push(contact);
         }
         largest
     }
@@ -266,10 +278,10 @@ impl TriangleContacts {
         distance: f64,
         surface: &Surface,
         x: &[Point3<f64>],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> f64 {
         let (before, at) = self.last[point as usize];
-        let kept = before > 0.0 && before + distance.abs() > travel.at_most - at;
+        let kept = before > 0.0 && before + distance.abs() > motion_bound.at_most - at;
         if kept && (distance > 0.0 || distance.abs() > self.thickness) {
             return 1.0;
         }
@@ -279,7 +291,7 @@ impl TriangleContacts {
         if distance.abs() <= DOUBT * self.thickness {
             return distance.signum();
         }
-        if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 {
+        if surface.winds_about(p, x, motion_bound.at_most - self.refitted) == 0 {
             1.0
         } else {
             -1.0
@@ -287,14 +299,19 @@ impl TriangleContacts {
     }
 
     /// Whether no watched point is inside the muscle, by exact winding numbers on a surface that was refitted after a
-    /// travel of `travel` [m].
-    pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
-        self.refitted = travel;
+    /// motion of at most `motion_bound` [m].
+    pub fn is_clear(
+        &mut self,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: f64,
+    ) -> bool {
+        self.refitted = motion_bound;
         // The surface was refitted, and nobody knows how far it had gone before.
         self.looked
             .drain(..)
             .for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
-        let points = placed.obstacle.guards();
+        let points = placed.obstacle.contact_samples();
         self.watched.iter().all(|w| {
             let p = placed.now * points[w.point as usize];
             let (before, _) = self.last[w.point as usize];
@@ -303,7 +320,7 @@ impl TriangleContacts {
         })
     }
 
-    fn row(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
+    fn contact(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
         TriangleContact {
             points: surface.triangles()[on.triangle as usize],
             origin: *p,
@@ -418,8 +435,9 @@ impl TriangleContacts {
             "a point or triangle that is not there is watched",
         )?;
         self.active = from.take()?;
-        let sound = |row: &TriangleContact| row.points.iter().all(|&v| (v as usize) < vertices);
-        from.check(self.active.iter().all(sound), "a row of no triangle")?;
+        let sound =
+            |contact: &TriangleContact| contact.points.iter().all(|&v| (v as usize) < vertices);
+        from.check(self.active.iter().all(sound), "a contact of no triangle")?;
         self.looked = from.take()?;
         from.check(
             self.looked.iter().all(|&(k, _)| is_point(k)),
@@ -430,8 +448,8 @@ impl TriangleContacts {
     }
 }
 
-/// The row of a vertex as a constraint, for residuals and for the conformance suite.
-pub(super) fn plane_row(
+/// The plane of a vertex as a constraint, for residuals and for the conformance suite.
+pub(super) fn plane_contact(
     vertex: u32,
     origin: Point3<f64>,
     normal: Vector3<f64>,

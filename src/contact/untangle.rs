@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::response::Contacts;
-use super::{Closest, Obstacle, Placed, surface::Surface};
+use super::{Obstacle, PosedObstacle, Projection, surface::Surface};
 use crate::constraints::{
     Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order,
 };
@@ -32,11 +32,11 @@ pub struct Untangled {
 /// that the start is free of overlap; returns what it did. A mesh that is clear is not touched.
 pub fn untangle(
     mesh: &mut TriangleMesh,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     thickness: f64,
 ) -> Untangled {
-    let closest: Vec<Option<Closest>> = obstacles
+    let closest: Vec<Option<Projection>> = obstacles
         .iter()
         .flat_map(|&o| {
             let inverse = placed[o].now.inverse();
@@ -49,7 +49,7 @@ pub fn untangle(
     let inside = |surface: &Surface| {
         obstacles
             .iter()
-            .any(|&o| is_guard_inside(surface, &*placed[o].obstacle, &placed[o].now))
+            .any(|&o| is_sample_inside(surface, &*placed[o].obstacle, &placed[o].now))
     };
     if found.vertices == 0 && !inside(&Surface::new(mesh)) {
         return found;
@@ -59,7 +59,7 @@ pub fn untangle(
 
 /// How deep vertices are in obstacles, and how many are nearer than `thickness` [m], by what is nearest to them.
 pub(crate) fn overlap<'a>(
-    closest: impl IntoIterator<Item = &'a Option<Closest>>,
+    closest: impl IntoIterator<Item = &'a Option<Projection>>,
     thickness: f64,
 ) -> Untangled {
     let mut report = Untangled::default();
@@ -74,7 +74,7 @@ pub(crate) fn overlap<'a>(
 pub(crate) fn push_out(
     mesh: &mut TriangleMesh,
     mut report: Untangled,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     thickness: f64,
 ) -> Untangled {
@@ -101,14 +101,14 @@ pub(crate) fn push_out(
     report
 }
 
-/// Whether a guard of an obstacle at `pose` is inside a muscle's surface.
-pub(crate) fn is_guard_inside(
+/// Whether a contact sample of an obstacle at `pose` is inside a muscle's surface.
+pub(crate) fn is_sample_inside(
     surface: &Surface,
     obstacle: &dyn Obstacle,
     pose: &Isometry3<f64>,
 ) -> bool {
     let bounds = surface.bounding_box();
-    let points = obstacle.guards().iter().map(|p| pose * p);
+    let points = obstacle.contact_samples().iter().map(|p| pose * p);
     points.filter(|p| bounds.contains(p)).any(|p| {
         surface
             .nearest(&p, f64::MAX)

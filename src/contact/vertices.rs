@@ -3,11 +3,11 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::Travel;
-use super::{Closest, Obstacle, Placed};
+use super::response::MotionBound;
+use super::{Obstacle, PosedObstacle, Projection};
 use crate::state::{Corrupt, Reader, State, Value, Writer};
 
-/// A vertex further away than this many thicknesses has no row, only a bound that says when to look again.
+/// A vertex further away than this many thicknesses has no plane, only a bound that says when to look again.
 const NEAR: f64 = 4.0;
 
 /// Steps of a walk along a suspicious path before it is given up where it is.
@@ -19,7 +19,7 @@ struct Known {
     /// Where it was looked up.
     from: Point3<f64>,
     /// What was found: the ball about `from` with this distance as radius is free.
-    closest: Closest,
+    closest: Projection,
     /// How far it may move before it is looked up again [m].
     bound: f64,
     /// Travel of the whole muscle at which a far vertex is looked up again; infinite until the end of the step in which
@@ -28,8 +28,8 @@ struct Known {
 }
 
 impl Known {
-    fn new(found: Option<Closest>, at: Point3<f64>, travel: f64, thickness: f64) -> Self {
-        let closest = found.unwrap_or(Closest {
+    fn new(found: Option<Projection>, at: Point3<f64>, motion_bound: f64, thickness: f64) -> Self {
+        let closest = found.unwrap_or(Projection {
             distance: f64::MAX,
             normal: Vector3::zeros(),
             point: at,
@@ -39,14 +39,14 @@ impl Known {
             from: at,
             closest,
             bound,
-            wake: travel + bound,
+            wake: motion_bound + bound,
         }
     }
 }
 
-/// A row: a vertex and the plane that it must stay over.
+/// A vertex and the plane that it must stay over.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
+pub(super) struct VertexPlane {
     /// The vertex.
     pub vertex: u32,
     /// A point of the plane in the world [m].
@@ -57,7 +57,7 @@ pub(super) struct Row {
     pub push: f64,
 }
 
-impl Row {
+impl VertexPlane {
     /// Height over the plane [m].
     pub fn height(&self, x: &[Point3<f64>]) -> f64 {
         (x[self.vertex as usize] - self.origin).dot(&self.normal)
@@ -72,7 +72,7 @@ pub(super) struct VertexContacts {
     /// Those looked up in this step.
     looked: Vec<u32>,
     /// Rows of near vertices, by vertex.
-    pub rows: Vec<Row>,
+    pub planes: Vec<VertexPlane>,
     thickness: f64,
     /// Lookups done.
     pub lookups: u64,
@@ -83,11 +83,11 @@ pub(super) struct VertexContacts {
 impl VertexContacts {
     /// Looks every vertex of `vertices` up once, unless what is `near` to every vertex of the muscle is known.
     pub fn new(
-        placed: &Placed,
+        placed: &PosedObstacle,
         vertices: &[u32],
         x: &[Point3<f64>],
         thickness: f64,
-        near: Option<&[Option<Closest>]>,
+        near: Option<&[Option<Projection>]>,
     ) -> Self {
         let inverse = placed.now.inverse();
         let known = vertices
@@ -103,7 +103,7 @@ impl VertexContacts {
             vertices: vertices.to_vec(),
             known,
             looked: Vec::new(),
-            rows: Vec::new(),
+            planes: Vec::new(),
             thickness,
             lookups: vertices.len() as u64,
             stopped: 0,
@@ -111,14 +111,14 @@ impl VertexContacts {
     }
 
     /// Looks up again whatever may have used up its bound, walks vertices back that may have passed through, and makes
-    /// the rows of this step. `start` has the positions at the begin of the step, `travel` bounds the relative motion of
+    /// the planes of this step. `start` has the positions at the begin of the step, `motion_bound` bounds the relative motion of
     /// every vertex so far [m].
     pub fn update(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         start: &[Point3<f64>],
         x: &mut [Point3<f64>],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) {
         let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
@@ -131,7 +131,7 @@ impl VertexContacts {
                     bound,
                 } = &self.known[k as usize];
                 if closest.distance > near && *wake < f64::INFINITY {
-                    return *wake <= travel.at_most;
+                    return *wake <= motion_bound.at_most;
                 }
                 let at = inverse * x[self.vertices[k as usize] as usize];
                 if closest.distance > near {
@@ -148,7 +148,7 @@ impl VertexContacts {
                 &this.known[k as usize],
                 &*placed.obstacle,
                 [before, at],
-                travel,
+                motion_bound,
             )
         };
         let found: Vec<(Known, Option<Point3<f64>>, bool)> =
@@ -169,11 +169,11 @@ impl VertexContacts {
             self.stopped += u64::from(stopped);
         }
         self.looked.extend(due);
-        self.make_rows(&placed.now);
+        self.make_planes(&placed.now);
         // What a walk held back the bone has pushed: friction must know.
         for (vertex, by) in lifted {
-            if let Ok(row) = self.rows.binary_search_by_key(&vertex, |r| r.vertex) {
-                self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
+            if let Ok(plane) = self.planes.binary_search_by_key(&vertex, |r| r.vertex) {
+                self.planes[plane].push += by.dot(&self.planes[plane].normal).max(0.0);
             }
         }
     }
@@ -185,7 +185,7 @@ impl VertexContacts {
         before: &Known,
         obstacle: &dyn Obstacle,
         [start, at]: [Point3<f64>; 2],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> (Known, Option<Point3<f64>>, bool) {
         let (thickness, near) = (self.thickness, NEAR * self.thickness);
         let old = &before.closest;
@@ -195,13 +195,13 @@ impl VertexContacts {
             if old.distance > near {
                 let (distance, point) = obstacle.clearance(&at, &old.point);
                 if distance > near {
-                    let closest = Closest {
+                    let closest = Projection {
                         distance,
                         point,
                         ..*old
                     };
                     return (
-                        Known::new(Some(closest), at, travel.at_least, thickness),
+                        Known::new(Some(closest), at, motion_bound.at_least, thickness),
                         None,
                         false,
                     );
@@ -209,7 +209,7 @@ impl VertexContacts {
             }
             let found = obstacle.closest_from(&at, &old.point);
             return (
-                Known::new(found, at, travel.at_least, thickness),
+                Known::new(found, at, motion_bound.at_least, thickness),
                 None,
                 false,
             );
@@ -217,7 +217,7 @@ impl VertexContacts {
         let (from, closest) = base(obstacle, before, start);
         let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
         // The travel was bounded before this vertex was put back.
-        let at_least = travel.at_least - (end - at).norm();
+        let at_least = motion_bound.at_least - (end - at).norm();
         let found = obstacle.closest_from(&end, &last.point);
         (
             Known::new(found, end, at_least, thickness),
@@ -226,22 +226,22 @@ impl VertexContacts {
         )
     }
 
-    /// At the end of a step, after a travel of `travel` [m]: what each vertex looked up in it has moved since is known now.
-    pub fn end_step(&mut self, placed: &Placed, x: &[Point3<f64>], travel: f64) {
+    /// At the end of a step, after a motion of at most `motion_bound` [m]: what each vertex looked up in it has moved since is known now.
+    pub fn end_step(&mut self, placed: &PosedObstacle, x: &[Point3<f64>], motion_bound: f64) {
         for k in self.looked.drain(..).map(|k| k as usize) {
             let known = &mut self.known[k];
             let since = (x[self.vertices[k] as usize] - placed.now * known.from).norm();
-            known.wake = travel + known.bound - since;
+            known.wake = motion_bound + known.bound - since;
         }
     }
 
-    fn make_rows(&mut self, pose: &Isometry3<f64>) {
+    fn make_planes(&mut self, pose: &Isometry3<f64>) {
         let near = NEAR * self.thickness;
-        self.rows.clear();
+        self.planes.clear();
         for (known, &vertex) in self.known.iter().zip(&self.vertices) {
             if known.closest.distance <= near {
                 let (origin, normal) = (pose * known.closest.point, pose * known.closest.normal);
-                self.rows.push(Row {
+                self.planes.push(VertexPlane {
                     vertex,
                     origin,
                     normal,
@@ -251,15 +251,15 @@ impl VertexContacts {
         }
     }
 
-    /// Goes on, at the end of a step and after a travel of `travel` [m], with the vertices `free` at `x` and another
+    /// Goes on, at the end of a step and after a motion of at most `motion_bound` [m], with the vertices `free` at `x` and another
     /// thickness [m]. Only what is not known well enough for that is looked up.
     pub fn change(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         free: &[u32],
         x: &[Point3<f64>],
         thickness: f64,
-        travel: f64,
+        motion_bound: f64,
     ) {
         if self.vertices == free && self.thickness == thickness {
             return;
@@ -278,20 +278,20 @@ impl VertexContacts {
                 Some(Known { from, closest, .. }) => {
                     let since = (at - from).norm();
                     (
-                        Known::new(Some(*closest), *from, travel - since, thickness),
+                        Known::new(Some(*closest), *from, motion_bound - since, thickness),
                         false,
                     )
                 }
                 None => (
-                    Known::new(placed.obstacle.closest(&at), at, travel, thickness),
+                    Known::new(placed.obstacle.closest(&at), at, motion_bound, thickness),
                     true,
                 ),
             }
         };
         let (known, looked): (Vec<Known>, Vec<bool>) = free.par_iter().map(again).unzip();
         self.lookups += looked.iter().filter(|looked| **looked).count() as u64;
-        self.rows
-            .retain(|row| free.binary_search(&row.vertex).is_ok());
+        self.planes
+            .retain(|plane| free.binary_search(&plane.vertex).is_ok());
         (self.known, self.vertices, self.thickness) = (known, free.to_vec(), thickness);
         self.looked.clear();
     }
@@ -308,13 +308,13 @@ impl VertexContacts {
 
     /// Whether no vertex is deeper than `depth` [m] under the surface as known now.
     pub fn is_clear(&self, x: &[Point3<f64>], depth: f64) -> bool {
-        self.rows.iter().all(|r| r.height(x) >= -depth)
+        self.planes.iter().all(|r| r.height(x) >= -depth)
     }
 
     pub fn bytes(&self) -> usize {
         self.known.capacity() * std::mem::size_of::<Known>()
             + self.vertices.capacity() * 4
-            + self.rows.capacity() * std::mem::size_of::<Row>()
+            + self.planes.capacity() * std::mem::size_of::<VertexPlane>()
     }
 }
 
@@ -325,7 +325,7 @@ impl Value for Known {
         let Self {
             from,
             closest:
-                Closest {
+                Projection {
                     distance,
                     normal,
                     point,
@@ -342,7 +342,7 @@ impl Value for Known {
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let at = from.take()?;
-        let closest = Closest {
+        let closest = Projection {
             distance: from.take()?,
             normal: from.take()?,
             point: from.take()?,
@@ -357,7 +357,7 @@ impl Value for Known {
     }
 }
 
-impl Value for Row {
+impl Value for VertexPlane {
     const LEAST: usize = 4 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {
@@ -389,14 +389,14 @@ impl State for VertexContacts {
             vertices: _,
             known,
             looked,
-            rows,
+            planes,
             thickness: _,
             lookups,
             stopped,
         } = self;
         to.list(known);
         to.list(looked);
-        to.list(rows);
+        to.list(planes);
         to.put(&(*lookups, *stopped));
     }
 
@@ -407,12 +407,14 @@ impl State for VertexContacts {
             self.looked.iter().all(|&k| (k as usize) < self.known.len()),
             "a lookup of no vertex",
         )?;
-        self.rows = from.take()?;
+        self.planes = from.take()?;
         // Both ascend, and a row is looked for by its vertex.
         let mut free = self.vertices.iter();
         from.check(
-            self.rows.iter().all(|row| free.any(|v| *v == row.vertex)),
-            "a row of no free vertex",
+            self.planes
+                .iter()
+                .all(|plane| free.any(|v| *v == plane.vertex)),
+            "a plane of no free vertex",
         )?;
         (self.lookups, self.stopped) = from.take()?;
         Ok(())
@@ -420,8 +422,8 @@ impl State for VertexContacts {
 }
 
 /// Where a walk begins: where the vertex was at the begin of the step if the way there from its last lookup is free,
-/// else at that lookup. A row may have lifted a vertex since, out of the small ball in which it was known to be free.
-fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Closest) {
+/// else at that lookup. A plane may have lifted a vertex since, out of the small ball in which it was known to be free.
+fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Projection) {
     let old = (before.from, before.closest);
     let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else {
         return old;
@@ -442,10 +444,10 @@ fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<
 fn walk(
     obstacle: &dyn Obstacle,
     from: &Point3<f64>,
-    mut closest: Closest,
+    mut closest: Projection,
     to: &Point3<f64>,
     thickness: f64,
-) -> (Point3<f64>, Closest, bool) {
+) -> (Point3<f64>, Projection, bool) {
     let mut at = *from;
     let mut left = to - from;
     for _ in 0..WALK {
@@ -455,7 +457,7 @@ fn walk(
         }
         let mut lift = 0.0;
         if height <= thickness {
-            // What points into the obstacle is spent; the rest slides, and rises to where the row will want it.
+            // What points into the obstacle is spent; the rest slides, and rises to where the plane puts it.
             left -= closest.normal * left.dot(&closest.normal).min(0.0);
             lift = (thickness - height).min(0.4 * height);
         }
@@ -486,10 +488,13 @@ mod tests {
     use crate::testing::Draw;
 
     /// Vertices around a ball of 0.1 m that were looked up, and where they are after they moved.
-    fn around(draw: &mut Draw, thickness: f64) -> (Placed, VertexContacts, Vec<Point3<f64>>, f64) {
+    fn around(
+        draw: &mut Draw,
+        thickness: f64,
+    ) -> (PosedObstacle, VertexContacts, Vec<Point3<f64>>, f64) {
         let still = Isometry3::identity();
         let obstacle = Arc::new(Surface::new(&icosphere(0.1, 3)));
-        let placed = Placed {
+        let placed = PosedObstacle {
             name: "ball".to_owned(),
             obstacle,
             before: still,
@@ -506,12 +511,12 @@ mod tests {
             .iter()
             .map(|x| x + draw.direction() * (0.25 * away(x).max(0.0)))
             .collect();
-        let travel = x
+        let motion_bound = x
             .iter()
             .zip(&moved)
             .map(|(a, b)| (b - a).norm())
             .fold(0.0, f64::max);
-        (placed, contacts, moved, travel)
+        (placed, contacts, moved, motion_bound)
     }
 
     #[test]
@@ -519,11 +524,11 @@ mod tests {
         let mut draw = Draw::new(5);
         let mut forgotten = 0;
         for (thickness, other) in [(1e-3, 4e-3), (4e-3, 1e-3), (1e-3, 1.1e-3), (2e-3, 2e-3)] {
-            let (placed, mut contacts, mut x, travel) = around(&mut draw, thickness);
+            let (placed, mut contacts, mut x, motion_bound) = around(&mut draw, thickness);
             // Some that were free are not any more.
             let free: Vec<u32> = (0..400).filter(|v| v % 7 != 3).collect();
             let before = contacts.lookups;
-            contacts.change(&placed, &free, &x, other, travel);
+            contacts.change(&placed, &free, &x, other, motion_bound);
             assert!(
                 contacts.lookups - before < free.len() as u64,
                 "{thickness} to {other}: all were looked up"
@@ -546,9 +551,9 @@ mod tests {
                 &placed,
                 &start,
                 &mut x,
-                Travel {
-                    at_least: travel,
-                    at_most: travel,
+                MotionBound {
+                    at_least: motion_bound,
+                    at_most: motion_bound,
                 },
             );
             assert_eq!(missing(&contacts, &x, other), 0, "{thickness} to {other}");

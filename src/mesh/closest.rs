@@ -52,7 +52,7 @@ fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Poin
 
 /// What [`SurfaceTree::closest`] finds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
+pub struct TriangleProjection {
     /// The closest point [m].
     pub point: Point3<f64>,
     /// The triangle that holds it; of several equally close one that the tree meets first.
@@ -139,7 +139,7 @@ impl SurfaceTree {
     }
 
     /// The closest point of the surface at most `within` [m] away; `None` if there is none.
-    pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<Closest> {
+    pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<TriangleProjection> {
         self.search(p, within, |_| true, false)
     }
 
@@ -149,7 +149,7 @@ impl SurfaceTree {
         p: &Point3<f64>,
         within: f64,
         admit: impl Fn(u32) -> bool,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         self.search(p, within, |t| admit(self.names[t]), false)
     }
 
@@ -162,7 +162,7 @@ impl SurfaceTree {
         normal: &Vector3<f64>,
         cosine: f64,
         within: f64,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         self.search(p, within, |t| self.normals[t].dot(normal) > cosine, false)
     }
 
@@ -241,7 +241,7 @@ impl SurfaceTree {
         within: f64,
         admit: impl Fn(usize) -> bool,
         any: bool,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         let mut best = None;
         let mut limit = within * within;
         let mut stack = [(0u32, 0.0); STACK];
@@ -277,7 +277,7 @@ impl SurfaceTree {
                 let square = (p - point).norm_squared();
                 if square < limit || (best.is_none() && square <= limit) {
                     limit = square;
-                    best = Some(Closest {
+                    best = Some(TriangleProjection {
                         point,
                         triangle: self.names[t],
                         distance: square.sqrt(),

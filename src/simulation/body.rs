@@ -14,7 +14,7 @@ use crate::constraints::bending::Bending;
 use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Order, Project};
 use crate::contact::untangle::Untangled;
-use crate::contact::{Contacts, Obstacle, Placed, Surface};
+use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
@@ -78,7 +78,7 @@ impl Body {
         assets: &Assets,
         m: usize,
         plan: &MusclePlan,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
         let mut rest = assets.ready.rest(&asset.mesh);
@@ -219,7 +219,7 @@ impl Body {
     ///
     /// # Errors
     /// A number that is not finite appeared.
-    pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+    pub(super) fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
         let begin = std::time::Instant::now();
         let done = match (&mut self.tracked, &mut self.equilibrium) {
             (Some(tracked), _) => tracked.step(&mut self.system, placed),
@@ -310,7 +310,7 @@ impl Body {
     pub(super) fn restore(
         &mut self,
         from: &mut Reader<'_>,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
     ) -> Result<(), Corrupt> {
         self.system.restore(from)?;
@@ -334,7 +334,7 @@ impl Body {
     fn restore_contact(
         &mut self,
         from: &mut Reader<'_>,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
     ) -> Result<(), Corrupt> {
         let obstacles: Option<Vec<usize>> = from.take()?;
@@ -391,7 +391,7 @@ fn factors(scene: &Scene, plan: &MusclePlan, rest: &Rest, fibres: &Fibres) -> Ve
 fn contacts(
     rest: &Rest,
     particles: &Particles,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     contact: ContactEffect,
 ) -> Contacts {
@@ -567,7 +567,7 @@ fn attach(
     m: usize,
     rest: &Rest,
     assets: &Assets,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
 ) -> Result<Vec<Attached>, LoadError> {
     let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
     let mut choices = Vec::new();
@@ -655,7 +655,7 @@ fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize
     }
 }
 
-fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[Placed]) -> Vec<Held> {
+fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[PosedObstacle]) -> Vec<Held> {
     let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
     attached
         .iter()

@@ -6,7 +6,7 @@ use super::energy::Energy;
 use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
-use crate::contact::Row;
+use crate::contact::ContactPlane;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Share of the decrease that the slope promises which a step must bring.
@@ -131,7 +131,7 @@ fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
 /// What keeps vertices out of obstacles while they move.
 pub trait Guard {
     /// The planes that vertices near an obstacle must stay over.
-    fn rows(&self) -> Vec<Row>;
+    fn rows(&self) -> Vec<ContactPlane>;
     /// Room at which a vertex counts as touching [m].
     fn touching(&self) -> f64;
     /// Puts vertices that went from `start` into an obstacle back onto its surface.
@@ -144,7 +144,7 @@ pub trait Guard {
 pub struct Unguarded;
 
 impl Guard for Unguarded {
-    fn rows(&self) -> Vec<Row> {
+    fn rows(&self) -> Vec<ContactPlane> {
         Vec::new()
     }
     fn touching(&self) -> f64 {
@@ -337,9 +337,9 @@ impl Problem {
         x: &[Point3<f64>],
         state: &State,
         multipliers: &[f64],
-        rows: &[Row],
+        rows: &[ContactPlane],
         touching: f64,
-    ) -> Vec<Row> {
+    ) -> Vec<ContactPlane> {
         if rows.is_empty() {
             return Vec::new();
         }
@@ -354,7 +354,7 @@ impl Problem {
         &self,
         state: &State,
         multipliers: &[f64],
-        holding: &[Row],
+        holding: &[ContactPlane],
         outcome: &mut Outcome,
     ) {
         let mut force = self.force(state, multipliers);

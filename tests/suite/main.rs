@@ -5,6 +5,7 @@
 mod accuracy;
 mod biceps;
 mod bodies;
+mod broad_phase;
 mod checkpoint;
 mod conserved_volume;
 mod constraints;
@@ -31,4 +32,3 @@ mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
-mod ways;

@@ -16,7 +16,7 @@ pub use nonrigid::{Bent, NonRigid};
 pub use ransac::{Begun, Ransac};
 pub use whole::{Laid, Settings, lay};
 
-use crate::mesh::closest::{Closest, SurfaceTree};
+use crate::mesh::closest::{SurfaceTree, TriangleProjection};
 use crate::mesh::{MeshError, Topology, TriangleMesh};
 
 /// Why surfaces cannot be registered.
@@ -164,7 +164,7 @@ impl<'a> Surface<'a> {
     /// With p_i the corners, n_i their normals and w_i the weights of y in the triangle, y + 1/2 sum w_i ((p_i - y) . n_i) n_i is on
     /// the surface to second order: a triangle lies below a surface of curvature k by k/2 sum w_i |y - p_i|^2. Without that, two
     /// samples of one round body differ by the depth of their triangles, and the one that moves shrinks.
-    fn curved(&self, near: &Closest) -> (Point3<f64>, Vector3<f64>) {
+    fn curved(&self, near: &TriangleProjection) -> (Point3<f64>, Vector3<f64>) {
         let flat = self.normal(near.triangle);
         let names = self.mesh.triangles[near.triangle as usize];
         let (corners, normals) = (

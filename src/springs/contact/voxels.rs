@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::hierarchy::Hierarchy;
-use crate::contact::ways::overlap::may_meet;
+use crate::contact::broad_phase::overlap::may_meet;
 use crate::mesh::measures::Aabb;
 
 /// Entries of all lists together at most.
@@ -29,7 +29,7 @@ pub enum VoxelError {
 
 /// The cubes that a surface meets, each with its triangles; those without any are not stored.
 ///
-/// As an obstacle that is solid, cubes are [`crate::contact::ways::BitGrid`].
+/// As an obstacle that is solid, cubes are [`crate::contact::broad_phase::BitGrid`].
 #[derive(Clone, Debug, Default)]
 pub struct Voxels {
     origin: Point3<f64>,

@@ -6,7 +6,7 @@ use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// A plane that a weighted mean of up to three vertices must stay over: n.(sum w x - o) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct ContactPlane {
     /// Vertices and their weights; of a single vertex the others have weight zero.
     pub terms: [(u32, f64); 3],
     /// Unit direction away from the obstacle.
@@ -17,7 +17,7 @@ pub struct Row {
     pub distance: f64,
 }
 
-impl Row {
+impl ContactPlane {
     /// Height over what is to be kept [m], negative where it is not.
     pub fn room(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = -self.distance;
@@ -27,7 +27,7 @@ impl Row {
         sum
     }
 
-    /// The row's product with a field.
+    /// The plane's product with a field.
     pub(crate) fn along(&self, field: &[Vector3<f64>]) -> f64 {
         self.terms
             .iter()
@@ -35,7 +35,7 @@ impl Row {
             .sum()
     }
 
-    /// Adds `factor` times the row to a field.
+    /// Adds `factor` times the plane to a field.
     pub(crate) fn spread(&self, factor: f64, field: &mut [Vector3<f64>]) {
         self.terms
             .iter()
@@ -58,7 +58,7 @@ impl Row {
     }
 }
 
-impl Value for Row {
+impl Value for ContactPlane {
     const LEAST: usize = 3 * 12 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {

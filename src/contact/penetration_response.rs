@@ -1,12 +1,12 @@
-//! What the first source lists to be done with a vertex that is found in a bone \[cervenka2019\].
+//! Responses of the first source to a vertex that is found in a bone \[cervenka2019\].
 //!
-//! Kept to be compared: the crate's own contact asks before a vertex is inside. Each remedy sees one vertex, so none keeps
+//! They are kept for comparison: the crate's own contact acts before a vertex is inside. Each sees one vertex, so none keeps
 //! the triangles between them out of the bone, and none knows by which side a vertex came in.
 
 use nalgebra::{Point3, Vector3};
 
 use super::nearest::area_normal;
-use super::{Closest, OnTriangle, Surface};
+use super::{OnTriangle, Projection, Surface};
 
 /// How far a vertex is pushed along a normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub enum Length {
 
 /// Where a vertex inside a bone is put.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Remedy {
+pub enum PenetrationResponse {
     /// Immediate: onto the nearest vertex of the bone. It ends on the surface, but so do all near it, on one point.
     NearestVertex,
     /// Immediate: onto the mean of the so many nearest vertices, weighted by inverse distances. It ends on the surface only
@@ -33,7 +33,7 @@ pub enum Remedy {
     MeanNormal(Length),
 }
 
-impl Remedy {
+impl PenetrationResponse {
     /// Where a point goes [m]; one that is not inside, or of an empty surface, stays.
     pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
         let Some(on) = surface
@@ -53,7 +53,7 @@ impl Remedy {
 }
 
 impl Length {
-    fn of(self, closest: &Closest) -> f64 {
+    fn of(self, closest: &Projection) -> f64 {
         match self {
             Self::Constant(length) => length,
             Self::Share(share) => -share * closest.distance,
@@ -115,14 +115,14 @@ mod tests {
     use crate::mesh::shapes::{box_surface, icosphere};
     use crate::testing::Draw;
 
-    const ALL: [Remedy; 7] = [
-        Remedy::NearestVertex,
-        Remedy::MeanOfVertices(3),
-        Remedy::NearestPoint,
-        Remedy::FaceNormal(Length::Constant(0.01)),
-        Remedy::FaceNormal(Length::Share(1.0)),
-        Remedy::MeanNormal(Length::Constant(0.01)),
-        Remedy::MeanNormal(Length::Share(1.0)),
+    const ALL: [PenetrationResponse; 7] = [
+        PenetrationResponse::NearestVertex,
+        PenetrationResponse::MeanOfVertices(3),
+        PenetrationResponse::NearestPoint,
+        PenetrationResponse::FaceNormal(Length::Constant(0.01)),
+        PenetrationResponse::FaceNormal(Length::Share(1.0)),
+        PenetrationResponse::MeanNormal(Length::Constant(0.01)),
+        PenetrationResponse::MeanNormal(Length::Share(1.0)),
     ];
 
     fn distance(surface: &Surface, p: &Point3<f64>) -> f64 {
@@ -157,15 +157,21 @@ mod tests {
         let mut inside = 0;
         for p in drawn(&surface, 300, 81) {
             let depth = -distance(&surface, &p);
-            for remedy in [Remedy::NearestVertex, Remedy::NearestPoint] {
+            for remedy in [
+                PenetrationResponse::NearestVertex,
+                PenetrationResponse::NearestPoint,
+            ] {
                 let end = remedy.place(&surface, &p);
                 assert!(distance(&surface, &end).abs() <= 1e-12, "{remedy:?} of {p}");
                 assert!((end - p).norm() >= depth * (1.0 - 1e-12));
             }
-            let shortest = (Remedy::NearestPoint.place(&surface, &p) - p).norm();
+            let shortest = (PenetrationResponse::NearestPoint.place(&surface, &p) - p).norm();
             assert!((shortest - depth).abs() <= 1e-12);
             inside += usize::from(
-                distance(&surface, &Remedy::MeanOfVertices(3).place(&surface, &p)) < -1e-3,
+                distance(
+                    &surface,
+                    &PenetrationResponse::MeanOfVertices(3).place(&surface, &p),
+                ) < -1e-3,
             );
         }
         assert!(
@@ -178,7 +184,7 @@ mod tests {
     fn the_nearest_vertex_is_the_same_for_many() {
         let mesh = box_surface([1.0, 1.0, 1.0], 0.5);
         let surface = Surface::new(&mesh);
-        let ends = |remedy: Remedy| {
+        let ends = |remedy: PenetrationResponse| {
             let place = |p: Point3<f64>| remedy.place(&surface, &p);
             let all = drawn(&surface, 500, 82)
                 .into_iter()
@@ -186,17 +192,19 @@ mod tests {
                 .map(|p| [p.x, p.y, p.z].map(f64::to_bits));
             all.collect::<BTreeSet<_>>().len()
         };
-        assert!(ends(Remedy::NearestVertex) <= mesh.vertices.len());
+        assert!(ends(PenetrationResponse::NearestVertex) <= mesh.vertices.len());
         assert_eq!(
-            ends(Remedy::NearestPoint),
+            ends(PenetrationResponse::NearestPoint),
             500,
             "control: nothing is many-to-one"
         );
         // A triangle near one vertex has no area afterwards.
         let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
-        let area = |remedy: Remedy| area_normal(&t.map(|p| remedy.place(&surface, &p))).norm();
-        assert_eq!(area(Remedy::NearestVertex), 0.0);
-        assert!(area(Remedy::NearestPoint) > 1e-4);
+        let area = |remedy: PenetrationResponse| {
+            area_normal(&t.map(|p| remedy.place(&surface, &p))).norm()
+        };
+        assert_eq!(area(PenetrationResponse::NearestVertex), 0.0);
+        assert!(area(PenetrationResponse::NearestPoint) > 1e-4);
     }
 
     #[test]
@@ -210,7 +218,10 @@ mod tests {
             (Length::Constant(0.08), 3, 0.06),
             (Length::Constant(0.08), 4, -0.02),
         ] {
-            for remedy in [Remedy::FaceNormal(length), Remedy::MeanNormal(length)] {
+            for remedy in [
+                PenetrationResponse::FaceNormal(length),
+                PenetrationResponse::MeanNormal(length),
+            ] {
                 let end = (0..pushes).fold(start, |p, _| remedy.place(&surface, &p));
                 let depth = -distance(&surface, &end);
                 assert!(
@@ -258,15 +269,15 @@ mod tests {
             (distance(&surface, &p) + 0.1).abs() <= 1e-12,
             "the edge is nearest"
         );
-        let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
+        let after = |remedy: PenetrationResponse| -distance(&surface, &remedy.place(&surface, &p));
         // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the way to p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
-        let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
+        let deeper = after(PenetrationResponse::FaceNormal(Length::Share(1.0)));
         assert!(
             (deeper - expected).abs() <= 1e-12 && deeper > 0.12,
             "{deeper} for {expected}"
         );
-        assert!(after(Remedy::MeanNormal(Length::Share(1.0))) < 0.1);
-        assert!(after(Remedy::NearestPoint).abs() <= 1e-12);
+        assert!(after(PenetrationResponse::MeanNormal(Length::Share(1.0))) < 0.1);
+        assert!(after(PenetrationResponse::NearestPoint).abs() <= 1e-12);
     }
 }

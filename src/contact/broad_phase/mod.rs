@@ -1,7 +1,7 @@
-//! Other ways to find contact than the crate's own hierarchy, to be compared with it \[cervenka2019\].
+//! Methods to find the nearest triangle that are compared with the crate's own hierarchy \[cervenka2019\].
 //!
 //! Whatever finds the nearest triangle is exact: what a way leaves out is proven to be further away. The grid of bits has
-//! no triangles and is off by up to a box; it stands apart. A new way is a file of its own and a line in [`WAYS`].
+//! no triangles and is off by up to a box; it stands apart. A new way is a file of its own and a line in [`METHODS`].
 
 pub mod bit_grid;
 mod boxes;
@@ -21,12 +21,12 @@ pub use voxels::Voxels;
 
 use super::faces::Faces;
 use super::nearest::{on_triangle, point_at};
-use super::{Closest, Obstacle, OnTriangle};
+use super::{Obstacle, OnTriangle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 
 /// Triangles of a mesh at rest, sorted so that the nearest is found.
-pub trait Way: Send + Sync {
+pub trait NearestTriangle: Send + Sync {
     /// The triangle of `mesh`, the one that was sorted, that is nearest to `point` and at most `reach` [m] from it; of
     /// several equally near any.
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32>;
@@ -34,8 +34,8 @@ pub trait Way: Send + Sync {
     fn bytes(&self) -> usize;
 }
 
-/// A kind of way and the sizes with which the first source compared it.
-pub struct Kind {
+/// A method and the sizes with which the first source compared it.
+pub struct Method {
     /// Its name.
     pub name: &'static str,
     /// What is to be chosen: boxes along an axis, triangles in a cell; zero where nothing is.
@@ -43,47 +43,47 @@ pub struct Kind {
     /// The size that is best of them for bones of some ten thousand triangles.
     pub usual: usize,
     /// Sorts a mesh.
-    pub sort: fn(&TriangleMesh, usize) -> Box<dyn Way>,
+    pub sort: fn(&TriangleMesh, usize) -> Box<dyn NearestTriangle>,
 }
 
-impl Kind {
-    /// The surface of `mesh` as an obstacle that is searched in this way, of the usual size.
+impl Method {
+    /// The surface of `mesh` as an obstacle that this method searches, at the usual size.
     pub fn obstacle(&self, mesh: &TriangleMesh) -> Arc<dyn Obstacle> {
         Arc::new(Searched::new(mesh, (self.sort)(mesh, self.usual)))
     }
 }
 
-/// Every kind of way.
-pub const WAYS: &[Kind] = &[brute_force::KIND, voxels::KIND, octree::KIND];
+/// Every method.
+pub const METHODS: &[Method] = &[brute_force::METHOD, voxels::METHOD, octree::METHOD];
 
-/// A surface at rest whose nearest triangle is found by any way; signs as those of [`super::Surface`].
+/// A surface at rest whose nearest triangle is found by any method; signs as those of [`super::Surface`].
 pub struct Searched {
     faces: Faces,
-    way: Box<dyn Way>,
+    search: Box<dyn NearestTriangle>,
 }
 
 impl Searched {
-    /// A copy of `mesh` with the `way` in which it was sorted.
-    pub fn new(mesh: &TriangleMesh, way: Box<dyn Way>) -> Self {
+    /// A copy of `mesh` with the method in which it was sorted.
+    pub fn new(mesh: &TriangleMesh, search: Box<dyn NearestTriangle>) -> Self {
         Self {
             faces: Faces::new(mesh),
-            way,
+            search,
         }
     }
 
     /// The nearest place of the surface, at most `reach` [m] away.
     pub fn nearest(&self, point: &Point3<f64>, reach: f64) -> Option<OnTriangle> {
-        let triangle = self.way.nearest(&self.faces.mesh, point, reach)?;
+        let triangle = self.search.nearest(&self.faces.mesh, point, reach)?;
         Some(self.faces.on(point, triangle, &self.faces.mesh.vertices))
     }
 }
 
 impl Obstacle for Searched {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         self.nearest(point, f64::INFINITY).map(|on| on.closest)
     }
 
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         // A little more, for what is nearest may itself have given the bound.
         let reach = (point - known).norm() * (1.0 + 1e-9);
         self.nearest(point, reach)
@@ -95,12 +95,12 @@ impl Obstacle for Searched {
         self.faces.mesh.bounding_box()
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
-        &self.faces.guards
+    fn contact_samples(&self) -> &[Point3<f64>] {
+        &self.faces.contact_samples
     }
 
     fn bytes(&self) -> usize {
-        self.way.bytes() + self.faces.bytes()
+        self.search.bytes() + self.faces.bytes()
     }
 }
 
