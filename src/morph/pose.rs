@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, UnitQuaternion};
 
 use super::align::rotation_of;
-use super::likeness::{Likeness, Match};
+use super::shape_similarity::{Match, ShapeSimilarity};
 use super::sphere::SphereMap;
 use crate::mesh::TriangleMesh;
 
@@ -35,7 +35,7 @@ impl Start {
 }
 
 /// How a first body and its map lie to a second.
-pub struct Posed {
+pub struct InitialPose {
     /// Turn of the first map.
     pub turn: UnitQuaternion<f64>,
     /// From what it was found.
@@ -51,14 +51,14 @@ pub struct Posed {
 /// The bodies are laid over each other as they are placed, and by their principal axes, with turns about the longest, for the other
 /// two of a round shaft say nothing; like places are matched (by what lies around them), and those that are nearest to each other
 /// win. Then the map is turned to the least sum of squares of the matches \[kabsch1976\].
-pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
+pub fn by_shape(maps: [&SphereMap; 2], shape_similarity: &ShapeSimilarity) -> InitialPose {
     let mut start = Start::Placed;
-    let mut pose = likeness.pose(&UnitQuaternion::identity());
-    let (mut matches, mut least) = likeness.matches(&pose);
+    let mut pose = shape_similarity.pose(&UnitQuaternion::identity());
+    let (mut matches, mut least) = shape_similarity.matches(&pose);
     least *= BETTER;
-    for turn in likeness.by_axes() {
-        let other = likeness.pose(&turn);
-        let (found, square) = likeness.matches(&other);
+    for turn in shape_similarity.by_axes() {
+        let other = shape_similarity.pose(&turn);
+        let (found, square) = shape_similarity.matches(&other);
         if square < least {
             (start, pose, matches, least) = (Start::Axes, other, found, square);
         }
@@ -68,7 +68,7 @@ pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
         let [from, to] = [0, 1].map(|side| maps[side].points()[vertices[side] as usize].coords);
         product += to * from.transpose() * *weight;
     }
-    Posed {
+    InitialPose {
         turn: rotation_of(&product),
         start,
         matches,

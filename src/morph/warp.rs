@@ -2,7 +2,7 @@
 //!
 //! A turn of the whole cannot lay maps of two bodies over each other: around a long body its map may be turned more at one
 //! station than at another, and thick ends take room from what is between. Here each place has a turn of its own, the one
-//! with the least sum of squares over the wishes nearby, with weights that end at a radius; and the radius shrinks.
+//! with the least sum of squares over the targets nearby, with weights that end at a radius; and the radius shrinks.
 
 use nalgebra::{Matrix3, Point3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ const STEPS: usize = 6;
 /// A turn about an axis counts as far away as it would move all that is near, plus so many times that: what is near is moved
 /// more willingly than it is turned about itself.
 const HELD: f64 = 1.0;
-/// Wishes further away than this count ever less: bodies differ, and some of what is matched should not be \[rad\].
+/// Targets further away than this count ever less: bodies differ, and some of what is matched should not be \[rad\].
 const DOUBT: f64 = 0.3;
 /// Greatest way over the radius: twice of it, and places could overtake each other.
 const SHARE: f64 = 0.35;
@@ -30,19 +30,19 @@ const MENDS: usize = 20;
 
 /// Where a vertex of the map shall be.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub struct Target {
     pub vertex: u32,
     pub to: Point3<f64>,
     pub weight: f64,
 }
 
 /// Draws a map to where its vertices shall be; `None` if that is not possible without a fold.
-pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
+pub fn warped(map: &SphereMap, targets: &[Target]) -> Option<SphereMap> {
     let rings = Rings::new(map.points().len(), map.triangles())?;
     let mut points = map.points().to_vec();
     for step in 0..STEPS {
         let radius = RADII[0] * libm::pow(RADII[1] / RADII[0], step as f64 / (STEPS - 1) as f64);
-        let turns = turns(&points, wishes, radius);
+        let turns = turns(&points, targets, radius);
         let mut share = (SHARE * radius / greatest(turns.iter().map(|t| t.norm()))).min(1.0);
         for _ in 0..HALVINGS {
             let turned = |(p, t): (&Point3<f64>, &Vector3<f64>)| {
@@ -70,18 +70,18 @@ fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
     }
 }
 
-/// The turn of each place: of w that with the least sum of k |w x q - r x q|^2 over the wishes nearby, which take q by r to its
+/// The turn of each place: of w that with the least sum of k |w x q - r x q|^2 over the targets nearby, which take q by r to its
 /// place, with weights k.
-fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f64>> {
-    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = wishes
+fn turns(points: &[Point3<f64>], targets: &[Target], radius: f64) -> Vec<Vector3<f64>> {
+    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = targets
         .iter()
-        .map(|wish| {
-            let from = points[wish.vertex as usize].coords;
-            let by = between(&from, &wish.to.coords);
+        .map(|target| {
+            let from = points[target.vertex as usize].coords;
+            let by = between(&from, &target.to.coords);
             (
                 from,
                 by,
-                wish.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)),
+                target.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)),
             )
         })
         .collect();
@@ -139,17 +139,17 @@ mod tests {
     fn drawn_by(by: impl Fn(&Point3<f64>) -> Point3<f64>) -> (f64, f64, SphereMap) {
         let ball = icosphere(1.0, 4);
         let map = SphereMap::new(ball.vertices.clone(), ball.triangles).expect("a map");
-        let wish = |(v, p): (u32, &Point3<f64>)| Wish {
+        let target = |(v, p): (u32, &Point3<f64>)| Target {
             vertex: v,
             to: by(p),
             weight: 1.0,
         };
-        let wishes: Vec<Wish> = (0..).zip(map.points()).map(wish).collect();
+        let targets: Vec<Target> = (0..).zip(map.points()).map(target).collect();
         let left = |map: &SphereMap| {
-            let square = |w: &Wish| (map.points()[w.vertex as usize] - w.to).norm_squared();
-            (wishes.iter().map(square).sum::<f64>() / wishes.len() as f64).sqrt()
+            let square = |w: &Target| (map.points()[w.vertex as usize] - w.to).norm_squared();
+            (targets.iter().map(square).sum::<f64>() / targets.len() as f64).sqrt()
         };
-        let after = drawn(&map, &wishes).expect("drawn");
+        let after = warped(&map, &targets).expect("drawn");
         (left(&map), left(&after), after)
     }
 

@@ -13,8 +13,8 @@ use nalgebra::{Point3, Vector3};
 pub use fit::{Motion, fit};
 pub use icp::{Icp, Registered};
 pub use nonrigid::{Bent, NonRigid};
-pub use ransac::{Begun, Ransac};
-pub use whole::{Laid, Settings, lay};
+pub use ransac::{InitialAlignment, Ransac};
+pub use whole::{Settings, SurfaceRegistration, register_surfaces};
 
 use crate::mesh::closest::{SurfaceTree, TriangleProjection};
 use crate::mesh::{MeshError, Topology, TriangleMesh};

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
-use super::ransac::Begun;
+use super::ransac::InitialAlignment;
 use super::{Bent, Icp, Motion, NonRigid, Ransac, RegisterError, Registered, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::median;
@@ -37,9 +37,9 @@ pub struct Times {
 
 /// A surface laid onto another.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Laid {
+pub struct SurfaceRegistration {
     /// Where it began.
-    pub begun: Begun,
+    pub begun: InitialAlignment,
     /// Where iterated closest points ended.
     pub registered: Registered,
     /// How it was bent.
@@ -78,7 +78,7 @@ impl Residual {
     }
 }
 
-impl Laid {
+impl SurfaceRegistration {
     /// Distances of the vertices that lie on the other surface.
     pub fn residual(&self) -> Residual {
         Residual::of(
@@ -100,12 +100,12 @@ impl Laid {
 ///
 /// # Errors
 /// No start at all, too few pairs on the way, a system that cannot be solved; `go_on` said no.
-pub fn lay(
+pub fn register_surfaces(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,
     settings: &Settings,
     go_on: &dyn Fn() -> bool,
-) -> Result<Laid, RegisterError> {
+) -> Result<SurfaceRegistration, RegisterError> {
     let mut times = Times::default();
     let begun = Instant::now();
     let ransac = Ransac {
@@ -144,7 +144,7 @@ pub fn lay(
         points.clone_from(&bent.points);
     }
     let (distances, inliers) = judged(moving, fixed, &points, ransac.near);
-    Ok(Laid {
+    Ok(SurfaceRegistration {
         begun: start,
         registered,
         bent,
