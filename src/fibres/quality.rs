@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::attachment::{Area, Attachment};
-use super::each::{Tendon, action, turned};
+use super::fibre_measures::{Tendon, action, turned};
 use super::polyline::length;
 use super::solid::Closed;
 use crate::mesh::TriangleMesh;

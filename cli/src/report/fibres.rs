@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::folder::{Folder, FolderError};
 use super::{Report, Table};
 use pliant::fibres::attachment::{Area, Attachment};
-use pliant::fibres::each::{Each, Tendon};
+use pliant::fibres::fibre_measures::{FibreMeasures, Tendon};
 use pliant::fibres::quality::Quality;
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
@@ -94,7 +94,7 @@ pub struct Bundle<'a> {
     /// Lines on the surface that were followed [m].
     pub lines: &'a [Vec<Point3<f64>>],
     /// What is measured of each fibre.
-    pub each: &'a [Each],
+    pub each: &'a [FibreMeasures],
     /// What is measured of all.
     pub summary: &'a Summary,
 }
@@ -377,7 +377,7 @@ impl Bundle<'_> {
         )?;
         for (k, e) in self.each.iter().enumerate() {
             let whole = e.tendon_origin_m + e.length_m + e.tendon_insertion_m;
-            let Each {
+            let FibreMeasures {
                 length_m,
                 chord_m,
                 pennation_rad,

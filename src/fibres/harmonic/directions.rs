@@ -106,7 +106,7 @@ impl Held {
 ///
 /// # Errors
 /// No memory.
-pub fn spread(
+pub fn extend_directions(
     cells: &Cells,
     name: &[u32],
     links: &[([u32; 2], f64)],
