@@ -7,7 +7,7 @@ use nalgebra::{Point3, center};
 
 use super::patch::MARGIN;
 use super::place::middle;
-use super::plan::Order;
+use super::plan::ImplantSpec;
 use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::closest_on_triangle;
@@ -40,8 +40,8 @@ impl PartialOrd for Long {
 
 /// The same surface with triangles about as small as each implant needs near it: edges longer than half of the radius of its
 /// region are halved, the longest first, with every triangle beside them. Vertices keep their numbers, new ones follow; skin
-/// that is fine enough comes back as it is. What is wrong with an order is left to [`super::plan::Ready::new`].
-pub fn halved_near(mut skin: TriangleMesh, orders: &[Order]) -> TriangleMesh {
+/// that is fine enough comes back as it is. What is wrong with an order is left to [`super::plan::PreparedPatch::new`].
+pub fn halved_near(mut skin: TriangleMesh, orders: &[ImplantSpec]) -> TriangleMesh {
     if skin
         .triangles
         .iter()
@@ -169,8 +169,8 @@ mod tests {
     use crate::mesh::measures::greatest;
     use crate::mesh::shapes::box_surface;
 
-    fn order(at: Point3<f64>) -> Order {
-        Order::round(Place::Point(at), 0.02, 1e-6)
+    fn order(at: Point3<f64>) -> ImplantSpec {
+        ImplantSpec::round(Place::Point(at), 0.02, 1e-6)
     }
 
     #[test]
@@ -219,7 +219,7 @@ mod tests {
         let top = Point3::new(0.0, 0.0, 0.05);
         assert_eq!(halved_near(skin.clone(), &[order(top)]), skin);
         let coarse = box_surface([0.1; 3], 0.1);
-        let wrong = Order {
+        let wrong = ImplantSpec {
             place: Place::Vertex(1_000_000),
             ..order(top)
         };

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
 use super::implant::Implant;
-use super::plan::{FINE, Order};
+use super::plan::{FINE, ImplantSpec};
 use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
@@ -23,7 +23,7 @@ const FLATTEST: f64 = 0.01;
 /// An obstacle that is nearer to the skin than this, in bases, lies in it: a number of a file has seven digits or more.
 const TOUCHES: f64 = 1e-6;
 
-impl Order {
+impl ImplantSpec {
     /// The wanted edges [m].
     pub fn edge(&self) -> f64 {
         self.edge.unwrap_or(self.implant.base / FINE)
@@ -62,7 +62,7 @@ impl Order {
     /// well have.
     ///
     /// # Errors
-    /// Edges longer than a quarter of the base; see also [`Order::check`].
+    /// Edges longer than a quarter of the base; see also [`ImplantSpec::check`].
     pub fn check_edge(&self) -> Result<(), SkinError> {
         self.check()?;
         let (edge, base) = (self.edge(), self.implant.base);

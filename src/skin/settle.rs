@@ -13,7 +13,7 @@ use super::detector::{Detector, PENALTY};
 use super::elastic::Elastic;
 use super::envelope::Envelope;
 use super::layers::Layers;
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use super::thickness::Thickness;
 use crate::constraints::EnclosedVolume;
 use crate::constraints::distance::Distance;
@@ -98,7 +98,7 @@ pub struct Model {
     /// Implants, one after the other.
     pub implants: Vec<Filled>,
     /// What lower layer and implants rest on.
-    pub beds: Vec<Sheet>,
+    pub beds: Vec<SupportSurface>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
     /// Length of the base, of the smallest implant, by which lengths are judged [m].

@@ -1,27 +1,27 @@
 //! Several implants: those whose regions meet are brought to rest together, under skin that they share.
 
 use super::SkinError;
-use super::plan::{Order, Ready};
+use super::plan::{ImplantSpec, PreparedPatch};
 use crate::mesh::TriangleMesh;
 
 /// Skin made ready for some implants, and their numbers in the list of all orders.
-pub type Group = (Ready, Vec<usize>);
+pub type Group = (PreparedPatch, Vec<usize>);
 
 /// Makes skin ready for all orders: one group for all that share skin, in the order of the first of each. `obstacles` are
 /// those that an order may meet.
 ///
 /// # Errors
-/// See [`Ready::new`]; the number of the order that is refused, from 0, comes with it.
+/// See [`PreparedPatch::new`]; the number of the order that is refused, from 0, comes with it.
 pub fn grouped(
     skin: &TriangleMesh,
-    orders: &[Order],
+    orders: &[ImplantSpec],
     obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<Group>, (usize, SkinError)> {
     let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
-        let ready =
-            Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
+        let ready = PreparedPatch::new_while(skin, order, &obstacles(&[k]), go_on)
+            .map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
     // A joint patch has other edges and may reach further than those of its implants alone: until no two meet.
@@ -42,9 +42,9 @@ pub fn grouped(
             let mut members: Vec<usize> =
                 own.into_iter().flat_map(|(_, members)| members).collect();
             members.sort_unstable();
-            let more: Vec<Order> = members[1..].iter().map(|k| orders[*k].clone()).collect();
+            let more: Vec<ImplantSpec> = members[1..].iter().map(|k| orders[*k].clone()).collect();
             let all = obstacles(&members);
-            let ready = Ready::together(skin, &orders[members[0]], &more, &all, go_on);
+            let ready = PreparedPatch::together(skin, &orders[members[0]], &more, &all, go_on);
             groups.push((
                 ready.map_err(|(site, error)| of_all(site, error, &members))?,
                 members,
@@ -71,7 +71,7 @@ fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError
 }
 
 /// Which triangles of the skin are in the patch of an implant.
-fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
+fn taken(skin: &TriangleMesh, ready: &PreparedPatch) -> Vec<bool> {
     let mut inside = vec![true; skin.triangles.len()];
     ready
         .outside

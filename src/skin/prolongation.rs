@@ -4,20 +4,20 @@
 use nalgebra::{Point3, Vector3};
 
 use super::layers::Layers;
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use crate::mesh::TriangleMesh;
 
 /// Displacements [m] over a surface at rest, taken over to places near it.
-pub struct Carried<'a> {
-    sheet: Sheet,
+pub struct Prolongation<'a> {
+    sheet: SupportSurface,
     moved: &'a [Vector3<f64>],
 }
 
-impl<'a> Carried<'a> {
+impl<'a> Prolongation<'a> {
     /// Displacements of the vertices of a surface.
     pub fn new(surface: TriangleMesh, moved: &'a [Vector3<f64>]) -> Self {
         Self {
-            sheet: Sheet::new(surface),
+            sheet: SupportSurface::new(surface),
             moved,
         }
     }
@@ -53,8 +53,8 @@ impl Layers {
         };
         // Both layers by the nearest place of the upper one: a vertex and the one under it belong together.
         let [upper, lower] = [
-            Carried::new(upper.clone(), &moved[..m]),
-            Carried::new(upper, &moved[m..]),
+            Prolongation::new(upper.clone(), &moved[..m]),
+            Prolongation::new(upper, &moved[m..]),
         ];
         let at = |v: usize| {
             if self.held[v] {

@@ -1,7 +1,7 @@
 //! Which volume gives a wanted area, and what each of several volumes gives.
 
 use super::SkinError;
-use super::plan::{Inserted, Ready};
+use super::plan::{Inserted, PreparedPatch};
 use super::settle::{Progress, STEADY};
 
 /// A wanted area is met to this share of it, if areas are as sure as that.
@@ -20,13 +20,13 @@ const APART: f64 = 0.05;
 /// A volume is changed by this factor until the wanted area lies between two.
 const WIDER: f64 = 1.6;
 
-impl Ready {
+impl PreparedPatch {
     /// The insertion of which the region gains `wanted` [m^2] while the implant is in: a bracket, narrowed by secants through the
     /// last two trials.
     ///
     /// # Errors
-    /// A gain that no volume gives; see also [`Ready::insert`].
-    pub fn seek(
+    /// A gain that no volume gives; see also [`PreparedPatch::insert`].
+    pub fn solve_for_area(
         &self,
         wanted: f64,
         mut watch: impl FnMut(&Progress) -> bool,
@@ -96,7 +96,7 @@ impl Ready {
     /// Skin over each of several volumes [m^3], in their order.
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn curve(
         &self,
         volumes: &[f64],
