@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Point3};
-use pliant::contact::{Closest, Contacts, Obstacle, Placed, Surface};
+use pliant::contact::{Contacts, Obstacle, PosedObstacle, Projection, Surface};
 use pliant::mesh::measures::Aabb;
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{TriangleMesh, closest::closest_on_triangle};
@@ -20,11 +20,11 @@ const MILLIMETRE: f64 = 1e-3;
 struct Unguarded(Arc<Surface>);
 
 impl Obstacle for Unguarded {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         self.0.closest(point)
     }
 
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         self.0.closest_from(point, known)
     }
 
@@ -36,7 +36,7 @@ impl Obstacle for Unguarded {
         self.0.bounding_box()
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
+    fn contact_samples(&self) -> &[Point3<f64>] {
         &[]
     }
 
@@ -73,7 +73,7 @@ impl Frames {
     }
 
     /// The bone during frame `k`: it goes by 1 mm along the muscle and back.
-    fn placed(&self, k: usize, guarded: bool) -> [Placed; 1] {
+    fn placed(&self, k: usize, guarded: bool) -> [PosedObstacle; 1] {
         let at =
             |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
         let obstacle: Arc<dyn Obstacle> = if guarded {
@@ -81,7 +81,7 @@ impl Frames {
         } else {
             Arc::new(Unguarded(self.bone.clone()))
         };
-        [Placed {
+        [PosedObstacle {
             name: "shaft".into(),
             obstacle,
             before: at(k),

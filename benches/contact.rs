@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use measured::{key, note, quick};
 use nalgebra::{Point3, Vector3};
 use peak_alloc::PeakAlloc;
-use pliant::contact::remedies::{Length, Remedy};
-use pliant::contact::ways::{BitGrid, Fill, Searched, WAYS};
+use pliant::contact::broad_phase::{BitGrid, Fill, METHODS, Searched};
+use pliant::contact::penetration_response::{Length, PenetrationResponse};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::inside::Inside;
@@ -239,7 +239,7 @@ fn rows(largest: usize) -> Vec<(String, Sort)> {
         "ours".into(),
         Box::new(|m| Sorted::Own(Box::new(Surface::new(m)))),
     )];
-    for kind in WAYS {
+    for kind in METHODS {
         let more = if kind.name == "voxels" {
             vec![largest]
         } else {
@@ -393,7 +393,13 @@ fn compare(task: &Task, largest: usize, budget: Duration) {
 }
 
 /// What a remedy leaves of the vertices in a bone.
-fn remedy(task: &Task, own: &[Surface], inside: &[&Question], name: &str, remedy: Remedy) {
+fn remedy(
+    task: &Task,
+    own: &[Surface],
+    inside: &[&Question],
+    name: &str,
+    remedy: PenetrationResponse,
+) {
     let ends: Vec<Point3<f64>> = inside
         .iter()
         .map(|q| remedy.place(&own[q.bone], &q.point))
@@ -420,7 +426,7 @@ fn remedy(task: &Task, own: &[Surface], inside: &[&Question], name: &str, remedy
         .map(|(q, e)| (e - q.point).norm())
         .sum::<f64>()
         / inside.len() as f64;
-    if remedy == Remedy::NearestPoint {
+    if remedy == PenetrationResponse::NearestPoint {
         assert!(still == 0 && deeper == 0, "the nearest point is inside");
     }
     println!(
@@ -447,18 +453,27 @@ fn remedies(task: &Task) {
     );
     let constant = Length::Constant(MILLIMETRE);
     for (name, how) in [
-        ("nearest vertex", Remedy::NearestVertex),
-        ("mean of three vertices", Remedy::MeanOfVertices(3)),
-        ("nearest point", Remedy::NearestPoint),
-        ("normal of a triangle, 1 mm", Remedy::FaceNormal(constant)),
+        ("nearest vertex", PenetrationResponse::NearestVertex),
+        (
+            "mean of three vertices",
+            PenetrationResponse::MeanOfVertices(3),
+        ),
+        ("nearest point", PenetrationResponse::NearestPoint),
+        (
+            "normal of a triangle, 1 mm",
+            PenetrationResponse::FaceNormal(constant),
+        ),
         (
             "normal of a triangle, all of the depth",
-            Remedy::FaceNormal(Length::Share(1.0)),
+            PenetrationResponse::FaceNormal(Length::Share(1.0)),
         ),
-        ("mean normal, 1 mm", Remedy::MeanNormal(constant)),
+        (
+            "mean normal, 1 mm",
+            PenetrationResponse::MeanNormal(constant),
+        ),
         (
             "mean normal, all of the depth",
-            Remedy::MeanNormal(Length::Share(1.0)),
+            PenetrationResponse::MeanNormal(Length::Share(1.0)),
         ),
     ] {
         remedy(task, &own, inside, name, how);

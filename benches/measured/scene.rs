@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, EnclosedVolume, Order, Width};
-use pliant::contact::{Contacts, Obstacle, Placed, Surface};
+use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::mesh::shapes::tube;
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::Particles;
@@ -26,7 +26,7 @@ const FRAME: f64 = 1.0 / 60.0;
 pub struct Scene {
     pub system: System,
     pub mesh: TriangleMesh,
-    pub frames: [[Placed; 1]; 2],
+    pub frames: [[PosedObstacle; 1]; 2],
     frame: usize,
 }
 
@@ -89,7 +89,7 @@ impl Scene {
         let at =
             |k: usize| Isometry3::translation(if k % 2 == 1 { MILLIMETRE } else { 0.0 }, 0.0, 0.0);
         let placed = |k: usize| {
-            [Placed {
+            [PosedObstacle {
                 name: "bone".into(),
                 obstacle: obstacle.clone(),
                 before: at(k),

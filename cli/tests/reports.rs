@@ -9,7 +9,7 @@ use pliant::scene::builtin::load;
 use pliant::simulation::Assets;
 use pliant::skin::plan::Place;
 use pliant::skin::settle::Progress;
-use pliant::skin::{Order, insert};
+use pliant::skin::{ImplantSpec, insert};
 use pliant_cli::report::implant::{Insertion, Point};
 use pliant_cli::report::work_precision;
 
@@ -79,9 +79,9 @@ fn a_study_has_the_form_that_was_promised() {
 #[test]
 fn a_volume_of_a_curve_that_is_not_at_rest_fails_and_far_stretched_skin_does_not() {
     let skin = sheet(0.2, 24);
-    let order = Order {
+    let order = ImplantSpec {
         edge: Some(8e-3),
-        ..Order::round(CENTRE, 0.07, 6e-5)
+        ..ImplantSpec::round(CENTRE, 0.07, 6e-5)
     };
     let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
     assert!(done.progress.converged, "{:?}", done.progress);

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use crate::constraints::lanes::Width;
-use crate::contact::ways::{Kind, WAYS};
+use crate::contact::broad_phase::{METHODS, Method};
 pub use crate::scene::Question;
 use crate::scene::solvers::{self, ENOUGH_ITERATIONS};
 use crate::scene::{Order, Scene, Solver};
@@ -17,7 +17,7 @@ pub struct Candidate {
     pub width: Width,
     /// Threads.
     pub threads: usize,
-    /// How contact is looked for: the name of one of [`WAYS`]; `None` for the crate's own hierarchy, which is what runs
+    /// How contact is looked for: the name of one of [`METHODS`]; `None` for the crate's own hierarchy, which is what runs
     /// have.
     pub way: Option<&'static str>,
 }
@@ -81,8 +81,8 @@ impl Candidate {
     }
 
     /// The kind of way in which contact is looked for, where it is not the crate's own.
-    pub fn kind_of_way(&self) -> Option<&'static Kind> {
-        WAYS.iter().find(|kind| Some(kind.name) == self.way)
+    pub fn kind_of_way(&self) -> Option<&'static Method> {
+        METHODS.iter().find(|kind| Some(kind.name) == self.way)
     }
 
     /// Sweeps or, where an energy is minimised, steps of a frame: what its time goes with.

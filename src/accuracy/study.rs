@@ -8,7 +8,7 @@ use super::distance::Distance;
 use super::reference::{Reference, refine};
 use super::trajectory::Trajectory;
 use crate::constraints::lanes::Width;
-use crate::contact::ways::WAYS;
+use crate::contact::broad_phase::METHODS;
 use crate::scene::Scene;
 use crate::simulation::{Assets, LoadError};
 
@@ -512,7 +512,7 @@ impl Measuring<'_> {
                 .into_iter()
                 .for_each(&mut add);
             if self.scene.effects.contact.is_some() {
-                WAYS.iter().for_each(|way| {
+                METHODS.iter().for_each(|way| {
                     add(Candidate {
                         way: Some(way.name),
                         ..candidate

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::Placed;
+use super::PosedObstacle;
 use crate::particles::{Particles, Slot};
 use crate::state::{Corrupt, Reader, State, Writer};
 
@@ -10,26 +10,26 @@ use crate::state::{Corrupt, Reader, State, Writer};
 pub enum Contacts {}
 
 /// Directions that contact bars; without the feature `contact` there are none.
-pub enum Barred {}
+pub enum ActiveNormals {}
 
 impl Contacts {
     pub(crate) fn begin_step(&mut self, _: &[Point3<f64>]) {
         match *self {}
     }
 
-    pub(crate) fn project(&mut self, _: &[Placed], _: &mut Particles) {
+    pub(crate) fn project(&mut self, _: &[PosedObstacle], _: &mut Particles) {
         match *self {}
     }
 
-    pub(crate) fn barred(&self, _: &[Point3<f64>]) -> Barred {
+    pub(crate) fn barred(&self, _: &[Point3<f64>]) -> ActiveNormals {
         match *self {}
     }
 
-    pub(crate) fn end_step(&mut self, _: &[Placed], _: &mut Particles, _: f64) {
+    pub(crate) fn end_step(&mut self, _: &[PosedObstacle], _: &mut Particles, _: f64) {
         match *self {}
     }
 
-    pub(crate) fn is_clear(&mut self, _: &[Placed], _: &[Point3<f64>], _: f64) -> bool {
+    pub(crate) fn is_clear(&mut self, _: &[PosedObstacle], _: &[Point3<f64>], _: f64) -> bool {
         match *self {}
     }
 }
@@ -44,7 +44,7 @@ impl State for Contacts {
     }
 }
 
-impl Barred {
+impl ActiveNormals {
     pub(crate) fn restrict(&self, _: &mut [Slot], _: f64) {
         match *self {}
     }

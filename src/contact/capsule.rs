@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Closest, Obstacle};
+use super::{Obstacle, Projection};
 use crate::mesh::measures::Aabb;
 
 /// All points within `radius` [m] of the segment between `ends` [m].
@@ -15,7 +15,7 @@ pub struct Capsule {
 }
 
 impl Obstacle for Capsule {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         let along = self.ends[1] - self.ends[0];
         let squared = along.norm_squared();
         let t = if squared > 0.0 {
@@ -32,7 +32,7 @@ impl Obstacle for Capsule {
         } else {
             Vector3::x()
         };
-        Some(Closest {
+        Some(Projection {
             distance: height - self.radius,
             normal,
             point: axis + normal * self.radius,
@@ -43,7 +43,7 @@ impl Obstacle for Capsule {
         Aabb::of_points(&self.ends).inflate(self.radius)
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
+    fn contact_samples(&self) -> &[Point3<f64>] {
         &[]
     }
 

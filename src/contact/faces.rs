@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::Closest;
+use super::Projection;
 use super::nearest::{Feature, angle_at, area_normal, on_triangle, point_at};
 use crate::constraints::bending::dihedral;
 use crate::mesh::TriangleMesh;
@@ -17,7 +17,7 @@ pub struct OnTriangle {
     /// Barycentric weights.
     pub weights: [f64; 3],
     /// Signed distance, normal and point.
-    pub closest: Closest,
+    pub closest: Projection,
 }
 
 /// Least angle of a ridge [rad], and spacing of the points along it relative to the median edge.
@@ -26,7 +26,7 @@ const SPACING: f64 = 0.5;
 
 /// The vertices, and points along convex edges: a muscle fold across a ridge between two of its
 /// vertices would touch neither.
-fn guards_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
+fn contact_samples_of(mesh: &TriangleMesh, topology: &Topology) -> Vec<Point3<f64>> {
     let mut points = mesh.vertices.clone();
     let spacing = SPACING * mesh.median_edge_length(topology).unwrap_or(0.0);
     for hinge in &topology.hinges {
@@ -46,7 +46,7 @@ pub(super) struct Faces {
     /// Positions [m] and triangles.
     pub mesh: TriangleMesh,
     /// Points that must stay out of a muscle's triangles: vertices, and points along ridges [m].
-    pub guards: Vec<Point3<f64>>,
+    pub contact_samples: Vec<Point3<f64>>,
     topology: Topology,
     /// Decides the sign if the mesh is not closed and oriented.
     winding: Option<WindingTree>,
@@ -59,7 +59,7 @@ impl Faces {
         let sound = topology.is_closed() && topology.is_oriented() && mesh.volume() > 0.0;
         Self {
             mesh: mesh.clone(),
-            guards: guards_of(mesh, &topology),
+            contact_samples: contact_samples_of(mesh, &topology),
             winding: (!sound).then(|| WindingTree::new(mesh)),
             topology,
         }
@@ -77,7 +77,7 @@ impl Faces {
 
     /// Heap memory held [bytes].
     pub fn bytes(&self) -> usize {
-        (self.mesh.vertices.capacity() + self.guards.capacity()) * 24
+        (self.mesh.vertices.capacity() + self.contact_samples.capacity()) * 24
             + self.mesh.triangles.capacity() * 12
             + self.topology.bytes()
             + self.winding.as_ref().map_or(0, WindingTree::bytes)
@@ -110,7 +110,7 @@ impl Faces {
         OnTriangle {
             triangle,
             weights,
-            closest: Closest {
+            closest: Projection {
                 distance: sign * distance,
                 normal,
                 point: nearest,

@@ -4,17 +4,19 @@
 //! again before the vertex can have moved, relative to the bone, farther than its last distance.
 //! Nothing can tunnel, and distant vertices cost nothing.
 
+#[cfg(feature = "contact")]
+pub mod broad_phase;
 pub mod capsule;
 mod faces;
 mod nearest;
 #[cfg(feature = "contact")]
-pub mod remedies;
+pub mod penetration_response;
+mod plane;
 #[cfg(feature = "contact")]
 mod response;
 #[cfg(not(feature = "contact"))]
 #[path = "absent.rs"]
 mod response;
-mod row;
 pub mod smooth;
 #[cfg(feature = "contact")]
 pub mod surface;
@@ -24,8 +26,6 @@ mod triangles;
 pub mod untangle;
 #[cfg(feature = "contact")]
 mod vertices;
-#[cfg(feature = "contact")]
-pub mod ways;
 
 use std::sync::Arc;
 
@@ -36,10 +36,10 @@ pub use faces::OnTriangle;
 pub(crate) use faces::pseudo_normal;
 #[cfg(all(feature = "contact", feature = "sparse"))]
 pub(crate) use nearest::on_triangle;
+pub use plane::ContactPlane;
 #[cfg(feature = "contact")]
 pub use response::Counts;
-pub use response::{Barred, Contacts};
-pub use row::Row;
+pub use response::{ActiveNormals, Contacts};
 #[cfg(feature = "contact")]
 pub use surface::Surface;
 
@@ -47,7 +47,7 @@ use crate::mesh::measures::Aabb;
 
 /// The point of an obstacle's surface nearest to a query point.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
+pub struct Projection {
     /// Signed distance [m], negative inside.
     pub distance: f64,
     /// Unit direction of increasing distance.
@@ -59,10 +59,10 @@ pub struct Closest {
 /// A rigid body that muscles must not penetrate, in its own frame.
 pub trait Obstacle: Send + Sync {
     /// The nearest point of the surface; `None` for an obstacle without surface.
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest>;
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection>;
     /// The same as [`Self::closest`]; faster if `known`, a point of the surface [m], is near the
     /// closest point.
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         let _ = known;
         self.closest(point)
     }
@@ -76,14 +76,14 @@ pub trait Obstacle: Send + Sync {
     /// Bounds of the surface [m].
     fn bounding_box(&self) -> Aabb;
     /// Points that must stay out of a muscle's triangles [m]; empty for a smooth obstacle.
-    fn guards(&self) -> &[Point3<f64>];
+    fn contact_samples(&self) -> &[Point3<f64>];
     /// Heap memory held [bytes].
     fn bytes(&self) -> usize;
 }
 
 /// An obstacle with its poses at the beginning and the end of a step.
 #[derive(Clone)]
-pub struct Placed {
+pub struct PosedObstacle {
     /// Name of the bone or capsule.
     pub name: String,
     /// The obstacle.

@@ -3,11 +3,11 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::row::Row;
+use super::plane::ContactPlane;
 use super::surface::Surface;
-use super::triangles::{TriangleContacts, plane_row};
+use super::triangles::{TriangleContacts, plane_contact};
 use super::vertices::{self, VertexContacts};
-use super::{Closest, Obstacle, Placed};
+use super::{Obstacle, PosedObstacle, Projection};
 use crate::constraints::{Constraint, TriangleContact};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::greatest;
@@ -32,12 +32,12 @@ const NEARLY: f64 = 0.02;
 /// back within a step, so stored values use the lower bound and queries the upper one. Their
 /// difference bounds the motion between any two moments.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Travel {
+pub(super) struct MotionBound {
     pub at_least: f64,
     pub at_most: f64,
 }
 
-impl Travel {
+impl MotionBound {
     /// Bounds at a position `motion` [m] away from the beginning of the step, after a sum of motion
     /// of `before` [m].
     fn about(before: f64, motion: f64) -> Self {
@@ -82,7 +82,7 @@ pub struct Contacts {
     thickness: f64,
     friction: f64,
     /// Bound on the motion of every vertex relative to each obstacle since the beginning [m].
-    travel: Vec<f64>,
+    motion_bound: Vec<f64>,
     start: Vec<Point3<f64>>,
     /// Positions before the corrections.
     unpushed: Vec<Point3<f64>>,
@@ -96,7 +96,7 @@ impl Contacts {
     pub fn new(
         mesh: &TriangleMesh,
         particles: &Particles,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         obstacles: Vec<usize>,
         thickness: f64,
         friction: f64,
@@ -116,10 +116,10 @@ impl Contacts {
     pub(crate) fn known<'a>(
         mut surface: Surface,
         particles: &Particles,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         obstacles: Vec<usize>,
         (thickness, friction): (f64, f64),
-        near: impl Fn(usize) -> Option<&'a [Option<Closest>]>,
+        near: impl Fn(usize) -> Option<&'a [Option<Projection>]>,
     ) -> Self {
         let (free, x) = (free(particles).collect::<Vec<u32>>(), &particles.position);
         let vertices = |&o: &usize| VertexContacts::new(&placed[o], &free, x, thickness, near(o));
@@ -130,7 +130,7 @@ impl Contacts {
             .collect();
         surface.refit(x);
         Self {
-            travel: vec![0.0; obstacles.len()],
+            motion_bound: vec![0.0; obstacles.len()],
             obstacles,
             vertices,
             triangles,
@@ -150,7 +150,7 @@ impl Contacts {
     pub(crate) fn with(
         &self,
         particles: &Particles,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         (thickness, friction): (f64, f64),
     ) -> Self {
         let free: Vec<u32> = free(particles).collect();
@@ -165,7 +165,7 @@ impl Contacts {
                 &free,
                 &particles.position,
                 thickness,
-                self.travel[k],
+                self.motion_bound[k],
             );
             if thickness != self.thickness {
                 next.triangles[k] =
@@ -194,36 +194,46 @@ impl Contacts {
     /// Stores the positions at the beginning of a step.
     pub fn begin_step(&mut self, x: &[Point3<f64>]) {
         self.start.copy_from_slice(x);
-        self.vertices.iter_mut().for_each(|v| v.rows.clear());
+        self.vertices.iter_mut().for_each(|v| v.planes.clear());
     }
 
     /// Repeats the queries whose bounds are used up, then moves every vertex over its planes and
     /// every triangle off bone vertices. Call it once per sweep, after the other constraints.
-    pub fn project(&mut self, placed: &[Placed], particles: &mut Particles) {
+    pub fn project(&mut self, placed: &[PosedObstacle], particles: &mut Particles) {
         self.calls += 1;
-        let travel = self.travelled(placed, &particles.position);
-        for ((contacts, &o), travel) in self.vertices.iter_mut().zip(&self.obstacles).zip(&travel) {
-            contacts.update(&placed[o], &self.start, &mut particles.position, *travel);
+        let motion_bound = self.motion_bounds(placed, &particles.position);
+        for ((contacts, &o), motion_bound) in self
+            .vertices
+            .iter_mut()
+            .zip(&self.obstacles)
+            .zip(&motion_bound)
+        {
+            contacts.update(
+                &placed[o],
+                &self.start,
+                &mut particles.position,
+                *motion_bound,
+            );
         }
         // The penetration of vertices is undone first: as motion, it would trigger queries for all
         // bone points.
-        for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
-            push(row, &mut particles.position, self.thickness);
+        for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
+            push(plane, &mut particles.position, self.thickness);
         }
-        let travel = self.travelled(placed, &particles.position);
-        self.look_up_triangles(placed, &particles.position, &travel);
-        self.push(placed, particles, &travel);
+        let motion_bound = self.motion_bounds(placed, &particles.position);
+        self.look_up_triangles(placed, &particles.position, &motion_bound);
+        self.push(placed, particles, &motion_bound);
     }
 
     /// The sum of motion relative to each obstacle up to the positions `x` of this step.
-    fn travelled(&self, placed: &[Placed], x: &[Point3<f64>]) -> Vec<Travel> {
-        let each = self.obstacles.iter().zip(&self.travel);
-        each.map(|(&o, &before)| Travel::about(before, self.motion(&placed[o], x)))
+    fn motion_bounds(&self, placed: &[PosedObstacle], x: &[Point3<f64>]) -> Vec<MotionBound> {
+        let each = self.obstacles.iter().zip(&self.motion_bound);
+        each.map(|(&o, &before)| MotionBound::about(before, self.motion(&placed[o], x)))
             .collect()
     }
 
     /// Greatest motion of a vertex relative to an obstacle since the beginning of the step [m].
-    fn motion(&self, placed: &Placed, x: &[Point3<f64>]) -> f64 {
+    fn motion(&self, placed: &PosedObstacle, x: &[Point3<f64>]) -> f64 {
         let carry = placed.now * placed.before.inverse();
         // A matrix transforms a point with half the operations of a quaternion, and most bones do
         // not move.
@@ -238,7 +248,12 @@ impl Contacts {
     }
 
     /// Tests for triangles that came near a bone vertex since their last query.
-    fn look_up_triangles(&mut self, placed: &[Placed], x: &[Point3<f64>], travel: &[Travel]) {
+    fn look_up_triangles(
+        &mut self,
+        placed: &[PosedObstacle],
+        x: &[Point3<f64>],
+        motion_bound: &[MotionBound],
+    ) {
         let has_looked = self.triangles.iter().any(TriangleContacts::has_looked);
         let since = if has_looked {
             greatest_distance(x, self.surface.positions().iter().copied())
@@ -248,21 +263,29 @@ impl Contacts {
         if self
             .triangles
             .iter()
-            .zip(travel)
-            .any(|(t, travel)| t.is_due(*travel, since))
+            .zip(motion_bound)
+            .any(|(t, motion_bound)| t.is_due(*motion_bound, since))
         {
             self.surface.refit(x);
-            for ((contacts, &o), travel) in
-                self.triangles.iter_mut().zip(&self.obstacles).zip(travel)
+            for ((contacts, &o), motion_bound) in self
+                .triangles
+                .iter_mut()
+                .zip(&self.obstacles)
+                .zip(motion_bound)
             {
-                contacts.update(&placed[o], &self.surface, *travel, since);
+                contacts.update(&placed[o], &self.surface, *motion_bound, since);
             }
         }
     }
 
     /// Repeats the corrections until all are below a share of the thickness: planes of neighbours
     /// undo each other.
-    fn push(&mut self, placed: &[Placed], particles: &mut Particles, travel: &[Travel]) {
+    fn push(
+        &mut self,
+        placed: &[PosedObstacle],
+        particles: &mut Particles,
+        motion_bound: &[MotionBound],
+    ) {
         self.triangles.iter_mut().for_each(|t| t.active.clear());
         self.unpushed.copy_from_slice(&particles.position);
         for sweep in 0..SWEEPS {
@@ -272,18 +295,21 @@ impl Contacts {
             } else {
                 greatest_distance(&particles.position, self.unpushed.iter().copied())
             };
-            for ((contacts, &o), travel) in
-                self.triangles.iter_mut().zip(&self.obstacles).zip(travel)
+            for ((contacts, &o), motion_bound) in self
+                .triangles
+                .iter_mut()
+                .zip(&self.obstacles)
+                .zip(motion_bound)
             {
                 largest = largest.max(contacts.project(
                     &placed[o],
                     &self.surface,
                     particles,
-                    travel.and(pushed),
+                    motion_bound.and(pushed),
                 ));
             }
-            for row in self.vertices.iter_mut().flat_map(|c| &mut c.rows) {
-                largest = largest.max(push(row, &mut particles.position, self.thickness));
+            for plane in self.vertices.iter_mut().flat_map(|c| &mut c.planes) {
+                largest = largest.max(push(plane, &mut particles.position, self.thickness));
             }
             if largest <= NEARLY * self.thickness {
                 break;
@@ -292,7 +318,7 @@ impl Contacts {
         let x = &mut particles.position;
         self.find_pinched(x);
         for k in 0..self.pinched.len() {
-            self.make_room(self.pinched[k], x);
+            self.resolve_pinch(self.pinched[k], x);
         }
     }
 
@@ -304,7 +330,7 @@ impl Contacts {
         }
         for contacts in &self.vertices {
             let low = contacts
-                .rows
+                .planes
                 .iter()
                 .filter(|r| r.height(x) < self.thickness * (1.0 - 1e-9));
             self.pinched.extend(low.map(|r| r.vertex));
@@ -314,19 +340,19 @@ impl Contacts {
     }
 
     /// Gives a vertex between two bones the largest share of the thickness that fits.
-    fn make_room(&mut self, vertex: u32, x: &mut [Point3<f64>]) {
+    fn resolve_pinch(&mut self, vertex: u32, x: &mut [Point3<f64>]) {
         for share in [1.0, 0.5, 0.25, 0.1, 0.02] {
             let wanted = self.thickness * share;
             for _ in 0..ROUNDS {
                 for contacts in &mut self.vertices {
-                    if let Ok(k) = contacts.rows.binary_search_by_key(&vertex, |r| r.vertex) {
-                        push(&mut contacts.rows[k], x, wanted);
+                    if let Ok(k) = contacts.planes.binary_search_by_key(&vertex, |r| r.vertex) {
+                        push(&mut contacts.planes[k], x, wanted);
                     }
                 }
             }
             let clear = self.vertices.iter().all(|c| {
-                let k = c.rows.binary_search_by_key(&vertex, |r| r.vertex);
-                k.map_or(true, |k| c.rows[k].height(x) >= wanted * 0.999)
+                let k = c.planes.binary_search_by_key(&vertex, |r| r.vertex);
+                k.map_or(true, |k| c.planes[k].height(x) >= wanted * 0.999)
             });
             if clear {
                 return;
@@ -341,53 +367,61 @@ impl Contacts {
 
     /// The contact planes of vertices near a bone and of triangles near a bone vertex, after the
     /// last correction.
-    pub fn near_rows(&self) -> Vec<Row> {
-        let vertices = self.vertices.iter().flat_map(|c| &c.rows).map(|row| Row {
-            terms: [(row.vertex, 1.0), (row.vertex, 0.0), (row.vertex, 0.0)],
-            normal: row.normal,
-            origin: row.origin,
-            distance: self.thickness,
-        });
+    pub fn contact_planes(&self) -> Vec<ContactPlane> {
+        let vertices = self
+            .vertices
+            .iter()
+            .flat_map(|c| &c.planes)
+            .map(|plane| ContactPlane {
+                terms: [
+                    (plane.vertex, 1.0),
+                    (plane.vertex, 0.0),
+                    (plane.vertex, 0.0),
+                ],
+                normal: plane.normal,
+                origin: plane.origin,
+                distance: self.thickness,
+            });
         let active = self.triangles.iter().flat_map(|c| &c.active);
-        let triangles = active.map(|row| Row {
-            terms: std::array::from_fn(|k| (row.points[k], row.weights[k])),
-            normal: -row.normal,
-            origin: row.origin,
-            distance: row.thickness,
+        let triangles = active.map(|plane| ContactPlane {
+            terms: std::array::from_fn(|k| (plane.points[k], plane.weights[k])),
+            normal: -plane.normal,
+            origin: plane.origin,
+            distance: plane.thickness,
         });
         vertices.chain(triangles).collect()
     }
 
     /// The directions in which contact blocks vertices at `x`.
-    pub fn barred(&self, x: &[Point3<f64>]) -> Barred {
-        let rows = self.vertices.iter().flat_map(|c| &c.rows);
-        let touching = rows
+    pub fn barred(&self, x: &[Point3<f64>]) -> ActiveNormals {
+        let planes = self.vertices.iter().flat_map(|c| &c.planes);
+        let touching = planes
             .filter(|r| r.height(x) < 1.5 * self.thickness)
             .map(|r| (r.vertex, r.normal));
         let active = self.triangles.iter().flat_map(|c| &c.active);
-        let corners = active.flat_map(|row| row.points.map(|v| (v, -row.normal)));
-        Barred(touching.chain(corners).collect())
+        let corners = active.flat_map(|plane| plane.points.map(|v| (v, -plane.normal)));
+        ActiveNormals(touching.chain(corners).collect())
     }
 
     /// Ends the step: velocities lose the motion of corrections, and friction slows the sliding of
     /// corrected vertices.
-    pub fn end_step(&mut self, placed: &[Placed], particles: &mut Particles, dt: f64) {
+    pub fn end_step(&mut self, placed: &[PosedObstacle], particles: &mut Particles, dt: f64) {
         for (contacts, &o) in self.vertices.iter().zip(&self.obstacles) {
             let carried = placed[o].before * placed[o].now.inverse();
-            for row in contacts.rows.iter().filter(|r| r.push > 0.0) {
-                let v = row.vertex as usize;
+            for plane in contacts.planes.iter().filter(|r| r.push > 0.0) {
+                let v = plane.vertex as usize;
                 let x = particles.position[v];
                 let bone = (x - carried * x) / dt;
                 let relative = particles.velocity[v] - bone;
-                let along = relative.dot(&row.normal);
-                let mut sliding = relative - row.normal * along;
+                let along = relative.dot(&plane.normal);
+                let mut sliding = relative - plane.normal * along;
                 // Coulomb: at most friction times the normal impulse, here as a change of speed.
                 let speed = sliding.norm();
-                let limit = self.friction * row.push / dt;
+                let limit = self.friction * plane.push / dt;
                 if speed > 0.0 && limit > 0.0 {
                     sliding *= (1.0 - limit / speed).max(0.0);
                 }
-                particles.velocity[v] = bone + sliding + row.normal * along.min(0.0);
+                particles.velocity[v] = bone + sliding + plane.normal * along.min(0.0);
             }
         }
         // Triangles likewise: a triangle that a bone vertex pushed away does not fly off.
@@ -408,15 +442,15 @@ impl Contacts {
         let since = greatest_distance(x, self.surface.positions().iter().copied());
         for k in 0..self.obstacles.len() {
             let placed = &placed[self.obstacles[k]];
-            self.travel[k] += self.motion(placed, x);
-            self.vertices[k].end_step(placed, x, self.travel[k]);
-            self.triangles[k].end_step(self.travel[k], since);
+            self.motion_bound[k] += self.motion(placed, x);
+            self.vertices[k].end_step(placed, x, self.motion_bound[k]);
+            self.triangles[k].end_step(self.motion_bound[k], since);
         }
     }
 
     /// True if no vertex is deeper than `depth` [m] below the known bone surfaces, and no bone
     /// point is in the muscle.
-    pub fn is_clear(&mut self, placed: &[Placed], x: &[Point3<f64>], depth: f64) -> bool {
+    pub fn is_clear(&mut self, placed: &[PosedObstacle], x: &[Point3<f64>], depth: f64) -> bool {
         if !self.vertices.iter().all(|c| c.is_clear(x, depth)) {
             return false;
         }
@@ -425,16 +459,16 @@ impl Contacts {
             .triangles
             .iter_mut()
             .zip(&self.obstacles)
-            .zip(&self.travel);
-        points.all(|((c, &o), travel)| c.is_clear(&placed[o], &self.surface, *travel))
+            .zip(&self.motion_bound);
+        points.all(|((c, &o), motion_bound)| c.is_clear(&placed[o], &self.surface, *motion_bound))
     }
 
     /// Root mean square shortfall of the distances to the contact planes [m].
     pub fn residual(&self, x: &[Point3<f64>]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_usize);
-        for row in self.vertices.iter().flat_map(|c| &c.rows) {
-            let c = plane_row(row.vertex, row.origin, row.normal, self.thickness)
-                .value(&[x[row.vertex as usize]]);
+        for plane in self.vertices.iter().flat_map(|c| &c.planes) {
+            let c = plane_contact(plane.vertex, plane.origin, plane.normal, self.thickness)
+                .value(&[x[plane.vertex as usize]]);
             sum += c.min(0.0).powi(2);
             count += 1;
         }
@@ -443,10 +477,10 @@ impl Contacts {
 
     /// The vertices in contact with an obstacle, in ascending order.
     pub fn touching(&self, x: &[Point3<f64>]) -> Vec<u32> {
-        let rows = self.vertices.iter().flat_map(|c| &c.rows);
-        let mut all: Vec<u32> = rows
-            .filter(|row| row.height(x) <= 1.5 * self.thickness)
-            .map(|row| row.vertex)
+        let planes = self.vertices.iter().flat_map(|c| &c.planes);
+        let mut all: Vec<u32> = planes
+            .filter(|plane| plane.height(x) <= 1.5 * self.thickness)
+            .map(|plane| plane.vertex)
             .collect();
         all.sort_unstable();
         all.dedup();
@@ -456,8 +490,11 @@ impl Contacts {
     /// Counts of the last step.
     pub fn counts(&self, x: &[Point3<f64>]) -> Counts {
         let mut heights = std::collections::BTreeMap::<u32, Vec<f64>>::new();
-        for row in self.vertices.iter().flat_map(|c| &c.rows) {
-            heights.entry(row.vertex).or_default().push(row.height(x));
+        for plane in self.vertices.iter().flat_map(|c| &c.planes) {
+            heights
+                .entry(plane.vertex)
+                .or_default()
+                .push(plane.height(x));
         }
         Counts {
             touching: heights
@@ -502,7 +539,7 @@ impl State for Contacts {
             surface,
             thickness: _,
             friction: _,
-            travel,
+            motion_bound,
             start: _,
             unpushed: _,
             pinched: _,
@@ -511,7 +548,7 @@ impl State for Contacts {
         surface.save(to);
         vertices.iter().for_each(|contacts| contacts.save(to));
         triangles.iter().for_each(|contacts| contacts.save(to));
-        to.list(travel);
+        to.list(motion_bound);
         to.put(calls);
     }
 
@@ -523,16 +560,16 @@ impl State for Contacts {
         self.triangles
             .iter_mut()
             .try_for_each(|contacts| contacts.restore(from, &self.surface))?;
-        from.fill(&mut self.travel)?;
+        from.fill(&mut self.motion_bound)?;
         self.calls = from.take()?;
         Ok(())
     }
 }
 
 /// Vertices, each with the normal of a plane that it must not cross.
-pub struct Barred(Vec<(u32, Vector3<f64>)>);
+pub struct ActiveNormals(Vec<(u32, Vector3<f64>)>);
 
-impl Barred {
+impl ActiveNormals {
     /// Removes the components that would push vertices into a bone from a displacement field; the
     /// displacement will be `sign` times a positive multiple of the field.
     pub fn restrict(&self, field: &mut [Slot], sign: f64) {
@@ -566,11 +603,11 @@ fn two_lowest(heights: &[f64]) -> f64 {
 }
 
 /// Moves a vertex over its plane. Returns the distance [m].
-fn push(row: &mut vertices::Row, x: &mut [Point3<f64>], thickness: f64) -> f64 {
-    let lack = thickness - row.height(x);
+fn push(plane: &mut vertices::VertexPlane, x: &mut [Point3<f64>], thickness: f64) -> f64 {
+    let lack = thickness - plane.height(x);
     if lack > 0.0 {
-        x[row.vertex as usize] += row.normal * lack;
-        row.push += lack;
+        x[plane.vertex as usize] += plane.normal * lack;
+        plane.push += lack;
     }
     lack.max(0.0)
 }

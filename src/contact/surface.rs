@@ -9,7 +9,7 @@ use parry3d_f64::shape::Triangle;
 
 use super::faces::{Faces, OnTriangle};
 use super::nearest::{on_triangle, point_at};
-use super::{Closest, Obstacle};
+use super::{Obstacle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::crossing;
 use crate::mesh::measures::Aabb;
@@ -225,11 +225,11 @@ impl State for Surface {
 }
 
 impl Obstacle for Surface {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         self.nearest(point, f64::MAX).map(|on| on.closest)
     }
 
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         self.nearest_below(point, (point - known).norm())
             .map(|on| on.closest)
     }
@@ -249,8 +249,8 @@ impl Obstacle for Surface {
         Aabb::of_points(&self.faces.mesh.vertices)
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
-        &self.faces.guards
+    fn contact_samples(&self) -> &[Point3<f64>] {
+        &self.faces.contact_samples
     }
 
     fn bytes(&self) -> usize {

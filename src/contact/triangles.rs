@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::Travel;
+use super::response::MotionBound;
 use super::surface::Surface;
-use super::{Obstacle, OnTriangle, Placed};
+use super::{Obstacle, OnTriangle, PosedObstacle};
 use crate::constraints::{
     Constraint, plane_contact::PlaneContact, triangle_contact::TriangleContact,
 };
@@ -71,7 +71,7 @@ pub(super) struct TriangleContacts {
 
 impl TriangleContacts {
     pub fn new(obstacle: &dyn Obstacle, thickness: f64) -> Self {
-        let wake = vec![f64::NEG_INFINITY; obstacle.guards().len()];
+        let wake = vec![f64::NEG_INFINITY; obstacle.contact_samples().len()];
         let last = vec![(0.0, f64::NEG_INFINITY); wake.len()];
         let nearest = vec![u32::MAX; wake.len()];
         Self {
@@ -89,8 +89,8 @@ impl TriangleContacts {
 
     /// True if some vertex needs a query and the surface must be refitted; the surface has moved by
     /// `since` [m] since its last refit.
-    pub fn is_due(&self, travel: Travel, since: f64) -> bool {
-        self.wake.iter().any(|w| *w <= travel.at_most)
+    pub fn is_due(&self, motion_bound: MotionBound, since: f64) -> bool {
+        self.wake.iter().any(|w| *w <= motion_bound.at_most)
             || self.looked.iter().any(|(_, bound)| *bound <= since)
     }
 
@@ -101,12 +101,18 @@ impl TriangleContacts {
 
     /// Queries every vertex whose bound is used up, on a refitted surface that had moved by `since`
     /// [m] since the previous refit.
-    pub fn update(&mut self, placed: &Placed, surface: &Surface, travel: Travel, since: f64) {
-        self.refitted = travel.at_least;
-        let points = placed.obstacle.guards();
+    pub fn update(
+        &mut self,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: MotionBound,
+        since: f64,
+    ) {
+        self.refitted = motion_bound.at_least;
+        let points = placed.obstacle.contact_samples();
         // Queries that are due soon happen now, since the refit is already paid for.
         let early = EARLY * self.thickness;
-        let soon = travel.at_most + early;
+        let soon = motion_bound.at_most + early;
         let mut due: Vec<u32> = (0..points.len() as u32)
             .filter(|&k| self.wake[k as usize] <= soon)
             .collect();
@@ -121,7 +127,7 @@ impl TriangleContacts {
         let found: Vec<Found> = due
             .par_iter()
             .with_min_len(32)
-            .map(|&k| self.look_up(k, placed, surface, travel))
+            .map(|&k| self.look_up(k, placed, surface, motion_bound))
             .collect();
         self.lookups += due.len() as u64;
         let mut fresh = vec![false; points.len()];
@@ -129,7 +135,7 @@ impl TriangleContacts {
         self.watched.retain(|w| !fresh[w.point as usize]);
         for (&k, found) in due.iter().zip(found) {
             self.nearest[k as usize] = found.triangle;
-            self.last[k as usize] = (found.distance, travel.at_least);
+            self.last[k as usize] = (found.distance, motion_bound.at_least);
             self.wake[k as usize] = f64::INFINITY;
             self.looked.push((k, found.bound));
             self.watched.extend(found.watched);
@@ -137,9 +143,15 @@ impl TriangleContacts {
         self.watched.sort_unstable_by_key(|w| w.point);
     }
 
-    fn look_up(&self, k: u32, placed: &Placed, surface: &Surface, travel: Travel) -> Found {
+    fn look_up(
+        &self,
+        k: u32,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: MotionBound,
+    ) -> Found {
         let near = NEAR * self.thickness;
-        let p = placed.now * placed.obstacle.guards()[k as usize];
+        let p = placed.now * placed.obstacle.contact_samples()[k as usize];
         let triangle = self.nearest[k as usize];
         let asleep = |triangle, distance: f64| {
             let bound = (distance - near / 2.0).max(distance / 2.0);
@@ -171,7 +183,7 @@ impl TriangleContacts {
             on.closest.distance,
             surface,
             surface.positions(),
-            travel,
+            motion_bound,
         );
         let distance = sign * on.closest.distance.abs();
         if distance > near {
@@ -193,25 +205,25 @@ impl TriangleContacts {
 
     /// Ends a step after a sum of motion of `travel` [m]; the surface made `since` of it after its
     /// last refit.
-    pub fn end_step(&mut self, travel: f64, since: f64) {
+    pub fn end_step(&mut self, motion_bound: f64, since: f64) {
         for (k, bound) in self.looked.drain(..) {
-            self.wake[k as usize] = travel + bound - since;
+            self.wake[k as usize] = motion_bound + bound - since;
         }
     }
 
     /// Moves triangles off the vertices within the thickness. Returns the largest correction [m].
     pub fn project(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         surface: &Surface,
         particles: &mut Particles,
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> f64 {
-        let points = placed.obstacle.guards();
+        let points = placed.obstacle.contact_samples();
         let mut largest = 0.0_f64;
         for watched in &self.watched {
             let (before, at) = self.last[watched.point as usize];
-            if before - (travel.at_most - at) >= self.thickness {
+            if before - (motion_bound.at_most - at) >= self.thickness {
                 continue;
             }
             let p = placed.now * points[watched.point as usize];
@@ -225,22 +237,22 @@ impl TriangleContacts {
                 on.closest.distance,
                 surface,
                 &particles.position,
-                travel,
+                motion_bound,
             );
             if sign * on.closest.distance < 0.0 {
                 on.closest.distance = -on.closest.distance;
                 on.closest.normal = -on.closest.normal;
             }
-            self.last[watched.point as usize] = (on.closest.distance, travel.at_least);
+            self.last[watched.point as usize] = (on.closest.distance, motion_bound.at_least);
             if on.closest.distance >= self.thickness {
                 continue;
             }
-            let row = self.row(surface, &p, &on);
-            let x = row.points.map(|v| particles.position[v as usize]);
-            let Some((c, gradient)) = row.value_and_gradient(&x) else {
+            let contact = self.contact(surface, &p, &on);
+            let x = contact.points.map(|v| particles.position[v as usize]);
+            let Some((c, gradient)) = contact.value_and_gradient(&x) else {
                 continue;
             };
-            let w = row.points.map(|v| particles.inverse_mass[v as usize]);
+            let w = contact.points.map(|v| particles.inverse_mass[v as usize]);
             let each = || gradient.iter().zip(w).map(|(g, w)| (w, g.norm()));
             let weight: f64 = each().map(|(w, g)| w * g * g).sum();
             if weight <= 0.0 || c >= 0.0 {
@@ -252,11 +264,11 @@ impl TriangleContacts {
             // No corner moves farther than the thickness at once: deep penetrations resolve over
             // several sweeps.
             let c = c.max(-self.thickness);
-            for ((v, g), w) in row.points.into_iter().zip(gradient).zip(w) {
+            for ((v, g), w) in contact.points.into_iter().zip(gradient).zip(w) {
                 particles.position[v as usize] -= g * (w * c / weight);
             }
             largest = largest.max(-c);
-            self.active.push(row);
+            self.active.push(contact);
         }
         largest
     }
@@ -274,10 +286,10 @@ impl TriangleContacts {
         distance: f64,
         surface: &Surface,
         x: &[Point3<f64>],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> f64 {
         let (before, at) = self.last[point as usize];
-        let kept = before > 0.0 && before + distance.abs() > travel.at_most - at;
+        let kept = before > 0.0 && before + distance.abs() > motion_bound.at_most - at;
         if kept && (distance > 0.0 || distance.abs() > self.thickness) {
             return 1.0;
         }
@@ -287,7 +299,7 @@ impl TriangleContacts {
         if distance.abs() <= DOUBT * self.thickness {
             return distance.signum();
         }
-        if surface.winds_about(p, x, travel.at_most - self.refitted) == 0 {
+        if surface.winds_about(p, x, motion_bound.at_most - self.refitted) == 0 {
             1.0
         } else {
             -1.0
@@ -296,13 +308,18 @@ impl TriangleContacts {
 
     /// True if no active point is inside the muscle, by exact winding numbers on a surface that was
     /// refitted after a sum of motion of `travel` [m].
-    pub fn is_clear(&mut self, placed: &Placed, surface: &Surface, travel: f64) -> bool {
-        self.refitted = travel;
+    pub fn is_clear(
+        &mut self,
+        placed: &PosedObstacle,
+        surface: &Surface,
+        motion_bound: f64,
+    ) -> bool {
+        self.refitted = motion_bound;
         // The surface was refitted; its earlier motion is unknown.
         self.looked
             .drain(..)
             .for_each(|(k, _)| self.wake[k as usize] = f64::NEG_INFINITY);
-        let points = placed.obstacle.guards();
+        let points = placed.obstacle.contact_samples();
         self.watched.iter().all(|w| {
             let p = placed.now * points[w.point as usize];
             let (before, _) = self.last[w.point as usize];
@@ -311,7 +328,7 @@ impl TriangleContacts {
         })
     }
 
-    fn row(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
+    fn contact(&self, surface: &Surface, p: &Point3<f64>, on: &OnTriangle) -> TriangleContact {
         TriangleContact {
             points: surface.triangles()[on.triangle as usize],
             origin: *p,
@@ -426,8 +443,9 @@ impl TriangleContacts {
             "a point or triangle that is not there is watched",
         )?;
         self.active = from.take()?;
-        let sound = |row: &TriangleContact| row.points.iter().all(|&v| (v as usize) < vertices);
-        from.check(self.active.iter().all(sound), "a row of no triangle")?;
+        let sound =
+            |contact: &TriangleContact| contact.points.iter().all(|&v| (v as usize) < vertices);
+        from.check(self.active.iter().all(sound), "a contact of no triangle")?;
         self.looked = from.take()?;
         from.check(
             self.looked.iter().all(|&(k, _)| is_point(k)),
@@ -439,7 +457,7 @@ impl TriangleContacts {
 }
 
 /// The contact plane of a vertex as a constraint, for residuals and for the conformance suite.
-pub(super) fn plane_row(
+pub(super) fn plane_contact(
     vertex: u32,
     origin: Point3<f64>,
     normal: Vector3<f64>,

@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::response::Contacts;
-use super::{Closest, Obstacle, Placed, surface::Surface};
+use super::{Obstacle, PosedObstacle, Projection, surface::Surface};
 use crate::constraints::{
     Batch, EnclosedVolume, Project, bending, bending::Bending, distance::Distance, order::Order,
 };
@@ -33,11 +33,11 @@ pub struct Untangled {
 /// unchanged.
 pub fn untangle(
     mesh: &mut TriangleMesh,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     thickness: f64,
 ) -> Untangled {
-    let closest: Vec<Option<Closest>> = obstacles
+    let closest: Vec<Option<Projection>> = obstacles
         .iter()
         .flat_map(|&o| {
             let inverse = placed[o].now.inverse();
@@ -50,7 +50,7 @@ pub fn untangle(
     let inside = |surface: &Surface| {
         obstacles
             .iter()
-            .any(|&o| is_guard_inside(surface, &*placed[o].obstacle, &placed[o].now))
+            .any(|&o| is_sample_inside(surface, &*placed[o].obstacle, &placed[o].now))
     };
     if found.vertices == 0 && !inside(&Surface::new(mesh)) {
         return found;
@@ -61,7 +61,7 @@ pub fn untangle(
 /// Greatest depth of vertices in obstacles and the number nearer than `thickness` [m], from their
 /// nearest points.
 pub(crate) fn overlap<'a>(
-    closest: impl IntoIterator<Item = &'a Option<Closest>>,
+    closest: impl IntoIterator<Item = &'a Option<Projection>>,
     thickness: f64,
 ) -> Untangled {
     let mut report = Untangled::default();
@@ -76,7 +76,7 @@ pub(crate) fn overlap<'a>(
 pub(crate) fn push_out(
     mesh: &mut TriangleMesh,
     mut report: Untangled,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     thickness: f64,
 ) -> Untangled {
@@ -104,13 +104,13 @@ pub(crate) fn push_out(
 }
 
 /// True if a sample point of an obstacle at `pose` is inside a muscle's surface.
-pub(crate) fn is_guard_inside(
+pub(crate) fn is_sample_inside(
     surface: &Surface,
     obstacle: &dyn Obstacle,
     pose: &Isometry3<f64>,
 ) -> bool {
     let bounds = surface.bounding_box();
-    let points = obstacle.guards().iter().map(|p| pose * p);
+    let points = obstacle.contact_samples().iter().map(|p| pose * p);
     points.filter(|p| bounds.contains(p)).any(|p| {
         surface
             .nearest(&p, f64::MAX)

@@ -3,8 +3,8 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::response::Travel;
-use super::{Closest, Obstacle, Placed};
+use super::response::MotionBound;
+use super::{Obstacle, PosedObstacle, Projection};
 use crate::state::{Corrupt, Reader, State, Value, Writer};
 
 /// A vertex farther away than this, in contact thicknesses, has no plane, only a bound until its
@@ -20,7 +20,7 @@ struct Known {
     /// Position of the last query.
     from: Point3<f64>,
     /// Result of the query: the ball about `from` with this distance as radius is free.
-    closest: Closest,
+    closest: Projection,
     /// Greatest motion before the next query [m].
     bound: f64,
     /// Sum of motion of the muscle at which a distant vertex needs a new query; infinite until the
@@ -29,8 +29,8 @@ struct Known {
 }
 
 impl Known {
-    fn new(found: Option<Closest>, at: Point3<f64>, travel: f64, thickness: f64) -> Self {
-        let closest = found.unwrap_or(Closest {
+    fn new(found: Option<Projection>, at: Point3<f64>, motion_bound: f64, thickness: f64) -> Self {
+        let closest = found.unwrap_or(Projection {
             distance: f64::MAX,
             normal: Vector3::zeros(),
             point: at,
@@ -40,14 +40,14 @@ impl Known {
             from: at,
             closest,
             bound,
-            wake: travel + bound,
+            wake: motion_bound + bound,
         }
     }
 }
 
 /// A contact plane of a vertex.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Row {
+pub(super) struct VertexPlane {
     /// The vertex.
     pub vertex: u32,
     /// A point of the plane in the world [m].
@@ -58,7 +58,7 @@ pub(super) struct Row {
     pub push: f64,
 }
 
-impl Row {
+impl VertexPlane {
     /// Height over the plane [m].
     pub fn height(&self, x: &[Point3<f64>]) -> f64 {
         (x[self.vertex as usize] - self.origin).dot(&self.normal)
@@ -73,7 +73,7 @@ pub(super) struct VertexContacts {
     /// Vertices with a query in this step.
     looked: Vec<u32>,
     /// Contact planes of near vertices, sorted by vertex.
-    pub rows: Vec<Row>,
+    pub planes: Vec<VertexPlane>,
     thickness: f64,
     /// Number of queries.
     pub lookups: u64,
@@ -85,11 +85,11 @@ impl VertexContacts {
     /// Queries every vertex of `vertices` once, unless `near` gives the nearest point of every
     /// vertex of the muscle.
     pub fn new(
-        placed: &Placed,
+        placed: &PosedObstacle,
         vertices: &[u32],
         x: &[Point3<f64>],
         thickness: f64,
-        near: Option<&[Option<Closest>]>,
+        near: Option<&[Option<Projection>]>,
     ) -> Self {
         let inverse = placed.now.inverse();
         let known = vertices
@@ -105,7 +105,7 @@ impl VertexContacts {
             vertices: vertices.to_vec(),
             known,
             looked: Vec::new(),
-            rows: Vec::new(),
+            planes: Vec::new(),
             thickness,
             lookups: vertices.len() as u64,
             stopped: 0,
@@ -117,10 +117,10 @@ impl VertexContacts {
     /// beginning of the step; `travel` bounds the relative motion of every vertex so far [m].
     pub fn update(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         start: &[Point3<f64>],
         x: &mut [Point3<f64>],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) {
         let inverse = placed.now.inverse();
         let near = NEAR * self.thickness;
@@ -133,7 +133,7 @@ impl VertexContacts {
                     bound,
                 } = &self.known[k as usize];
                 if closest.distance > near && *wake < f64::INFINITY {
-                    return *wake <= travel.at_most;
+                    return *wake <= motion_bound.at_most;
                 }
                 let at = inverse * x[self.vertices[k as usize] as usize];
                 if closest.distance > near {
@@ -150,7 +150,7 @@ impl VertexContacts {
                 &this.known[k as usize],
                 &*placed.obstacle,
                 [before, at],
-                travel,
+                motion_bound,
             )
         };
         let found: Vec<(Known, Option<Point3<f64>>, bool)> =
@@ -171,11 +171,11 @@ impl VertexContacts {
             self.stopped += u64::from(stopped);
         }
         self.looked.extend(due);
-        self.make_rows(&placed.now);
+        self.make_planes(&placed.now);
         // The displacement of a walk is a correction by the bone, which friction needs.
         for (vertex, by) in lifted {
-            if let Ok(row) = self.rows.binary_search_by_key(&vertex, |r| r.vertex) {
-                self.rows[row].push += by.dot(&self.rows[row].normal).max(0.0);
+            if let Ok(plane) = self.planes.binary_search_by_key(&vertex, |r| r.vertex) {
+                self.planes[plane].push += by.dot(&self.planes[plane].normal).max(0.0);
             }
         }
     }
@@ -187,7 +187,7 @@ impl VertexContacts {
         before: &Known,
         obstacle: &dyn Obstacle,
         [start, at]: [Point3<f64>; 2],
-        travel: Travel,
+        motion_bound: MotionBound,
     ) -> (Known, Option<Point3<f64>>, bool) {
         let (thickness, near) = (self.thickness, NEAR * self.thickness);
         let old = &before.closest;
@@ -197,13 +197,13 @@ impl VertexContacts {
             if old.distance > near {
                 let (distance, point) = obstacle.clearance(&at, &old.point);
                 if distance > near {
-                    let closest = Closest {
+                    let closest = Projection {
                         distance,
                         point,
                         ..*old
                     };
                     return (
-                        Known::new(Some(closest), at, travel.at_least, thickness),
+                        Known::new(Some(closest), at, motion_bound.at_least, thickness),
                         None,
                         false,
                     );
@@ -211,7 +211,7 @@ impl VertexContacts {
             }
             let found = obstacle.closest_from(&at, &old.point);
             return (
-                Known::new(found, at, travel.at_least, thickness),
+                Known::new(found, at, motion_bound.at_least, thickness),
                 None,
                 false,
             );
@@ -219,7 +219,7 @@ impl VertexContacts {
         let (from, closest) = base(obstacle, before, start);
         let (end, last, arrived) = walk(obstacle, &from, closest, &at, thickness);
         // The sum of motion was bounded before this vertex was moved back.
-        let at_least = travel.at_least - (end - at).norm();
+        let at_least = motion_bound.at_least - (end - at).norm();
         let found = obstacle.closest_from(&end, &last.point);
         (
             Known::new(found, end, at_least, thickness),
@@ -230,21 +230,21 @@ impl VertexContacts {
 
     /// Ends a step after a sum of motion of `travel` [m]: sets the motion of each vertex since its
     /// query in this step.
-    pub fn end_step(&mut self, placed: &Placed, x: &[Point3<f64>], travel: f64) {
+    pub fn end_step(&mut self, placed: &PosedObstacle, x: &[Point3<f64>], motion_bound: f64) {
         for k in self.looked.drain(..).map(|k| k as usize) {
             let known = &mut self.known[k];
             let since = (x[self.vertices[k] as usize] - placed.now * known.from).norm();
-            known.wake = travel + known.bound - since;
+            known.wake = motion_bound + known.bound - since;
         }
     }
 
-    fn make_rows(&mut self, pose: &Isometry3<f64>) {
+    fn make_planes(&mut self, pose: &Isometry3<f64>) {
         let near = NEAR * self.thickness;
-        self.rows.clear();
+        self.planes.clear();
         for (known, &vertex) in self.known.iter().zip(&self.vertices) {
             if known.closest.distance <= near {
                 let (origin, normal) = (pose * known.closest.point, pose * known.closest.normal);
-                self.rows.push(Row {
+                self.planes.push(VertexPlane {
                     vertex,
                     origin,
                     normal,
@@ -259,11 +259,11 @@ impl VertexContacts {
     /// sufficient.
     pub fn change(
         &mut self,
-        placed: &Placed,
+        placed: &PosedObstacle,
         free: &[u32],
         x: &[Point3<f64>],
         thickness: f64,
-        travel: f64,
+        motion_bound: f64,
     ) {
         if self.vertices == free && self.thickness == thickness {
             return;
@@ -282,20 +282,20 @@ impl VertexContacts {
                 Some(Known { from, closest, .. }) => {
                     let since = (at - from).norm();
                     (
-                        Known::new(Some(*closest), *from, travel - since, thickness),
+                        Known::new(Some(*closest), *from, motion_bound - since, thickness),
                         false,
                     )
                 }
                 None => (
-                    Known::new(placed.obstacle.closest(&at), at, travel, thickness),
+                    Known::new(placed.obstacle.closest(&at), at, motion_bound, thickness),
                     true,
                 ),
             }
         };
         let (known, looked): (Vec<Known>, Vec<bool>) = free.par_iter().map(again).unzip();
         self.lookups += looked.iter().filter(|looked| **looked).count() as u64;
-        self.rows
-            .retain(|row| free.binary_search(&row.vertex).is_ok());
+        self.planes
+            .retain(|plane| free.binary_search(&plane.vertex).is_ok());
         (self.known, self.vertices, self.thickness) = (known, free.to_vec(), thickness);
         self.looked.clear();
     }
@@ -312,13 +312,13 @@ impl VertexContacts {
 
     /// True if no vertex is deeper than `depth` [m] below the known surface.
     pub fn is_clear(&self, x: &[Point3<f64>], depth: f64) -> bool {
-        self.rows.iter().all(|r| r.height(x) >= -depth)
+        self.planes.iter().all(|r| r.height(x) >= -depth)
     }
 
     pub fn bytes(&self) -> usize {
         self.known.capacity() * std::mem::size_of::<Known>()
             + self.vertices.capacity() * 4
-            + self.rows.capacity() * std::mem::size_of::<Row>()
+            + self.planes.capacity() * std::mem::size_of::<VertexPlane>()
     }
 }
 
@@ -329,7 +329,7 @@ impl Value for Known {
         let Self {
             from,
             closest:
-                Closest {
+                Projection {
                     distance,
                     normal,
                     point,
@@ -346,7 +346,7 @@ impl Value for Known {
 
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let at = from.take()?;
-        let closest = Closest {
+        let closest = Projection {
             distance: from.take()?,
             normal: from.take()?,
             point: from.take()?,
@@ -361,7 +361,7 @@ impl Value for Known {
     }
 }
 
-impl Value for Row {
+impl Value for VertexPlane {
     const LEAST: usize = 4 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {
@@ -393,14 +393,14 @@ impl State for VertexContacts {
             vertices: _,
             known,
             looked,
-            rows,
+            planes,
             thickness: _,
             lookups,
             stopped,
         } = self;
         to.list(known);
         to.list(looked);
-        to.list(rows);
+        to.list(planes);
         to.put(&(*lookups, *stopped));
     }
 
@@ -411,12 +411,14 @@ impl State for VertexContacts {
             self.looked.iter().all(|&k| (k as usize) < self.known.len()),
             "a lookup of no vertex",
         )?;
-        self.rows = from.take()?;
+        self.planes = from.take()?;
         // Both are ascending, and a plane is found by its vertex.
         let mut free = self.vertices.iter();
         from.check(
-            self.rows.iter().all(|row| free.any(|v| *v == row.vertex)),
-            "a row of no free vertex",
+            self.planes
+                .iter()
+                .all(|plane| free.any(|v| *v == plane.vertex)),
+            "a plane of no free vertex",
         )?;
         (self.lookups, self.stopped) = from.take()?;
         Ok(())
@@ -426,7 +428,7 @@ impl State for VertexContacts {
 /// Start of a walk: the position at the beginning of the step if the path to it from the last query
 /// is free, otherwise the position of that query. A correction can have moved the vertex out of its
 /// small free ball since.
-fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Closest) {
+fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<f64>, Projection) {
     let old = (before.from, before.closest);
     let Some(closest) = obstacle.closest_from(&start, &before.closest.point) else {
         return old;
@@ -447,10 +449,10 @@ fn base(obstacle: &dyn Obstacle, before: &Known, start: Point3<f64>) -> (Point3<
 fn walk(
     obstacle: &dyn Obstacle,
     from: &Point3<f64>,
-    mut closest: Closest,
+    mut closest: Projection,
     to: &Point3<f64>,
     thickness: f64,
-) -> (Point3<f64>, Closest, bool) {
+) -> (Point3<f64>, Projection, bool) {
     let mut at = *from;
     let mut left = to - from;
     for _ in 0..WALK {
@@ -493,10 +495,13 @@ mod tests {
     use crate::testing::Draw;
 
     /// Vertices around a ball of 0.1 m after their queries, and their positions after a motion.
-    fn around(draw: &mut Draw, thickness: f64) -> (Placed, VertexContacts, Vec<Point3<f64>>, f64) {
+    fn around(
+        draw: &mut Draw,
+        thickness: f64,
+    ) -> (PosedObstacle, VertexContacts, Vec<Point3<f64>>, f64) {
         let still = Isometry3::identity();
         let obstacle = Arc::new(Surface::new(&icosphere(0.1, 3)));
-        let placed = Placed {
+        let placed = PosedObstacle {
             name: "ball".to_owned(),
             obstacle,
             before: still,
@@ -513,12 +518,12 @@ mod tests {
             .iter()
             .map(|x| x + draw.direction() * (0.25 * away(x).max(0.0)))
             .collect();
-        let travel = x
+        let motion_bound = x
             .iter()
             .zip(&moved)
             .map(|(a, b)| (b - a).norm())
             .fold(0.0, f64::max);
-        (placed, contacts, moved, travel)
+        (placed, contacts, moved, motion_bound)
     }
 
     #[test]
@@ -526,11 +531,11 @@ mod tests {
         let mut draw = Draw::new(5);
         let mut forgotten = 0;
         for (thickness, other) in [(1e-3, 4e-3), (4e-3, 1e-3), (1e-3, 1.1e-3), (2e-3, 2e-3)] {
-            let (placed, mut contacts, mut x, travel) = around(&mut draw, thickness);
+            let (placed, mut contacts, mut x, motion_bound) = around(&mut draw, thickness);
             // Some vertices are no longer free.
             let free: Vec<u32> = (0..400).filter(|v| v % 7 != 3).collect();
             let before = contacts.lookups;
-            contacts.change(&placed, &free, &x, other, travel);
+            contacts.change(&placed, &free, &x, other, motion_bound);
             assert!(
                 contacts.lookups - before < free.len() as u64,
                 "{thickness} to {other}: all were looked up"
@@ -553,9 +558,9 @@ mod tests {
                 &placed,
                 &start,
                 &mut x,
-                Travel {
-                    at_least: travel,
-                    at_most: travel,
+                MotionBound {
+                    at_least: motion_bound,
+                    at_most: motion_bound,
                 },
             );
             assert_eq!(missing(&contacts, &x, other), 0, "{thickness} to {other}");

@@ -7,11 +7,11 @@
 //! earlier fibres ([`seeds`]).
 
 pub mod cells;
-mod exchange;
+pub mod directions;
 pub mod field;
 pub mod jacobian;
+mod reseed;
 pub mod seeds;
-pub mod spread;
 pub mod trace;
 
 use nalgebra::Point3;
@@ -25,7 +25,7 @@ use crate::solvers::sparse::FactorError;
 use cells::Cells;
 use field::{Field, FieldError, Flux};
 use seeds::Seeds;
-use trace::{Tracer, Way};
+use trace::{HalfStreamline, Tracer};
 
 /// Number of cells in the volume of the muscle: the least number, and the number per vertex.
 const CELLS: f64 = 2_000.0;
@@ -42,7 +42,7 @@ const TRIALS: [(f64, Flux); 3] = [
     (2.0, Flux::Crowded(8.0)),
 ];
 /// The next trial follows at once if a larger share is uncovered at first.
-const HOPELESS: f64 = 0.12;
+const MAX_UNCOVERED: f64 = 0.12;
 /// Greatest number of failed seeds per fibre.
 const TRIES: usize = 4;
 /// A trial stops and leaves the rest to finer cells if fewer than one seed in this number succeeds,
@@ -91,7 +91,7 @@ pub enum DecompositionError {
     },
     /// The two areas lie on parts that are not connected inside.
     #[error(
-        "no way leads inside the muscle from the origin near ({}, {}, {}) to the insertion near ({}, {}, {}); are they on \
+        "no streamline leads inside the muscle from the origin near ({}, {}, {}) to the insertion near ({}, {}, {}); are they on \
          separate pieces? `pliant check` lists the pieces",
         .origin.x, .origin.y, .origin.z, .insertion.x, .insertion.y, .insertion.z
     )]
@@ -137,7 +137,7 @@ pub struct Decomposition {
     /// Each fibre from origin to insertion [m], as points at equal distances.
     pub fibres: Vec<Vec<Point3<f64>>>,
     /// Streamline of each fibre: from the seed to the origin, and from the seed to the insertion.
-    pub ways: Vec<[Way; 2]>,
+    pub streamlines: Vec<[HalfStreamline; 2]>,
     /// The field.
     pub field: Field,
     /// The surface that bounds the inside.
@@ -205,13 +205,13 @@ pub fn decompose_while(
     let best = task.best()?;
     let Trial {
         fibres,
-        ways,
+        streamlines,
         field,
         ..
     } = best;
     Ok(Decomposition {
         fibres,
-        ways,
+        streamlines,
         field,
         closed,
     })
@@ -263,21 +263,31 @@ impl Task<'_> {
         let field = Field::new(cells, solid, muscle, attachment, lines, flux)
             .map_err(|e| no_field(e, muscle, attachment))?;
         let tracer = Tracer::new(&field, muscle, &attachment.origin, &attachment.insertion);
-        let (mut ways, any) = ways(&tracer, options.count, last, going)?;
-        let hopeless = if last { 1.0 } else { HOPELESS };
-        let bare = exchange::exchange(&tracer, &mut ways, options.points, volume, hopeless, going)?;
+        let (mut streamlines, any) = streamlines(&tracer, options.count, last, going)?;
+        let max_uncovered = if last { 1.0 } else { MAX_UNCOVERED };
+        let bare = reseed::reseed(
+            &tracer,
+            &mut streamlines,
+            options.points,
+            volume,
+            max_uncovered,
+            going,
+        )?;
         let disordered = if any {
-            ways.iter().filter(|way| !ordered(&tracer, way)).count()
+            streamlines
+                .iter()
+                .filter(|streamline| !ordered(&tracer, streamline))
+                .count()
         } else {
             0
         };
-        let fibres = ways
+        let fibres = streamlines
             .par_iter()
             .map(|w| fibre(w, options.points, solid))
             .collect();
         Ok(Trial {
             fibres,
-            ways,
+            streamlines,
             field,
             disordered,
             bare,
@@ -288,7 +298,7 @@ impl Task<'_> {
 /// Fibres from cells of one size.
 struct Trial {
     fibres: Vec<Vec<Point3<f64>>>,
-    ways: Vec<[Way; 2]>,
+    streamlines: Vec<[HalfStreamline; 2]>,
     field: Field,
     /// Number of fibres with a reversed order somewhere.
     disordered: usize,
@@ -326,31 +336,32 @@ fn no_field(
 }
 
 /// True if the neighbourhood of a fibre keeps its orientation along the whole fibre.
-fn ordered(tracer: &Tracer<'_>, [back, on]: &[Way; 2]) -> bool {
+fn ordered(tracer: &Tracer<'_>, [back, on]: &[HalfStreamline; 2]) -> bool {
     jacobian::keeps_order(tracer, back, -1.0) && jacobian::keeps_order(tracer, on, 1.0)
 }
 
 /// Fibres through points that are far from one another. The flag is true if fibres of reversed
 /// order are among them; this happens only in the `last` trial if there are too few others.
-fn ways(
+fn streamlines(
     tracer: &Tracer<'_>,
     count: usize,
     last: bool,
     going: Going<'_>,
-) -> Result<(Vec<[Way; 2]>, bool), DecompositionError> {
-    let mut ways: Vec<[Way; 2]> = Vec::with_capacity(count);
+) -> Result<(Vec<[HalfStreamline; 2]>, bool), DecompositionError> {
+    let mut streamlines: Vec<[HalfStreamline; 2]> = Vec::with_capacity(count);
     for any in [false, true].into_iter().take(if last { 2 } else { 1 }) {
         let mut seeds = Seeds::new(tracer.field);
-        ways.iter()
+        streamlines
+            .iter()
             .flatten()
             .for_each(|half| seeds.note(&half.points));
         for n in 0..TRIES * count {
-            if !last && n >= count.max(SOONEST) && n > LOST * ways.len() {
+            if !last && n >= count.max(SOONEST) && n > LOST * streamlines.len() {
                 break;
             }
             if !going(Reached {
                 what: "fibres found",
-                done: ways.len(),
+                done: streamlines.len(),
                 of: count,
             }) {
                 return Err(DecompositionError::Stopped);
@@ -358,19 +369,19 @@ fn ways(
             let Some(seed) = seeds.farthest() else { break };
             seeds.give_up(&seed);
             match through(tracer, &seed.point, any) {
-                Ok(way) => {
-                    way.iter().for_each(|half| seeds.note(&half.points));
-                    ways.push(way);
+                Ok(streamline) => {
+                    streamline.iter().for_each(|half| seeds.note(&half.points));
+                    streamlines.push(streamline);
                 }
                 Err(lost) => seeds.give_up_along(&lost),
             }
-            if ways.len() == count {
-                return Ok((ways, any));
+            if streamlines.len() == count {
+                return Ok((streamlines, any));
             }
         }
     }
     Err(DecompositionError::Lost {
-        found: ways.len(),
+        found: streamlines.len(),
         count,
     })
 }
@@ -384,18 +395,24 @@ fn through(
     tracer: &Tracer<'_>,
     seed: &Point3<f64>,
     any: bool,
-) -> Result<[Way; 2], Vec<Point3<f64>>> {
+) -> Result<[HalfStreamline; 2], Vec<Point3<f64>>> {
     let half = |sign: f64| {
-        let way = tracer.half(seed, sign, any).map_err(|way| way.points)?;
-        let kept = any || jacobian::keeps_order(tracer, &way, sign);
-        if kept { Ok(way) } else { Err(Vec::new()) }
+        let streamline = tracer
+            .half(seed, sign, any)
+            .map_err(|streamline| streamline.points)?;
+        let kept = any || jacobian::keeps_order(tracer, &streamline, sign);
+        if kept {
+            Ok(streamline)
+        } else {
+            Err(Vec::new())
+        }
     };
     let (back, on) = rayon::join(|| half(-1.0), || half(1.0));
     Ok([back?, on?])
 }
 
 /// A streamline from origin to insertion as `points` points at equal distances.
-fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
+fn whole([back, on]: &[HalfStreamline; 2], points: usize) -> Vec<Point3<f64>> {
     let whole: Vec<Point3<f64>> = back
         .points
         .iter()
@@ -407,8 +424,8 @@ fn whole([back, on]: &[Way; 2], points: usize) -> Vec<Point3<f64>> {
 }
 
 /// The streamline as a fibre: all its points are inside.
-fn fibre(way: &[Way; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
-    let mut line = whole(way, points);
+fn fibre(streamline: &[HalfStreamline; 2], points: usize, solid: &Solid<'_>) -> Vec<Point3<f64>> {
+    let mut line = whole(streamline, points);
     // A chord between two points of a streamline can leave a concave wall.
     for p in &mut line {
         if !solid.contains_as_given(p)
@@ -430,14 +447,14 @@ impl Decomposition {
             &attachment.origin,
             &attachment.insertion,
         );
-        let halves = |[back, on]: &[Way; 2]| {
+        let halves = |[back, on]: &[HalfStreamline; 2]| {
             [
                 jacobian::along(&tracer, back, -1.0),
                 jacobian::along(&tracer, on, 1.0),
             ]
             .concat()
         };
-        self.ways.iter().flat_map(halves).collect()
+        self.streamlines.iter().flat_map(halves).collect()
     }
 
     /// Mean spacing of the fibres [m]: the square root of the volume over the total fibre length.

@@ -5,7 +5,7 @@ pub mod anisotropy;
 pub mod attachment;
 pub mod binding;
 pub mod carry;
-pub mod each;
+pub mod fibre_measures;
 pub mod harmonic;
 pub mod method;
 pub mod polyline;

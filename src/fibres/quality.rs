@@ -1,7 +1,7 @@
 //! Quality measures of fibres, independent of their method.
 
 use super::attachment::{Area, Attachment};
-use super::each::{Tendon, action, turned};
+use super::fibre_measures::{Tendon, action, turned};
 use super::polyline::length;
 use super::solid::Closed;
 use crate::mesh::TriangleMesh;

@@ -54,7 +54,7 @@ fn closest_on_segment(p: &Point3<f64>, a: &Point3<f64>, b: &Point3<f64>) -> Poin
 
 /// Result of [`SurfaceTree::closest`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Closest {
+pub struct TriangleProjection {
     /// The closest point [m].
     pub point: Point3<f64>,
     /// The triangle that contains the point; of several equally close triangles the first in tree
@@ -142,7 +142,7 @@ impl SurfaceTree {
     }
 
     /// The closest point of the surface within the distance `within` [m]; `None` if there is none.
-    pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<Closest> {
+    pub fn closest(&self, p: &Point3<f64>, within: f64) -> Option<TriangleProjection> {
         self.search(p, within, |_| true, false)
     }
 
@@ -152,7 +152,7 @@ impl SurfaceTree {
         p: &Point3<f64>,
         within: f64,
         admit: impl Fn(u32) -> bool,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         self.search(p, within, |t| admit(self.names[t]), false)
     }
 
@@ -166,7 +166,7 @@ impl SurfaceTree {
         normal: &Vector3<f64>,
         cosine: f64,
         within: f64,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         self.search(p, within, |t| self.normals[t].dot(normal) > cosine, false)
     }
 
@@ -246,7 +246,7 @@ impl SurfaceTree {
         within: f64,
         admit: impl Fn(usize) -> bool,
         any: bool,
-    ) -> Option<Closest> {
+    ) -> Option<TriangleProjection> {
         let mut best = None;
         let mut limit = within * within;
         let mut stack = [(0u32, 0.0); STACK];
@@ -283,7 +283,7 @@ impl SurfaceTree {
                 let square = (p - point).norm_squared();
                 if square < limit || (best.is_none() && square <= limit) {
                     limit = square;
-                    best = Some(Closest {
+                    best = Some(TriangleProjection {
                         point,
                         triangle: self.names[t],
                         distance: square.sqrt(),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use crate::contact::smooth::SmoothDistance;
-use crate::contact::{Obstacle, Placed};
+use crate::contact::{Obstacle, PosedObstacle};
 use crate::fibres::attachment::{AreaSource, Attachment, AttachmentError};
 use crate::fibres::carry::BoundVolume;
 use crate::fibres::harmonic::{self, DecompositionError, decompose};
@@ -508,7 +508,7 @@ fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
     let Some(contact) = simulation.scene.effects.contact else {
         return Vec::new();
     };
-    let of = |(o, placed): (usize, &Placed)| {
+    let of = |(o, placed): (usize, &PosedObstacle)| {
         let edge = simulation
             .bones
             .get(o)
@@ -528,7 +528,7 @@ fn smooth_bones(simulation: &Simulation) -> Vec<Arc<SmoothDistance>> {
 fn track(
     body: &mut Body,
     (near, bones): (&[Distances], &[Arc<SmoothDistance>]),
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     turning: &[bool],
 ) -> Result<Vec<f64>, SweepError> {
     let settings = Settings {

@@ -5,19 +5,19 @@
 //! does all of this. [`blend`] computes intermediate shapes.
 
 pub mod align;
-pub mod between;
 pub mod blend;
+pub mod correspondence;
 pub mod distortion;
-mod likeness;
 pub mod locate;
+mod oriented_point;
 pub mod overlay;
 pub mod pose;
 pub mod register;
+mod shape_similarity;
 pub mod sphere;
-mod spot;
 mod warp;
 
-pub use between::Between;
+pub use correspondence::Correspondence;
 pub use distortion::Distortion;
 pub use overlay::Overlay;
 pub use sphere::{SphereError, SphereMap};

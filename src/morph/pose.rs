@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, UnitQuaternion};
 
 use super::align::rotation_of;
-use super::likeness::{Likeness, Match};
+use super::shape_similarity::{Match, ShapeSimilarity};
 use super::sphere::SphereMap;
 use crate::mesh::TriangleMesh;
 
@@ -36,7 +36,7 @@ impl Start {
 }
 
 /// Pose of a first body and its map relative to a second.
-pub struct Posed {
+pub struct InitialPose {
     /// Rotation of the first map.
     pub turn: UnitQuaternion<f64>,
     /// Source of the rotation.
@@ -54,14 +54,14 @@ pub struct Posed {
 /// axis, since the other two of a round shaft are arbitrary. Similar places are matched by their
 /// surroundings, and the candidate with the least distance wins. Then the map is rotated to the
 /// least sum of squared distances of the matches \[kabsch1976\].
-pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
+pub fn by_shape(maps: [&SphereMap; 2], shape_similarity: &ShapeSimilarity) -> InitialPose {
     let mut start = Start::Placed;
-    let mut pose = likeness.pose(&UnitQuaternion::identity());
-    let (mut matches, mut least) = likeness.matches(&pose);
+    let mut pose = shape_similarity.pose(&UnitQuaternion::identity());
+    let (mut matches, mut least) = shape_similarity.matches(&pose);
     least *= BETTER;
-    for turn in likeness.by_axes() {
-        let other = likeness.pose(&turn);
-        let (found, square) = likeness.matches(&other);
+    for turn in shape_similarity.by_axes() {
+        let other = shape_similarity.pose(&turn);
+        let (found, square) = shape_similarity.matches(&other);
         if square < least {
             (start, pose, matches, least) = (Start::Axes, other, found, square);
         }
@@ -71,7 +71,7 @@ pub fn by_shape(maps: [&SphereMap; 2], likeness: &Likeness) -> Posed {
         let [from, to] = [0, 1].map(|side| maps[side].points()[vertices[side] as usize].coords);
         product += to * from.transpose() * *weight;
     }
-    Posed {
+    InitialPose {
         turn: rotation_of(&product),
         start,
         matches,

@@ -33,19 +33,19 @@ const MENDS: usize = 20;
 
 /// Target of a vertex of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wish {
+pub struct Target {
     pub vertex: u32,
     pub to: Point3<f64>,
     pub weight: f64,
 }
 
 /// Deforms a map towards the targets of its vertices; `None` if that needs a fold.
-pub fn drawn(map: &SphereMap, wishes: &[Wish]) -> Option<SphereMap> {
+pub fn warped(map: &SphereMap, targets: &[Target]) -> Option<SphereMap> {
     let rings = Rings::new(map.points().len(), map.triangles())?;
     let mut points = map.points().to_vec();
     for step in 0..STEPS {
         let radius = RADII[0] * libm::pow(RADII[1] / RADII[0], step as f64 / (STEPS - 1) as f64);
-        let turns = turns(&points, wishes, radius);
+        let turns = turns(&points, targets, radius);
         let mut share = (SHARE * radius / greatest(turns.iter().map(|t| t.norm()))).min(1.0);
         for _ in 0..HALVINGS {
             let turned = |(p, t): (&Point3<f64>, &Vector3<f64>)| {
@@ -76,16 +76,16 @@ fn between(from: &Vector3<f64>, to: &Vector3<f64>) -> Vector3<f64> {
 
 /// The rotation of each point: the w with the least sum of k |w x q - r x q|^2 over the targets
 /// nearby, where r takes q to its target and k is the weight.
-fn turns(points: &[Point3<f64>], wishes: &[Wish], radius: f64) -> Vec<Vector3<f64>> {
-    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = wishes
+fn turns(points: &[Point3<f64>], targets: &[Target], radius: f64) -> Vec<Vector3<f64>> {
+    let asked: Vec<(Vector3<f64>, Vector3<f64>, f64)> = targets
         .iter()
-        .map(|wish| {
-            let from = points[wish.vertex as usize].coords;
-            let by = between(&from, &wish.to.coords);
+        .map(|target| {
+            let from = points[target.vertex as usize].coords;
+            let by = between(&from, &target.to.coords);
             (
                 from,
                 by,
-                wish.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)),
+                target.weight / (1.0 + by.norm_squared() / (DOUBT * DOUBT)),
             )
         })
         .collect();
@@ -144,17 +144,17 @@ mod tests {
     fn drawn_by(by: impl Fn(&Point3<f64>) -> Point3<f64>) -> (f64, f64, SphereMap) {
         let ball = icosphere(1.0, 4);
         let map = SphereMap::new(ball.vertices.clone(), ball.triangles).expect("a map");
-        let wish = |(v, p): (u32, &Point3<f64>)| Wish {
+        let target = |(v, p): (u32, &Point3<f64>)| Target {
             vertex: v,
             to: by(p),
             weight: 1.0,
         };
-        let wishes: Vec<Wish> = (0..).zip(map.points()).map(wish).collect();
+        let targets: Vec<Target> = (0..).zip(map.points()).map(target).collect();
         let left = |map: &SphereMap| {
-            let square = |w: &Wish| (map.points()[w.vertex as usize] - w.to).norm_squared();
-            (wishes.iter().map(square).sum::<f64>() / wishes.len() as f64).sqrt()
+            let square = |w: &Target| (map.points()[w.vertex as usize] - w.to).norm_squared();
+            (targets.iter().map(square).sum::<f64>() / targets.len() as f64).sqrt()
         };
-        let after = drawn(&map, &wishes).expect("drawn");
+        let after = warped(&map, &targets).expect("drawn");
         (left(&map), left(&after), after)
     }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use crate::contact::{Closest, Obstacle, Surface};
+use crate::contact::{Obstacle, Projection, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::{NONE, Topology};
 
@@ -43,12 +43,12 @@ pub fn nearest(
     within: f64,
     limit: f64,
 ) -> Vec<u32> {
-    let closest: Vec<Option<Closest>> = x.iter().map(|p| surface.closest(p)).collect();
+    let closest: Vec<Option<Projection>> = x.iter().map(|p| surface.closest(p)).collect();
     among(&closest, solid, within, limit)
 }
 
 /// As [`nearest`], by what of the surface is closest to each vertex.
-pub fn among(closest: &[Option<Closest>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
+pub fn among(closest: &[Option<Projection>], solid: bool, within: f64, limit: f64) -> Vec<u32> {
     let mut found: Vec<(f64, u32)> = closest
         .iter()
         .enumerate()

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Accuracy, Origin, Scene, Source};
 use crate::mesh::repair;
-use crate::skin::Order;
+use crate::skin::ImplantSpec;
 use crate::skin::settle::Method;
 use crate::springs::Neighbours;
 
@@ -127,7 +127,7 @@ pub struct Filled {
     /// Unique among implants.
     pub name: String,
     /// Place, shape, the skin over it; its volume is that of the last frame.
-    pub order: Order,
+    pub order: ImplantSpec,
     /// Frames and volumes [m^3], sorted by frame; linear between them, from nothing in frame 0, the last one kept.
     pub fill: Vec<(usize, f64)>,
 }
@@ -157,7 +157,7 @@ pub struct Ball {
     /// Its centre in the last frame [m].
     pub to: Point3<f64>,
     /// The skin over it, as for an implant of its size.
-    pub order: Order,
+    pub order: ImplantSpec,
 }
 
 /// A body at rest under the skin.
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn volumes_are_linear_between_the_frames_given() {
-        let order = Order::round(Place::Vertex(0), 0.05, 30e-6);
+        let order = ImplantSpec::round(Place::Vertex(0), 0.05, 30e-6);
         let filled = Filled {
             name: "a".to_owned(),
             order,

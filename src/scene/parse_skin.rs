@@ -15,7 +15,7 @@ use crate::skin::implant::{Implant, SILICONE};
 use crate::skin::layers::Tissue;
 use crate::skin::plan::Place;
 use crate::skin::settle::Method;
-use crate::skin::{Order, Shape};
+use crate::skin::{ImplantSpec, Shape};
 
 type Read<T> = Result<T, SceneError>;
 
@@ -237,7 +237,12 @@ fn fill(section: &Section<'_>) -> Read<Option<Fill>> {
     Ok(Some(fill))
 }
 
-fn order(section: &Section<'_>, tissue: Tissue, edge: Option<f64>, volume: f64) -> Read<Order> {
+fn order(
+    section: &Section<'_>,
+    tissue: Tissue,
+    edge: Option<f64>,
+    volume: f64,
+) -> Read<ImplantSpec> {
     section.exclusive("at", "near_vertex")?;
     let place = match (section.get("at"), section.get("near_vertex")) {
         (Some(item), _) => Place::Point(Point3::from(item.vector(Dimension::Length)?)),
@@ -264,7 +269,7 @@ fn order(section: &Section<'_>, tissue: Tissue, edge: Option<f64>, volume: f64) 
         volume,
         membrane: section.quantity_or("shell", Dimension::Stiffness, Limit::Positive, SILICONE)?,
     };
-    Ok(Order {
+    Ok(ImplantSpec {
         place,
         implant,
         long,
@@ -284,15 +289,15 @@ fn ball(section: &Section<'_>, tissue: Tissue, edge: Option<f64>) -> Read<Ball> 
     let from = section.get("from").map(point).transpose()?;
     let depth = section.quantity_or("depth", Dimension::Length, Limit::Positive, tissue.depth)?;
     // The region is that of an implant as wide as the ball; its volume takes no part.
-    let order = Order {
+    let order = ImplantSpec {
         edge,
-        ..Order::round(Place::Point(to), 2.0 * radius, radius.powi(3))
+        ..ImplantSpec::round(Place::Point(to), 2.0 * radius, radius.powi(3))
     };
     Ok(Ball {
         radius,
         from,
         to,
-        order: Order {
+        order: ImplantSpec {
             tissue: Tissue { depth, ..tissue },
             ..order
         },

@@ -15,7 +15,7 @@ use crate::constraints::distance::Distance;
 use crate::constraints::{Batch, Constraint, EnclosedVolume, Project};
 use crate::constraints::{Potential, Quadratic};
 use crate::contact::untangle::Untangled;
-use crate::contact::{Contacts, Obstacle, Placed, Surface};
+use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use crate::fibres::binding::BoundLines;
 use crate::mesh::TriangleMesh;
 use crate::mesh::topology::Topology;
@@ -86,7 +86,7 @@ impl Body {
         assets: &Assets,
         m: usize,
         plan: &MusclePlan,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
     ) -> Result<Self, LoadError> {
         let (muscle, asset) = (&scene.muscles[m], &assets.muscles[m]);
         let mut rest = assets.ready.rest(&asset.mesh);
@@ -191,7 +191,7 @@ impl Body {
     ///
     /// # Errors
     /// A number that is not finite appeared.
-    pub(super) fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+    pub(super) fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
         let begin = std::time::Instant::now();
         let done = match &mut self.method {
             Method::Tracked(tracked) => tracked.step(&mut self.system, placed),
@@ -298,7 +298,7 @@ impl Body {
     pub(super) fn restore(
         &mut self,
         from: &mut Reader<'_>,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
     ) -> Result<(), Corrupt> {
         self.system.restore(from)?;
@@ -322,7 +322,7 @@ impl Body {
     fn restore_contact(
         &mut self,
         from: &mut Reader<'_>,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
     ) -> Result<(), Corrupt> {
         let obstacles: Option<Vec<usize>> = from.take()?;
@@ -371,7 +371,7 @@ fn same_bits(a: &Particles, b: &Particles) -> bool {
 fn contacts(
     rest: &Rest,
     particles: &Particles,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
     obstacles: &[usize],
     contact: ContactEffect,
 ) -> Contacts {
@@ -556,7 +556,7 @@ fn attach(
     m: usize,
     rest: &Rest,
     assets: &Assets,
-    placed: &[Placed],
+    placed: &[PosedObstacle],
 ) -> Result<Vec<Attached>, LoadError> {
     let (muscle, mesh) = (&scene.muscles[m], &rest.mesh);
     let mut choices = Vec::new();
@@ -644,7 +644,7 @@ fn check_indices(list: &[u32], count: usize, refined: bool) -> Result<(), (usize
     }
 }
 
-fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[Placed]) -> Vec<Held> {
+fn hold(attached: &[Attached], mesh: &TriangleMesh, placed: &[PosedObstacle]) -> Vec<Held> {
     let local = |v: u32, bone: usize| placed[bone].now.inverse() * mesh.vertices[v as usize];
     attached
         .iter()

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::constraints::EnclosedVolume;
 use crate::constraints::Potential;
-use crate::contact::{Contacts, Placed, Row};
+use crate::contact::{ContactPlane, Contacts, PosedObstacle};
 use crate::particles::Particles;
 use crate::scene::{self, Effects};
 use crate::solvers::descent::{Guard, Outcome, Settings, Unguarded};
@@ -93,7 +93,7 @@ impl Equilibrium {
     pub(super) fn step(
         &mut self,
         system: &mut System,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         dt: f64,
     ) -> Result<(), Broken> {
         let start = system.particles.position.clone();
@@ -210,7 +210,7 @@ fn forces(
 /// The bones keep a muscle out while its solver tries positions.
 struct Bones<'a> {
     contacts: &'a mut Contacts,
-    placed: Vec<Placed>,
+    placed: Vec<PosedObstacle>,
     scratch: &'a mut Particles,
 }
 
@@ -221,8 +221,8 @@ impl Bones<'_> {
 }
 
 impl Guard for Bones<'_> {
-    fn rows(&self) -> Vec<Row> {
-        self.contacts.near_rows()
+    fn rows(&self) -> Vec<ContactPlane> {
+        self.contacts.contact_planes()
     }
 
     fn touching(&self) -> f64 {

@@ -33,9 +33,9 @@ pub use scenario::{
     SceneDescription, Stepped, scenario,
 };
 
+use crate::contact::broad_phase::Method;
 use crate::contact::capsule::Capsule;
-use crate::contact::ways::Kind;
-use crate::contact::{Contacts, Obstacle, Placed, Surface};
+use crate::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 use crate::scene::Scene;
@@ -58,7 +58,7 @@ pub struct Simulation {
     /// Notes of reading and of running, for people.
     pub notes: Vec<String>,
     surfaces: Vec<Arc<Surface>>,
-    placed: Vec<Placed>,
+    placed: Vec<PosedObstacle>,
     frame: usize,
     substeps: u32,
     /// Where frames are computed; `None`: in the pool of the caller.
@@ -131,13 +131,13 @@ impl Simulation {
     }
 
     /// All obstacles where they are now, bones first.
-    pub fn placed(&self) -> &[Placed] {
+    pub fn placed(&self) -> &[PosedObstacle] {
         &self.placed
     }
 
     /// Looks for contact with bones in another way than the crate's own hierarchy, to be compared with it; capsules have
     /// no triangles. Distances agree to rounding, so do results.
-    pub fn set_contact_way(&mut self, way: &Kind) {
+    pub fn set_contact_way(&mut self, way: &Method) {
         for (placed, mesh) in self.placed.iter_mut().zip(&self.bones) {
             placed.obstacle = way.obstacle(mesh);
         }
@@ -162,7 +162,7 @@ impl Simulation {
     }
 
     fn compute_frame(&mut self) {
-        let steps: Vec<Vec<Placed>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
+        let steps: Vec<Vec<PosedObstacle>> = (0..self.substeps).map(|s| self.placed_in(s)).collect();
         let dt = 1.0 / (self.scene.frame_rate * f64::from(self.substeps));
         let frame = self.frame + 1;
         let thickness = self.scene.effects.contact.map_or(0.0, |c| c.thickness);
@@ -177,7 +177,7 @@ impl Simulation {
         self.watch_reach();
     }
 
-    fn placed_in(&self, step: u32) -> Vec<Placed> {
+    fn placed_in(&self, step: u32) -> Vec<PosedObstacle> {
         let at = |s: u32| self.frame as f64 + f64::from(s) / f64::from(self.substeps);
         let poses = |bone: usize| (self.pose(bone, at(step)), self.pose(bone, at(step + 1)));
         self.placed
@@ -185,7 +185,7 @@ impl Simulation {
             .enumerate()
             .map(|(o, placed)| {
                 let (before, now) = poses(carrier(&self.scene, o));
-                Placed {
+                PosedObstacle {
                     before,
                     now,
                     ..placed.clone()
@@ -302,7 +302,7 @@ impl State for Simulation {
     }
 }
 
-fn step_body(body: &mut Body, steps: &[Vec<Placed>], dt: f64, frame: usize, thickness: f64) {
+fn step_body(body: &mut Body, steps: &[Vec<PosedObstacle>], dt: f64, frame: usize, thickness: f64) {
     if let Some(equilibrium) = body.equilibrium_mut() {
         equilibrium.begin_frame();
     }
@@ -338,10 +338,10 @@ fn carrier(scene: &Scene, o: usize) -> usize {
         .map_or(o, |c| scene.capsules[c].bone)
 }
 
-fn place(scene: &Scene, surfaces: &[Arc<Surface>]) -> Vec<Placed> {
+fn place(scene: &Scene, surfaces: &[Arc<Surface>]) -> Vec<PosedObstacle> {
     let bones = scene.bones.iter().zip(surfaces).map(|(bone, surface)| {
         let pose = bone.motion.pose(0.0);
-        Placed {
+        PosedObstacle {
             name: bone.name.clone(),
             obstacle: surface.clone() as Arc<dyn Obstacle>,
             before: pose,
@@ -354,7 +354,7 @@ fn place(scene: &Scene, surfaces: &[Arc<Surface>]) -> Vec<Placed> {
             ends: capsule.segment,
             radius: capsule.radius,
         };
-        Placed {
+        PosedObstacle {
             name: capsule.name.clone(),
             obstacle: Arc::new(shape),
             before: pose,

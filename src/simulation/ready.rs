@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::contact::capsule::Capsule;
 use crate::contact::untangle::{self, Untangled};
-use crate::contact::{Closest, Obstacle, Placed, Surface};
+use crate::contact::{Obstacle, PosedObstacle, Projection, Surface};
 use crate::fibres::anisotropy;
 use crate::fibres::binding::BoundLines;
 use crate::mesh::topology::Topology;
@@ -154,7 +154,7 @@ impl Ready {
     pub fn clear(
         &self,
         of: &Arc<Rest>,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         obstacles: &[usize],
         thickness: f64,
     ) -> Arc<Clear> {
@@ -295,7 +295,7 @@ pub(super) struct Near {
     obstacle: Arc<dyn Obstacle>,
     pose: Isometry3<f64>,
     /// In the obstacle's frame.
-    pub closest: Vec<Option<Closest>>,
+    pub closest: Vec<Option<Projection>>,
     is_guard_inside: Once<bool>,
 }
 
@@ -304,7 +304,7 @@ impl Near {
     fn is_guard_inside(&self, of: &Rest) -> bool {
         *self
             .is_guard_inside
-            .get(|| untangle::is_guard_inside(&of.surface(), &*self.obstacle, &self.pose))
+            .get(|| untangle::is_sample_inside(&of.surface(), &*self.obstacle, &self.pose))
     }
 }
 

@@ -16,11 +16,11 @@ use crate::scene::Source;
 use crate::scene::content::{Ball, Filled, SkinScene, SkinSurface, Under};
 use crate::skin::coarse::halved_near;
 use crate::skin::implant::Implant;
-use crate::skin::plan::{Inserted, Place, Ready};
+use crate::skin::plan::{Inserted, Place, PreparedPatch};
 use crate::skin::settle;
 use crate::skin::together::grouped;
 use crate::skin::whole::Whole;
-use crate::skin::{self, Areas, Order, SkinError};
+use crate::skin::{self, Areas, ImplantSpec, SkinError};
 
 /// An obstacle further from the place of an implant than this, in its bases, along any axis, is never met.
 const REACH: f64 = 2.0;
@@ -48,7 +48,7 @@ pub struct Part {
     /// Its implants, by their numbers in the scene; none of a ball.
     pub members: Vec<usize>,
     /// The skin, made ready for it.
-    pub ready: Ready,
+    pub ready: PreparedPatch,
     /// Shells at the start [m].
     pub shells: Vec<TriangleMesh>,
     /// Obstacles in reach, by their numbers.
@@ -353,12 +353,12 @@ impl Making<'_> {
             Under::Implants(all) => self.implants(all)?,
             Under::Ball(ball) => {
                 let refused = |error| self.refused("ball", "the ball".to_owned(), error);
-                let mut ready = Ready::new(self.skin, &ball.order, &[]).map_err(refused)?;
+                let mut ready = PreparedPatch::new(self.skin, &ball.order, &[]).map_err(refused)?;
                 ready.method = self.scene.skin.method;
                 vec![part("ball".to_owned(), ready)]
             }
         };
-        let ready: Vec<&Ready> = parts.iter().map(|part| &part.ready).collect();
+        let ready: Vec<&PreparedPatch> = parts.iter().map(|part| &part.ready).collect();
         let Whole {
             mesh: whole,
             vertices,
@@ -380,7 +380,7 @@ impl Making<'_> {
                 error,
             )
         };
-        let orders: Vec<Order> = all.iter().map(|filled| filled.order.clone()).collect();
+        let orders: Vec<ImplantSpec> = all.iter().map(|filled| filled.order.clone()).collect();
         let near = |members: &[usize]| -> Vec<usize> {
             let each: BTreeSet<usize> = members
                 .iter()
@@ -436,7 +436,7 @@ impl Making<'_> {
     }
 
     /// The obstacles that an implant may come near.
-    fn near(&self, order: &Order) -> Vec<usize> {
+    fn near(&self, order: &ImplantSpec) -> Vec<usize> {
         let place = match order.place {
             Place::Vertex(v) => self.skin.vertices.get(v).copied(),
             Place::Point(at) => Some(at),
@@ -487,7 +487,7 @@ fn key_of(error: &SkinError) -> &'static str {
     }
 }
 
-fn part(name: String, ready: Ready) -> Part {
+fn part(name: String, ready: PreparedPatch) -> Part {
     let (members, shells, obstacles, frames, whole) = Default::default();
     Part {
         name,

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::ready::same_pose;
 use super::{Body, Method, Simulation};
-use crate::contact::{Contacts, Placed};
+use crate::contact::{Contacts, PosedObstacle};
 use crate::scene::{ContactEffect, Key, Motion};
 use crate::solvers::System;
 use crate::solvers::grip::{DRAG, Grip};
@@ -39,8 +39,10 @@ impl Simulation {
             .capsules
             .iter()
             .map(shape));
-        let same = |(a, b): (&Placed, &Placed)| a.obstacle.guards() == b.obstacle.guards();
-        let stays = |(b, placed): (usize, &Placed)| {
+        let same = |(a, b): (&PosedObstacle, &PosedObstacle)| {
+            a.obstacle.contact_samples() == b.obstacle.contact_samples()
+        };
+        let stays = |(b, placed): (usize, &PosedObstacle)| {
             same_pose(&self.pose(b, self.frame as f64), &placed.now)
         };
         let bones = self.placed.len() == other.placed.len()
@@ -100,7 +102,7 @@ impl Body {
     fn continue_from(
         &mut self,
         other: &Self,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         contact: Option<ContactEffect>,
         same: bool,
     ) {

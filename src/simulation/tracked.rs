@@ -6,7 +6,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use crate::constraints::distance::Distance;
-use crate::contact::Placed;
+use crate::contact::PosedObstacle;
 use crate::contact::smooth::SmoothDistance;
 use crate::mesh::measures::greatest;
 use crate::solvers::descent::{Outcome, Settings};
@@ -71,7 +71,7 @@ impl Tracked {
     pub fn new(
         parts: Parts<'_>,
         system: &System,
-        placed: &[Placed],
+        placed: &[PosedObstacle],
         settings: Settings,
     ) -> Result<Self, FactorError> {
         let Parts {
@@ -138,7 +138,11 @@ impl Tracked {
     ///
     /// # Errors
     /// A number that is not finite, or a part that nothing holds; the body is as it was before.
-    pub(super) fn step(&mut self, system: &mut System, placed: &[Placed]) -> Result<(), Broken> {
+    pub(super) fn step(
+        &mut self,
+        system: &mut System,
+        placed: &[PosedObstacle],
+    ) -> Result<(), Broken> {
         let mut x = system.particles.position.clone();
         let [last, next] = &mut self.shapes;
         x.iter_mut()
@@ -184,7 +188,7 @@ impl Tracked {
 
     /// The forces [N] that hold a muscle with tone in the prescribed shape: those of what lies around it. Where it lies on a
     /// bone at rest, it is the bone that holds it, so that its tone presses it against the bone from the beginning.
-    fn support(&self, placed: &[Placed]) -> Vec<Vector3<f64>> {
+    fn support(&self, placed: &[PosedObstacle]) -> Vec<Vector3<f64>> {
         let mut forces = support(&self.tension, &self.shapes[1]);
         for (v, o, away) in &self.lies_on {
             let away = placed[*o].now * away;
@@ -223,7 +227,7 @@ impl Tracked {
 fn on_obstacle(
     x: &[Point3<f64>],
     o: usize,
-    placed: &Placed,
+    placed: &PosedObstacle,
     reach: f64,
 ) -> Vec<(u32, usize, Vector3<f64>)> {
     let back = placed.now.inverse();

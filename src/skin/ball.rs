@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
 use super::areas::Areas;
-use super::plan::{Inserted, Ready, over_ball};
+use super::plan::{Inserted, PreparedPatch, over_ball};
 use super::region::REACH;
 use super::settle::{Method, Progress};
 
@@ -20,7 +20,7 @@ pub struct Ball {
     pub radius: f64,
 }
 
-impl Ready {
+impl PreparedPatch {
     /// Brings the skin to equilibrium over a ball, from the positions with the ball `before`.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use nalgebra::{Point3, center};
 
 use super::patch::MARGIN;
 use super::place::middle;
-use super::plan::Order;
+use super::plan::ImplantSpec;
 use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::closest_on_triangle;
@@ -44,7 +44,7 @@ impl PartialOrd for Long {
 /// radius of its region are bisected, longest first, with all their triangles. Vertices keep their
 /// indices and new ones follow; sufficiently fine skin is unchanged. [`super::plan::Ready::new`]
 /// reports invalid orders.
-pub fn halved_near(mut skin: TriangleMesh, orders: &[Order]) -> TriangleMesh {
+pub fn halved_near(mut skin: TriangleMesh, orders: &[ImplantSpec]) -> TriangleMesh {
     if skin
         .triangles
         .iter()
@@ -172,8 +172,8 @@ mod tests {
     use crate::mesh::measures::greatest;
     use crate::mesh::shapes::box_surface;
 
-    fn order(at: Point3<f64>) -> Order {
-        Order::round(Place::Point(at), 0.02, 1e-6)
+    fn order(at: Point3<f64>) -> ImplantSpec {
+        ImplantSpec::round(Place::Point(at), 0.02, 1e-6)
     }
 
     #[test]
@@ -222,7 +222,7 @@ mod tests {
         let top = Point3::new(0.0, 0.0, 0.05);
         assert_eq!(halved_near(skin.clone(), &[order(top)]), skin);
         let coarse = box_surface([0.1; 3], 0.1);
-        let wrong = Order {
+        let wrong = ImplantSpec {
             place: Place::Vertex(1_000_000),
             ..order(top)
         };

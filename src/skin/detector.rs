@@ -8,7 +8,7 @@ use nalgebra::Point3;
 
 use super::contact::{On, Over, Touch, Touching};
 use super::settle::Model;
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::mesh::measures::greatest;
 use crate::mesh::{Topology, TriangleMesh};
@@ -129,7 +129,7 @@ impl<'a> Detector<'a> {
                 vertices: x[n..2 * n].to_vec(),
                 triangles,
             };
-            let layer = Sheet::with(layer, self.lower.clone());
+            let layer = SupportSurface::with(layer, self.lower.clone());
             touches.extend((2 * n as u32..all).filter_map(|v| self.under_skin(&layer, v, x)));
         }
         for k in 0..self.model.beds.len() {
@@ -206,7 +206,7 @@ impl<'a> Detector<'a> {
     }
 
     /// Contact of a vertex of an implant with the lower layer above it.
-    fn under_skin(&self, lower: &Sheet, vertex: u32, x: &[Point3<f64>]) -> Option<Touch> {
+    fn under_skin(&self, lower: &SupportSurface, vertex: u32, x: &[Point3<f64>]) -> Option<Touch> {
         let at = x[vertex as usize];
         let on = lower.nearest(&at, 2.0 * self.model.layers.edge)?;
         let first = self.model.layers.count() as u32;

@@ -1,7 +1,7 @@
 //! Filling of implants over weeks: volumes by day, each equilibrium from the previous one.
 
 use super::SkinError;
-use super::plan::{Inserted, Ready};
+use super::plan::{Inserted, PreparedPatch};
 use super::settle::Progress;
 use crate::mesh::TriangleMesh;
 
@@ -67,7 +67,7 @@ impl Schedule {
 /// Volume of a pocket relative to the cube of its base.
 const EMPTY: f64 = 1e-5;
 
-impl Ready {
+impl PreparedPatch {
     /// Checks that implants of these volumes [m^3] fit under this skin.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl Ready {
     /// The shells of almost empty implants [m].
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn pockets(&self) -> Result<Vec<TriangleMesh>, SkinError> {
         let empty: Vec<f64> = self
             .sites()
@@ -91,7 +91,7 @@ impl Ready {
     /// The shells of implants of these volumes [m^3] before the deformation [m].
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn domes(&self, volumes: &[f64]) -> Result<Vec<TriangleMesh>, SkinError> {
         Ok(self
             .model(volumes)?
@@ -105,7 +105,7 @@ impl Ready {
     /// Computes the skin over the implant after each filling.
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn fill(
         &self,
         schedule: &Schedule,

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::SkinError;
 use super::implant::Implant;
-use super::plan::{FINE, Order};
+use super::plan::{FINE, ImplantSpec};
 use super::region::REACH;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
@@ -25,7 +25,7 @@ const FLATTEST: f64 = 0.01;
 /// least seven digits.
 const TOUCHES: f64 = 1e-6;
 
-impl Order {
+impl ImplantSpec {
     /// The target edge length [m].
     pub fn edge(&self) -> f64 {
         self.edge.unwrap_or(self.implant.base / FINE)

@@ -7,7 +7,7 @@ use super::SkinError;
 use super::implant::Implant;
 use super::layers::Layers;
 use super::patch::{MARGIN, Patch, TakenOut, nearest_vertex, normal_of};
-use super::plan::{Order, Place, Site};
+use super::plan::{ImplantSpec, Place, Site};
 use super::region::{REACH, Region, frame};
 use super::whole::rim;
 use crate::contact::Surface;
@@ -43,7 +43,10 @@ const DEEPEST: f64 = 2.0;
 const SURELY: f64 = 0.95;
 
 /// The point of the skin and a vertex near it.
-pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>, u32), SkinError> {
+pub(super) fn middle(
+    skin: &TriangleMesh,
+    order: &ImplantSpec,
+) -> Result<(Point3<f64>, u32), SkinError> {
     if skin.triangles.is_empty() {
         return Err(SkinError::Empty);
     }
@@ -93,7 +96,7 @@ pub(super) fn middle(skin: &TriangleMesh, order: &Order) -> Result<(Point3<f64>,
 pub(super) fn placed(
     taken: &TakenOut,
     topology: &Topology,
-    order: &Order,
+    order: &ImplantSpec,
     centre: &Point3<f64>,
 ) -> Result<(Region, Isometry3<f64>), SkinError> {
     let patch = &taken.mesh;
@@ -118,7 +121,7 @@ pub(super) fn placed(
 pub(super) fn advised(
     error: SkinError,
     skin: &TriangleMesh,
-    order: &Order,
+    order: &ImplantSpec,
     obstacles: &[TriangleMesh],
 ) -> SkinError {
     match error {
@@ -136,7 +139,7 @@ pub(super) fn advised(
 
 /// A smaller base of the same shape that fits [m], in whole millimetres if possible; `None` if the
 /// search found none.
-fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Option<f64> {
+fn fitting(skin: &TriangleMesh, order: &ImplantSpec, obstacles: &[TriangleMesh]) -> Option<f64> {
     let mut base = order.implant.base;
     for _ in 0..TRIES {
         base *= SMALLER;
@@ -147,7 +150,7 @@ fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Op
         };
         if goes(
             skin,
-            &Order {
+            &ImplantSpec {
                 implant,
                 ..order.clone()
             },
@@ -162,7 +165,11 @@ fn fitting(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Op
 }
 
 /// True if an order has a region.
-fn goes(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> Result<(), SkinError> {
+fn goes(
+    skin: &TriangleMesh,
+    order: &ImplantSpec,
+    obstacles: &[TriangleMesh],
+) -> Result<(), SkinError> {
     let (centre, seed) = middle(skin, order)?;
     let radius = REACH * 0.5 * order.implant.base * MARGIN;
     let taken = Patch {
@@ -181,7 +188,7 @@ fn around(
     mesh: &TriangleMesh,
     topology: &Topology,
     seed: u32,
-    order: &Order,
+    order: &ImplantSpec,
     frame: &Isometry3<f64>,
 ) -> Region {
     let (reach, turn) = (reaches(mesh, order, frame), turns(mesh, frame));
@@ -212,7 +219,7 @@ fn around(
 }
 
 /// Distance of each vertex from the centre, 1 on the outline of the base.
-fn reaches(mesh: &TriangleMesh, order: &Order, frame: &Isometry3<f64>) -> Vec<f64> {
+fn reaches(mesh: &TriangleMesh, order: &ImplantSpec, frame: &Isometry3<f64>) -> Vec<f64> {
     let Implant { shape, base, .. } = order.implant;
     mesh.vertices
         .iter()
@@ -251,7 +258,7 @@ fn check_region(
         ..
     }: &TakenOut,
     topology: &Topology,
-    order: &Order,
+    order: &ImplantSpec,
     frame: &Isometry3<f64>,
 ) -> Result<(), SkinError> {
     let mut sides = vec![false; topology.edges.len()];
@@ -348,7 +355,7 @@ pub(super) fn apart(sites: &[Site]) -> Result<(), SkinError> {
 /// several implants the nearer one has the greater weight, by the fourth power of its nearness.
 pub(super) fn downs(
     places: &[Point3<f64>],
-    sites: &[(&Order, &Isometry3<f64>)],
+    sites: &[(&ImplantSpec, &Isometry3<f64>)],
 ) -> Vec<Vector3<f64>> {
     let down = |frame: &Isometry3<f64>| frame * -Vector3::z();
     if let [(_, frame)] = sites {
@@ -399,7 +406,7 @@ pub(super) fn inward(
 pub(super) fn lies_below(
     layers: &Layers,
     frame: &Isometry3<f64>,
-    order: &Order,
+    order: &ImplantSpec,
     obstacles: &[TriangleMesh],
 ) -> bool {
     let Implant { shape, base, .. } = order.implant;

@@ -13,8 +13,8 @@ use super::patch::{EVEN, MARGIN, Patch, TakenOut};
 use super::place::{advised, apart, downs, inward, lies_below, middle, placed};
 use super::region::{REACH, Region};
 use super::settle::{Filled, Method, Model, Progress};
-use super::sheet::Sheet;
 use super::start::Begin;
+use super::support_surface::SupportSurface;
 use super::{Shape, SkinError};
 use crate::mesh::measures::{greatest, volume};
 use crate::mesh::{Topology, TriangleMesh};
@@ -39,7 +39,7 @@ pub enum Place {
 
 /// An implant with its place.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Order {
+pub struct ImplantSpec {
     /// Place of the implant.
     pub place: Place,
     /// The implant.
@@ -52,7 +52,7 @@ pub struct Order {
     pub edge: Option<f64>,
 }
 
-impl Order {
+impl ImplantSpec {
     /// A round implant under skin of the default material.
     pub fn round(place: Place, base: f64, volume: f64) -> Self {
         let implant = Implant {
@@ -75,16 +75,16 @@ impl Order {
 #[derive(Clone, Debug)]
 pub struct Site {
     /// The order.
-    pub order: Order,
+    pub order: ImplantSpec,
     /// Frame of the implant: z points out of the body.
     pub frame: Isometry3<f64>,
 }
 
 /// Skin prepared for an implant of any volume, or for several that share it.
 #[derive(Clone, Debug)]
-pub struct Ready {
+pub struct PreparedPatch {
     /// The order of the first implant.
-    pub order: Order,
+    pub order: ImplantSpec,
     /// The extracted and refined part of the skin.
     pub patch: TriangleMesh,
     /// Triangles of the skin outside the patch.
@@ -101,8 +101,8 @@ pub struct Ready {
     pub others: Vec<Site>,
     /// Method of the equilibrium; `None` selects it by the number of unknowns.
     pub method: Option<Method>,
-    pub(super) obstacles: Vec<Sheet>,
-    pub(super) coarser: OnceLock<Option<Box<Ready>>>,
+    pub(super) obstacles: Vec<SupportSurface>,
+    pub(super) coarser: OnceLock<Option<Box<PreparedPatch>>>,
 }
 
 /// The shell of an implant at equilibrium.
@@ -162,16 +162,16 @@ impl Inserted {
 /// See [`SkinError`].
 pub fn insert(
     skin: &TriangleMesh,
-    order: &Order,
+    order: &ImplantSpec,
     obstacles: &[TriangleMesh],
     watch: impl FnMut(&Progress) -> bool,
-) -> Result<(Ready, Inserted), SkinError> {
-    let ready = Ready::new(skin, order, obstacles)?;
+) -> Result<(PreparedPatch, Inserted), SkinError> {
+    let ready = PreparedPatch::new(skin, order, obstacles)?;
     let inserted = ready.insert(order.implant.volume, watch)?;
     Ok((ready, inserted))
 }
 
-impl Ready {
+impl PreparedPatch {
     /// Chooses the region, refines it and creates both layers. Without obstacles the implant rests
     /// on the original surface below the lower layer.
     ///
@@ -179,7 +179,7 @@ impl Ready {
     /// See [`SkinError`].
     pub fn new(
         skin: &TriangleMesh,
-        order: &Order,
+        order: &ImplantSpec,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
         Self::new_while(skin, order, obstacles, &|| true)
@@ -192,7 +192,7 @@ impl Ready {
     /// See [`SkinError`].
     pub fn new_while(
         skin: &TriangleMesh,
-        order: &Order,
+        order: &ImplantSpec,
         obstacles: &[TriangleMesh],
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, SkinError> {
@@ -206,18 +206,18 @@ impl Ready {
     /// See [`SkinError`]; the error comes with the index of its implant, 0 for the first.
     pub fn together(
         skin: &TriangleMesh,
-        first: &Order,
-        others: &[Order],
+        first: &ImplantSpec,
+        others: &[ImplantSpec],
         obstacles: &[TriangleMesh],
         go_on: &dyn Fn() -> bool,
     ) -> Result<Self, (usize, SkinError)> {
-        let orders: Vec<&Order> = [first].into_iter().chain(others).collect();
+        let orders: Vec<&ImplantSpec> = [first].into_iter().chain(others).collect();
         orders
             .iter()
             .enumerate()
             .try_for_each(|(k, order)| order.check().map_err(|error| (k, error)))?;
         let edge = shared_edge(&orders);
-        let radius = |order: &Order| REACH * 0.5 * order.implant.base;
+        let radius = |order: &ImplantSpec| REACH * 0.5 * order.implant.base;
         let area: f64 = orders
             .iter()
             .map(|order| std::f64::consts::PI * radius(order) * radius(order))
@@ -276,7 +276,7 @@ impl Ready {
         mut sites: Vec<Site>,
         obstacles: &[TriangleMesh],
     ) -> Result<Self, SkinError> {
-        let each: Vec<(&Order, &Isometry3<f64>)> =
+        let each: Vec<(&ImplantSpec, &Isometry3<f64>)> =
             sites.iter().map(|s| (&s.order, &s.frame)).collect();
         let downs = downs(&region.mesh.vertices, &each);
         let tissue = sites[0].order.tissue;
@@ -297,7 +297,8 @@ impl Ready {
             return Err(SkinError::NothingBelow);
         }
         let longest = greatest(sites.iter().map(|s| s.order.implant.base));
-        let facing = |o: &TriangleMesh| Sheet::facing(o.clone(), &layers.rest, 2.0 * longest);
+        let facing =
+            |o: &TriangleMesh| SupportSurface::facing(o.clone(), &layers.rest, 2.0 * longest);
         let obstacles = obstacles.iter().map(facing).collect();
         let Site { order, frame } = sites.remove(0);
         let (others, coarser) = (sites, OnceLock::new());
@@ -317,7 +318,7 @@ impl Ready {
     }
 
     /// Each implant: order and frame.
-    pub fn sites(&self) -> impl Iterator<Item = (&Order, &Isometry3<f64>)> {
+    pub fn sites(&self) -> impl Iterator<Item = (&ImplantSpec, &Isometry3<f64>)> {
         [(&self.order, &self.frame)]
             .into_iter()
             .chain(self.others.iter().map(|s| (&s.order, &s.frame)))
@@ -346,7 +347,7 @@ impl Ready {
     /// with other volumes. Fewer rounds lead to the same result.
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn insert_after(
         &self,
         earlier: Option<&Inserted>,
@@ -421,7 +422,7 @@ impl Ready {
 
 /// Common edge length of all orders [m]: the longest one, but at most twice the shortest; otherwise
 /// a small implant beside a large one would need many times the vertices.
-fn shared_edge(orders: &[&Order]) -> f64 {
+fn shared_edge(orders: &[&ImplantSpec]) -> f64 {
     let all = || orders.iter().map(|order| order.edge());
     let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), greatest(all()));
     longest.min(2.0 * shortest)

@@ -13,7 +13,7 @@ pub use super::detector::deepest;
 use super::detector::{Detector, PENALTY};
 use super::envelope::envelope;
 use super::layers::Layers;
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use super::thickness::{Thickness, thickness};
 use crate::constraints::distance::Distance;
 use crate::constraints::spring::anchors;
@@ -104,7 +104,7 @@ pub struct Model {
     /// Implants in order.
     pub implants: Vec<Filled>,
     /// Surfaces that support the lower layer and the implants.
-    pub beds: Vec<Sheet>,
+    pub beds: Vec<SupportSurface>,
     /// A rigid sphere under the lower layer: centre and radius [m].
     pub ball: Option<(Point3<f64>, f64)>,
     /// Base length of the smallest implant, the length scale of the tolerances [m].

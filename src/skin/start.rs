@@ -5,12 +5,12 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
 use super::SkinError;
 use super::implant::{BULGE, Implant, upper};
-use super::levels::Carried;
 use super::place::downs;
-use super::plan::{Inserted, Order, Place, Ready};
+use super::plan::{ImplantSpec, Inserted, Place, PreparedPatch};
+use super::prolongation::Prolongation;
 use super::region::REACH;
 use super::settle::{Filled, Method, Model, Progress};
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use crate::contact::Surface;
 use crate::mesh::{TriangleMesh, refine};
 
@@ -34,7 +34,7 @@ pub(super) struct Begin {
     pub coarse_gain: Option<f64>,
 }
 
-impl Ready {
+impl PreparedPatch {
     /// The solver for this number of unknown vertices.
     pub(super) fn method_for(&self, unknown: usize) -> Method {
         self.method.unwrap_or(if unknown > LARGE {
@@ -53,15 +53,15 @@ impl Ready {
             }
             let edge = 2.0 * self.layers.edge;
             let skin = refine(&self.patch, edge).ok()?.mesh;
-            let order = |(order, frame): (&Order, &Isometry3<f64>)| {
+            let order = |(order, frame): (&ImplantSpec, &Isometry3<f64>)| {
                 let place = Place::Point(Point3::from(frame.translation.vector));
-                Order {
+                ImplantSpec {
                     place,
                     edge: Some(edge),
                     ..order.clone()
                 }
             };
-            let orders: Vec<Order> = self.sites().map(order).collect();
+            let orders: Vec<ImplantSpec> = self.sites().map(order).collect();
             let obstacles: Vec<TriangleMesh> =
                 self.obstacles.iter().map(|o| o.mesh().clone()).collect();
             let coarser =
@@ -148,7 +148,7 @@ impl Ready {
                 .zip(&from)
                 .map(|(to, from)| to - from)
                 .collect();
-            let carried = Carried::new(
+            let carried = Prolongation::new(
                 TriangleMesh {
                     vertices: from,
                     triangles: shell.triangles.clone(),
@@ -181,7 +181,7 @@ impl Ready {
             implants.push(filled);
         }
         let n = self.layers.count();
-        let sites: Vec<(&Order, &Isometry3<f64>)> = self.sites().collect();
+        let sites: Vec<(&ImplantSpec, &Isometry3<f64>)> = self.sites().collect();
         let downs = downs(&self.layers.rest[..n], &sites);
         let risen = self
             .layers
@@ -192,7 +192,7 @@ impl Ready {
         let mut x: Vec<Point3<f64>> = risen.map(|((p, down), lift)| p - down * *lift).collect();
         x.extend(implants.iter().flat_map(|implant| &implant.mesh.vertices));
         let beds = match &self.obstacles[..] {
-            [] => vec![Sheet::new(self.layers.bed())],
+            [] => vec![SupportSurface::new(self.layers.bed())],
             some => some.to_vec(),
         };
         let model = Model {

@@ -1,11 +1,11 @@
 //! Several implants: those with overlapping regions share skin and a common equilibrium.
 
 use super::SkinError;
-use super::plan::{Order, Ready};
+use super::plan::{ImplantSpec, PreparedPatch};
 use crate::mesh::TriangleMesh;
 
 /// Skin prepared for a group of implants, with their indices in the list of all orders.
-pub type Group = (Ready, Vec<usize>);
+pub type Group = (PreparedPatch, Vec<usize>);
 
 /// Prepares skin for all orders: one group for all that share skin, in the order of the first of
 /// each. `obstacles` are those that an order can touch.
@@ -14,14 +14,14 @@ pub type Group = (Ready, Vec<usize>);
 /// See [`Ready::new`]; the error comes with the index of the rejected order, from 0.
 pub fn grouped(
     skin: &TriangleMesh,
-    orders: &[Order],
+    orders: &[ImplantSpec],
     obstacles: impl Fn(&[usize]) -> Vec<TriangleMesh>,
     go_on: &dyn Fn() -> bool,
 ) -> Result<Vec<Group>, (usize, SkinError)> {
     let mut groups = Vec::new();
     for (k, order) in orders.iter().enumerate() {
-        let ready =
-            Ready::new_while(skin, order, &obstacles(&[k]), go_on).map_err(|error| (k, error))?;
+        let ready = PreparedPatch::new_while(skin, order, &obstacles(&[k]), go_on)
+            .map_err(|error| (k, error))?;
         groups.push((ready, vec![k]));
     }
     // A common patch has other edges and can extend farther than those of its implants alone:
@@ -43,9 +43,9 @@ pub fn grouped(
             let mut members: Vec<usize> =
                 own.into_iter().flat_map(|(_, members)| members).collect();
             members.sort_unstable();
-            let more: Vec<Order> = members[1..].iter().map(|k| orders[*k].clone()).collect();
+            let more: Vec<ImplantSpec> = members[1..].iter().map(|k| orders[*k].clone()).collect();
             let all = obstacles(&members);
-            let ready = Ready::together(skin, &orders[members[0]], &more, &all, go_on);
+            let ready = PreparedPatch::together(skin, &orders[members[0]], &more, &all, go_on);
             groups.push((
                 ready.map_err(|(site, error)| of_all(site, error, &members))?,
                 members,
@@ -72,7 +72,7 @@ fn of_all(site: usize, error: SkinError, members: &[usize]) -> (usize, SkinError
 }
 
 /// True for each triangle of the skin in the patch of an implant.
-fn taken(skin: &TriangleMesh, ready: &Ready) -> Vec<bool> {
+fn taken(skin: &TriangleMesh, ready: &PreparedPatch) -> Vec<bool> {
     let mut inside = vec![true; skin.triangles.len()];
     ready
         .outside

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Point3;
 
-use super::plan::Ready;
+use super::plan::PreparedPatch;
 use crate::mesh::orientation::Orientation;
 use crate::mesh::topology::NONE;
 use crate::mesh::{Topology, TriangleMesh};
@@ -103,7 +103,7 @@ impl Joining<'_> {
     }
 
     /// The new vertices of a patch.
-    fn patch(&mut self, ready: &Ready, chains: &[Chain]) -> Vec<u32> {
+    fn patch(&mut self, ready: &PreparedPatch, chains: &[Chain]) -> Vec<u32> {
         let mut names: Vec<u32> = ready
             .origin
             .iter()
@@ -220,7 +220,7 @@ impl Joining<'_> {
 
 impl Whole {
     /// Inserts the patches of implants, of which no two share a triangle, into their skin.
-    pub fn of(skin: &TriangleMesh, parts: &[&Ready]) -> Self {
+    pub fn of(skin: &TriangleMesh, parts: &[&PreparedPatch]) -> Self {
         let mut left = vec![0usize; skin.triangles.len()];
         parts
             .iter()

@@ -12,7 +12,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Point3, Vector3};
 
 use super::history::Field;
 use super::unknowns::{Laplacian, Unknowns};
-use crate::contact::Row;
+use crate::contact::ContactPlane;
 use crate::state::{Corrupt, Reader, Writer};
 
 /// Greatest number of vertices with stored entries of the inverse; further rows only act by the
@@ -33,7 +33,7 @@ pub struct Touched {
 }
 
 impl Touched {
-    fn learn(&mut self, rows: &[Row], laplacian: &mut Laplacian, unknowns: &Unknowns) {
+    fn learn(&mut self, rows: &[ContactPlane], laplacian: &mut Laplacian, unknowns: &Unknowns) {
         let all = rows
             .iter()
             .flat_map(|row| row.terms)
@@ -60,19 +60,19 @@ impl Touched {
     /// The rows with the factor of N A^-1 N^T; rows without an unknown vertex are left out.
     pub fn hold(
         &mut self,
-        rows: Vec<Row>,
+        rows: Vec<ContactPlane>,
         laplacian: &mut Laplacian,
         unknowns: &Unknowns,
     ) -> Active {
         self.learn(&rows, laplacian, unknowns);
-        let known = |row: &Row| {
+        let known = |row: &ContactPlane| {
             row.terms
                 .iter()
                 .any(|(v, w)| *w != 0.0 && self.place.contains_key(v))
         };
-        let rows: Vec<Row> = rows.into_iter().filter(known).collect();
+        let rows: Vec<ContactPlane> = rows.into_iter().filter(known).collect();
         let n = rows.len();
-        let weighed = |row: &Row| -> Vec<(usize, f64)> {
+        let weighed = |row: &ContactPlane| -> Vec<(usize, f64)> {
             let terms = row.terms.iter().filter(|(_, w)| *w != 0.0);
             terms
                 .filter_map(|(v, w)| self.place.get(v).map(|place| (*place, *w)))
@@ -154,13 +154,13 @@ impl Touched {
 /// Active rows.
 #[derive(Default)]
 pub struct Active {
-    rows: Vec<Row>,
+    rows: Vec<ContactPlane>,
     factor: Option<Cholesky<f64, Dyn>>,
 }
 
 impl Active {
     /// The rows.
-    pub fn rows(&self) -> &[Row] {
+    pub fn rows(&self) -> &[ContactPlane] {
         &self.rows
     }
 
@@ -179,8 +179,8 @@ impl Active {
         unknowns: &Unknowns,
         count: usize,
     ) -> Result<Self, Corrupt> {
-        let rows: Vec<Row> = from.take()?;
-        let is_there = |row: &Row| row.terms.iter().all(|(v, _)| (*v as usize) < count);
+        let rows: Vec<ContactPlane> = from.take()?;
+        let is_there = |row: &ContactPlane| row.terms.iter().all(|(v, _)| (*v as usize) < count);
         from.check(rows.iter().all(is_there), "a row of no vertex")?;
         let known = touched.vertices.len();
         let full = known >= MOST_VERTICES;

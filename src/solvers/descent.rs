@@ -7,7 +7,7 @@ use super::energy::Energy;
 use super::history::{Field, add_scaled, dot};
 use super::unknowns::Unknowns;
 use crate::constraints::EnclosedVolume;
-use crate::contact::Row;
+use crate::contact::ContactPlane;
 use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// Least decrease of a step, relative to the decrease predicted by the slope.
@@ -135,7 +135,7 @@ fn is_kept(volume: &EnclosedVolume, x: &[Point3<f64>]) -> bool {
 /// Keeps vertices out of obstacles during the minimisation.
 pub trait Guard {
     /// The contact planes of vertices near an obstacle.
-    fn rows(&self) -> Vec<Row>;
+    fn rows(&self) -> Vec<ContactPlane>;
     /// Height above a plane at which a vertex touches [m].
     fn touching(&self) -> f64;
     /// Moves vertices that entered an obstacle on their path from `start` back to its surface.
@@ -148,7 +148,7 @@ pub trait Guard {
 pub struct Unguarded;
 
 impl Guard for Unguarded {
-    fn rows(&self) -> Vec<Row> {
+    fn rows(&self) -> Vec<ContactPlane> {
         Vec::new()
     }
     fn touching(&self) -> f64 {
@@ -346,9 +346,9 @@ impl Problem {
         x: &[Point3<f64>],
         state: &State,
         multipliers: &[f64],
-        rows: &[Row],
+        rows: &[ContactPlane],
         touching: f64,
-    ) -> Vec<Row> {
+    ) -> Vec<ContactPlane> {
         if rows.is_empty() {
             return Vec::new();
         }
@@ -363,7 +363,7 @@ impl Problem {
         &self,
         state: &State,
         multipliers: &[f64],
-        holding: &[Row],
+        holding: &[ContactPlane],
         outcome: &mut Outcome,
     ) {
         let mut force = self.force(state, multipliers);

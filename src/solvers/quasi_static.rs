@@ -18,7 +18,7 @@ use super::history::{Field, History};
 use super::sparse::FactorError;
 use super::unknowns::Laplacian;
 use crate::constraints::EnclosedVolume;
-use crate::contact::Row;
+use crate::contact::ContactPlane;
 use crate::state::{self, Corrupt, Reader, Writer};
 
 /// Number of stored steps of the minimisation: more cost more than they save.
@@ -240,7 +240,7 @@ impl QuasiStatic {
         x: &[Point3<f64>],
         state: &State,
         direction: &[Vector3<f64>],
-        rows: &[Row],
+        rows: &[ContactPlane],
         guard: &mut impl Guard,
         outcome: &mut Outcome,
     ) -> Option<(Vec<Point3<f64>>, State)> {
@@ -259,7 +259,7 @@ impl QuasiStatic {
         })
     }
 
-    fn stay_over(&mut self, rows: &[Row], x: &mut [Point3<f64>]) {
+    fn stay_over(&mut self, rows: &[ContactPlane], x: &mut [Point3<f64>]) {
         lift(
             &self.problem,
             &mut self.laplacian,
@@ -351,10 +351,10 @@ fn lift(
     laplacian: &mut Laplacian,
     touched: &mut Touched,
     active: &Active,
-    rows: &[Row],
+    rows: &[ContactPlane],
     x: &mut [Point3<f64>],
 ) {
-    let mut all: Vec<Row> = rows
+    let mut all: Vec<ContactPlane> = rows
         .iter()
         .filter(|row| row.room(x) < 0.0)
         .copied()

@@ -6,7 +6,7 @@ use std::time::Instant;
 use nalgebra::{Point3, Vector3};
 
 use crate::constraints::{EnclosedVolume, KINDS, Project, Residual};
-use crate::contact::{Contacts, Placed};
+use crate::contact::{Contacts, PosedObstacle};
 use crate::particles::{Numbering, Packed, Particles, Slot};
 use crate::state::{Corrupt, Reader, State, Value, Writer};
 
@@ -186,7 +186,7 @@ impl System {
     ///
     /// # Panics
     /// If `dt` is negative or not finite: the caller must check its settings.
-    pub fn step(&mut self, placed: &[Placed], dt: f64) -> Result<(), Broken> {
+    pub fn step(&mut self, placed: &[PosedObstacle], dt: f64) -> Result<(), Broken> {
         assert!(
             dt >= 0.0 && dt.is_finite(),
             "a step takes a finite time, not {dt} s"
@@ -213,7 +213,7 @@ impl System {
         }))
     }
 
-    fn advance(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
+    fn advance(&mut self, placed: &[PosedObstacle], dt: f64, watch: bool) -> Result<(), Broken> {
         self.predict(placed, dt);
         self.watch("motion", watch)?;
         self.elastic.iter_mut().for_each(|batch| batch.begin_step());
@@ -236,7 +236,7 @@ impl System {
         Ok(())
     }
 
-    fn sweep(&mut self, placed: &[Placed], dt: f64, watch: bool) -> Result<(), Broken> {
+    fn sweep(&mut self, placed: &[PosedObstacle], dt: f64, watch: bool) -> Result<(), Broken> {
         let last = self.elastic.len().wrapping_sub(1);
         for (k, batch) in self.elastic.iter_mut().enumerate() {
             let name = batch.name();
@@ -283,7 +283,7 @@ impl System {
         });
     }
 
-    fn predict(&mut self, placed: &[Placed], dt: f64) {
+    fn predict(&mut self, placed: &[PosedObstacle], dt: f64) {
         let Settings {
             gravity,
             velocity_factor,
@@ -345,10 +345,10 @@ impl System {
 
     /// After the last step of a frame: repeats contact and volume, with new queries, until both are
     /// satisfied.
-    pub fn settle(&mut self, placed: &[Placed], depth: f64) {
-        let still: Vec<Placed> = placed
+    pub fn settle(&mut self, placed: &[PosedObstacle], depth: f64) {
+        let still: Vec<PosedObstacle> = placed
             .iter()
-            .map(|p| Placed {
+            .map(|p| PosedObstacle {
                 before: p.now,
                 ..p.clone()
             })

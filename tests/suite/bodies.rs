@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::bending::{self, Bending};
 use pliant::constraints::{Batch, Distance, EnclosedVolume, Order};
-use pliant::contact::{Obstacle, Placed, Surface};
+use pliant::contact::{Obstacle, PosedObstacle, Surface};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant::particles::Particles;
 use pliant::solvers::{Settings, System};
@@ -105,9 +105,9 @@ pub fn chain(
 }
 
 /// An obstacle at rest at the origin.
-pub fn still(mesh: &TriangleMesh) -> Placed {
+pub fn still(mesh: &TriangleMesh) -> PosedObstacle {
     let obstacle: Arc<dyn Obstacle> = Arc::new(Surface::new(mesh));
-    Placed {
+    PosedObstacle {
         name: "bone".into(),
         obstacle,
         before: Isometry3::identity(),

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use pliant::contact::untangle::untangle;
-use pliant::contact::{Contacts, Obstacle, Placed, Surface};
+use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::inside::Inside;
 use pliant::mesh::measures::volume;
@@ -16,7 +16,7 @@ use crate::bodies::{elastic, finite, settings, still};
 use crate::tolerances::{T6, T13, cases};
 
 /// A free triangle of 1 kg corners at `x`, with contact.
-fn lone(x: [Point3<f64>; 3], placed: &[Placed], thickness: f64, friction: f64) -> System {
+fn lone(x: [Point3<f64>; 3], placed: &[PosedObstacle], thickness: f64, friction: f64) -> System {
     let mesh = TriangleMesh {
         vertices: x.to_vec(),
         triangles: vec![[0, 1, 2]],
@@ -129,7 +129,7 @@ fn p31_nothing_tunnels_through_a_thin_plate() {
 }
 
 /// A soft block over a wide box whose top is at z = 0.
-fn resting(guarded: bool) -> (System, Vec<Placed>, TriangleMesh) {
+fn resting(guarded: bool) -> (System, Vec<PosedObstacle>, TriangleMesh) {
     let mut bone = box_surface([4.0, 4.0, 1.0], 2.0);
     bone.vertices.iter_mut().for_each(|p| p.z -= 0.5);
     let mut mesh = box_surface([0.2, 0.2, 0.1], 0.05);
@@ -248,9 +248,9 @@ fn p33_a_deep_start_is_untangled() {
 fn p34_closing_plates_cross_nothing_silently() {
     let plate = box_surface([4.0, 4.0, 1.0], 2.0);
     let at = |gap: f64, side: f64| Isometry3::translation(0.0, 0.0, side * (0.5 + gap / 2.0));
-    let placed = |before: f64, now: f64| -> Vec<Placed> {
+    let placed = |before: f64, now: f64| -> Vec<PosedObstacle> {
         [1.0, -1.0]
-            .map(|s| Placed {
+            .map(|s| PosedObstacle {
                 before: at(before, s),
                 now: at(now, s),
                 ..still(&plate)
@@ -372,7 +372,7 @@ fn a_needle_is_kept_out_of_a_coarse_muscle() {
         system.settings.velocity_factor = 0.95;
         let at = |tip: f64, before: f64| {
             let (bone, pose) = needle(tip);
-            vec![Placed {
+            vec![PosedObstacle {
                 before: needle(before).1,
                 now: pose,
                 ..still(&bone)

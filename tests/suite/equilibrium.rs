@@ -6,7 +6,7 @@ use pliant::constraints::{
     Bending, Constraint, Distance, EnclosedVolume, ForEachKind, Potential, Quadratic, Spec,
     for_each_kind,
 };
-use pliant::contact::Row;
+use pliant::contact::ContactPlane;
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::volume;
 use pliant::mesh::shapes::make;
@@ -290,9 +290,9 @@ struct Floor {
 }
 
 impl Guard for Floor {
-    fn rows(&self) -> Vec<Row> {
+    fn rows(&self) -> Vec<ContactPlane> {
         let origin = Point3::new(0.0, self.height, 0.0);
-        let row = |v| Row {
+        let row = |v| ContactPlane {
             terms: [(v, 1.0), (v, 0.0), (v, 0.0)],
             normal: Vector3::y(),
             origin,

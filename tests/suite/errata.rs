@@ -2,8 +2,8 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use pliant::constraints::{Batch, Constraint, Distance, Order, Project, Scalar};
-use pliant::contact::ways::{BitGrid, Fill, Voxels, Way};
-use pliant::contact::{Contacts, Obstacle, Placed, Surface};
+use pliant::contact::broad_phase::{BitGrid, Fill, NearestTriangle, Voxels};
+use pliant::contact::{Contacts, Obstacle, PosedObstacle, Surface};
 use pliant::io::{read_bytes, vtk};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::inside::Inside;
@@ -140,7 +140,7 @@ fn after(by: f64, plate: (f64, f64), guarded: bool) -> f64 {
     let bone = box_surface([2.0, 2.0, 0.02], 1.0);
     let at = |z: f64| Isometry3::translation(0.0, 0.0, z);
     let placed = |before: f64, now: f64| {
-        [Placed {
+        [PosedObstacle {
             before: at(before),
             now: at(now),
             ..still(&bone)
@@ -234,7 +234,7 @@ fn a17_walking_back_from_the_target_passes_a_thin_bone_and_walking_to_it_does_no
         );
         // Between boxes by free balls, as with any obstacle, nothing tunnels either.
         let obstacle: std::sync::Arc<dyn Obstacle> = std::sync::Arc::new(grid);
-        let placed = [Placed {
+        let placed = [PosedObstacle {
             obstacle,
             ..still(&bone)
         }];

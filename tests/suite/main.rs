@@ -3,6 +3,7 @@
 mod accuracy;
 mod biceps;
 mod bodies;
+mod broad_phase;
 mod checkpoint;
 mod conserved_volume;
 mod constraints;
@@ -29,7 +30,6 @@ mod skin;
 mod solvers;
 mod springs;
 mod tolerances;
-mod ways;
 
 /// Value of an environment variable; `PLIANT_DATA` that is not set is the folder `shared/data` beside the repository.
 fn measured_data(name: &str) -> Option<std::ffi::OsString> {

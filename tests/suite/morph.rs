@@ -1,6 +1,6 @@
 //! Morphing: maps to the sphere, overlays and blends, registration, and the bodies that its tests share.
 
-mod between;
+mod correspondence;
 mod overlay;
 mod register;
 mod sphere;

@@ -19,10 +19,10 @@ use pliant::mesh::{Topology, TriangleMesh};
 use pliant::skin::coarse::halved_near;
 use pliant::skin::implant::SILICONE;
 use pliant::skin::layers::{Layers, Tissue, springs_of};
-use pliant::skin::plan::{Inserted, Place, Ready, Shell, over_ball};
+use pliant::skin::plan::{Inserted, Place, PreparedPatch, Shell, over_ball};
 use pliant::skin::settle::{Filled, Method, Model, Progress};
-use pliant::skin::sheet::Sheet;
-use pliant::skin::{Filling, Order, Schedule, SkinError, insert};
+use pliant::skin::support_surface::SupportSurface;
+use pliant::skin::{Filling, ImplantSpec, Schedule, SkinError, insert};
 
 use axisymmetric::Membrane;
 use shapes::{cube, sheet, sphere};
@@ -31,7 +31,7 @@ const CENTRE: Place = Place::Point(Point3::new(0.0, 0.0, 0.0));
 
 /// How far the lower layer, or the shell of another implant, is inside an implant [m] where all lies at `x`: by the signed
 /// distance to the shell as a surface of its own, which knows nothing of the contact that was solved for.
-fn sunk(ready: &Ready, done: &Inserted, x: &[Point3<f64>]) -> f64 {
+fn sunk(ready: &PreparedPatch, done: &Inserted, x: &[Point3<f64>]) -> f64 {
     let n = ready.layers.count();
     let into = |own: &Shell| {
         let vertices = x[own.vertices.clone()].to_vec();
@@ -56,17 +56,17 @@ fn sunk(ready: &Ready, done: &Inserted, x: &[Point3<f64>]) -> f64 {
 }
 
 /// The region over a sphere of 2.5 mm under a sheet of 1 cm.
-fn small_sheet(n: u32) -> Ready {
+fn small_sheet(n: u32) -> PreparedPatch {
     let tissue = Tissue {
         depth: 1e-4,
         ..Tissue::default()
     };
-    let order = Order {
+    let order = ImplantSpec {
         tissue,
         edge: Some(2.5e-4),
-        ..Order::round(CENTRE, 5e-3, 1e-8)
+        ..ImplantSpec::round(CENTRE, 5e-3, 1e-8)
     };
-    Ready::new(&sheet(n, 0.01), &order, &[]).expect("a region")
+    PreparedPatch::new(&sheet(n, 0.01), &order, &[]).expect("a region")
 }
 
 #[test]
@@ -187,7 +187,7 @@ fn flat_implants_gain_what_geometry_allows() {
         (150e-6, 27.9, 72.2),
     ] {
         // Not over a vertex: there the counts are the source's.
-        let order = Order::round(Place::Point(Point3::new(0.0014, 0.0, 0.0)), 0.07, volume);
+        let order = ImplantSpec::round(Place::Point(Point3::new(0.0014, 0.0, 0.0)), 0.07, volume);
         let (ready, done) = insert(&skin, &order, &[], |_| true).expect("settled");
         assert_eq!(
             [2 * ready.layers.count(), ready.layers.springs.len()],
@@ -233,7 +233,10 @@ fn pressed_cube(x: &mut Vec<Point3<f64>>, low: f64) -> (Model, Progress) {
             volume,
             pocket,
         }],
-        beds: vec![Sheet::new(sheet(4, 0.2)), Sheet::new(ball)],
+        beds: vec![
+            SupportSurface::new(sheet(4, 0.2)),
+            SupportSurface::new(ball),
+        ],
         ball: None,
         base: 0.02,
         method: Method::Newton,
@@ -283,12 +286,12 @@ fn a_cube_pressed_by_a_sphere_keeps_its_volume() {
 
 #[test]
 fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
-    let (skin, order) = (sheet(40, 0.2), Order::round(CENTRE, 0.07, 80e-6));
-    let order = Order {
+    let (skin, order) = (sheet(40, 0.2), ImplantSpec::round(CENTRE, 0.07, 80e-6));
+    let order = ImplantSpec {
         edge: Some(0.005),
         ..order
     };
-    let ready = Ready::new(&skin, &order, &[]).expect("a region");
+    let ready = PreparedPatch::new(&skin, &order, &[]).expect("a region");
     let filling = |day, volume| Filling { day, volume };
     let schedule = Schedule::new(vec![
         filling(0.0, 30e-6),
@@ -316,20 +319,20 @@ fn implants_are_filled_by_a_schedule_to_where_they_come_at_once() {
 #[test]
 fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     let skin = sheet(32, 0.2);
-    let order = Order::round(CENTRE, 0.07, 1e-4);
-    let made = |change: fn(&mut Order)| {
+    let order = ImplantSpec::round(CENTRE, 0.07, 1e-4);
+    let made = |change: fn(&mut ImplantSpec)| {
         let mut order = order.clone();
         change(&mut order);
         order
             .check_edge()
-            .and_then(|()| Ready::new(&skin, &order, &[]))
+            .and_then(|()| PreparedPatch::new(&skin, &order, &[]))
             .map(|_| ())
     };
     // Just within half of the base, and a quarter of it.
     for (within, beyond) in [
         (
-            (|o| o.tissue.depth = 0.035) as fn(&mut Order),
-            (|o| o.tissue.depth = 0.0351) as fn(&mut Order),
+            (|o| o.tissue.depth = 0.035) as fn(&mut ImplantSpec),
+            (|o| o.tissue.depth = 0.0351) as fn(&mut ImplantSpec),
         ),
         (
             |o| o.tissue.thickness = 0.035,
@@ -356,7 +359,7 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     let own = |down: f64| {
         let mut below = skin.clone();
         below.vertices.iter_mut().for_each(|p| p.z -= down);
-        Ready::new(
+        PreparedPatch::new(
             &skin,
             &order,
             &[sphere(12, 11, 0.05, Point3::new(0.0, 0.0, -0.06)), below],
@@ -366,7 +369,7 @@ fn numbers_that_make_no_sense_beside_the_base_are_refused() {
     assert_eq!(own(0.0), Err(SkinError::ObstacleIsSkin { obstacle: 2 }));
     assert_eq!(own(5e-3), Ok(()));
     // A volume that is said to be the largest fits, a little more does not.
-    let ready = Ready::new(&skin, &order, &[]).expect("a region");
+    let ready = PreparedPatch::new(&skin, &order, &[]).expect("a region");
     let largest = ready.largest();
     assert_eq!(ready.takes(&[largest]), Ok(()));
     assert!(
@@ -379,53 +382,53 @@ fn large_triangles_are_refined_near_the_implant_only_or_refused_by_their_number(
     // Six faces of two triangles each, of 40 cm.
     let skin = cube(1, 0.4);
     let at = Point3::new(0.25, 0.13, 0.4);
-    let order = Order {
+    let order = ImplantSpec {
         tissue: Tissue {
             depth: 2e-3,
             ..Tissue::default()
         },
-        ..Order::round(Place::Point(at), 0.01, 2e-7)
+        ..ImplantSpec::round(Place::Point(at), 0.01, 2e-7)
     };
-    let error = Ready::new(&skin, &order, &[]).expect_err("too much to refine");
+    let error = PreparedPatch::new(&skin, &order, &[]).expect_err("too much to refine");
     assert!(
         matches!(error, SkinError::TooLargePatch { vertices, most } if vertices > most),
         "{error}"
     );
     let halved = halved_near(skin, std::slice::from_ref(&order));
-    let ready = Ready::new(&halved, &order, &[]).expect("a region");
+    let ready = PreparedPatch::new(&halved, &order, &[]).expect("a region");
     assert!(
         ready.patch.triangles.len() < 20_000,
         "{}",
         ready.patch.triangles.len()
     );
     // Refining looks up, and what it would have been is not needed.
-    let stopped = Ready::new_while(&halved, &order, &[], &|| false).expect_err("stopped");
+    let stopped = PreparedPatch::new_while(&halved, &order, &[], &|| false).expect_err("stopped");
     assert_eq!(stopped, SkinError::Stopped);
     // At a corner the skin turns away; it has no border that could be in the way.
-    let corner = Order {
+    let corner = ImplantSpec {
         place: Place::Vertex(0),
         ..order
     };
     let halved = halved_near(cube(1, 0.4), std::slice::from_ref(&corner));
-    let error = Ready::new(&halved, &corner, &[]).expect_err("no place");
+    let error = PreparedPatch::new(&halved, &corner, &[]).expect_err("no place");
     assert!(matches!(error, SkinError::WrapsAround { .. }), "{error}");
 }
 
 #[test]
 fn what_cannot_be_done_is_refused() {
     let skin = sheet(32, 0.2);
-    let order = Order::round(CENTRE, 0.07, 1e-4);
-    let refused = |order: &Order, skin: &TriangleMesh| {
+    let order = ImplantSpec::round(CENTRE, 0.07, 1e-4);
+    let refused = |order: &ImplantSpec, skin: &TriangleMesh| {
         insert(skin, order, &[], |_| true).expect_err("an error")
     };
-    let with = |change: fn(&mut Order)| {
+    let with = |change: fn(&mut ImplantSpec)| {
         let mut order = order.clone();
         change(&mut order);
         order
     };
     for (change, what) in [
         (
-            (|o| o.implant.volume = -1e-6) as fn(&mut Order),
+            (|o| o.implant.volume = -1e-6) as fn(&mut ImplantSpec),
             "the volume",
         ),
         (|o| o.implant.volume = f64::NAN, "the volume"),
@@ -475,7 +478,7 @@ fn what_cannot_be_done_is_refused() {
             + Vector3::z() * 0.01,
     );
     fin.triangles.push([a, b, fin.vertices.len() as u32 - 1]);
-    let near = Order {
+    let near = ImplantSpec {
         place: Place::Vertex(a as usize),
         ..order.clone()
     };

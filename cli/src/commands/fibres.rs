@@ -19,7 +19,7 @@ use crate::report::folder::{Folder, FolderError};
 use pliant::contact::Surface;
 use pliant::fibres::attachment::{Area, Attachment, AttachmentError};
 use pliant::fibres::binding::BoundLines;
-use pliant::fibres::each::{Tendon, each};
+use pliant::fibres::fibre_measures::{Tendon, measure_fibres};
 use pliant::fibres::harmonic::{DecompositionError, Going, Options, Reached};
 use pliant::fibres::method::{Method, MethodError, decompose_while};
 use pliant::fibres::quality::{measure, tendons};
@@ -184,7 +184,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return Ok(nothing_written());
     }
     let tendons = tendons_of(attachment, &made.lines);
-    let each = each(&made.lines, &tendons);
+    let each = measure_fibres(&made.lines, &tendons);
     let volume = made.closed.mesh.volume().abs();
     let off = |area: &Area| greatest(area.distances.iter().copied());
     let summary = Summary {

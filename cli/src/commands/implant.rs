@@ -18,10 +18,10 @@ use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::greatest;
 use pliant::simulation::LoadError;
 use pliant::skin::coarse::halved_near;
-use pliant::skin::plan::{Inserted, Ready};
+use pliant::skin::plan::{Inserted, PreparedPatch};
 use pliant::skin::settle::Progress;
 use pliant::skin::together::{Group, grouped};
-use pliant::skin::{Order, SkinError};
+use pliant::skin::{ImplantSpec, SkinError};
 
 /// The settling of a skin is said to go on every so many rounds.
 const SAY_EVERY: u32 = 10;
@@ -172,7 +172,7 @@ fn read(path: &std::path::Path, unit: f64) -> Result<TriangleMesh, Failure> {
 }
 
 /// How large the skin is beside its implants: a wrong unit is seen there.
-fn say_sizes(extent: f64, orders: &[Order]) {
+fn say_sizes(extent: f64, orders: &[ImplantSpec]) {
     let bases: Vec<String> = orders
         .iter()
         .map(|o| format!("{:.1} cm", o.implant.base * 1e2))
@@ -223,7 +223,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if said.is_empty() {
         said.push(Said::default());
     }
-    let orders: Result<Vec<Order>, Failure> =
+    let orders: Result<Vec<ImplantSpec>, Failure> =
         said.iter().map(|s| order(arguments, s, unit)).collect();
     let orders = orders?;
     let questions: Result<Vec<Question>, Failure> =
@@ -306,7 +306,7 @@ fn nothing_written() -> u8 {
 /// What came to rest.
 #[derive(Default)]
 struct Found {
-    implants: Vec<(Ready, Inserted)>,
+    implants: Vec<(PreparedPatch, Inserted)>,
     numbers: Vec<Vec<usize>>,
     curve: Vec<Point>,
     interrupted: bool,
@@ -344,7 +344,7 @@ fn settle(
         };
         let own: Vec<&Question> = members.iter().map(|k| &questions[*k]).collect();
         if let [Question::Area(wanted)] = own[..] {
-            last = keep(ready.seek(*wanted, &mut watch))?;
+            last = keep(ready.solve_for_area(*wanted, &mut watch))?;
             found.interrupted = last.is_none();
         }
         for (volumes, day) in steps(&own, &ready) {
@@ -384,7 +384,7 @@ fn settle(
 
 /// Volumes of the implants of a group that are known before anything is computed [m^3], one after the other, and the day of
 /// each. Those that are filled on other days keep what they have; before its first filling an implant is as flat as one may be.
-fn steps(questions: &[&Question], ready: &Ready) -> Vec<(Vec<f64>, Option<f64>)> {
+fn steps(questions: &[&Question], ready: &PreparedPatch) -> Vec<(Vec<f64>, Option<f64>)> {
     if let [one] = questions {
         return one
             .volumes(&ready.order)

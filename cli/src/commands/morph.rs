@@ -15,8 +15,10 @@ use crate::report::morph::{Carried, Morph, Shape};
 use pliant::io::{self, PointData};
 use pliant::mesh::TriangleMesh;
 use pliant::morph::align::AlignError;
-use pliant::morph::between::{Between, BetweenError, Method, Settings, Shared};
 use pliant::morph::blend::{self, BlendError, Laplacian, Path as Way};
+use pliant::morph::correspondence::{
+    Correspondence, CorrespondenceError, Method, Settings, Shared,
+};
 use pliant::morph::sphere::SphereError;
 use pliant::morph::sphere::relaxation::Relaxation;
 use pliant::simulation::LoadError;
@@ -142,10 +144,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         },
         ..Settings::default()
     };
-    let between = match Between::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
-        Err(BetweenError::Stopped) => return Ok(nothing_written()),
-        other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
-    };
+    let between =
+        match Correspondence::new(meshes, &pairs, &settings, &|| !stop.load(Ordering::Relaxed)) {
+            Err(CorrespondenceError::Stopped) => return Ok(nothing_written()),
+            other => other.map_err(|error| refused(&error, paths, meshes, arguments))?,
+        };
     let blending = Instant::now();
     let Some(shapes) = shapes(arguments, &between, &stop)
         .map_err(|e| Failure::usage(e.to_string(), "take --blend linear"))?
@@ -195,7 +198,7 @@ pub(super) fn nothing_written() -> u8 {
 /// All shapes; `None` after Ctrl-C.
 fn shapes(
     arguments: &Arguments,
-    between: &Between,
+    between: &Correspondence,
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Shape>>, BlendError> {
     let ends = [between.places[0].as_slice(), &between.places[1]];
@@ -224,27 +227,27 @@ fn shapes(
 
 /// A refusal, with the file it is about and what to do.
 fn refused(
-    error: &BetweenError,
+    error: &CorrespondenceError,
     paths: [&Path; 2],
     meshes: [&TriangleMesh; 2],
     arguments: &Arguments,
 ) -> Failure {
     match error {
-        BetweenError::Surface { side, error } => {
+        CorrespondenceError::Surface { side, error } => {
             let path = paths[*side].display();
             Failure::usage(
                 format!("{path}: {error}{}", place(error, meshes[*side])),
                 mend(error, paths[*side]),
             )
         }
-        BetweenError::InsideOut { side, .. } => {
+        CorrespondenceError::InsideOut { side, .. } => {
             let path = paths[*side].display();
             Failure::usage(
                 format!("{path}: {error}"),
                 format!("`pliant check {path} --repair DIR` turns them"),
             )
         }
-        BetweenError::Align(AlignError::Stuck { feature, left, .. }) => {
+        CorrespondenceError::Align(AlignError::Stuck { feature, left, .. }) => {
             let file = arguments
                 .pairs
                 .as_ref()
@@ -260,15 +263,17 @@ fn refused(
                 "leave it out, or choose pairs that lie alike on both surfaces",
             )
         }
-        BetweenError::Align(error) => {
+        CorrespondenceError::Align(error) => {
             Failure::usage(error.to_string(), "change the file of --pairs")
         }
-        BetweenError::Turn(_) => Failure::usage(
+        CorrespondenceError::Turn(_) => Failure::usage(
             error.to_string(),
             "turn one of the surfaces a little, or coarsen it",
         ),
-        BetweenError::Overlay(_) => Failure::usage(error.to_string(), "take --topology first"),
-        BetweenError::Stopped => Failure::usage(error.to_string(), "run it again"),
+        CorrespondenceError::Overlay(_) => {
+            Failure::usage(error.to_string(), "take --topology first")
+        }
+        CorrespondenceError::Stopped => Failure::usage(error.to_string(), "run it again"),
     }
 }
 

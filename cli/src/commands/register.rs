@@ -12,7 +12,7 @@ use super::{FAILED, length_unit, warn};
 use crate::report::folder::{Folder, FolderError};
 use crate::report::register::Registration;
 use pliant::morph::register::icp::Select;
-use pliant::morph::register::whole::{Settings, lay};
+use pliant::morph::register::whole::{Settings, register_surfaces};
 use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface};
 
 /// A start is searched among so many vertices of each surface at most; more make it no better.
@@ -106,7 +106,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ..NonRigid::default()
         }),
     };
-    let laid = match lay(&surfaces[0], &surfaces[1], &settings, &|| {
+    let laid = match register_surfaces(&surfaces[0], &surfaces[1], &settings, &|| {
         !stop.load(Ordering::Relaxed)
     }) {
         Err(RegisterError::Stopped) => {

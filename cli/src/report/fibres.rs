@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::Table;
 use super::output::{DataFile, OutputFile, RunOutput, Verdict, measures};
 use pliant::fibres::attachment::{Area, Attachment};
-use pliant::fibres::each::{Each, Tendon};
+use pliant::fibres::fibre_measures::{FibreMeasures, Tendon};
 use pliant::fibres::quality::Quality;
 use pliant::format::number;
 use pliant::io::vtp::{self, PolyData};
@@ -94,7 +94,7 @@ pub struct Bundle<'a> {
     /// Lines on the surface that were followed [m].
     pub lines: &'a [Vec<Point3<f64>>],
     /// What is measured of each fibre.
-    pub each: &'a [Each],
+    pub each: &'a [FibreMeasures],
     /// Measures of all.
     pub summary: &'a Summary,
     /// What the reader has to know.
@@ -382,7 +382,7 @@ impl<'a> Bundle<'a> {
             "tendon_insertion_m",
             "whole_m",
         ];
-        let row = |(k, e): (usize, &Each)| {
+        let row = |(k, e): (usize, &FibreMeasures)| {
             let numbers = [
                 e.length_m,
                 e.chord_m,

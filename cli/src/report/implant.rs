@@ -14,7 +14,7 @@ use super::table::Table;
 use pliant::io::vtp;
 use pliant::mesh::TriangleMesh;
 use pliant::skin::areas::{CAVEATS, GROWN_SOURCE, RETRACTED_SOURCE, stretches};
-use pliant::skin::plan::{Inserted, Order, Ready, Shell};
+use pliant::skin::plan::{ImplantSpec, Inserted, PreparedPatch, Shell};
 use pliant::skin::settle::Progress;
 use pliant::skin::whole::Whole;
 use pliant::skin::{Areas, Interval};
@@ -43,7 +43,7 @@ pub struct Insertion<'a> {
     /// The skin as read [m].
     pub skin: &'a TriangleMesh,
     /// Implants, those that share skin together.
-    pub implants: Vec<(Ready, Inserted)>,
+    pub implants: Vec<(PreparedPatch, Inserted)>,
     /// The numbers of these implants, from 0.
     pub numbers: Vec<Vec<usize>>,
     /// Meshes that the implants rest on [m].
@@ -66,9 +66,9 @@ pub struct Insertion<'a> {
 struct Single<'a> {
     /// From 0.
     number: usize,
-    order: &'a Order,
+    order: &'a ImplantSpec,
     frame: &'a Isometry3<f64>,
-    ready: &'a Ready,
+    ready: &'a PreparedPatch,
     done: &'a Inserted,
     /// Which of all regions its skin is.
     region: usize,
@@ -275,7 +275,7 @@ impl Insertion<'_> {
         }]
     }
 
-    fn count(&self, of: impl Fn(&Ready) -> usize) -> usize {
+    fn count(&self, of: impl Fn(&PreparedPatch) -> usize) -> usize {
         self.implants.iter().map(|(ready, _)| of(ready)).sum()
     }
 
@@ -439,7 +439,7 @@ impl Insertion<'_> {
 
     /// Area before of what is stretched beyond the limit [m^2].
     pub(super) fn over_limit(&self) -> f64 {
-        let of = |(ready, done): &(Ready, Inserted)| {
+        let of = |(ready, done): &(PreparedPatch, Inserted)| {
             let layers = &ready.layers;
             let n = layers.count();
             let stretch = stretches(&layers.rest[..n], &done.x[..n], &layers.triangles);
@@ -663,7 +663,7 @@ impl Insertion<'_> {
 
     /// The whole skin before and as it comes to lie.
     pub(super) fn shown(&self) -> Shown {
-        let ready: Vec<&Ready> = self.implants.iter().map(|(ready, _)| ready).collect();
+        let ready: Vec<&PreparedPatch> = self.implants.iter().map(|(ready, _)| ready).collect();
         let whole = Whole::of(self.skin, &ready);
         let (mut x, mut stretch) = (
             whole.mesh.vertices.clone(),
@@ -689,7 +689,7 @@ impl Insertion<'_> {
 }
 
 /// Mean of the greatest stretches of a vertex's triangles.
-fn at_vertices(ready: &Ready, done: &Inserted) -> Vec<f64> {
+fn at_vertices(ready: &PreparedPatch, done: &Inserted) -> Vec<f64> {
     let layers = &ready.layers;
     let n = layers.count();
     let mut sums = vec![(0.0, 0.0f64); n];

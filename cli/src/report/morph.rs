@@ -19,7 +19,7 @@ use pliant::mesh::TriangleMesh;
 use pliant::mesh::closest::SurfaceTree;
 use pliant::mesh::measures::{area, greatest, volume};
 use pliant::morph::sphere::flipped;
-use pliant::morph::{Between, Distortion};
+use pliant::morph::{Correspondence, Distortion};
 use pliant_render::PictureError;
 
 /// How near the ends of a blend must come to both shapes, over their size.
@@ -53,7 +53,7 @@ impl Carried {
     ///
     /// # Errors
     /// The name of an array that has other components on the other side.
-    pub fn of(between: &Between, data: [&[PointData]; 2]) -> Result<Vec<Self>, String> {
+    pub fn of(between: &Correspondence, data: [&[PointData]; 2]) -> Result<Vec<Self>, String> {
         let mut all: Vec<Self> = Vec::new();
         for (side, arrays) in data.into_iter().enumerate() {
             for array in arrays {
@@ -119,7 +119,7 @@ pub struct Morph<'a> {
     /// Both surfaces.
     pub meshes: [&'a TriangleMesh; 2],
     /// What they have in common.
-    pub between: &'a Between,
+    pub between: &'a Correspondence,
     /// Vertices that were brought together.
     pub pairs: &'a [[u32; 2]],
     /// Shapes from the first to the second.

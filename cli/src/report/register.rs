@@ -15,7 +15,7 @@ use pliant::mesh::TriangleMesh;
 use pliant::mesh::measures::{Aabb, greatest};
 use pliant::morph::pose::axes;
 use pliant::morph::register::Motion;
-use pliant::morph::register::whole::{Laid, Residual};
+use pliant::morph::register::whole::{Residual, SurfaceRegistration};
 use pliant_render::{
     Camera, Canvas, ColourMap, Drawing, Frame, Legend, PictureError, Rgb, Surface, TextStyle, View,
     colour, render,
@@ -36,7 +36,7 @@ pub struct Registration<'a> {
     /// Numbers at the vertices of the first.
     pub data: &'a [PointData],
     /// What was found.
-    pub laid: &'a Laid,
+    pub laid: &'a SurfaceRegistration,
     /// Whether size could change.
     pub motion: Motion,
     /// Share of the first surface that is said to have a place on the other.

@@ -13,7 +13,7 @@ use pliant::mesh::shapes;
 use pliant::scene::content::Under;
 use pliant::simulation::skin::{Measured, Part, SkinRun};
 use pliant::skin::Areas;
-use pliant::skin::Order;
+use pliant::skin::ImplantSpec;
 use pliant::skin::areas::CAVEATS;
 use pliant::skin::areas::{GROWN_SOURCE, RETRACTED_SOURCE};
 use pliant::skin::plan::Inserted;
@@ -208,7 +208,7 @@ fn plots(run: &SkinRun) -> Vec<LinePlot> {
 /// The entries of a part's implants, one of a ball, each with its number among all implants.
 fn json_of_part(part: &Part) -> Vec<(usize, Value)> {
     let ready = &part.ready;
-    let sites: Vec<(&Order, &Isometry3<f64>)> = ready.sites().collect();
+    let sites: Vec<(&ImplantSpec, &Isometry3<f64>)> = ready.sites().collect();
     let numbers = |k: usize| part.members.get(k).copied().unwrap_or(k);
     let shares = |k: usize| {
         (0..sites.len())

@@ -5,8 +5,8 @@ use std::fs;
 
 use pliant::mesh::shapes::icosphere;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::Order;
-use pliant::skin::plan::{Place, Ready};
+use pliant::skin::ImplantSpec;
+use pliant::skin::plan::{Place, PreparedPatch};
 use pliant_cli::report::implant::Insertion;
 use serde_json::Value;
 
@@ -264,11 +264,11 @@ fn a_closed_skin_stays_closed_and_each_implant_is_shown() {
         "a handle"
     );
     // Patches laid beside the rest instead, as it once was, are refused by the same check.
-    let order = Order {
+    let order = ImplantSpec {
         edge: Some(5e-3),
-        ..Order::round(Place::Point([0.0, 0.0, 0.1].into()), 0.04, 8e-6)
+        ..ImplantSpec::round(Place::Point([0.0, 0.0, 0.1].into()), 0.04, 8e-6)
     };
-    let ready = Ready::new(&ball, &order, &[]).unwrap();
+    let ready = PreparedPatch::new(&ball, &order, &[]).unwrap();
     let first = ball.vertices.len() as u32;
     let outside = ready.outside.iter().map(|t| ball.triangles[*t as usize]);
     let triangles = outside

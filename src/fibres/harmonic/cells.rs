@@ -36,7 +36,7 @@ pub struct Cells {
     /// A point inside the muscle near the centre of the cell's inner part [m].
     pub inner: Vec<Option<Point3<f64>>>,
     /// One bit for each octant of a cell whose centre is inside.
-    pub eighths: Vec<u8>,
+    pub octants: Vec<u8>,
     /// True for each cell whose centre is inside the muscle.
     pub middle_inside: Vec<bool>,
     /// Distance of each cube's centre to a point of the surface in the cube [m]; infinite if the
@@ -66,7 +66,7 @@ impl Cells {
             places: Vec::new(),
             shares: Vec::new(),
             inner: Vec::new(),
-            eighths: Vec::new(),
+            octants: Vec::new(),
             middle_inside: Vec::new(),
             surface: Vec::new(),
             by_wall: Vec::new(),
@@ -179,16 +179,16 @@ impl Cells {
     ) {
         let middle = self.middle([0, j, k]);
         let through = |p: &Point3<f64>| solid.row(p.y, p.z);
-        let eighths: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.eighth(&middle, n << 1)));
+        let octants: [Row<'_>; 4] = std::array::from_fn(|n| through(&self.octant(&middle, n << 1)));
         let middles = through(&middle);
         // The state is constant between two cubes without surface; the first cube is outside.
         let mut known = Some(false);
         for (i, bits) in bits.iter_mut().enumerate() {
             let middle = self.middle([i, j, k]);
             if touched[i] {
-                let inside = |bit: &usize| eighths[bit >> 1].contains(self.eighth(&middle, *bit).x);
-                let eighths = (0..8).filter(inside).fold(0, |bits, bit| bits | 1 << bit);
-                *bits = eighths
+                let inside = |bit: &usize| octants[bit >> 1].contains(self.octant(&middle, *bit).x);
+                let octants = (0..8).filter(inside).fold(0, |bits, bit| bits | 1 << bit);
+                *bits = octants
                     | if middles.contains(middle.x) {
                         MIDDLE
                     } else {
@@ -205,7 +205,7 @@ impl Cells {
 
     /// The centre of an octant of the cube with that centre [m]; bit k of `bit` is its side along
     /// axis k.
-    pub fn eighth(&self, middle: &Point3<f64>, bit: usize) -> Point3<f64> {
+    pub fn octant(&self, middle: &Point3<f64>, bit: usize) -> Point3<f64> {
         let quarter = |axis: usize| if bit >> axis & 1 == 1 { 0.25 } else { -0.25 } * self.side;
         middle + Vector3::new(quarter(0), quarter(1), quarter(2))
     }
@@ -224,7 +224,7 @@ impl Cells {
                     self.shares
                         .push((f64::from(bits.count_ones()) / 8.0).max(LEAST));
                     self.inner.push(self.inner_point([i, j, k], bits));
-                    self.eighths.push(bits as u8);
+                    self.octants.push(bits as u8);
                     self.middle_inside.push(all[index] & MIDDLE != 0);
                 }
             }
@@ -240,7 +240,7 @@ impl Cells {
         }
         let inside: Vec<Point3<f64>> = (0..8)
             .filter(|bit| bits >> bit & 1 == 1)
-            .map(|bit| self.eighth(&middle, bit))
+            .map(|bit| self.octant(&middle, bit))
             .collect();
         let mean =
             inside.iter().map(|p| p.coords).sum::<Vector3<f64>>() / inside.len().max(1) as f64;

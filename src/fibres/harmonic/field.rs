@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use super::super::attachment::{Area, Attachment, over_triangle};
 use super::super::solid::Solid;
 use super::cells::{Cells, NONE};
-use super::spread::spread;
+use super::directions::extend_directions;
 use crate::mesh::TriangleMesh;
 use crate::mesh::closest::SurfaceTree;
 use crate::solvers::sparse::{Factor, FactorError};
@@ -173,7 +173,7 @@ impl Field {
             )
         };
         let links: Vec<([u32; 2], f64)> = links.iter().map(link).collect();
-        self.gradients = spread(&self.cells, name, &links, &self.gradients, lines)?;
+        self.gradients = extend_directions(&self.cells, name, &links, &self.gradients, lines)?;
         Ok(())
     }
 

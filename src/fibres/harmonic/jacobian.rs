@@ -2,27 +2,27 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::trace::{Tracer, Way};
+use super::trace::{HalfStreamline, Tracer};
 
 /// Size of the test triangle, in sides of a cell.
 const SIZE: f64 = 1e-5;
 
 /// Area across the fibre relative to that at the seed, at each point of one half of a streamline;
 /// negative where the orientation about the fibre is reversed.
-pub fn along(tracer: &Tracer<'_>, way: &Way, sign: f64) -> Vec<f64> {
+pub fn along(tracer: &Tracer<'_>, streamline: &HalfStreamline, sign: f64) -> Vec<f64> {
     areas(
-        way,
+        streamline,
         SIZE * tracer.field.cells.side,
-        onward(tracer, way, sign),
+        onward(tracer, streamline, sign),
     )
 }
 
 /// True if all values of [`along`] are above 0; stops at the first that is not.
-pub fn keeps_order(tracer: &Tracer<'_>, way: &Way, sign: f64) -> bool {
-    let map = onward(tracer, way, sign);
+pub fn keeps_order(tracer: &Tracer<'_>, streamline: &HalfStreamline, sign: f64) -> bool {
+    let map = onward(tracer, streamline, sign);
     let mut area = 1.0;
-    (0..way.flows.len()).all(|k| {
-        area *= factor(way, k, SIZE * tracer.field.cells.side, &map);
+    (0..streamline.flows.len()).all(|k| {
+        area *= factor(streamline, k, SIZE * tracer.field.cells.side, &map);
         area > 0.0
     })
 }
@@ -30,11 +30,11 @@ pub fn keeps_order(tracer: &Tracer<'_>, way: &Way, sign: f64) -> bool {
 /// The image under the flow of a point beside point k of the streamline.
 fn onward<'a>(
     tracer: &'a Tracer<'_>,
-    way: &'a Way,
+    streamline: &'a HalfStreamline,
     sign: f64,
 ) -> impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>> + 'a {
-    let last = way.flows.len().saturating_sub(1);
-    move |k, q| match (way.flows[k], k == last) {
+    let last = streamline.flows.len().saturating_sub(1);
+    move |k, q| match (streamline.flows[k], k == last) {
         (true, _) => tracer.step(q, sign),
         (_, true) => tracer.landing(q, sign),
         _ => None,
@@ -45,29 +45,29 @@ fn onward<'a>(
 /// 1. Two points at the distance `size` [m] beside each point are mapped. Where the map has no
 /// value, the area is unchanged.
 pub fn areas(
-    way: &Way,
+    streamline: &HalfStreamline,
     size: f64,
     map: impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
 ) -> Vec<f64> {
     let mut areas = vec![1.0];
-    for k in 0..way.flows.len() {
-        areas.push(areas[k] * factor(way, k, size, &map));
+    for k in 0..streamline.flows.len() {
+        areas.push(areas[k] * factor(streamline, k, size, &map));
     }
     areas
 }
 
 /// Ratio of the area at point k + 1 to that at point k.
 fn factor(
-    way: &Way,
+    streamline: &HalfStreamline,
     k: usize,
     size: f64,
     map: &impl Fn(usize, &Point3<f64>) -> Option<Point3<f64>>,
 ) -> f64 {
     // A new pair at each point: only the size and orientation of the previous pair matter.
-    let factor = heading(way, k).and_then(|direction| {
-        let onward = heading(way, k + 1).unwrap_or(direction);
+    let factor = heading(streamline, k).and_then(|direction| {
+        let onward = heading(streamline, k + 1).unwrap_or(direction);
         let carried = |f: Vector3<f64>| {
-            Some((map(k, &(way.points[k] + f * size))? - way.points[k + 1]) / size)
+            Some((map(k, &(streamline.points[k] + f * size))? - streamline.points[k + 1]) / size)
         };
         let [first, second] = across(&direction).map(carried);
         Some(first?.cross(&second?).dot(&onward))
@@ -75,8 +75,8 @@ fn factor(
     factor.unwrap_or(1.0)
 }
 
-fn heading(way: &Way, k: usize) -> Option<Vector3<f64>> {
-    (*way.points.get(k + 1)? - *way.points.get(k)?).try_normalize(0.0)
+fn heading(streamline: &HalfStreamline, k: usize) -> Option<Vector3<f64>> {
+    (*streamline.points.get(k + 1)? - *streamline.points.get(k)?).try_normalize(0.0)
 }
 
 /// Two unit vectors across a direction, in right-handed order with it.
@@ -90,11 +90,11 @@ fn across(direction: &Vector3<f64>) -> [Vector3<f64>; 2] {
 mod tests {
     use super::*;
 
-    fn straight() -> Way {
+    fn straight() -> HalfStreamline {
         let points = (0..6)
             .map(|k| Point3::new(f64::from(k), 0.0, 0.0))
             .collect();
-        Way {
+        HalfStreamline {
             points,
             flows: vec![true; 5],
         }

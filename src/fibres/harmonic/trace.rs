@@ -30,7 +30,7 @@ const MOST_STEPS: usize = 24;
 
 /// One half of a streamline.
 #[derive(Clone, Debug, Default)]
-pub struct Way {
+pub struct HalfStreamline {
     /// From the seed to the area [m].
     pub points: Vec<Point3<f64>>,
     /// True if the step to the next point follows the field; false for a hop or the last step to
@@ -92,52 +92,62 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// A lost streamline, as far as the tracer came, if `hop` does not allow it to continue by
     /// cells.
-    pub fn half(&self, seed: &Point3<f64>, sign: f64, hop: bool) -> Result<Way, Way> {
-        let mut way = Way {
+    pub fn half(
+        &self,
+        seed: &Point3<f64>,
+        sign: f64,
+        hop: bool,
+    ) -> Result<HalfStreamline, HalfStreamline> {
+        let mut streamline = HalfStreamline {
             points: vec![*seed],
             flows: Vec::new(),
         };
         let mut p = *seed;
         let mut since = 0;
         for _ in 0..MOST_STEPS * self.field.cells.dims.iter().sum::<usize>() {
-            let stuck = way.points.len() > since + PATIENCE && {
-                let before = way.points[way.points.len() - 1 - PATIENCE];
+            let stuck = streamline.points.len() > since + PATIENCE && {
+                let before = streamline.points[streamline.points.len() - 1 - PATIENCE];
                 (p - before).norm() < PROGRESS * STEP * self.side()
             };
             let reach = self.side() * if stuck { ARRIVED_LATE } else { ARRIVED };
             if self.by_area(&p, usize::from(sign > 0.0))
                 && self.distance_to_area(&p, sign, reach).is_some()
             {
-                return self.arrive(way, &p, sign);
+                return self.arrive(streamline, &p, sign);
             }
             let next = if stuck { None } else { self.step(&p, sign) };
             if let Some(next) = next {
                 p = next;
-                way.flows.push(true);
-                way.points.push(p);
+                streamline.flows.push(true);
+                streamline.points.push(p);
                 continue;
             }
             if !hop {
-                return Err(way);
+                return Err(streamline);
             }
-            since = way.points.len();
+            since = streamline.points.len();
             let Some(next) = self.hop(&p, sign) else {
-                return self.arrive(way, &p, sign);
+                return self.arrive(streamline, &p, sign);
             };
-            way.flows.push(false);
-            way.points.push(next);
+            streamline.flows.push(false);
+            streamline.points.push(next);
             p = next;
         }
-        Err(way)
+        Err(streamline)
     }
 
-    fn arrive(&self, mut way: Way, p: &Point3<f64>, sign: f64) -> Result<Way, Way> {
+    fn arrive(
+        &self,
+        mut streamline: HalfStreamline,
+        p: &Point3<f64>,
+        sign: f64,
+    ) -> Result<HalfStreamline, HalfStreamline> {
         let Some(landing) = self.landing(p, sign) else {
-            return Err(way);
+            return Err(streamline);
         };
-        way.points.push(landing);
-        way.flows.push(false);
-        Ok(way)
+        streamline.points.push(landing);
+        streamline.flows.push(false);
+        Ok(streamline)
     }
 
     /// The next cell towards the area that has a point inside.

@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use super::Laid;
+use super::OverlaidMap;
 use super::walk::{Exactly, Ground};
 use crate::morph::sphere::turn;
 
@@ -20,11 +20,11 @@ pub(super) struct Crossings {
 
 impl Crossings {
     /// Numbers the crossings; both maps must have the same ones.
-    pub fn new(laid: &[Laid; 2]) -> Result<Self, Exactly> {
+    pub fn new(overlaid: &[OverlaidMap; 2]) -> Result<Self, Exactly> {
         let mut numbers = HashMap::new();
         let mut pairs = Vec::new();
-        let mut first = Vec::with_capacity(laid[0].crossed.len());
-        for (e, crossed) in laid[0].crossed.iter().enumerate() {
+        let mut first = Vec::with_capacity(overlaid[0].crossed.len());
+        for (e, crossed) in overlaid[0].crossed.iter().enumerate() {
             let mut along = Vec::with_capacity(crossed.len());
             for &f in crossed {
                 along.push(pairs.len() as u32);
@@ -34,7 +34,7 @@ impl Crossings {
             first.push(along);
         }
         let number = |f: usize, e: &u32| numbers.get(&[*e, f as u32]).copied().ok_or(Exactly);
-        let each = laid[1].crossed.iter().enumerate();
+        let each = overlaid[1].crossed.iter().enumerate();
         let second: Result<Vec<Vec<u32>>, Exactly> = each
             .map(|(f, crossed)| crossed.iter().map(|e| number(f, e)).collect())
             .collect();
@@ -61,7 +61,7 @@ struct Halves {
 /// Triangles of the merged surface.
 pub(super) fn triangles(
     grounds: &[Ground<'_>; 2],
-    laid: &[Laid; 2],
+    overlaid: &[OverlaidMap; 2],
     crossings: &Crossings,
 ) -> Result<Vec<[u32; 3]>, Exactly> {
     let halves = halves(grounds, crossings);
@@ -93,7 +93,7 @@ pub(super) fn triangles(
         faces += 1;
         triangles.extend((1..corners.len() - 1).map(|k| [corners[0], corners[k], corners[k + 1]]));
     }
-    let vertices = laid[0].on.len() + laid[1].on.len() + crossings.pairs.len();
+    let vertices = overlaid[0].on.len() + overlaid[1].on.len() + crossings.pairs.len();
     // V - E + F = 2, or the crossings are inconsistent.
     if vertices + faces == halves.ends.len() / 2 + 2 {
         Ok(triangles)

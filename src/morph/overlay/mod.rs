@@ -105,7 +105,7 @@ impl Overlay {
                 false => Ok(first.clone()),
             };
             match turned {
-                Ok(map) => match lay(&map, second) {
+                Ok(map) => match overlay_maps(&map, second) {
                     Ok((origins, triangles)) => {
                         let counts = [first.points().len(), second.points().len()];
                         return Ok(Self {
@@ -194,12 +194,16 @@ fn between(places: &[Point3<f64>], ends: [u32; 2], along: f64) -> Point3<f64> {
 
 /// One map's vertices and edges on the other: the triangle of each vertex, and the edges that each
 /// edge crosses.
-struct Laid {
+struct OverlaidMap {
     on: Vec<Located>,
     crossed: Vec<Vec<u32>>,
 }
 
-fn lay_over(map: &SphereMap, edges: &[[u32; 2]], ground: &Ground<'_>) -> Result<Laid, Exactly> {
+fn overlay_map(
+    map: &SphereMap,
+    edges: &[[u32; 2]],
+    ground: &Ground<'_>,
+) -> Result<OverlaidMap, Exactly> {
     let locator = Locator::new(ground.map);
     let locate = |p: &Point3<f64>| {
         let found = locator.locate_exactly(p).ok_or(Exactly)?;
@@ -220,26 +224,32 @@ fn lay_over(map: &SphereMap, edges: &[[u32; 2]], ground: &Ground<'_>) -> Result<
         )
     };
     let crossed = edges.iter().map(way).collect::<Result<_, _>>()?;
-    Ok(Laid { on, crossed })
+    Ok(OverlaidMap { on, crossed })
 }
 
 type Pieces = (Vec<Origin>, Vec<[u32; 3]>);
 
-fn lay(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
+fn overlay_maps(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
     let grounds = [Ground::new(first), Ground::new(second)];
     let edges = [&grounds[0].topology.edges, &grounds[1].topology.edges];
-    let laid = [
-        lay_over(first, edges[0], &grounds[1])?,
-        lay_over(second, edges[1], &grounds[0])?,
+    let overlaid = [
+        overlay_map(first, edges[0], &grounds[1])?,
+        overlay_map(second, edges[1], &grounds[0])?,
     ];
-    let crossings = faces::Crossings::new(&laid)?;
+    let crossings = faces::Crossings::new(&overlaid)?;
     let mut origins: Vec<Origin> = Vec::with_capacity(first.points().len() + second.points().len());
-    origins.extend(laid[0].on.iter().enumerate().map(|(v, &on)| Origin::First {
-        vertex: v as u32,
-        on,
-    }));
     origins.extend(
-        laid[1]
+        overlaid[0]
+            .on
+            .iter()
+            .enumerate()
+            .map(|(v, &on)| Origin::First {
+                vertex: v as u32,
+                on,
+            }),
+    );
+    origins.extend(
+        overlaid[1]
             .on
             .iter()
             .enumerate()
@@ -262,7 +272,7 @@ fn lay(first: &SphereMap, second: &SphereMap) -> Result<Pieces, Exactly> {
             along_second,
         });
     }
-    let triangles = faces::triangles(&grounds, &laid, &crossings)?;
+    let triangles = faces::triangles(&grounds, &overlaid, &crossings)?;
     Ok((origins, triangles))
 }
 

@@ -18,7 +18,7 @@ pub enum Select {
 
 /// Weights of pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Weigh {
+pub enum PairWeight {
     /// Equal weights.
     #[default]
     Even,
@@ -59,7 +59,7 @@ pub struct Icp {
     /// Stage 1.
     pub select: Select,
     /// Stage 3; stage 2 is the closest point of the surface.
-    pub weigh: Weigh,
+    pub weigh: PairWeight,
     /// Stage 4.
     pub reject: Reject,
     /// Stage 5.
@@ -76,7 +76,7 @@ impl Default for Icp {
         Self {
             motion: Motion::Rigid,
             select: Select::All,
-            weigh: Weigh::Even,
+            weigh: PairWeight::Even,
             reject: Reject::Median(3.0),
             measure: Measure::Planes,
             rounds: 100,
@@ -233,7 +233,7 @@ impl Icp {
     fn step(&self, pairs: &[Pair]) -> Option<Similarity3<f64>> {
         let most = greatest(pairs.iter().map(|p| p.distance));
         let weight = |p: &Pair| match self.weigh {
-            Weigh::Near if most > 0.0 => 1.0 - p.distance / most,
+            PairWeight::Near if most > 0.0 => 1.0 - p.distance / most,
             _ => 1.0,
         };
         let weights: Vec<f64> = pairs.iter().map(weight).collect();

@@ -13,10 +13,10 @@ use nalgebra::{Point3, Vector3};
 pub use fit::{Motion, fit};
 pub use icp::{Icp, Registered};
 pub use nonrigid::{Bent, NonRigid};
-pub use ransac::{Begun, Ransac};
-pub use whole::{Laid, Settings, lay};
+pub use ransac::{InitialAlignment, Ransac};
+pub use whole::{Settings, SurfaceRegistration, register_surfaces};
 
-use crate::mesh::closest::{Closest, SurfaceTree};
+use crate::mesh::closest::{SurfaceTree, TriangleProjection};
 use crate::mesh::{MeshError, Topology, TriangleMesh};
 
 /// Error of a registration.
@@ -167,7 +167,7 @@ impl<'a> Surface<'a> {
     /// sum w_i ((p_i - y) . n_i) n_i is on the surface to second order: a triangle lies below a
     /// surface of curvature k by k/2 sum w_i |y - p_i|^2. Without this correction two samples of
     /// one round body differ by the depth of their triangles, and the moving one shrinks.
-    fn curved(&self, near: &Closest) -> (Point3<f64>, Vector3<f64>) {
+    fn curved(&self, near: &TriangleProjection) -> (Point3<f64>, Vector3<f64>) {
         let flat = self.normal(near.triangle);
         let names = self.mesh.triangles[near.triangle as usize];
         let (corners, normals) = (

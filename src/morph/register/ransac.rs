@@ -170,15 +170,15 @@ impl Ransac {
         fixed: &Surface<'_>,
         others: &[Similarity3<f64>],
         go_on: &dyn Fn() -> bool,
-    ) -> Result<Begun, RegisterError> {
+    ) -> Result<InitialAlignment, RegisterError> {
         let mut draws = Random::new(self.seed);
-        let mut best: Option<(usize, Begun)> = None;
+        let mut best: Option<(usize, InitialAlignment)> = None;
         for _ in 0..ATTEMPTS {
             let search = Search::new(self, moving, fixed, &mut draws);
             let next = self.once(&search, others, &mut draws, go_on)?;
             let drawn = next.1.draws + best.as_ref().map_or(0, |b| b.1.draws);
             let (score, begun) = best.filter(|b| b.0 >= next.0).unwrap_or(next);
-            let begun = Begun {
+            let begun = InitialAlignment {
                 draws: drawn,
                 ..begun
             };
@@ -204,7 +204,7 @@ impl Ransac {
         others: &[Similarity3<f64>],
         draws: &mut Random,
         go_on: &dyn Fn() -> bool,
-    ) -> Result<(usize, Begun), RegisterError> {
+    ) -> Result<(usize, InitialAlignment), RegisterError> {
         let needed = (self.patience
             * draws_needed(
                 self.good.clamp(0.01, 0.99),
@@ -271,7 +271,7 @@ impl Ransac {
         let (score, inliers, motion) = found.ok_or(none)?;
         Ok((
             score,
-            Begun {
+            InitialAlignment {
                 motion,
                 draws: count,
                 inliers,
@@ -284,7 +284,7 @@ impl Ransac {
 
 /// Start of a registration.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Begun {
+pub struct InitialAlignment {
     /// Motion of the moving surface to near the fixed one.
     pub motion: Similarity3<f64>,
     /// Number of draws.
@@ -297,7 +297,7 @@ pub struct Begun {
     pub wanted: usize,
 }
 
-impl Begun {
+impl InitialAlignment {
     /// The error for too few agreeing points.
     pub fn too_few(&self) -> RegisterError {
         let Self {

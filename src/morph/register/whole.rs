@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Matrix3, Point3, Similarity3, Translation3, UnitQuaternion, Vector3};
 
-use super::ransac::Begun;
+use super::ransac::InitialAlignment;
 use super::{Bent, Icp, Motion, NonRigid, Ransac, RegisterError, Registered, Surface};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::median;
@@ -37,9 +37,9 @@ pub struct Times {
 
 /// A surface registered to another.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Laid {
+pub struct SurfaceRegistration {
     /// The start.
-    pub begun: Begun,
+    pub begun: InitialAlignment,
     /// Result of the iterated closest points.
     pub registered: Registered,
     /// Result of the deformation.
@@ -79,7 +79,7 @@ impl Residual {
     }
 }
 
-impl Laid {
+impl SurfaceRegistration {
     /// Distances of the vertices that lie on the other surface.
     pub fn residual(&self) -> Residual {
         Residual::of(
@@ -101,12 +101,12 @@ impl Laid {
 ///
 /// # Errors
 /// No start, too few pairs during the refinement, a system without solution, or a stop by `go_on`.
-pub fn lay(
+pub fn register_surfaces(
     moving: &Surface<'_>,
     fixed: &Surface<'_>,
     settings: &Settings,
     go_on: &dyn Fn() -> bool,
-) -> Result<Laid, RegisterError> {
+) -> Result<SurfaceRegistration, RegisterError> {
     let mut times = Times::default();
     let begun = Instant::now();
     let ransac = Ransac {
@@ -145,7 +145,7 @@ pub fn lay(
         points.clone_from(&bent.points);
     }
     let (distances, inliers) = judged(moving, fixed, &points, ransac.near);
-    Ok(Laid {
+    Ok(SurfaceRegistration {
         begun: start,
         registered,
         bent,

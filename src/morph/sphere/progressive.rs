@@ -16,7 +16,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 
 use super::SphereError;
 use super::kernel::{kernel, middle, sees};
-use super::removal::{reduce, spots};
+use super::removal::{oriented_points, reduce};
 use super::rings::{Removed, Rings};
 use super::stretch::{Patch, Stretch, energy, stretch};
 use crate::mesh::TriangleMesh;
@@ -42,7 +42,7 @@ pub fn map(mesh: &TriangleMesh) -> Result<Vec<Point3<f64>>, SphereError> {
     let Some(rings) = Rings::new(mesh.vertices.len(), &mesh.triangles) else {
         return Err(SphereError::Vertex { vertex: 0 });
     };
-    let (rings, removed) = reduce(&spots(mesh), rings)?;
+    let (rings, removed) = reduce(&oriented_points(mesh), rings)?;
     let base: Vec<u32> = (0..mesh.vertices.len() as u32)
         .filter(|&v| !rings.of(v).is_empty())
         .collect();

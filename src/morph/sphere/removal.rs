@@ -17,7 +17,7 @@ use std::collections::BinaryHeap;
 
 use nalgebra::{Point3, Vector3};
 
-use super::super::spot::Spot;
+use super::super::oriented_point::OrientedPoint;
 use super::SphereError;
 use super::centre::bounding_sphere;
 use super::rings::{Removed, Rings};
@@ -29,18 +29,18 @@ use crate::mesh::measures::greatest;
 const EXTENT: f64 = 3.0;
 
 /// The vertices of a body.
-pub fn spots(mesh: &TriangleMesh) -> Vec<Spot> {
+pub fn oriented_points(mesh: &TriangleMesh) -> Vec<OrientedPoint> {
     let (centre, radius) = bounding_sphere(&mesh.vertices);
     // A body of size 0 has no order.
     let scale = if radius > 0.0 { EXTENT / radius } else { 0.0 };
-    let spot = |(p, normal): (&Point3<f64>, Vector3<f64>)| Spot {
+    let oriented_point = |(p, normal): (&Point3<f64>, Vector3<f64>)| OrientedPoint {
         place: Point3::from((p - centre) * scale),
         normal,
     };
     mesh.vertices
         .iter()
         .zip(mesh.vertex_normals())
-        .map(spot)
+        .map(oriented_point)
         .collect()
 }
 
@@ -72,11 +72,14 @@ impl PartialOrd for Candidate {
 }
 
 /// Removes vertices until four remain.
-pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>), SphereError> {
-    let count = spots.len();
+pub fn reduce(
+    oriented_points: &[OrientedPoint],
+    mut rings: Rings,
+) -> Result<(Rings, Vec<Removed>), SphereError> {
+    let count = oriented_points.len();
     let mut stamps = vec![0u32; count];
     let mut open: BinaryHeap<Reverse<Candidate>> = (0..count as u32)
-        .filter_map(|v| best(spots, &rings, v, 0))
+        .filter_map(|v| best(oriented_points, &rings, v, 0))
         .map(Reverse)
         .collect();
     let mut removed = Vec::with_capacity(count - 4);
@@ -85,7 +88,7 @@ pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>),
             let left = (0..count as u32).filter(|&v| !rings.of(v).is_empty());
             let again: Vec<_> = left
                 .clone()
-                .filter_map(|v| best(spots, &rings, v, stamps[v as usize]))
+                .filter_map(|v| best(oriented_points, &rings, v, stamps[v as usize]))
                 .collect();
             if again.is_empty() {
                 return Err(SphereError::Stuck {
@@ -116,7 +119,7 @@ pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>),
         };
         for v in touched {
             stamps[v as usize] += 1;
-            open.extend(best(spots, &rings, v, stamps[v as usize]).map(Reverse));
+            open.extend(best(oriented_points, &rings, v, stamps[v as usize]).map(Reverse));
         }
     }
     Ok((rings, removed))
@@ -124,11 +127,19 @@ pub fn reduce(spots: &[Spot], mut rings: Rings) -> Result<(Rings, Vec<Removed>),
 
 /// The neighbour with the least cost of a contraction: without long new edges, and without many
 /// neighbours afterwards.
-fn best(spots: &[Spot], rings: &Rings, vertex: u32, stamp: u32) -> Option<Candidate> {
+fn best(
+    oriented_points: &[OrientedPoint],
+    rings: &Rings,
+    vertex: u32,
+    stamp: u32,
+) -> Option<Candidate> {
     let ours = rings.of(vertex);
     let cost = |into: u32| {
-        let from = &spots[into as usize];
-        let longest = greatest(ours.iter().map(|&v| from.square(&spots[v as usize])));
+        let from = &oriented_points[into as usize];
+        let longest = greatest(
+            ours.iter()
+                .map(|&v| from.square(&oriented_points[v as usize])),
+        );
         let degree = ours.len() + rings.of(into).len() - 4;
         let many = degree.saturating_sub(6) as f64 + ours.len().saturating_sub(6) as f64;
         longest * (1.0 + many * many)

@@ -1,6 +1,6 @@
 use super::*;
 use crate::mesh::shapes::icosphere;
-use crate::skin::Order;
+use crate::skin::ImplantSpec;
 use crate::skin::plan::Place;
 
 /// A sphere of 10 cm with edges of about 1.4 cm.
@@ -8,12 +8,12 @@ fn ball() -> TriangleMesh {
     icosphere(0.1, 3)
 }
 
-fn ready(skin: &TriangleMesh, vertex: usize, edge: f64) -> Ready {
-    let order = Order {
+fn ready(skin: &TriangleMesh, vertex: usize, edge: f64) -> PreparedPatch {
+    let order = ImplantSpec {
         edge: Some(edge),
-        ..Order::round(Place::Vertex(vertex), 0.05, 2e-5)
+        ..ImplantSpec::round(Place::Vertex(vertex), 0.05, 2e-5)
     };
-    Ready::new(skin, &order, &[]).expect("a region")
+    PreparedPatch::new(skin, &order, &[]).expect("a region")
 }
 
 /// True for a closed, connected mesh of genus 0 with each edge in both directions and without
@@ -35,7 +35,7 @@ fn thinnest(mesh: &TriangleMesh) -> f64 {
 }
 
 /// The earlier method: patches beside the rest of the skin.
-fn unjoined(skin: &TriangleMesh, ready: &Ready) -> TriangleMesh {
+fn unjoined(skin: &TriangleMesh, ready: &PreparedPatch) -> TriangleMesh {
     let mut mesh = crate::skin::region::Region::of(skin, ready.outside.clone()).mesh;
     let first = mesh.vertices.len() as u32;
     mesh.triangles
@@ -91,12 +91,12 @@ fn a_closed_skin_stays_closed_and_the_region_as_it_was() {
 fn rims_of_two_patches_meet_whatever_their_edges() {
     let skin = ball();
     let one = ready(&skin, 5, 0.0025);
-    let inside = |r: &Ready| -> Vec<bool> {
+    let inside = |r: &PreparedPatch| -> Vec<bool> {
         let mut inside = vec![true; skin.triangles.len()];
         r.outside.iter().for_each(|t| inside[*t as usize] = false);
         inside
     };
-    let edges = |r: &Ready| -> Vec<[u32; 2]> {
+    let edges = |r: &PreparedPatch| -> Vec<[u32; 2]> {
         let chains = rim(&r.patch, &Topology::new(&r.patch), &r.origin);
         chains
             .iter()

@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::hierarchy::Hierarchy;
-use crate::contact::ways::overlap::may_meet;
+use crate::contact::broad_phase::overlap::may_meet;
 use crate::mesh::measures::Aabb;
 
 /// Greatest number of entries of all lists.

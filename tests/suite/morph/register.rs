@@ -4,7 +4,7 @@ use crate::tolerances::{T9, T18, T19, T20, worst};
 use nalgebra::{Isometry3, Point3, Similarity3, UnitQuaternion, Vector3};
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::morph::register::fit::draws_needed;
-use pliant::morph::register::icp::{Measure, Reject, Select, Weigh};
+use pliant::morph::register::icp::{Measure, PairWeight, Reject, Select};
 use pliant::morph::register::{Icp, Motion, NonRigid, Ransac, RegisterError, Surface, fit};
 use pliant::testing::Draw;
 
@@ -173,7 +173,7 @@ fn every_way_through_the_six_stages_ends_at_the_known_motion() {
         (
             "near",
             Icp {
-                weigh: Weigh::Near,
+                weigh: PairWeight::Near,
                 ..base
             },
         ),

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point3;
 use pliant::contact::Surface;
 use pliant::mesh::{Topology, TriangleMesh};
-use pliant::skin::plan::{Inserted, Place, Ready};
+use pliant::skin::plan::{Inserted, Place, PreparedPatch};
 use pliant::skin::whole::Whole;
-use pliant::skin::{Order, Shape, SkinError, insert};
+use pliant::skin::{ImplantSpec, Shape, SkinError, insert};
 
 /// A mesh of the data set in metres; `None`, and a word about it, where there is none.
 fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
@@ -27,7 +27,11 @@ fn read(name: &str, unit: f64) -> Option<TriangleMesh> {
     Some(mesh)
 }
 
-fn settled(skin: &TriangleMesh, order: &Order, obstacles: &[TriangleMesh]) -> (Ready, Inserted) {
+fn settled(
+    skin: &TriangleMesh,
+    order: &ImplantSpec,
+    obstacles: &[TriangleMesh],
+) -> (PreparedPatch, Inserted) {
     let (ready, done) = insert(skin, order, obstacles, |_| true).expect("settled");
     let volume = order.implant.volume;
     println!(
@@ -79,7 +83,7 @@ fn a_breast_takes_an_implant_of_fourteen_centimetres() {
     let Some(body) = read("body/body_quads.obj", 0.1) else {
         return;
     };
-    let order = Order::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
+    let order = ImplantSpec::round(Place::Point(Point3::new(0.070, 0.377, 0.160)), 0.14, 300e-6);
     let (ready, _) = settled(&body, &order, &[]);
     // The body is closed, and with the refined patch in it still is.
     let whole = Topology::new(&Whole::of(&body, &[&ready]).mesh);
@@ -93,19 +97,19 @@ fn in_a_fold_nothing_sinks_into_anything() {
     let Some(body) = read("body/body_quads.obj", 0.1) else {
         return;
     };
-    let groin = Order::round(Place::Point(Point3::new(0.02, -0.05, 0.05)), 0.05, 50e-6);
+    let groin = ImplantSpec::round(Place::Point(Point3::new(0.02, -0.05, 0.05)), 0.05, 50e-6);
     settled(&body, &groin, &[]);
     let Some(face) = read("fran_cut.vtk", 1.0) else {
         return;
     };
-    let mut crescent = Order::round(Place::Vertex(900), 0.025, 3e-6);
+    let mut crescent = ImplantSpec::round(Place::Vertex(900), 0.025, 3e-6);
     crescent.implant.shape = Shape::Crescent;
     crescent.tissue.depth = 2e-3;
     settled(&face, &crescent, &[]);
 }
 
 /// How far a free vertex is under an obstacle at most [m].
-fn depth_in(ready: &Ready, obstacles: &[TriangleMesh], x: &[Point3<f64>]) -> f64 {
+fn depth_in(ready: &PreparedPatch, obstacles: &[TriangleMesh], x: &[Point3<f64>]) -> f64 {
     let mut deepest = 0.0_f64;
     for surface in obstacles.iter().map(Surface::new) {
         for (v, p) in x.iter().enumerate() {
@@ -142,7 +146,7 @@ fn the_scalp_stays_outside_the_skull() {
         return;
     };
     let bones = bones();
-    let mut order = Order::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
+    let mut order = ImplantSpec::round(Place::Point(Point3::new(0.035, 1.71, -0.03)), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
     let depth = depth_in(&ready, &bones, &done.x);
@@ -163,7 +167,7 @@ fn over_a_suture_between_bones_the_scalp_stays_outside_both() {
     };
     let bones = bones();
     // A centimetre from the suture.
-    let mut order = Order::round(Place::Vertex(60), 0.03, 8e-6);
+    let mut order = ImplantSpec::round(Place::Vertex(60), 0.03, 8e-6);
     order.tissue.depth = 3e-3;
     let (ready, done) = settled(&scalp, &order, &bones);
     assert!(depth_in(&ready, &bones, &done.x) <= 1e-3 * order.implant.base);
@@ -174,14 +178,14 @@ fn a_face_takes_an_implant_where_it_is_flat_enough() {
     let Some(face) = read("fran_cut.vtk", 1.0) else {
         return;
     };
-    let cheek = Order::round(
+    let cheek = ImplantSpec::round(
         Place::Point(Point3::new(0.0893, -0.1536, -0.0409)),
         0.03,
         5e-6,
     );
     settled(&face, &cheek, &[]);
     // Over the nose the skin turns away beside it; the error says what to change.
-    let nose = Order::round(Place::Vertex(1007), 0.04, 5e-6);
+    let nose = ImplantSpec::round(Place::Vertex(1007), 0.04, 5e-6);
     let error = insert(&face, &nose, &[], |_| true).expect_err("no place for it");
     assert!(matches!(error, SkinError::TooCurved { .. }), "{error}");
     assert!(error.help().contains("flatter place"));

@@ -1,10 +1,10 @@
 //! Several implants under skin that they share.
 
 use nalgebra::Point3;
-use pliant::skin::plan::{Inserted, Place, Ready};
+use pliant::skin::plan::{Inserted, Place, PreparedPatch};
 use pliant::skin::settle::deepest;
 use pliant::skin::together::{Group, grouped};
-use pliant::skin::{Order, SkinError};
+use pliant::skin::{ImplantSpec, SkinError};
 
 use super::shapes::sheet;
 use super::sunk;
@@ -13,12 +13,12 @@ use crate::tolerances::T6;
 const BASE: f64 = 0.03;
 
 /// Orders of round implants at places along x [m] of a sheet, with volumes [m^3].
-fn orders(at: &[(f64, f64)]) -> Vec<Order> {
+fn orders(at: &[(f64, f64)]) -> Vec<ImplantSpec> {
     let order = |&(x, volume): &(f64, f64)| {
         let place = Place::Point(Point3::new(x, 0.0, 0.0));
-        Order {
+        ImplantSpec {
             edge: Some(2.5e-3),
-            ..Order::round(place, BASE, volume)
+            ..ImplantSpec::round(place, BASE, volume)
         }
     };
     at.iter().map(order).collect()
@@ -28,7 +28,7 @@ fn groups(at: &[(f64, f64)]) -> Result<Vec<Group>, (usize, SkinError)> {
     grouped(&sheet(80, 0.2), &orders(at), |_| Vec::new(), &|| true)
 }
 
-fn settled(ready: &Ready) -> Inserted {
+fn settled(ready: &PreparedPatch) -> Inserted {
     let done = ready
         .insert_after(None, &ready.volumes(), |_| true)
         .expect("settled");
@@ -154,7 +154,7 @@ fn no_skin_is_in_two_groups() {
     // The joint patch of the first two has longer edges than that of the second alone, and meets the third where that did not.
     let order = |x: f64, y: f64, base: f64| {
         let place = Place::Point(Point3::new(x, y, 0.0));
-        Order::round(place, base, 0.05 * base * base * base)
+        ImplantSpec::round(place, base, 0.05 * base * base * base)
     };
     let skin = sheet(80, 0.2);
     for y in [0.0, 1e-3, 1.87e-3, 3e-3, 6e-3] {

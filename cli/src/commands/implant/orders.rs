@@ -8,7 +8,7 @@ use pliant::scene::units::{Dimension, parse};
 use pliant::skin::implant::{Implant, SILICONE};
 use pliant::skin::layers::Tissue;
 use pliant::skin::plan::Place;
-use pliant::skin::{Filling, Order, Schedule, Shape, SkinError};
+use pliant::skin::{Filling, ImplantSpec, Schedule, Shape, SkinError};
 
 /// Units of areas and volumes [m^2, m^3].
 const AREAS: &[(&str, f64)] = &[("cm2", 1e-4), ("mm2", 1e-6), ("dm2", 1e-2), ("m2", 1.0)];
@@ -191,7 +191,7 @@ fn schedule(text: &str) -> Result<Schedule, Failure> {
 }
 
 /// The order of one implant.
-pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Order, Failure> {
+pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<ImplantSpec, Failure> {
     let (at, vertex) = match (said.near_vertex, &said.at) {
         (None, None) => (arguments.at.as_ref(), arguments.near_vertex),
         (vertex, at) => (at.as_ref(), vertex),
@@ -235,7 +235,7 @@ pub(super) fn order(arguments: &Arguments, said: &Said, unit: f64) -> Result<Ord
             Some(_) => format!("--implant: {key}"),
             None => format!("--{key}"),
         });
-    let order = Order {
+    let order = ImplantSpec {
         place,
         implant: Implant {
             shape,
@@ -312,7 +312,7 @@ pub(super) enum Question {
 
 impl Question {
     /// Volumes that are known before anything is computed [m^3], in their order, and the day of each.
-    pub(super) fn volumes(&self, order: &Order) -> Vec<(f64, Option<f64>)> {
+    pub(super) fn volumes(&self, order: &ImplantSpec) -> Vec<(f64, Option<f64>)> {
         match self {
             Self::Volume => vec![(order.implant.volume, None)],
             Self::Area(_) => Vec::new(),
@@ -331,7 +331,7 @@ impl Question {
     }
 
     /// Refuses volumes that are no implant: one so flat that contact decides where it lies, or one too large for its base.
-    pub(super) fn check(&self, order: &Order) -> Result<(), SkinError> {
+    pub(super) fn check(&self, order: &ImplantSpec) -> Result<(), SkinError> {
         let edge = order.edge();
         for (volume, _) in self.volumes(order) {
             let implant = Implant {

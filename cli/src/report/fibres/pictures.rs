@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 use super::Bundle;
 use crate::report::output::Picture;
 use pliant::fibres::attachment::Area;
-use pliant::fibres::each::action;
+use pliant::fibres::fibre_measures::action;
 use pliant::mesh::cut::{cut, filled};
 use pliant::mesh::{Topology, TriangleMesh};
 use pliant_render::{

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
-use pliant::contact::ways::{BitGrid, Fill};
+use pliant::contact::broad_phase::{BitGrid, Fill};
 use pliant::mesh::topology::Topology;
 use pliant::mesh::{TriangleMesh, shapes};
 use pliant::springs::contact::body::{Body, Drive};

@@ -1,7 +1,7 @@
 use super::*;
 use pliant::mesh::shapes::icosphere;
 use pliant::skin::plan::Place;
-use pliant::skin::{Order, insert};
+use pliant::skin::{ImplantSpec, insert};
 
 /// A sphere of 10 cm, and one of `around` about it if that is not 0 [m].
 fn ball(around: f64) -> TriangleMesh {
@@ -18,9 +18,9 @@ fn ball(around: f64) -> TriangleMesh {
 fn inserted<'a>(skin: &'a TriangleMesh, places: &[Vector3<f64>]) -> Insertion<'a> {
     let implants = places.iter().map(|at| {
         let place = Place::Point(Point3::from(at.normalize() * 0.1));
-        let order = Order {
+        let order = ImplantSpec {
             edge: Some(6e-3),
-            ..Order::round(place, 0.04, 1e-5)
+            ..ImplantSpec::round(place, 0.04, 1e-5)
         };
         insert(skin, &order, &[], |_| true).expect("inserted")
     });

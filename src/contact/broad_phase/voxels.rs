@@ -3,11 +3,11 @@
 use nalgebra::Point3;
 
 use super::boxes::Boxes;
-use super::{Best, Kind, Way};
+use super::{Best, Method, NearestTriangle};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const KIND: Kind = Kind {
+pub(super) const METHOD: Method = Method {
     name: "voxels",
     sizes: &[16, 24, 32, 64],
     usual: 32,
@@ -72,7 +72,7 @@ impl Voxels {
     }
 }
 
-impl Way for Voxels {
+impl NearestTriangle for Voxels {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut best = Best::within(reach);
         self.boxes.search(point, reach, |place, _| {

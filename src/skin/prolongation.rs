@@ -5,20 +5,20 @@
 use nalgebra::{Point3, Vector3};
 
 use super::layers::Layers;
-use super::sheet::Sheet;
+use super::support_surface::SupportSurface;
 use crate::mesh::TriangleMesh;
 
 /// Displacements [m] over a surface at rest, interpolated at points near it.
-pub struct Carried<'a> {
-    sheet: Sheet,
+pub struct Prolongation<'a> {
+    sheet: SupportSurface,
     moved: &'a [Vector3<f64>],
 }
 
-impl<'a> Carried<'a> {
+impl<'a> Prolongation<'a> {
     /// Creates the interpolation from displacements of the vertices of a surface.
     pub fn new(surface: TriangleMesh, moved: &'a [Vector3<f64>]) -> Self {
         Self {
-            sheet: Sheet::new(surface),
+            sheet: SupportSurface::new(surface),
             moved,
         }
     }
@@ -55,8 +55,8 @@ impl Layers {
         // Both layers use the nearest point of the upper one: a vertex and the one below it belong
         // together.
         let [upper, lower] = [
-            Carried::new(upper.clone(), &moved[..m]),
-            Carried::new(upper, &moved[m..]),
+            Prolongation::new(upper.clone(), &moved[..m]),
+            Prolongation::new(upper, &moved[m..]),
         ];
         let at = |v: usize| {
             if self.held[v] {

@@ -45,13 +45,13 @@ impl Place {
 /// The surface has no global sign: skin and bones are often open, and the side of a body follows
 /// from the side from which it came.
 #[derive(Clone, Debug)]
-pub struct Sheet {
+pub struct SupportSurface {
     mesh: TriangleMesh,
     topology: Arc<Topology>,
     tree: SurfaceTree,
 }
 
-impl Sheet {
+impl SupportSurface {
     /// Creates a sheet from a surface with valid indices.
     pub fn new(mesh: TriangleMesh) -> Self {
         let topology = Arc::new(Topology::new(&mesh));
@@ -139,7 +139,7 @@ mod tests {
 
     #[test]
     fn weights_give_the_place_back() {
-        let sheet = Sheet::new(square());
+        let sheet = SupportSurface::new(square());
         for p in [
             [0.3, 0.2, 0.1],
             [0.2, 0.9, -0.4],
@@ -176,7 +176,7 @@ mod tests {
             vertices,
             triangles: vec![[1, 0, 2], [0, 1, 3]],
         };
-        let sheet = Sheet::new(roof);
+        let sheet = SupportSurface::new(roof);
         for (x, up) in [(0.1, 1.0), (-0.1, 1.0)] {
             let p = Point3::new(x, 0.0, 0.1);
             let near = sheet.nearest(&p, 1.0).expect("near");
@@ -192,15 +192,19 @@ mod tests {
 
     #[test]
     fn a_surface_is_turned_to_what_is_outside() {
-        let looks = |sheet: &Sheet| sheet.mesh.triangles[0] == [0, 1, 2];
+        let looks = |sheet: &SupportSurface| sheet.mesh.triangles[0] == [0, 1, 2];
         let (above, below) = (Point3::new(0.4, 0.3, 0.1), Point3::new(0.4, 0.3, -0.1));
-        assert!(looks(&Sheet::facing(square(), &[above, above, below], 1.0)));
-        assert!(!looks(&Sheet::facing(
+        assert!(looks(&SupportSurface::facing(
+            square(),
+            &[above, above, below],
+            1.0
+        )));
+        assert!(!looks(&SupportSurface::facing(
             square(),
             &[above, below, below],
             1.0
         )));
         // Distant points have no influence.
-        assert!(looks(&Sheet::facing(square(), &[below], 0.01)));
+        assert!(looks(&SupportSurface::facing(square(), &[below], 0.01)));
     }
 }

@@ -6,7 +6,7 @@ use crate::state::{Corrupt, Reader, Value, Writer};
 
 /// A half-space constraint on a weighted mean of up to three vertices: n.(sum w x - o) >= distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct ContactPlane {
     /// Vertices and their weights; for a single vertex the others have weight zero.
     pub terms: [(u32, f64); 3],
     /// Unit direction away from the obstacle.
@@ -17,7 +17,7 @@ pub struct Row {
     pub distance: f64,
 }
 
-impl Row {
+impl ContactPlane {
     /// Height above the required one [m]; negative if the constraint is violated.
     pub fn room(&self, x: &[Point3<f64>]) -> f64 {
         let mut sum = -self.distance;
@@ -58,7 +58,7 @@ impl Row {
     }
 }
 
-impl Value for Row {
+impl Value for ContactPlane {
     const LEAST: usize = 3 * 12 + 24 + 24 + 8;
 
     fn put(&self, to: &mut Writer) {

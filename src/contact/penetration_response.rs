@@ -7,7 +7,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::nearest::area_normal;
-use super::{Closest, OnTriangle, Surface};
+use super::{OnTriangle, Projection, Surface};
 
 /// Displacement of a vertex along a normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub enum Length {
 
 /// The new position of a vertex inside a bone.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Remedy {
+pub enum PenetrationResponse {
     /// Immediate: the nearest vertex of the bone. The vertex ends on the surface, but all vertices
     /// near it end on the same point.
     NearestVertex,
@@ -38,7 +38,7 @@ pub enum Remedy {
     MeanNormal(Length),
 }
 
-impl Remedy {
+impl PenetrationResponse {
     /// The new position of a point [m]; unchanged for a point outside or an empty surface.
     pub fn place(&self, surface: &Surface, point: &Point3<f64>) -> Point3<f64> {
         let Some(on) = surface
@@ -58,7 +58,7 @@ impl Remedy {
 }
 
 impl Length {
-    fn of(self, closest: &Closest) -> f64 {
+    fn of(self, closest: &Projection) -> f64 {
         match self {
             Self::Constant(length) => length,
             Self::Share(share) => -share * closest.distance,
@@ -120,14 +120,14 @@ mod tests {
     use crate::mesh::shapes::{box_surface, icosphere};
     use crate::testing::Draw;
 
-    const ALL: [Remedy; 7] = [
-        Remedy::NearestVertex,
-        Remedy::MeanOfVertices(3),
-        Remedy::NearestPoint,
-        Remedy::FaceNormal(Length::Constant(0.01)),
-        Remedy::FaceNormal(Length::Share(1.0)),
-        Remedy::MeanNormal(Length::Constant(0.01)),
-        Remedy::MeanNormal(Length::Share(1.0)),
+    const ALL: [PenetrationResponse; 7] = [
+        PenetrationResponse::NearestVertex,
+        PenetrationResponse::MeanOfVertices(3),
+        PenetrationResponse::NearestPoint,
+        PenetrationResponse::FaceNormal(Length::Constant(0.01)),
+        PenetrationResponse::FaceNormal(Length::Share(1.0)),
+        PenetrationResponse::MeanNormal(Length::Constant(0.01)),
+        PenetrationResponse::MeanNormal(Length::Share(1.0)),
     ];
 
     fn distance(surface: &Surface, p: &Point3<f64>) -> f64 {
@@ -162,15 +162,21 @@ mod tests {
         let mut inside = 0;
         for p in drawn(&surface, 300, 81) {
             let depth = -distance(&surface, &p);
-            for remedy in [Remedy::NearestVertex, Remedy::NearestPoint] {
+            for remedy in [
+                PenetrationResponse::NearestVertex,
+                PenetrationResponse::NearestPoint,
+            ] {
                 let end = remedy.place(&surface, &p);
                 assert!(distance(&surface, &end).abs() <= 1e-12, "{remedy:?} of {p}");
                 assert!((end - p).norm() >= depth * (1.0 - 1e-12));
             }
-            let shortest = (Remedy::NearestPoint.place(&surface, &p) - p).norm();
+            let shortest = (PenetrationResponse::NearestPoint.place(&surface, &p) - p).norm();
             assert!((shortest - depth).abs() <= 1e-12);
             inside += usize::from(
-                distance(&surface, &Remedy::MeanOfVertices(3).place(&surface, &p)) < -1e-3,
+                distance(
+                    &surface,
+                    &PenetrationResponse::MeanOfVertices(3).place(&surface, &p),
+                ) < -1e-3,
             );
         }
         assert!(
@@ -183,7 +189,7 @@ mod tests {
     fn the_nearest_vertex_is_the_same_for_many() {
         let mesh = box_surface([1.0, 1.0, 1.0], 0.5);
         let surface = Surface::new(&mesh);
-        let ends = |remedy: Remedy| {
+        let ends = |remedy: PenetrationResponse| {
             let place = |p: Point3<f64>| remedy.place(&surface, &p);
             let all = drawn(&surface, 500, 82)
                 .into_iter()
@@ -191,17 +197,19 @@ mod tests {
                 .map(|p| [p.x, p.y, p.z].map(f64::to_bits));
             all.collect::<BTreeSet<_>>().len()
         };
-        assert!(ends(Remedy::NearestVertex) <= mesh.vertices.len());
+        assert!(ends(PenetrationResponse::NearestVertex) <= mesh.vertices.len());
         assert_eq!(
-            ends(Remedy::NearestPoint),
+            ends(PenetrationResponse::NearestPoint),
             500,
             "control: nothing is many-to-one"
         );
         // A triangle near one vertex then has no area.
         let t = [[0.4, 0.4, 0.45], [0.45, 0.4, 0.4], [0.4, 0.45, 0.4]].map(Point3::from);
-        let area = |remedy: Remedy| area_normal(&t.map(|p| remedy.place(&surface, &p))).norm();
-        assert_eq!(area(Remedy::NearestVertex), 0.0);
-        assert!(area(Remedy::NearestPoint) > 1e-4);
+        let area = |remedy: PenetrationResponse| {
+            area_normal(&t.map(|p| remedy.place(&surface, &p))).norm()
+        };
+        assert_eq!(area(PenetrationResponse::NearestVertex), 0.0);
+        assert!(area(PenetrationResponse::NearestPoint) > 1e-4);
     }
 
     #[test]
@@ -215,7 +223,10 @@ mod tests {
             (Length::Constant(0.08), 3, 0.06),
             (Length::Constant(0.08), 4, -0.02),
         ] {
-            for remedy in [Remedy::FaceNormal(length), Remedy::MeanNormal(length)] {
+            for remedy in [
+                PenetrationResponse::FaceNormal(length),
+                PenetrationResponse::MeanNormal(length),
+            ] {
                 let end = (0..pushes).fold(start, |p, _| remedy.place(&surface, &p));
                 let depth = -distance(&surface, &end);
                 assert!(
@@ -263,16 +274,16 @@ mod tests {
             (distance(&surface, &p) + 0.1).abs() <= 1e-12,
             "the edge is nearest"
         );
-        let after = |remedy: Remedy| -distance(&surface, &remedy.place(&surface, &p));
+        let after = |remedy: PenetrationResponse| -distance(&surface, &remedy.place(&surface, &p));
         // |p + n d|^2 = d^2 (2 + 2 cos) with the angle between the normal of a face and the
         // direction of p.
         let expected = 0.1 * (2.0 - 2.0 * libm::sin(0.5 * angle)).sqrt();
-        let deeper = after(Remedy::FaceNormal(Length::Share(1.0)));
+        let deeper = after(PenetrationResponse::FaceNormal(Length::Share(1.0)));
         assert!(
             (deeper - expected).abs() <= 1e-12 && deeper > 0.12,
             "{deeper} for {expected}"
         );
-        assert!(after(Remedy::MeanNormal(Length::Share(1.0))) < 0.1);
-        assert!(after(Remedy::NearestPoint).abs() <= 1e-12);
+        assert!(after(PenetrationResponse::MeanNormal(Length::Share(1.0))) < 0.1);
+        assert!(after(PenetrationResponse::NearestPoint).abs() <= 1e-12);
     }
 }

@@ -6,13 +6,13 @@ use std::time::Instant;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::align::{AlignError, Moving, move_features, nearest_rotation};
-use super::likeness::{Likeness, Match};
 use super::locate::{Located, Locator};
 use super::overlay::{Origin, Overlay, OverlayError};
-use super::pose::{Posed, Start, by_shape};
+use super::pose::{InitialPose, Start, by_shape};
+use super::shape_similarity::{Match, ShapeSimilarity};
 use super::sphere::relaxation::{Effort, Relaxation};
 use super::sphere::{SphereError, SphereMap};
-use super::warp::{Wish, drawn};
+use super::warp::{Target, warped};
 use crate::mesh::TriangleMesh;
 
 /// Method of the map to the sphere.
@@ -60,7 +60,7 @@ pub struct Settings {
 
 /// Error of [`Between::new`].
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum BetweenError {
+pub enum CorrespondenceError {
     /// A surface has no map to the sphere.
     #[error("{error}")]
     Surface {
@@ -112,7 +112,7 @@ struct On {
 
 /// Two surfaces with common vertices and triangles.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Between {
+pub struct Correspondence {
     /// Both maps after the alignment.
     pub maps: [SphereMap; 2],
     /// Effort of the relaxation, if used.
@@ -135,7 +135,7 @@ pub struct Between {
     on: [Vec<On>; 2],
 }
 
-impl Between {
+impl Correspondence {
     /// Creates the correspondence of two surfaces; vertex `pairs[i][0]` of the first maps to vertex
     /// `pairs[i][1]` of the second.
     ///
@@ -147,12 +147,12 @@ impl Between {
         pairs: &[[u32; 2]],
         settings: &Settings,
         go_on: &(dyn Fn() -> bool + Sync),
-    ) -> Result<Self, BetweenError> {
+    ) -> Result<Self, CorrespondenceError> {
         let goes_on = || {
             if go_on() {
                 Ok(())
             } else {
-                Err(BetweenError::Stopped)
+                Err(CorrespondenceError::Stopped)
             }
         };
         let (first, second) = rayon::join(
@@ -254,9 +254,13 @@ impl On {
 
 type Mapped = (SphereMap, Option<Effort>, f64);
 
-fn mapped(mesh: &TriangleMesh, side: usize, settings: &Settings) -> Result<Mapped, BetweenError> {
+fn mapped(
+    mesh: &TriangleMesh,
+    side: usize,
+    settings: &Settings,
+) -> Result<Mapped, CorrespondenceError> {
     let begun = Instant::now();
-    let of_side = |error| BetweenError::Surface { side, error };
+    let of_side = |error| CorrespondenceError::Surface { side, error };
     let (map, effort) = match settings.method {
         Method::Robust => (SphereMap::robust(mesh).map_err(of_side)?, None),
         Method::Relaxation(how) => {
@@ -266,7 +270,7 @@ fn mapped(mesh: &TriangleMesh, side: usize, settings: &Settings) -> Result<Mappe
     };
     let volume = mesh.volume();
     if volume < 0.0 {
-        return Err(BetweenError::InsideOut { side, volume });
+        return Err(CorrespondenceError::InsideOut { side, volume });
     }
     Ok((map, effort, begun.elapsed().as_secs_f64()))
 }
@@ -283,7 +287,7 @@ fn aligned(
     meshes: [&TriangleMesh; 2],
     pairs: &[[u32; 2]],
     settings: &Settings,
-) -> Result<Aligned, BetweenError> {
+) -> Result<Aligned, CorrespondenceError> {
     for pair in pairs {
         for (&vertex, map) in pair.iter().zip([&first, &second]) {
             let count = map.points().len();
@@ -300,10 +304,10 @@ fn aligned(
     };
     let (from, to) = (places(0, &first), places(1, &second));
     let (by, start) = match pairs.len() {
-        0 => return by_likeness([first, second], meshes, settings.alike),
+        0 => return by_shape_similarity([first, second], meshes, settings.alike),
         1 => {
             // One pair leaves the rotation about it free; the shapes determine it.
-            let by = by_shape([&first, &second], &Likeness::new(meshes)).turn;
+            let by = by_shape([&first, &second], &ShapeSimilarity::new(meshes)).turn;
             let rest = UnitQuaternion::rotation_between(&(by * from[0]).coords, &to[0].coords);
             (
                 rest.unwrap_or_else(UnitQuaternion::identity) * by,
@@ -324,29 +328,30 @@ fn aligned(
 
 /// Rotates the first map so that similar parts of the bodies coincide, and deforms it if that
 /// brings them nearer to each other.
-fn by_likeness(
+fn by_shape_similarity(
     [first, second]: [SphereMap; 2],
     meshes: [&TriangleMesh; 2],
     alike: Alike,
-) -> Result<Aligned, BetweenError> {
-    let likeness = Likeness::new(meshes);
-    let Posed {
+) -> Result<Aligned, CorrespondenceError> {
+    let shape_similarity = ShapeSimilarity::new(meshes);
+    let InitialPose {
         turn,
         start,
         matches,
         pose,
-    } = by_shape([&first, &second], &likeness);
+    } = by_shape([&first, &second], &shape_similarity);
     let [first, second] = turned(first, second, &turn)?;
     if alike == Alike::Drawn {
-        let wish = |m: &Match| Wish {
+        let target = |m: &Match| Target {
             vertex: m.vertices[0],
             to: second.points()[m.vertices[1] as usize],
             weight: m.weight,
         };
-        let wishes: Vec<Wish> = matches.iter().map(wish).collect();
-        let found = drawn(&first, &wishes);
+        let targets: Vec<Target> = matches.iter().map(target).collect();
+        let found = warped(&first, &targets);
         let nearer = |map: &SphereMap| {
-            likeness.apart([map, &second], &pose) < likeness.apart([&first, &second], &pose)
+            shape_similarity.apart([map, &second], &pose)
+                < shape_similarity.apart([&first, &second], &pose)
         };
         if let Some(map) = found.filter(nearer) {
             let way = |(p, q): (&Point3<f64>, &Point3<f64>)| {
@@ -379,7 +384,7 @@ fn turned(
     first: SphereMap,
     second: SphereMap,
     by: &UnitQuaternion<f64>,
-) -> Result<[SphereMap; 2], BetweenError> {
+) -> Result<[SphereMap; 2], CorrespondenceError> {
     let mut last = None;
     for angle in ASIDE {
         let by = by * UnitQuaternion::from_scaled_axis(Vector3::new(0.48, -0.6, 0.64) * angle);
@@ -392,7 +397,7 @@ fn turned(
             return Ok([first, map]);
         }
     }
-    Err(last.map_or(BetweenError::Stopped, BetweenError::Turn))
+    Err(last.map_or(CorrespondenceError::Stopped, CorrespondenceError::Turn))
 }
 
 /// Common vertices and triangles.

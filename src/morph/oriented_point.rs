@@ -4,12 +4,12 @@ use nalgebra::{Point3, Vector3};
 
 /// A point in units of a length that the caller chooses, and the normal there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spot {
+pub struct OrientedPoint {
     pub place: Point3<f64>,
     pub normal: Vector3<f64>,
 }
 
-impl Spot {
+impl OrientedPoint {
     /// Squared distance of two oriented points: that of the positions plus that of the normals, the
     /// latter up to 4.
     #[inline]

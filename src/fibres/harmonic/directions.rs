@@ -110,7 +110,7 @@ impl Held {
 ///
 /// # Errors
 /// Too little memory.
-pub fn spread(
+pub fn extend_directions(
     cells: &Cells,
     name: &[u32],
     links: &[([u32; 2], f64)],

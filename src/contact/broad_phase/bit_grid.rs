@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::boxes::{Boxes, Place};
 use crate::contact::faces::Faces;
-use crate::contact::{Closest, Obstacle};
+use crate::contact::{Obstacle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::inside::Inside;
 use crate::mesh::measures::Aabb;
@@ -40,7 +40,7 @@ struct Stretch {
 pub struct BitGrid {
     boxes: Boxes,
     bits: Vec<u64>,
-    guards: Vec<Point3<f64>>,
+    contact_samples: Vec<Point3<f64>>,
 }
 
 impl BitGrid {
@@ -60,7 +60,7 @@ impl BitGrid {
         let mut this = Self {
             bits: vec![0; boxes.len().div_ceil(64)],
             boxes,
-            guards: faces.guards.clone(),
+            contact_samples: faces.contact_samples.clone(),
         };
         if faces.is_sound() {
             let inside = Inside::new(&mesh.vertices, &mesh.triangles);
@@ -176,7 +176,7 @@ fn set(bits: &mut [u64], index: usize) {
 
 /// The surface between free boxes and boxes of bone.
 impl Obstacle for BitGrid {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         let inside = self.holds(point);
         let mut best: Option<(f64, Place, Point3<f64>)> = None;
         self.boxes.search(point, f64::INFINITY, |place, reach| {
@@ -198,7 +198,7 @@ impl Obstacle for BitGrid {
         } else {
             self.towards(other, self.boxes.at(point)) * sign
         };
-        Some(Closest {
+        Some(Projection {
             distance: sign * distance,
             normal,
             point: nearest,
@@ -209,11 +209,11 @@ impl Obstacle for BitGrid {
         self.boxes.bounds
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
-        &self.guards
+    fn contact_samples(&self) -> &[Point3<f64>] {
+        &self.contact_samples
     }
 
     fn bytes(&self) -> usize {
-        self.bit_bytes() + self.guards.capacity() * 24
+        self.bit_bytes() + self.contact_samples.capacity() * 24
     }
 }

@@ -1,7 +1,7 @@
 //! Search for the volume that gives a requested area, and areas of several volumes.
 
 use super::SkinError;
-use super::plan::{Inserted, Ready};
+use super::plan::{Inserted, PreparedPatch};
 use super::settle::{Progress, STEADY};
 
 /// Relative tolerance of the requested area, limited by the accuracy of areas.
@@ -22,13 +22,13 @@ const APART: f64 = 0.05;
 /// Factor between volumes until two of them bracket the requested area.
 const WIDER: f64 = 1.6;
 
-impl Ready {
+impl PreparedPatch {
     /// The insertion with a gain of `wanted` [m^2] while the implant is in place: a bracket,
     /// narrowed by secants through the last two trials.
     ///
     /// # Errors
     /// A gain that no volume gives; also those of [`Ready::insert`].
-    pub fn seek(
+    pub fn solve_for_area(
         &self,
         wanted: f64,
         mut watch: impl FnMut(&Progress) -> bool,
@@ -98,7 +98,7 @@ impl Ready {
     /// The skin over each of several volumes [m^3], in their order.
     ///
     /// # Errors
-    /// See [`Ready::insert`].
+    /// See [`PreparedPatch::insert`].
     pub fn curve(
         &self,
         volumes: &[f64],

@@ -9,7 +9,7 @@ pub type Tendon = [Point3<f64>; 2];
 /// Measures of one fibre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct Each {
+pub struct FibreMeasures {
     /// Length without tendons [m].
     pub length_m: f64,
     /// Distance between the ends [m].
@@ -38,13 +38,16 @@ pub fn turned(fibre: &[Point3<f64>], action: &Vector3<f64>) -> f64 {
 }
 
 /// Measures each fibre. `tendons` holds one tendon per fibre or none.
-pub fn each(fibres: &[Vec<Point3<f64>>], tendons: &[Vec<Tendon>; 2]) -> Vec<Each> {
+pub fn measure_fibres(
+    fibres: &[Vec<Point3<f64>>],
+    tendons: &[Vec<Tendon>; 2],
+) -> Vec<FibreMeasures> {
     let action = action(fibres);
     let tendon = |end: usize, k: usize| tendons[end].get(k).map_or(0.0, |[a, b]| (b - a).norm());
     let one = |(k, fibre): (usize, &Vec<Point3<f64>>)| {
         let length_m = length(fibre);
         let ends = fibre.first().zip(fibre.last());
-        Each {
+        FibreMeasures {
             length_m,
             chord_m: ends.map_or(0.0, |(a, b)| (b - a).norm()),
             pennation_rad: if length_m > 0.0 {
@@ -75,7 +78,7 @@ mod tests {
             vec![[p(0.0, 0.0), p(-0.5, 0.0)], [p(0.0, 3.0), p(-3.0, 7.0)]],
             Vec::new(),
         ];
-        let found = each(&fibres, &tendons);
+        let found = measure_fibres(&fibres, &tendons);
         let quarter = std::f64::consts::FRAC_PI_4;
         let expected = [[4.0, 2.0, quarter, 0.5, 0.0], [2.0, 2.0, 0.0, 5.0, 0.0]];
         for (e, expected) in found.iter().zip(expected) {

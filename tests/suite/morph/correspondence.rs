@@ -3,8 +3,10 @@
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 use pliant::mesh::{Topology, TriangleMesh, measures, shapes};
 use pliant::morph::align::AlignError;
-use pliant::morph::between::{Alike, Between, BetweenError, Method, Settings, Shared};
 use pliant::morph::blend::{Path, hermite, turning};
+use pliant::morph::correspondence::{
+    Alike, Correspondence, CorrespondenceError, Method, Settings, Shared,
+};
 use pliant::morph::pose::Start;
 use pliant::morph::sphere::relaxation::Relaxation;
 use pliant::morph::sphere::{SphereError, flipped};
@@ -17,8 +19,9 @@ fn between(
     second: &TriangleMesh,
     pairs: &[[u32; 2]],
     settings: &Settings,
-) -> Between {
-    Between::new([first, second], pairs, settings, &|| true).unwrap_or_else(|e| panic!("{e}"))
+) -> Correspondence {
+    Correspondence::new([first, second], pairs, settings, &|| true)
+        .unwrap_or_else(|e| panic!("{e}"))
 }
 
 /// A body without symmetry, long enough to have axes.
@@ -90,7 +93,8 @@ fn the_first_topology_loses_what_the_merged_one_keeps() {
         (&first.vertices[..], &first.triangles[..])
     );
     let all = between(&first, &second, &[], &Settings::default());
-    let volume = |b: &Between| measures::volume(&b.places[1], &b.triangles) / second.volume();
+    let volume =
+        |b: &Correspondence| measures::volume(&b.places[1], &b.triangles) / second.volume();
     assert!(
         (volume(&all) - 1.0).abs() <= T18 && volume(&own) < 0.8,
         "{} {}",
@@ -191,13 +195,13 @@ fn pairs_meet_exactly() {
 fn what_cannot_be_brought_together_is_refused() {
     let ball = stretched(1, 1.0);
     let refused = |meshes: [&TriangleMesh; 2], pairs: &[[u32; 2]], settings: &Settings| {
-        Between::new(meshes, pairs, settings, &|| true).expect_err("refused")
+        Correspondence::new(meshes, pairs, settings, &|| true).expect_err("refused")
     };
     let mut out = ball.clone();
     out.triangles.iter_mut().for_each(|t| t.swap(0, 1));
     let plain = Settings::default();
     assert!(
-        matches!(refused([&ball, &out], &[], &plain), BetweenError::InsideOut { side: 1, volume } if volume < -3.0)
+        matches!(refused([&ball, &out], &[], &plain), CorrespondenceError::InsideOut { side: 1, volume } if volume < -3.0)
     );
     let open = TriangleMesh {
         triangles: ball.triangles[1..].to_vec(),
@@ -207,7 +211,7 @@ fn what_cannot_be_brought_together_is_refused() {
     assert!(
         matches!(
             error,
-            BetweenError::Surface {
+            CorrespondenceError::Surface {
                 side: 0,
                 error: SphereError::Open { edges: 3, .. }
             }
@@ -220,7 +224,7 @@ fn what_cannot_be_brought_together_is_refused() {
     };
     assert_eq!(
         refused([&ball, &ball], &[[0, 0], [42, 1]], &plain),
-        BetweenError::Align(far)
+        CorrespondenceError::Align(far)
     );
     let same = AlignError::Same {
         first: 0,
@@ -228,7 +232,7 @@ fn what_cannot_be_brought_together_is_refused() {
     };
     assert_eq!(
         refused([&ball, &ball], &[[0, 0], [0, 1]], &plain),
-        BetweenError::Align(same)
+        CorrespondenceError::Align(same)
     );
     let relaxed = Relaxation {
         sweeps: 200,
@@ -242,12 +246,12 @@ fn what_cannot_be_brought_together_is_refused() {
     };
     let error = refused([&ball, &tube(16, 200, 70.0)], &[], &long);
     assert!(
-        matches!(error, BetweenError::Surface { side: 1, .. })
+        matches!(error, CorrespondenceError::Surface { side: 1, .. })
             && error.to_string().contains("robust"),
         "{error}"
     );
-    let stopped = Between::new([&ball, &ball], &[], &plain, &|| false);
-    assert_eq!(stopped.map(|b| b.turned), Err(BetweenError::Stopped));
+    let stopped = Correspondence::new([&ball, &ball], &[], &plain, &|| false);
+    assert_eq!(stopped.map(|b| b.turned), Err(CorrespondenceError::Stopped));
 }
 
 #[test]
@@ -291,7 +295,11 @@ fn curved(segments: u32, rings: u32, length: f64, radius: f64, angle: f64) -> Tr
 
 /// Volume and area halfway, over those of a body whose size is the mean of the sizes of both: what is matched with the other
 /// side of the body pinches it, and every fold of the match takes from its surface.
-fn halfway(first: &TriangleMesh, second: &TriangleMesh, alike: Alike) -> ([f64; 2], Between) {
+fn halfway(
+    first: &TriangleMesh,
+    second: &TriangleMesh,
+    alike: Alike,
+) -> ([f64; 2], Correspondence) {
     let both = between(
         first,
         second,

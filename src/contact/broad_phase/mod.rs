@@ -23,12 +23,12 @@ pub use voxels::Voxels;
 
 use super::faces::Faces;
 use super::nearest::{on_triangle, point_at};
-use super::{Closest, Obstacle, OnTriangle};
+use super::{Obstacle, OnTriangle, Projection};
 use crate::mesh::TriangleMesh;
 use crate::mesh::measures::Aabb;
 
 /// A search structure over the triangles of a mesh at rest, for the nearest triangle.
-pub trait Way: Send + Sync {
+pub trait NearestTriangle: Send + Sync {
     /// The triangle of `mesh`, the mesh of this structure, nearest to `point` and within `reach`
     /// [m]; any of several equally near.
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32>;
@@ -37,7 +37,7 @@ pub trait Way: Send + Sync {
 }
 
 /// A method with the sizes that the first source compares.
-pub struct Kind {
+pub struct Method {
     /// Name of the method.
     pub name: &'static str,
     /// Values of the parameter: boxes along an axis, or triangles in a cell; zero for a method
@@ -46,10 +46,10 @@ pub struct Kind {
     /// The best of these sizes for bones of about ten thousand triangles.
     pub usual: usize,
     /// Builds the structure of a mesh.
-    pub sort: fn(&TriangleMesh, usize) -> Box<dyn Way>,
+    pub sort: fn(&TriangleMesh, usize) -> Box<dyn NearestTriangle>,
 }
 
-impl Kind {
+impl Method {
     /// The surface of `mesh` as an obstacle with this method and the usual size.
     pub fn obstacle(&self, mesh: &TriangleMesh) -> Arc<dyn Obstacle> {
         Arc::new(Searched::new(mesh, (self.sort)(mesh, self.usual)))
@@ -57,37 +57,37 @@ impl Kind {
 }
 
 /// All methods.
-pub const WAYS: &[Kind] = &[brute_force::KIND, voxels::KIND, octree::KIND];
+pub const METHODS: &[Method] = &[brute_force::METHOD, voxels::METHOD, octree::METHOD];
 
 /// A surface at rest with any method for the nearest triangle; signs are those of
 /// [`super::Surface`].
 pub struct Searched {
     faces: Faces,
-    way: Box<dyn Way>,
+    search: Box<dyn NearestTriangle>,
 }
 
 impl Searched {
     /// A copy of `mesh` with its search structure `way`.
-    pub fn new(mesh: &TriangleMesh, way: Box<dyn Way>) -> Self {
+    pub fn new(mesh: &TriangleMesh, search: Box<dyn NearestTriangle>) -> Self {
         Self {
             faces: Faces::new(mesh),
-            way,
+            search,
         }
     }
 
     /// The nearest point of the surface within `reach` [m].
     pub fn nearest(&self, point: &Point3<f64>, reach: f64) -> Option<OnTriangle> {
-        let triangle = self.way.nearest(&self.faces.mesh, point, reach)?;
+        let triangle = self.search.nearest(&self.faces.mesh, point, reach)?;
         Some(self.faces.on(point, triangle, &self.faces.mesh.vertices))
     }
 }
 
 impl Obstacle for Searched {
-    fn closest(&self, point: &Point3<f64>) -> Option<Closest> {
+    fn closest(&self, point: &Point3<f64>) -> Option<Projection> {
         self.nearest(point, f64::INFINITY).map(|on| on.closest)
     }
 
-    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Closest> {
+    fn closest_from(&self, point: &Point3<f64>, known: &Point3<f64>) -> Option<Projection> {
         // Slightly larger, since the nearest point itself can have given the bound.
         let reach = (point - known).norm() * (1.0 + 1e-9);
         self.nearest(point, reach)
@@ -99,12 +99,12 @@ impl Obstacle for Searched {
         self.faces.mesh.bounding_box()
     }
 
-    fn guards(&self) -> &[Point3<f64>] {
-        &self.faces.guards
+    fn contact_samples(&self) -> &[Point3<f64>] {
+        &self.faces.contact_samples
     }
 
     fn bytes(&self) -> usize {
-        self.way.bytes() + self.faces.bytes()
+        self.search.bytes() + self.faces.bytes()
     }
 }
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::cells::{Cells, NONE};
 use super::field::Field;
-use super::trace::{Tracer, Way};
+use super::trace::{HalfStreamline, Tracer};
 use super::{DecompositionError, Going, Reached, through, whole};
 use crate::fibres::polyline::length;
 
@@ -19,7 +19,7 @@ const TRIES: usize = 2;
 /// the number of threads.
 const BATCH: usize = 8;
 /// The exchange ends after this number of batches in a row without a gain.
-const IN_VAIN: usize = 3;
+const MAX_WITHOUT_GAIN: usize = 3;
 /// The octants that represent a cell: those at the corners of a tetrahedron.
 const ASKED: u8 = 0b0110_1001;
 
@@ -28,19 +28,22 @@ const ASKED: u8 = 0b0110_1001;
 ///
 /// # Errors
 /// The caller stopped the exchange.
-pub fn exchange(
+pub fn reseed(
     tracer: &Tracer<'_>,
-    ways: &mut [[Way; 2]],
+    streamlines: &mut [[HalfStreamline; 2]],
     points: usize,
     volume: f64,
-    hopeless: f64,
+    max_uncovered: f64,
     going: Going<'_>,
 ) -> Result<f64, DecompositionError> {
     let cells = &tracer.field.cells;
-    let lines: Vec<Vec<Point3<f64>>> = ways.iter().map(|way| whole(way, points)).collect();
+    let lines: Vec<Vec<Point3<f64>>> = streamlines
+        .iter()
+        .map(|streamline| whole(streamline, points))
+        .collect();
     let total: f64 = lines.iter().map(|line| length(line)).sum();
     let radius = (volume / total).sqrt();
-    let mut cover = Cover::new(tracer.field, ways.len());
+    let mut cover = Cover::new(tracer.field, streamlines.len());
     let all: Vec<Near> = lines
         .par_iter()
         .map(|line| near(cells, line, radius))
@@ -48,39 +51,43 @@ pub fn exchange(
     all.into_iter()
         .enumerate()
         .for_each(|(fibre, near)| cover.put(fibre as u32, near));
-    if cover.bare_share() > hopeless {
-        return Ok(cover.bare_share());
+    if cover.uncovered_share() > max_uncovered {
+        return Ok(cover.uncovered_share());
     }
     let mut tried = vec![false; cells.count()];
-    let (mut tries, mut in_vain) = (0, 0);
-    while tries < TRIES * ways.len() && in_vain < IN_VAIN && cover.bare_share() > ENOUGH {
+    let (mut tries, mut without_gain) = (0, 0);
+    while tries < TRIES * streamlines.len()
+        && without_gain < MAX_WITHOUT_GAIN
+        && cover.uncovered_share() > ENOUGH
+    {
         if !going(Reached {
             what: "others tried",
             done: tries,
-            of: TRIES * ways.len(),
+            of: TRIES * streamlines.len(),
         }) {
             return Err(DecompositionError::Stopped);
         }
-        let seeds = cover.barest(&mut tried);
+        let seeds = cover.least_covered(&mut tried);
         if seeds.is_empty() {
             break;
         }
         tries += seeds.len();
         let follow = |&cell: &u32| {
-            let way = through(tracer, &cells.inner[cell as usize]?, false).ok()?;
-            let near = near(cells, &whole(&way, points), radius);
-            Some((way, near))
+            let streamline = through(tracer, &cells.inner[cell as usize]?, false).ok()?;
+            let near = near(cells, &whole(&streamline, points), radius);
+            Some((streamline, near))
         };
-        let found: Vec<Option<([Way; 2], Near)>> = seeds.par_iter().map(follow).collect();
-        in_vain += 1;
-        for (way, near) in found.into_iter().flatten() {
+        let found: Vec<Option<([HalfStreamline; 2], Near)>> =
+            seeds.par_iter().map(follow).collect();
+        without_gain += 1;
+        for (streamline, near) in found.into_iter().flatten() {
             if let Some(fibre) = cover.offer(near) {
-                ways[fibre as usize] = way;
-                in_vain = 0;
+                streamlines[fibre as usize] = streamline;
+                without_gain = 0;
             }
         }
     }
-    Ok(cover.bare_share())
+    Ok(cover.uncovered_share())
 }
 
 /// Parts of cells that a line covers: a cell, and one bit for each octant.
@@ -109,7 +116,7 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
                 (to - along * t).norm_squared()
             };
             around(cells, &a, &b, radius + 0.25 * side, |c, place| {
-                let left = cells.eighths[c as usize] & ASKED & !seen[c as usize];
+                let left = cells.octants[c as usize] & ASKED & !seen[c as usize];
                 if left == 0 {
                     return;
                 }
@@ -121,7 +128,7 @@ fn near(cells: &Cells, line: &[Point3<f64>], radius: f64) -> Near {
                 let mut bits = left;
                 if far > all {
                     let is_near =
-                        |bit: &usize| square(&cells.eighth(&middle, *bit)) <= radius * radius;
+                        |bit: &usize| square(&cells.octant(&middle, *bit)) <= radius * radius;
                     bits = (0..8)
                         .filter(|bit| left >> bit & 1 == 1)
                         .filter(is_near)
@@ -181,14 +188,14 @@ struct Cover<'a> {
 impl<'a> Cover<'a> {
     fn new(field: &'a Field, fibres: usize) -> Self {
         let cells = &field.cells;
-        let eighths = |c: usize| {
+        let octants = |c: usize| {
             if field.values[c].is_nan() {
                 0
             } else {
-                (cells.eighths[c] & ASKED).count_ones()
+                (cells.octants[c] & ASKED).count_ones()
             }
         };
-        let bare: Vec<u32> = (0..cells.count()).map(eighths).collect();
+        let bare: Vec<u32> = (0..cells.count()).map(octants).collect();
         let count = bare.iter().map(|n| *n as usize).sum();
         let (counts, sums) = (vec![[0; 8]; cells.count()], vec![[0; 8]; cells.count()]);
         Self {
@@ -203,13 +210,13 @@ impl<'a> Cover<'a> {
         }
     }
 
-    fn bare_share(&self) -> f64 {
+    fn uncovered_share(&self) -> f64 {
         self.bare_count as f64 / self.count.max(1) as f64
     }
 
     /// Replaces the fibre with that index.
     fn put(&mut self, fibre: u32, near: Near) {
-        for (c, n) in eighths(&std::mem::take(&mut self.of[fibre as usize])) {
+        for (c, n) in octants(&std::mem::take(&mut self.of[fibre as usize])) {
             self.counts[c][n] -= 1;
             self.sums[c][n] -= fibre;
             match self.counts[c][n] {
@@ -222,7 +229,7 @@ impl<'a> Cover<'a> {
             }
         }
         self.alone[fibre as usize] = 0;
-        for (c, n) in eighths(&near) {
+        for (c, n) in octants(&near) {
             self.counts[c][n] += 1;
             match self.counts[c][n] {
                 1 => {
@@ -242,7 +249,7 @@ impl<'a> Cover<'a> {
     fn offer(&mut self, near: Near) -> Option<u32> {
         let mut gain = 0;
         let mut alone = self.alone.clone();
-        for (c, n) in eighths(&near) {
+        for (c, n) in octants(&near) {
             match self.counts[c][n] {
                 0 => gain += 1,
                 1 => alone[self.sums[c][n] as usize] -= 1,
@@ -259,15 +266,15 @@ impl<'a> Cover<'a> {
 
     /// Cells with the most uncovered volume around them, no two near each other; marks them as
     /// tried.
-    fn barest(&self, tried: &mut [bool]) -> Vec<u32> {
+    fn least_covered(&self, tried: &mut [bool]) -> Vec<u32> {
         let cells = self.cells;
         let bare: Vec<u32> = (0..cells.count() as u32)
             .filter(|c| self.bare[*c as usize] > 0)
             .collect();
-        let mut amid = vec![0u32; cells.count()];
+        let mut uncovered_around = vec![0u32; cells.count()];
         for &c in &bare {
             visit(cells, c, |other| {
-                amid[other as usize] += self.bare[c as usize]
+                uncovered_around[other as usize] += self.bare[c as usize]
             });
         }
         let open = |c: &u32| !tried[*c as usize] && cells.inner[*c as usize].is_some();
@@ -276,7 +283,7 @@ impl<'a> Cover<'a> {
         while chosen.len() < BATCH
             && let Some(&seed) = open
                 .iter()
-                .max_by_key(|c| (amid[**c as usize], std::cmp::Reverse(**c)))
+                .max_by_key(|c| (uncovered_around[**c as usize], std::cmp::Reverse(**c)))
         {
             tried[seed as usize] = true;
             chosen.push(seed);
@@ -290,7 +297,7 @@ impl<'a> Cover<'a> {
 }
 
 /// Each octant: its cell, and its index in the cell.
-fn eighths(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
+fn octants(near: &Near) -> impl Iterator<Item = (usize, usize)> + '_ {
     near.iter().flat_map(|&(c, bits)| {
         (0..8)
             .filter(move |n| bits >> n & 1 == 1)
@@ -352,9 +359,9 @@ mod tests {
             };
             let bits = |c: usize| {
                 let middle = cells.middle(cells.places[c].map(|k| k as usize));
-                let is_near = |n: &usize| to(&cells.eighth(&middle, *n)) <= radius;
+                let is_near = |n: &usize| to(&cells.octant(&middle, *n)) <= radius;
                 (0..8)
-                    .filter(|n| cells.eighths[c] & ASKED & 1 << n != 0)
+                    .filter(|n| cells.octants[c] & ASKED & 1 << n != 0)
                     .filter(is_near)
                     .fold(0, |b, n| b | 1 << n)
             };
@@ -392,13 +399,13 @@ mod tests {
                 cover
                     .of
                     .iter()
-                    .flat_map(eighths)
+                    .flat_map(octants)
                     .filter(|at| *at == (c, n))
                     .count()
             };
             for c in (0..cells.count()).step_by(17) {
                 let asked: Vec<usize> = (0..8)
-                    .filter(|n| cells.eighths[c] & ASKED & 1 << n != 0)
+                    .filter(|n| cells.octants[c] & ASKED & 1 << n != 0)
                     .collect();
                 assert!(
                     asked

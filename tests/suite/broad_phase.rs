@@ -1,7 +1,7 @@
 //! Every way to find contact finds the same; the grid of bits keeps its bounds.
 
 use nalgebra::{Point3, Vector3};
-use pliant::contact::ways::{BitGrid, BruteForce, Fill, Searched, WAYS, Way};
+use pliant::contact::broad_phase::{BitGrid, BruteForce, Fill, METHODS, NearestTriangle, Searched};
 use pliant::contact::{Obstacle, Surface};
 use pliant::mesh::TriangleMesh;
 use pliant::mesh::shapes::{box_surface, icosphere, tube};
@@ -109,7 +109,7 @@ fn error(mesh: &TriangleMesh, found: &dyn Obstacle, draw: &mut Draw, points: usi
 
 #[test]
 fn every_way_finds_what_the_hierarchy_finds() {
-    let sorted: Vec<(String, usize, &pliant::contact::ways::Kind)> = WAYS
+    let sorted: Vec<(String, usize, &pliant::contact::broad_phase::Method)> = METHODS
         .iter()
         .flat_map(|k| {
             k.sizes
@@ -138,14 +138,14 @@ fn sizes_that_nobody_would_choose_are_exact_as_well() {
     let mut draw = Draw::new(92);
     for case in 0..KINDS {
         let mesh = drawn(&mut draw, case);
-        for (kind, size) in WAYS.iter().flat_map(|k| [0, 1, 2, 3, 5].map(|s| (k, s))) {
+        for (kind, size) in METHODS.iter().flat_map(|k| [0, 1, 2, 3, 5].map(|s| (k, s))) {
             let found = Searched::new(&mesh, (kind.sort)(&mesh, size));
             let error = error(&mesh, &found, &mut draw, 30);
             assert!(error <= T1, "case {case}, {} {size}: {error:e}", kind.name);
         }
     }
     let empty = TriangleMesh::default();
-    for (kind, size) in WAYS
+    for (kind, size) in METHODS
         .iter()
         .flat_map(|k| k.sizes.iter().map(move |&s| (k, s)))
     {
@@ -165,7 +165,7 @@ fn sizes_that_nobody_would_choose_are_exact_as_well() {
 /// Forgets one triangle.
 struct Forgetful(u32);
 
-impl Way for Forgetful {
+impl NearestTriangle for Forgetful {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut less = mesh.clone();
         less.triangles.remove(self.0 as usize);
@@ -181,7 +181,7 @@ impl Way for Forgetful {
 /// Takes the triangle with the nearest corner.
 struct NearestCorner;
 
-impl Way for NearestCorner {
+impl NearestTriangle for NearestCorner {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let of = |t: usize| {
             mesh.corners(t)
@@ -203,7 +203,8 @@ fn a_way_that_leaves_out_a_triangle_is_rejected() {
     let mut draw = Draw::new(93);
     for (kind, points) in [(0, 100), (1, 100), (2, 100)] {
         let mesh = drawn(&mut draw, kind);
-        let wrong: [Box<dyn Way>; 2] = [Box::new(Forgetful(7)), Box::new(NearestCorner)];
+        let wrong: [Box<dyn NearestTriangle>; 2] =
+            [Box::new(Forgetful(7)), Box::new(NearestCorner)];
         for way in wrong {
             let error = error(&mesh, &Searched::new(&mesh, way), &mut draw, points);
             assert!(!(error <= T1), "control: kind {kind} passes with {error:e}");

@@ -3,11 +3,11 @@
 use nalgebra::{Point3, Vector3};
 
 use super::overlap::may_meet;
-use super::{Best, Kind, Way, boxes::Boxes};
+use super::{Best, Method, NearestTriangle, boxes::Boxes};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const KIND: Kind = Kind {
+pub(super) const METHOD: Method = Method {
     name: "octree",
     sizes: &[4, 8, 16],
     usual: 8,
@@ -168,7 +168,7 @@ impl Octree {
     }
 }
 
-impl Way for Octree {
+impl NearestTriangle for Octree {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut best = Best::within(reach);
         self.visit(

@@ -2,11 +2,11 @@
 
 use nalgebra::Point3;
 
-use super::{Best, Kind, Way};
+use super::{Best, Method, NearestTriangle};
 use crate::mesh::TriangleMesh;
 
 /// Entry in the list of methods.
-pub(super) const KIND: Kind = Kind {
+pub(super) const METHOD: Method = Method {
     name: "brute force",
     sizes: &[0],
     usual: 0,
@@ -17,7 +17,7 @@ pub(super) const KIND: Kind = Kind {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct BruteForce;
 
-impl Way for BruteForce {
+impl NearestTriangle for BruteForce {
     fn nearest(&self, mesh: &TriangleMesh, point: &Point3<f64>, reach: f64) -> Option<u32> {
         let mut best = Best::within(reach);
         (0..mesh.triangles.len() as u32).for_each(|t| best.look_at(mesh, point, t));

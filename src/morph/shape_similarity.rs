@@ -11,10 +11,10 @@ use rayon::prelude::*;
 
 use super::align::rotation_of;
 use super::locate::Locator;
+use super::oriented_point::OrientedPoint;
 use super::pose::axes;
 use super::sphere::SphereMap;
 use super::sphere::centre::bounding_sphere;
-use super::spot::Spot;
 use crate::mesh::TriangleMesh;
 
 /// Number of sample vertices of each body.
@@ -37,7 +37,7 @@ pub struct Match {
 }
 
 /// Two bodies with sample vertices.
-pub struct Likeness<'a> {
+pub struct ShapeSimilarity<'a> {
     meshes: [&'a TriangleMesh; 2],
     middles: [Point3<f64>; 2],
     spreads: [Matrix3<f64>; 2],
@@ -48,7 +48,7 @@ pub struct Likeness<'a> {
     scale: f64,
 }
 
-impl<'a> Likeness<'a> {
+impl<'a> ShapeSimilarity<'a> {
     pub fn new(meshes: [&'a TriangleMesh; 2]) -> Self {
         let middles = meshes.map(|m| m.surface_centroid().unwrap_or_default());
         let radius = bounding_sphere(&meshes[1].vertices).1;
@@ -89,14 +89,14 @@ impl<'a> Likeness<'a> {
 
     /// Matches from both sides, and the mean of their squared distances.
     pub fn matches(&self, pose: &Matrix3<f64>) -> (Vec<Match>, f64) {
-        let spots = self.spots(pose);
+        let oriented_points = self.oriented_points(pose);
         let (mut all, mut sum) = (Vec::new(), 0.0);
         for side in 0..2 {
             let nearest = |&(v, weight): &(u32, f64)| {
-                let own = spots[side][v as usize];
+                let own = oriented_points[side][v as usize];
                 let (mut least, mut there) = (f64::INFINITY, 0);
-                for (w, spot) in (0..).zip(&spots[1 - side]) {
-                    let square = own.square(spot);
+                for (w, oriented_point) in (0..).zip(&oriented_points[1 - side]) {
+                    let square = own.square(oriented_point);
                     if square < least {
                         (least, there) = (square, w);
                     }
@@ -139,7 +139,7 @@ impl<'a> Likeness<'a> {
         self.middles[1] + pose * (p - self.middles[0])
     }
 
-    fn spots(&self, pose: &Matrix3<f64>) -> [Vec<Spot>; 2] {
+    fn oriented_points(&self, pose: &Matrix3<f64>) -> [Vec<OrientedPoint>; 2] {
         let of_normals = pose
             .try_inverse()
             .unwrap_or_else(Matrix3::identity)
@@ -149,7 +149,7 @@ impl<'a> Likeness<'a> {
             .vertices
             .iter()
             .zip(&self.normals[0])
-            .map(|(p, n)| Spot {
+            .map(|(p, n)| OrientedPoint {
                 place: place(self.laid(p, pose)),
                 normal: (of_normals * n).try_normalize(0.0).unwrap_or_default(),
             });
@@ -157,7 +157,7 @@ impl<'a> Likeness<'a> {
         [
             first.collect(),
             second
-                .map(|(p, n)| Spot {
+                .map(|(p, n)| OrientedPoint {
                     place: place(*p),
                     normal: *n,
                 })
@@ -226,11 +226,12 @@ mod tests {
             }
         };
         let (first, second) = (long([6.0, 1.0, 0.7]), long([9.0, 0.5, 1.4]));
-        let likeness = Likeness::new([&first, &second]);
-        let pose = likeness.pose(&UnitQuaternion::identity());
-        let spread_after = pose * likeness.spreads[0] * pose.transpose();
+        let shape_similarity = ShapeSimilarity::new([&first, &second]);
+        let pose = shape_similarity.pose(&UnitQuaternion::identity());
+        let spread_after = pose * shape_similarity.spreads[0] * pose.transpose();
         assert!(
-            (spread_after - likeness.spreads[1]).norm() <= 1e-12 * likeness.spreads[1].norm(),
+            (spread_after - shape_similarity.spreads[1]).norm()
+                <= 1e-12 * shape_similarity.spreads[1].norm(),
             "{spread_after}"
         );
         assert!(
@@ -239,13 +240,13 @@ mod tests {
         );
         // After a rotation the body is mapped in the opposite direction.
         let over = UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::PI);
-        assert!((likeness.pose(&over) + pose).column(0).norm() < 1e-9 * pose.norm());
+        assert!((shape_similarity.pose(&over) + pose).column(0).norm() < 1e-9 * pose.norm());
         let flat = TriangleMesh {
             vertices: vec![Point3::origin(); ball.vertices.len()],
             ..ball.clone()
         };
         assert_eq!(
-            Likeness::new([&flat, &ball])
+            ShapeSimilarity::new([&flat, &ball])
                 .matches(&Matrix3::identity())
                 .0
                 .len(),
@@ -256,12 +257,12 @@ mod tests {
     #[test]
     fn a_vertex_is_most_like_itself() {
         let ball = icosphere(1.0, 3);
-        let likeness = Likeness::new([&ball, &ball]);
-        let (found, square) = likeness.matches(&Matrix3::identity());
+        let shape_similarity = ShapeSimilarity::new([&ball, &ball]);
+        let (found, square) = shape_similarity.matches(&Matrix3::identity());
         // Places are relative to the centre, which has a rounding error.
         assert!(square <= 1e-28 && found.iter().all(|m| m.vertices[0] == m.vertices[1]));
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, 0.4, 0.0));
-        let (found, square) = likeness.matches(&turn.to_rotation_matrix().into_inner());
+        let (found, square) = shape_similarity.matches(&turn.to_rotation_matrix().into_inner());
         assert!(square > 1e-3 && found.iter().any(|m| m.vertices[0] != m.vertices[1]));
     }
 }
