@@ -1,4 +1,5 @@
-//! Which effects run in a scene, on how many elements, at what cost; and which do not, and why.
+//! The plan of a simulation: the effects that run, with their elements and costs, and those that do
+//! not run, with the reasons.
 
 mod staged;
 
@@ -15,62 +16,63 @@ use crate::scene::{Scene, Solver};
 /// An effect that will run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Planned {
-    /// Muscle it acts on.
+    /// Name of the muscle.
     pub muscle: String,
-    /// Its name.
+    /// Name of the effect.
     pub effect: String,
-    /// Constraints, vertices or pairs that it acts on.
+    /// Number of constraints, vertices or pairs.
     pub elements: usize,
     /// Estimated heap memory [bytes].
     pub bytes: usize,
-    /// Estimated time [ms a frame], one thread.
+    /// Estimated time [ms per frame], one thread.
     pub ms_per_frame: f64,
 }
 
 /// An effect that allocates nothing and runs nothing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeftOut {
-    /// Muscle; empty where it concerns all.
+    /// Name of the muscle; empty for all muscles.
     pub muscle: String,
-    /// Its name.
+    /// Name of the effect.
     pub effect: String,
-    /// Why it is left out.
+    /// The reason.
     pub why: String,
 }
 
-/// What will happen to one muscle.
+/// The effects on one muscle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MusclePlan {
-    /// Edges resist stretching.
+    /// True if edges resist stretching.
     pub stretch: bool,
-    /// Hinges resist bending.
+    /// True if hinges resist bending.
     pub bending: bool,
-    /// The volume is kept.
+    /// True with a volume constraint.
     pub volume: bool,
-    /// Stretching along fibres is easier.
+    /// True if the stiffness depends on the fibre direction.
     pub anisotropy: bool,
-    /// Obstacles in reach: bones by index, then capsules.
+    /// Obstacles within reach: bones by index, then capsules.
     pub obstacles: Vec<usize>,
-    /// Vertices that somebody fixed in space, beside those that bones hold; none as planned.
+    /// Vertices that the user fixed in space, besides the attached ones; empty in a new plan.
     pub fixed: Vec<u32>,
-    /// The shape at rest of a muscle that goes on, see [`super::Simulation::continue_from`], in place of that as read without
-    /// its overlap; none as planned.
+    /// The rest shape of a muscle that continues another run, see
+    /// [`super::Simulation::continue_from`]. It replaces the shape as read without overlap; `None`
+    /// in a new plan.
     pub rest: Option<Arc<TriangleMesh>>,
 }
 
 /// The plan of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// What runs.
+    /// Effects that run.
     pub run: Vec<Planned>,
-    /// What does not.
+    /// Effects that do not run.
     pub left_out: Vec<LeftOut>,
-    /// For each muscle, in the scene's order.
+    /// Plan of each muscle, in the scene's order.
     pub muscles: Vec<MusclePlan>,
 }
 
-/// Nanoseconds a step of an edge, a hinge, a vertex of the enclosed volume, a vertex in reach of an obstacle, as the
-/// built-in hip took them on two cores: for estimates only.
+/// Time per step of an edge, a hinge, a vertex of the enclosed volume, and a vertex within reach of
+/// an obstacle [ns], as measured on the built-in hip with two cores; for estimates only.
 const NS: [(&str, f64); 4] = [
     ("stretch", 16.0),
     ("bending", 58.0),
@@ -85,7 +87,7 @@ fn nanoseconds(effect: &str) -> f64 {
 }
 
 impl Plan {
-    /// Decides for each muscle and effect.
+    /// Makes the plan of each muscle and effect.
     pub fn new(scene: &Scene, assets: &Assets) -> Self {
         let mut plan = Self::default();
         for m in 0..scene.muscles.len() {
@@ -97,7 +99,7 @@ impl Plan {
 
     fn run(&mut self, scene: &Scene, muscle: &str, effect: &str, elements: usize, bytes: usize) {
         let sweeps = match scene.solver {
-            // An equilibrium next to the last takes about so many evaluations.
+            // The number of evaluations of an equilibrium that starts at the previous one.
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
                 f64::from(s.substeps) * f64::from(s.iterations.min(20))
             }
@@ -194,7 +196,7 @@ impl Plan {
             }
             Some(_) => {
                 decided.anisotropy = true;
-                // It is in the stiffness of each edge from the start: no memory, no time of its own.
+                // The effect is part of the edge stiffness: no memory and no time of its own.
                 self.run(scene, name, "anisotropy", edges, 0);
             }
         }
@@ -227,7 +229,8 @@ impl Plan {
                 };
                 self.run(scene, name, &effect, elements, n * 96 + elements * 8);
                 if let Some(last) = self.run.last_mut() {
-                    // By vertices: what a bone's points cost goes with the muscle that they meet.
+                    // By vertices: the cost of a bone's points is proportional to those of the
+                    // muscle.
                     last.ms_per_frame = n as f64 * nanoseconds("contact") * sub_steps(scene) * 1e-6;
                 }
             } else {
@@ -273,7 +276,8 @@ fn sub_steps(scene: &Scene) -> f64 {
     f64::from(scene.solver.substeps())
 }
 
-/// Stiffness of stretch, bending and volume as the scene's solver takes them; only zero or not matters here.
+/// Stiffness of stretch, bending and volume for the scene's solver; only zero or non-zero matters
+/// here.
 fn stiffness(scene: &Scene, muscle: &crate::scene::Muscle) -> (f64, f64, f64) {
     match scene.solver {
         Solver::Xpbd(_) | Solver::QuasiStatic(_) | Solver::ImplicitEuler(_) => (
@@ -313,8 +317,9 @@ fn swept(scene: &Scene, bone: usize, bounds: &Aabb) -> Aabb {
         .unwrap_or(*bounds)
 }
 
-/// A box that the muscle is expected to stay in: its start, carried along with each bone that holds it, with a margin.
-/// `None` for a muscle that nothing holds back. A run watches that it is not left.
+/// A box that the muscle is expected to stay in: its start box, moved with each attached bone, with
+/// a margin. `None` for a muscle without attachment. The run tests whether the muscle leaves the
+/// box.
 fn reach(scene: &Scene, mesh: &TriangleMesh, m: usize) -> Option<Aabb> {
     let muscle = &scene.muscles[m];
     let free = muscle.attachments.is_empty();
