@@ -9,21 +9,21 @@ use super::{
     Accuracy, Anisotropy, ContactEffect, Effects, Minimisation, Order, Pbd, Solver, Volume, Xpbd,
 };
 
-/// Steps a frame and sweeps a step are at most this many.
+/// Greatest number of steps per frame and of sweeps per step.
 const MOST: u32 = 1_000_000;
-/// Largest relative residual of a frame that counts as converged.
+/// Greatest relative residual of a converged frame.
 const TOLERANCE: f64 = 0.01;
 
-/// Force left at which an equilibrium counts as reached, as a share of that of a strain of one: at it the error of a
-/// pose is about a thousandth of a muscle's length.
+/// Residual force of an equilibrium, relative to the force of unit strain: the error of a pose is
+/// then about a thousandth of a muscle's length.
 const FORCE_TOLERANCE: f64 = 2e-4;
-/// Sections of which a scene has at most one.
+/// Sections that exclude each other in a scene.
 const SOLVERS: [&str; 4] = ["xpbd", "pbd", "quasi_static", "implicit_euler"];
 
 /// A plain number from 0 to 1.
 const SHARE: Limit = Limit::Within(0.0, 1.0);
 
-/// The effects; each is absent when its section is.
+/// Reads the effects; each is absent if its section is.
 pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     let Some(section) = root.section("effects")? else {
         return Ok(Effects::default());
@@ -71,7 +71,7 @@ pub(super) fn effects(root: &Section<'_>) -> Result<Effects, SceneError> {
     })
 }
 
-/// The solver; small-step XPBD when none is named.
+/// Reads the solver; small-step XPBD by default.
 pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     let Some(section) = root.section("solver")? else {
         return Ok(Solver::Xpbd(xpbd(None)?));
@@ -93,7 +93,7 @@ pub(super) fn solver(root: &Section<'_>) -> Result<Solver, SceneError> {
     }
 }
 
-/// An error that is allowed: a length, or a share of the muscle's.
+/// Reads a requested accuracy: a length, or a share of the muscle's length.
 pub(super) fn accuracy(item: &Item<'_>) -> Result<Accuracy, SceneError> {
     if item.text("1 %")?.trim_end().ends_with('%') {
         return Ok(Accuracy::Share(parse_muscle::share(item)?));

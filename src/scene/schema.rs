@@ -1,4 +1,4 @@
-//! Every key a scene may have and where it may stand, known to the reader and to the overrides alike.
+//! Every key of a scene with its place, for the reader and for the overrides.
 
 /// The keys of one table.
 #[derive(Debug)]
@@ -6,7 +6,7 @@ pub(super) struct Schema {
     pub(super) keys: &'static [(&'static str, Kind)],
 }
 
-/// What stands at a key.
+/// Kind of the value of a key.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     /// A text; an override needs no quotes.
@@ -232,7 +232,7 @@ const DISPLACE: Schema = Schema {
     keys: &[("vertices", Plain), ("by", Plain)],
 };
 
-/// What acts.
+/// Effects.
 pub(super) const EFFECTS: Schema = Schema {
     keys: &[
         ("stretch", Kind::Table(&NOTHING)),
@@ -262,7 +262,7 @@ const DAMPING: Schema = Schema {
     keys: &[("rate", Text)],
 };
 
-/// How the motion is computed.
+/// Solver.
 pub(super) const SOLVER: Schema = Schema {
     keys: &[
         ("xpbd", Kind::Table(&XPBD)),

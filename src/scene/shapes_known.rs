@@ -1,6 +1,6 @@
-//! Names of the shapes that a scene may ask for instead of a file.
+//! Names of the generated shapes of a scene.
 
-/// Every name that `shape = "..."` accepts; the shapes are made by code, in metres.
+/// Every name of `shape = "..."`; the generated shapes are in metres.
 pub const SHAPES: &[&str] = &[
     "tetrahedron",
     "chain",
@@ -15,8 +15,8 @@ pub const SHAPES: &[&str] = &[
     "skull",
 ];
 
-/// The shapes that a skin may have; `sheet` is described by the section of that name.
+/// The shapes of a skin; the section `sheet` describes the shape of that name.
 pub const SKIN_SHAPES: &[&str] = &["sheet", "scalp"];
 
-/// The shapes that also have polylines along their fibres.
+/// The shapes with polylines along their fibres.
 pub const FIBRE_SHAPES: &[&str] = &["hip-gluteus"];
