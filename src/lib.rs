@@ -7,12 +7,12 @@
 //! in this list.
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
-// Units are written in brackets, [m], which rustdoc would take for links.
+// Units are in brackets, [m], which rustdoc would read as links.
 #![allow(rustdoc::broken_intra_doc_links)]
-// `!(error <= bound)` is meant: it also catches NaN.
+// `!(error <= bound)` is intentional: it also catches NaN.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
-// In the order in which they may import each other, not by letter: `reorder_modules` is off.
+// In the order of permitted imports, not alphabetical: `reorder_modules` is off.
 pub mod format;
 pub mod mesh;
 pub mod io;

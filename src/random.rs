@@ -1,6 +1,6 @@
-//! Random bits from a seed, the same on every machine (SplitMix64): for draws of the library and of its tests.
+//! Seeded random bits, equal on every machine (SplitMix64), for the library and its tests.
 
-/// The next 64 bits of a stream, whose state is changed.
+/// The next 64 bits of a stream; changes its state.
 pub(crate) fn bits(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;

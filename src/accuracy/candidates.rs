@@ -1,4 +1,4 @@
-//! Which solvers and settings are tried.
+//! Solvers and settings of a study.
 
 use serde_json::{Map, Value, json};
 
@@ -6,17 +6,17 @@ use crate::constraints::lanes::Width;
 use crate::contact::ways::{Kind, WAYS};
 use crate::scene::{Minimisation, Order, Scene, Solver, Xpbd};
 
-/// What a solver answers.
+/// The problem that a solver solves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Question {
-    /// Where the muscles are at each time, mass and damping included.
+    /// Positions of the muscles over time, with mass and damping.
     Motion,
-    /// Where they come to rest at each pose of the bones.
+    /// Equilibrium at each pose of the bones.
     Equilibrium,
 }
 
 impl Question {
-    /// What `solver` answers; `None` for classic PBD, which minimises no energy.
+    /// The problem of `solver`; `None` for classic PBD, which minimises no energy.
     pub fn of(solver: &Solver) -> Option<Self> {
         match solver {
             Solver::Xpbd(_) | Solver::ImplicitEuler(_) => Some(Self::Motion),
@@ -31,23 +31,22 @@ impl Question {
 pub struct Candidate {
     /// Solver and settings.
     pub solver: Solver,
-    /// Constraints computed at once, at most.
+    /// SIMD width: greatest number of constraints computed at once.
     pub width: Width,
-    /// Threads.
+    /// Number of threads.
     pub threads: usize,
-    /// How contact is looked for: the name of one of [`WAYS`]; `None` for the crate's own hierarchy, which is what runs
-    /// have.
+    /// Method of contact search: the name of one of [`WAYS`]; `None` for the default hierarchy.
     pub way: Option<&'static str>,
 }
 
-/// Name of the crate's own way to look for contact.
+/// Name of the default method of contact search.
 pub const HIERARCHY: &str = "hierarchy";
 
-/// Steps a frame of XPBD that are tried, one sweep each.
+/// Numbers of XPBD steps per frame that are tried, with one sweep each.
 const SUBSTEPS: [u32; 8] = [2, 4, 8, 16, 32, 64, 128, 256];
 
 impl Candidate {
-    /// With as many lanes as there are, on `threads` threads.
+    /// A candidate with the best SIMD width, on `threads` threads.
     pub fn new(solver: Solver, threads: usize) -> Self {
         Self {
             solver,
@@ -57,7 +56,7 @@ impl Candidate {
         }
     }
 
-    /// The solver's name as scenes give it.
+    /// Name of the solver in scenes.
     pub fn name(&self) -> &'static str {
         match self.solver {
             Solver::Xpbd(_) => "xpbd",
@@ -67,7 +66,7 @@ impl Candidate {
         }
     }
 
-    /// Its settings, as scenes name them, with lanes and threads.
+    /// Settings as named in scenes, with lanes and threads.
     pub fn settings(&self) -> Map<String, Value> {
         let mut all = Map::new();
         let mut note = |key: &str, value: Value| all.insert(key.to_owned(), value);
@@ -85,7 +84,7 @@ impl Candidate {
         all
     }
 
-    /// The settings in a line: "substeps 8, sweeps 1, coloured".
+    /// The settings as text: "substeps 8, sweeps 1, coloured".
     pub fn in_words(&self) -> String {
         let steps = self.solver.substeps();
         match self.solver {
@@ -108,19 +107,19 @@ impl Candidate {
         }
     }
 
-    /// The kind of way in which contact is looked for, where it is not the crate's own.
+    /// The method of contact search if it is not the default.
     pub fn kind_of_way(&self) -> Option<&'static Kind> {
         WAYS.iter().find(|kind| Some(kind.name) == self.way)
     }
 
-    /// Sweeps or, where an energy is minimised, steps of a frame: what its time goes with.
+    /// Number of sweeps or, for minimisation, of steps per frame: the time is proportional to it.
     pub fn work(&self) -> f64 {
         match self.solver {
             Solver::Xpbd(_) | Solver::Pbd(_) => {
                 f64::from(self.solver.substeps()) * f64::from(self.solver.iterations())
             }
             Solver::QuasiStatic(s) | Solver::ImplicitEuler(s) => {
-                // Tighter tolerances take more iterations.
+                // Smaller tolerances need more iterations.
                 f64::from(s.substeps)
                     * (1.0 - libm::log10(s.tolerance.min(0.1)))
                     * f64::from(s.iterations.min(20))
@@ -130,7 +129,7 @@ impl Candidate {
     }
 }
 
-/// The same sweeps in the other orders; none where nothing is swept.
+/// The same sweeps in the other orders; empty for a solver without sweeps.
 pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
     let Solver::Xpbd(settings) = candidate.solver else {
         return Vec::new();
@@ -147,7 +146,7 @@ pub fn in_other_orders(candidate: &Candidate) -> Vec<Candidate> {
         .collect()
 }
 
-/// Iterations that are enough for any tolerance.
+/// Number of iterations that is sufficient for any tolerance.
 pub(super) const MOST: u32 = 500;
 
 /// A tolerance at which the limit of iterations ends a step first.
@@ -162,7 +161,7 @@ fn xpbd(scene: &Scene, substeps: u32, iterations: u32, order: Order) -> Solver {
     })
 }
 
-/// Residual at which a frame of XPBD counts as converged, the scene's where it says so.
+/// Greatest residual of a converged XPBD frame, from the scene if it defines one.
 fn converged_at(scene: &Scene) -> f64 {
     if let Solver::Xpbd(s) = scene.solver {
         s.tolerance
@@ -171,7 +170,7 @@ fn converged_at(scene: &Scene) -> f64 {
     }
 }
 
-/// Equilibrium to a tolerance.
+/// The equilibrium solver with a tolerance.
 pub fn quasi_static(substeps: u32, tolerance: f64) -> Solver {
     Solver::QuasiStatic(Minimisation {
         substeps,
@@ -180,7 +179,7 @@ pub fn quasi_static(substeps: u32, tolerance: f64) -> Solver {
     })
 }
 
-/// Implicit Euler to a tolerance.
+/// Implicit Euler with a tolerance.
 pub fn implicit_euler(substeps: u32, tolerance: f64) -> Solver {
     Solver::ImplicitEuler(Minimisation {
         substeps,
@@ -189,7 +188,7 @@ pub fn implicit_euler(substeps: u32, tolerance: f64) -> Solver {
     })
 }
 
-/// All that is tried for a scene on `threads` threads, the cheap ones of each solver first.
+/// All candidates for a scene on `threads` threads, the cheap ones of each solver first.
 pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
     let mut solvers: Vec<Solver> = SUBSTEPS
         .iter()
@@ -200,7 +199,7 @@ pub fn all(scene: &Scene, threads: usize) -> Vec<Candidate> {
     if let Solver::Xpbd(_) = scene.solver {
         solvers.push(scene.solver);
     }
-    // Limited iterations follow a moving bone at a fixed price; a tolerance, at a fixed accuracy.
+    // Limited iterations follow a moving bone at a fixed cost; a tolerance, at a fixed accuracy.
     solvers.extend([1, 2, 4, 8].map(|n| {
         Solver::QuasiStatic(Minimisation {
             substeps: 1,

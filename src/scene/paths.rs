@@ -71,7 +71,7 @@ fn with_variable(
         None => rest.split_at(rest.find('/').unwrap_or(rest.len())),
     };
     let word = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-    // A request to the system for a name with `=` or NUL would panic or fail differently.
+    // A request to the system for a name with `=` or NUL would be another kind of error.
     let value = if word { variable(name) } else { None };
     let Some(value) = value else {
         return Err(Problem::UnsetVariable { name: shown(name) });
