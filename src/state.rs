@@ -211,7 +211,7 @@ impl<T: Value, const N: usize> Value for [T; N] {
     }
     fn take(from: &mut Reader<'_>) -> Result<Self, Corrupt> {
         let values: Vec<T> = (0..N).map(|_| T::take(from)).collect::<Result<_, _>>()?;
-        // `count` values were read.
+        // Exactly `N` values were read.
         values
             .try_into()
             .map_err(|_| from.corrupt("the bytes end here"))
