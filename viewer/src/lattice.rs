@@ -1,7 +1,6 @@
 //! A lattice in a session: displaced as in its scene and by hand.
 //!
-//! With other numbers of springs and points' properties it continues its motion; another number of
-//! points restarts it.
+//! Other properties of springs and points keep its motion; another number of points restarts it.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
